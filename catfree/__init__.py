@@ -1,0 +1,21 @@
+"""catfree: tracked pedestrian ground positions from synchronized static cameras.
+
+No supplied calibration, no position labels, no training on the scene.
+"""
+
+from catfree.errors import CatFreeError as CatFreeError
+from catfree.settings import Settings as Settings
+from catfree.types import (
+    Candidates as Candidates,
+    Detections as Detections,
+    Fate as Fate,
+    Localization as Localization,
+    Origin as Origin,
+    Plane as Plane,
+    Rays as Rays,
+    Rig as Rig,
+    Scene as Scene,
+    Tracks as Tracks,
+)
+
+__version__ = "0.1.0"

@@ -1,0 +1,179 @@
+"""Every constant of the method, one frozen dataclass a stage; nothing is tunable elsewhere.
+
+Values are the paper's (Table "constants" unless a line says otherwise), the same for all data.
+Lengths are shares of the scene extent E, angles are radians.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+Selection = Literal[
+    "none",
+    "support",
+    "ground_only",
+    "uncertainty_add",
+    "uncertainty_replace",
+    "ground_then_uncertainty_replace",
+    "ground_then_uncertainty_add",
+    "uncertainty_then_ground",
+]
+
+
+@dataclass(frozen=True)
+class RaySettings:
+    """Ray reliability (Eq. w).
+
+    Attributes:
+        sigma_theta: angular noise of a foot ray in radians.
+        use_ankles: weight rays without confirmed ankles by the pose ratio.
+        use_box_height: weight short boxes by (h / median h)².
+        only_confirmed_ankles: drop detections without confirmed ankles (baseline I).
+        minimum_weight: floor of w.
+    """
+
+    sigma_theta: float = 0.0206
+    use_ankles: bool = True
+    use_box_height: bool = True
+    only_confirmed_ankles: bool = False
+    minimum_weight: float = 1e-4
+
+
+@dataclass(frozen=True)
+class TrackletSettings:
+    """Short per-camera tracks.
+
+    Attributes:
+        minimum_overlap: smallest IoU between a box, moved by its tracklet's motion, and its match.
+        maximum_shift: without overlap, largest foot displacement between two frames in box heights.
+        appearance_threshold: largest appearance distance of a link.
+    """
+
+    minimum_overlap: float = 0.3
+    maximum_shift: float = 0.5
+    appearance_threshold: float = 0.6
+
+
+@dataclass(frozen=True)
+class AssociationSettings:
+    """Greedy cross-view partition.
+
+    Attributes:
+        residual_factor: largest angular residual of a merge in units of sigma_theta.
+        appearance_threshold: largest appearance distance (cosine, [0, 2]) of a merge.
+        uniqueness_ratio: a pair of singletons may ignore appearance if its residual is at most
+            this share of the best alternative's.
+    """
+
+    residual_factor: float = 2.0
+    appearance_threshold: float = 0.6
+    uniqueness_ratio: float = 0.3
+
+
+@dataclass(frozen=True)
+class TriangulationSettings:
+    """Robust 3-D position (Sec. position estimation).
+
+    Attributes:
+        huber_scale: delta as a share of E.
+        refit_inliers: refit on the rays within 3 delta.
+        estimator: "rays": all rays of the group; "best_pair": the pair with the smallest sigma
+            (baseline B); "single_ray": the highest-w ray cut with the ground (baseline A).
+        constrain_to_ground: keep the position on the ground (ablation).
+    """
+
+    huber_scale: float = 0.01
+    refit_inliers: bool = True
+    estimator: Literal["rays", "best_pair", "single_ray"] = "rays"
+    constrain_to_ground: bool = False
+
+
+@dataclass(frozen=True)
+class SelectionSettings:
+    """The filters between triangulation and trajectories.
+
+    Attributes:
+        rms_factor: RMS gate in units of sigma_theta.
+        support_factor: support radius in units of sigma_theta.
+        exclusive_support: a detection supports only its nearest hypothesis (lineage K).
+        gates: which of the nine orders of the ablation runs.
+        fixed_quantile: replace log-Otsu by this quantile of each statistic, or None.
+        temporal_frames: frames in which a tracklet pair must be supported; 1 switches it off.
+        suppression_radius: NMS radius r as a share of E.
+        recover: look again at candidates farther than r from all accepted ones.
+        recovery_cameras: cameras that must support a recovered candidate.
+        use_score: break ties of suppression by the seven-signal score.
+    """
+
+    rms_factor: float = 2.0
+    support_factor: float = 1.0
+    exclusive_support: bool = False
+    gates: Selection = "uncertainty_then_ground"
+    fixed_quantile: float | None = None
+    temporal_frames: int = 2
+    suppression_radius: float = 0.018
+    recover: bool = True
+    recovery_cameras: int = 3
+    use_score: bool = True
+
+
+@dataclass(frozen=True)
+class TrajectorySettings:
+    """Linking and extension (Sec. trajectories).
+
+    Attributes:
+        enabled: without, positions are returned frame by frame with track_id -1.
+        link_radius: largest step between frames as a share of E.
+        appearance_weight: weight of the appearance distance against distance / link radius.
+        appearance_in_linking: use appearance in the link cost.
+        minimum_length: shorter tracks are removed.
+        extend: continue tracks at both ends.
+        extension_frames: at most this many frames.
+        extension_cameras: cameras that must support an extension.
+        extension_support_factor: support radius of an extension in units of sigma_theta.
+        velocity_steps: the velocity is the mean of the last so many steps.
+        appearance_in_extension: ask one supporting detection to look like the track.
+        interpolate_gaps: fill gaps (no effect: links join consecutive frames only).
+        remove_short_static: drop short tracks that do not move (lineage BS, off in BT).
+        static_length: tracks up to this length can be called static.
+        static_radius: and they stay within this share of E.
+    """
+
+    enabled: bool = True
+    link_radius: float = 0.04
+    appearance_weight: float = 1.5
+    appearance_in_linking: bool = True
+    minimum_length: int = 2
+    extend: bool = True
+    extension_frames: int = 2
+    extension_cameras: int = 2
+    extension_support_factor: float = 1.0
+    velocity_steps: int = 3
+    appearance_in_extension: bool = True
+    interpolate_gaps: bool = False
+    remove_short_static: bool = False
+    static_length: int = 3
+    static_radius: float = 0.018
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All settings of a run; `Settings()` is the default method, `Settings.paper()` the paper's.
+
+    Attributes:
+        confidence: detections below this score are ignored, where scores exist.
+        method: "paper" for CAT-Free as published, "evidence" for catfree's own method.
+    """
+
+    confidence: float = 0.30
+    method: Literal["paper", "evidence"] = "paper"
+    rays: RaySettings = field(default_factory=RaySettings)
+    tracklets: TrackletSettings = field(default_factory=TrackletSettings)
+    association: AssociationSettings = field(default_factory=AssociationSettings)
+    triangulation: TriangulationSettings = field(default_factory=TriangulationSettings)
+    selection: SelectionSettings = field(default_factory=SelectionSettings)
+    trajectories: TrajectorySettings = field(default_factory=TrajectorySettings)
+
+    @classmethod
+    def paper(cls) -> "Settings":
+        """Exactly the paper's method and constants."""
+        return cls(method="paper")

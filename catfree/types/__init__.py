@@ -1,0 +1,13 @@
+"""Frozen struct-of-arrays types: what flows between the stages."""
+
+from catfree.types.detections import Detections as Detections
+from catfree.types.results import (
+    Candidates as Candidates,
+    Fate as Fate,
+    Localization as Localization,
+    Origin as Origin,
+    Reliability as Reliability,
+    Thresholds as Thresholds,
+    Tracks as Tracks,
+)
+from catfree.types.scene import Plane as Plane, Rays as Rays, Rig as Rig, Scene as Scene

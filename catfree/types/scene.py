@@ -1,0 +1,284 @@
+"""Where the cameras stand: `Rig`, `Plane`, `Scene`, and the `Rays` that leave them."""
+
+import os
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from catfree.errors import InvalidInputError
+from catfree.types.archive import load_arrays, save_arrays
+from catfree.types.validation import (
+    as_boolean,
+    as_float,
+    as_integer,
+    first_index,
+    is_traced,
+    require_finite,
+    require_shape,
+)
+
+HostOrDevice = np.ndarray | Array
+
+ROTATION_TOLERANCE = 1e-3  # calibration files often print rotations with few digits
+
+
+class Rig(eqx.Module):
+    """C static cameras: intrinsics and world-to-camera extrinsics, `x_camera = R x_world + t`.
+
+    Camera axes are OpenCV's (x right, y down, z forward).
+
+    Attributes:
+        K: (C, 3, 3) intrinsics in original pixels.
+        R: (C, 3, 3) world-to-camera rotations.
+        t: (C, 3) world-to-camera translations in scene units.
+        image_size: (C, 2) int64 width and height in pixels.
+        distortion: (C, 5) OpenCV k1, k2, p1, p2, k3, or None for a pinhole.
+        registered: (C,) bool; parameters of a camera that is not registered may be NaN, and its
+            detections are ignored.
+    """
+
+    K: Float[HostOrDevice, "cam 3 3"]
+    R: Float[HostOrDevice, "cam 3 3"]
+    t: Float[HostOrDevice, "cam 3"]
+    image_size: Int[np.ndarray, "cam 2"]
+    distortion: Float[HostOrDevice, "cam 5"] | None
+    registered: Bool[np.ndarray, " cam"]
+
+    def __init__(
+        self,
+        K: Any,
+        R: Any,
+        t: Any,
+        image_size: Any,
+        distortion: Any = None,
+        registered: Any = None,
+    ) -> None:
+        """Validate and store; one `(width, height)` serves all cameras.
+
+        Raises:
+            InvalidInputError: naming the first camera whose parameters have a wrong shape, are not
+                finite, or are no intrinsics or rotation.
+        """
+        self.K, self.R, self.t = as_float(K), as_float(R), as_float(t)
+        require_shape(self.K, (None, 3, 3), "K")
+        count = self.K.shape[0]
+        require_shape(self.R, (count, 3, 3), "R")
+        require_shape(self.t, (count, 3), "t")
+        size = as_integer(image_size, "image_size")
+        if size.shape == (2,):
+            size = np.tile(size, (count, 1))
+        require_shape(size, (count, 2), "image_size")
+        self.image_size = size
+        self.distortion = None if distortion is None else as_float(distortion)
+        if self.distortion is not None:
+            require_shape(self.distortion, (count, 5), "distortion")
+        self.registered = (
+            np.ones(count, bool) if registered is None else as_boolean(registered, "registered")
+        )
+        require_shape(self.registered, (count,), "registered")
+        if not is_traced(self.K, self.R, self.t, self.distortion):
+            self._check()
+
+    def _check(self) -> None:
+        known = self.registered
+        for name in ("K", "R", "t", "distortion"):
+            if getattr(self, name) is not None:
+                require_finite(getattr(self, name), name, known)
+        if (self.image_size <= 0).any():
+            at = first_index(self.image_size <= 0)
+            raise InvalidInputError(f"image_size[{at}] must be a positive number of pixels.")
+        K = np.asarray(self.K, np.float64)
+        focal_bad = known & ~((K[:, 0, 0] > 0) & (K[:, 1, 1] > 0))
+        form_bad = known & ~(
+            (np.abs(K[:, 2, 2] - 1) < 1e-6)
+            & (np.abs(K[:, [1, 2, 2], [0, 0, 1]]) < 1e-6 * np.abs(K[:, :1, 0])).all(-1)
+        )
+        if focal_bad.any():
+            raise InvalidInputError(
+                f"K[{first_index(focal_bad)}] has a focal length that is not positive."
+            )
+        if form_bad.any():
+            raise InvalidInputError(
+                f"K[{first_index(form_bad)}] is not of the form [[fx, s, cx], [0, fy, cy], "
+                "[0, 0, 1]]. Divide by K[2, 2], and check that it is not transposed."
+            )
+        R = np.asarray(self.R, np.float64)
+        with np.errstate(invalid="ignore"):
+            error = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max((-1, -2))
+            rotation_bad = known & ~((error < ROTATION_TOLERANCE) & (np.linalg.det(R) > 0))
+        if rotation_bad.any():
+            at = int(np.argmax(rotation_bad))
+            raise InvalidInputError(
+                f"R[{at}] is not a rotation (|R Rᵀ - I| = {error[at]:.3g}, det = "
+                f"{np.linalg.det(R[at]):.3g}). A determinant of -1 means a mirrored frame: flip "
+                "one world axis."
+            )
+
+    @property
+    def camera_count(self) -> int:
+        """Number of cameras, registered or not."""
+        return self.K.shape[0]
+
+    @property
+    def centers(self) -> Float[HostOrDevice, "cam 3"]:
+        """(C, 3) camera centres `-Rᵀ t` in world coordinates."""
+        namespace = np if isinstance(self.R, np.ndarray) else jnp
+        return -namespace.einsum("cji,cj->ci", self.R, self.t)
+
+    def select(self, cameras: Any) -> "Rig":
+        """The rig of some cameras, by boolean mask or indices, in that order."""
+        chosen = np.arange(self.camera_count)[cameras].reshape(-1)
+        return Rig(
+            **{name: None if value is None else value[chosen] for name, value in vars(self).items()}
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write to one `.npz` file (no pickle)."""
+        save_arrays(path, "Rig", vars(self))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Rig":
+        """Read what `save` wrote."""
+        return cls(**load_arrays(path, "Rig"))
+
+
+class Plane(eqx.Module):
+    """The plane `normal · x + offset = 0` with the cameras on its positive side.
+
+    Attributes:
+        normal: (3,) unit normal; any non-zero normal is accepted and scaled together with offset.
+        offset: () in scene units.
+    """
+
+    normal: Float[HostOrDevice, "3"]
+    offset: Float[HostOrDevice, ""]
+
+    def __init__(self, normal: Any, offset: Any) -> None:
+        """Normalise and store.
+
+        Raises:
+            InvalidInputError: if the normal is zero or anything is not finite.
+        """
+        normal, offset = as_float(normal), as_float(offset)
+        require_shape(normal, (3,), "normal")
+        require_shape(offset, (), "offset")
+        if is_traced(normal, offset):
+            length = jnp.linalg.norm(normal)
+        else:
+            require_finite(normal, "normal")
+            require_finite(offset, "offset")
+            length = np.linalg.norm(np.asarray(normal, np.float64)).astype(normal.dtype)
+            if length == 0:
+                raise InvalidInputError("A plane needs a non-zero normal.")
+            # A unit normal stays bit for bit what it was.
+            length = normal.dtype.type(1) if abs(length - 1) < 1e-6 else length
+        self.normal = normal / length
+        self.offset = offset / length
+        if isinstance(offset, np.ndarray):
+            self.offset = np.asarray(self.offset)
+
+    @property
+    def basis(self) -> Float[HostOrDevice, "3 2"]:
+        """(3, 2) orthonormal in-plane axes P; world x and y for a plane with normal z.
+
+        The first axis is world x projected on the plane (world z where x is almost the normal),
+        the second is `normal x first`.
+        """
+        xp = np if isinstance(self.normal, np.ndarray) else jnp
+        one = xp.eye(3, dtype=self.normal.dtype)
+        seed = xp.where(xp.abs(self.normal[0]) < 0.9, one[0], one[2])
+        first = seed - self.normal * (self.normal @ seed)
+        first = first / xp.sqrt(first @ first)
+        return xp.stack([first, xp.cross(self.normal, first)], axis=-1)
+
+    def signed_distance(self, x: Any) -> Any:
+        """Signed distance of points (..., 3) to the plane, (...), positive on the cameras' side."""
+        return x @ self.normal + self.offset
+
+    def project(self, x: Any) -> Any:
+        """Orthogonal projection of points (..., 3) onto the plane, (..., 3)."""
+        return x - self.signed_distance(x)[..., None] * self.normal
+
+
+class Scene(eqx.Module):
+    """A rig, the ground it looks at, and the one length that makes distances relative.
+
+    Attributes:
+        rig: the cameras.
+        ground: the plane people stand on, cameras on its positive side.
+        extent: () E, a length in scene units: twice the median distance of the camera centres
+            from their mean (`Scene.from_rig`), unless the source of the scene says otherwise.
+        metric: whether scene units are metres.
+    """
+
+    rig: Rig
+    ground: Plane
+    extent: Float[HostOrDevice, ""]
+    metric: bool = eqx.field(static=True)
+
+    def __init__(self, rig: Rig, ground: Plane, extent: Any, metric: bool = False) -> None:
+        """Validate and store.
+
+        Raises:
+            InvalidInputError: if the extent is not positive or the cameras are below the ground.
+        """
+        self.rig, self.ground, self.extent = rig, ground, as_float(extent)
+        self.metric = bool(metric)
+        require_shape(self.extent, (), "extent")
+        if is_traced(self.extent, rig.R, rig.t, ground.normal, ground.offset):
+            return
+        if not (np.isfinite(self.extent) and self.extent > 0):
+            raise InvalidInputError(f"extent is {self.extent}; it must be a positive length.")
+        height = np.asarray(ground.signed_distance(np.asarray(rig.centers)))[rig.registered]
+        if height.size and np.median(height) < 0:
+            raise InvalidInputError(
+                "The cameras are on the negative side of the ground (median "
+                f"{np.median(height):.3g} scene units). Flip the plane: Plane(-normal, -offset)."
+            )
+
+    @classmethod
+    def from_rig(cls, rig: Rig, ground: Plane, metric: bool = False) -> "Scene":
+        """A scene whose extent is twice the median distance of the centres from their mean."""
+        centers = np.asarray(rig.centers)[rig.registered]
+        if len(centers) < 2:
+            raise InvalidInputError(
+                f"The extent of a scene needs at least 2 registered cameras, got {len(centers)}. "
+                "Pass extent= to Scene instead."
+            )
+        extent = 2 * np.median(np.linalg.norm(centers - centers.mean(0), axis=-1))
+        return cls(rig, ground, extent, metric)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write to one `.npz` file (no pickle)."""
+        save_arrays(
+            path,
+            "Scene",
+            {f"rig_{name}": value for name, value in vars(self.rig).items()}
+            | {"normal": self.ground.normal, "offset": self.ground.offset}
+            | {"extent": self.extent, "metric": self.metric},
+        )
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Scene":
+        """Read what `save` wrote."""
+        arrays = load_arrays(path, "Scene")
+        rig = Rig(**{k.removeprefix("rig_"): v for k, v in arrays.items() if k.startswith("rig_")})
+        ground = Plane(arrays["normal"], arrays["offset"])
+        return cls(rig, ground, arrays["extent"], bool(arrays["metric"]))
+
+
+class Rays(eqx.Module):
+    """One ray a detection: from the camera centre through the bottom centre of the box.
+
+    Attributes:
+        origin: (N, 3) camera centres in scene units.
+        direction: (N, 3) unit vectors in the world frame.
+        weight: (N,) reliability w in (0, 1] (Eq. w); 0 marks an absent ray.
+    """
+
+    origin: Float[HostOrDevice, "*n 3"]
+    direction: Float[HostOrDevice, "*n 3"]
+    weight: Float[HostOrDevice, "*n"]

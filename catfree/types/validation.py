@@ -1,0 +1,81 @@
+"""Checks shared by the types: each names the first offending entry."""
+
+from typing import Any
+
+import jax
+import jax.core
+import numpy as np
+
+from catfree.errors import InvalidInputError
+
+
+def is_traced(*values: Any) -> bool:
+    """Whether any value is a JAX tracer, whose entries cannot be looked at."""
+    return any(isinstance(value, jax.core.Tracer) for value in values)
+
+
+def first_index(bad: np.ndarray) -> str:
+    """The first true entry of a boolean array as an index to print: `3` or `3, 1`."""
+    return ", ".join(str(int(i)) for i in np.argwhere(bad)[0])
+
+
+def as_float(value: Any) -> Any:
+    """Float arrays keep their dtype, JAX arrays stay JAX arrays, all else becomes float64."""
+    if isinstance(value, jax.Array):
+        return value
+    array = np.asarray(value)
+    if array.dtype not in (np.float32, np.float64):
+        try:
+            array = array.astype(np.float64)
+        except (TypeError, ValueError) as error:
+            raise InvalidInputError(f"Expected numbers, got {array.dtype} values.") from error
+    return array
+
+
+def as_integer(value: Any, name: str) -> np.ndarray:
+    """An int64 array; whole-number floats are accepted, fractions are not."""
+    array = np.asarray(value)
+    if array.size == 0:
+        return array.astype(np.int64)
+    if array.dtype == bool or not np.issubdtype(array.dtype, np.number):
+        raise InvalidInputError(f"{name} must hold whole numbers, got dtype {array.dtype}.")
+    if not np.issubdtype(array.dtype, np.integer):
+        fraction = ~np.isfinite(array) | (array != np.round(array))
+        if fraction.any():
+            at = first_index(fraction)
+            raise InvalidInputError(
+                f"{name}[{at}] is {array[np.argwhere(fraction)[0][0]]}; it must be a whole number."
+            )
+    return array.astype(np.int64)
+
+
+def as_boolean(value: Any, name: str) -> np.ndarray:
+    """A bool array from booleans or from 0 and 1."""
+    array = np.asarray(value)
+    if array.dtype == bool:
+        return array
+    bad = ~np.isin(array, (0, 1))
+    if bad.any():
+        raise InvalidInputError(f"{name}[{first_index(bad)}] is neither true nor false.")
+    return array.astype(bool)
+
+
+def require_shape(value: Any, shape: tuple[int | None, ...], name: str) -> None:
+    """Raise unless `value` has this shape, None standing for any length."""
+    got = tuple(value.shape)
+    if len(got) != len(shape) or any(
+        s is not None and g != s for g, s in zip(got, shape, strict=True)
+    ):
+        wanted = ", ".join("n" if s is None else str(s) for s in shape)
+        raise InvalidInputError(f"{name} must have shape ({wanted}), got {got}.")
+
+
+def require_finite(value: Any, name: str, where: np.ndarray | None = None) -> None:
+    """Raise at the first NaN or infinity, looking only at rows where `where` is true."""
+    bad = ~np.isfinite(np.asarray(value))
+    if where is not None:
+        bad = bad & where.reshape(where.shape + (1,) * (bad.ndim - where.ndim))
+    if bad.any():
+        raise InvalidInputError(
+            f"{name}[{first_index(bad)}] is not finite. Remove or repair that entry first."
+        )

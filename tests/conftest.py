@@ -1,0 +1,50 @@
+"""Strict JAX for every test: no silent promotion, shapes checked, both float widths available."""
+
+import os
+from pathlib import Path
+
+import jax
+import pytest
+from hypothesis import HealthCheck, settings
+from jaxtyping import install_import_hook
+
+install_import_hook("catfree", "beartype.beartype")
+
+jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+settings.register_profile(
+    "catfree",
+    deadline=None,  # the first example compiles
+    derandomize=True,
+    max_examples=25,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+settings.load_profile("catfree")
+
+
+def _shared() -> Path | None:
+    """The folder with research data beside the checkout, or None."""
+    named = os.environ.get("CATFREE_SHARED")
+    candidates = [Path(named)] if named else [Path(__file__).parents[2] / "shared"]
+    return next((path for path in candidates if (path / "data").is_dir()), None)
+
+
+SHARED = _shared()
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The research data, or a skip that says why."""
+    if SHARED is None:
+        pytest.skip(
+            "research data not found: set CATFREE_SHARED or put shared/ beside the checkout"
+        )
+    return SHARED
+
+
+@pytest.fixture
+def x64():
+    """Run a test in float64 without touching global state for the others."""
+    with jax.enable_x64(True):
+        yield
