@@ -1,0 +1,158 @@
+"""Text, JSON and array files: one clear error on the way in, atomic on the way out."""
+
+import json
+import os
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from catfree.errors import FileFormatError, InvalidInputError
+
+StrPath = str | os.PathLike[str]
+
+
+def require_file(path: StrPath, meaning: str) -> Path:
+    """The path, if there is a file.
+
+    Args:
+        path: where it should be.
+        meaning: what the file is, for the message: `calibration of camera C1`.
+
+    Raises:
+        InvalidInputError: if there is none.
+    """
+    source = Path(path)
+    if not source.is_file():
+        raise InvalidInputError(f"There is no file {source} ({meaning}). Check the path.")
+    return source
+
+
+def require_folder(path: StrPath, meaning: str) -> Path:
+    """The path, if there is a folder.
+
+    Raises:
+        InvalidInputError: if there is none.
+    """
+    source = Path(path)
+    if not source.is_dir():
+        raise InvalidInputError(f"There is no folder {source} ({meaning}). Check the path.")
+    return source
+
+
+def read_text(path: StrPath, meaning: str) -> str:
+    """The content of a UTF-8 text file.
+
+    Raises:
+        InvalidInputError: if there is no such file.
+        FileFormatError: if it is not text or cannot be read.
+    """
+    source = require_file(path, meaning)
+    try:
+        return source.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileFormatError(f"{source} ({meaning}) is not readable text: {error}.") from error
+
+
+def read_json(path: StrPath, meaning: str) -> Any:
+    """The content of a JSON file.
+
+    Raises:
+        InvalidInputError: if there is no such file.
+        FileFormatError: if it is not JSON, with the line and column, as for a truncated file.
+    """
+    text = read_text(path, meaning)
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise FileFormatError(
+            f"{path} ({meaning}) is not valid JSON ({error}). Is the file complete?"
+        ) from error
+
+
+def read_npz(path: StrPath, meaning: str, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Some arrays of an `.npz` archive, without pickle.
+
+    Args:
+        path: the archive.
+        meaning: what it is, for the message.
+        names: the arrays that must be there.
+
+    Raises:
+        InvalidInputError: if there is no such file.
+        FileFormatError: if it is no archive, is truncated, or lacks one of the arrays.
+    """
+    source = require_file(path, meaning)
+    try:
+        with np.load(source, allow_pickle=False) as archive:
+            stored = sorted(archive.files)
+            arrays = {name: archive[name] for name in names if name in stored}
+    except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+        raise FileFormatError(f"{source} ({meaning}) is not a readable .npz: {error}.") from error
+    missing = [name for name in names if name not in arrays]
+    if missing:
+        raise FileFormatError(
+            f"{source} ({meaning}) has no array {missing[0]!r}; it holds {', '.join(stored)}."
+        )
+    return arrays
+
+
+def entry(mapping: Any, key: str, source: StrPath, where: str) -> Any:
+    """One required entry of a parsed document.
+
+    Raises:
+        FileFormatError: naming the file, the place in it and the missing key.
+    """
+    if not isinstance(mapping, dict):
+        raise FileFormatError(f"{source}: {where} must be an object with named entries.")
+    if key not in mapping:
+        raise FileFormatError(f"{source}: {where} has no {key!r}.")
+    return mapping[key]
+
+
+def numbers(value: Any, shape: tuple[int, ...], source: StrPath, where: str) -> np.ndarray:
+    """A float64 array of this shape; nested lists and flat lists are both accepted.
+
+    Raises:
+        FileFormatError: naming the file and the place in it.
+    """
+    try:
+        array = np.asarray(value, np.float64)
+    except (TypeError, ValueError) as error:
+        raise FileFormatError(f"{source}: {where} does not hold numbers only.") from error
+    if array.size != int(np.prod(shape)):
+        raise FileFormatError(
+            f"{source}: {where} must hold {' x '.join(map(str, shape))} numbers, "
+            f"got shape {array.shape}."
+        )
+    return array.reshape(shape)
+
+
+def write_bytes_atomically(path: StrPath, content: bytes) -> Path:
+    """Write a file so that a reader never sees half of it.
+
+    Raises:
+        InvalidInputError: if the folder does not exist.
+        OSError: if the disk is full or not writable; no partial file is left behind.
+    """
+    target = Path(path)
+    if not target.parent.is_dir():
+        raise InvalidInputError(
+            f"Cannot write {target}: the folder {target.parent} does not exist. Create it first."
+        )
+    descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+    try:
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(content)
+        os.replace(temporary, target)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    return target
+
+
+def write_text_atomically(path: StrPath, content: str) -> Path:
+    """Write UTF-8 text so that a reader never sees half of it; see `write_bytes_atomically`."""
+    return write_bytes_atomically(path, content.encode("utf-8"))

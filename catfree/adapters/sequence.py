@@ -1,0 +1,132 @@
+"""The neutral carrier that every data-set reader returns: `MultiViewSequence`."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree.errors import InvalidInputError
+from catfree.types import Detections, Plane, Rig, Scene
+
+# COCO keypoints 15 and 16 are the left and right ankle; 0.5 is the confidence at which the paper
+# counts a joint as seen.
+_ANKLES = (15, 16)
+_ANKLE_CONFIDENCE = 0.5
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MultiViewSequence:
+    """What synchronized static cameras saw, with whatever truth the data set knows.
+
+    Frames keep the numbers of their source, which may step by more than one (WildTrack: 0, 5, 10,
+    ...). They are synchronized labels: two frames follow each other when they are neighbours in
+    `frames`, not when their numbers differ by one.
+
+    Attributes:
+        name: name of the sequence.
+        detections: person boxes of all cameras and frames.
+        rig: true or given cameras in the order of `camera_names`, or None where unknown.
+        scene: rig, ground and extent, or None where the rig is unknown. A metric scene is in
+            metres with z up and the ground at z = 0.
+        ground_truth: (G, 4) float64 rows [frame, id, x, y]: true positions on the ground in
+            metres; id is -1 where identities are unknown. They live in the frame of the scene,
+            or in that of `true_centres` where `scene.metric` is False.
+        frames: (F,) int64 ascending numbers of all frames, those without detections included.
+        camera_names: (C,) names; `detections.camera` indexes them.
+        fps: synchronized frames per second, or None where unknown.
+        evaluation_area: x_min, x_max, y_min, y_max in metres of the area that is annotated, or
+            None for everywhere.
+        true_centres: (C, 3) true camera centres in metres, in the frame of `ground_truth`, or
+            None where unknown.
+        images: (C, F) path of the image of each camera and frame, None where the file is missing;
+            empty where the source has no images at all.
+        identity: (N,) int64 true person of each detection for annotated boxes, -1 where unknown;
+            None where the boxes come from a detector.
+        points: (P, 3) reconstructed scene points in scene units, or None.
+    """
+
+    name: str
+    detections: Detections
+    rig: Rig | None
+    scene: Scene | None
+    ground_truth: Float[np.ndarray, "g 4"]
+    frames: Int[np.ndarray, " f"]
+    camera_names: tuple[str, ...]
+    fps: float | None = None
+    evaluation_area: tuple[float, float, float, float] | None = None
+    true_centres: Float[np.ndarray, "cam 3"] | None = None
+    images: tuple[tuple[Path | None, ...], ...] = ()
+    identity: Int[np.ndarray, " n"] | None = None
+    points: Float[np.ndarray, "p 3"] | None = None
+
+    @property
+    def camera_count(self) -> int:
+        """Number of cameras."""
+        return len(self.camera_names)
+
+    @property
+    def image_size(self) -> Int[np.ndarray, "cam 2"] | None:
+        """(C, 2) width and height in pixels, or None where the rig is unknown."""
+        return None if self.rig is None else self.rig.image_size
+
+    def select_frames(self, frames: Any) -> "MultiViewSequence":
+        """The part of the sequence at some of its frame numbers, everything else unchanged.
+
+        Raises:
+            InvalidInputError: if a frame number is not one of the sequence's.
+        """
+        chosen = np.unique(np.asarray(frames, np.int64))
+        unknown = ~np.isin(chosen, self.frames)
+        if unknown.any():
+            raise InvalidInputError(
+                f"{self.name} has no frame {int(chosen[unknown][0])}; choose from its `frames` "
+                f"({len(self.frames)} numbers)."
+            )
+        rows = np.isin(self.detections.frame, chosen)
+        columns = np.flatnonzero(np.isin(self.frames, chosen))
+        return dataclasses.replace(
+            self,
+            detections=self.detections[rows],
+            ground_truth=self.ground_truth[np.isin(self.ground_truth[:, 0], chosen)],
+            frames=chosen,
+            images=tuple(tuple(row[i] for i in columns) for row in self.images),
+            identity=None if self.identity is None else self.identity[rows],
+        )
+
+
+def confirm_ankles(keypoints: Float[np.ndarray, "n 17 3"]) -> np.ndarray:
+    """(N,) whether both ankles of (N, 17, 3) COCO keypoints have confidence >= 0.5."""
+    return np.all(keypoints[:, _ANKLES, 2] >= _ANKLE_CONFIDENCE, axis=-1)
+
+
+def metric_scene(rig: Rig) -> Scene:
+    """The scene of a rig in metres, z up, that stands on the ground z = 0."""
+    return Scene.from_rig(rig, Plane(np.array([0.0, 0.0, 1.0]), 0.0), metric=True)
+
+
+def require_people_in_front(rig: Rig, positions: np.ndarray, source: Path | str) -> None:
+    """Raise if every camera has most of the true positions behind it.
+
+    That is the mark of a left-handed world or of extrinsics that are camera-to-world.
+
+    Args:
+        rig: the cameras, metres, z up.
+        positions: (G, 2) true x, y on the ground z = 0 in metres; none checks nothing.
+        source: file or folder for the message.
+
+    Raises:
+        InvalidInputError: naming the source.
+    """
+    if len(positions) == 0 or rig.camera_count == 0:
+        return
+    axis = np.asarray(rig.R)[:, 2]
+    depth = axis[:, :2] @ positions.T + np.asarray(rig.t)[:, 2:]
+    behind = (depth <= 0).mean(-1)
+    if (behind > 0.5).all():
+        raise InvalidInputError(
+            f"{source} puts {100 * behind.min():.0f} % or more of the annotated positions behind "
+            "every camera: its world is mirrored or its extrinsics are camera-to-world instead of "
+            "x_camera = R x + t."
+        )
