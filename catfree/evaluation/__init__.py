@@ -5,3 +5,13 @@ from catfree.evaluation.detection import (
     combine_detection as combine_detection,
     detection_metrics as detection_metrics,
 )
+from catfree.evaluation.hota import (
+    HotaMetrics as HotaMetrics,
+    combine_hota as combine_hota,
+    hota as hota,
+)
+from catfree.evaluation.tracking import (
+    TrackingMetrics as TrackingMetrics,
+    combine_tracking as combine_tracking,
+    tracking_metrics as tracking_metrics,
+)

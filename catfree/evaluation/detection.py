@@ -174,8 +174,8 @@ def detection_metrics(
     strict = compat == "mvdet_python"
     tp, fp, fn, distance_sum = [], [], [], []
     for truth, predicted in sequence:
-        pairs = match(sequence.distances(truth, predicted), gate + GATE_TOLERANCE)
-        distance = pairs.distance
+        distances = sequence.distances(truth, predicted)
+        distance = match(distances, distances <= gate + GATE_TOLERANCE).distance
         if strict:
             distance = distance[distance < gate - GATE_TOLERANCE]
         tp.append(len(distance))

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 
 
@@ -21,20 +21,20 @@ class Matching(NamedTuple):
     distance: Float[np.ndarray, " m"]
 
 
-def match(distance: Float[np.ndarray, "g p"], gate: float) -> Matching:
-    """Match true points to predictions no farther than `gate`.
+def match(distance: Float[np.ndarray, "g p"], admissible: Bool[np.ndarray, "g p"]) -> Matching:
+    """Match true points to predictions, only along admissible pairs.
 
     Args:
-        distance: (g, p) distances in metres.
-        gate: largest distance of a pair in metres, itself included.
+        distance: (g, p) distances in metres; anything where a pair is not admissible.
+        admissible: (g, p) which pairs may be matched.
 
     Returns:
         The matching with the most pairs and, among those, the smallest total distance.
     """
-    admissible = distance <= gate
     # One pair more must outweigh any saving on the others, so a forbidden pair costs more than
     # all admissible ones together. An infinite cost would make the assignment infeasible.
-    forbidden = 2 * gate * (min(distance.shape) + 1)
+    largest = distance[admissible].max(initial=0.0)
+    forbidden = 2 * min(distance.shape) * (largest + 1) + 1
     truth, predicted = linear_sum_assignment(np.where(admissible, distance, forbidden))
     kept = admissible[truth, predicted]
     truth, predicted = truth[kept], predicted[kept]
