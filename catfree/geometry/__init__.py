@@ -1,1 +1,32 @@
-"""To be filled."""
+"""Geometry in pure JAX: unbatched functions made for vmap, jit and grad."""
+
+from catfree.geometry.camera import (
+    back_project as back_project,
+    distort as distort,
+    project as project,
+    undistort as undistort,
+)
+from catfree.geometry.plane import (
+    PlaneFit as PlaneFit,
+    fit_plane as fit_plane,
+    fit_plane_ransac as fit_plane_ransac,
+    intersect_ray as intersect_ray,
+    plane_distance as plane_distance,
+)
+from catfree.geometry.rays import (
+    angular_residual as angular_residual,
+    height_weight as height_weight,
+    pixel_to_ray as pixel_to_ray,
+    pose_ratio as pose_ratio,
+    ray_weight as ray_weight,
+)
+from catfree.geometry.triangulation import (
+    Triangulation as Triangulation,
+    triangulate as triangulate,
+    triangulate_least_squares as triangulate_least_squares,
+)
+from catfree.geometry.uncertainty import (
+    ground_covariance as ground_covariance,
+    ground_sigma as ground_sigma,
+    information as information,
+)

@@ -1,0 +1,43 @@
+"""Inputs of the geometry as JAX arrays of one float dtype, and norms that differentiate at zero."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+HostOrDevice = np.ndarray | Array
+Scalar = float | int | np.floating | Float[HostOrDevice, ""]
+
+
+def float_arrays(*values: Any) -> tuple[Any, ...]:
+    """Convert everything to JAX arrays of one float dtype; None stays None.
+
+    The dtype is the widest float among the arrays, or JAX's default float where there is none;
+    Python scalars never widen it.
+    """
+    arrays = [v for v in values if isinstance(v, HostOrDevice)]
+    floats = [jnp.result_type(a) for a in arrays if jnp.issubdtype(a.dtype, jnp.floating)]
+    if not floats:
+        dtype = jnp.result_type(float)
+    else:
+        # Only the widths matter: float32 and float64 are the library's two dtypes.
+        dtype = max(floats, key=lambda d: jnp.finfo(d).bits)
+    return tuple(None if v is None else jnp.asarray(v, dtype) for v in values)
+
+
+def safe_norm(vector: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
+    """Euclidean length along the last axis, with gradient 0 (not NaN) at the zero vector."""
+    squared = jnp.sum(vector * vector, axis=-1)
+    positive = squared > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1)), 0)
+
+
+def tiny(dtype: Any) -> float:
+    """The smallest normal number of a dtype, as a Python float."""
+    return float(jnp.finfo(dtype).tiny)
+
+
+def epsilon(dtype: Any) -> float:
+    """The machine epsilon of a dtype, as a Python float."""
+    return float(jnp.finfo(dtype).eps)
