@@ -15,7 +15,7 @@ from catfree.filters.arrays import HostOrDevice, as_floating, as_mask
 
 # Splits whose criterion agrees to so many units of rounding are ties, so that neither the order of
 # the sample nor its unit decides between them.
-TIE_ROUNDINGS = 8
+TIE_ROUNDINGS = 4
 
 
 class _Split(NamedTuple):
@@ -53,26 +53,61 @@ def _best_split(
     member = jnp.arange(size) < count
     total = jnp.maximum(count, 1).astype(statistic.dtype)
     # Centred and scaled to 1, sums of many float32 values keep their digits and cannot overflow.
-    middle = statistic[(count - 1) // 2]
+    middle = statistic[jnp.maximum(count - 1, 0) // 2]
     centred = jnp.where(member, statistic - jnp.where(member, middle, statistic), 0)
     scale = jnp.max(jnp.abs(centred))
     centred = centred / jnp.where(scale > 0, scale, 1)
     centred = jnp.where(member, centred - jnp.sum(centred) / total, 0)
+
+    # With the mean at 0: n_low n_high (mean_low - mean_high)² / n = n below² / (n_low n_high).
     below = jnp.cumsum(centred)[:-1]  # sum of the low class if it ends here
     low = jnp.arange(1, size).astype(statistic.dtype)
-    high = jnp.maximum(total - low, 1)
-    # With the mean at 0: n_low n_high (mean_low - mean_high)² / n = n below² / (n_low n_high).
-    between = total / low * below * (below / high)
+    between = total / low * below * (below / jnp.maximum(total - low, 1))
     allowed = member[1:] & (ordered[:-1] < ordered[1:])
-    between = jnp.where(allowed, between, -1)
-    best = jnp.max(between)
-    rounding = TIE_ROUNDINGS * jnp.finfo(statistic.dtype).eps
-    first_high = 1 + jnp.argmax(allowed & (between >= best * (1 - rounding)))
+    best = jnp.argmax(jnp.where(allowed, between, -1))
+    # The criterion is so flat at its maximum that many splits of a large float32 sample look alike:
+    # compare them once more with the best so far, by differences.
+    gain, _ = _gain_over(best, centred, below, total)
+    best = jnp.argmax(jnp.where(allowed, gain, -jnp.inf))
+    gain, rounding = _gain_over(best, centred, below, total)
+    largest = jnp.max(jnp.where(allowed, gain, -jnp.inf))
+    best = jnp.argmax(allowed & (gain + rounding >= largest))
+
     exists = jnp.any(allowed)
     spread = jnp.sum(jnp.square(centred))
     known = exists & (spread > 0)
-    separability = jnp.where(known, best / jnp.where(known, spread, 1), 0)
-    return _Split(first_high, exists, jnp.clip(separability, 0, 1))
+    separability = jnp.where(known, between[best] / jnp.where(known, spread, 1), 0)
+    return _Split(best + 1, exists, jnp.clip(separability, 0, 1))
+
+
+def _gain_over(
+    reference: Int[Array, ""],
+    centred: Float[Array, " n"],
+    below: Float[Array, " split"],
+    total: Float[Array, ""],
+) -> tuple[Float[Array, " split"], Float[Array, " split"]]:
+    """Relative gain of each split over a reference split, and the rounding of that number.
+
+    Both shrink in proportion to the number of values between a split and the reference, where the
+    difference of two criteria would keep the rounding of the criteria.
+    """
+    position = jnp.arange(centred.shape[0])
+    after = jnp.cumsum(jnp.where(position > reference, centred, 0))[:-1]
+    before = jnp.cumsum(jnp.where(position <= reference, centred, 0)[::-1])[::-1][1:]
+    start = below[reference]
+    low = (reference + 1).astype(centred.dtype)
+    high = jnp.maximum(total - low, 1)
+    step = (position[:-1] - reference).astype(centred.dtype)
+    # Changes of below, n_low and n_high relative to the reference.
+    s = (after - before) / jnp.where(start == 0, 1, start)
+    a, b = step / low, step / high
+    # below² / (n_low n_high) becomes (1 + s)² / ((1 + a) (1 - b)) times as large.
+    terms = (2 * s, jnp.square(s), -a, b, a * b)
+    sizes = jnp.where(b < 1, (1 + a) * (1 - b), 1)
+    unit = TIE_ROUNDINGS * jnp.finfo(centred.dtype).eps
+    gain = sum(terms[1:], start=terms[0])
+    rounding = unit * sum(map(jnp.abs, terms[1:]), start=jnp.abs(terms[0]))
+    return gain / sizes, rounding / sizes
 
 
 def otsu(
