@@ -20,6 +20,14 @@ from catfree.geometry.rays import (
     pose_ratio as pose_ratio,
     ray_weight as ray_weight,
 )
+from catfree.geometry.similarity import (
+    Similarity as Similarity,
+    fit_similarity as fit_similarity,
+    nearest_rotation as nearest_rotation,
+    transform_plane as transform_plane,
+    transform_rig as transform_rig,
+    transform_scene as transform_scene,
+)
 from catfree.geometry.triangulation import (
     Triangulation as Triangulation,
     triangulate as triangulate,
