@@ -1,5 +1,15 @@
 """How good the result is: detection, tracking, alignment and uncertainty against ground truth."""
 
+from catfree.evaluation.area import (
+    AreaMetrics as AreaMetrics,
+    crop as crop,
+    detection_metrics_in_area as detection_metrics_in_area,
+)
+from catfree.evaluation.bootstrap import (
+    DetectionIntervals as DetectionIntervals,
+    Interval as Interval,
+    bootstrap as bootstrap,
+)
 from catfree.evaluation.detection import (
     DetectionMetrics as DetectionMetrics,
     combine_detection as combine_detection,
@@ -9,6 +19,13 @@ from catfree.evaluation.hota import (
     HotaMetrics as HotaMetrics,
     combine_hota as combine_hota,
     hota as hota,
+)
+from catfree.evaluation.reliability import (
+    CalibrationCurve as CalibrationCurve,
+    EllipseCoverage as EllipseCoverage,
+    calibration_curve as calibration_curve,
+    ellipse_coverage as ellipse_coverage,
+    matched_predictions as matched_predictions,
 )
 from catfree.evaluation.tracking import (
     TrackingMetrics as TrackingMetrics,

@@ -28,7 +28,7 @@ class DetectionRates(NamedTuple):
 
 
 def detection_rates(
-    tp: Any, fp: Any, fn: Any, distance_sum: Any, threshold: float
+    tp: Any, fp: Any, fn: Any, distance_sum: Any, threshold: float, *, clamped: bool = False
 ) -> DetectionRates:
     """Turn counts into percentages, elementwise.
 
@@ -38,6 +38,7 @@ def detection_rates(
         fn: unmatched ground truth.
         distance_sum: summed distance of the matched pairs in metres.
         threshold: the gate in metres, at which a pair is worth nothing to MODP.
+        clamped: whether a MODA that is negative or nan becomes 0.
 
     Returns:
         The rates. MODA without ground truth is nan, or -inf if there are predictions; the others
@@ -47,8 +48,9 @@ def detection_rates(
         np.asarray(value, dtype=np.float64) for value in (tp, fp, fn, distance_sum)
     )
     with np.errstate(divide="ignore", invalid="ignore"):
+        moda = 100 * (1 - (fn + fp) / (tp + fn))
         return DetectionRates(
-            moda=100 * (1 - (fn + fp) / (tp + fn)),
+            moda=np.fmax(moda, 0.0) if clamped else moda,
             modp=np.where(tp > 0, 100 * (1 - distance_sum / (threshold * tp)), 0.0),
             precision=np.where(tp + fp > 0, 100 * tp / (tp + fp), 0.0),
             recall=np.where(tp + fn > 0, 100 * tp / (tp + fn), 0.0),
@@ -95,12 +97,15 @@ class DetectionMetrics:
     @property
     def rates(self) -> DetectionRates:
         """MODA, MODP, precision and recall in percent."""
-        distance_sum = self.distance_sum_per_frame.sum()
-        rates = detection_rates(self.tp, self.fp, self.fn, distance_sum, self.threshold)
-        floor = 0.0 if self.clamped else -np.inf
-        # fmax prefers the number to nan: the clamped MODA of an empty sequence is 0.
-        moda = np.fmax(rates.moda, floor) if self.clamped else rates.moda
-        return DetectionRates(*(float(v) for v in (moda, *rates[1:])))
+        rates = detection_rates(
+            self.tp,
+            self.fp,
+            self.fn,
+            self.distance_sum_per_frame.sum(),
+            self.threshold,
+            clamped=self.clamped,
+        )
+        return DetectionRates(*(float(rate) for rate in rates))
 
     @property
     def moda(self) -> float:

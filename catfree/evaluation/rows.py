@@ -83,8 +83,8 @@ class Sequence:
     """
 
     frames: Int[np.ndarray, " f"]
-    truth: Rows
-    predicted: Rows
+    truth: Float[np.ndarray, "g 4"]
+    predicted: Float[np.ndarray, "p 4"]
     truth_rows: list[np.ndarray]
     predicted_rows: list[np.ndarray]
 
