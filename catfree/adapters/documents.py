@@ -4,14 +4,16 @@ import json
 import os
 import tempfile
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from catfree.errors import FileFormatError, InvalidInputError
 
 StrPath = str | os.PathLike[str]
+T = TypeVar("T")
 
 
 def require_file(path: StrPath, meaning: str) -> Path:
@@ -128,6 +130,14 @@ def numbers(value: Any, shape: tuple[int, ...], source: StrPath, where: str) -> 
             f"got shape {array.shape}."
         )
     return array.reshape(shape)
+
+
+def naming_file(source: StrPath, build: Callable[[], T]) -> T:
+    """Call a type's constructor and put the file's name in front of its complaint."""
+    try:
+        return build()
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{source}: {error}") from error
 
 
 def write_bytes_atomically(path: StrPath, content: bytes) -> Path:
