@@ -1,0 +1,111 @@
+"""Fitting a picture into a network's input, and the way back to original pixels.
+
+Networks and their exporters use the linear map `input = gain * original + pad` for coordinates,
+without half-pixel terms; so does this module. The gain is that of each axis after rounding to whole
+pixels, so that the way back is exact at odd sizes too.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree.adapters.protocols import Image
+
+GREY = 114  # the padding that YOLO networks were trained with
+
+
+@dataclass(frozen=True)
+class Letterbox:
+    """Where a picture lies in a network's input.
+
+    Attributes:
+        gain: (x, y) input pixels an original pixel.
+        pad: (x, y) input pixels before the picture's left and top edge; negative where the picture
+            is cropped.
+        size: (width, height) of the picture after resizing, in input pixels.
+    """
+
+    gain: tuple[float, float]
+    pad: tuple[int, int]
+    size: tuple[int, int]
+
+    @classmethod
+    def fit(
+        cls,
+        picture: tuple[int, int],
+        target: tuple[int, int],
+        *,
+        placement: Literal["centre", "top_left"] = "centre",
+    ) -> "Letterbox":
+        """The largest placement that keeps the aspect ratio.
+
+        Args:
+            picture: (width, height) of the picture.
+            target: (width, height) of the network's input.
+            placement: where the picture lies in the padding.
+        """
+        scale = min(target[0] / picture[0], target[1] / picture[1])
+        width = min(target[0], max(1, round(picture[0] * scale)))
+        height = min(target[1], max(1, round(picture[1] * scale)))
+        return cls.place(picture, (width, height), target, placement=placement)
+
+    @classmethod
+    def place(
+        cls,
+        picture: tuple[int, int],
+        resized: tuple[int, int],
+        target: tuple[int, int],
+        *,
+        placement: Literal["centre", "top_left"] = "centre",
+    ) -> "Letterbox":
+        """The placement of a picture resized to `resized` (width, height), padded or cropped."""
+        free = (target[0] - resized[0], target[1] - resized[1])
+        pad = (free[0] // 2, free[1] // 2) if placement == "centre" else (0, 0)
+        return cls((resized[0] / picture[0], resized[1] / picture[1]), pad, resized)
+
+    def apply(self, image: Image, target: tuple[int, int], fill: int = GREY) -> Image:
+        """The (height, width, 3) input for a target (width, height), padded with one grey value."""
+        import cv2
+
+        resized = image
+        if (image.shape[1], image.shape[0]) != self.size:
+            resized = cv2.resize(image, self.size, interpolation=cv2.INTER_LINEAR)
+        out = np.full((target[1], target[0], 3), fill, np.uint8)
+        (from_x, to_x), (from_y, to_y) = (
+            _overlap(self.pad[axis], self.size[axis], target[axis]) for axis in (0, 1)
+        )
+        out[to_y, to_x] = resized[from_y, from_x]
+        return out
+
+    def to_original(self, xy: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
+        """Points in input pixels as points in original pixels."""
+        return (xy - np.asarray(self.pad, xy.dtype)) / np.asarray(self.gain, xy.dtype)
+
+    def boxes_to_original(self, box: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
+        """Boxes xyxy in input pixels as boxes in original pixels."""
+        return self.to_original(box.reshape(-1, 2)).reshape(-1, 4)
+
+    def intrinsics_to_original(self, K: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+        """Intrinsics in input pixels as intrinsics in original pixels."""
+        way_back = np.array(
+            [
+                [1 / self.gain[0], 0, -self.pad[0] / self.gain[0]],
+                [0, 1 / self.gain[1], -self.pad[1] / self.gain[1]],
+                [0, 0, 1],
+            ],
+            K.dtype,
+        )
+        return way_back @ K
+
+    def inside(self, target: tuple[int, int]) -> tuple[slice, slice]:
+        """Rows and columns of a target (width, height) that show the picture, not padding."""
+        _, columns = _overlap(self.pad[0], self.size[0], target[0])
+        _, rows = _overlap(self.pad[1], self.size[1], target[1])
+        return rows, columns
+
+
+def _overlap(pad: int, size: int, target: int) -> tuple[slice, slice]:
+    start, stop = max(pad, 0), min(pad + size, target)
+    return slice(start - pad, stop - pad), slice(start, stop)

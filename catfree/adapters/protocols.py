@@ -1,0 +1,258 @@
+"""What a detector, an embedder and a reconstructor must do to be plugged in.
+
+The protocols are structural: any object with the right `__call__` and `fingerprint` fits, no base
+class needed. Images are (H, W, 3) uint8 RGB arrays; pixels follow the project's convention, the
+centre of the top-left pixel at (0, 0).
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol, runtime_checkable
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from catfree.errors import InvalidInputError
+from catfree.types.validation import as_boolean, as_float, require_finite, require_shape
+
+Image = UInt8[np.ndarray, "_ _ 3"]
+
+# COCO's order of the 17 keypoints ends with the left and the right ankle.
+LEFT_ANKLE, RIGHT_ANKLE = 15, 16
+ROTATION_TOLERANCE = 1e-3
+
+
+class FrameDetections(eqx.Module):
+    """The people that a detector found in one picture.
+
+    Attributes:
+        box: (n, 4) x1, y1, x2, y2 in pixels of the original picture.
+        score: (n,) confidence in [0, 1].
+        keypoints: (n, 17, 3) COCO keypoints as x, y in pixels of the original picture and
+            confidence, or None where the detector estimates no pose.
+    """
+
+    box: Float[np.ndarray, "n 4"]
+    score: Float[np.ndarray, " n"]
+    keypoints: Float[np.ndarray, "n 17 3"] | None
+
+    def __init__(self, box: Any, score: Any, keypoints: Any = None) -> None:
+        """Validate and store.
+
+        Raises:
+            InvalidInputError: naming the first entry that has a wrong shape, is not finite, is a
+                box without area or a score outside [0, 1].
+        """
+        boxes = np.asarray(as_float(box))
+        self.box = boxes.reshape(0, 4) if boxes.size == 0 else boxes
+        self.score = np.asarray(as_float(score))
+        self.keypoints = None if keypoints is None else np.asarray(as_float(keypoints))
+        n = len(self.box)
+        require_shape(self.box, (n, 4), "box")
+        require_shape(self.score, (n,), "score")
+        require_finite(self.box, "box")
+        require_finite(self.score, "score")
+        empty = (self.box[:, 2] <= self.box[:, 0]) | (self.box[:, 3] <= self.box[:, 1])
+        if empty.any():
+            at = int(np.argmax(empty))
+            raise InvalidInputError(
+                f"box[{at}] is {self.box[at].tolist()}; it must be x1 < x2, y1 < y2 in pixels."
+            )
+        outside = (self.score < 0) | (self.score > 1)
+        if outside.any():
+            at = int(np.argmax(outside))
+            raise InvalidInputError(f"score[{at}] is {self.score[at]}; it must be in [0, 1].")
+        if self.keypoints is not None:
+            require_shape(self.keypoints, (n, 17, 3), "keypoints")
+            require_finite(self.keypoints, "keypoints")
+
+    def __len__(self) -> int:
+        return len(self.box)
+
+
+class Reconstruction(eqx.Module):
+    """Cameras and scene points of one instant, in a frame and a scale of its own.
+
+    Attributes:
+        K: (C, 3, 3) intrinsics in pixels of the ORIGINAL pictures.
+        R: (C, 3, 3) world-to-camera rotations, OpenCV axes: `x_cam = R x + t`.
+        t: (C, 3) world-to-camera translations in the reconstruction's units.
+        points: (P, 3) scene points in the reconstruction's frame.
+        confidence: (P,) positive confidence of each point; comparable within one reconstruction.
+        scale_is_metric: whether the units are metres.
+        weights_id: content hash of the weights that made it.
+        registered: (C,) false for a view whose camera could not be told; its K, R and t are
+            finite placeholders.
+    """
+
+    K: Float[np.ndarray, "cam 3 3"]
+    R: Float[np.ndarray, "cam 3 3"]
+    t: Float[np.ndarray, "cam 3"]
+    points: Float[np.ndarray, "p 3"]
+    confidence: Float[np.ndarray, " p"]
+    scale_is_metric: bool = eqx.field(static=True)
+    weights_id: str = eqx.field(static=True)
+    registered: Bool[np.ndarray, " cam"]
+
+    def __init__(
+        self,
+        K: Any,
+        R: Any,
+        t: Any,
+        points: Any,
+        confidence: Any,
+        scale_is_metric: bool = False,
+        weights_id: str = "",
+        registered: Any = None,
+    ) -> None:
+        """Validate and store.
+
+        Raises:
+            InvalidInputError: naming the first entry with a wrong shape, a value that is not
+                finite, a focal length that is not positive or a matrix that is no rotation.
+        """
+        self.K, self.R, self.t = (np.asarray(as_float(value)) for value in (K, R, t))
+        cloud = np.asarray(as_float(points))
+        self.points = cloud.reshape(0, 3) if cloud.size == 0 else cloud
+        self.confidence = np.asarray(as_float(confidence))
+        self.scale_is_metric, self.weights_id = bool(scale_is_metric), str(weights_id)
+        cameras = len(self.t)
+        self.registered = (
+            np.ones(cameras, bool) if registered is None else as_boolean(registered, "registered")
+        )
+        require_shape(self.K, (cameras, 3, 3), "K")
+        require_shape(self.R, (cameras, 3, 3), "R")
+        require_shape(self.t, (cameras, 3), "t")
+        require_shape(self.points, (len(self.points), 3), "points")
+        require_shape(self.confidence, (len(self.points),), "confidence")
+        require_shape(self.registered, (cameras,), "registered")
+        for name in ("K", "R", "t", "points", "confidence"):
+            require_finite(getattr(self, name), name)
+        unfocused = (self.K[:, 0, 0] <= 0) | (self.K[:, 1, 1] <= 0)
+        if unfocused.any():
+            raise InvalidInputError(
+                f"K[{int(np.argmax(unfocused))}] has a focal length that is not positive."
+            )
+        rotation = self.R.astype(np.float64)
+        error = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max((-1, -2))
+        bad = (error > ROTATION_TOLERANCE) | (np.linalg.det(rotation) < 0)
+        if bad.any():
+            raise InvalidInputError(f"R[{int(np.argmax(bad))}] is not a rotation.")
+
+
+@runtime_checkable
+class Detector(Protocol):
+    """Finds people in one picture: `detector(image) -> FrameDetections`.
+
+    The picture is (H, W, 3) uint8 RGB of any size. Boxes and keypoints come back in pixels of that
+    picture, one row a person, suppressed (one person, one box), in any order. Nobody there gives
+    zero rows, never an error. The same picture always gives the same rows.
+
+    `fingerprint` names weights and parameters by content: detectors with equal fingerprints give
+    equal rows for equal pictures, so that results can be cached under it.
+    """
+
+    @property
+    def fingerprint(self) -> str:
+        """Content hash of weights and parameters."""
+        ...
+
+    def __call__(self, image: Image) -> FrameDetections:
+        """The people in one picture."""
+        ...
+
+
+@runtime_checkable
+class BatchDetector(Detector, Protocol):
+    """A detector that is faster on several pictures at once, for instance all cameras' frames."""
+
+    def detect_batch(self, images: Sequence[Image]) -> list[FrameDetections]:
+        """Row for row what calling it on each picture gives; the pictures may differ in size."""
+        ...
+
+
+@runtime_checkable
+class FittedToCamera(Protocol):
+    """A detector that must see a static camera's footage before it can detect there.
+
+    Whoever runs such a detector fits it once a camera, `detector.fit(images)`, and calls what it
+    returns on that camera's pictures only.
+    """
+
+    @property
+    def fingerprint(self) -> str:
+        """Content hash of the parameters, before any fit."""
+        ...
+
+    def fit(self, images: Iterable[Image]) -> Detector:
+        """A detector for the camera that took these pictures; they are read once, in order."""
+        ...
+
+
+@runtime_checkable
+class Embedder(Protocol):
+    """Describes what people look like: `embedder(image, box) -> (n, D)`.
+
+    Boxes are (n, 4) x1, y1, x2, y2 in pixels of the picture and may reach over its border. Each row
+    has unit length, so that `1 - a · b` is a cosine distance in [0, 2]; no boxes give (0, D).
+    `fingerprint` is that of `Detector`.
+    """
+
+    @property
+    def fingerprint(self) -> str:
+        """Content hash of weights and parameters."""
+        ...
+
+    def __call__(self, image: Image, box: Any) -> Float[np.ndarray, "n d"]:
+        """One unit vector a box."""
+        ...
+
+
+@runtime_checkable
+class Reconstructor(Protocol):
+    """Cameras and points from the pictures of one instant: `reconstructor(images)`.
+
+    The C pictures are one a camera, in the order of the cameras, and may differ in size. Frame and
+    scale of the answer are its own and may differ between calls. `fingerprint` is that of
+    `Detector`.
+    """
+
+    @property
+    def fingerprint(self) -> str:
+        """Content hash of weights and parameters."""
+        ...
+
+    def __call__(self, images: Sequence[Image]) -> Reconstruction:
+        """Cameras and scene points in one frame."""
+        ...
+
+
+def ankles_confirmed(
+    keypoints: Float[np.ndarray, "n 17 3"], minimum_confidence: float = 0.5
+) -> Bool[np.ndarray, " n"]:
+    """Whether both feet of each person were seen.
+
+    Args:
+        keypoints: (n, 17, 3) COCO keypoints as x, y in pixels and confidence.
+        minimum_confidence: both ankles must reach it.
+
+    Returns:
+        (n,) true where the left and the right ankle are both confident.
+    """
+    confidence = keypoints[:, [LEFT_ANKLE, RIGHT_ANKLE], 2].min(axis=-1)
+    return np.asarray(confidence >= minimum_confidence)
+
+
+def as_image(image: Any) -> Image:
+    """The picture as the adapters need it, or a sentence that says what is wrong with it.
+
+    Raises:
+        InvalidInputError: if it is not a (H, W, 3) uint8 array with at least one pixel.
+    """
+    picture = np.asarray(image)
+    if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8 or not picture.size:
+        raise InvalidInputError(
+            f"An image must be a non-empty (H, W, 3) uint8 RGB array, got {picture.dtype} of shape "
+            f"{picture.shape}."
+        )
+    return picture

@@ -1,0 +1,48 @@
+"""One box a person: non-maximum suppression of a detector's raw boxes."""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+def box_overlap(
+    first: Float[np.ndarray, "n 4"], second: Float[np.ndarray, "m 4"]
+) -> Float[np.ndarray, "n m"]:
+    """Intersection over union of boxes xyxy; 0 for boxes without area."""
+    low = np.maximum(first[:, None, :2], second[None, :, :2])
+    high = np.minimum(first[:, None, 2:], second[None, :, 2:])
+    intersection = np.clip(high - low, 0, None).prod(axis=-1)
+    area = [np.clip(box[:, 2:] - box[:, :2], 0, None).prod(axis=-1) for box in (first, second)]
+    union = area[0][:, None] + area[1][None, :] - intersection
+    return np.divide(intersection, union, out=np.zeros_like(intersection), where=union > 0)
+
+
+def suppress_boxes(
+    box: Float[np.ndarray, "n 4"],
+    score: Float[np.ndarray, " n"],
+    maximum_overlap: float,
+    *,
+    window: Int[np.ndarray, " n"] | None = None,
+    maximum_overlap_across: float | None = None,
+) -> Int[np.ndarray, " k"]:
+    """Greedy suppression: a box goes if a better one that stays overlaps it too much.
+
+    Args:
+        box: (n, 4) xyxy in pixels.
+        score: (n,) higher is better; ties keep the earlier row.
+        maximum_overlap: largest IoU of two boxes that both stay.
+        window: (n,) the piece of the picture in which each box was found, where there are several.
+        maximum_overlap_across: the same for two boxes found in different windows; None for equal.
+
+    Returns:
+        (k,) rows that stay, best first.
+    """
+    source = np.zeros(len(box), np.int64) if window is None else window
+    across = maximum_overlap if maximum_overlap_across is None else maximum_overlap_across
+    order = np.argsort(-score, kind="stable")
+    keep = []
+    while order.size:
+        best, rest = order[0], order[1:]
+        keep.append(best)
+        limit = np.where(source[rest] == source[best], maximum_overlap, across)
+        order = rest[box_overlap(box[best][None, :], box[rest])[0] <= limit]
+    return np.array(keep, np.int64)
