@@ -1,0 +1,284 @@
+"""Greedy merging of boxes into people by the gain in log evidence.
+
+All frames are merged at once in rounds: a pair of groups that is the best remaining partner of both
+merges in the same round as all other such pairs. Gains depend on the two groups alone, so this
+gives exactly the groups that merging one best pair at a time would give.
+"""
+
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int
+from scipy.spatial import cKDTree
+
+from catfree.evidence.boxes import padded_length
+from catfree.evidence.gaussian import Information, log_evidence
+
+PAIR_GATE = 16.0  # squared Mahalanobis distance of two boxes that may start or join a group
+
+
+def candidate_pairs(
+    position: np.ndarray, covariance: np.ndarray, frame: np.ndarray, camera: np.ndarray,
+    items: np.ndarray,
+) -> np.ndarray:
+    """Pairs of items of one frame and different cameras that are close for their uncertainty.
+
+    Args:
+        position: (N, 2) in H0.
+        covariance: (N, 2, 2).
+        frame: (N,); camera: (N,).
+        items: (n,) the rows to pair.
+
+    Returns:
+        (P, 2) rows, the lower first, sorted.
+    """
+    if len(items) < 2:
+        return np.zeros((0, 2), np.int64)
+    p, S = position[items], covariance[items]
+    trace, det = S[:, 0, 0] + S[:, 1, 1], np.linalg.det(S)
+    largest = np.sqrt(trace / 2 + np.sqrt(np.maximum(trace**2 / 4 - det, 0)))
+    reach = np.sqrt(2 * PAIR_GATE) * largest
+    far = 4 * (np.abs(p).max() + reach.max()) + 1  # frames apart never meet
+    place = np.column_stack([p, frame[items] * far])
+    tree = cKDTree(place)
+    near = tree.query_ball_point(place, reach, return_sorted=False)
+    count = np.array([len(n) for n in near])
+    i = np.repeat(np.arange(len(items)), count)
+    j = np.concatenate([np.asarray(n, np.int64) for n in near])
+    # Each pair once, found from its vaguer member.
+    once = (largest[i] > largest[j]) | ((largest[i] == largest[j]) & (i < j))
+    once &= camera[items][i] != camera[items][j]
+    i, j = i[once], j[once]
+    d, T = p[i] - p[j], S[i] + S[j]
+    det = T[:, 0, 0] * T[:, 1, 1] - T[:, 0, 1] ** 2
+    m2 = (
+        T[:, 1, 1] * d[:, 0] ** 2 - 2 * T[:, 0, 1] * d[:, 0] * d[:, 1] + T[:, 0, 0] * d[:, 1] ** 2
+    ) / det
+    close = m2 < PAIR_GATE
+    pairs = np.sort(np.column_stack([items[i[close]], items[j[close]]]), axis=1)
+    return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+
+
+@partial(jax.jit, static_argnames=("appearance",))
+def merge_groups(info, camera, pairs, members, looks, slot, density, spread, appearance: bool):
+    """Merge while any pair gains.
+
+    Args:
+        info: (N) information of each item.
+        camera: (N,) camera of each item (C for a track prior), one group holds each at most once.
+        pairs: (P, 2) candidate pairs, padding is (0, 0).
+        members: (N, C) the item itself at its camera, else -1.
+        looks: (F, D, D) weighted appearance log-likelihood ratios, or (1, 1, 1).
+        slot: (N, 2) frame and position in `looks` of each item.
+        density, spread: people per H0² and the spread of heights.
+        appearance: whether `looks` counts.
+
+    Returns:
+        (N,) the row that represents each item's group; (N) information of the groups; members.
+    """
+    N = camera.shape[0]
+    own = log_evidence(info, density, spread)
+    rows = jnp.arange(N)
+    first, second = pairs[:, 0], pairs[:, 1]
+
+    def gains(root, matrix, vector, constant, evidence, mask, members):
+        a, b = root[first], root[second]
+        a, b = jnp.minimum(a, b), jnp.maximum(a, b)
+        joint = Information(
+            matrix[a] + matrix[b], vector[a] + vector[b], constant[a] + constant[b]
+        )
+        gain = log_evidence(joint, density, spread) - evidence[a] - evidence[b]
+        if appearance:
+            left, right = members[a], members[b]
+            where = (left[:, :, None] >= 0) & (right[:, None, :] >= 0)
+            l, r = jnp.maximum(left, 0), jnp.maximum(right, 0)
+            ratio = looks[
+                slot[a, 0][:, None, None], slot[l, 1][:, :, None], slot[r, 1][:, None, :]
+            ]
+            gain = gain + jnp.where(where, ratio, 0.0).sum((1, 2))
+        allowed = (a != b) & ((mask[a] & mask[b]) == 0)
+        return a, b, jnp.where(allowed & (gain > 0), gain, -jnp.inf)
+
+    def step(carry):
+        root, matrix, vector, constant, evidence, mask, members, _ = carry
+        a, b, gain = gains(root, matrix, vector, constant, evidence, mask, members)
+        best = jnp.full(N, -jnp.inf, gain.dtype).at[a].max(gain).at[b].max(gain)
+        hopeful = jnp.isfinite(gain)
+        partner = (
+            jnp.full(N, N)
+            .at[a].min(jnp.where(hopeful & (gain == best[a]), b, N))
+            .at[b].min(jnp.where(hopeful & (gain == best[b]), a, N))
+        )  # fmt: skip
+        safe = jnp.minimum(partner, N - 1)
+        mutual = (partner < N) & (partner[safe] == rows)
+        absorbs = mutual & (rows < partner)
+        absorbed = mutual & (rows > partner)
+        target = jnp.where(absorbed, safe, rows)
+        add = lambda x: jnp.where(  # noqa: E731
+            absorbs.reshape(-1, *(1,) * (x.ndim - 1)), x + x[safe], x
+        )
+        matrix, vector, constant = add(matrix), add(vector), add(constant)
+        mask = jnp.where(absorbs, mask | mask[safe], mask)
+        members = jnp.where(absorbs[:, None], jnp.maximum(members, members[safe]), members)
+        evidence = jnp.where(
+            absorbs, log_evidence(Information(matrix, vector, constant), density, spread), evidence
+        )
+        return target[root], matrix, vector, constant, evidence, mask, members, mutual.any()
+
+    start = (
+        rows, info.matrix, info.vector, info.constant, own, jnp.left_shift(1, camera), members,
+        jnp.array(True),
+    )  # fmt: skip
+    end = jax.lax.while_loop(lambda carry: carry[-1], step, start)
+    return end[0], Information(*end[1:4]), end[6]
+
+
+class Groups(eqx.Module):
+    """Boxes that are one person in one frame.
+
+    Attributes:
+        frame: (H,) frame index.
+        member: (H, C) row of `Boxes` or -1.
+        prior: (H,) row of the track prior that joined, or -1.
+        info: (H) information of the boxes alone, without priors.
+        full: (H) the same with the track prior.
+        gain: (H,) log evidence of one person over that of as many separate ones, appearance aside.
+    """
+
+    frame: Int[np.ndarray, " group"]
+    member: Int[np.ndarray, "group cam"]
+    prior: Int[np.ndarray, " group"]
+    info: Information
+    full: Information
+    gain: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+
+class Priors(eqx.Module):
+    """Where tracks expect their people: one row a track and frame.
+
+    Attributes:
+        frame: (T,) frame index.
+        mean: (T, 3) position and height.
+        covariance: (T, 3, 3).
+    """
+
+    frame: Int[np.ndarray, " prior"]
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+def prior_information(priors: Priors, density: float, spread: float) -> Information:
+    """Track priors as items: alone their log evidence is 0, joined they replace the density."""
+    full = np.linalg.inv(priors.covariance)
+    vector = np.einsum("nij,nj->ni", full, priors.mean)
+    matrix = full.copy()
+    matrix[:, 2, 2] -= 1 / spread**2
+    shifted = vector.copy()
+    shifted[:, 2] -= 1 / spread**2
+    info = Information(matrix, shifted, np.zeros(len(vector)))
+    alone = log_evidence(info, density, spread)
+    return Information(matrix, shifted, 2 * alone)
+
+
+def associate(
+    info: Information, position: np.ndarray, covariance: np.ndarray, frame: np.ndarray,
+    camera: np.ndarray, valid: np.ndarray, cameras: int, density: float, spread: float,
+    looks: np.ndarray | None = None, slot: np.ndarray | None = None, priors: Priors | None = None,
+) -> Groups:
+    """Group the boxes of every frame into people.
+
+    Args:
+        info: (N) likelihoods of the boxes.
+        position: (N, 2); covariance: (N, 2, 2) of each box alone.
+        frame, camera, valid: (N,).
+        cameras: C.
+        density, spread: people per H0² and the spread of heights.
+        looks, slot: weighted appearance log-likelihood ratios of `appearance.compare_frames`.
+        priors: what tracks expect.
+
+    Returns:
+        One group a person, single boxes included, sorted by frame and first member.
+    """
+    N = len(frame)
+    T = 0 if priors is None else len(priors.frame)
+    total = padded_length(N + T) if T else N
+    extra = total - N
+
+    def extend(x: np.ndarray, more: np.ndarray | None, fill) -> np.ndarray:
+        out = np.full((total, *x.shape[1:]), fill, x.dtype)
+        out[:N] = x
+        if more is not None:
+            out[N : N + T] = more
+        return out
+
+    if T:
+        added = prior_information(priors, density, spread)
+        info = Information(
+            extend(info.matrix, added.matrix, 0.0), extend(info.vector, added.vector, 0.0),
+            extend(info.constant, added.constant, 0.0),
+        )  # fmt: skip
+        position = extend(position, priors.mean[:, :2], 0.0)
+        covariance = extend(covariance, priors.covariance[:, :2, :2], 0.0)
+        frame = extend(frame, priors.frame, frame.max(initial=0))
+        camera = extend(camera, np.full(T, cameras), 0)
+        valid = extend(valid, np.ones(T, bool), False)
+        if slot is not None:
+            slot = extend(slot, None, 0)
+    items = np.flatnonzero(valid)
+    pairs = candidate_pairs(position, covariance, frame, camera, items)
+    padded = np.zeros((padded_length(len(pairs), 256), 2), np.int64)
+    padded[: len(pairs)] = pairs
+    members = np.full((total, cameras), -1)
+    boxes = items[camera[items] < cameras]
+    members[boxes, camera[boxes]] = boxes
+    use = looks is not None
+    root, full, _ = merge_groups(
+        info, camera, padded, members, looks if use else np.zeros((1, 1, 1)),
+        slot if use else np.zeros((total, 2), np.int64), np.asarray(density), np.asarray(spread),
+        appearance=use,
+    )  # fmt: skip
+    root = np.asarray(root)
+    return _collect(root, items, boxes, info, frame, camera, cameras, density, spread)
+
+
+def _collect(root, items, boxes, info, frame, camera, cameras, density, spread) -> Groups:
+    """Groups from the representatives, summed again from their members."""
+    heads, index = np.unique(root[items], return_inverse=True)
+    H = len(heads)
+    member = np.full((H, cameras), -1)
+    prior = np.full(H, -1)
+    of = np.full(len(root), -1)
+    of[items] = index
+    member[of[boxes], camera[boxes]] = boxes
+    tracks = items[camera[items] == cameras]
+    prior[of[tracks]] = tracks
+    own = _sum(info, member)
+    with_prior = Information(*(x.copy() for x in (own.matrix, own.vector, own.constant)))
+    has = prior >= 0
+    with_prior.matrix[has] += info.matrix[prior[has]]
+    with_prior.vector[has] += info.vector[prior[has]]
+    with_prior.constant[has] += info.constant[prior[has]]
+    single = np.zeros(len(root))
+    single[items] = log_evidence(info[items], density, spread)
+    alone = np.where(member >= 0, single[np.maximum(member, 0)], 0.0).sum(1)
+    gain = log_evidence(own, density, spread) - alone
+    return Groups(frame[heads], member, prior, own, with_prior, gain)
+
+
+def _sum(info: Information, member: np.ndarray) -> Information:
+    there = member >= 0
+    rows = np.maximum(member, 0)
+    return Information(
+        np.where(there[..., None, None], info.matrix[rows], 0.0).sum(1),
+        np.where(there[..., None], info.vector[rows], 0.0).sum(1),
+        np.where(there, info.constant[rows], 0.0).sum(1),
+    )
+
+
+_ = Array

@@ -1,0 +1,161 @@
+"""Detections as padded arrays in a canonical order, and the tables that group them."""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from catfree.evidence.constants import EvidenceSettings
+from catfree.types import Detections, Rig
+
+
+def padded_length(count: int, minimum: int = 64) -> int:
+    """The next of few lengths (four an octave), so that other inputs reuse compiled code."""
+    length = minimum
+    while length < count:
+        step = max(1 << (length.bit_length() - 3), 1)
+        length += step
+    return length
+
+
+class Boxes(eqx.Module):
+    """Boxes sorted by frame, camera and edges, padded to N rows.
+
+    Attributes:
+        row: (n,) original index of each of the n true rows.
+        frames: (F,) the distinct frame numbers in order.
+        frame: (N,) index into `frames`; F marks padding.
+        camera: (N,) camera index, 0 for padding.
+        box: (N, 4) x1, y1, x2, y2 in original pixels.
+        edges: (N, 3) centre column, top row, bottom row in undistorted pixels.
+        size: (N,) height in undistorted pixels.
+        cut: (N, 3) whether the side, the top or the bottom is cut by the image border.
+        ankles: (N,) bool; true also where nobody looked for ankles.
+        valid: (N,) bool.
+        table: (F, C, B) rows of each frame and camera, -1 for none.
+        embedding: (N, D) or None.
+        first: (F + 1,) first row of each frame.
+    """
+
+    row: Int[np.ndarray, " n"]
+    frames: Int[np.ndarray, " frame"]
+    frame: Int[np.ndarray, " box"]
+    camera: Int[np.ndarray, " box"]
+    box: Float[np.ndarray, "box 4"]
+    edges: Float[np.ndarray, "box 3"]
+    size: Float[np.ndarray, " box"]
+    cut: Bool[np.ndarray, "box 3"]
+    ankles: Bool[np.ndarray, " box"]
+    valid: Bool[np.ndarray, " box"]
+    table: Int[np.ndarray, "frame cam slot"]
+    embedding: Float[np.ndarray, "box dim"] | None
+    first: Int[np.ndarray, " bounds"]
+
+
+def undistort(rig: Rig, camera: np.ndarray, pixel: np.ndarray) -> np.ndarray:
+    """Pixels as an ideal pinhole of the same K would see them; (n, 2) -> (n, 2).
+
+    Fixed-point iteration on the five-parameter model of OpenCV.
+    """
+    if rig.distortion is None:
+        return pixel
+    K = np.asarray(rig.K, np.float64)[camera]
+    d = np.nan_to_num(np.asarray(rig.distortion, np.float64))[camera]
+    k1, k2, p1, p2, k3 = d.T
+    y = (pixel[:, 1] - K[:, 1, 2]) / K[:, 1, 1]
+    x = (pixel[:, 0] - K[:, 0, 2] - K[:, 0, 1] * y) / K[:, 0, 0]
+    px, py = x.copy(), y.copy()
+    for _ in range(30):
+        r2 = px * px + py * py
+        radial = np.maximum(1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 0.2)
+        dx = 2 * p1 * px * py + p2 * (r2 + 2 * px * px)
+        dy = p1 * (r2 + 2 * py * py) + 2 * p2 * px * py
+        px, py = (x - dx) / radial, (y - dy) / radial
+    return np.stack(
+        [K[:, 0, 0] * px + K[:, 0, 1] * py + K[:, 0, 2], K[:, 1, 1] * py + K[:, 1, 2]], axis=-1
+    )
+
+
+def prepare_boxes(detections: Detections, rig: Rig, settings: EvidenceSettings) -> Boxes:
+    """Sort, undistort and pad; detections of unregistered cameras are left out.
+
+    Args:
+        detections: any order.
+        rig: the cameras.
+        settings: for the border margin.
+
+    Returns:
+        Padded arrays in an order that does not depend on the input's.
+    """
+    known = np.asarray(rig.registered)
+    rows = np.flatnonzero(
+        (detections.camera < rig.camera_count)
+        & known[np.minimum(detections.camera, rig.camera_count - 1)]
+    )
+    box = np.asarray(detections.box, np.float64)
+    keys = [box[rows, i] for i in (3, 2, 1, 0)] + [detections.camera[rows], detections.frame[rows]]
+    if detections.embedding is not None and detections.embedding.shape[1] > 0:
+        keys.insert(0, detections.embedding[rows, 0])  # only ties of identical boxes
+    rows = rows[np.lexsort(keys)]
+    n = len(rows)
+    frames, frame = np.unique(detections.frame[rows], return_inverse=True)
+    N = padded_length(n)
+    camera = detections.camera[rows]
+    box = box[rows]
+    middle = (box[:, 0] + box[:, 2]) / 2
+    head = undistort(rig, camera, np.stack([middle, box[:, 1]], -1))
+    foot = undistort(rig, camera, np.stack([middle, box[:, 3]], -1))
+    edges = np.stack([(head[:, 0] + foot[:, 0]) / 2, head[:, 1], foot[:, 1]], -1)
+    size = np.asarray(rig.image_size, np.float64)[camera]
+    margin = settings.border_margin * size[:, 0]
+    cut = np.stack(
+        [
+            (box[:, 0] <= margin) | (box[:, 2] >= size[:, 0] - 1 - margin),
+            box[:, 1] <= margin,
+            box[:, 3] >= size[:, 1] - 1 - margin,
+        ],
+        -1,
+    )
+    ankles = (
+        np.ones(n, bool)
+        if detections.ankles_confirmed is None
+        else detections.ankles_confirmed[rows]
+    )
+
+    def pad(values: np.ndarray, fill) -> np.ndarray:
+        out = np.full((N, *values.shape[1:]), fill, values.dtype)
+        out[:n] = values
+        return out
+
+    F = len(frames)
+    table = _group(frame, camera, F, rig.camera_count)
+    embedding = None
+    if detections.embedding is not None:
+        raw = np.asarray(detections.embedding, np.float64)[rows]
+        raw = raw / np.maximum(np.linalg.norm(raw, axis=-1, keepdims=True), 1e-12)
+        embedding = pad(raw, 0.0)
+    return Boxes(
+        row=rows,
+        frames=frames,
+        frame=pad(frame, F),
+        camera=pad(camera, 0),
+        box=pad(box, 1.0),
+        edges=pad(edges, 1.0),
+        size=pad(np.maximum(edges[:, 2] - edges[:, 1], 1.0), 1.0),
+        cut=pad(cut, True),
+        ankles=pad(ankles, True),
+        valid=pad(np.ones(n, bool), False),
+        table=table,
+        embedding=embedding,
+        first=np.searchsorted(frame, np.arange(F + 1)),
+    )
+
+
+def _group(frame: np.ndarray, camera: np.ndarray, F: int, C: int) -> np.ndarray:
+    """(F, C, B) rows of each frame and camera; rows are sorted by frame, then camera."""
+    key = frame * C + camera
+    start = np.searchsorted(key, np.arange(F * C))
+    slot = np.arange(len(key)) - start[key] if len(key) else np.zeros(0, int)
+    B = padded_length(int(slot.max()) + 1 if len(slot) else 1, 4)
+    table = np.full((padded_length(F, 8) * C, B), -1)
+    table[key, slot] = np.arange(len(key))
+    return table.reshape(-1, C, B)

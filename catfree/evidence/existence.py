@@ -1,0 +1,123 @@
+"""Is there a person? Log-odds of a group from what saw it and from what should have."""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import uniform_filter
+
+from catfree.evidence.association import Groups
+from catfree.evidence.boxes import Boxes, padded_length
+from catfree.evidence.constants import EvidenceSettings
+from catfree.evidence.measurement import Measurements
+from catfree.evidence.views import GroundViews
+from catfree.evidence.visibility import DetectionRate, Views, expected_views
+
+CELLS = 128  # a side of each camera's clutter map, in H0
+OUTAGE_EXPECTED = 3.0  # detections that a blind camera should have had before it counts as out
+
+
+class Existence(eqx.Module):
+    """What speaks for and against each group.
+
+    Attributes:
+        log_odds: (H,) of a person being there.
+        rate: (H, C) detection probability, 0 where a camera did not look.
+        clutter: (N,) ratio of clutter to people at each box.
+    """
+
+    log_odds: Float[np.ndarray, " group"]
+    rate: Float[np.ndarray, "group cam"]
+    clutter: Float[np.ndarray, " box"]
+
+
+def predict_views(
+    state: np.ndarray, frame: np.ndarray, member: np.ndarray, boxes: Boxes, views: GroundViews
+) -> Views:
+    """`expected_views` on the host, padded to few lengths."""
+    H = len(state)
+    N = padded_length(H)
+    pad = lambda x, fill: np.concatenate(  # noqa: E731
+        [x, np.full((N - H, *x.shape[1:]), fill, x.dtype)]
+    )
+    seen = expected_views(
+        pad(state, 1.0), pad(frame, 0), pad(member, -1), boxes.box, boxes.table, views
+    )
+    return Views(*(np.asarray(x)[:H] for x in (seen.inside, seen.height, seen.cover)))
+
+
+def looking(rate: np.ndarray, member: np.ndarray, frame: np.ndarray, boxes: Boxes) -> np.ndarray:
+    """(F, C) whether a camera delivered a frame at all: none of many expected people means no."""
+    F, C = len(boxes.frames), member.shape[1]
+    expected = np.zeros((F, C))
+    strong = (member >= 0).sum(1) >= 2
+    np.add.at(expected, frame[strong], rate[strong])
+    empty = (boxes.table[:F] >= 0).sum(-1) == 0
+    return ~(empty & (expected > OUTAGE_EXPECTED))
+
+
+def misses(rate: np.ndarray, member: np.ndarray) -> np.ndarray:
+    """(H,) sum of log(1 - Pd) over the cameras without a detection."""
+    return np.where(member < 0, np.log1p(-np.minimum(rate, 0.99)), 0.0).sum(1)
+
+
+def clutter_cells(
+    state: np.ndarray, camera: np.ndarray, views: GroundViews
+) -> np.ndarray:
+    """Cell of 1 H0² of each box in its camera's own ground frame."""
+    away = state[:, :2] - views.station[camera]
+    ahead = views.heading[camera]
+    forward = (away * ahead).sum(1)
+    aside = away[:, 0] * ahead[:, 1] - away[:, 1] * ahead[:, 0]
+    i = np.clip(np.floor(forward) + 8, 0, CELLS - 1).astype(int)
+    j = np.clip(np.floor(aside) + CELLS // 2, 0, CELLS - 1).astype(int)
+    return (camera * CELLS + i) * CELLS + j
+
+
+def judge_groups(
+    groups: Groups, agreement: np.ndarray, measurements: Measurements, boxes: Boxes,
+    views: GroundViews, rate: DetectionRate, seen: Views, settings: EvidenceSettings,
+) -> Existence:
+    """Log-odds of every group, with the clutter ratio learned by expectation maximization.
+
+    Args:
+        groups: who was grouped.
+        agreement: (H,) appearance term.
+        measurements, boxes, views: what was seen.
+        rate: detection rates of the cameras.
+        seen: (H, C) expected views of the groups.
+        settings: constants.
+    """
+    member = groups.member
+    there = member >= 0
+    C = member.shape[1]
+    probability = rate(seen)
+    probability = probability * looking(probability, member, groups.frame, boxes)[groups.frame]
+    base = groups.gain + agreement
+    if settings.use_misses:
+        base = base + misses(probability, member)
+    found = np.maximum(probability, settings.smallest_detection_rate)
+    base = base + np.where(there, np.log(found), 0.0).sum(1)
+
+    rows = np.maximum(member, 0)
+    g, c = np.nonzero(there)
+    box = member[g, c]
+    cell = clutter_cells(measurements.state[box], c, views)
+    clutter = np.full(len(g), settings.clutter_start)
+    log_odds = base
+    for round_ in range(settings.clutter_rounds + 1):
+        log_odds = base - np.bincount(g, np.log(clutter), len(member))
+        if round_ == settings.clutter_rounds or not settings.local_clutter:
+            break
+        p = 1 / (1 + np.exp(-np.clip(log_odds, -30, 30)))[g]
+        shape = (C, CELLS, CELLS)
+        person = np.bincount(cell, p, C * CELLS * CELLS).reshape(shape)
+        other = np.bincount(cell, 1 - p, C * CELLS * CELLS).reshape(shape)
+        ratio = (other.sum((1, 2)) + 1) / (person.sum((1, 2)) + 1)
+        near = [9 * uniform_filter(x, (0, 3, 3), mode="constant") for x in (person, other)]
+        pseudo = settings.clutter_pseudo_counts
+        smooth = (near[1] + pseudo * ratio[:, None, None]) / (near[0] + pseudo)
+        clutter = np.clip(smooth.reshape(-1)[cell], *settings.clutter_range)
+    per_box = np.full(len(boxes.frame), settings.clutter_start)
+    per_box[box] = clutter
+    del rows
+    return Existence(log_odds, probability, per_box)

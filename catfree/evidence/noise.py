@@ -1,0 +1,157 @@
+"""Self-calibration: the noise, the systematic offsets and the people's height, from the data."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from catfree.evidence.association import Groups
+from catfree.evidence.boxes import Boxes, padded_length
+from catfree.evidence.constants import EvidenceSettings
+from catfree.evidence.gaussian import Information, mean_and_covariance
+from catfree.evidence.measurement import Measurements, Noise, field_features
+from catfree.evidence.views import GroundViews, drop_to_height, edges_and_slopes, height_at
+
+ENOUGH = 30  # residuals below which a camera keeps what it had
+HUBER = 1.5
+
+
+@jax.jit
+def _implied(edges, camera, matrix, inverse):
+    def one(edges, c):
+        position = drop_to_height(jnp.asarray(inverse)[c], edges[jnp.array([0, 2])])
+        m = jnp.asarray(matrix)[c]
+        depth = m[2, 0] * position[0] + m[2, 1] * position[1] + m[2, 3]
+        return height_at(m, position, edges[1]), depth
+
+    return jax.vmap(one)(edges, camera)
+
+
+def median_height(boxes: Boxes, views: GroundViews) -> float:
+    """Median height that whole boxes imply, in units of the views' H0; NaN without any."""
+    height, depth = map(
+        np.asarray, _implied(boxes.edges, boxes.camera, views.matrix, views.ground_inverse)
+    )
+    good = boxes.valid & ~boxes.cut.any(1) & (depth > 0) & (height > 0) & np.isfinite(height)
+    return float(np.median(height[good])) if good.any() else float("nan")
+
+
+@jax.jit
+def _left_out(edges, size, camera, info, total, views: GroundViews, spread):
+    """Residual of each box against the person that the other cameras see."""
+
+    def one(edges, size, c, matrix, focal, center, info, total):
+        rest = jax.tree.map(lambda a, b: a - b, total, info)
+        state, covariance = mean_and_covariance(rest, spread)
+        predicted, slopes = edges_and_slopes(matrix, state)
+        variance = jnp.einsum("ij,jk,ik->i", slopes, covariance, slopes)
+        features = field_features(edges, size, focal, center)
+        return edges - predicted, variance, features
+
+    take = lambda a: jnp.asarray(a)[camera]  # noqa: E731
+    return jax.vmap(one)(
+        edges, size, camera, take(views.matrix), take(views.focal), take(views.center), info, total
+    )
+
+
+def learn_noise(
+    noise: Noise, groups: Groups, measurements: Measurements, boxes: Boxes, views: GroundViews,
+    settings: EvidenceSettings,
+) -> tuple[Noise, float]:
+    """One round of self-calibration from groups of at least three cameras.
+
+    Args:
+        noise: what was assumed.
+        groups, measurements, boxes, views: what followed from it.
+        settings: constants.
+
+    Returns:
+        What the residuals say, and the median height in units of the present H0.
+    """
+    there = groups.member >= 0
+    strong = np.flatnonzero(there.sum(1) >= 3)
+    C = groups.member.shape[1]
+    if len(strong) < ENOUGH:
+        return noise, 1.0
+    state, _ = mean_and_covariance(groups.info[strong], noise.spread)
+    heights = state[:, 2]
+    center = float(np.median(heights))
+    spread = 1.4826 * float(np.median(np.abs(heights - center))) / center
+    spread = float(np.clip(spread, *settings.height_spread_range))
+    density = crowding(state[:, :2], groups.frame[strong])
+
+    g, c = np.nonzero(there[strong])
+    rows = groups.member[strong][g, c]
+    n, N = len(rows), padded_length(len(rows))
+    pad = np.concatenate([np.arange(n), np.zeros(N - n, int)])
+    info = measurements.info[rows[pad]]
+    total = groups.info[strong[g[pad]]]
+    raw = boxes.edges
+    residual, variance, features = (
+        np.asarray(x)[:n]
+        for x in _left_out(
+            raw[rows[pad]], boxes.size[rows[pad]], c[pad], info, total, views,
+            np.asarray(noise.spread),
+        )
+    )  # fmt: skip
+    sd = np.sqrt(measurements.noise[rows] ** 2 + variance)
+    used = measurements.used[rows] & np.isfinite(residual).all(1)[:, None]
+    # A foot believed to be wrong, or a side that is cut, says nothing about the usual noise.
+    used &= ~boxes.cut[rows, :1]
+    field, edge, angular = noise.field.copy(), noise.edge.copy(), noise.angular
+    if settings.residual_field:
+        for camera in range(C):
+            for k in range(3):
+                own = used[:, k] & (c == camera)
+                if own.sum() >= ENOUGH:
+                    field[camera, k] = _robust_ridge(
+                        features[own, k], residual[own, k], sd[own, k],
+                        np.array(settings.field_prior), k,
+                    )  # fmt: skip
+    left = residual - np.einsum("nkf,nkf->nk", features, field[c])
+    z = left / sd
+    pool = []
+    for camera in range(C):
+        for k in range(3):
+            own = used[:, k] & (c == camera)
+            if own.sum() >= ENOUGH:
+                factor = 1.4826 * float(np.median(np.abs(z[own, k])))
+                pool.append(factor)
+                start = settings.edge_noise[k]
+                edge[camera, k] = np.clip(
+                    edge[camera, k] * np.clip(factor, 0.5, 2.0),
+                    settings.noise_factor_range[0] * start,
+                    settings.noise_factor_range[1] * start,
+                )
+    if pool:
+        angular = np.clip(
+            angular * np.clip(np.median(pool), 0.5, 2.0), *settings.angular_noise_range
+        )
+    return (
+        Noise(edge, np.asarray(angular), field, np.asarray(spread), np.asarray(density)),
+        center,
+    )
+
+
+def crowding(position: np.ndarray, frame: np.ndarray) -> float:
+    """People per H0² of the ground that people use: cells of 2 H0 that anyone visits."""
+    cells = np.unique(np.floor(position / 2).astype(int), axis=0)
+    people = len(position) / max(len(np.unique(frame)), 1)
+    return float(np.clip(people / (4 * len(cells)), 0.003, 1.0))
+
+
+def _robust_ridge(X, y, sd, prior, component) -> np.ndarray:
+    """Huber regression with a Gaussian prior around 0, three reweightings."""
+    X, y = X / sd[:, None], y / sd
+    weight = np.ones(len(y))
+    if component == 0:
+        X = X * np.array([1.0, 1.0, 1.0, 0.0])
+    for _ in range(4):
+        A = (X * weight[:, None]).T @ X + np.diag(1 / prior**2)
+        coefficients = np.linalg.solve(A, (X * weight[:, None]).T @ y)
+        error = np.abs(y - X @ coefficients)
+        scale = max(1.4826 * float(np.median(error)), 1e-6)
+        weight = np.minimum(1, HUBER * scale / np.maximum(error, 1e-12))
+    return coefficients
+
+
+_ = Information
