@@ -1,5 +1,12 @@
 """How good the result is: detection, tracking, alignment and uncertainty against ground truth."""
 
+from catfree.evaluation.alignment import (
+    LeaveOneOut as LeaveOneOut,
+    PositionAlignment as PositionAlignment,
+    align_centres as align_centres,
+    align_positions as align_positions,
+    leave_one_camera_out as leave_one_camera_out,
+)
 from catfree.evaluation.area import (
     AreaMetrics as AreaMetrics,
     crop as crop,

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from catfree.errors import InvalidInputError
 from catfree.evaluation.detection import Compatibility, DetectionMetrics, detection_metrics
-from catfree.evaluation.rows import as_rows, read_sequence
+from catfree.evaluation.rows import Number, as_rows, read_sequence
 
 Outside = Literal["ignore", "false_positive"]
 
@@ -74,7 +74,7 @@ def detection_metrics_in_area(
     predictions: Any,
     area: Any,
     frames: Any = None,
-    threshold: float = 0.5,
+    threshold: Number = 0.5,
     *,
     outside: Outside = "ignore",
     compat: Compatibility | None = None,

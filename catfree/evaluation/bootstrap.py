@@ -7,6 +7,7 @@ import numpy as np
 
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.evaluation.detection import DetectionMetrics, detection_rates
+from catfree.evaluation.rows import Number
 
 
 class Interval(NamedTuple):
@@ -60,7 +61,7 @@ def bootstrap(
     samples: int = 2000,
     *,
     seed: int | np.random.Generator = 0,
-    level: float = 0.95,
+    level: Number = 0.95,
     block_length: int = 1,
 ) -> DetectionIntervals:
     """How much the metrics would vary had other frames of the same scene been annotated.
@@ -113,11 +114,17 @@ def bootstrap(
         for resampled, value in zip(rates, metrics.rates, strict=True)
     )
     return DetectionIntervals(
-        moda, modp, precision, recall, level=level, samples=samples, block_length=block_length
+        moda,
+        modp,
+        precision,
+        recall,
+        level=float(level),
+        samples=samples,
+        block_length=block_length,
     )
 
 
-def _percentiles(values: np.ndarray, level: float) -> tuple[float, float]:
+def _percentiles(values: np.ndarray, level: Number) -> tuple[float, float]:
     """Both ends of the central interval, rounded outwards to values that occurred."""
     ordered = np.sort(values[~np.isnan(values)])
     if not len(ordered):

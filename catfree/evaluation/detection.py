@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from catfree.errors import InvalidInputError
 from catfree.evaluation.matching import match
-from catfree.evaluation.rows import Sequence, as_positive, read_sequence
+from catfree.evaluation.rows import Number, Sequence, as_positive, read_sequence
 
 Compatibility = Literal["mvdet_python", "mvdet_frames"]
 
@@ -28,7 +28,7 @@ class DetectionRates(NamedTuple):
 
 
 def detection_rates(
-    tp: Any, fp: Any, fn: Any, distance_sum: Any, threshold: float, *, clamped: bool = False
+    tp: Any, fp: Any, fn: Any, distance_sum: Any, threshold: Number, *, clamped: bool = False
 ) -> DetectionRates:
     """Turn counts into percentages, elementwise.
 
@@ -139,7 +139,7 @@ def detection_metrics(
     ground_truth: Any,
     predictions: Any,
     frames: Any = None,
-    threshold: float = 0.5,
+    threshold: Number = 0.5,
     *,
     compat: Compatibility | None = None,
 ) -> DetectionMetrics:

@@ -6,6 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 
+from catfree.evaluation.rows import Sequence
+
 
 class Matching(NamedTuple):
     """Matched pairs of one frame.
@@ -39,3 +41,25 @@ def match(distance: Float[np.ndarray, "g p"], admissible: Bool[np.ndarray, "g p"
     kept = admissible[truth, predicted]
     truth, predicted = truth[kept], predicted[kept]
     return Matching(truth, predicted, distance[truth, predicted])
+
+
+def matched_rows(
+    sequence: Sequence, gate: float
+) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+    """Match every frame by distance.
+
+    Args:
+        sequence: ground truth and predictions.
+        gate: largest distance of a pair in metres.
+
+    Returns:
+        Indices of the paired rows in `sequence.truth` and in `sequence.predicted`.
+    """
+    truths = [np.zeros(0, dtype=np.int64)]
+    predictions = [np.zeros(0, dtype=np.int64)]
+    for truth, predicted in sequence:
+        distances = sequence.distances(truth, predicted)
+        pairs = match(distances, distances <= gate)
+        truths.append(truth[pairs.truth])
+        predictions.append(predicted[pairs.predicted])
+    return np.concatenate(truths), np.concatenate(predictions)

@@ -9,26 +9,12 @@ from scipy.stats import chi2
 
 from catfree.errors import InvalidInputError
 from catfree.evaluation.detection import GATE_TOLERANCE
-from catfree.evaluation.matching import match
-from catfree.evaluation.rows import Sequence, as_positive, read_sequence
-
-
-def _matched_rows(
-    sequence: Sequence, gate: float
-) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
-    """Indices of the matched true and predicted rows of a sequence."""
-    truths = [np.zeros(0, dtype=np.int64)]
-    predictions = [np.zeros(0, dtype=np.int64)]
-    for truth, predicted in sequence:
-        distances = sequence.distances(truth, predicted)
-        pairs = match(distances, distances <= gate + GATE_TOLERANCE)
-        truths.append(truth[pairs.truth])
-        predictions.append(predicted[pairs.predicted])
-    return np.concatenate(truths), np.concatenate(predictions)
+from catfree.evaluation.matching import matched_rows
+from catfree.evaluation.rows import Number, as_positive, read_sequence
 
 
 def matched_predictions(
-    ground_truth: Any, predictions: Any, threshold: float = 0.5
+    ground_truth: Any, predictions: Any, threshold: Number = 0.5
 ) -> Bool[np.ndarray, " p"]:
     """Which predictions are true positives, in the sense of `detection_metrics`.
 
@@ -46,7 +32,7 @@ def matched_predictions(
     gate = as_positive(threshold, "threshold")
     sequence = read_sequence(ground_truth, predictions)
     correct = np.zeros(len(sequence.predicted), dtype=bool)
-    correct[_matched_rows(sequence, gate)[1]] = True
+    correct[matched_rows(sequence, gate + GATE_TOLERANCE)[1]] = True
     return correct
 
 
@@ -94,9 +80,9 @@ def ellipse_coverage(
     predictions: Any,
     covariance: Any,
     frames: Any = None,
-    threshold: float = 1.0,
+    threshold: Number = 1.0,
     *,
-    level: float = 0.95,
+    level: Number = 0.95,
 ) -> EllipseCoverage:
     """Check ground covariances against the true positions.
 
@@ -131,10 +117,10 @@ def ellipse_coverage(
     covariances = covariances.reshape(n, 2, 2)
     _require_positive_definite(covariances)
     covariances = covariances[np.isin(everything.predicted[:, 0], sequence.frames)]
-    truth, predicted = _matched_rows(sequence, gate)
+    truth, predicted = matched_rows(sequence, gate + GATE_TOLERANCE)
     error = sequence.truth[truth, 2:] - sequence.predicted[predicted, 2:]
     solved = np.linalg.solve(covariances[predicted], error[:, :, None])[:, :, 0]
-    return EllipseCoverage(level=level, squared_mahalanobis=(error * solved).sum(axis=1))
+    return EllipseCoverage(level=float(level), squared_mahalanobis=(error * solved).sum(axis=1))
 
 
 def _require_positive_definite(covariances: Float[np.ndarray, "p 2 2"]) -> None:

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from catfree.errors import InvalidInputError
 from catfree.types.validation import as_integer
 
+Number = float | int | np.number
 Rows = Float[np.ndarray, "n 4"]
 
 

@@ -10,13 +10,13 @@ from scipy.optimize import linear_sum_assignment
 
 from catfree.errors import InvalidInputError
 from catfree.evaluation.matching import match
-from catfree.evaluation.rows import Sequence, as_positive, read_sequence
+from catfree.evaluation.rows import Number, Sequence, as_positive, read_sequence
 
 MOSTLY_TRACKED = 0.8  # shares of a person's annotated frames, as in the MOT benchmarks
 MOSTLY_LOST = 0.2
 
 
-def _ratio(numerator: float, denominator: float) -> float:
+def _ratio(numerator: Number, denominator: Number) -> float:
     """The quotient; nan or an infinity where the denominator is 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(np.divide(numerator, denominator))
@@ -121,7 +121,7 @@ class TrackingMetrics:
 
 
 def tracking_metrics(
-    ground_truth: Any, predictions: Any, frames: Any = None, threshold: float = 1.0
+    ground_truth: Any, predictions: Any, frames: Any = None, threshold: Number = 1.0
 ) -> TrackingMetrics:
     """Compare predicted with true trajectories.
 
