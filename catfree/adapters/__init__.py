@@ -46,6 +46,7 @@ from catfree.adapters.tracks_table import (
 )
 from catfree.adapters.uniform_json import read_uniform_json as read_uniform_json
 from catfree.adapters.vggt import VggtOnnx as VggtOnnx
+from catfree.adapters.video import SynchronizedVideos as SynchronizedVideos
 from catfree.adapters.wildtrack import read_wildtrack as read_wildtrack
 from catfree.adapters.yolo_pose import YoloPoseOnnx as YoloPoseOnnx
 from catfree.adapters.yolox import YoloxOnnx as YoloxOnnx
