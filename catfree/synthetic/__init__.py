@@ -2,7 +2,6 @@
 
 from catfree.synthetic.detector import DetectorModel as DetectorModel, detect as detect
 from catfree.synthetic.disturbance import (
-    Gauge as Gauge,
     RigError as RigError,
     arbitrary_gauge as arbitrary_gauge,
     disturb as disturb,

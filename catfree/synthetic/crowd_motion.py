@@ -135,7 +135,9 @@ def advance(crowd: Crowd, rng: np.random.Generator, dt: float) -> None:
     # Members who fell behind are waited for.
     behind = _group_mean(crowd, np.linalg.norm(_places(crowd) - crowd.position, axis=-1))
     desired = desired * np.clip(1.5 - behind, 0.2, 1.0)[:, None]
-    crowd.anchor_velocity += _limited((desired - crowd.anchor_velocity) / RELAXATION) * dt
+    crowd.anchor_velocity += (
+        _limited((desired - crowd.anchor_velocity) / RELAXATION, TOP_ACCELERATION) * dt
+    )
     crowd.anchor = crowd.anchor + crowd.anchor_velocity * dt
     crowd.ahead = _turned(
         crowd.ahead,
@@ -155,11 +157,12 @@ def advance(crowd: Crowd, rng: np.random.Generator, dt: float) -> None:
     # Somebody who stands does not shuffle about for a few centimetres.
     calm = np.linalg.norm(wanted, axis=-1) < 0.15
     wanted = np.where(calm[:, None], 0.0, wanted)
-    wanted = _unit(wanted) * np.minimum(np.linalg.norm(wanted, axis=-1), TOP_SPEED)[:, None]
-    crowd.velocity = crowd.velocity + _limited((wanted - crowd.velocity) / RELAXATION) * dt
+    change = (_limited(wanted, TOP_SPEED) - crowd.velocity) / RELAXATION
+    crowd.velocity = crowd.velocity + _limited(change, TOP_ACCELERATION) * dt
     crowd.velocity = np.where(present[:, None], crowd.velocity, 0.0)
     moved = _outside_obstacles(crowd.position + crowd.velocity * dt, crowd.obstacles)
     moved = _bystanders_outside(crowd, moved)
+    moved = crowd.position + _limited(moved - crowd.position, TOP_SPEED * dt)
     crowd.position = np.where(present[:, None], moved, crowd.position)
 
     speed = np.linalg.norm(crowd.velocity, axis=-1)
@@ -306,6 +309,6 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
     return np.where(length > 1e-9, vectors / np.maximum(length, 1e-9), 0.0)
 
 
-def _limited(acceleration: np.ndarray) -> np.ndarray:
-    length = np.linalg.norm(acceleration, axis=-1, keepdims=True)
-    return acceleration * np.minimum(1.0, TOP_ACCELERATION / np.maximum(length, 1e-9))
+def _limited(vectors: np.ndarray, longest: float) -> np.ndarray:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors * np.minimum(1.0, longest / np.maximum(length, 1e-9))

@@ -6,45 +6,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from catfree.geometry.similarity import Similarity, transform_scene
 from catfree.types import Plane, Rig, Scene
-
-
-@dataclass(frozen=True)
-class Gauge:
-    """A similarity `x -> scale * rotation @ x + translation` between two world frames.
-
-    Attributes:
-        scale: length in the target frame of one unit of the source frame.
-        rotation: (3, 3).
-        translation: (3,) in units of the target frame.
-    """
-
-    scale: float
-    rotation: Float[np.ndarray, "3 3"]
-    translation: Float[np.ndarray, "3"]
-
-    def __call__(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
-        """Points (..., 3) of the source frame in the target frame."""
-        return self.scale * np.asarray(points) @ self.rotation.T + self.translation
-
-    def inverse(self) -> "Gauge":
-        """The similarity back."""
-        rotation = self.rotation.T
-        return Gauge(1 / self.scale, rotation, -(rotation @ self.translation) / self.scale)
-
-    def transform(self, scene: Scene, *, metric: bool = False) -> Scene:
-        """The same scene in the target frame: every pixel stays where it is."""
-        rig, ground = scene.rig, scene.ground
-        R = np.asarray(rig.R) @ self.rotation.T
-        t = -np.einsum("cij,cj->ci", R, self(np.asarray(rig.centers)))
-        normal = self.rotation @ np.asarray(ground.normal)
-        offset = self.scale * np.asarray(ground.offset) - normal @ self.translation
-        return Scene(
-            Rig(rig.K, R, t, rig.image_size, rig.distortion, rig.registered),
-            Plane(normal, offset),
-            self.scale * np.asarray(scene.extent),
-            metric,
-        )
 
 
 @dataclass(frozen=True)
@@ -125,7 +88,7 @@ def disturb_ground(
     return Plane(normal, -normal @ passing)
 
 
-def arbitrary_gauge(scene: Scene, seed: int = 0) -> tuple[Scene, Gauge]:
+def arbitrary_gauge(scene: Scene, seed: int = 0) -> tuple[Scene, Similarity]:
     """The scene in a random frame, as an image-based reconstruction delivers it.
 
     Args:
@@ -140,8 +103,8 @@ def arbitrary_gauge(scene: Scene, seed: int = 0) -> tuple[Scene, Gauge]:
     quaternion = rng.standard_normal(4)  # uniform over rotations once it is normalised
     rotation = Rotation.from_quat(quaternion).as_matrix()
     translation = scale * float(scene.extent) * rng.normal(size=3)
-    gauge = Gauge(scale, rotation, translation)
-    return gauge.transform(scene), gauge
+    similarity = Similarity(scale, rotation, translation)
+    return transform_scene(similarity, scene, metric=False), similarity
 
 
 def _directions(rng: np.random.Generator, count: int) -> Float[np.ndarray, "n 3"]:

@@ -108,7 +108,7 @@ def simulate_walkers(
         )
     rng = np.random.default_rng(seed)
     group, start, leave, is_background = _schedule(
-        rng, people, background, duration=frames / fps, stay=stay
+        rng, people, background, duration=frames / fps, stay=float(stay)
     )
     crowd = Crowd.draw(
         rng,
@@ -117,7 +117,7 @@ def simulate_walkers(
         start=start,
         leave=leave,
         background=is_background,
-        standing=standing,
+        standing=float(standing),
         obstacles=np.zeros((0, 3)) if obstacles is None else np.asarray(obstacles, np.float64),
         entry_margin=ENTRY_MARGIN,
         background_band=BACKGROUND_BAND,

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from catfree.geometry.similarity import Similarity
 from catfree.synthetic.detector import DetectorModel, detect
 from catfree.synthetic.disturbance import (
-    Gauge,
     RigError,
     arbitrary_gauge,
     disturb,
@@ -45,7 +45,7 @@ class World:
     true_centres: Float[np.ndarray, "cam 3"]
     area: Area
     identities: Int[np.ndarray, " d"]
-    scene_from_world: Gauge
+    scene_from_world: Similarity
     walkers: Walkers
     layout: Layout
     columns: Float[np.ndarray, "k 4"]
@@ -107,7 +107,7 @@ def make_world(
     )
     detections, identities = detect(walkers, layout.rig, model=detector, columns=columns, seed=seed)
     recovered = _disturbed(layout.scene, RigError() if rig_error is None else rig_error, seed)
-    scene, gauge = arbitrary_gauge(recovered, seed)
+    scene, similarity = arbitrary_gauge(recovered, seed)
     return World(
         detections=detections,
         scene=scene,
@@ -116,7 +116,7 @@ def make_world(
         true_centres=np.asarray(layout.rig.centers),
         area=layout.area,
         identities=identities,
-        scene_from_world=gauge,
+        scene_from_world=similarity,
         walkers=walkers,
         layout=layout,
         columns=columns,
