@@ -8,6 +8,7 @@ the score (Sec. "The Scoring Stage").
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Num
 
@@ -16,6 +17,9 @@ from catfree.filters.arrays import HostOrDevice, as_floating, as_mask
 # Splits whose criterion agrees to so many units of rounding are ties, so that neither the order of
 # the sample nor its unit decides between them.
 TIE_ROUNDINGS = 4
+# Each comparison leaves about the square root of the error before it: three reach the rounding of
+# the values from any start.
+REFINEMENTS = 3
 
 
 class _Split(NamedTuple):
@@ -39,6 +43,7 @@ def _sorted_sample(
     return jnp.sort(jnp.where(member, values, jnp.inf)), jnp.sum(member)
 
 
+@jax.jit  # compiled once a shape: outside of jit, its loop would be compiled at every call
 def _best_split(
     ordered: Float[Array, " n"], statistic: Float[Array, " n"], count: Int[Array, ""]
 ) -> _Split:
@@ -66,12 +71,15 @@ def _best_split(
     allowed = member[1:] & (ordered[:-1] < ordered[1:])
     best = jnp.argmax(jnp.where(allowed, between, -1))
     # The criterion is so flat at its maximum that many splits of a large float32 sample look alike:
-    # compare them once more with the best so far, by differences.
-    gain, _ = _gain_over(best, centred, below, total)
-    best = jnp.argmax(jnp.where(allowed, gain, -jnp.inf))
-    gain, rounding = _gain_over(best, centred, below, total)
-    largest = jnp.max(jnp.where(allowed, gain, -jnp.inf))
-    best = jnp.argmax(allowed & (gain + rounding >= largest))
+    # compare them again with the best so far, by differences.
+    fixed_centred, fixed_below = jax.lax.stop_gradient((centred, below))
+
+    def refine(_: Int[Array, ""], reference: Int[Array, ""]) -> Int[Array, ""]:
+        gain, rounding = _gain_over(reference, fixed_centred, fixed_below, total)
+        largest = jnp.max(jnp.where(allowed, gain, -jnp.inf))
+        return jnp.argmax(allowed & (gain + rounding >= largest))
+
+    best = jax.lax.fori_loop(0, REFINEMENTS, refine, best)
 
     exists = jnp.any(allowed)
     spread = jnp.sum(jnp.square(centred))
@@ -92,14 +100,16 @@ def _gain_over(
     difference of two criteria would keep the rounding of the criteria.
     """
     position = jnp.arange(centred.shape[0])
-    after = jnp.cumsum(jnp.where(position > reference, centred, 0))[:-1]
-    before = jnp.cumsum(jnp.where(position <= reference, centred, 0)[::-1])[::-1][1:]
+    beyond = position > reference
+    # One scan for both sides: sums from the reference upwards, and downwards.
+    sides = jnp.stack([jnp.where(beyond, centred, 0), jnp.where(beyond, 0, centred)[::-1]])
+    upwards, downwards = jnp.cumsum(sides, axis=1)
     start = below[reference]
     low = (reference + 1).astype(centred.dtype)
     high = jnp.maximum(total - low, 1)
     step = (position[:-1] - reference).astype(centred.dtype)
     # Changes of below, n_low and n_high relative to the reference.
-    s = (after - before) / jnp.where(start == 0, 1, start)
+    s = (upwards[:-1] - downwards[::-1][1:]) / jnp.where(start == 0, 1, start)
     a, b = step / low, step / high
     # below² / (n_low n_high) becomes (1 + s)² / ((1 + a) (1 - b)) times as large.
     terms = (2 * s, jnp.square(s), -a, b, a * b)

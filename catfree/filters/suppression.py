@@ -42,19 +42,7 @@ def suppress(
     order = jnp.lexsort(tuple(columns.T[::-1]))  # stable: ties stay in index order
     near = _within(positions, positions, radius, present, present)[order][:, order]
     beaten_by = near & (jnp.arange(count)[None, :] < jnp.arange(count)[:, None])
-    present = present[order]
-
-    def decide(
-        state: tuple[Bool[Array, " h"], Bool[Array, " h"]],
-    ) -> tuple[Bool[Array, " h"], Bool[Array, " h"]]:
-        undecided, kept = state
-        new = undecided & ~jnp.any(beaten_by & undecided[None, :], axis=1)
-        removed = jnp.any(beaten_by & new[None, :], axis=1)
-        return undecided & ~new & ~removed, kept | new
-
-    start = (present, jnp.zeros(count, bool))
-    _, kept = jax.lax.while_loop(lambda state: jnp.any(state[0]), decide, start)
-    return jnp.zeros(count, bool).at[order].set(kept)
+    return jnp.zeros(count, bool).at[order].set(_greedy(beaten_by, present[order]))
 
 
 def outside(
@@ -93,3 +81,20 @@ def _within(
     y = rows[:, 1][:, None] - columns[:, 1][None, :]
     near = jnp.hypot(x, y) <= jnp.asarray(radius, rows.dtype)
     return near & row_present[:, None] & column_present[None, :]
+
+
+@jax.jit  # compiled once a shape: outside of jit, its loop would be compiled at every call
+def _greedy(beaten_by: Bool[Array, "h h"], present: Bool[Array, " h"]) -> Bool[Array, " h"]:
+    """Keep, in rounds, what no undecided position beats, and remove what the kept ones beat."""
+
+    def decide(
+        state: tuple[Bool[Array, " h"], Bool[Array, " h"]],
+    ) -> tuple[Bool[Array, " h"], Bool[Array, " h"]]:
+        undecided, kept = state
+        new = undecided & ~jnp.any(beaten_by & undecided[None, :], axis=1)
+        removed = jnp.any(beaten_by & new[None, :], axis=1)
+        return undecided & ~new & ~removed, kept | new
+
+    start = (present, jnp.zeros_like(present))
+    _, kept = jax.lax.while_loop(lambda state: jnp.any(state[0]), decide, start)
+    return kept
