@@ -2,16 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from catfree.errors import InvalidInputError
-from catfree.evaluation.detection import Compatibility, DetectionMetrics, detection_metrics
+from catfree.evaluation.detection import DetectionMetrics, detection_metrics
 from catfree.evaluation.rows import Number, as_rows, read_sequence
-
-Outside = Literal["ignore", "false_positive"]
 
 
 def crop(rows: Any, area: Any) -> Float[np.ndarray, "n 4"]:
@@ -60,7 +58,7 @@ class AreaMetrics:
     metrics: DetectionMetrics
     ground_truth_outside: int
     predictions_outside: int
-    outside: Outside
+    outside: str
 
     def __str__(self) -> str:
         return (
@@ -76,8 +74,8 @@ def detection_metrics_in_area(
     frames: Any = None,
     threshold: Number = 0.5,
     *,
-    outside: Outside = "ignore",
-    compat: Compatibility | None = None,
+    outside: str = "ignore",
+    compat: str | None = None,
 ) -> AreaMetrics:
     """Detection metrics of the people annotated in an area.
 

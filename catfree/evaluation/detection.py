@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -10,8 +10,6 @@ from jaxtyping import Float, Int
 from catfree.errors import InvalidInputError
 from catfree.evaluation.matching import match
 from catfree.evaluation.rows import Number, Sequence, as_positive, read_sequence
-
-Compatibility = Literal["mvdet_python", "mvdet_frames"]
 
 # Positions of the public data sets lie on grids of 2.5 cm, so distances of exactly 0.5 m are
 # common; the tolerance keeps them inside the gate after the conversion from cells to metres.
@@ -141,7 +139,7 @@ def detection_metrics(
     frames: Any = None,
     threshold: Number = 0.5,
     *,
-    compat: Compatibility | None = None,
+    compat: str | None = None,
 ) -> DetectionMetrics:
     """Compare predicted with true ground positions, frame by frame, regardless of identity.
 

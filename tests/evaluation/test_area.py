@@ -75,3 +75,8 @@ def test_frames_whose_people_are_all_outside_still_count():
 def test_a_malformed_area_is_refused(area):
     with pytest.raises(InvalidInputError, match=r"^area is "):
         evaluation.crop([[0, 1, 0.0, 0.0]], area)
+
+
+def test_an_unknown_way_to_count_is_refused():
+    with pytest.raises(InvalidInputError, match="outside is 'drop'; it must be"):
+        evaluation.detection_metrics_in_area([], [], AREA, outside="drop")

@@ -233,6 +233,8 @@ def test_bad_input_is_named(arguments, message):
 
 
 def test_unknown_compat_and_mixed_parts_are_refused():
+    with pytest.raises(InvalidInputError, match="compat is 'matlab'; it must be None"):
+        evaluation.detection_metrics(GOOD, GOOD, compat="matlab")
     metrics = evaluation.detection_metrics(GOOD, GOOD)
     other = evaluation.detection_metrics(GOOD, GOOD, threshold=1.0)
     with pytest.raises(InvalidInputError, match="same threshold"):
