@@ -1,0 +1,96 @@
+"""Alternate grouping and bundle adjustment while the maps of the cameras grow sharp."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from catfree.rig.pedestrians.bundle import BoxMeasurements, BundleResult, adjust
+from catfree.rig.pedestrians.constants import CalibrationSettings
+from catfree.rig.pedestrians.observations import BoxGrid
+from catfree.rig.pedestrians.people import People, RigState, group_people
+
+
+@dataclass(frozen=True)
+class AdjustedRig:
+    """A rig after bundle adjustment.
+
+    Attributes:
+        state: the rig.
+        people: how its boxes are grouped.
+        bundle: the last adjustment.
+    """
+
+    state: RigState
+    people: People
+    bundle: BundleResult
+
+
+def measure_people(
+    grid: BoxGrid, people: People, most: int
+) -> tuple[BoxMeasurements, np.ndarray, np.ndarray] | None:
+    """The boxes of people with several views, with starts (P, 2) and (P,), or None without any."""
+    time, slot = np.nonzero(people.views >= 2)
+    if not len(time):
+        return None
+    if len(time) > most:
+        pick = np.linspace(0, len(time) - 1, most).astype(int)
+        time, slot = time[pick], slot[pick]
+    members = people.members[time, slot]
+    person, camera = np.nonzero(members >= 0)
+    at = (camera, time[person], members[person, camera])
+    box = np.stack([grid.u[at], grid.top[at], grid.bottom[at]], -1)
+    sd = np.repeat(grid.sd[at][:, None], 3, axis=1)
+    data = BoxMeasurements(person, camera, box, sd)
+    return data, people.ground.xy[time, slot], people.ground.height[time, slot]
+
+
+def alternate(
+    grid: BoxGrid,
+    state: RigState,
+    settings: CalibrationSettings,
+    *,
+    shared_focal: bool,
+    tolerances: tuple[float, ...],
+    free_offset: bool = False,
+    most_people: int = 2500,
+    iterations: int = 10,
+) -> AdjustedRig:
+    """Group people and adjust the rig, once for each range tolerance.
+
+    Args:
+        grid: all boxes.
+        state: the rig at the start.
+        settings: constants.
+        shared_focal: whether all cameras have one focal length.
+        tolerances: range tolerances of the rounds; a camera's own smaller tolerance is kept.
+        free_offset: whether the foot offset is estimated.
+        most_people: at most this many people take part.
+        iterations: of each adjustment.
+    """
+    middle = np.log(np.median(settings.focal_shares) * grid.size.max(1))
+    bundle = people = None
+    for tolerance in tolerances:
+        limited = replace(state, range_tolerance=np.full(grid.camera_count, tolerance))
+        people = group_people(grid, limited, settings)
+        measured = measure_people(grid, people, most_people)
+        if measured is None:
+            break
+        bundle = adjust(
+            *_start(measured, state),
+            log_focal_prior=middle,
+            settings=settings,
+            shared_focal=shared_focal,
+            free_offset=free_offset,
+            iterations=iterations,
+        )
+        parameters = np.where(
+            np.isfinite(bundle.parameters), bundle.parameters, state.parameters
+        )
+        state = RigState(parameters, state.placed, bundle.foot_offset, limited.range_tolerance)
+    assert people is not None and bundle is not None
+    return AdjustedRig(state, people, bundle)
+
+
+def _start(measured, state: RigState):
+    data, xy, height = measured
+    return data, state.parameters, xy, height, state.foot_offset

@@ -1,0 +1,279 @@
+"""Bundle adjustment of cameras and people from boxes, with the people eliminated (Schur).
+
+Unknown are all cameras, the common foot offset, and the place and height of every person in every
+frame. A robust weight per box edge lets a truncated box lose only the edge that is wrong. Scale
+comes from the prior on person heights, the ground is z = 0, and the heading and place of one camera
+fix the rest of the gauge.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from catfree.rig.pedestrians.camera_model import LOG_FOCAL, PAN, ROLL, TILT, Z, box_jacobian
+from catfree.rig.pedestrians.constants import CalibrationSettings
+
+CAUCHY = 2.0  # standard deviations at which a residual counts half
+
+
+@dataclass(frozen=True)
+class BoxMeasurements:
+    """Boxes of people who are seen by several cameras, sorted by person.
+
+    Attributes:
+        person: (n,) index of the person, ascending, without gaps.
+        camera: (n,) index of the camera.
+        box: (n, 3) centre, top row, bottom row in pixels from the image centre.
+        sd: (n, 3) standard deviations in pixels.
+    """
+
+    person: np.ndarray
+    camera: np.ndarray
+    box: np.ndarray
+    sd: np.ndarray
+
+
+@dataclass(frozen=True)
+class BundleResult:
+    """An adjusted rig.
+
+    Attributes:
+        parameters: (C, 7) cameras, NaN where no box was given.
+        foot_offset: metres.
+        xy: (P, 2) people.
+        height: (P,) their heights.
+        cost: robust cost.
+        residual: median absolute standardised residual.
+        covariance: (7C+1, 7C+1) of cameras and foot offset; zero for what is held.
+    """
+
+    parameters: np.ndarray
+    foot_offset: float
+    xy: np.ndarray
+    height: np.ndarray
+    cost: float
+    residual: float
+    covariance: np.ndarray
+
+
+def adjust(
+    measurements: BoxMeasurements,
+    parameters: np.ndarray,
+    xy: np.ndarray,
+    height: np.ndarray,
+    foot_offset: float,
+    log_focal_prior: np.ndarray,
+    settings: CalibrationSettings,
+    *,
+    shared_focal: bool,
+    free_offset: bool = True,
+    iterations: int = 15,
+) -> BundleResult:
+    """Adjust cameras, foot offset and people together.
+
+    Args:
+        measurements: the boxes.
+        parameters: (C, 7) start of the cameras.
+        xy: (P, 2) start of the people.
+        height: (P,) start of their heights.
+        foot_offset: start of the foot offset.
+        log_focal_prior: (C,) middle of the weak prior on log focal length.
+        settings: constants.
+        shared_focal: whether all cameras have one focal length.
+        free_offset: whether the foot offset is estimated.
+        iterations: at most this many steps.
+    """
+    problem = _Problem(
+        measurements, len(parameters), len(xy), log_focal_prior, settings, shared_focal, free_offset
+    )
+    state = (parameters.copy(), foot_offset, xy.copy(), height.copy())
+    linear = problem.linearise(*state)
+    damping = 1e-3
+    for _ in range(iterations):
+        trial = problem.step(linear, *state, damping)
+        if trial is None:
+            damping *= 10
+            continue
+        derivatives = problem.linearise(*trial)
+        if derivatives.cost < linear.cost:
+            done = linear.cost - derivatives.cost < 1e-4 * linear.cost
+            state, linear = trial, derivatives
+            damping = max(damping / 5, 1e-8)
+            if done:
+                break
+        else:
+            damping *= 10
+            if damping > 1e6:
+                break
+    out = np.where(problem.used[:, None], state[0], np.nan)
+    return BundleResult(
+        out,
+        state[1],
+        state[2],
+        state[3],
+        linear.cost,
+        float(np.median(np.abs(linear.residual))) if linear.residual.size else 0.0,
+        problem.covariance(linear, *state),
+    )
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """Boxes linearised at a state: standardised residuals, weights and derivatives."""
+
+    residual: np.ndarray
+    weight: np.ndarray
+    by_common: np.ndarray  # (n, 3, 8): camera, foot offset
+    by_person: np.ndarray
+    cost: float
+
+
+class _Problem:
+    """The normal equations of one adjustment."""
+
+    def __init__(
+        self,
+        measurements: BoxMeasurements,
+        camera_count: int,
+        person_count: int,
+        log_focal_prior: np.ndarray,
+        settings: CalibrationSettings,
+        shared_focal: bool,
+        free_offset: bool,
+    ) -> None:
+        self.data, self.settings, self.prior = measurements, settings, log_focal_prior
+        self.people, self.cameras, self.shared = person_count, camera_count, shared_focal
+        self.used = np.bincount(measurements.camera, minlength=camera_count) > 0
+        self.rows = [np.flatnonzero(measurements.camera == c) for c in range(camera_count)]
+        self.starts = np.searchsorted(measurements.person, np.arange(person_count))
+        free = np.repeat(self.used, 7)
+        anchor = int(np.argmax(np.bincount(measurements.camera, minlength=camera_count)))
+        free[7 * anchor + PAN : 7 * anchor + Z] = False
+        self.free = np.append(free, free_offset)
+
+    def linearise(
+        self, parameters: np.ndarray, offset: float, xy: np.ndarray, height: np.ndarray
+    ) -> _Linear:
+        data, s = self.data, self.settings
+        box, by_camera, by_person, by_offset = box_jacobian(
+            parameters[data.camera], xy[data.person], height[data.person], offset
+        )
+        residual = (data.box - box) / data.sd
+        scaled = residual / CAUCHY
+        cost = CAUCHY**2 * float(np.log1p(scaled**2).sum())
+        cost += float((((height - s.person_height) / s.person_height_sd) ** 2).sum())
+        cost += ((offset - s.foot_offset) / s.foot_offset_sd) ** 2
+        known = parameters[self.used]
+        log_focal = known[:, LOG_FOCAL]
+        cost += float((((log_focal - self.prior[self.used]) / s.focal_log_sd) ** 2).sum())
+        cost += float(((known[:, ROLL] / s.roll_sd) ** 2).sum())
+        if self.shared:
+            cost += float((((log_focal - log_focal.mean()) / s.shared_focal_sd) ** 2).sum())
+        common = np.concatenate([by_camera, by_offset[..., None]], -1) / data.sd[..., None]
+        return _Linear(
+            residual, 1 / (1 + scaled**2), common, by_person / data.sd[..., None], cost
+        )
+
+    def _reduce(
+        self,
+        linear: _Linear,
+        parameters: np.ndarray,
+        offset: float,
+        height: np.ndarray,
+        damping: float,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Reduced normal equations of the cameras, and what gives the people back."""
+        s, data = self.settings, self.data
+        size = 7 * self.cameras + 1
+        root = np.sqrt(linear.weight)[..., None]
+        common, person = linear.by_common * root, linear.by_person * root
+        residual = linear.residual[..., None] * root
+        U, g = np.zeros((size, size)), np.zeros(size)
+        for camera, rows in enumerate(self.rows):
+            if not len(rows):
+                continue
+            index = np.append(np.arange(7 * camera, 7 * camera + 7), size - 1)
+            block = common[rows].reshape(-1, 8)
+            U[np.ix_(index, index)] += block.T @ block
+            g[index] += block.T @ residual[rows].reshape(-1)
+            at = 7 * camera + LOG_FOCAL
+            U[at, at] += s.focal_log_sd**-2
+            g[at] -= (parameters[camera, LOG_FOCAL] - self.prior[camera]) * s.focal_log_sd**-2
+            at = 7 * camera + ROLL
+            U[at, at] += s.roll_sd**-2
+            g[at] -= parameters[camera, ROLL] * s.roll_sd**-2
+        if self.shared:
+            at = 7 * np.flatnonzero(self.used) + LOG_FOCAL
+            log_focal = parameters[self.used, LOG_FOCAL]
+            pull = (np.eye(len(at)) - 1 / len(at)) * s.shared_focal_sd**-2
+            U[np.ix_(at, at)] += pull
+            g[at] -= pull @ log_focal
+        U[-1, -1] += s.foot_offset_sd**-2
+        g[-1] -= (offset - s.foot_offset) * s.foot_offset_sd**-2
+        turned = np.swapaxes(person, 1, 2)
+        V = np.add.reduceat(turned @ person, self.starts)
+        b = np.add.reduceat((turned @ residual)[..., 0], self.starts)
+        V[:, 2, 2] += s.person_height_sd**-2
+        b[:, 2] -= (height - s.person_height) * s.person_height_sd**-2
+        diagonal = np.arange(3)
+        V[:, diagonal, diagonal] *= 1 + damping
+        V[:, diagonal, diagonal] += 1e-6
+        E = np.zeros((self.people, size, 3))
+        mixed = np.swapaxes(common, 1, 2) @ person
+        columns = 7 * data.camera[:, None] + np.arange(7)
+        E[data.person[:, None], columns] = mixed[:, :7]
+        E[:, -1] = np.add.reduceat(mixed[:, 7], self.starts)
+        inverse = np.linalg.inv(V)
+        EV = E @ inverse
+        diagonal = np.arange(size)
+        U[diagonal, diagonal] *= 1 + damping
+        S = U - np.tensordot(EV, E, ([0, 2], [0, 2]))
+        r = g - np.tensordot(EV, b, ([0, 2], [0, 1]))
+        return S, r, E, inverse, b
+
+    def step(
+        self,
+        linear: _Linear,
+        parameters: np.ndarray,
+        offset: float,
+        xy: np.ndarray,
+        height: np.ndarray,
+        damping: float,
+    ) -> tuple[np.ndarray, float, np.ndarray, np.ndarray] | None:
+        """The state after one damped step, or None if the step is not usable."""
+        S, r, E, inverse, b = self._reduce(linear, parameters, offset, height, damping)
+        free = self.free
+        common = np.zeros(len(free))
+        try:
+            common[free] = np.linalg.solve(S[np.ix_(free, free)], r[free])
+        except np.linalg.LinAlgError:
+            return None
+        people = np.einsum("pij,pj->pi", inverse, b - np.einsum("pdi,d->pi", E, common))
+        moved = parameters + common[:-1].reshape(-1, 7)
+        known = moved[self.used]
+        outside = (np.abs(known[:, TILT]) > 1.5) | (known[:, Z] < 0.3) | (known[:, Z] > 80)
+        if outside.any() or not np.isfinite(common).all():
+            return None
+        people[:, :2] = np.clip(people[:, :2], -10, 10)
+        return (
+            moved,
+            float(np.clip(offset + common[-1], 0.0, 0.6)),
+            xy + people[:, :2],
+            np.clip(height + people[:, 2], 1.0, 2.4),
+        )
+
+    def covariance(
+        self,
+        linear: _Linear,
+        parameters: np.ndarray,
+        offset: float,
+        xy: np.ndarray,
+        height: np.ndarray,
+    ) -> np.ndarray:
+        S = self._reduce(linear, parameters, offset, height, 0.0)[0]
+        free = self.free
+        out = np.zeros_like(S)
+        out[np.ix_(free, free)] = np.linalg.pinv(S[np.ix_(free, free)], hermitian=True)
+        return out
+
+

@@ -1,0 +1,151 @@
+"""One upright-world camera in seven numbers, and the box that a standing person makes in it.
+
+A camera is (log f, tilt, roll, pan, X, Y, Z): focal length in pixels, angle of the optical axis
+below the horizon, rotation about it, heading, and centre in metres over the ground z = 0. Pixels
+are relative to the principal point, which is held at the image centre: freeing it lets the rig
+bend.
+"""
+
+import numpy as np
+
+LOG_FOCAL, TILT, ROLL, PAN, X, Y, Z = range(7)
+
+
+def rotation(parameters: np.ndarray) -> np.ndarray:
+    """World-to-camera rotations (..., 3, 3) of parameters (..., 7)."""
+    tilt, roll, pan = (parameters[..., i] for i in (TILT, ROLL, PAN))
+    st, ct, sr, cr, sp, cp = (g(a) for a in (tilt, roll, pan) for g in (np.sin, np.cos))
+    zero, one = np.zeros_like(tilt), np.ones_like(tilt)
+
+    def matrix(*entries: np.ndarray) -> np.ndarray:
+        return np.stack(entries, -1).reshape(tilt.shape + (3, 3))
+
+    tilting = matrix(one, zero, zero, zero, -st, -ct, zero, ct, -st)
+    rolling = matrix(cr, sr, zero, -sr, cr, zero, zero, zero, one)
+    panning = matrix(cp, sp, zero, -sp, cp, zero, zero, zero, one)
+    return rolling @ tilting @ panning
+
+
+def project(parameters: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (..., 2) and depths (...) of world points (..., 3) in one camera (7,)."""
+    local = (points - parameters[X:]) @ rotation(parameters).T
+    depth = local[..., 2]
+    safe = np.where(depth > 1e-3, depth, 1.0)
+    return np.exp(parameters[LOG_FOCAL]) * local[..., :2] / safe[..., None], depth
+
+
+def predict_boxes(
+    parameters: np.ndarray, xy: np.ndarray, height: np.ndarray, foot_offset: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes of standing people in one camera.
+
+    Args:
+        parameters: (7,) the camera.
+        xy: (..., 2) ground positions in metres.
+        height: (...) person heights in metres.
+        foot_offset: metres by which the visible foot is nearer to the camera.
+
+    Returns:
+        (..., 3) horizontal centre, top row and bottom row, and whether the person is in front.
+    """
+    toward = xy - parameters[X:Z]
+    distance = np.maximum(np.linalg.norm(toward, axis=-1, keepdims=True), 1e-6)
+    foot = xy - foot_offset * toward / distance
+    foot_pixel, foot_depth = project(
+        parameters, np.concatenate([foot, np.zeros_like(distance)], -1)
+    )
+    head_pixel, head_depth = project(parameters, np.concatenate([xy, height[..., None]], -1))
+    box = np.stack(
+        [
+            (foot_pixel[..., 0] + head_pixel[..., 0]) / 2,
+            head_pixel[..., 1],
+            foot_pixel[..., 1],
+        ],
+        -1,
+    )
+    return box, (foot_depth > 0.1) & (head_depth > 0.1)
+
+
+def box_jacobian(
+    parameters: np.ndarray, xy: np.ndarray, height: np.ndarray, foot_offset: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Predicted boxes and their derivatives, one camera per row.
+
+    Args:
+        parameters: (n, 7) the camera of each row.
+        xy: (n, 2) ground positions.
+        height: (n,) person heights.
+        foot_offset: metres.
+
+    Returns:
+        box (n, 3); its derivatives by the camera (n, 3, 7), by the person x, y, height (n, 3, 3)
+        and by the foot offset (n, 3).
+    """
+    n = len(xy)
+    R = rotation(parameters)
+    focal = np.exp(parameters[:, LOG_FOCAL])
+    toward = xy - parameters[:, X:Z]
+    distance = np.maximum(np.linalg.norm(toward, axis=-1), 1e-6)
+    unit = toward / distance[:, None]
+    # How the unit vector turns when the person moves sideways.
+    turn = (np.eye(2) - unit[:, :, None] * unit[:, None, :]) * (foot_offset / distance)[
+        :, None, None
+    ]
+    roll = parameters[:, ROLL]
+    unroll = np.stack([np.cos(roll), np.sin(roll)], -1)
+    by_camera, by_person = np.zeros((n, 3, 7)), np.zeros((n, 3, 3))
+    by_offset, box = np.zeros((n, 3)), np.zeros((n, 3))
+    for is_foot in (True, False):
+        ground = xy - foot_offset * unit if is_foot else xy
+        point = np.concatenate([ground, (0 * height if is_foot else height)[:, None]], -1)
+        difference = point - parameters[:, X:]
+        local = np.einsum("nij,nj->ni", R, difference)
+        depth = np.where(local[:, 2] > 0.1, local[:, 2], 0.1)
+        pixel = focal[:, None] * local[:, :2] / depth[:, None]
+        # d pixel / d local point
+        inner = np.zeros((n, 2, 3))
+        inner[:, 0, 0] = inner[:, 1, 1] = focal / depth
+        inner[:, :, 2] = -pixel / depth[:, None]
+        world = inner @ R
+        camera = np.zeros((n, 2, 7))
+        camera[:, :, LOG_FOCAL] = pixel
+        # The point before roll is (a, b, c); tilting moves it by (0, -c, b), then roll is applied.
+        b = unroll[:, 1] * local[:, 0] + unroll[:, 0] * local[:, 1]
+        c = local[:, 2]
+        tilted = np.stack([-unroll[:, 1] * c, -unroll[:, 0] * c, b], -1)
+        camera[:, :, TILT] = np.einsum("nij,nj->ni", inner, tilted)
+        rolled = np.stack([local[:, 1], -local[:, 0], np.zeros(n)], -1)
+        camera[:, :, ROLL] = np.einsum("nij,nj->ni", inner, rolled)
+        spun = np.stack([difference[:, 1], -difference[:, 0]], -1)
+        camera[:, :, PAN] = np.einsum("nij,nj->ni", world[:, :, :2], spun)
+        camera[:, :, X:] = -world
+        person = np.zeros((n, 2, 3))
+        person[:, :, :2] = world[:, :, :2]
+        offset = np.zeros((n, 2))
+        if is_foot:
+            moved = world[:, :, :2] @ turn
+            person[:, :, :2] -= moved
+            camera[:, :, X:Z] += moved
+            offset = -np.einsum("nij,nj->ni", world[:, :, :2], unit)
+        else:
+            person[:, :, 2] = world[:, :, 2]
+        edge = 2 if is_foot else 1
+        for target, value in (
+            (box, pixel),
+            (by_camera, camera),
+            (by_person, person),
+            (by_offset, offset),
+        ):
+            target[:, 0] += value[:, 0] / 2
+            target[:, edge] += value[:, 1]
+    return box, by_camera, by_person, by_offset
+
+
+def to_matrices(parameters: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, ...]:
+    """K (C, 3, 3), R (C, 3, 3) and t (C, 3) of parameters (C, 7) and image sizes (C, 2)."""
+    R = rotation(parameters)
+    K = np.zeros((len(parameters), 3, 3))
+    K[:, 0, 0] = K[:, 1, 1] = np.exp(parameters[:, LOG_FOCAL])
+    K[:, :2, 2] = (size - 1) / 2
+    K[:, 2, 2] = 1
+    return K, R, -np.einsum("cij,cj->ci", R, parameters[:, X:])

@@ -1,0 +1,76 @@
+"""Every constant of the calibration from pedestrians, the same for all data, with its reason."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """Constants of `catfree.calibrate`.
+
+    Lengths are metres, angles radians, pixels original image pixels.
+
+    Attributes:
+        person_height: mean standing height of adults, shoes included; the only source of scale.
+        person_height_sd: spread of standing heights.
+        foot_offset: how much nearer than the body axis the visible bottom of a box stands; the
+            start and the prior mean of the estimate (half a shoe and half a step).
+        foot_offset_sd: spread of that prior.
+        pixel_sd: box edge noise that does not depend on the size of the box.
+        relative_sd: box edge noise as a share of the box height.
+        body_sd: how far the centre of a box may stand off the body axis.
+        border: boxes nearer to the image border than this share of the image width are cut and
+            left out.
+        focal_shares: focal lengths to try, as shares of the longer image side (90, 71, 58 degrees
+            of view).
+        focal_log_sd: spread of log focal around the middle of `focal_shares`, a weak prior.
+        roll_sd: weak prior that cameras are mounted upright.
+        maximum_frames: longer sequences are thinned out evenly to this many frames.
+        voting_frames: frames that take part in the voting.
+        scoring_frames: frames that take part in the scoring of pairs.
+        voting_angle: bin width of the heading.
+        voting_cell: bin width of the translation.
+        voting_radius: pairs farther apart than this do not vote.
+        chance_weight: share of the chance votes (sequence shifted by half its length) taken off.
+        detection_rates: bounds on the probability that a person who should be seen has a box.
+        range_tolerance: share of the range by which an unrefined map may be wrong.
+        fine_range_tolerance: the same after bundle adjustment.
+        match_gate: largest squared Mahalanobis distance of a match (99 % of a chi-square with 2).
+        seed_pairs: pairs that are refined as seeds.
+        shared_focal_spread: focal lengths count as one when their median log ratio is below this.
+        shared_focal_sd: how far a shared log focal length may deviate.
+        minimum_association: share of explained boxes that an accepted camera must reach.
+        minimum_matches: matches that an accepted camera must reach.
+        chance_shifts: circular time shifts, as shares of the sequence, whose evidence a camera must
+            exceed.
+        minimum_frames: fewer frames than this cannot be told from chance.
+    """
+
+    person_height: float = 1.70
+    person_height_sd: float = 0.09
+    foot_offset: float = 0.20
+    foot_offset_sd: float = 0.10
+    pixel_sd: float = 4.0
+    relative_sd: float = 0.025
+    body_sd: float = 0.08
+    border: float = 0.003
+    focal_shares: tuple[float, ...] = (0.5, 0.7, 0.9)
+    focal_log_sd: float = 0.5
+    roll_sd: float = 0.15
+    maximum_frames: int = 300
+    voting_frames: int = 36
+    scoring_frames: int = 72
+    voting_angle: float = 0.0698
+    voting_cell: float = 1.0
+    voting_radius: float = 60.0
+    chance_weight: float = 0.7
+    detection_rates: tuple[float, float] = (0.3, 0.9)
+    range_tolerance: float = 0.08
+    fine_range_tolerance: float = 0.01
+    match_gate: float = 9.21
+    seed_pairs: int = 6
+    shared_focal_spread: float = 0.10
+    shared_focal_sd: float = 0.003
+    minimum_association: float = 0.55
+    minimum_matches: int = 15
+    chance_shifts: tuple[float, ...] = (0.17, 0.29, 0.41, 0.53, 0.67, 0.83)
+    minimum_frames: int = 20

@@ -1,0 +1,174 @@
+"""What one camera alone says about where people stand: its metric map of the ground."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, Z, predict_boxes, rotation
+from catfree.rig.pedestrians.constants import CalibrationSettings
+
+FARTHEST = 80.0  # metres; beyond, a box of a person is a handful of pixels in any camera
+
+
+@dataclass(frozen=True)
+class GroundMap:
+    """Where the people of each frame stand, with uncertainty.
+
+    Attributes:
+        xy: (T, N, 2) ground positions in metres.
+        covariance: (T, N, 2, 2) of the positions.
+        height: (T, N) person heights in metres.
+        height_sd: (T, N).
+        valid: (T, N).
+    """
+
+    xy: np.ndarray
+    covariance: np.ndarray
+    height: np.ndarray
+    height_sd: np.ndarray
+    valid: np.ndarray
+
+
+def _ground_range(
+    parameters: np.ndarray, R: np.ndarray, u: np.ndarray, v: np.ndarray, level: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Horizontal distance at which the ray of a pixel reaches a height, and its heading vector."""
+    focal = np.exp(parameters[LOG_FOCAL])
+    direction = (u / focal)[..., None] * R[0] + (v / focal)[..., None] * R[1] + R[2]
+    flat = np.linalg.norm(direction[..., :2], axis=-1)
+    fall = (level - parameters[Z]) / np.where(direction[..., 2] == 0, 1e-9, direction[..., 2])
+    return fall * flat, direction[..., :2] / flat[..., None]
+
+
+def map_ground(
+    parameters: np.ndarray,
+    u: np.ndarray,
+    top: np.ndarray,
+    bottom: np.ndarray,
+    sd: np.ndarray,
+    valid: np.ndarray,
+    settings: CalibrationSettings,
+    *,
+    foot_offset: float,
+    range_tolerance: float,
+) -> GroundMap:
+    """Locate the people of one camera from foot and head together.
+
+    The foot row and the head row (with the prior on person height) are two measurements of the
+    range; a hidden foot makes them disagree, and then the foot counts less.
+
+    Args:
+        parameters: (7,) the camera.
+        u: (T, N) box centres, pixels from the image centre; `top`, `bottom`, `sd`, `valid` alike.
+        top: top rows.
+        bottom: bottom rows.
+        sd: standard deviations of the edges.
+        valid: which slots hold a box.
+        settings: constants.
+        foot_offset: metres by which the visible foot is nearer.
+        range_tolerance: share of the range by which this camera's map may be wrong.
+
+    Returns:
+        The map in world coordinates.
+    """
+    R = rotation(parameters)
+    mean_height = settings.person_height
+    # The body axis leans in the image of a tilted or rolled camera: find its slope once.
+    first, _ = _ground_range(parameters, R, u, bottom, 0.0)
+    usable = valid & (first > 0.3) & (first < FARTHEST)
+    half = (bottom - top) / 2
+    _, heading = _ground_range(parameters, R, u, bottom, 0.0)
+    rough = parameters[X:Z] + heading * np.where(usable, first, 5.0)[..., None]
+    flat = rough - parameters[X:Z]
+    focal = np.exp(parameters[LOG_FOCAL])
+    foot_local = flat @ R[:, :2].T - parameters[Z] * R[:, 2]
+    head_local = foot_local + mean_height * R[:, 2]
+    ends = [
+        focal * p[..., :2] / np.where(p[..., 2:] > 0.1, p[..., 2:], 0.1)
+        for p in (foot_local, head_local)
+    ]
+    rise = ends[0][..., 1] - ends[1][..., 1]
+    slope = (ends[0][..., 0] - ends[1][..., 0]) / np.where(np.abs(rise) > 1, rise, 1.0)
+    lean = np.clip(slope, -0.5, 0.5) * half
+
+    foot_range, heading = _ground_range(parameters, R, u + lean, bottom, 0.0)
+    foot_next, _ = _ground_range(parameters, R, u + lean, bottom + 1.0, 0.0)
+    foot_range_sd = np.abs(foot_next - foot_range) * sd + 0.03
+    foot_range = foot_range + foot_offset
+    head_range, _ = _ground_range(parameters, R, u - lean, top, mean_height)
+    head_next, _ = _ground_range(parameters, R, u - lean, top + 1.0, mean_height)
+    taller, _ = _ground_range(
+        parameters, R, u - lean, top, mean_height + settings.person_height_sd
+    )
+    head_sd = np.hypot((head_next - head_range) * sd, taller - head_range)
+    foot_ok = valid & (foot_range > 0.3) & (foot_range < FARTHEST)
+    head_ok = valid & (head_range > 0.3) & (head_range < FARTHEST)
+    # The head alone is too weak where the camera is about as high as a head.
+    head_ok &= head_sd < 0.5 * np.abs(head_range)
+    gap = (foot_range - head_range) ** 2 / (foot_range_sd**2 + head_sd**2)
+    both = foot_ok & head_ok
+    belief = np.where(both, 1 / (1 + gap / 4) ** 2, 1.0)
+    foot_weight = np.where(foot_ok, belief / np.maximum(foot_range_sd, 1e-6) ** 2, 0.0)
+    head_weight = np.where(head_ok, 1 / np.maximum(head_sd, 1e-6) ** 2, 0.0)
+    total = foot_weight + head_weight
+    ok = total > 0
+    total = np.where(ok, total, 1.0)
+    reach = np.where(
+        ok, (foot_weight * foot_range + head_weight * np.where(head_ok, head_range, 0)) / total, 1.0
+    )
+    reach_variance = 1 / total + (range_tolerance * reach) ** 2 + settings.body_sd**2
+    side_variance = (
+        (sd * reach / focal) ** 2 + (0.4 * range_tolerance * reach) ** 2 + settings.body_sd**2
+    )
+    side = np.stack([-heading[..., 1], heading[..., 0]], -1)
+    covariance = (
+        reach_variance[..., None, None] * heading[..., :, None] * heading[..., None, :]
+        + side_variance[..., None, None] * side[..., :, None] * side[..., None, :]
+    )
+    xy = parameters[X:Z] + heading * reach[..., None]
+    height, height_sd = implied_height(parameters, xy, top, sd)
+    prior = settings.person_height_sd
+    share = prior**2 / (prior**2 + height_sd**2)
+    return GroundMap(
+        xy=xy,
+        covariance=covariance,
+        height=np.clip(mean_height + share * (height - mean_height), 1.3, 2.1),
+        height_sd=prior * np.sqrt(1 - share),
+        valid=ok,
+    )
+
+
+def implied_height(
+    parameters: np.ndarray, xy: np.ndarray, top: np.ndarray, sd: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Height at which people at known positions reach their top row, and its spread by the edge."""
+    R = rotation(parameters)
+    focal = np.exp(parameters[LOG_FOCAL])
+    base = (xy - parameters[X:Z]) @ R[:, :2].T - parameters[Z] * R[:, 2]
+    row = top / focal
+    gain = row * R[2, 2] - R[1, 2]
+    gain = np.where(np.abs(gain) < 1e-6, 1e-6, gain)
+    height = (base[..., 1] - row * base[..., 2]) / gain
+    depth = base[..., 2] + height * R[2, 2]
+    return height, np.abs(depth * sd / focal / gain)
+
+
+def visible(
+    parameters: np.ndarray,
+    size: np.ndarray,
+    smallest: float,
+    xy: np.ndarray,
+    height: np.ndarray,
+    foot_offset: float,
+) -> np.ndarray:
+    """Whether whole people at (..., 2) are inside a camera's image and not too small for it."""
+    box, front = predict_boxes(parameters, xy, height, foot_offset)
+    limit = (size - 1) / 2 - 0.01 * size
+    half_width = 0.2 * (box[..., 2] - box[..., 1])  # a person is about 0.4 as wide as tall
+    return (
+        front
+        & (np.abs(box[..., 0]) + half_width < limit[0])
+        & (box[..., 1] > -limit[1])
+        & (box[..., 2] < limit[1])
+        & (box[..., 2] - box[..., 1] > smallest)
+    )

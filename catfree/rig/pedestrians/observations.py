@@ -1,0 +1,127 @@
+"""Person boxes as measurements, padded to a regular (camera, frame, slot) grid."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from catfree.rig.pedestrians.constants import CalibrationSettings
+from catfree.types import Detections
+
+
+@dataclass(frozen=True)
+class BoxGrid:
+    """All boxes of all cameras, padded so that every later step is an array operation.
+
+    Pixels are relative to the image centre, which is taken as the principal point.
+
+    Attributes:
+        u: (C, T, N) horizontal box centre.
+        top: (C, T, N) top row.
+        bottom: (C, T, N) bottom row.
+        sd: (C, T, N) standard deviation of an edge.
+        valid: (C, T, N) whether the slot holds a box that lies inside the image.
+        row: (C, T, N) row in the detections, or -1.
+        size: (C, 2) image width and height.
+        frames: (T,) frame numbers.
+    """
+
+    u: np.ndarray
+    top: np.ndarray
+    bottom: np.ndarray
+    sd: np.ndarray
+    valid: np.ndarray
+    row: np.ndarray
+    size: np.ndarray
+    frames: np.ndarray
+
+    @property
+    def camera_count(self) -> int:
+        """Number of cameras."""
+        return self.u.shape[0]
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames."""
+        return self.u.shape[1]
+
+    def at_frames(self, index: np.ndarray) -> "BoxGrid":
+        """The grid of some frames only."""
+        picked = {k: getattr(self, k)[:, index] for k in _PER_BOX}
+        return BoxGrid(**picked, size=self.size, frames=self.frames[index])
+
+    def shifted(self, camera: int, shift: int) -> "BoxGrid":
+        """The grid with one camera's sequence rolled circularly in time by `shift` frames."""
+        rolled = {}
+        for name in _PER_BOX:
+            value = getattr(self, name).copy()
+            value[camera] = np.roll(value[camera], shift, axis=0)
+            rolled[name] = value
+        return BoxGrid(**rolled, size=self.size, frames=self.frames)
+
+
+_PER_BOX = ("u", "top", "bottom", "sd", "valid", "row")
+
+
+def grid_boxes(
+    detections: Detections, image_size: np.ndarray, settings: CalibrationSettings
+) -> BoxGrid:
+    """Sort person boxes into a padded grid.
+
+    Args:
+        detections: boxes of all cameras.
+        image_size: (C, 2) width and height in pixels.
+        settings: constants.
+
+    Returns:
+        The grid; boxes that touch the image border are left out, since at least one of their edges
+        says nothing about the person.
+    """
+    size = np.asarray(image_size)
+    camera_count = len(size)
+    frames = np.unique(detections.frame)
+    if len(frames) > settings.maximum_frames:
+        pick = np.linspace(0, len(frames) - 1, settings.maximum_frames).round().astype(int)
+        frames = frames[pick]
+    box = np.asarray(detections.box, np.float64)
+    camera = np.clip(detections.camera, 0, camera_count - 1)
+    width, height = size[camera, 0], size[camera, 1]
+    margin = settings.border * width
+    inside = (
+        (box[:, 0] > margin)
+        & (box[:, 1] > margin)
+        & (box[:, 2] < width - 1 - margin)
+        & (box[:, 3] < height - 1 - margin)
+        & (detections.camera < camera_count)
+        & np.isin(detections.frame, frames)
+    )
+    row = np.flatnonzero(inside)
+    time = np.searchsorted(frames, detections.frame[row])
+    order = np.lexsort((box[row, 0], box[row, 3], time, camera[row]))
+    row, time = row[order], time[order]
+    group = camera[row] * len(frames) + time
+    counts = np.bincount(group, minlength=camera_count * len(frames))
+    slot = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
+    shape = (camera_count, len(frames), max(1, int(counts.max(initial=1))))
+    at = (camera[row], time, slot)
+
+    def spread(values: np.ndarray) -> np.ndarray:
+        grid = np.zeros(shape)
+        grid[at] = values
+        return grid
+
+    center = (size - 1) / 2
+    tall = box[row, 3] - box[row, 1]
+    rows = np.full(shape, -1)
+    rows[at] = row
+    return BoxGrid(
+        u=spread((box[row, 0] + box[row, 2]) / 2 - center[camera[row], 0]),
+        top=spread(box[row, 1] - center[camera[row], 1]),
+        bottom=spread(box[row, 3] - center[camera[row], 1]),
+        sd=np.where(
+            rows >= 0, spread(np.hypot(settings.pixel_sd, settings.relative_sd * tall)), 1.0
+        ),
+        valid=rows >= 0,
+        row=rows,
+        size=size,
+        frames=frames,
+    )

@@ -1,0 +1,172 @@
+"""The people of a rig: boxes of several cameras grouped into one map of the ground."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from catfree.rig.pedestrians.constants import CalibrationSettings
+from catfree.rig.pedestrians.ground_map import GroundMap, map_ground, visible
+from catfree.rig.pedestrians.matching import mutual_nearest, squared_distances
+from catfree.rig.pedestrians.observations import BoxGrid
+
+
+@dataclass(frozen=True)
+class RigState:
+    """A rig under construction.
+
+    Attributes:
+        parameters: (C, 7) cameras; NaN where not placed.
+        placed: (C,) bool.
+        foot_offset: metres.
+        range_tolerance: (C,) share of the range by which each camera's map may still be wrong.
+    """
+
+    parameters: np.ndarray
+    placed: np.ndarray
+    foot_offset: float
+    range_tolerance: np.ndarray
+
+    def with_camera(self, camera: int, parameters: np.ndarray, tolerance: float) -> "RigState":
+        """The rig with one more camera."""
+        all_parameters, placed = self.parameters.copy(), self.placed.copy()
+        tolerances = self.range_tolerance.copy()
+        all_parameters[camera], placed[camera], tolerances[camera] = parameters, True, tolerance
+        return RigState(all_parameters, placed, self.foot_offset, tolerances)
+
+    def without_camera(self, camera: int) -> "RigState":
+        """The rig with one camera taken out."""
+        all_parameters, placed = self.parameters.copy(), self.placed.copy()
+        all_parameters[camera], placed[camera] = np.nan, False
+        return RigState(all_parameters, placed, self.foot_offset, self.range_tolerance)
+
+
+@dataclass(frozen=True)
+class People:
+    """People of all frames seen by the placed cameras.
+
+    Attributes:
+        ground: their map.
+        members: (T, M, C) slot of each camera's box, or -1.
+    """
+
+    ground: GroundMap
+    members: np.ndarray
+
+    @property
+    def views(self) -> np.ndarray:
+        """(T, M) number of cameras that see each person."""
+        return (self.members >= 0).sum(-1)
+
+
+def camera_map(
+    grid: BoxGrid, camera: int, state: RigState, settings: CalibrationSettings
+) -> GroundMap:
+    """One placed camera's map of the ground in world coordinates."""
+    return map_ground(
+        state.parameters[camera],
+        grid.u[camera],
+        grid.top[camera],
+        grid.bottom[camera],
+        grid.sd[camera],
+        grid.valid[camera],
+        settings,
+        foot_offset=state.foot_offset,
+        range_tolerance=state.range_tolerance[camera],
+    )
+
+
+def group_people(
+    grid: BoxGrid,
+    state: RigState,
+    settings: CalibrationSettings,
+    *,
+    without: int | None = None,
+    gate: float | None = None,
+) -> People:
+    """Group the boxes of all placed cameras into people, frame by frame.
+
+    Cameras are added one after the other, most boxes first; mutually nearest people within the gate
+    become one, the rest stay apart.
+
+    Args:
+        grid: all boxes.
+        state: the rig.
+        settings: constants.
+        without: a camera to leave out.
+        gate: largest squared Mahalanobis distance; the settings' by default.
+    """
+    cameras = [c for c in np.flatnonzero(state.placed) if c != without]
+    cameras.sort(key=lambda c: -int(grid.valid[c].sum()))
+    gate = settings.match_gate if gate is None else gate
+    first, *rest = (camera_map(grid, c, state, settings) for c in cameras)
+    members = np.full((*first.valid.shape, grid.camera_count), -1)
+    members[:, :, cameras[0]] = np.where(first.valid, np.arange(first.valid.shape[1]), -1)
+    people = first
+    for camera, own in zip(cameras[1:], rest, strict=True):
+        people, members = _merge(people, members, own, camera, gate)
+    return People(people, members)
+
+
+def _merge(
+    people: GroundMap, members: np.ndarray, own: GroundMap, camera: int, gate: float
+) -> tuple[GroundMap, np.ndarray]:
+    """Add one camera's people to a map."""
+    time, slot, partner = mutual_nearest(*squared_distances(people, own), gate)
+    members = members.copy()
+    members[time, slot, camera] = partner
+    xy, covariance = people.xy.copy(), people.covariance.copy()
+    height, height_sd = people.height.copy(), people.height_sd.copy()
+    a, b = covariance[time, slot], own.covariance[time, partner]
+    gain = a @ np.linalg.inv(a + b)
+    step = own.xy[time, partner] - xy[time, slot]
+    xy[time, slot] += np.einsum("nij,nj->ni", gain, step)
+    covariance[time, slot] = a - gain @ a
+    wa, wb = height_sd[time, slot] ** -2, own.height_sd[time, partner] ** -2
+    height[time, slot] = (wa * height[time, slot] + wb * own.height[time, partner]) / (wa + wb)
+    height_sd[time, slot] = (wa + wb) ** -0.5
+    lonely = own.valid.copy()
+    lonely[time, partner] = False
+    fresh = np.full((*lonely.shape, members.shape[2]), -1)
+    fresh[:, :, camera] = np.where(lonely, np.arange(lonely.shape[1]), -1)
+    valid = np.concatenate([people.valid, lonely], 1)
+    # Pack the people of each frame to the front and cut the empty rest.
+    order = np.argsort(~valid, axis=1, kind="stable")[:, : max(1, int(valid.sum(1).max()))]
+
+    def packed(one: np.ndarray, two: np.ndarray) -> np.ndarray:
+        joined = np.concatenate([one, two], 1)
+        return joined[np.arange(len(joined))[:, None], order]
+
+    merged = GroundMap(
+        packed(xy, own.xy),
+        packed(covariance, own.covariance),
+        packed(height, own.height),
+        packed(height_sd, own.height_sd),
+        packed(people.valid, lonely),
+    )
+    return merged, packed(members, fresh)
+
+
+def smallest_boxes(grid: BoxGrid) -> np.ndarray:
+    """(C,) box height in pixels below which a camera hardly detects anybody (5 % quantile)."""
+    tall = grid.bottom - grid.top
+    return np.array(
+        [np.quantile(t[v], 0.05) if v.any() else np.inf for t, v in zip(tall, grid.valid, strict=True)]
+    )
+
+
+def seen_by_any(
+    grid: BoxGrid, state: RigState, people: GroundMap, smallest: np.ndarray, *, without: int
+) -> np.ndarray:
+    """(T, N) whether a placed camera other than `without` should see each person."""
+    seen = np.zeros(people.valid.shape, bool)
+    for camera in np.flatnonzero(state.placed):
+        if camera != without:
+            seen |= visible(
+                state.parameters[camera],
+                grid.size[camera],
+                smallest[camera],
+                people.xy,
+                people.height,
+                state.foot_offset,
+            )
+    return seen & people.valid
