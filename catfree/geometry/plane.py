@@ -52,9 +52,7 @@ def intersect_ray(
             where there is none.
         valid: () whether the ray meets the plane, ahead of its origin.
     """
-    origin, direction, normal, offset = float_arrays(
-        origin, direction, plane.normal, plane.offset
-    )
+    origin, direction, normal, offset = float_arrays(origin, direction, plane.normal, plane.offset)
     height = jnp.sum(normal * origin) + offset
     slope = jnp.sum(normal * direction)
     crossing = jnp.abs(slope) > PARALLEL_EPSILONS * epsilon(slope.dtype)

@@ -83,9 +83,7 @@ def height_weight(height: Scalar, median_height: Scalar) -> Float[Array, ""]:
     """
     height, median_height = float_arrays(height, median_height)
     usable = median_height > 0  # false for NaN too
-    return jnp.where(
-        usable, jnp.minimum(1, (height / jnp.where(usable, median_height, 1)) ** 2), 1
-    )
+    return jnp.where(usable, jnp.minimum(1, (height / jnp.where(usable, median_height, 1)) ** 2), 1)
 
 
 def pose_ratio(median_residual_pose: Scalar, median_residual_other: Scalar) -> Float[Array, ""]:

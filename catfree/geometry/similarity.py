@@ -48,9 +48,7 @@ class Similarity(eqx.Module):
     def inverse(self) -> "Similarity":
         """The transform that undoes this one."""
         scale = 1 / self.scale
-        return Similarity(
-            scale, self.rotation.T, -scale * (self.rotation.T @ self.translation)
-        )
+        return Similarity(scale, self.rotation.T, -scale * (self.rotation.T @ self.translation))
 
     def compose(self, first: "Similarity") -> "Similarity":
         """The transform that applies `first`, then this one; also written `self @ first`."""
@@ -184,9 +182,7 @@ def transform_rig(similarity: Similarity, rig: Rig) -> Rig:
     scale, rotation, translation, xp = _parts(similarity, rig.R)
     turned = xp.einsum("cij,kj->cik", rig.R, rotation)
     shift = xp.einsum("cij,j->ci", turned, translation)
-    return Rig(
-        rig.K, turned, scale * rig.t - shift, rig.image_size, rig.distortion, rig.registered
-    )
+    return Rig(rig.K, turned, scale * rig.t - shift, rig.image_size, rig.distortion, rig.registered)
 
 
 def transform_plane(similarity: Similarity, plane: Plane) -> Plane:

@@ -11,13 +11,17 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from catfree.geometry import symmetric3
 from catfree.geometry.arrays import HostOrDevice, Scalar, epsilon, float_arrays, safe_norm
 
-# Enough for every problem met in 10 million random ones (the worst took 45 steps).
-MAXIMUM_STEPS = 100
+# Bounds on the work: of 2 million random problems with up to 30 % wrong rays, half take fewer than
+# seven steps, one in a hundred more than 20, none more than 50.
+MAXIMUM_STEPS = 60
+# After so many steps a predicted gain below the rounding of the loss is taken for noise (float32
+# pairs whose loss is almost flat).
+PATIENT_STEPS = 20
 
 
 class Triangulation(eqx.Module):
@@ -82,8 +86,9 @@ def triangulate(
     inliers = present & (distances <= outlier_factor * delta)
     if refit:
         useful = (jnp.sum(inliers) >= 2) & jnp.any(present & ~inliers)
-        kept = rays._replace(weights=jnp.where(inliers | ~useful, rays.weights, 0))
-        position = _minimize(kept, delta)
+        # Without weights the second search ends at once, so only those who need it pay for it.
+        kept = rays._replace(weights=jnp.where(inliers & useful, rays.weights, 0))
+        position = jnp.where(useful, _minimize(kept, delta), position)
         distances = safe_norm(_residuals(rays, position))
     return Triangulation(center + position, jnp.where(present, distances, 0), inliers)
 
@@ -168,9 +173,7 @@ def _symmetric_sum(weights: Array, vectors: Array) -> Array:
     wx, wy, wz = weights * x, weights * y, weights * z
     xx, xy, xz = jnp.sum(wx * x), jnp.sum(wx * y), jnp.sum(wx * z)
     yy, yz, zz = jnp.sum(wy * y), jnp.sum(wy * z), jnp.sum(wz * z)
-    return jnp.stack(
-        [jnp.stack([xx, xy, xz]), jnp.stack([xy, yy, yz]), jnp.stack([xz, yz, zz])]
-    )
+    return jnp.stack([jnp.stack([xx, xy, xz]), jnp.stack([xy, yy, yz]), jnp.stack([xz, yz, zz])])
 
 
 def _normal_matrix(rays: _Rays, weights: Array) -> Array:
@@ -215,58 +218,80 @@ def _minimize(rays: _Rays, delta: Array) -> Array:
     )
 
 
+class _Model(NamedTuple):
+    """The objective around a position: loss + 2 gradient·m + mᵀ(bound - curvature)m, doubled."""
+
+    loss: Float[Array, ""]
+    gradient: Float[Array, "3"]
+    bound: Float[Array, "3 3"]
+    curvature: Float[Array, "3 3"]
+
+
 class _State(NamedTuple):
-    position: Array
-    loss: Array
-    damping: Array
-    converged: Array
-    steps: Array
+    position: Float[Array, "3"]
+    model: _Model
+    damping: Float[Array, ""]
+    converged: Bool[Array, ""]
+    steps: Int[Array, ""]
+
+
+def _model(rays: _Rays, position: Array, delta: Array) -> _Model:
+    residuals = _residuals(rays, position)
+    distances = safe_norm(residuals)
+    far = distances > delta
+    weights = rays.weights * _huber_weights(distances, delta)
+    outward = residuals / jnp.where(far, distances, 1)[:, None]
+    return _Model(
+        loss=_loss(rays.weights, distances, delta),
+        gradient=jnp.sum(weights[:, None] * residuals, axis=0),
+        bound=_normal_matrix(rays, weights),
+        curvature=_symmetric_sum(jnp.where(far, weights, 0), outward),
+    )
 
 
 def _iterate(rays: _Rays, delta: Array) -> Array:
-    """Reweighted least squares that turns into Newton's method as it proves itself.
+    """Reweighted least squares that turns into Newton's method as far as that proves itself.
 
     A reweighted step solves with `A = sum_i w_i c_i (I - d_i d_iᵀ)`, c_i = min(1, delta / r_i),
-    and never raises the loss, but converges only linearly, arbitrarily slowly where two rays of
-    nearly equal weight are both far. The Hessian is `A - sum_far w_i c_i r̂_i r̂_iᵀ`. Solving with
-    `A - (1 - damping) sum_far ...` spans both: damping falls tenfold with each step that lowers
-    the loss and rises again, back to the plain reweighted step, with each that does not.
+    and never raises the loss, but converges only linearly, and arbitrarily slowly where two rays
+    of nearly equal weight are both far (thousands of steps). The Hessian is
+    `A - sum_far w_i c_i r̂_i r̂_iᵀ`. Solving with `A - (1 - damping) sum_far ...` spans both: damping
+    falls while the loss falls as predicted, and rises towards the plain step where it does not.
     """
     dtype = delta.dtype
-    relative = 1e-2 * epsilon(dtype) ** 0.5
-    # A floor keeps the matrix regular where the loss is flat (two far rays of equal weight).
-    lowest = epsilon(dtype) ** 0.25
+    unit = epsilon(dtype)
 
     def step(state: _State) -> _State:
-        residuals = _residuals(rays, state.position)
-        distances = safe_norm(residuals)
-        shares = _huber_weights(distances, delta)
-        weights = rays.weights * shares
-        far = distances > delta
-        unit = residuals / jnp.where(far, distances, 1)[:, None]
-        curvature = _symmetric_sum(jnp.where(far, weights, 0), unit)
-        matrix = _normal_matrix(rays, weights) - (1 - state.damping) * curvature
-        factor = symmetric3.cholesky(_regularized(matrix))
-        gradient = jnp.sum(weights[:, None] * residuals, axis=0)
-        move = symmetric3.solve_factored(factor, gradient)
+        model = state.model
+        matrix = _regularized(model.bound - (1 - state.damping) * model.curvature)
+        move = symmetric3.solve_factored(symmetric3.cholesky(matrix), model.gradient)
         proposal = state.position - move
-        loss = _loss(rays.weights, safe_norm(_residuals(rays, proposal)), delta)
-        better = (loss <= state.loss) | (state.damping >= 1)
-        length = safe_norm(move)
-        resolution = relative * delta + 8 * epsilon(dtype) * safe_norm(state.position)
-        damping = jnp.where(better, state.damping / 10, state.damping * 10)
+        proposed = _model(rays, proposal, delta)
+        # A share of the predicted gain, and indifference to changes that rounding alone makes.
+        gain = model.loss - proposed.loss + 8 * unit * model.loss
+        predicted = jnp.sum(model.gradient * move)
+        better = (gain >= 0) | (state.damping >= 1)
+        damping = jnp.where(
+            gain >= 0.5 * predicted,
+            state.damping / 10,
+            jnp.where(gain >= 0.1 * predicted, state.damping, state.damping * 5),
+        )
+        resolution = 1e-2 * unit**0.5 * delta + 8 * unit * safe_norm(state.position)
         return _State(
             position=jnp.where(better, proposal, state.position),
-            loss=jnp.where(better, loss, state.loss),
-            damping=jnp.clip(damping, lowest, 1),
-            converged=length <= resolution,
+            model=jax.tree.map(lambda new, old: jnp.where(better, new, old), proposed, model),
+            # The floor keeps the matrix regular where the loss is flat (two far rays of equal
+            # weight).
+            damping=jnp.clip(damping, unit**0.5, 1),
+            converged=(safe_norm(move) <= resolution)
+            | ((state.steps >= PATIENT_STEPS) & (predicted <= unit * model.loss)),
             steps=state.steps + 1,
         )
 
     start = _least_squares(rays)
     state = _State(
         position=start,
-        loss=_loss(rays.weights, safe_norm(_residuals(rays, start)), delta),
+        model=_model(rays, start, delta),
         damping=jnp.ones((), dtype),
         converged=jnp.zeros((), bool),
         steps=jnp.zeros((), jnp.int32),
