@@ -3,7 +3,14 @@
 No supplied calibration, no position labels, no training on the scene.
 """
 
+from catfree import (
+    adapters as adapters,
+    evaluation as evaluation,
+    filters as filters,
+    geometry as geometry,
+)
 from catfree.errors import CatFreeError as CatFreeError
+from catfree.pipeline import localize as localize
 from catfree.settings import Settings as Settings
 from catfree.types import (
     Candidates as Candidates,

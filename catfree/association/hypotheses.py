@@ -1,0 +1,346 @@
+"""Position hypotheses: a group of rays becomes a 3-D point, its residual, support and uncertainty.
+
+All functions here work in the canonical frame: ground z = 0, E = 1.
+"""
+
+from functools import partial
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from catfree.association.observations import Observations
+from catfree.association.rays import padded_length
+from catfree.filters import support
+from catfree.geometry import (
+    angular_residual,
+    ground_covariance,
+    ground_sigma,
+    information,
+    triangulate,
+)
+from catfree.settings import TriangulationSettings
+from catfree.types import Plane, Rays
+
+HYPOTHESIS_BLOCK = 4096  # hypotheses evaluated by one call: fixed, so that no sequence recompiles
+RESIDUALS_AT_ONCE = 1 << 21  # bounds the memory of the recount in crowded frames
+MINIMUM_RAYS_PER_CELL = 16
+
+GROUND = Plane(np.array([0.0, 0.0, 1.0]), np.array(0.0))
+
+
+class RayTable(NamedTuple):
+    """Rays by frame, camera and place in their cell, padded with weight 0.
+
+    Attributes:
+        origin: (C, 3) camera centres.
+        direction: (F, C, D, 3) unit directions.
+        weight: (F, C, D) reliability, 0 for padding.
+        cell_start: (F, C) observation of the first ray of each cell.
+    """
+
+    origin: Float[np.ndarray, "cam 3"]
+    direction: Float[np.ndarray, "f cam d 3"]
+    weight: Float[np.ndarray, "f cam d"]
+    cell_start: Int[np.ndarray, "f cam"]
+
+
+class Support(NamedTuple):
+    """What the cameras say about positions.
+
+    Attributes:
+        member: (H, C) supporting observation of each camera, or -1.
+        residual: (H, C) angular residual of the supporting rays in radians, NaN where absent.
+        sigma: (H,) ground uncertainty (Eq. sigma), inf below two cameras.
+        covariance: (H, 2, 2) on the ground, inf below two cameras.
+        weight: (H,) sum of the reliabilities of the supporting rays.
+    """
+
+    member: Int[np.ndarray, "h cam"]
+    residual: Float[np.ndarray, "h cam"]
+    sigma: Float[np.ndarray, " h"]
+    covariance: Float[np.ndarray, "h 2 2"]
+    weight: Float[np.ndarray, " h"]
+
+    @property
+    def cameras(self) -> Int[np.ndarray, " h"]:
+        """(H,) number of supporting cameras."""
+        return (self.member >= 0).sum(axis=1)
+
+
+def ray_table(
+    observations: Observations, rays: Rays, centers: Float[np.ndarray, "cam 3"]
+) -> RayTable:
+    """Lay the rays out so that a hypothesis finds those of its frame by indexing."""
+    frames, cameras = len(observations.frames), observations.camera_count
+    count = len(observations)
+    starts = observations.cell_start[:-1]
+    longest = int(np.diff(observations.cell_start).max(initial=0))
+    depth = padded_length(longest, MINIMUM_RAYS_PER_CELL)
+    place = np.arange(count) - starts[observations.cell]
+    direction = np.zeros((frames * cameras, depth, 3), np.asarray(rays.direction).dtype)
+    weight = np.zeros((frames * cameras, depth), direction.dtype)
+    direction[observations.cell, place] = np.asarray(rays.direction)[:count]
+    weight[observations.cell, place] = np.asarray(rays.weight)[:count]
+    return RayTable(
+        centers.astype(direction.dtype),
+        direction.reshape(frames, cameras, depth, 3),
+        weight.reshape(frames, cameras, depth),
+        starts.reshape(frames, cameras),
+    )
+
+
+def triangulate_groups(
+    rays: Rays,
+    groups: Int[np.ndarray, "h cam"],
+    settings: TriangulationSettings,
+    *,
+    sigma_theta: float,
+) -> tuple[Float[np.ndarray, "h 3"], Float[np.ndarray, "h cam"]]:
+    """The position of each group of rays and the angular residual of each of its rays.
+
+    Args:
+        rays: ray of each observation in the canonical frame.
+        groups: (H, C) observation of each camera, or -1.
+        settings: the estimator.
+        sigma_theta: angular noise in radians; only the best-pair baseline needs it.
+
+    Returns:
+        (H, 3) positions and (H, C) residuals in radians, NaN where a camera has no ray.
+
+    Source:
+        Sec. "Robust 3D position estimation"; Table "baselines" for the other estimators.
+    """
+    count = len(groups)
+    position = np.empty((count, 3), np.asarray(rays.origin).dtype)
+    residual = np.empty(groups.shape, position.dtype)
+    for begin in range(0, count, HYPOTHESIS_BLOCK):
+        rows = slice(begin, begin + HYPOTHESIS_BLOCK)
+        padding = ((0, HYPOTHESIS_BLOCK - len(groups[rows])), (0, 0))
+        block = np.pad(groups[rows], padding, constant_values=-1)
+        placed, angle = _triangulate_block(
+            rays.origin,
+            rays.direction,
+            rays.weight,
+            block,
+            settings.huber_scale,
+            sigma_theta,
+            refit=settings.refit_inliers,
+            estimator=settings.estimator,
+            constrained=settings.constrain_to_ground,
+        )
+        position[rows] = np.asarray(placed)[: len(groups[rows])]
+        residual[rows] = np.asarray(angle)[: len(groups[rows])]
+    return position, np.where(groups >= 0, residual, np.nan)
+
+
+@partial(jax.jit, static_argnames=("refit", "estimator", "constrained"))
+def _triangulate_block(
+    origin: Float[Array, "n 3"],
+    direction: Float[Array, "n 3"],
+    weight: Float[Array, " n"],
+    groups: Int[Array, "h cam"],
+    huber_scale: float,
+    sigma_theta: float,
+    *,
+    refit: bool,
+    estimator: Literal["rays", "best_pair", "single_ray"],
+    constrained: bool,
+) -> tuple[Float[Array, "h 3"], Float[Array, "h cam"]]:
+    def place(members: Int[Array, " cam"]) -> tuple[Float[Array, "3"], Float[Array, " cam"]]:
+        present = members >= 0
+        o, d = origin[members], direction[members]
+        w = jnp.where(present, weight[members], 0)
+        if estimator == "best_pair":
+            w = _best_pair(o, d, w, sigma_theta)
+        elif estimator == "single_ray":
+            w = jnp.where(jnp.arange(len(w)) == jnp.argmax(w), w, 0)
+        if estimator == "single_ray":
+            position = _ground_point(o[jnp.argmax(w)], d[jnp.argmax(w)])
+        elif constrained:
+            position = _triangulate_on_ground(o, d, w, huber_scale)
+        else:
+            position = triangulate(o, d, w, huber_scale, refit=refit).position
+        return position, jax.vmap(angular_residual, (None, 0, 0))(position, o, d)
+
+    return jax.vmap(place)(groups)
+
+
+def _ground_point(origin: Float[Array, "3"], direction: Float[Array, "3"]) -> Float[Array, "3"]:
+    """Where a ray meets the ground; far ahead for a ray that does not descend."""
+    descent = jnp.maximum(-direction[2], 1e-3)
+    return (origin + direction * (origin[2] / descent)) * jnp.array([1, 1, 0], origin.dtype)
+
+
+def _triangulate_on_ground(
+    origins: Float[Array, "cam 3"],
+    directions: Float[Array, "cam 3"],
+    weights: Float[Array, " cam"],
+    huber_scale: float,
+) -> Float[Array, "3"]:
+    """The point of the ground that fits the rays best (ablation 'constrained to ground').
+
+    A heavy vertical pseudo-observation: two horizontal rays through the foot of the free estimate
+    would move it, so the 2-D normal equations are solved instead.
+    """
+    free = triangulate(origins, directions, weights, huber_scale)
+    present = weights > 0
+    w = jnp.where(present & free.inliers, weights, 0)
+    start = free.position * jnp.array([1, 1, 0], origins.dtype)
+
+    def step(point: Float[Array, "3"], _: None) -> tuple[Float[Array, "3"], None]:
+        offset = jnp.where(present[:, None], point[None, :] - origins, 1)
+        d = jnp.where(present[:, None], directions, 0)
+        across = offset - (offset * d).sum(-1, keepdims=True) * d
+        distance = jnp.sqrt((across**2).sum(-1))
+        robust = w * jnp.minimum(1, huber_scale / jnp.maximum(distance, huber_scale))
+        gradient = (robust[:, None] * across)[:, :2].sum(0)
+        projector = jnp.eye(3, dtype=d.dtype)[None] - d[:, :, None] * d[:, None, :]
+        hessian = (robust[:, None, None] * projector)[:, :2, :2].sum(0)
+        determinant = hessian[0, 0] * hessian[1, 1] - hessian[0, 1] * hessian[1, 0]
+        safe = jnp.where(determinant > 0, determinant, 1)
+        inverse = jnp.stack(
+            [
+                jnp.stack([hessian[1, 1], -hessian[0, 1]]),
+                jnp.stack([-hessian[1, 0], hessian[0, 0]]),
+            ]
+        )
+        move = jnp.where(determinant > 0, inverse @ gradient / safe, 0)
+        return point - jnp.pad(move, (0, 1)), None
+
+    return jax.lax.scan(step, start, None, length=20)[0]
+
+
+def _best_pair(
+    origins: Float[Array, "cam 3"],
+    directions: Float[Array, "cam 3"],
+    weights: Float[Array, " cam"],
+    sigma_theta: float,
+) -> Float[Array, " cam"]:
+    """Weights of the pair of rays with the smallest sigma at its own point (baseline B)."""
+    first, second = np.triu_indices(len(origins), k=1)
+
+    def uncertainty(chosen: Bool[Array, " cam"]) -> Float[Array, ""]:
+        w = jnp.where(chosen, weights, 0)
+        point = triangulate(origins, directions, w, 1.0, refit=False).position
+        sigma = ground_sigma(information(point, origins, directions, w, sigma_theta), GROUND)
+        return jnp.where((w > 0).sum() == 2, sigma, jnp.inf)
+
+    pairs = np.zeros((len(first), len(origins)), bool)
+    pairs[np.arange(len(first)), first] = pairs[np.arange(len(first)), second] = True
+    return jnp.where(
+        jnp.asarray(pairs)[jnp.argmin(jax.vmap(uncertainty)(jnp.asarray(pairs)))], weights, 0
+    )
+
+
+def find_support(
+    table: RayTable,
+    frame_index: Int[np.ndarray, " h"],
+    position: Float[np.ndarray, "h 3"],
+    *,
+    radius: float,
+) -> Int[np.ndarray, "h cam"]:
+    """Which ray of each camera supports each position: the most reliable one within the radius.
+
+    Args:
+        table: all rays.
+        frame_index: (H,) frame of each position.
+        position: (H, 3) canonical positions.
+        radius: support radius in radians.
+
+    Returns:
+        (H, C) observation, or -1. Support is shared: one ray may support several positions.
+
+    Source:
+        Sec. "Selecting pedestrian positions", support recount.
+    """
+    cameras, depth = table.weight.shape[1:]
+    block = HYPOTHESIS_BLOCK
+    while block > 64 and block * cameras * depth > RESIDUALS_AT_ONCE:
+        block //= 2
+    index = np.empty((len(position), cameras), np.int64)
+    for begin in range(0, len(position), block):
+        rows = slice(begin, begin + block)
+        padding = (0, block - len(position[rows]))
+        frame = np.pad(frame_index[rows], padding)
+        points = np.pad(position[rows], (padding, (0, 0)))
+        found = _find_block(
+            points, table.origin, table.direction[frame], table.weight[frame], radius
+        )
+        index[rows] = np.asarray(found)[: len(position[rows])]
+    return np.where(index >= 0, index + table.cell_start[frame_index], -1)
+
+
+_find_block = jax.jit(jax.vmap(support, (0, None, 0, 0, None)))
+
+
+def measure_support(
+    rays: Rays,
+    member: Int[np.ndarray, "h cam"],
+    position: Float[np.ndarray, "h 3"],
+    *,
+    sigma_theta: float,
+) -> Support:
+    """How well given supporting rays determine each position.
+
+    Args:
+        rays: ray of each observation in the canonical frame.
+        member: (H, C) supporting observation of each camera, or -1.
+        position: (H, 3) canonical positions.
+        sigma_theta: angular noise in radians.
+
+    Returns:
+        The support with its uncertainty.
+
+    Source:
+        Eq. sigma.
+    """
+    count = len(position)
+    dtype = np.asarray(rays.direction).dtype
+    sigma, weight = np.empty(count, dtype), np.empty(count, dtype)
+    covariance, residual = np.empty((count, 2, 2), dtype), np.empty(member.shape, dtype)
+    for begin in range(0, count, HYPOTHESIS_BLOCK):
+        rows = slice(begin, begin + HYPOTHESIS_BLOCK)
+        padding = (0, HYPOTHESIS_BLOCK - len(position[rows]))
+        block = _measure_block(
+            rays.origin,
+            rays.direction,
+            rays.weight,
+            np.pad(member[rows], (padding, (0, 0)), constant_values=-1),
+            np.pad(position[rows], (padding, (0, 0))),
+            sigma_theta,
+        )
+        for column, value in zip((sigma, covariance, weight, residual), block, strict=True):
+            column[rows] = np.asarray(value)[: len(position[rows])]
+    return Support(member, np.where(member >= 0, residual, np.nan), sigma, covariance, weight)
+
+
+@jax.jit
+def _measure_block(
+    origins: Float[Array, "n 3"],
+    directions: Float[Array, "n 3"],
+    weights: Float[Array, " n"],
+    member: Int[Array, "h cam"],
+    position: Float[Array, "h 3"],
+    sigma_theta: float,
+) -> tuple[Array, Array, Array, Array]:
+    def measure(member: Array, position: Array) -> tuple[Array, Array, Array, Array]:
+        o, d = origins[member], directions[member]
+        w = jnp.where(member >= 0, weights[member], 0)
+        precision = information(position, o, d, w, sigma_theta)
+        enough = (member >= 0).sum() >= 2
+        sigma = jnp.where(enough, ground_sigma(precision, GROUND), jnp.inf)
+        covariance = jnp.where(enough, ground_covariance(precision, GROUND), jnp.inf)
+        return sigma, covariance, w.sum(), jax.vmap(angular_residual, (None, 0, 0))(position, o, d)
+
+    return jax.vmap(measure)(member, position)
+
+
+def exclusive_support(support: Support) -> Int[np.ndarray, "h cam"]:
+    """Leave each ray only to the position it passes closest (lineage K), (H, C)."""
+    present = support.member >= 0
+    nearest = np.full(int(support.member.max(initial=-1)) + 1, np.inf, support.residual.dtype)
+    np.minimum.at(nearest, support.member[present], support.residual[present])
+    return np.where(present & (support.residual <= nearest[support.member]), support.member, -1)

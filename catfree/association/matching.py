@@ -1,0 +1,65 @@
+"""Minimum-cost one-to-one matching in many small problems, and the chains that links form."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.optimize import linear_sum_assignment
+
+
+def match_edges(
+    problem: Int[np.ndarray, " e"],
+    source: Int[np.ndarray, " e"],
+    target: Int[np.ndarray, " e"],
+    cost: Float[np.ndarray, " e"],
+    *,
+    unmatched_cost: float | None = None,
+) -> Bool[np.ndarray, " e"]:
+    """Choose edges so that no source and no target is used twice, at the smallest total cost.
+
+    SciPy's dense Hungarian solver runs once a problem (a pair of consecutive frames of a camera):
+    measured on 280 problems of 30 x 30 it is 16 times faster than one call of SciPy's sparse solver
+    on all of them.
+
+    Args:
+        problem: (E,) label of the independent problem that each edge belongs to.
+        source: (E,) index of each edge's source.
+        target: (E,) index of each edge's target.
+        cost: (E,) finite cost of each edge.
+        unmatched_cost: an edge is only worth its cost below this. None asks for as many edges as
+            possible first, then for the smallest cost.
+
+    Returns:
+        (E,) which edges are chosen.
+    """
+    chosen = np.zeros(len(source), bool)
+    if len(source) == 0:
+        return chosen
+    if unmatched_cost is None:
+        # One more edge is worth more than any rearrangement of the others.
+        unmatched_cost = float((cost.max() - min(cost.min(), 0.0)) * (len(cost) + 1) + 1.0)
+    order = np.argsort(problem, kind="stable")
+    starts = np.flatnonzero(np.diff(problem[order], prepend=problem[order[0]] - 1))
+    for edges in np.split(order, starts[1:]):
+        sources, row = np.unique(source[edges], return_inverse=True)
+        targets, column = np.unique(target[edges], return_inverse=True)
+        table = np.full((len(sources), len(targets)), unmatched_cost, np.float64)
+        edge_at = np.full(table.shape, -1)
+        table[row, column] = np.minimum(cost[edges], unmatched_cost)
+        edge_at[row, column] = np.where(cost[edges] < unmatched_cost, edges, -1)
+        edge = edge_at[linear_sum_assignment(table)]
+        chosen[edge[edge >= 0]] = True
+    return chosen
+
+
+def chain_labels(predecessor: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """Number the chains of a predecessor map, in order of their heads.
+
+    Args:
+        predecessor: (N,) index of the element before each one, or -1 at the head of a chain.
+
+    Returns:
+        (N,) chain of each element, counted from 0.
+    """
+    head = np.where(predecessor >= 0, predecessor, np.arange(len(predecessor)))
+    while not np.array_equal(head, head[head]):  # pointer doubling: log2 of the longest chain
+        head = head[head]
+    return np.unique(head, return_inverse=True)[1]

@@ -1,0 +1,146 @@
+"""The detections that take part, in one canonical order: the caller's order has no effect."""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from catfree.types import Detections, Rig
+
+
+class Observations(eqx.Module):
+    """Detections sorted by time, camera and box, with the offsets of every (frame, camera) cell.
+
+    Attributes:
+        row: (N,) row of each observation in the caller's `Detections`.
+        frame: (N,) the caller's frame number.
+        frames: (F,) the distinct frame numbers, rising.
+        frame_index: (N,) index into `frames`.
+        time: (F,) whole time steps of `frames`: consecutive frames differ by one.
+        camera: (N,) camera index.
+        box: (N, 4) xyxy in pixels.
+        score: (N,) confidence, or None.
+        ankles_confirmed: (N,) bool, or None.
+        appearance: (N, D) unit vectors (zero where the embedding is zero), or None.
+        cell_start: (F * C + 1,) first observation of each (frame, camera) cell.
+        camera_count: C.
+    """
+
+    row: Int[np.ndarray, " n"]
+    frame: Int[np.ndarray, " n"]
+    frames: Int[np.ndarray, " f"]
+    frame_index: Int[np.ndarray, " n"]
+    time: Int[np.ndarray, " f"]
+    camera: Int[np.ndarray, " n"]
+    box: Float[np.ndarray, "n 4"]
+    score: Float[np.ndarray, " n"] | None
+    ankles_confirmed: Bool[np.ndarray, " n"] | None
+    appearance: Float[np.ndarray, "n d"] | None
+    cell_start: Int[np.ndarray, " cells"]
+    camera_count: int = eqx.field(static=True)
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    @property
+    def height(self) -> Float[np.ndarray, " n"]:
+        """(N,) box height in pixels."""
+        return self.box[:, 3] - self.box[:, 1]
+
+    @property
+    def foot(self) -> Float[np.ndarray, "n 2"]:
+        """(N, 2) bottom centre in pixels."""
+        return np.stack([(self.box[:, 0] + self.box[:, 2]) / 2, self.box[:, 3]], axis=-1)
+
+    @property
+    def cell(self) -> Int[np.ndarray, " n"]:
+        """(N,) index of each observation's (frame, camera) cell."""
+        return self.frame_index * self.camera_count + self.camera
+
+    def frame_start(self, index: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+        """(K,) first observation of frames by index; F gives the end of the last one."""
+        return self.cell_start[index * self.camera_count]
+
+
+def time_steps(frames: Int[np.ndarray, " f"]) -> Int[np.ndarray, " f"]:
+    """Whole time steps of rising frame numbers whose usual distance is one step.
+
+    Annotated sequences often number every fifth frame: 0, 5, 10. The median distance is one step,
+    so a frame in which nobody was detected leaves a gap instead of joining its neighbours.
+    """
+    if len(frames) < 2:
+        return np.zeros(len(frames), np.int64)
+    distance = np.diff(frames)
+    steps = np.maximum(np.round(distance / np.median(distance)), 1)
+    return np.concatenate([[0], np.cumsum(steps)]).astype(np.int64)
+
+
+def observe(detections: Detections, rig: Rig, *, keep: Bool[np.ndarray, " n"]) -> Observations:
+    """Sort the kept detections by frame, camera and box.
+
+    Args:
+        detections: the caller's detections.
+        rig: cameras; only their number matters here.
+        keep: (N,) which detections take part.
+
+    Returns:
+        The observations.
+    """
+    row = np.flatnonzero(keep)
+    box = detections.box[row]
+    keys = [box[:, 3], box[:, 2], box[:, 1], box[:, 0], detections.camera[row]]
+    row = row[np.lexsort([*keys, detections.frame[row]])]
+    frames, frame_index = np.unique(detections.frame[row], return_inverse=True)
+    cell = frame_index * rig.camera_count + detections.camera[row]
+    appearance = None
+    if detections.embedding is not None:
+        appearance = detections.embedding[row].astype(np.float32)
+        length = np.linalg.norm(appearance, axis=1, keepdims=True)
+        appearance = appearance / np.where(length > 0, length, 1)
+    return Observations(
+        row=row,
+        frame=detections.frame[row],
+        frames=frames,
+        frame_index=frame_index,
+        time=time_steps(frames),
+        camera=detections.camera[row],
+        box=detections.box[row],
+        score=None if detections.score is None else detections.score[row],
+        ankles_confirmed=(
+            None if detections.ankles_confirmed is None else detections.ankles_confirmed[row]
+        ),
+        appearance=appearance,
+        cell_start=np.searchsorted(cell, np.arange(len(frames) * rig.camera_count + 1)),
+        camera_count=rig.camera_count,
+    )
+
+
+def expand_ranges(
+    start: Int[np.ndarray, " n"], stop: Int[np.ndarray, " n"]
+) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+    """All (i, j) with start[i] <= j < stop[i], ordered by i, then j.
+
+    Returns:
+        (P,) i and (P,) j.
+    """
+    count = np.maximum(stop - start, 0)
+    first = np.repeat(np.arange(len(start)), count)
+    offset = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
+    return first, start[first] + offset
+
+
+def appearance_distance(
+    appearance: Float[np.ndarray, "n d"],
+    first: Int[np.ndarray, " p"],
+    second: Int[np.ndarray, " p"],
+) -> Float[np.ndarray, " p"]:
+    """Cosine distance in [0, 2] of pairs of unit vectors; 1 where one of them is zero.
+
+    Worked off in slices, so that memory does not grow with the number of pairs.
+    """
+    distance = np.empty(len(first), np.float32)
+    step = max(1, 4_000_000 // max(1, appearance.shape[1]))
+    for begin in range(0, len(first), step):
+        rows = slice(begin, begin + step)
+        similarity = np.einsum("pd,pd->p", appearance[first[rows]], appearance[second[rows]])
+        distance[rows] = np.clip(1 - similarity, 0, 2)
+    return distance

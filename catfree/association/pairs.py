@@ -1,0 +1,168 @@
+"""Which detections of two cameras could be one person, and in which order they may merge."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from catfree.association.observations import Observations, appearance_distance, expand_ranges
+from catfree.settings import AssociationSettings
+from catfree.types import Rays
+
+PAIR_BLOCK = 65536  # pairs evaluated by one call: fixed, so that no sequence recompiles
+
+
+class CandidatePairs(NamedTuple):
+    """Pairs of observations in the order in which the partition tries to merge them.
+
+    Attributes:
+        first: (P,) observation.
+        second: (P,) observation of another camera in the same frame.
+        singletons_only: (P,) whether the pair is allowed only by its uniqueness, so that both must
+            still be alone when their turn comes.
+    """
+
+    first: Int[np.ndarray, " p"]
+    second: Int[np.ndarray, " p"]
+    singletons_only: Bool[np.ndarray, " p"]
+
+
+def pair_residual(
+    origins: Float[Array, "2 3"], directions: Float[Array, "2 3"], weights: Float[Array, "2"]
+) -> Float[Array, ""]:
+    """Larger angular residual of two rays at the point that fits both best, in radians.
+
+    The weighted least-squares point lies on the common perpendicular of the two lines and divides
+    it in the inverse ratio of the weights, so no linear system is needed.
+
+    Args:
+        origins: (2, 3) camera centres.
+        directions: (2, 3) unit directions.
+        weights: (2,) positive reliabilities.
+
+    Returns:
+        Angle in [0, pi]; pi for parallel rays, above pi/2 where the lines meet behind a camera.
+    """
+    baseline = origins[1] - origins[0]
+    normal = jnp.cross(directions[0], directions[1])
+    sine_squared = normal @ normal
+    parallel = sine_squared <= jnp.finfo(origins.dtype).tiny
+    safe = jnp.where(parallel, 1, sine_squared)
+    depth = jnp.stack(
+        [
+            jnp.cross(baseline, directions[1]) @ normal / safe,
+            jnp.cross(baseline, directions[0]) @ normal / safe,
+        ]
+    )
+    gap = jnp.abs(baseline @ normal) / jnp.sqrt(safe)
+    share = weights[::-1] / weights.sum()
+    angle = jnp.arctan2(gap * share, depth).max()
+    return jnp.where(parallel, jnp.asarray(jnp.pi, origins.dtype), angle)
+
+
+@jax.jit
+def _residuals(
+    origins: Float[Array, "n 3"],
+    directions: Float[Array, "n 3"],
+    weights: Float[Array, " n"],
+    first: Int[Array, " p"],
+    second: Int[Array, " p"],
+) -> Float[Array, " p"]:
+    ends = jnp.stack([first, second], axis=-1)
+    return jax.vmap(pair_residual)(origins[ends], directions[ends], weights[ends])
+
+
+def pair_residuals(
+    rays: Rays, first: Int[np.ndarray, " p"], second: Int[np.ndarray, " p"]
+) -> Float[np.ndarray, " p"]:
+    """`pair_residual` of many pairs, in blocks of fixed size."""
+    residual = np.empty(len(first), np.asarray(rays.origin).dtype)
+    for begin in range(0, len(first), PAIR_BLOCK):
+        rows = slice(begin, begin + PAIR_BLOCK)
+        padding = (0, PAIR_BLOCK - len(first[rows]))
+        block = _residuals(
+            rays.origin,
+            rays.direction,
+            rays.weight,
+            np.pad(first[rows], padding),
+            np.pad(second[rows], padding),
+        )
+        residual[rows] = np.asarray(block)[: PAIR_BLOCK - padding[1]]
+    return residual
+
+
+def candidate_pairs(
+    observations: Observations,
+    rays: Rays,
+    frames: tuple[int, int],
+    *,
+    sigma_theta: float,
+    settings: AssociationSettings,
+) -> CandidatePairs:
+    """Pairs that may merge in the frames `frames[0] <= index < frames[1]`, in merging order.
+
+    A pair qualifies when its residual is at most `residual_factor * sigma_theta` and its appearance
+    distance is at most the threshold, or when it is unique: its residual is at most
+    `uniqueness_ratio` times that of the best alternative of either detection in the other's camera.
+    Pairs are ordered by appearance distance, then residual; without embeddings by residual alone.
+
+    Args:
+        observations: detections in canonical order.
+        rays: the rays of those frames' observations, from the first one on; rows behind them are
+            padding.
+        frames: first frame index and one past the last.
+        sigma_theta: angular noise in radians.
+        settings: thresholds.
+
+    Returns:
+        The pairs, with indices into `rays`.
+
+    Source:
+        Sec. "Matching pedestrians across cameras".
+    """
+    cameras = observations.camera_count
+    begin, end = observations.frame_start(np.asarray(frames))
+    members = np.arange(begin, end)
+    own_cell_end = observations.cell_start[observations.cell[members] + 1]
+    frame_end = observations.frame_start(observations.frame_index[members] + 1)
+    # Everything behind the own cell and inside the frame belongs to a later camera.
+    first, second = expand_ranges(own_cell_end - begin, frame_end - begin)
+    camera = observations.camera[members]
+    residual = pair_residuals(rays, first, second)
+    near = residual <= settings.residual_factor * sigma_theta
+    if observations.appearance is None:
+        keep = np.flatnonzero(near)
+        order = np.argsort(residual[keep], kind="stable")
+        singletons_only = np.zeros(len(keep), bool)
+    else:
+        alternative = np.minimum(
+            _best_alternative(first * cameras + camera[second], residual),
+            _best_alternative(second * cameras + camera[first], residual),
+        )
+        unique = residual <= settings.uniqueness_ratio * alternative
+        keep = np.flatnonzero(near)
+        looks = observations.appearance[members]
+        distance = appearance_distance(looks, first[keep], second[keep])
+        similar = distance <= settings.appearance_threshold
+        admitted = similar | unique[keep]
+        keep, distance, similar = keep[admitted], distance[admitted], similar[admitted]
+        order = np.lexsort([residual[keep], distance])
+        singletons_only = ~similar
+    return CandidatePairs(first[keep[order]], second[keep[order]], singletons_only[order])
+
+
+def _best_alternative(
+    key: Int[np.ndarray, " p"], residual: Float[np.ndarray, " p"]
+) -> Float[np.ndarray, " p"]:
+    """For each pair, the smallest residual among the other pairs with the same key, or inf."""
+    count = int(key.max()) + 1 if len(key) else 0
+    best = np.full(count, np.inf, residual.dtype)
+    np.minimum.at(best, key, residual)
+    leading = residual == best[key]
+    runner_up = np.full(count, np.inf, residual.dtype)
+    np.minimum.at(runner_up, key[~leading], residual[~leading])
+    tied = np.bincount(key[leading], minlength=count) > 1
+    runner_up = np.where(tied, best, runner_up)
+    return np.where(leading, runner_up[key], best[key])
