@@ -4,7 +4,15 @@ from pathlib import Path
 
 import numpy as np
 
-from catfree.adapters.documents import StrPath, entry, numbers, read_json, read_npz, require_folder
+from catfree.adapters.documents import (
+    StrPath,
+    entry,
+    naming_file,
+    numbers,
+    read_json,
+    read_npz,
+    require_folder,
+)
 from catfree.adapters.sequence import MultiViewSequence
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Detections, Plane, Rig, Scene
@@ -69,38 +77,31 @@ def _read_scene(path: Path) -> tuple[Scene, float, int]:
     if not isinstance(value["K"], list):
         raise FileFormatError(f"{path}: K must be a list with one matrix a camera.")
     count = len(value["K"])
-    try:
-        rig = Rig(
-            numbers(value["K"], (count, 3, 3), path, "K"),
-            numbers(value["R"], (count, 3, 3), path, "R"),
-            numbers(value["t"], (count, 3), path, "t"),
-            value["image_size"],
-        )
-        ground = Plane(
-            numbers(value["ground_normal"], (3,), path, "ground_normal"),
-            numbers(value["ground_offset"], (), path, "ground_offset"),
-        )
-        extent = numbers(value["extent"], (), path, "extent")
-        scene = Scene(rig, ground, extent)
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{path}: {error}") from error
+    K = numbers(value["K"], (count, 3, 3), path, "K")
+    R = numbers(value["R"], (count, 3, 3), path, "R")
+    t = numbers(value["t"], (count, 3), path, "t")
+    normal = numbers(value["ground_normal"], (3,), path, "ground_normal")
+    offset = numbers(value["ground_offset"], (), path, "ground_offset")
+    extent = numbers(value["extent"], (), path, "extent")
+    size = value["image_size"]
+    scene = naming_file(path, lambda: Scene(Rig(K, R, t, size), Plane(normal, offset), extent))
     return scene, float(value["fps"]), int(value["frames"])
 
 
 def _read_detections(path: Path, camera_count: int) -> Detections:
     names = ("frame", "cam", "box", "score", "ankle", "emb")
     arrays = read_npz(path, "detections", names)
-    try:
-        detections = Detections(
+    detections = naming_file(
+        path,
+        lambda: Detections(
             arrays["frame"],
             arrays["cam"],
             arrays["box"].astype(np.float64),
             score=arrays["score"].astype(np.float64),
             ankles_confirmed=arrays["ankle"],
             embedding=arrays["emb"].astype(np.float32),
-        )
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{path}: {error}") from error
+        ),
+    )
     if len(detections) and detections.camera.max() >= camera_count:
         raise InvalidInputError(
             f"{path} has detections of camera {detections.camera.max()}, but rig.json has "

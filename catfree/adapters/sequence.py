@@ -10,11 +10,6 @@ from jaxtyping import Float, Int
 from catfree.errors import InvalidInputError
 from catfree.types import Detections, Plane, Rig, Scene
 
-# COCO keypoints 15 and 16 are the left and right ankle; 0.5 is the confidence at which the paper
-# counts a joint as seen.
-_ANKLES = (15, 16)
-_ANKLE_CONFIDENCE = 0.5
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MultiViewSequence:
@@ -94,11 +89,6 @@ class MultiViewSequence:
             images=tuple(tuple(row[i] for i in columns) for row in self.images),
             identity=None if self.identity is None else self.identity[rows],
         )
-
-
-def confirm_ankles(keypoints: Float[np.ndarray, "n 17 3"]) -> np.ndarray:
-    """(N,) whether both ankles of (N, 17, 3) COCO keypoints have confidence >= 0.5."""
-    return np.all(keypoints[:, _ANKLES, 2] >= _ANKLE_CONFIDENCE, axis=-1)
 
 
 def metric_scene(rig: Rig) -> Scene:

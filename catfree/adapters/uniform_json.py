@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from catfree.adapters.distortion import five_coefficients
-from catfree.adapters.documents import StrPath, entry, numbers, read_json, read_npz
+from catfree.adapters.documents import StrPath, entry, naming_file, numbers, read_json, read_npz
+from catfree.adapters.protocols import ankles_confirmed
 from catfree.adapters.sequence import (
     MultiViewSequence,
-    confirm_ankles,
     metric_scene,
     require_people_in_front,
 )
@@ -71,7 +71,9 @@ def read_uniform_json(
         name=str(document.get("name", source.stem)),
         detections=table.detections(embedding),
         rig=rig,
-        scene=None if rig is None or rig.camera_count < 2 else _named(metric_scene, source, rig),
+        scene=None
+        if rig is None or rig.camera_count < 2
+        else naming_file(source, lambda: metric_scene(rig)),
         ground_truth=positions,
         frames=frames[order],
         camera_names=names,
@@ -151,16 +153,13 @@ class _BoxTable:
                 "y1 < y2 in pixels (xyxy). Correct or remove it."
             )
         keypoints = self.column("kpts", (17, 3))
-        return _named(
-            Detections,
+        ankles = None if keypoints is None else ankles_confirmed(keypoints)
+        score = self.column("score", ())
+        vectors = None if embedding is None else self.embedding(embedding)
+        frame, camera = (np.array([row[at] for row in self.rows], np.int64) for at in (0, 1))
+        return naming_file(
             self.source,
-            frame=np.array([row[0] for row in self.rows], np.int64),
-            camera=np.array([row[1] for row in self.rows], np.int64),
-            box=box,
-            score=self.column("score", ()),
-            ankles_confirmed=None if keypoints is None else confirm_ankles(keypoints),
-            embedding=None if embedding is None else self.embedding(embedding),
-            keypoints=keypoints,
+            lambda: Detections(frame, camera, box, score, ankles, vectors, keypoints),
         )
 
     def embedding(self, name: str) -> np.ndarray:
@@ -188,14 +187,6 @@ class _BoxTable:
         if all(value is None for value in values):
             return None
         return np.array([-1 if value is None else value for value in values], np.int64)
-
-
-def _named(build: Any, source: Path, *arguments: Any, **named: Any) -> Any:
-    """Call a type's constructor and put the file's name in front of its complaint."""
-    try:
-        return build(*arguments, **named)
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{source}: {error}") from error
 
 
 def _list(value: Any, source: Path, where: str) -> list[Any]:
@@ -243,15 +234,9 @@ def _read_rig(cameras: list[Any], source: Path) -> Rig | None:
         distortion = np.asarray(camera.get("dist") or [], np.float64).ravel()
         parts["dist"].append(five_coefficients(distortion, source, where))
     distortion = np.stack(parts["dist"])
-    return _named(
-        Rig,
-        source,
-        np.stack(parts["K"]),
-        np.stack(parts["R"]),
-        np.stack(parts["t"]),
-        np.stack(parts["size"]),
-        distortion=distortion if distortion.any() else None,
-    )
+    K, R, t, size = (np.stack(parts[key]) for key in ("K", "R", "t", "size"))
+    lens = distortion if distortion.any() else None
+    return naming_file(source, lambda: Rig(K, R, t, size, distortion=lens))
 
 
 def _area(area: Any, source: Path) -> tuple[float, float, float, float] | None:
