@@ -76,8 +76,8 @@ def _best_split(
 
     def refine(_: Int[Array, ""], reference: Int[Array, ""]) -> Int[Array, ""]:
         gain, rounding = _gain_over(reference, fixed_centred, fixed_below, total)
-        largest = jnp.max(jnp.where(allowed, gain, -jnp.inf))
-        return jnp.argmax(allowed & (gain + rounding >= largest))
+        surely = jnp.max(jnp.where(allowed, gain - rounding, -jnp.inf))
+        return jnp.argmax(allowed & (gain + rounding >= surely))
 
     best = jax.lax.fori_loop(0, REFINEMENTS, refine, best)
 

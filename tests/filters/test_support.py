@@ -1,0 +1,156 @@
+"""Support recount against a loop over rays with arctan2 in float64."""
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+import catfree.filters as filters
+
+CAMERAS, RAYS = 3, 4
+RADIUS = 0.0206
+support = jax.jit(filters.support)
+
+
+def unit(vector):
+    return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+
+
+def residual(position, origin, direction):
+    offset = position - origin
+    return np.arctan2(np.linalg.norm(np.cross(direction, offset)), direction @ offset)
+
+
+@st.composite
+def views(draw):
+    """A position and rays of each camera that miss it by chosen angles, some absent."""
+    coordinate = st.floats(-20, 20, width=32)
+    position = np.array(draw(st.tuples(coordinate, coordinate, coordinate)))
+    origins, directions = np.zeros((CAMERAS, 3)), np.full((CAMERAS, RAYS, 3), np.nan)
+    weights, angles = np.zeros((CAMERAS, RAYS)), np.full((CAMERAS, RAYS), np.nan)
+    for c in range(CAMERAS):
+        azimuth, elevation = draw(st.floats(0, 6.28)), draw(st.floats(-1.2, 1.2))
+        towards = np.array(
+            [
+                np.cos(azimuth) * np.cos(elevation),
+                np.sin(azimuth) * np.cos(elevation),
+                np.sin(elevation),
+            ]
+        )
+        origins[c] = position - towards * draw(st.floats(0.5, 40))
+        side = unit(np.cross(towards, [-np.sin(azimuth), np.cos(azimuth), 0.3]))
+        for d in range(draw(st.integers(0, RAYS))):
+            angle = draw(st.floats(-3, 3)) * RADIUS
+            directions[c, d] = np.cos(angle) * towards + np.sin(angle) * side
+            weights[c, d] = draw(st.sampled_from([0, 0.25, 0.5, 1]))
+            angles[c, d] = abs(angle)
+    return position, origins, directions, weights, angles
+
+
+def support_by_hand(position, origins, directions, weights):
+    chosen = []
+    for c in range(len(origins)):
+        inside = [
+            (-weights[c, d], angle, d)
+            for d in range(directions.shape[1])
+            if weights[c, d] > 0
+            and (angle := residual(position, origins[c], directions[c, d])) <= RADIUS
+        ]
+        chosen.append(min(inside)[2] if inside else -1)
+    return chosen
+
+
+@given(view=views())
+def test_support_equals_a_loop_over_rays(x64, view):
+    *scene, angles = view
+    known = angles[~np.isnan(angles)]
+    if (abs(known - RADIUS) < 1e-9).any() or (abs(np.subtract.outer(known, known)) < 1e-9).any():
+        # Rounding decides there; ties have their own test.
+        known_unique = np.unique(known.round(9))
+        if len(known_unique) < len(known):
+            return
+    np.testing.assert_array_equal(support(*scene, RADIUS), support_by_hand(*scene))
+
+
+@given(view=views(), factor=st.sampled_from([1e-3, 1.0, 1e3]))
+def test_float32_decides_as_float64(x64, view, factor):
+    position, origins, directions, weights, angles = view
+    known = angles[~np.isnan(angles)]
+    clear = (abs(known - RADIUS) > 1e-4 * RADIUS).all() and (
+        abs(np.subtract.outer(known, known))[~np.eye(len(known), dtype=bool)] > 1e-4 * RADIUS
+    ).all()
+    if not clear:
+        return
+    centre = origins.mean(0)
+    arrays = ((position - centre) * factor, (origins - centre) * factor, directions, weights)
+    low = support(*(a.astype(np.float32) for a in arrays), np.float32(RADIUS))
+    np.testing.assert_array_equal(low, support(*arrays, RADIUS))
+    assert low.dtype == np.int32
+
+
+@given(view=views(), data=st.data())
+def test_order_of_cameras_does_not_matter(view, data):
+    position, origins, directions, weights, _ = view
+    order = np.array(data.draw(st.permutations(range(CAMERAS))))
+    arrays = [a.astype(np.float32) for a in (position, origins, directions, weights)]
+    plain = np.asarray(support(*arrays, RADIUS))
+    shuffled = support(arrays[0], *(a[order] for a in arrays[1:]), RADIUS)
+    np.testing.assert_array_equal(shuffled, plain[order])
+
+
+def looking_at(*angles):
+    """Rays in the x-y plane from the origin, by their angle to the x axis."""
+    return np.stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))], -1)[None]
+
+
+@pytest.mark.parametrize(
+    ("angles", "weights", "expected"),
+    [
+        ([0.0, 0.01], [0.5, 0.9], 1),  # the more reliable ray, though not the nearest
+        ([0.01, 0.005], [0.5, 0.5], 1),  # equal weights: the nearest
+        ([0.01, -0.01], [0.5, 0.5], 0),  # equal all over: the first
+        ([0.03, 0.0], [0.9, 0.1], 1),  # outside of the radius
+        ([0.03, 0.05], [1, 1], -1),
+        ([0.0, 0.0], [0, 0], -1),  # absent
+        ([np.pi, np.pi + 0.01], [1, 1], -1),  # looking away
+    ],
+)
+def test_support_by_hand(dtype, angles, weights, expected):
+    arrays = (np.array([9, 0, 0]), np.zeros((1, 3)), looking_at(*angles), np.array([weights]))
+    index = filters.support(*(a.astype(dtype) for a in arrays), RADIUS)
+    assert index.tolist() == [expected]
+
+
+def test_no_rays_at_all():
+    index = filters.support(np.zeros(3), np.ones((2, 3)), np.zeros((2, 0, 3)), np.zeros((2, 0)), 1)
+    assert index.tolist() == [-1, -1]
+    assert filters.weighted_support(index, np.zeros((2, 0))) == 0
+
+
+def test_a_position_at_a_camera_is_not_seen_by_it():
+    index = filters.support(
+        np.zeros(3), np.zeros((1, 3)), looking_at(0.0).astype(np.float32), np.ones((1, 1)), RADIUS
+    )
+    assert index.tolist() == [-1]
+
+
+def test_weighted_support_sums_the_chosen_rays(dtype):
+    weights = np.array([[0.5, 0.25], [1, np.nan], [0.125, 0.75]], dtype)
+    total = filters.weighted_support(np.array([1, -1, 1]), weights)
+    assert total == 1.0
+    assert total.dtype == dtype
+
+
+def test_vmap_equals_a_loop(dtype):
+    random = np.random.default_rng(0)
+    origins = random.normal(size=(5, 10, 3)).astype(dtype) * 10
+    position = random.normal(size=(20, 3)).astype(dtype)
+    directions = unit(position[0] - origins[0][:, None] + random.normal(size=(10, 6, 3)) * 0.2)
+    directions = directions.astype(dtype)
+    weights = random.random((10, 6)).astype(dtype)
+    batched = jax.vmap(filters.support, (0, None, None, None, None))(
+        position, origins[0], directions, weights, 0.1
+    )
+    looped = [filters.support(p, origins[0], directions, weights, 0.1) for p in position]
+    np.testing.assert_array_equal(batched, looped)
+    assert (np.asarray(batched) >= 0).any()
