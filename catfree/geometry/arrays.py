@@ -18,11 +18,8 @@ def float_arrays(*values: Any) -> tuple[Any, ...]:
     """
     arrays = [v for v in values if isinstance(v, HostOrDevice)]
     floats = [jnp.result_type(a) for a in arrays if jnp.issubdtype(a.dtype, jnp.floating)]
-    if not floats:
-        dtype = jnp.result_type(float)
-    else:
-        # Only the widths matter: float32 and float64 are the library's two dtypes.
-        dtype = max(floats, key=lambda d: jnp.finfo(d).bits)
+    # Only the widths matter: float32 and float64 are the library's two dtypes.
+    dtype = max(floats, key=lambda d: jnp.finfo(d).bits) if floats else jnp.result_type(float)
     return tuple(None if v is None else jnp.asarray(v, dtype) for v in values)
 
 

@@ -59,11 +59,11 @@ def undistort(
     Returns:
         (2,) ideal normalized coordinates; finite but arbitrary where no ideal point maps there.
     """
-    point, distortion = float_arrays(point, distortion)
+    distorted, coefficients = float_arrays(point, distortion)
 
     def newton_step(estimate: Array, _: None) -> tuple[Array, None]:
-        error = distort(estimate, distortion) - point
-        jacobian = jax.jacfwd(distort)(estimate, distortion)
+        error = distort(estimate, coefficients) - distorted
+        jacobian = jax.jacfwd(distort)(estimate, coefficients)
         a, b, c, d = jacobian[0, 0], jacobian[0, 1], jacobian[1, 0], jacobian[1, 1]
         determinant = a * d - b * c
         # Beyond the fold of the lens the determinant is not positive: step along the error.
@@ -76,7 +76,7 @@ def undistort(
         shrink = jnp.where(length > longest, longest / jnp.where(length > longest, length, 1), 1)
         return estimate - shrink * step, None
 
-    return jax.lax.scan(newton_step, point, None, length=UNDISTORTION_STEPS)[0]
+    return jax.lax.scan(newton_step, distorted, None, length=UNDISTORTION_STEPS)[0]
 
 
 def project(
@@ -100,8 +100,8 @@ def project(
             positive.
         depth: () coordinate along the optical axis in scene units, negative behind the camera.
     """
-    K, R, t, point, distortion = float_arrays(K, R, t, point, distortion)
-    in_camera = R @ point + t
+    intrinsics, rotation, translation, world, distortion = float_arrays(K, R, t, point, distortion)
+    in_camera = rotation @ world + translation
     depth = in_camera[2]
     distance = safe_norm(in_camera)
     in_front = depth > FRONT_SHARE * distance
@@ -110,7 +110,7 @@ def project(
     normalized = in_camera[:2] / divisor
     if distortion is not None:
         normalized = distort(normalized, distortion)
-    return K[:2, :2] @ normalized + K[:2, 2], depth
+    return intrinsics[:2, :2] @ normalized + intrinsics[:2, 2], depth
 
 
 def back_project(

@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray, UInt32
 
 from catfree.geometry.arrays import HostOrDevice, Scalar, epsilon, float_arrays
@@ -79,17 +80,15 @@ def fit_plane(
         Plane. Points that leave it undetermined (fewer than three, collinear) give one of the
         planes through them, with finite derivatives.
     """
-    if weights is None:
-        weights = jnp.ones(points.shape[0], float_arrays(points)[0].dtype)
-    points, weights, toward = float_arrays(points, weights, toward)
-    present = weights > 0  # false for NaN too
-    weights = jnp.where(present, weights, 0)
+    given = np.ones(points.shape[0], np.float32) if weights is None else weights
+    points, given, toward = float_arrays(points, given, toward)
+    present = jnp.asarray(given) > 0  # false for NaN too
     points = jnp.where(present[:, None], points, 0)
-    total = jnp.sum(weights)
-    total = jnp.where(total > 0, total, 1)
-    center = jnp.sum(weights[:, None] * points, axis=0) / total
+    total = jnp.sum(jnp.where(present, given, 0))
+    shares = jnp.where(present, given, 0) / jnp.where(total > 0, total, 1)
+    center = jnp.sum(shares[:, None] * points, axis=0)
     offsets = jnp.where(present[:, None], points - center[None, :], 0)
-    scatter = jnp.einsum("n,ni,nj->ij", weights / total, offsets, offsets)
+    scatter = jnp.einsum("n,ni,nj->ij", shares, offsets, offsets)
     normal = _smallest_direction(scatter)
     if toward is not None:
         normal = jnp.where(jnp.sum(normal * (toward - center)) < 0, -normal, normal)

@@ -31,11 +31,12 @@ def pixel_to_ray(
 
     Source: paper, Sec. "Ray reliability", back-projection of the bottom centre of a box.
     """
-    K, R, t, pixel, distortion = float_arrays(K, R, t, pixel, distortion)
-    normalized = back_project(K, pixel, distortion)
+    intrinsics, rotation, translation, pixel, distortion = float_arrays(K, R, t, pixel, distortion)
+    normalized = back_project(intrinsics, pixel, distortion)
     in_camera = jnp.concatenate([normalized, jnp.ones((1,), normalized.dtype)])
-    direction = R.T @ in_camera
-    return -(R.T @ t), direction / jnp.sqrt(jnp.sum(direction * direction))
+    direction = jnp.asarray(rotation).T @ in_camera
+    origin = -(jnp.asarray(rotation).T @ translation)
+    return origin, direction / jnp.sqrt(jnp.sum(direction * direction))
 
 
 def angular_residual(

@@ -1,4 +1,4 @@
-"""Similarity transforms: the gauge freedom of a reconstruction, and the alignment that removes it."""
+"""Similarity transforms: the freedom of a reconstruction, and the alignment that removes it."""
 
 from typing import Any
 
@@ -93,20 +93,18 @@ def fit_similarity(
     Source: Umeyama (1991), "Least-squares estimation of transformation parameters between two
         point patterns".
     """
-    if weights is None:
-        weights = jnp.ones(source.shape[0], float_arrays(source, target)[0].dtype)
-    source, target, weights = float_arrays(source, target, weights)
-    present = weights > 0  # false for NaN too
-    weights = jnp.where(present, weights, 0)
-    total = jnp.sum(weights)
-    weights = weights / jnp.where(total > 0, total, 1)
+    given = np.ones(source.shape[0], np.float32) if weights is None else weights
+    source, target, given = float_arrays(source, target, given)
+    present = jnp.asarray(given) > 0  # false for NaN too
+    total = jnp.sum(jnp.where(present, given, 0))
+    shares = jnp.where(present, given, 0) / jnp.where(total > 0, total, 1)
     source = jnp.where(present[:, None], source, 0)
     target = jnp.where(present[:, None], target, 0)
-    source_mean, target_mean = weights @ source, weights @ target
+    source_mean, target_mean = shares @ source, shares @ target
     source_offsets = source - source_mean[None, :]
     target_offsets = target - target_mean[None, :]
-    covariance = jnp.einsum("n,ni,nj->ij", weights, target_offsets, source_offsets)
-    variance = jnp.sum(weights[:, None] * source_offsets * source_offsets)
+    covariance = jnp.einsum("n,ni,nj->ij", shares, target_offsets, source_offsets)
+    variance = jnp.sum(shares[:, None] * source_offsets * source_offsets)
     # All points coincide, but for what centring them rounds.
     resolution = 4 * epsilon(source.dtype) * jnp.max(jnp.abs(source))
     spread = variance > jnp.maximum(resolution * resolution, tiny(source.dtype))

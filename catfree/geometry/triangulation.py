@@ -78,8 +78,8 @@ def triangulate(
 
     Source: paper, Sec. "Robust 3D position estimation"; Huber (1964) for the loss.
     """
-    origins, directions, weights, delta = float_arrays(origins, directions, weights, huber_scale)
-    rays, center = _present_rays(origins, directions, weights)
+    *arrays, delta = float_arrays(origins, directions, weights, huber_scale)
+    rays, center = _present_rays(*arrays)
     present = rays.weights > 0
     position = _minimize(rays, delta)
     distances = safe_norm(_residuals(rays, position))
@@ -108,8 +108,7 @@ def triangulate_least_squares(
     Returns:
         (3,) position in scene units; degenerate rays are treated as in `triangulate`.
     """
-    origins, directions, weights = float_arrays(origins, directions, weights)
-    rays, center = _present_rays(origins, directions, weights)
+    rays, center = _present_rays(*float_arrays(origins, directions, weights))
     solution = jax.lax.custom_root(
         lambda x: _gradient(rays, x, None),
         jnp.zeros_like(center),
@@ -219,9 +218,13 @@ def _minimize(rays: _Rays, delta: Array) -> Array:
 
 
 class _Model(NamedTuple):
-    """The objective around a position: loss + 2 gradient·m + mᵀ(bound - curvature)m, doubled."""
+    """Twice the objective around a position: loss + 2 gradient·m + mᵀ(bound - curvature)m.
+
+    Rounding alone changes the loss by about `rounding`: distances are differences of lengths.
+    """
 
     loss: Float[Array, ""]
+    rounding: Float[Array, ""]
     gradient: Float[Array, "3"]
     bound: Float[Array, "3 3"]
     curvature: Float[Array, "3 3"]
@@ -241,8 +244,10 @@ def _model(rays: _Rays, position: Array, delta: Array) -> _Model:
     far = distances > delta
     weights = rays.weights * _huber_weights(distances, delta)
     outward = residuals / jnp.where(far, distances, 1)[:, None]
+    error = 4 * epsilon(delta.dtype) * safe_norm(position[None, :] - rays.origins)
     return _Model(
         loss=_loss(rays.weights, distances, delta),
+        rounding=jnp.sum(weights * error * (2 * distances + error)),
         gradient=jnp.sum(weights[:, None] * residuals, axis=0),
         bound=_normal_matrix(rays, weights),
         curvature=_symmetric_sum(jnp.where(far, weights, 0), outward),
@@ -267,10 +272,9 @@ def _iterate(rays: _Rays, delta: Array) -> Array:
         move = symmetric3.solve_factored(symmetric3.cholesky(matrix), model.gradient)
         proposal = state.position - move
         proposed = _model(rays, proposal, delta)
-        # A share of the predicted gain, and indifference to changes that rounding alone makes.
-        gain = model.loss - proposed.loss + 8 * unit * model.loss
+        gain = model.loss - proposed.loss + model.rounding
         predicted = jnp.sum(model.gradient * move)
-        better = (gain >= 0) | (state.damping >= 1)
+        better = gain >= 0
         damping = jnp.where(
             gain >= 0.5 * predicted,
             state.damping / 10,
@@ -284,7 +288,8 @@ def _iterate(rays: _Rays, delta: Array) -> Array:
             # weight).
             damping=jnp.clip(damping, unit**0.5, 1),
             converged=(safe_norm(move) <= resolution)
-            | ((state.steps >= PATIENT_STEPS) & (predicted <= unit * model.loss)),
+            | (~better & (state.damping >= 1))  # only rounding stops a plain step
+            | ((state.steps >= PATIENT_STEPS) & (predicted <= model.rounding)),
             steps=state.steps + 1,
         )
 

@@ -84,7 +84,7 @@ def ground_sigma(information: Float[HostOrDevice, "3 3"], plane: Plane) -> Float
     return jnp.where(singular, jnp.inf, jnp.sqrt(jnp.where(singular, 1, variance)))
 
 
-def _covariance(information: Array, plane: Plane) -> tuple[Array, Array]:
+def _covariance(information: HostOrDevice, plane: Plane) -> tuple[Array, Array]:
     """(2, 2) `Pᵀ Λ⁻¹ P` and whether Lambda is singular, in which case the first is arbitrary."""
     matrix, basis = float_arrays(information, plane.basis)
     scale = jnp.trace(matrix)
