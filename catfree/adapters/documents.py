@@ -88,7 +88,7 @@ def read_npz(path: StrPath, meaning: str, names: tuple[str, ...]) -> dict[str, n
     """
     source = require_file(path, meaning)
     try:
-        with np.load(source, allow_pickle=False) as archive:
+        with source.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             stored = sorted(archive.files)
             arrays = {name: archive[name] for name in names if name in stored}
     except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:

@@ -58,7 +58,7 @@ def read_uniform_json(
     frames = _frame_numbers(records, source)
     order = np.argsort(frames, kind="stable")
     table = _BoxTable(source, names)
-    truth: list[list[float]] = []
+    truth: list[tuple] = []
     for record, frame in zip(records, frames.tolist(), strict=True):
         truth += _ground_truth(record, frame, source)
         table.add(frame, entry(record, views, source, f"frame {frame}"))
@@ -155,6 +155,11 @@ class _BoxTable:
         keypoints = self.column("kpts", (17, 3))
         ankles = None if keypoints is None else ankles_confirmed(keypoints)
         score = self.column("score", ())
+        if score is not None and not ((score >= 0) & (score <= 1)).all():
+            at = int(np.argmax((score < 0) | (score > 1)))
+            raise InvalidInputError(
+                f"{self.source}: {self.place(at)} has score {score[at]}; it must be in [0, 1]."
+            )
         vectors = None if embedding is None else self.embedding(embedding)
         frame, camera = (np.array([row[at] for row in self.rows], np.int64) for at in (0, 1))
         return naming_file(
@@ -207,7 +212,7 @@ def _frame_numbers(records: list[Any], source: Path) -> np.ndarray:
     return frames
 
 
-def _ground_truth(record: dict[str, Any], frame: int, source: Path) -> list[list[float]]:
+def _ground_truth(record: dict[str, Any], frame: int, source: Path) -> list[tuple]:
     rows = []
     for at, person in enumerate(_list(record.get("gt") or [], source, f"gt of frame {frame}")):
         where = f"gt {at} of frame {frame}"
@@ -217,7 +222,7 @@ def _ground_truth(record: dict[str, Any], frame: int, source: Path) -> list[list
             raise InvalidInputError(f"{source}: {where} is not finite. Remove that position.")
         identity = person.get("id")
         identity = -1 if identity is None else numbers(identity, (1,), source, where)[0]
-        rows.append([frame, identity, x, y])
+        rows.append((frame, identity, x, y))
     return rows
 
 
