@@ -27,7 +27,7 @@ def views(draw):
     coordinate = st.floats(-20, 20, width=32)
     position = np.array(draw(st.tuples(coordinate, coordinate, coordinate)))
     origins, directions = np.zeros((CAMERAS, 3)), np.full((CAMERAS, RAYS, 3), np.nan)
-    weights, angles = np.zeros((CAMERAS, RAYS)), np.full((CAMERAS, RAYS), np.nan)
+    weights = np.zeros((CAMERAS, RAYS))
     for c in range(CAMERAS):
         azimuth, elevation = draw(st.floats(0, 6.28)), draw(st.floats(-1.2, 1.2))
         towards = np.array(
@@ -39,12 +39,13 @@ def views(draw):
         )
         origins[c] = position - towards * draw(st.floats(0.5, 40))
         side = unit(np.cross(towards, [-np.sin(azimuth), np.cos(azimuth), 0.3]))
-        for d in range(draw(st.integers(0, RAYS))):
-            angle = draw(st.floats(-3, 3)) * RADIUS
+        # No two angles alike and none at the radius, where rounding would decide; ties are below.
+        steps = draw(st.lists(st.integers(-28, 28), max_size=RAYS, unique_by=abs))
+        for d, step in enumerate(steps):
+            angle = step / 9.5 * RADIUS
             directions[c, d] = np.cos(angle) * towards + np.sin(angle) * side
             weights[c, d] = draw(st.sampled_from([0, 0.25, 0.5, 1]))
-            angles[c, d] = abs(angle)
-    return position, origins, directions, weights, angles
+    return position, origins, directions, weights
 
 
 def support_by_hand(position, origins, directions, weights):
@@ -62,25 +63,12 @@ def support_by_hand(position, origins, directions, weights):
 
 @given(view=views())
 def test_support_equals_a_loop_over_rays(x64, view):
-    *scene, angles = view
-    known = angles[~np.isnan(angles)]
-    if (abs(known - RADIUS) < 1e-9).any() or (abs(np.subtract.outer(known, known)) < 1e-9).any():
-        # Rounding decides there; ties have their own test.
-        known_unique = np.unique(known.round(9))
-        if len(known_unique) < len(known):
-            return
-    np.testing.assert_array_equal(support(*scene, RADIUS), support_by_hand(*scene))
+    np.testing.assert_array_equal(support(*view, RADIUS), support_by_hand(*view))
 
 
 @given(view=views(), factor=st.sampled_from([1e-3, 1.0, 1e3]))
 def test_float32_decides_as_float64(x64, view, factor):
-    position, origins, directions, weights, angles = view
-    known = angles[~np.isnan(angles)]
-    clear = (abs(known - RADIUS) > 1e-4 * RADIUS).all() and (
-        abs(np.subtract.outer(known, known))[~np.eye(len(known), dtype=bool)] > 1e-4 * RADIUS
-    ).all()
-    if not clear:
-        return
+    position, origins, directions, weights = view
     centre = origins.mean(0)
     arrays = ((position - centre) * factor, (origins - centre) * factor, directions, weights)
     low = support(*(a.astype(np.float32) for a in arrays), np.float32(RADIUS))
@@ -90,7 +78,7 @@ def test_float32_decides_as_float64(x64, view, factor):
 
 @given(view=views(), data=st.data())
 def test_order_of_cameras_does_not_matter(view, data):
-    position, origins, directions, weights, _ = view
+    position, origins, directions, weights = view
     order = np.array(data.draw(st.permutations(range(CAMERAS))))
     arrays = [a.astype(np.float32) for a in (position, origins, directions, weights)]
     plain = np.asarray(support(*arrays, RADIUS))
