@@ -67,8 +67,8 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
             raise InvalidInputError(f"{source}: the rotation of {where} is not finite.")
         R.append(rotation_from_vector(vector))
         t.append(numbers(part["translation"], (3,), source, f"translation of {where}"))
-        values = np.ravel(camera.get("distortions", []))
-        coefficients = numbers(values, (len(values),), source, f"distortions of {where}")
+        values = camera.get("distortions", [])
+        coefficients = numbers(values, None, source, f"distortions of {where}")
         lens.append(five_coefficients(coefficients, source, where))
     names = tuple(str(camera.get("name", key)) for key, camera in cameras.items())
     rig = naming_file(

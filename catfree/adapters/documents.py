@@ -114,16 +114,20 @@ def entry(mapping: Any, key: str, source: StrPath, where: str) -> Any:
     return mapping[key]
 
 
-def numbers(value: Any, shape: tuple[int, ...], source: StrPath, where: str) -> np.ndarray:
+def numbers(value: Any, shape: tuple[int, ...] | None, source: StrPath, where: str) -> np.ndarray:
     """A float64 array of this shape; nested lists and flat lists are both accepted.
+
+    A shape of None stands for a list of any length.
 
     Raises:
         FileFormatError: naming the file and the place in it.
     """
     try:
         array = np.asarray(value, np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise FileFormatError(f"{source}: {where} does not hold numbers only.") from error
+    if shape is None:
+        return array.ravel()
     if array.size != int(np.prod(shape)):
         raise FileFormatError(
             f"{source}: {where} must hold {' x '.join(map(str, shape))} numbers, "

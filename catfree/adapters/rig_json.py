@@ -130,8 +130,8 @@ def _read_rig(document: Any, source: Path) -> NamedRig:
         registered.append(bool(camera.get("registered", True)))
         values = camera.get("distortion")
         if values is not None and registered[-1]:
-            values = numbers(values, np.shape(values), source, f"the distortion of {where}")
-            lens.append(five_coefficients(values.ravel(), source, where))
+            values = numbers(values, None, source, f"the distortion of {where}")
+            lens.append(five_coefficients(values, source, where))
         else:
             lens.append(None)
     distortion = None

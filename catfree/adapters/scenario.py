@@ -17,6 +17,8 @@ from catfree.adapters.sequence import MultiViewSequence
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Detections, Plane, Rig, Scene
 
+_MOST_FRAMES = 10_000_000  # a larger count is a damaged file
+
 
 def read_scenario(folder: StrPath) -> MultiViewSequence:
     """Read a simulated scene whose rig is known only approximately and in no metric frame.
@@ -83,9 +85,14 @@ def _read_scene(path: Path) -> tuple[Scene, float, int]:
     normal = numbers(value["ground_normal"], (3,), path, "ground_normal")
     offset = numbers(value["ground_offset"], (), path, "ground_offset")
     extent = numbers(value["extent"], (), path, "extent")
-    size = value["image_size"]
+    size = numbers(value["image_size"], None, path, "image_size")
+    size = size if len(size) == 2 else numbers(size, (count, 2), path, "image_size")
+    fps = float(numbers(value["fps"], (), path, "fps"))
+    frames = float(numbers(value["frames"], (), path, "frames"))
+    if not (0 <= frames <= _MOST_FRAMES and frames == int(frames)):
+        raise FileFormatError(f"{path}: frames is {frames}; it must be the number of frames.")
     scene = naming_file(path, lambda: Scene(Rig(K, R, t, size), Plane(normal, offset), extent))
-    return scene, float(value["fps"]), int(value["frames"])
+    return scene, fps, int(frames)
 
 
 def _read_detections(path: Path, camera_count: int) -> Detections:

@@ -65,6 +65,7 @@ def read_uniform_json(
     positions = np.array(truth, np.float64).reshape(-1, 4)
 
     rig = _read_rig(cameras, source)
+    fps = document.get("fps")
     if rig is not None:
         require_people_in_front(rig, positions[:, 2:], source)
     return MultiViewSequence(
@@ -77,7 +78,7 @@ def read_uniform_json(
         ground_truth=positions,
         frames=frames[order],
         camera_names=names,
-        fps=None if document.get("fps") is None else float(document["fps"]),
+        fps=None if fps is None else float(numbers(fps, (), source, "fps")),
         evaluation_area=_area(document.get("evaluation_area"), source),
         true_centres=None if rig is None else np.asarray(rig.centers),
         images=_images([records[i] for i in order], names, source),
@@ -123,7 +124,7 @@ class _BoxTable:
         values = [box[key] for *_, box in self.rows]
         try:
             array = np.asarray(values, np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             array = np.empty(0)
         if array.shape != (len(values), *shape):  # slow path only to name the offending box
             array = np.stack(
@@ -191,7 +192,21 @@ class _BoxTable:
         values = [box.get("id") for *_, box in self.rows]
         if all(value is None for value in values):
             return None
+        for at, value in enumerate(values):
+            if value is not None and not _is_whole(value):
+                raise FileFormatError(f"{self.source}: {self.place(at)} has id {value!r}.")
         return np.array([-1 if value is None else value for value in values], np.int64)
+
+
+def _is_whole(value: Any) -> bool:
+    """Whether this is a whole number that float64 holds exactly."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and abs(value) <= 2**53 and value == int(value)
+
+
+def _existing(folder: Path, name: Any) -> Path | None:
+    path = folder / name if isinstance(name, str) and name else None
+    return path if path is not None and path.is_file() else None
 
 
 def _list(value: Any, source: Path, where: str) -> list[Any]:
@@ -203,7 +218,7 @@ def _list(value: Any, source: Path, where: str) -> list[Any]:
 def _frame_numbers(records: list[Any], source: Path) -> np.ndarray:
     values = [entry(record, "frame", source, f"frames[{i}]") for i, record in enumerate(records)]
     for at, value in enumerate(values):
-        if isinstance(value, bool) or not isinstance(value, int):
+        if not _is_whole(value):
             raise FileFormatError(f"{source}: frames[{at}] has the number {value!r}, not a whole.")
     frames = np.array(values, np.int64)
     distinct, counts = np.unique(frames, return_counts=True)
@@ -220,8 +235,9 @@ def _ground_truth(record: dict[str, Any], frame: int, source: Path) -> list[tupl
         x, y = numbers(xy, (2,), source, where)
         if not np.isfinite([x, y]).all():
             raise InvalidInputError(f"{source}: {where} is not finite. Remove that position.")
-        identity = person.get("id")
-        identity = -1 if identity is None else numbers(identity, (1,), source, where)[0]
+        identity = -1 if person.get("id") is None else person["id"]
+        if not _is_whole(identity):
+            raise FileFormatError(f"{source}: {where} has id {identity!r}, not a whole number.")
         rows.append((frame, identity, x, y))
     return rows
 
@@ -236,7 +252,7 @@ def _read_rig(cameras: list[Any], source: Path) -> Rig | None:
             parts[key].append(numbers(entry(camera, key, source, where), shape, source, where))
         size = [entry(camera, key, source, where) for key in ("width", "height")]
         parts["size"].append(numbers(size, (2,), source, where))
-        distortion = np.asarray(camera.get("dist") or [], np.float64).ravel()
+        distortion = numbers(camera.get("dist") or [], None, source, f"dist of {where}")
         parts["dist"].append(five_coefficients(distortion, source, where))
     distortion = np.stack(parts["dist"])
     K, R, t, size = (np.stack(parts[key]) for key in ("K", "R", "t", "size"))
@@ -256,12 +272,9 @@ def _images(
     records: list[Any], names: tuple[str, ...], source: Path
 ) -> tuple[tuple[Path | None, ...], ...]:
     """(C, F) images, whose paths are relative to the JSON file's folder."""
-    listed = [[record.get("images", {}).get(name) for record in records] for name in names]
+    listed = [record.get("images") for record in records]
+    listed = [paths if isinstance(paths, dict) else {} for paths in listed]
     found = tuple(
-        tuple(
-            source.parent / path if path and (source.parent / path).is_file() else None
-            for path in row
-        )
-        for row in listed
+        tuple(_existing(source.parent, paths.get(name)) for paths in listed) for name in names
     )
     return found if any(path for row in found for path in row) else ()

@@ -40,7 +40,8 @@ def as_integer(value: Any, name: str) -> np.ndarray:
     if array.dtype == bool or not np.issubdtype(array.dtype, np.number):
         raise InvalidInputError(f"{name} must hold whole numbers, got dtype {array.dtype}.")
     if not np.issubdtype(array.dtype, np.integer):
-        fraction = ~np.isfinite(array) | (array != np.round(array))
+        # 2^63 and beyond would wrap around in int64.
+        fraction = ~(np.abs(array) < 2.0**63) | (array != np.round(array))
         if fraction.any():
             at = first_index(fraction)
             raise InvalidInputError(
