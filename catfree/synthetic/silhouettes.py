@@ -23,8 +23,10 @@ _UPPER_BODY = np.array(
 _FOOT_ACROSS = 0.055  # from the middle of the body to a foot's middle
 _FOOT_HALF_WIDTH = 0.026
 _TOE, _HEEL = 0.105, -0.045  # ahead of the ankle
-_ANKLE_UP = 0.04
-_STRIDE_SHARE = 0.20  # ankle swing to either side of the body when walking freely
+# Walking freely, an ankle swings so far to either side of the body, is lifted so much on its way
+# forward, and the heel behind rises so much.
+STRIDE_SHARE, LIFT, HEEL_RISE = 0.20, 0.035, 0.045
+FREE_SPEED = 1.3  # m/s, from which legs swing fully
 
 # Visibility is sampled on 16 rows x 4 columns of each box: one bit a sample.
 ROWS, COLUMNS = 16, 4
@@ -58,14 +60,16 @@ def body_points(walkers: Walkers) -> Float[np.ndarray, "t p k 3"]:
     The legs swing with the walking cycle, so the foot nearest to a camera, which sets the bottom
     of a box, is ahead of the body axis: a bias that real boxes have too.
     """
-    speed = np.linalg.norm(walkers.velocity, axis=-1)
-    swing = _STRIDE_SHARE * np.clip(speed / 1.3, 0, 1) * np.sin(walkers.stride)
+    amount = np.clip(np.linalg.norm(walkers.velocity, axis=-1) / FREE_SPEED, 0, 1)
+    swing = STRIDE_SHARE * amount * np.sin(walkers.stride)
     feet = []
     for side in (-1, 1):
+        lift = LIFT * amount * np.maximum(0, side * np.cos(walkers.stride))
+        rise = HEEL_RISE * np.maximum(0, -side * swing / STRIDE_SHARE)
         for across in (-_FOOT_HALF_WIDTH, _FOOT_HALF_WIDTH):
-            for ahead in (_HEEL, _TOE):
-                x = np.full_like(swing, side * _FOOT_ACROSS + across)
-                feet.append(np.stack([x, side * swing + ahead, np.zeros_like(x)], -1))
+            x = np.full_like(swing, side * _FOOT_ACROSS + across)
+            feet.append(np.stack([x, side * swing + _HEEL, lift + rise], -1))
+            feet.append(np.stack([x, side * swing + _TOE, lift], -1))
     upper = np.broadcast_to(_UPPER_BODY, (*swing.shape, *_UPPER_BODY.shape))
     local = np.concatenate([upper, np.stack(feet, -2)], -2)
     c, s = np.cos(walkers.heading)[..., None], np.sin(walkers.heading)[..., None]

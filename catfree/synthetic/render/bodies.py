@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from catfree.synthetic.silhouettes import FREE_SPEED, HEEL_RISE, LIFT, STRIDE_SHARE
+
 SIDES = 10  # of a tube's cross-section
-STRIDE_SHARE = 0.20  # ankle swing to either side of the body, as in `silhouettes`
 THIGH = SHANK = 0.234
 UPPER_ARM, FOREARM = 0.165, 0.145
-LIFT = 0.05  # of the ankle while the foot swings forward
 
 # Parts that have a colour of their own.
 SHIRT, SLEEVE, FOREARM_PART, TROUSERS, SHANK_PART, SHOES, SKIN, HAIR, BAG = range(9)
@@ -85,14 +85,14 @@ def body_vertices(
         stride: (N,) phase of the walking cycle in radians.
         speed: (N,) in m/s; who stands has straight legs.
     """
-    amount = np.clip(speed / 1.3, 0, 1)
+    amount = np.clip(speed / FREE_SPEED, 0, 1)
     swing = STRIDE_SHARE * amount * np.sin(stride)
     bob = -0.02 * amount * np.abs(np.sin(stride))
     legs, shoes, arms = [], [], []
     for side in (-1, 1):
         ahead = side * swing
         lift = LIFT * amount * np.maximum(0, side * np.cos(stride))
-        heel = 0.045 * np.maximum(0, -ahead / STRIDE_SHARE)
+        heel = HEEL_RISE * np.maximum(0, -ahead / STRIDE_SHARE)
         legs.append(_leg(side, ahead, 0.04 + lift + heel, bob))
         shoes.append(_shoe(side, ahead, lift, heel))
         arms.append(_arm(side, -0.48 * ahead / STRIDE_SHARE, bob))

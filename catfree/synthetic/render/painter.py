@@ -4,9 +4,10 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from catfree.synthetic.render.background import Background, light
+from catfree.synthetic.render.background import Background
 from catfree.synthetic.render.bodies import BAG, body_vertices, build_mesh
 from catfree.synthetic.render.clothes import dress
+from catfree.synthetic.render.raycasting import light
 from catfree.synthetic.render.stage import Stage
 from catfree.synthetic.silhouettes import project
 from catfree.synthetic.walkers import Walkers

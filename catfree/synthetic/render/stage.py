@@ -106,7 +106,8 @@ def street_furniture(
         seed: everything random follows from it.
         pillars: how many thin tall ones.
         others: how many of the others, in turn.
-        cameras: (C, 3) camera centres, from which tall things keep 5 m away, or None.
+        cameras: (C, 3) camera centres, from which tall things keep 5 m or more away
+            where there is room, or None.
 
     Returns:
         (K, 4) x, y, radius, height in metres: the `columns` of `make_world`. Things keep 2.5 m
@@ -120,7 +121,8 @@ def street_furniture(
     placed: list[tuple[float, float, float, float]] = []
     for radius, height in kinds:
         # What blocks the view stands near the border, as in a real square.
-        lowest = 0.0 if height < 1 else 0.45
+        lowest = 0.0 if height < 1 else 0.3
+        clear = 2.5 + 2 * radius
         best, best_gap = np.zeros(2), -np.inf
         for _ in range(30):
             share = rng.uniform(-0.85, 0.85, 2)
@@ -128,7 +130,7 @@ def street_furniture(
             point = point + share * np.array([x_max - x_min, y_max - y_min]) / 2
             gaps = [np.hypot(*(point - other[:2])) - other[2] - radius for other in placed]
             if cameras is not None and height > 1:
-                gaps += [np.hypot(*(point - camera[:2])) - 2.5 for camera in cameras]
+                gaps += [np.hypot(*(point - camera[:2])) - clear for camera in cameras]
             gap = min(gaps, default=np.inf) if np.abs(share).max() >= lowest else -np.inf
             if gap > best_gap:
                 best, best_gap = point, gap

@@ -14,7 +14,7 @@ Picture = UInt8[np.ndarray, "row column 3"]
 
 
 def cloud(
-    rng: np.random.Generator, shape: tuple[int, int], scale: float
+    rng: np.random.Generator, shape: tuple[int, int], scale: float | int
 ) -> Float[np.ndarray, "row column"]:
     """Smooth noise of unit deviation with features of about `scale` pixels."""
     rows, columns = shape
@@ -136,7 +136,7 @@ def solid_outline(solid: Sphere | Cylinder | Block) -> Float[np.ndarray, "n 3"]:
     )
 
 
-def front_picture(stage: Stage, wall: int, length: float, height: float) -> Picture:
+def front_picture(stage: Stage, wall: int, length: float | int, height: float | int) -> Picture:
     """A house front with windows and a cornice: columns run along the wall, rows downwards."""
     rng = np.random.default_rng([stage.seed, 7, wall])
     columns, rows = int(length / FRONT_TEXEL), int(height / FRONT_TEXEL)
