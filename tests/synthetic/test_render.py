@@ -35,7 +35,7 @@ def painter(world, stage, backgrounds, camera, sunlight):
     # Without sunlight nobody throws a shadow, and what changes in the picture is a body.
     dim = replace(stage, sunlight=sunlight)
     artist = Painter(world.walkers, world.true_rig, camera, backgrounds[camera], dim)
-    artist.noise = [np.full_like(noise, artist.noise_middle) for noise in artist.noise]
+    artist.noise = [artist.noise_middle] * len(artist.noise)
     return artist
 
 

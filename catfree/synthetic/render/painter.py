@@ -41,7 +41,7 @@ class Painter:
         self.darkening = direct / (direct + stage.skylight)
         rng = np.random.default_rng([stage.seed, 12, camera])
         middle = 4 * NOISE
-        self.noise_middle = int(middle)
+        self.noise_middle = np.full_like(background.picture, int(middle))
         self.noise = [
             np.clip(rng.normal(middle, NOISE, (rows, columns, 3)), 0, 255).astype(np.uint8)
             for _ in range(NOISE_PICTURES)
@@ -55,7 +55,7 @@ class Painter:
             self._shadows(picture, vertices)
             self._draw_bodies(picture, people, vertices)
         picture = cv2.add(picture, self.noise[frame % NOISE_PICTURES])
-        return cv2.subtract(picture, np.full_like(picture, self.noise_middle))
+        return cv2.subtract(picture, self.noise_middle)
 
     def _bodies(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Who may be in the picture, farthest first, and their vertices (N, V, 3) in metres."""

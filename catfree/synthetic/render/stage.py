@@ -10,7 +10,7 @@ from catfree.synthetic.walkers import Area
 
 # Furniture as (radius, height) in metres: people walk around the circle, cameras see the thing.
 PILLAR = (0.17, 4.0)
-ADVERTISING_COLUMN = (0.62, 2.9)
+ADVERTISING_COLUMN = (0.55, 2.7)
 PLANTER = (0.95, 0.75)
 BENCH = (0.85, 0.46)
 

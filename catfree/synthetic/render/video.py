@@ -1,4 +1,9 @@
-"""Renders a world's cameras to video files, several at a time."""
+"""Renders a world's cameras to video files, several at a time.
+
+What is easy about the pictures, and is not in real footage: exact synchronization, no lens
+distortion, no camera shake, constant exposure and weather, little texture on clothes, a flat
+ground, and a sun that throws shadows of bodies on the ground only.
+"""
 
 import multiprocessing
 import os
