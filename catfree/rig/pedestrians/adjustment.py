@@ -51,7 +51,6 @@ def alternate(
     *,
     shared_focal: bool,
     tolerances: tuple[float, ...],
-    free_offset: bool = False,
     most_people: int = 2500,
     iterations: int = 10,
 ) -> AdjustedRig:
@@ -63,7 +62,6 @@ def alternate(
         settings: constants.
         shared_focal: whether all cameras have one focal length.
         tolerances: range tolerances of the rounds; a camera's own smaller tolerance is kept.
-        free_offset: whether the foot offset is estimated.
         most_people: at most this many people take part.
         iterations: of each adjustment.
     """
@@ -80,7 +78,6 @@ def alternate(
             log_focal_prior=middle,
             settings=settings,
             shared_focal=shared_focal,
-            free_offset=free_offset,
             iterations=iterations,
         )
         parameters = np.where(

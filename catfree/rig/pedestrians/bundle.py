@@ -66,7 +66,6 @@ def adjust(
     settings: CalibrationSettings,
     *,
     shared_focal: bool,
-    free_offset: bool = True,
     iterations: int = 15,
 ) -> BundleResult:
     """Adjust cameras, foot offset and people together.
@@ -80,11 +79,10 @@ def adjust(
         log_focal_prior: (C,) middle of the weak prior on log focal length.
         settings: constants.
         shared_focal: whether all cameras have one focal length.
-        free_offset: whether the foot offset is estimated.
         iterations: at most this many steps.
     """
     problem = _Problem(
-        measurements, len(parameters), len(xy), log_focal_prior, settings, shared_focal, free_offset
+        measurements, len(parameters), len(xy), log_focal_prior, settings, shared_focal
     )
     state = (parameters.copy(), foot_offset, xy.copy(), height.copy())
     linear = problem.linearise(*state)
@@ -139,7 +137,6 @@ class _Problem:
         log_focal_prior: np.ndarray,
         settings: CalibrationSettings,
         shared_focal: bool,
-        free_offset: bool,
     ) -> None:
         self.data, self.settings, self.prior = measurements, settings, log_focal_prior
         self.people, self.cameras, self.shared = person_count, camera_count, shared_focal
@@ -149,7 +146,7 @@ class _Problem:
         free = np.repeat(self.used, 7)
         anchor = int(np.argmax(np.bincount(measurements.camera, minlength=camera_count)))
         free[7 * anchor + PAN : 7 * anchor + Z] = False
-        self.free = np.append(free, free_offset)
+        self.free = np.append(free, False)
 
     def linearise(
         self, parameters: np.ndarray, offset: float, xy: np.ndarray, height: np.ndarray
@@ -271,7 +268,9 @@ class _Problem:
         height: np.ndarray,
     ) -> np.ndarray:
         S = self._reduce(linear, parameters, offset, height, 0.0)[0]
-        free = self.free
+        # The foot offset is held, but what is unknown about it moves the cameras.
+        free = self.free.copy()
+        free[-1] = True
         out = np.zeros_like(S)
         out[np.ix_(free, free)] = np.linalg.pinv(S[np.ix_(free, free)], hermitian=True)
         return out

@@ -117,7 +117,7 @@ def _best_rig(work: Workspace, pairs: list[PairHypothesis], report: Progress):
         rig, verdicts = grow_rig(work, seed, pairs, shared_focal=shared)
         quality = (
             int(rig.state.placed.sum()),
-            sum(min(v.margin, 400.0) for v in verdicts.values()),
+            sum(v.margin for v in verdicts.values()),
         )
         report("growth", done + 1, 2)
         if best is None or quality > best[0]:
@@ -130,7 +130,6 @@ def _best_rig(work: Workspace, pairs: list[PairHypothesis], report: Progress):
         rig.state,
         settings,
         shared_focal=shared,
-        free_offset=bool(rig.state.placed.sum() >= 3),
         tolerances=(0.03, 0.02, 0.01),
         most_people=6000,
         iterations=15,

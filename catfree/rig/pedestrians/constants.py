@@ -12,9 +12,9 @@ class CalibrationSettings:
     Attributes:
         person_height: mean standing height of adults, shoes included; the only source of scale.
         person_height_sd: spread of standing heights.
-        foot_offset: how much nearer than the body axis the visible bottom of a box stands; the
-            start and the prior mean of the estimate (half a shoe and half a step).
-        foot_offset_sd: spread of that prior.
+        foot_offset: how much nearer than the body axis the visible bottom of a box stands: half a
+            shoe. Boxes say next to nothing about it (it trades with scale), so it is not fitted.
+        foot_offset_sd: its uncertainty, which goes into the uncertainty of the scale.
         pixel_sd: box edge noise that does not depend on the size of the box.
         relative_sd: box edge noise as a share of the box height.
         body_sd: how far the centre of a box may stand off the body axis.
@@ -39,6 +39,9 @@ class CalibrationSettings:
         shared_focal_spread: focal lengths count as one when their median log ratio is below this.
         shared_focal_sd: how far a shared log focal length may deviate.
         minimum_association: share of explained boxes that an accepted camera must reach.
+        minimum_margin: natural-log evidence by which an accepted camera must exceed every shifted
+            time; fitting seven numbers to chance alone gains about ten.
+        minimum_match_margin: the same for each match: a right camera gains about one.
         minimum_matches: matches that an accepted camera must reach.
         chance_shifts: circular time shifts, as shares of the sequence, whose evidence a camera must
             exceed.
@@ -47,7 +50,7 @@ class CalibrationSettings:
 
     person_height: float = 1.70
     person_height_sd: float = 0.09
-    foot_offset: float = 0.20
+    foot_offset: float = 0.12
     foot_offset_sd: float = 0.10
     pixel_sd: float = 4.0
     relative_sd: float = 0.025
@@ -70,7 +73,9 @@ class CalibrationSettings:
     seed_pairs: int = 6
     shared_focal_spread: float = 0.10
     shared_focal_sd: float = 0.003
-    minimum_association: float = 0.55
+    minimum_association: float = 0.45
+    minimum_margin: float = 25.0
+    minimum_match_margin: float = 0.1
     minimum_matches: int = 15
     chance_shifts: tuple[float, ...] = (0.17, 0.29, 0.41, 0.53, 0.67, 0.83)
     minimum_frames: int = 20

@@ -68,7 +68,7 @@ class Verdict:
     @property
     def margin(self) -> float:
         """Evidence above chance."""
-        return self.judgement.evidence - max(self.chance, 0.0)
+        return self.judgement.evidence - self.chance
 
 
 class Workspace:
@@ -254,8 +254,7 @@ def judge_camera(work: Workspace, state: RigState, camera: int) -> Verdict:
         own, others, others_expected, own_expected, settings, settings.chance_shifts
     )
     accepted = (
-        judgement.evidence > 0
-        and margin > 0
+        margin > max(settings.minimum_margin, settings.minimum_match_margin * judgement.matches)
         and judgement.association > settings.minimum_association
         and judgement.matches > settings.minimum_matches
     )
