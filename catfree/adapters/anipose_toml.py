@@ -17,7 +17,7 @@ from catfree.adapters.documents import (
     write_text_atomically,
 )
 from catfree.adapters.named_rig import NamedRig, registered_cameras
-from catfree.adapters.opencv_xml import rotation_from_vector, rotation_to_vector
+from catfree.adapters.rotation_vectors import rotation_from_vector, rotation_to_vector
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Rig
 

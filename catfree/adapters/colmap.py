@@ -78,7 +78,8 @@ def read_colmap(folder: StrPath) -> NamedRig:
             raise FileFormatError(f"{source}: image {name} has camera {camera_id}, not in cameras.")
         model, width, height, parameters = cameras[camera_id]
         matrix, coefficients = _intrinsics(model, parameters, root, name)
-        norm = np.linalg.norm(quaternion)
+        with np.errstate(over="ignore"):
+            norm = np.linalg.norm(quaternion)
         if not (np.isfinite(norm) and norm > 0):
             raise InvalidInputError(f"{source}: image {name} has no valid rotation quaternion.")
         K.append(matrix)

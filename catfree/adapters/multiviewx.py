@@ -15,7 +15,8 @@ from catfree.adapters.grid_annotations import (
     numbered_files,
     read_annotations,
 )
-from catfree.adapters.opencv_xml import read_xml_matrices, rotation_from_vector
+from catfree.adapters.opencv_storage import read_matrices
+from catfree.adapters.rotation_vectors import rotation_from_vector
 from catfree.adapters.sequence import MultiViewSequence, metric_scene, require_people_in_front
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Detections, Rig
@@ -115,15 +116,13 @@ def _read_rig(folder: Path) -> Rig:
     mirror, shift = np.diag([1.0, -1.0, 1.0]), np.array([0.0, _DEPTH, 0.0])
     centre = np.array([GRID.area[1] / 2, GRID.area[3] / 2, 0.0])
     for camera, name in enumerate(CAMERA_NAMES, start=1):
-        inner = read_xml_matrices(
+        inner = read_matrices(
             folder / "intrinsic" / f"intr_Camera{camera}.xml",
             f"intrinsics of camera {name}",
             {"camera_matrix": (3, 3)},
         )
         path = folder / "extrinsic" / f"extr_Camera{camera}.xml"
-        outer = read_xml_matrices(
-            path, f"extrinsics of camera {name}", {"rvec": (3,), "tvec": (3,)}
-        )
+        outer = read_matrices(path, f"extrinsics of camera {name}", {"rvec": (3,), "tvec": (3,)})
         published = rotation_from_vector(outer["rvec"])
         if (published @ centre + outer["tvec"])[2] >= 0:
             raise InvalidInputError(

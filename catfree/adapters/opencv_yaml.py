@@ -3,7 +3,6 @@
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,11 +11,11 @@ from catfree.adapters.documents import (
     StrPath,
     naming_file,
     numbers,
-    read_text,
     write_text_atomically,
 )
 from catfree.adapters.named_rig import NamedRig, registered_cameras
-from catfree.adapters.opencv_xml import rotation_from_vector
+from catfree.adapters.opencv_storage import read_storage
+from catfree.adapters.rotation_vectors import rotation_from_vector
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Rig
 
@@ -70,18 +69,18 @@ def read_opencv_yaml(
         raise InvalidInputError("read_opencv_yaml needs at least one file.")
     K, R, t, size, lens = [], [], [], [], []
     for source in sources:
-        values = _read_storage(source)
+        values = read_storage(source, "calibration")
         K.append(numbers(_first(values, _INTRINSICS, source, "intrinsics"), (3, 3), source, "K"))
         rotation = _first(values, _ROTATION, source, "rotation")
         if rotation.size == 3:
             if not np.isfinite(rotation).all():
                 raise InvalidInputError(f"{source}: the rotation is not finite.")
-            rotation = rotation_from_vector(rotation.ravel())
+            rotation = rotation_from_vector(rotation)
         R.append(numbers(rotation, (3, 3), source, "the rotation"))
         shift = _first(values, _TRANSLATION, source, "translation")
         t.append(numbers(shift, (3,), source, "the translation") * metres_per_unit)
         coefficients = _first(values, _DISTORTION, source, None)
-        lens.append(five_coefficients(coefficients.ravel(), source, "the camera"))
+        lens.append(five_coefficients(coefficients, source, "the camera"))
         size.append(_image_size(values, source, image_size))
     rig = naming_file(
         ", ".join(source.name for source in sources),
@@ -139,43 +138,6 @@ def write_opencv_yaml(
     return tuple(paths)
 
 
-def _read_storage(source: Path) -> dict[str, np.ndarray]:
-    """The matrices, numbers and lists of numbers at the top of a FileStorage file."""
-    import cv2  # not at the top: `import catfree` must stay light
-
-    text = read_text(source, "calibration")
-    unreadable = f"{source} is not a calibration that OpenCV can read. Is the file complete?"
-    if not text.strip():
-        raise FileFormatError(unreadable)
-    values: dict[str, np.ndarray] = {}
-    try:
-        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        try:
-            root = storage.root()
-            for name in root.keys():  # noqa: SIM118  a FileNode is no mapping
-                value = _value(root.getNode(name))
-                if value is not None:
-                    values[name] = value
-        finally:
-            storage.release()
-    except (cv2.error, SystemError) as error:
-        raise FileFormatError(unreadable) from error
-    if not values:
-        raise FileFormatError(unreadable)
-    return values
-
-
-def _value(node: Any) -> np.ndarray | None:
-    if node.isInt() or node.isReal():
-        return np.array([node.real()])
-    if node.isSeq():
-        items = [node.at(at) for at in range(node.size())]
-        plain = all(item.isInt() or item.isReal() for item in items)
-        return np.array([item.real() for item in items]) if plain else None
-    matrix = node.mat() if node.isMap() else None
-    return None if matrix is None else np.asarray(matrix, np.float64)
-
-
 def _first(
     values: dict[str, np.ndarray], names: tuple[str, ...], source: Path, meaning: str | None
 ) -> np.ndarray:
@@ -189,9 +151,9 @@ def _first(
 def _image_size(
     values: dict[str, np.ndarray], source: Path, default: tuple[int, int] | None
 ) -> np.ndarray:
-    pair = _first(values, _SIZE, source, None).ravel()
+    pair = _first(values, _SIZE, source, None)
     width, height = (_first(values, names, source, None) for names in (_WIDTH, _HEIGHT))
-    size = pair if pair.size else np.concatenate([width.ravel(), height.ravel()])
+    size = pair if pair.size else np.concatenate([width, height])
     if size.size == 0 and default is not None:
         size = np.array(default)
     if size.size != 2:

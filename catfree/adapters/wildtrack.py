@@ -14,7 +14,8 @@ from catfree.adapters.grid_annotations import (
     numbered_files,
     read_annotations,
 )
-from catfree.adapters.opencv_xml import read_xml_matrices, rotation_from_vector
+from catfree.adapters.opencv_storage import read_matrices
+from catfree.adapters.rotation_vectors import rotation_from_vector
 from catfree.adapters.sequence import MultiViewSequence, metric_scene, require_people_in_front
 from catfree.types import Rig
 
@@ -107,12 +108,12 @@ def _read_rig(folder: Path, undistorted: bool) -> Rig:
     K, R, t, distortion = [], [], [], []
     for name, label in CAMERAS.items():
         kind = "intrinsic_zero" if undistorted else "intrinsic_original"
-        inner = read_xml_matrices(
+        inner = read_matrices(
             folder / kind / f"intr_{label}.xml",
             f"intrinsics of camera {name}",
             {"camera_matrix": (3, 3), "distortion_coefficients": (5,)},
         )
-        outer = read_xml_matrices(
+        outer = read_matrices(
             folder / "extrinsic" / f"extr_{label}.xml",
             f"extrinsics of camera {name}",
             {"rvec": (3,), "tvec": (3,)},

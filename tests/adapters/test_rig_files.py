@@ -351,6 +351,26 @@ def test_opencv_reads_what_we_write(tmp_path):
         storage.release()
 
 
+def test_opencv_yaml_by_hand(tmp_path):
+    """Lists in both of YAML's styles, a comment, and entries that are no numbers."""
+    path = tmp_path / "left.yaml"
+    path.write_text(
+        "%YAML:1.0\n---\n# made by hand\ncamera: left\n"
+        "K: [ 1000., 0., 960.,\n   0., 1010., 540., 0., 0., 1. ]\n"
+        "dist:\n   - -1.0e-01\n   - 2.0e-01\n   - 0.\n   - -0.5\n"
+        "rvec: [0, 0, 1.5707963267948966]\ntvec:\n- 1\n- -2\n- 3\n"
+        "image_size: [1920, 1080]\n"
+    )
+    rig = read_opencv_yaml(path).rig
+    np.testing.assert_array_equal(rig.K, [[[1000, 0, 960], [0, 1010, 540], [0, 0, 1]]])
+    np.testing.assert_array_equal(rig.distortion, [[-0.1, 0.2, 0, -0.5, 0]])
+    np.testing.assert_allclose(rig.R[0], QUARTER, atol=1e-15)
+    np.testing.assert_array_equal(rig.t, [[1, -2, 3]])
+    path.write_text(path.read_text().replace("1080]", "nan]"))
+    with pytest.raises(InvalidInputError, match=r"left\.yaml: image_size"):
+        read_opencv_yaml(path)
+
+
 def test_opencv_image_size_may_be_given(tmp_path):
     (path,) = write_opencv_yaml(tmp_path, _ring(1), ["a"])
     text = path.read_text().replace("image_width: 1920\nimage_height: 1080\n", "")
