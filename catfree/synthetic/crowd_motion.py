@@ -10,6 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from catfree.synthetic.giving_way import (
+    around_obstacles,
+    avoidance,
+    limited,
+    outside_obstacles,
+    unit,
+)
+
 RELAXATION = 0.5  # seconds in which a velocity adapts
 PREFERRED_SPEED = (1.25, 0.2)  # m/s, mean and spread of free walking
 TOP_SPEED = 2.2  # m/s, a brisk walk to catch up
@@ -17,8 +25,6 @@ TOP_ACCELERATION = 3.0  # m/s²
 ARRIVAL = 0.7  # metres from a waypoint at which it counts as reached
 STANDING_TIME = 12.0  # seconds, mean
 STANDING_CHANCE = 0.35  # that a reached waypoint is a place to stand
-PERSONAL_SPACE = 0.55  # metres between two body axes where avoidance is strongest
-BODY_RADIUS = 0.25  # metres
 STEP_LENGTH = 0.72  # metres of one step
 BYSTANDER_CLEARANCE = 0.3  # metres that bystanders keep from the area
 
@@ -109,12 +115,12 @@ class Crowd:
         crowd.target = _waypoints(crowd, rng, everybody)
         stands = (rng.uniform(size=groups) < standing) & (start <= 0)
         crowd.stand_until = np.where(stands, rng.exponential(STANDING_TIME, groups), 0.0)
-        direction = _unit(crowd.target - crowd.anchor)
+        direction = unit(crowd.target - crowd.anchor)
         crowd.anchor_velocity = direction * (crowd.speed * ~stands)[:, None]
         crowd.ahead = np.arctan2(direction[:, 1], direction[:, 0])
         crowd.heading = crowd.ahead[group]
         crowd.position = _places(crowd)
-        crowd.position = _outside_obstacles(crowd.position, obstacles)
+        crowd.position = outside_obstacles(crowd.position, obstacles)
         crowd.velocity = crowd.anchor_velocity[group].copy()
         turned = crowd.slot.sum(-1)  # any direction serves somebody who stands
         crowd.heading = np.where(stands[group], crowd.heading + turned, crowd.heading)
@@ -130,13 +136,13 @@ def advance(crowd: Crowd, rng: np.random.Generator, dt: float) -> None:
 
     # The anchor of a group walks to its waypoint, slowing down within a metre if it will stand.
     to_target = crowd.target - crowd.anchor
-    desired = _unit(to_target) * (crowd.speed * (moving & active))[:, None]
-    desired = desired + _around_obstacles(crowd.anchor, desired, crowd.obstacles)
+    desired = unit(to_target) * (crowd.speed * (moving & active))[:, None]
+    desired = desired + around_obstacles(crowd.anchor, desired, crowd.obstacles)
     # Members who fell behind are waited for.
     behind = _group_mean(crowd, np.linalg.norm(_places(crowd) - crowd.position, axis=-1))
     desired = desired * np.clip(1.5 - behind, 0.2, 1.0)[:, None]
     crowd.anchor_velocity += (
-        _limited((desired - crowd.anchor_velocity) / RELAXATION, TOP_ACCELERATION) * dt
+        limited((desired - crowd.anchor_velocity) / RELAXATION, TOP_ACCELERATION) * dt
     )
     crowd.anchor = crowd.anchor + crowd.anchor_velocity * dt
     crowd.ahead = _turned(
@@ -152,17 +158,17 @@ def advance(crowd: Crowd, rng: np.random.Generator, dt: float) -> None:
     to_place = _places(crowd) - crowd.position
     wanted = crowd.anchor_velocity[crowd.group] + to_place / 0.8
     here = np.flatnonzero(present)
-    wanted[here] += _avoidance(crowd.position[here], crowd.group[here])
-    wanted = wanted + _around_obstacles(crowd.position, wanted, crowd.obstacles)
+    wanted[here] += avoidance(crowd.position[here], crowd.group[here])
+    wanted = wanted + around_obstacles(crowd.position, wanted, crowd.obstacles)
     # Somebody who stands does not shuffle about for a few centimetres.
     calm = np.linalg.norm(wanted, axis=-1) < 0.15
     wanted = np.where(calm[:, None], 0.0, wanted)
-    change = (_limited(wanted, TOP_SPEED) - crowd.velocity) / RELAXATION
-    crowd.velocity = crowd.velocity + _limited(change, TOP_ACCELERATION) * dt
+    change = (limited(wanted, TOP_SPEED) - crowd.velocity) / RELAXATION
+    crowd.velocity = crowd.velocity + limited(change, TOP_ACCELERATION) * dt
     crowd.velocity = np.where(present[:, None], crowd.velocity, 0.0)
-    moved = _outside_obstacles(crowd.position + crowd.velocity * dt, crowd.obstacles)
+    moved = outside_obstacles(crowd.position + crowd.velocity * dt, crowd.obstacles)
     moved = _bystanders_outside(crowd, moved)
-    moved = crowd.position + _limited(moved - crowd.position, TOP_SPEED * dt)
+    moved = crowd.position + limited(moved - crowd.position, TOP_SPEED * dt)
     crowd.position = np.where(present[:, None], moved, crowd.position)
 
     speed = np.linalg.norm(crowd.velocity, axis=-1)
@@ -198,7 +204,7 @@ def _waypoints(crowd: Crowd, rng: np.random.Generator, who: np.ndarray) -> np.nd
     along = rng.uniform(-0.1, 1.1, len(who))
     outside = _beside(crowd, crowd.side[who], along, away)
     points = np.where(crowd.background[who][:, None], outside, inside)
-    return _outside_obstacles(points, crowd.obstacles, clearance=1.0)
+    return outside_obstacles(points, crowd.obstacles, clearance=1.0)
 
 
 def _gates(crowd: Crowd, rng: np.random.Generator, who: np.ndarray) -> np.ndarray:
@@ -227,46 +233,6 @@ def _places(crowd: Crowd) -> Float[np.ndarray, "p 2"]:
     ahead = np.stack([np.cos(angle), np.sin(angle)], -1)
     across = np.stack([-ahead[:, 1], ahead[:, 0]], -1)
     return crowd.anchor[crowd.group] + across * crowd.slot[:, :1] + ahead * crowd.slot[:, 1:]
-
-
-def _avoidance(position: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Velocity that gives way: it grows as two people come nearer than their personal space."""
-    offset = position[:, None] - position[None]
-    distance = np.sqrt(np.einsum("pqi,pqi->pq", offset, offset) + 1e-9)
-    strength = 1.5 * np.exp((PERSONAL_SPACE - distance) / 0.25)
-    strength[group[:, None] == group[None]] *= 0.6
-    np.fill_diagonal(strength, 0.0)
-    # Half of it is sideways, always to the right: two who meet pass instead of stopping.
-    total = np.einsum("pq,pqi->pi", strength / distance, offset)
-    return total + 0.5 * np.stack([total[:, 1], -total[:, 0]], -1)
-
-
-def _around_obstacles(points: np.ndarray, heading: np.ndarray, obstacles: np.ndarray) -> np.ndarray:
-    """Sideways velocity for those whose way of the next two metres meets an obstacle."""
-    if not len(obstacles) or not len(points):
-        return np.zeros_like(points)
-    ahead = _unit(heading)
-    to_obstacle = obstacles[None, :, :2] - points[:, None]
-    along = np.einsum("pki,pi->pk", to_obstacle, ahead)
-    across = to_obstacle[..., 1] * ahead[:, None, 0] - to_obstacle[..., 0] * ahead[:, None, 1]
-    reach = obstacles[None, :, 2] + 2 * BODY_RADIUS
-    meets = (along > -0.2) & (along < reach + 1.5) & (np.abs(across) < reach)
-    push = np.where(meets, -np.where(across >= 0, 1, -1) * (1 - np.abs(across) / reach), 0).sum(1)
-    speed = np.linalg.norm(heading, axis=-1)
-    left = np.stack([-ahead[:, 1], ahead[:, 0]], -1)
-    return left * (1.5 * push * speed)[:, None]
-
-
-def _outside_obstacles(
-    points: np.ndarray, obstacles: np.ndarray, clearance: float = BODY_RADIUS
-) -> np.ndarray:
-    for x, y, radius in obstacles:
-        offset = points - [x, y]
-        distance = np.linalg.norm(offset, axis=-1, keepdims=True)
-        reach = radius + clearance
-        outward = np.where(distance > 1e-6, offset / np.maximum(distance, 1e-6), [1.0, 0.0])
-        points = np.where(distance < reach, [x, y] + outward * reach, points)
-    return points
 
 
 def _bystanders_outside(crowd: Crowd, points: np.ndarray) -> np.ndarray:
@@ -302,13 +268,3 @@ def _group_mean(crowd: Crowd, values: np.ndarray) -> np.ndarray:
     groups = len(crowd.start)
     total = np.bincount(crowd.group, values, groups)
     return total / np.maximum(np.bincount(crowd.group, minlength=groups), 1)
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.where(length > 1e-9, vectors / np.maximum(length, 1e-9), 0.0)
-
-
-def _limited(vectors: np.ndarray, longest: float) -> np.ndarray:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return vectors * np.minimum(1.0, longest / np.maximum(length, 1e-9))

@@ -24,8 +24,8 @@ _FOOT_ACROSS = 0.055  # from the middle of the body to a foot's middle
 _FOOT_HALF_WIDTH = 0.026
 _TOE, _HEEL = 0.105, -0.045  # ahead of the ankle
 # Walking freely, an ankle swings so far to either side of the body, is lifted so much on its way
-# forward, and the heel behind rises so much.
-STRIDE_SHARE, LIFT, HEEL_RISE = 0.20, 0.035, 0.045
+# forward, and the heel behind rises so much. A larger swing would make feet slide on the ground.
+STRIDE_SHARE, LIFT, HEEL_RISE = 0.165, 0.035, 0.045
 FREE_SPEED = 1.3  # m/s, from which legs swing fully
 
 # Visibility is sampled on 16 rows x 4 columns of each box: one bit a sample.

@@ -12,7 +12,7 @@ from catfree.synthetic.render.clothes import dress
 from catfree.synthetic.render.painter import Painter
 from catfree.synthetic.render.stage import build_stage
 from catfree.synthetic.render.textures import ground_picture
-from catfree.synthetic.silhouettes import observe, project
+from catfree.synthetic.silhouettes import STRIDE_SHARE, observe, project
 
 
 @pytest.fixture(scope="module")
@@ -170,7 +170,7 @@ def test_legs_walk():
     still = body_vertices(np.array([np.pi / 2]), np.array([0.0]))[0]
     shoes = build_mesh().tube
     reach = [quarter[shoes == tube, 1].mean() for tube in (2, 3)]
-    assert abs(reach[0] - reach[1]) == pytest.approx(0.4, abs=0.02)  # twice the swing
+    assert abs(reach[0] - reach[1]) == pytest.approx(2 * STRIDE_SHARE, abs=1e-9)
     together = [still[shoes == tube, 1].mean() for tube in (2, 3)]
     assert together[0] == pytest.approx(together[1])
 
