@@ -124,18 +124,33 @@ def _best_rig(work: Workspace, pairs: list[PairHypothesis], report: Progress):
             best = quality, rig
     if best is None:
         raise CalibrationError("nothing")
-    rig = best[1]
-    rig = alternate(
-        work.grid,
-        rig.state,
-        settings,
-        shared_focal=shared,
-        tolerances=(0.03, 0.02, 0.01),
-        most_people=6000,
-        iterations=15,
-    )
+    rig, shared = _choose_focal(work, best[1])
     rig, verdicts = prune_rig(work, rig, shared_focal=shared)
     return rig, verdicts, shared
+
+
+def _choose_focal(work: Workspace, rig: AdjustedRig) -> tuple[AdjustedRig, bool]:
+    """Final adjustment with one focal length and with one each; free ones must earn their keep."""
+    settings = work.settings
+    together, apart = (
+        alternate(
+            work.grid,
+            rig.state,
+            settings,
+            shared_focal=shared,
+            tolerances=FINAL_TOLERANCES,
+            most_people=FINAL_PEOPLE,
+            iterations=15,
+        )
+        for shared in (True, False)
+    )
+    costs = [r.bundle.cost / len(r.bundle.xy) for r in (together, apart)]
+    shared = costs[1] > (1 - settings.free_focal_gain) * costs[0]
+    return (together if shared else apart), shared
+
+
+FINAL_TOLERANCES = (0.03, 0.02, 0.01)
+FINAL_PEOPLE = 4000
 
 
 def _result(work, rig: AdjustedRig, verdicts: dict[int, Verdict], shared, names) -> Calibration:

@@ -38,6 +38,8 @@ class CalibrationSettings:
         seed_pairs: pairs that are refined as seeds.
         shared_focal_spread: focal lengths count as one when their median log ratio is below this.
         shared_focal_sd: how far a shared log focal length may deviate.
+        free_focal_gain: share of the cost per person that a focal length for each camera must save
+            to be believed.
         minimum_association: share of explained boxes that an accepted camera must reach.
         minimum_margin: natural-log evidence by which an accepted camera must exceed every shifted
             time; fitting seven numbers to chance alone gains about ten.
@@ -73,6 +75,7 @@ class CalibrationSettings:
     seed_pairs: int = 6
     shared_focal_spread: float = 0.10
     shared_focal_sd: float = 0.003
+    free_focal_gain: float = 0.05
     minimum_association: float = 0.45
     minimum_margin: float = 25.0
     minimum_match_margin: float = 0.1
