@@ -4,10 +4,13 @@ from catfree.adapters.anipose_toml import (
     read_anipose_toml as read_anipose_toml,
     write_anipose_toml as write_anipose_toml,
 )
+from catfree.adapters.background import BackgroundDetector as BackgroundDetector
 from catfree.adapters.colmap import (
     read_colmap as read_colmap,
     write_colmap_text as write_colmap_text,
 )
+from catfree.adapters.color import ColorEmbedder as ColorEmbedder
+from catfree.adapters.detect import detect_videos as detect_videos
 from catfree.adapters.motchallenge import (
     MotTable as MotTable,
     read_mot as read_mot,

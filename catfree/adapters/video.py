@@ -135,16 +135,30 @@ class SynchronizedVideos:
             FileFormatError: naming camera and frame, where a frame cannot be decoded or changes
                 its size, unless `on_error` is "keep".
         """
+        yield from self._instants(range(self.camera_count))
+
+    def pictures_of(self, camera: int) -> Iterator[Image]:
+        """One camera's picture of each instant, without decoding the others.
+
+        Args:
+            camera: its index, 0-based.
+
+        Raises:
+            FileFormatError: as iterating over the instants does.
+        """
+        for _, images in self._instants([camera]):
+            yield images[0]
+
+    def _instants(self, cameras: Sequence[int]) -> Iterator[tuple[int, list[Image]]]:
         self.interruption = None
         with contextlib.ExitStack() as stack:
-            readers: list[FrameReader] = []
-            for source in self._sources:
-                reader = source.open()
-                stack.callback(reader.close)
-                readers.append(reader)
+            readers: dict[int, FrameReader] = {}
+            for camera in cameras:
+                readers[camera] = self._sources[camera].open()
+                stack.callback(readers[camera].close)
             for done, tick in enumerate(self._ticks):
                 try:
-                    images = [self._read(c, reader, tick, done) for c, reader in enumerate(readers)]
+                    images = [self._read(c, reader, tick, done) for c, reader in readers.items()]
                 except FileFormatError as error:
                     if not self._keep:
                         raise

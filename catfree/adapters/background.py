@@ -1,0 +1,240 @@
+"""People in a static camera's pictures without any network: what moves before the background."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from catfree.adapters.background_model import (
+    MAXIMUM_SAMPLES,
+    MINIMUM_SAMPLES,
+    BackgroundModel,
+    Foreground,
+    PictureSamples,
+)
+from catfree.adapters.blob_splitting import WIDTH, split_blob
+from catfree.adapters.fingerprint import hash_parameters
+from catfree.adapters.height_profile import (
+    TOLERANCE,
+    WIDEST,
+    Blobs,
+    HeightProfile,
+    fit_height_profile,
+)
+from catfree.adapters.protocols import FrameDetections, Image, as_image
+from catfree.errors import InvalidInputError
+
+# Pictures are reduced by a whole factor to about this height: enough to find a foot to a hundredth
+# of a person of 100 pixels, and the noise and the work shrink with the square.
+WORKING_HEIGHT = 360
+LEAST_AREA = 30  # reduced pixels: a person of 12 pixels' height
+STAND_ALONE_SCORE = 0.95
+SPLIT_SCORE = 0.85
+UNSPLIT_SCORE = 0.4
+EDGE_REACH = 0.12  # of the expected height, around the expected crown and soles
+_VERSION = 1
+
+
+class BackgroundDetector:
+    """Detector for static cameras that needs no weights: OpenCV only.
+
+    Learns the empty scene as the median of many pictures, marks what differs from it except cast
+    shadows, and reads people off the silhouettes: a silhouette that stands alone is a person; a
+    merged one is split with a body template of the height that this camera's stand-alone
+    silhouettes imply at each foot pixel.
+
+    `fit(images)` reads a camera's footage once and returns the detector for that camera: the way to
+    use it on recorded video. Called directly it is a detector for one camera's live pictures, in
+    order: it learns from the pictures so far, returns nobody for the first eight, and is the one
+    detector whose answer depends on what it saw before.
+
+    What it cannot see: people who stand still for most of the footage (they become background), and
+    cameras that move. A thing that was moved is reported until it is the median.
+    """
+
+    def __init__(self, confidence: float | int = 0.30) -> None:
+        """Choose the parameters.
+
+        Args:
+            confidence: weaker detections are dropped. About 0.9 stands for a silhouette alone,
+                0.4 to 0.85 for one split from a group, 0.4 for one in a place where too few
+                people were seen alone to know their height.
+
+        Raises:
+            InvalidInputError: if the confidence is not in [0, 1].
+        """
+        if not 0 <= confidence <= 1:
+            raise InvalidInputError(f"confidence must lie in [0, 1], got {confidence}.")
+        self._confidence = float(confidence)
+        self._samples = PictureSamples()
+        self._seen, self._learnt = 0, 0
+        self._fitted: FittedBackgroundDetector | None = None
+
+    @property
+    def fingerprint(self) -> str:
+        """Content hash of the parameters."""
+        return hash_parameters("BackgroundDetector", version=_VERSION, confidence=self._confidence)
+
+    def fit(self, images: Iterable[Image]) -> "FittedBackgroundDetector":
+        """A detector for the camera that took these pictures.
+
+        Args:
+            images: (H, W, 3) uint8 RGB of one static camera, read once and in order; at most 64
+                reduced ones are kept in memory. More than the pictures of a few seconds, so that
+                walkers do not cover the same ground in most of them.
+
+        Raises:
+            InsufficientDataError: if there are fewer than 8.
+            InvalidInputError: if they differ in size.
+        """
+        samples, factor = PictureSamples(), None
+        for image in images:
+            picture = as_image(image)
+            factor = reduction_factor(picture) if factor is None else factor
+            samples.add(reduce_picture(picture, factor))
+        return self._learn(samples, factor or 1)
+
+    def __call__(self, image: Image) -> FrameDetections:
+        """The people in the next picture of one static camera."""
+        picture = as_image(image)
+        factor = reduction_factor(picture)
+        self._samples.add(reduce_picture(picture, factor))
+        self._seen += 1
+        # Learning again each time the footage has doubled, later each time the sample is renewed.
+        due = self._seen >= self._learnt + min(self._learnt, MAXIMUM_SAMPLES)
+        if due and self._seen >= MINIMUM_SAMPLES:
+            self._fitted, self._learnt = self._learn(self._samples, factor), self._seen
+        if self._fitted is None:
+            return FrameDetections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32))
+        return self._fitted(picture)
+
+    def _learn(self, samples: PictureSamples, factor: int) -> "FittedBackgroundDetector":
+        background = BackgroundModel.estimate(samples.pictures)
+        blobs = [
+            Blobs.find(background.compare(picture).mask, LEAST_AREA) for picture in samples.pictures
+        ]
+        profile = fit_height_profile(blobs)
+        print_of_scene = hash_parameters(
+            "FittedBackgroundDetector",
+            self.fingerprint,
+            background.scene.tobytes().hex(),
+            profile=None if profile is None else profile.coefficients.tolist(),
+        )
+        return FittedBackgroundDetector(
+            background, profile, factor, self._confidence, print_of_scene
+        )
+
+
+@dataclass(frozen=True)
+class FittedBackgroundDetector:
+    """Detector for the pictures of one static camera; made by `BackgroundDetector.fit`.
+
+    Attributes:
+        background: the empty scene, in reduced pixels.
+        profile: apparent height of people in reduced pixels, or None where too few stood alone;
+            only silhouettes of a person's shape are then reported.
+        factor: original pixels a reduced pixel.
+        confidence: weaker detections are dropped.
+        fingerprint: content hash of parameters and learnt scene.
+    """
+
+    background: BackgroundModel
+    profile: HeightProfile | None
+    factor: int
+    confidence: float
+    fingerprint: str
+
+    def __call__(self, image: Image) -> FrameDetections:
+        """The people in one picture of this camera, best first."""
+        picture = as_image(image)
+        foreground = self.background.compare(reduce_picture(picture, self.factor))
+        found = self.find_people(foreground)
+        box = found[:, :4] * self.factor - 0.5  # a pixel's area starts half a pixel before it
+        limit = np.array([picture.shape[1], picture.shape[0]] * 2) - 0.5
+        box = np.clip(box, -0.5, limit[None, :])
+        keep = (found[:, 4] >= self.confidence) & (box[:, 2:] - box[:, :2] >= 1).all(axis=1)
+        order = np.flatnonzero(keep)[np.argsort(-found[keep, 4], kind="stable")]
+        return FrameDetections(box[order].astype(np.float32), found[order, 4].astype(np.float32))
+
+    def find_people(self, foreground: Foreground) -> Float[np.ndarray, "n 5"]:
+        """(n, 5) x1, y1, x2, y2 and score of the people in a foreground, in reduced pixels."""
+        blobs = Blobs.find(foreground.mask, LEAST_AREA)
+        if self.profile is None:
+            alone = blobs.box[blobs.alone()]
+            return np.column_stack([alone, np.full(len(alone), UNSPLIT_SCORE)]).astype(np.float64)
+        rows = []
+        for index, box in enumerate(blobs.box):
+            blob = (blobs.labels == index + 1).astype(np.uint8)
+            complete = bool(blobs.complete[index])
+            rows.extend(_people_of(blob, box, complete, self.profile, foreground))
+        return np.array(rows, np.float64).reshape(-1, 5)
+
+
+def _people_of(
+    blob: UInt8[np.ndarray, "h w"],
+    box: Int[np.ndarray, "4"],
+    complete: bool,
+    profile: HeightProfile,
+    foreground: Foreground,
+) -> list[tuple[float, float, float, float, float]]:
+    """Box and score of each person in one blob."""
+    x1, y1, x2, y2 = (float(side) for side in box)
+    expected = float(profile((x1 + x2) / 2, y2))
+    misfit = abs(y2 - y1 - expected) / max(expected, 1.0)
+    if complete and misfit < TOLERANCE and x2 - x1 < WIDEST * expected:
+        top, bottom = _extent(foreground, blob, (x1 + x2) / 2, (y1, y2))
+        return [(x1, top, x2, bottom, STAND_ALONE_SCORE - 0.5 * misfit)]
+    rows = []
+    for person in split_blob(blob, box, profile):
+        top, bottom = _extent(foreground, blob, person.u, (person.v - person.height, person.v))
+        half = WIDTH * person.height / 2
+        score = min(SPLIT_SCORE, 0.2 + 0.7 * person.gain)
+        rows.append((person.u - half, top, person.u + half, bottom, score))
+    return rows
+
+
+def reduction_factor(image: Image) -> int:
+    """Whole factor that brings a picture's shorter side near the working height."""
+    return max(1, round(min(image.shape[:2]) / WORKING_HEIGHT))
+
+
+def reduce_picture(image: Image, factor: int) -> Image:
+    """The picture with each factor x factor pixels averaged; a ragged edge is left out."""
+    import cv2
+
+    if factor == 1:
+        return image
+    height, width = (side // factor for side in image.shape[:2])
+    whole = image[: height * factor, : width * factor]
+    return cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def _extent(
+    foreground: Foreground,
+    blob: UInt8[np.ndarray, "h w"],
+    u: float,
+    expected: tuple[float, float],
+) -> tuple[float, float]:
+    """First and last row of a person, found near where crown and soles are expected.
+
+    An edge blurred by optics and coding lies where the difference to the background has fallen to
+    half of what it is inside: at the hair above, at the shoes below.
+    """
+    rows, columns = blob.shape
+    height = expected[1] - expected[0]
+    found = list(expected)
+    for end, (half_width, inner) in enumerate(((0.06, 1), (0.16, -1))):
+        x1, x2 = (int(np.clip(round(u + s * half_width * height), 0, columns)) for s in (-1, 1))
+        # From inside the body outwards.
+        start = expected[end] + inner * EDGE_REACH * height
+        count = max(2, round(2 * EDGE_REACH * height))
+        line = np.clip(np.round(start - inner * np.arange(count)), 0, rows - 1).astype(int)
+        if x1 >= x2:
+            continue
+        level = (foreground.difference[line, x1:x2] * blob[line, x1:x2]).max(axis=1)
+        inside = np.flatnonzero(level >= 0.5 * level[: count // 2 + 1].max())
+        # Foreground that goes on past the search belongs to somebody else as well.
+        if level.any() and inside[-1] < count - 1:
+            found[end] = float(line[inside[-1]] + (1 if end else 0))
+    return found[0], found[1]

@@ -1,0 +1,127 @@
+"""From synchronized videos to `Detections`: detector and embedder on every picture, streaming."""
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from catfree.adapters.protocols import (
+    BatchDetector,
+    Detector,
+    Embedder,
+    FittedToCamera,
+    FrameDetections,
+    Image,
+    ankles_confirmed,
+)
+from catfree.adapters.video import SynchronizedVideos
+from catfree.errors import InsufficientDataError
+from catfree.types import Detections
+
+Progress = Callable[[str, int, int], None]
+
+
+def detect_videos(
+    videos: SynchronizedVideos,
+    detector: Detector | FittedToCamera,
+    embedder: Embedder | None = None,
+    progress: Progress | None = None,
+) -> Detections:
+    """Everybody whom the cameras saw.
+
+    A detector that must see a camera's footage first (`FittedToCamera`) is fitted to each camera,
+    which decodes the videos once more. In memory are one instant and what was found.
+
+    Args:
+        videos: the cameras' pictures, instant by instant.
+        detector: finds people in one picture.
+        embedder: describes what they look like, or None for no embeddings.
+        progress: called as progress(stage, done, total) after each instant; stages are "fit" and
+            "detect".
+
+    Returns:
+        One row a person, sorted by frame and camera; keypoints and confirmed ankles where the
+        detector estimates poses.
+
+    Raises:
+        FileFormatError: if a picture cannot be decoded and `videos` does not keep what came before.
+        InsufficientDataError: if the footage is too short to fit the detector to, or nothing of it
+            can be decoded.
+    """
+    detectors = fit_to_cameras(videos, detector, progress)
+    # One common detector may see all cameras at once.
+    shared = detector if isinstance(detector, BatchDetector) else None
+    frame, camera, found, embedding = [], [], [], []
+    for done, (tick, images) in enumerate(videos, start=1):
+        instant = _detect(images, detectors, shared)
+        for index, (image, people) in enumerate(zip(images, instant, strict=True)):
+            frame.append(np.full(len(people), tick))
+            camera.append(np.full(len(people), index))
+            found.append(people)
+            if embedder is not None:
+                embedding.append(embedder(image, people.box))
+        if progress is not None:
+            progress("detect", done, videos.frame_count)
+    if not found:
+        raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
+    return _collect(frame, camera, found, embedding if embedder is not None else None)
+
+
+def fit_to_cameras(
+    videos: SynchronizedVideos,
+    detector: Detector | FittedToCamera,
+    progress: Progress | None = None,
+) -> list[Detector]:
+    """The detector of each camera: fitted to its footage where it must be, else the same for all.
+
+    Args:
+        videos: the cameras' pictures.
+        detector: as `detect_videos` takes it.
+        progress: called as progress("fit", done, total) after each picture of each camera.
+    """
+    if not isinstance(detector, FittedToCamera):
+        return [detector] * videos.camera_count
+    total = videos.camera_count * videos.frame_count
+    return [
+        detector.fit(_pictures_of(videos, camera, total, progress))
+        for camera in range(videos.camera_count)
+    ]
+
+
+def _pictures_of(
+    videos: SynchronizedVideos, camera: int, total: int, progress: Progress | None
+) -> Iterator[Image]:
+    done = camera * videos.frame_count
+    for image in videos.pictures_of(camera):
+        done += 1
+        yield image
+        if progress is not None:
+            progress("fit", done, total)
+
+
+def _detect(
+    images: Sequence[Image], detectors: Sequence[Detector], shared: BatchDetector | None
+) -> list[FrameDetections]:
+    if shared is not None:
+        return shared.detect_batch(images)
+    return [detect(image) for detect, image in zip(detectors, images, strict=True)]
+
+
+def _collect(
+    frame: list[np.ndarray],
+    camera: list[np.ndarray],
+    found: list[FrameDetections],
+    embedding: list[np.ndarray] | None,
+) -> Detections:
+    """All rows in one struct; poses only if every picture has them."""
+    poses = [people.keypoints for people in found]
+    known = [pose for pose in poses if pose is not None]
+    keypoints = np.concatenate(known) if known and len(known) == len(poses) else None
+    return Detections(
+        np.concatenate(frame),
+        np.concatenate(camera),
+        np.concatenate([people.box for people in found]),
+        score=np.concatenate([people.score for people in found]),
+        ankles_confirmed=None if keypoints is None else ankles_confirmed(keypoints),
+        embedding=None if embedding is None else np.concatenate(embedding),
+        keypoints=keypoints,
+    )

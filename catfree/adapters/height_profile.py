@@ -1,0 +1,134 @@
+"""How tall people appear at each place of one camera's picture, learnt from its silhouettes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+# A standing person's silhouette is 0.25 to 0.6 as wide as tall; groups are wider, posts narrower.
+NARROWEST, WIDEST = 0.2, 0.6
+# Of the silhouette's box a person fills a half; a third leaves room for striding legs.
+LEAST_FILLED = 0.33
+SMALLEST_HEIGHT = 12  # pixels: below, one pixel more or less is a tenth of the person
+# People differ by 5 % in height (standard deviation), pixels and steps add as much.
+TOLERANCE = 0.15
+# Columns lower than this share of the blob at its left and right end are remains of shadows.
+THIN = 0.15
+# Rows and columns: a collar or belt of the background's colour does not cut a person in two.
+GAP = (7, 1)
+LEAST_SILHOUETTES = 12
+TRIALS = 300
+
+
+@dataclass(frozen=True)
+class HeightProfile:
+    """Apparent height `a v + b u + c` of a standing person with the foot at pixel (u, v).
+
+    On a plane seen by a pinhole camera the height of people is close to linear in the foot pixel.
+
+    Attributes:
+        coefficients: (3,) a, b, c in reduced pixels.
+    """
+
+    coefficients: Float[np.ndarray, "3"]
+
+    def __call__(self, u: Any, v: Any) -> Any:
+        """Expected height in pixels; not positive above the horizon."""
+        a, b, c = self.coefficients
+        return a * v + b * u + c
+
+    def foot_below(self, u: Any, top: Any) -> Any:
+        """Row of the foot of a person whose head is at (u, top)."""
+        a, b, c = self.coefficients
+        return (top + b * u + c) / max(1 - a, 1e-3)
+
+
+@dataclass(frozen=True)
+class Blobs:
+    """Connected parts of a foreground mask.
+
+    Attributes:
+        labels: (h, w) 1-based number of each pixel's blob, 0 for background.
+        box: (n, 4) x1, y1, x2, y2 of each blob in whole pixels, x2 and y2 exclusive.
+        area: (n,) pixels.
+        complete: (n,) false where the blob touches the picture's border.
+    """
+
+    labels: Any
+    box: Any
+    area: Any
+    complete: Bool[np.ndarray, " n"]
+
+    @classmethod
+    def find(cls, mask: UInt8[np.ndarray, "h w"], least_area: int) -> "Blobs":
+        """The blobs of a mask that have at least so many pixels."""
+        import cv2
+
+        joined = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones(GAP, np.uint8))
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(joined, connectivity=8)
+        kept = np.flatnonzero(stats[1:, cv2.CC_STAT_AREA] >= least_area) + 1
+        renumber = np.zeros(len(stats), np.int32)
+        renumber[kept] = np.arange(1, len(kept) + 1)
+        x, y, width, height, area = stats[kept].T
+        rows, columns = mask.shape
+        complete = (x > 0) & (y > 0) & (x + width < columns) & (y + height < rows)
+        box = np.stack([x, y, x + width, y + height], axis=-1)
+        labels = renumber[np.asarray(labels, np.int32)]
+        trimmed = [_trim(labels == i + 1, own) for i, own in enumerate(box)]
+        return cls(labels, np.array(trimmed, np.int64).reshape(-1, 4), area, complete)
+
+    def alone(self) -> Bool[np.ndarray, " n"]:
+        """Whether each blob has the shape of one whole standing person."""
+        width, height = self.box[:, 2] - self.box[:, 0], self.box[:, 3] - self.box[:, 1]
+        shape = (width > NARROWEST * height) & (width < WIDEST * height)
+        filled = self.area > LEAST_FILLED * width * height  # remains of shadows included
+        return self.complete & shape & filled & (height >= SMALLEST_HEIGHT)
+
+
+def _trim(blob: Any, box: Any) -> tuple[int, int, int, int]:
+    """The box without thin ends at its left and right."""
+    x1, y1, x2, y2 = (int(side) for side in box)
+    part = blob[y1:y2, x1:x2]
+    columns = np.flatnonzero(part.sum(axis=0) >= THIN * (y2 - y1))
+    if not columns.size:
+        return x1, y1, x2, y2
+    left, right = int(columns[0]), int(columns[-1]) + 1
+    rows = np.flatnonzero(part[:, left:right].any(axis=1))
+    return x1 + left, y1 + int(rows[0]), x1 + right, y1 + int(rows[-1]) + 1
+
+
+def fit_height_profile(blobs: Sequence[Blobs]) -> HeightProfile | None:
+    """The profile that most stand-alone silhouettes of one camera agree on.
+
+    Args:
+        blobs: silhouettes of several pictures, in reduced pixels.
+
+    Returns:
+        The profile, or None if too few silhouettes agree on one.
+    """
+    boxes = np.concatenate([b.box[b.alone()] for b in blobs] or [np.zeros((0, 4))])
+    if len(boxes) < LEAST_SILHOUETTES:
+        return None
+    u, v = (boxes[:, 0] + boxes[:, 2]) / 2, boxes[:, 3].astype(np.float64)
+    height = v - boxes[:, 1]
+    design = np.stack([v, u, np.ones(len(u))], axis=-1)
+    best = np.zeros(len(u), bool)
+    random = np.random.default_rng(0)
+    for _ in range(TRIALS):
+        rows = random.choice(len(u), 3, replace=False)
+        # Least squares, because three silhouettes on a line leave the plane undetermined.
+        best = max(best, _agreeing(design, height, rows), key=np.count_nonzero)
+    for _ in range(5):
+        best = _agreeing(design, height, np.flatnonzero(best)) if best.sum() >= 3 else best
+    if best.sum() < max(LEAST_SILHOUETTES, 0.3 * len(u)):
+        return None
+    return HeightProfile(np.linalg.lstsq(design[best], height[best], rcond=None)[0])
+
+
+def _agreeing(design: Float[np.ndarray, "n 3"], height: Any, rows: Any) -> Bool[np.ndarray, " n"]:
+    """The silhouettes near the profile through some of them."""
+    fit = np.linalg.lstsq(design[rows], height[rows], rcond=1e-6)[0]
+    expected = design @ fit
+    return (expected > 0) & (np.abs(height - expected) < TOLERANCE * np.maximum(expected, 1))
