@@ -36,7 +36,6 @@ from catfree.trajectories import (
     extend_tracks,
     fill_gaps,
     link_positions,
-    position_appearance,
 )
 from catfree.types import Detections, Localization, Origin, Rays, Scene, Thresholds
 
@@ -130,6 +129,7 @@ def localize(
         weight=support.weight,
         cameras=support.cameras,
         tracklet=np.where(groups.member >= 0, tracklet[groups.member], -1),
+        supporting_tracklet=np.where(support.member >= 0, tracklet[support.member], -1),
         score=np.zeros(len(position), position.dtype),
     )
     if settings.selection.use_score:
@@ -218,6 +218,7 @@ def _associate(
             pairs,
             camera_count=observations.camera_count,
             tolerance=tolerance,
+            constrain_to_ground=settings.triangulation.constrain_to_ground,
         )
         members.append(np.where(groups >= 0, groups + begin, -1))
         first = last
@@ -268,8 +269,7 @@ def _trajectories(
     )
     if not rules.enabled:
         return positions, None
-    looks = position_appearance(observations.appearance, positions.member)
-    track = link_positions(positions, observations.time, looks, rules)
+    track = link_positions(positions, observations.time, observations.appearance, rules)
     lasting = drop_short(track, positions.ground_xy, rules)
     positions = Positions(*(column[lasting] for column in positions._replace(track=track)))
     positions = positions._replace(track=_renumber(positions.track))

@@ -45,12 +45,12 @@ class TrackletSettings:
     Attributes:
         minimum_overlap: smallest IoU between a box, moved by its tracklet's motion, and its match.
         maximum_shift: without that overlap, largest displacement of the foot in box heights; at two
-            frames a second 0.75 body heights are 2.6 m/s, a run.
+            frames a second one body height is 3.4 m/s, a run.
         appearance_threshold: largest appearance distance of a link.
     """
 
-    minimum_overlap: float = 0.3
-    maximum_shift: float = 0.75
+    minimum_overlap: float = 0.1
+    maximum_shift: float = 1.0
     appearance_threshold: float = 0.6
 
 

@@ -1,5 +1,6 @@
 """People in a static camera's pictures without any network: what moves before the background."""
 
+import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -118,7 +119,7 @@ class BackgroundDetector:
         print_of_scene = hash_parameters(
             "FittedBackgroundDetector",
             self.fingerprint,
-            background.scene.tobytes().hex(),
+            hashlib.sha256(background.scene.tobytes()).hexdigest(),
             profile=None if profile is None else profile.coefficients.tolist(),
         )
         return FittedBackgroundDetector(

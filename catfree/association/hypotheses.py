@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from catfree.association.ground_position import ground_point, triangulate_on_ground
 from catfree.association.observations import Observations
 from catfree.association.rays import padded_length
 from catfree.filters import support
@@ -108,7 +109,7 @@ def triangulate_groups(
         sigma_theta: angular noise in radians; only the best-pair baseline needs it.
 
     Returns:
-        (H, 3) positions and (H, C) residuals in radians, NaN where a camera has no ray.
+        (H, 3) positions and (H, C) residuals in radians, NaN for rays that were not used.
 
     Source:
         Sec. "Robust 3D position estimation"; Table "baselines" for the other estimators.
@@ -158,59 +159,15 @@ def _triangulate_block(
         elif estimator == "single_ray":
             w = jnp.where(jnp.arange(len(w)) == jnp.argmax(w), w, 0)
         if estimator == "single_ray":
-            position = _ground_point(o[jnp.argmax(w)], d[jnp.argmax(w)])
+            position = ground_point(o[jnp.argmax(w)], d[jnp.argmax(w)])
         elif constrained:
-            position = _triangulate_on_ground(o, d, w, huber_scale)
+            position = triangulate_on_ground(o, d, w, huber_scale, refit=refit)
         else:
             position = triangulate(o, d, w, huber_scale, refit=refit).position
-        return position, jax.vmap(angular_residual, (None, 0, 0))(position, o, d)
+        angle = jax.vmap(angular_residual, (None, 0, 0))(position, o, d)
+        return position, jnp.where(w > 0, angle, jnp.nan)
 
     return jax.vmap(place)(groups)
-
-
-def _ground_point(origin: Float[Array, "3"], direction: Float[Array, "3"]) -> Float[Array, "3"]:
-    """Where a ray meets the ground; far ahead for a ray that does not descend."""
-    descent = jnp.maximum(-direction[2], 1e-3)
-    return (origin + direction * (origin[2] / descent)) * jnp.array([1, 1, 0], origin.dtype)
-
-
-def _triangulate_on_ground(
-    origins: Float[Array, "cam 3"],
-    directions: Float[Array, "cam 3"],
-    weights: Float[Array, " cam"],
-    huber_scale: float,
-) -> Float[Array, "3"]:
-    """The point of the ground that fits the rays best (ablation 'constrained to ground').
-
-    A heavy vertical pseudo-observation: two horizontal rays through the foot of the free estimate
-    would move it, so the 2-D normal equations are solved instead.
-    """
-    free = triangulate(origins, directions, weights, huber_scale)
-    present = weights > 0
-    w = jnp.where(present & free.inliers, weights, 0)
-    start = free.position * jnp.array([1, 1, 0], origins.dtype)
-
-    def step(point: Float[Array, "3"], _: None) -> tuple[Float[Array, "3"], None]:
-        offset = jnp.where(present[:, None], point[None, :] - origins, 1)
-        d = jnp.where(present[:, None], directions, 0)
-        across = offset - (offset * d).sum(-1, keepdims=True) * d
-        distance = jnp.sqrt((across**2).sum(-1))
-        robust = w * jnp.minimum(1, huber_scale / jnp.maximum(distance, huber_scale))
-        gradient = (robust[:, None] * across)[:, :2].sum(0)
-        projector = jnp.eye(3, dtype=d.dtype)[None] - d[:, :, None] * d[:, None, :]
-        hessian = (robust[:, None, None] * projector)[:, :2, :2].sum(0)
-        determinant = hessian[0, 0] * hessian[1, 1] - hessian[0, 1] * hessian[1, 0]
-        safe = jnp.where(determinant > 0, determinant, 1)
-        inverse = jnp.stack(
-            [
-                jnp.stack([hessian[1, 1], -hessian[0, 1]]),
-                jnp.stack([-hessian[1, 0], hessian[0, 0]]),
-            ]
-        )
-        move = jnp.where(determinant > 0, inverse @ gradient / safe, 0)
-        return point - jnp.pad(move, (0, 1)), None
-
-    return jax.lax.scan(step, start, None, length=20)[0]
 
 
 def _best_pair(

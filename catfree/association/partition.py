@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
+from catfree.association.ground_position import least_squares_on_ground
 from catfree.association.pairs import CandidatePairs
 from catfree.geometry import angular_residual, triangulate_least_squares
 from catfree.types import Rays
@@ -45,6 +46,7 @@ def greedy_partition(
     *,
     camera_count: int,
     tolerance: float,
+    constrain_to_ground: bool = False,
 ) -> Int[np.ndarray, "n cam"]:
     """Merge detections of different cameras into groups of at most one detection a camera.
 
@@ -54,6 +56,7 @@ def greedy_partition(
         pairs: candidate pairs in merging order, of any number of frames.
         camera_count: C.
         tolerance: largest angular residual of any ray of a merged group, radians.
+        constrain_to_ground: look for the common point on the ground z = 0 only (ablation).
 
     Returns:
         (G, C) detection of each camera in each group of at least two, or -1; ordered by the first
@@ -76,6 +79,7 @@ def greedy_partition(
             np.pad(pairs.second[rows], padding, constant_values=count),
             np.pad(pairs.singletons_only[rows], padding),
             tolerance,
+            constrained=constrain_to_ground,
         )
     root, members = np.asarray(groups.root)[:count], np.asarray(groups.members)[:count]
     names = np.flatnonzero((root == np.arange(count)) & ((members >= 0).sum(1) >= 2))
@@ -92,7 +96,7 @@ def _singletons(camera: Int[np.ndarray, " n"], camera_count: int) -> _Groups:
     return _Groups(jnp.arange(count + 1, dtype=jnp.int32), jnp.asarray(members), jnp.asarray(words))
 
 
-@partial(jax.jit, donate_argnums=0)
+@partial(jax.jit, donate_argnums=0, static_argnames="constrained")
 def _merge_window(
     groups: _Groups,
     origins: Float[Array, "n 3"],
@@ -102,6 +106,8 @@ def _merge_window(
     second: Int[Array, " p"],
     singletons_only: Bool[Array, " p"],
     tolerance: Float[Array, ""] | float,
+    *,
+    constrained: bool,
 ) -> _Groups:
     nothing = groups.root.shape[0] - 1
     rank = jnp.arange(first.shape[0], dtype=jnp.int32)
@@ -126,7 +132,7 @@ def _merge_window(
         other = other.at[chosen].get(mode="fill", fill_value=nothing)
         merged = jnp.where(groups.members[one] >= 0, groups.members[one], groups.members[other])
         present = merged >= 0
-        agrees = jax.vmap(_agree, (0, 0, 0, None))(
+        agrees = jax.vmap(partial(_agree, constrained=constrained), (0, 0, 0, None))(
             origins[merged],
             directions[merged],
             jnp.where(present, weights[merged], 0),
@@ -153,8 +159,11 @@ def _agree(
     directions: Float[Array, "cam 3"],
     weights: Float[Array, " cam"],
     tolerance: Float[Array, ""] | float,
+    *,
+    constrained: bool,
 ) -> Bool[Array, ""]:
     """Whether every present ray passes the least-squares point of all within the tolerance."""
-    position = triangulate_least_squares(origins, directions, weights)
+    solve = least_squares_on_ground if constrained else triangulate_least_squares
+    position = solve(origins, directions, weights)
     residual = jax.vmap(angular_residual, (None, 0, 0))(position, origins, directions)
     return jnp.all((residual <= tolerance) | (weights == 0)) & jnp.any(weights > 0)

@@ -45,7 +45,7 @@ class EvidenceSettings:
     # Self-calibration
     calibration_rounds: int = 3
     calibration_frames: int = 60
-    noise_factor_range: tuple[float, float] = (0.3, 3.0)
+    noise_factor_range: tuple[float, float] = (1.0, 3.0)
     angular_noise_range: tuple[float, float] = (0.001, 0.012)
     field_prior: tuple[float, float, float, float] = (0.01, 0.01, 0.01, 0.05)
     height_spread: float = 0.06  # start: human heights spread by 5 to 7 % of their median
@@ -60,10 +60,10 @@ class EvidenceSettings:
     detection_rate_pseudo_counts: float = 10.0
     detection_rate_start: float = 0.8
     smallest_detection_rate: float = 0.2
-    clutter_start: float = 0.3
+    clutter_start: float = 1.0
     clutter_rounds: int = 6
     clutter_pseudo_counts: float = 20.0
-    clutter_range: tuple[float, float] = (0.05, 10.0)
+    clutter_range: tuple[float, float] = (0.5, 10.0)
 
     # Tracking
     passes: int = 3
@@ -71,8 +71,12 @@ class EvidenceSettings:
     gap_penalty: float = 0.7
     gate: float = 16.0
     evidence_limit: float = 6.0
-    track_evidence: float = 4.0
+    track_evidence: float = 8.0
 
     # Output
     duplicate_radius: float = 0.18  # H0: two people cannot stand closer than a body's half-width
     report_radius: float = 0.3  # H0
+    working_area: bool = True
+    working_sigma: float = 3.0
+    working_views: float = 0.6
+    sway: float = 0.03

@@ -1,9 +1,13 @@
 """The solution as catfree's result types, in scene units."""
 
+import jax
 import numpy as np
 
 from catfree.evidence.constants import EvidenceSettings
+from catfree.evidence.existence import predict_views
 from catfree.evidence.solve import Progress, Solution, solve
+from catfree.evidence.visibility import Views
+from catfree.evidence.working_area import in_working_area
 from catfree.types import (
     Candidates,
     Detections,
@@ -37,6 +41,15 @@ def describe(solution: Solution, scene: Scene, settings: EvidenceSettings) -> Lo
     sigma = np.sqrt((trails.covariance[:, 0, 0] + trails.covariance[:, 1, 1]) / 2)
     n_members = (s.groups.member >= 0).sum(1)
     keep &= report_probability(trails.covariance[:, :2, :2], settings.report_radius) > 0.5
+    if settings.working_area:
+        with jax.enable_x64(True):
+            member = np.full((len(trails), s.boxes.table.shape[1]), -1)
+            seen = predict_views(trails.mean[:, :3], trails.frame, member, s.boxes, s.views)
+            chosen = np.flatnonzero(keep)
+            part = Views(seen.inside[chosen], seen.height[chosen], seen.cover[chosen])
+            keep[chosen] &= in_working_area(
+                trails.mean[chosen, :3], part, s.views, s.noise, settings
+            )
     rows = np.flatnonzero(keep)
     rows = rows[np.lexsort((trails.track[rows], trails.frame[rows]))]
     t = trails[rows]
@@ -45,7 +58,7 @@ def describe(solution: Solution, scene: Scene, settings: EvidenceSettings) -> Lo
     tracks = Tracks(
         frame=s.boxes.frames[t.frame], track_id=np.unique(t.track, return_inverse=True)[1],
         position=xy @ basis.T - offset * normal, ground_xy=xy, sigma=sigma[rows] * unit,
-        covariance=t.covariance[:, :2, :2] * unit**2,
+        covariance=(t.covariance[:, :2, :2] + settings.sway**2 * np.eye(2)) * unit**2,
         supporting_cameras=np.where(seen, n_members[np.maximum(t.group, 0)], 0),
         origin=np.where(seen, Origin.DETECTED, Origin.INTERPOLATED),
         existence=1 / (1 + np.exp(-s.evidence[rows])),

@@ -29,6 +29,7 @@ class Hypotheses(NamedTuple):
         weight: (H,) weighted camera support.
         cameras: (H,) supporting cameras.
         tracklet: (H, C) tracklet of each detection of the group, or -1.
+        supporting_tracklet: (H, C) tracklet of each supporting detection, or -1.
         score: (H,) auxiliary score.
     """
 
@@ -40,6 +41,7 @@ class Hypotheses(NamedTuple):
     weight: Float[np.ndarray, " h"]
     cameras: Int[np.ndarray, " h"]
     tracklet: Int[np.ndarray, "h cam"]
+    supporting_tracklet: Int[np.ndarray, "h cam"]
     score: Float[np.ndarray, " h"]
 
 
@@ -87,10 +89,13 @@ def select_positions(
     consistent = h.rms_angle <= settings.rms_factor * sigma_theta
     fate[~consistent] = Fate.RMS_GATE
     keep, tau_sigma, tau_g = _gate(h, consistent, fate, settings)
-    # A match may have been seen in a frame whose own position failed a filter.
+    # A match counts wherever its two tracklets support a hypothesis together, in their own group
+    # or in another's, accepted or not.
     matched = temporally_consistent(
-        h.frame_index, h.tracklet, minimum_frames=settings.temporal_frames
-    )
+        np.concatenate([h.frame_index, h.frame_index]),
+        np.concatenate([h.tracklet, h.supporting_tracklet]),
+        minimum_frames=settings.temporal_frames,
+    )[: len(fate)]
     lasting = keep & matched
     fate[keep & ~matched] = Fate.TEMPORAL_FILTER
     tie_break = h.score if settings.use_score else np.zeros_like(h.score)
@@ -135,11 +140,12 @@ def _gate(
     fate[np.asarray(gates.uncertain)[:count]] = Fate.UNCERTAINTY_FILTER
     fate[np.asarray(gates.off_ground)[:count]] = Fate.GROUND_FILTER
     fate[np.asarray(gates.unsupported)[:count]] = Fate.SUPPORT_FILTER
-    thresholds = (
-        value if np.isfinite(value) else None
-        for value in map(float, (gates.tau_sigma, gates.tau_g))
+    tau_sigma, tau_g = float(gates.tau_sigma), float(gates.tau_g)
+    return (
+        np.asarray(gates.keep)[:count],
+        tau_sigma if np.isfinite(tau_sigma) else None,
+        tau_g if np.isfinite(tau_g) else None,
     )
-    return np.asarray(gates.keep)[:count], *thresholds
 
 
 def suppress_by_frame(

@@ -2,14 +2,19 @@
 
 from collections.abc import Callable
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from catfree.association.observations import appearance_distance, expand_ranges
+from catfree.association.rays import padded_length
 from catfree.filters import otsu
 from catfree.filters.selection import outside_by_frame, suppress_by_frame
 from catfree.settings import TrajectorySettings
 from catfree.trajectories.link import Positions, position_appearance
 from catfree.types import Origin
+
+SAMPLE_BLOCK = 16384  # distances are padded to this times a power of four
 
 Recount = Callable[
     [Int[np.ndarray, " k"], Float[np.ndarray, "k 2"]],
@@ -17,39 +22,34 @@ Recount = Callable[
 ]
 
 
-def appearance_threshold(positions: Positions, appearance: Float[np.ndarray, "n d"]) -> float:
-    """Largest appearance distance between a track and a detection that may extend it.
+_otsu = jax.jit(otsu)
 
-    Otsu's threshold between the distances of detections to their own track and those to the other
-    tracks of the same frame.
+
+def appearance_threshold(positions: Positions, appearance: Float[np.ndarray, "n d"]) -> float:
+    """Largest appearance distance between a track and the best of the detections that extend it.
+
+    Otsu's threshold between the distances of positions to their own track and to the other tracks
+    of the same frame, each measured as an extension is: by the most similar supporting detection.
 
     Args:
-        positions: linked positions.
+        positions: linked positions, sorted by frame.
         appearance: (N, D) unit vectors of the observations.
 
     Returns:
-        The threshold; inf with fewer than two distances.
+        The threshold; inf without any distance.
 
     Source:
         Sec. "Trajectories".
     """
-    tracks = track_appearance(positions, appearance)
-    row, camera = np.nonzero(positions.member >= 0)
-    observation = positions.member[row, camera]
-    frame, track = positions.frame_index[row], positions.track[row]
-    distances: list[np.ndarray] = []
-    for index in np.unique(frame):
-        here = frame == index
-        present = np.unique(track[here])
-        distances.append((1 - appearance[observation[here]] @ tracks[present].T).ravel())
-    sample = np.concatenate(distances) if distances else np.zeros(0, np.float32)
-    if len(sample) < 2:
-        return np.inf
-    length = 16384
-    while length < len(sample):
-        length *= 4
-    padded = np.pad(sample, (0, length - len(sample)))
-    return float(otsu(padded, np.arange(length) < len(sample)))
+    looks = track_appearance(positions, appearance)
+    frame = positions.frame_index
+    start = np.searchsorted(frame, frame, side="left")
+    stop = np.searchsorted(frame, frame, side="right")
+    row, other = expand_ranges(start, stop)
+    distance = _closest(looks, positions.track[other], appearance, positions.member[row])
+    length = padded_length(len(distance), SAMPLE_BLOCK)
+    sample = np.pad(distance, (0, length - len(distance)), constant_values=np.inf)
+    return float(_otsu(sample))
 
 
 def track_appearance(
@@ -57,7 +57,6 @@ def track_appearance(
 ) -> Float[np.ndarray, "t d"]:
     """Unit mean appearance of each track, (T, D)."""
     each = position_appearance(appearance, positions.member)
-    assert each is not None
     total = np.zeros((positions.track.max(initial=-1) + 1, each.shape[1]), np.float32)
     np.add.at(total, positions.track, each)
     length = np.linalg.norm(total, axis=1, keepdims=True)
@@ -118,7 +117,7 @@ def extend_tracks(
             good = (member >= 0).sum(1) >= settings.extension_cameras
             good &= _unoccupied(positions, frame, xy, occupied_radius)
             if looks is not None and appearance is not None and threshold is not None:
-                good &= _resembles(looks[track], appearance, member, threshold)
+                good &= _closest(looks, track, appearance, member) <= threshold
             # Several tracks may run into one place: the best supported one has it.
             good = suppress_by_frame(frame, xy, weight[:, None], good, occupied_radius)
             active[track[good]] = True
@@ -161,15 +160,20 @@ def _ends(
     return xy[last], when[last], velocity, moving
 
 
-def _resembles(
-    looks: Float[np.ndarray, "k d"],
+def _closest(
+    looks: Float[np.ndarray, "t d"],
+    track: Int[np.ndarray, " k"],
     appearance: Float[np.ndarray, "n d"],
     member: Int[np.ndarray, "k cam"],
-    threshold: float,
-) -> Bool[np.ndarray, " k"]:
-    """Whether at least one supporting detection looks like the track."""
-    similarity = np.einsum("kd,kcd->kc", looks, appearance[member])
-    return ((1 - similarity <= threshold) & (member >= 0)).any(1)
+) -> Float[np.ndarray, " k"]:
+    """Appearance distance of each track to its most similar supporting detection; inf without."""
+    closest = np.full(len(track), np.inf, np.float32)
+    both = np.concatenate([looks, appearance])
+    for column in member.T:  # one camera at a time bounds the memory
+        row = np.flatnonzero(column >= 0)
+        distance = appearance_distance(both, track[row], len(looks) + column[row])
+        closest[row] = np.minimum(closest[row], distance)
+    return closest
 
 
 def _unoccupied(

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.association.matching import chain_labels, match_edges
-from catfree.association.observations import expand_ranges
+from catfree.association.observations import appearance_distance, expand_ranges
 from catfree.settings import TrajectorySettings
 from catfree.types import Origin
 
@@ -30,11 +30,9 @@ class Positions(NamedTuple):
 
 
 def position_appearance(
-    appearance: Float[np.ndarray, "n d"] | None, member: Int[np.ndarray, "m cam"]
-) -> Float[np.ndarray, "m d"] | None:
+    appearance: Float[np.ndarray, "n d"], member: Int[np.ndarray, "m cam"]
+) -> Float[np.ndarray, "m d"]:
     """Unit mean of the supporting detections' appearance, (M, D); zero without any."""
-    if appearance is None:
-        return None
     total = np.zeros((len(member), appearance.shape[1]), np.float32)
     for column in member.T:  # one camera at a time bounds the memory
         present = column >= 0
@@ -46,7 +44,7 @@ def position_appearance(
 def link_positions(
     positions: Positions,
     time: Int[np.ndarray, " f"],
-    appearance: Float[np.ndarray, "m d"] | None,
+    appearance: Float[np.ndarray, "n d"] | None,
     settings: TrajectorySettings,
 ) -> Int[np.ndarray, " m"]:
     """Join positions of consecutive frames one to one.
@@ -57,7 +55,7 @@ def link_positions(
     Args:
         positions: accepted positions, sorted by frame.
         time: (F,) whole time step of each frame.
-        appearance: (M, D) unit vectors, or None.
+        appearance: (N, D) unit vectors of the observations, or None.
         settings: radius and weight.
 
     Returns:
@@ -78,7 +76,8 @@ def link_positions(
     first, second = first[near], second[near]
     cost = distance[near] / settings.link_radius
     if appearance is not None and settings.appearance_in_linking:
-        difference = 1 - np.einsum("ed,ed->e", appearance[first], appearance[second])
+        looks = position_appearance(appearance, positions.member)
+        difference = appearance_distance(looks, first, second)
         cost = cost + settings.appearance_weight * difference
     chosen = match_edges(frame[first], first, second, cost)
     predecessor = np.full(len(frame), -1)

@@ -97,9 +97,10 @@ class Tracks(eqx.Module):
     def __getitem__(self, rows: Any) -> "Tracks":
         """The rows selected by a slice, a boolean mask or an integer array."""
         chosen = np.arange(len(self))[rows].reshape(-1)
-        return Tracks(
-            **{name: None if value is None else value[chosen] for name, value in vars(self).items()}
-        )
+        columns: dict[str, Any] = {
+            name: None if value is None else value[chosen] for name, value in vars(self).items()
+        }
+        return Tracks(**columns)
 
     def to_rows(self, xy: Any = None) -> Float[np.ndarray, "m 4"]:
         """(M, 4) rows [frame, id, x, y] for `cf.evaluation`, with `ground_xy` or other `xy`."""

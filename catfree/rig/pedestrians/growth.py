@@ -1,7 +1,6 @@
 """From pairs to a rig: seeds, candidates for each further camera, and acceptance."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,7 +8,13 @@ from catfree.rig.pedestrians.adjustment import AdjustedRig, alternate
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, PAN, X, Z
 from catfree.rig.pedestrians.constants import CalibrationSettings
 from catfree.rig.pedestrians.ground_map import GroundMap, map_ground, visible
-from catfree.rig.pedestrians.matching import Judgement, chance_density, judge
+from catfree.rig.pedestrians.matching import (
+    Judgement,
+    chance_density,
+    judge,
+    mutual_nearest,
+    squared_distances,
+)
 from catfree.rig.pedestrians.observations import BoxGrid
 from catfree.rig.pedestrians.people import (
     RigState,
@@ -29,7 +34,7 @@ from catfree.rig.pedestrians.single_view import fit_planes
 
 PLACEMENTS_PER_VOTE = 3
 QUICK_FRAMES = 24
-SHORTLIST = 40
+SHORTLIST = 30
 FINALISTS = 6
 ROUNDS = (0.08, 0.05, 0.03)
 
@@ -155,8 +160,6 @@ def _settle(
     placement: Placement,
 ) -> Placement:
     """Iterated closest people: slide the second map onto the first."""
-    from catfree.rig.pedestrians.matching import mutual_nearest, squared_distances
-
     target = work.local_map(grid, one, p, work.settings.range_tolerance)
     source = work.local_map(grid, two, q, work.settings.range_tolerance)
     for _ in range(3):
@@ -236,10 +239,27 @@ def _rolled(people: GroundMap, shift: int) -> GroundMap:
     )
 
 
-def judge_camera(work: Workspace, state: RigState, camera: int) -> Verdict:
-    """Evidence of a placed camera against the map of the other placed cameras."""
-    settings, grid = work.settings, work.grid
-    others = group_people(grid, state, settings, without=camera).ground
+def judge_camera(
+    work: Workspace,
+    state: RigState,
+    camera: int,
+    *,
+    grid: BoxGrid | None = None,
+    others: GroundMap | None = None,
+) -> Verdict:
+    """Evidence of a placed camera against the map of the other placed cameras.
+
+    Args:
+        work: the sequence.
+        state: the rig with the camera.
+        camera: which camera.
+        grid: frames to judge on; all by default.
+        others: the map of the other cameras on these frames, if it is at hand.
+    """
+    settings = work.settings
+    grid = work.grid if grid is None else grid
+    if others is None:
+        others = group_people(grid, state, settings, without=camera).ground
     own = camera_map(grid, camera, state, settings)
     others_expected = visible(
         state.parameters[camera],
@@ -288,7 +308,7 @@ def grow_rig(
     Returns:
         The rig and the last verdict of each placed camera.
     """
-    rig = seed
+    rig, verdicts = seed, {}
     while not rig.state.placed.all():
         found = {}
         for camera in np.flatnonzero(~rig.state.placed):
@@ -302,11 +322,13 @@ def grow_rig(
         for camera, (parameters, verdict) in found.items():
             if verdict.margin >= 0.3 * leading:
                 state = state.with_camera(camera, parameters, RESECTED_TOLERANCE)
-        grown, _ = prune_rig(work, _refined(work, state, shared_focal), shared_focal=shared_focal)
+        grown, grown_verdicts = prune_rig(
+            work, _refined(work, state, shared_focal), shared_focal=shared_focal
+        )
         if grown.state.placed.sum() <= rig.state.placed.sum():
             break
-        rig = grown
-    return prune_rig(work, rig, shared_focal=shared_focal)
+        rig, verdicts = grown, grown_verdicts
+    return rig, verdicts
 
 
 RESECTED_TOLERANCE = 0.05
@@ -360,7 +382,11 @@ def _best_candidate(
         if parameters is None:
             continue
         verdict = judge_camera(
-            work, state.with_camera(camera, parameters, RESECTED_TOLERANCE), camera
+            work,
+            state.with_camera(camera, parameters, RESECTED_TOLERANCE),
+            camera,
+            grid=scoring,
+            others=people,
         )
         if verdict.accepted and (best is None or verdict.margin > best[1].margin):
             best = parameters, verdict

@@ -10,16 +10,20 @@ from catfree.rig.pedestrians.ground_map import GroundMap
 
 def squared_distances(one: GroundMap, other: GroundMap) -> tuple[np.ndarray, np.ndarray]:
     """Squared Mahalanobis distances and log determinants (T, N, M) between people of one frame."""
-    gap = one.xy[:, :, None, :] - other.xy[:, None, :, :]
+    x, y = (_pair_sums(one.xy[..., i], -other.xy[..., i]) for i in (0, 1))
     a, b, d = (
-        one.covariance[:, :, None, i, j] + other.covariance[:, None, :, i, j]
+        _pair_sums(one.covariance[..., i, j], other.covariance[..., i, j])
         for i, j in ((0, 0), (0, 1), (1, 1))
     )
     determinant = a * d - b * b
-    x, y = gap[..., 0], gap[..., 1]
     distance = (d * x * x - 2 * b * x * y + a * y * y) / determinant
     both = one.valid[:, :, None] & other.valid[:, None, :]
     return np.where(both, distance, np.inf), np.log(determinant)
+
+
+def _pair_sums(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Sums (T, N, M) of all pairs; single precision holds a millimetre in a kilometre."""
+    return one.astype(np.float32)[:, :, None] + other.astype(np.float32)[:, None, :]
 
 
 def mutual_nearest(
