@@ -1,0 +1,80 @@
+"""The ground that the rig was built to cover: where its geometry pins an unhidden person down."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from catfree.evidence.boxes import padded_length
+from catfree.evidence.constants import EvidenceSettings
+from catfree.evidence.gaussian import Information, mean_and_covariance
+from catfree.evidence.measurement import Noise
+from catfree.evidence.views import GroundViews, edges_and_slopes
+from catfree.evidence.visibility import Views
+
+
+@partial(jax.jit)
+def _design(state, inside, height, views: GroundViews, noise: Noise):
+    def one(state, inside, height, matrix, focal, edge):
+        _, slopes = edges_and_slopes(matrix, state)
+        variance = (edge * height) ** 2 + (jnp.asarray(noise.angular) * focal) ** 2
+        weighted = slopes * (inside / variance)[:, None]
+        return weighted.T @ slopes
+
+    cameras = jax.vmap(one, in_axes=(None, 0, 0, 0, 0, 0))
+    people = jax.vmap(cameras, in_axes=(0, 0, 0, None, None, None))
+    take = jnp.asarray
+    info = people(
+        state, inside, height, take(views.matrix), take(views.focal), take(noise.edge)
+    ).sum(1)
+    # A place that nobody sees is vague, not undefined.
+    info = info + 1e-6 * jnp.eye(3, dtype=info.dtype)[None]
+    flat = Information(info, jnp.zeros_like(state), jnp.zeros_like(state[:, 0]))
+    _, covariance = mean_and_covariance(flat, jnp.asarray(noise.spread))
+    return jnp.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
+
+
+def design_sigma(
+    state: np.ndarray, seen: Views, views: GroundViews, noise: Noise
+) -> Float[np.ndarray, " person"]:
+    """Ground uncertainty that a person there would have if nobody stood in the way, in H0."""
+    H = len(state)
+    extra = padded_length(H) - H
+    pad = lambda x: np.pad(x, ((0, extra), (0, 0)), constant_values=1.0)  # noqa: E731
+    return np.asarray(_design(pad(state), pad(seen.inside), pad(seen.height), views, noise))[:H]
+
+
+def in_working_area(
+    state: np.ndarray, seen: Views, views: GroundViews, noise: Noise, settings: EvidenceSettings
+) -> Bool[np.ndarray, " person"]:
+    """Which positions lie where the rig can be trusted, judged by the sequence's own people.
+
+    Two signs, both relative to the typical person: the design uncertainty is not far above that of
+    the well-seen people (the lower class of a log-Otsu split), and not much fewer cameras have the
+    place in their image.
+    """
+    if len(state) == 0:
+        return np.zeros(0, bool)
+    sigma = np.log(design_sigma(state, seen, views, noise))
+    lower = sigma[sigma <= _otsu(sigma)]
+    cameras = seen.inside.sum(1)
+    return (sigma <= lower.mean() + np.log(settings.working_sigma)) & (
+        cameras >= settings.working_views * np.median(cameras)
+    )
+
+
+def _otsu(values: np.ndarray) -> float:
+    ordered = np.sort(values)
+    if len(ordered) < 2:
+        return float(ordered[-1])
+    total = np.cumsum(ordered)
+    low = np.arange(1, len(ordered))
+    high = len(ordered) - low
+    gap = total[:-1] / low - (total[-1] - total[:-1]) / high
+    at = int(np.argmax(low * high * gap**2))
+    return float((ordered[at] + ordered[at + 1]) / 2)
+
+
+_ = Array
