@@ -15,6 +15,7 @@ from catfree.rig.pedestrians.growth import (
     PairHypothesis,
     Verdict,
     Workspace,
+    drop_harmful,
     grow_rig,
     judge_camera,
     prune_rig,
@@ -126,6 +127,11 @@ def _best_rig(work: Workspace, pairs: list[PairHypothesis], report: Progress):
         raise CalibrationError("nothing")
     rig, shared = _choose_focal(work, best[1])
     rig, verdicts = prune_rig(work, rig, shared_focal=shared)
+    kept = rig.state.placed.sum()
+    rig, verdicts = drop_harmful(work, rig, verdicts, shared_focal=shared)
+    if rig.state.placed.sum() < kept:
+        rig, shared = _choose_focal(work, rig)
+        rig, verdicts = prune_rig(work, rig, shared_focal=shared)
     return rig, verdicts, shared
 
 

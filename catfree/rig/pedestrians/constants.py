@@ -80,5 +80,16 @@ class CalibrationSettings:
     minimum_margin: float = 25.0
     minimum_match_margin: float = 0.1
     minimum_matches: int = 15
-    chance_shifts: tuple[float, ...] = (0.17, 0.29, 0.41, 0.53, 0.67, 0.83)
+    chance_shifts: tuple[float, ...] = (
+        0.04,
+        0.08,
+        0.17,
+        0.29,
+        0.41,
+        0.53,
+        0.67,
+        0.83,
+        0.92,
+        0.96,
+    )
     minimum_frames: int = 20

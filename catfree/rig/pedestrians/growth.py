@@ -354,6 +354,36 @@ def prune_rig(
         rig = _refined(work, rig.state.without_camera(worst), shared_focal)
 
 
+def drop_harmful(
+    work: Workspace, rig: AdjustedRig, verdicts: dict[int, Verdict], *, shared_focal: bool
+) -> tuple[AdjustedRig, dict[int, Verdict]]:
+    """Take out cameras without which the others agree better.
+
+    A camera with a wrong clock can find a place where habits of the crowd (a path, a queue) match
+    often enough to beat chance. It stands out twice: each of its matches says little, and it bends
+    the rest of the rig.
+    """
+    while len(verdicts) > 2:
+        per_match = {c: v.margin / max(1, v.judgement.matches) for c, v in verdicts.items()}
+        usual = float(np.median(list(per_match.values())))
+        suspects = [c for c in verdicts if per_match[c] < SUSPICIOUS_SHARE * usual]
+        for camera in sorted(suspects, key=lambda c: per_match[c]):
+            others = [c for c in verdicts if c != camera]
+            less = _refined(work, rig.state.without_camera(camera), shared_focal)
+            found = {c: judge_camera(work, less.state, c) for c in others}
+            without = sum(verdict.margin for verdict in found.values())
+            if without > HARMFUL_GAIN * sum(verdicts[c].margin for c in others):
+                rig, verdicts = less, found
+                break
+        else:
+            break
+    return rig, verdicts
+
+
+SUSPICIOUS_SHARE = 0.7  # of the usual evidence per match, below which a camera is looked at
+HARMFUL_GAIN = 1.05  # evidence of the others must rise by this much to take a camera out
+
+
 def _best_candidate(
     work: Workspace,
     state: RigState,
