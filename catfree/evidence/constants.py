@@ -72,6 +72,7 @@ class EvidenceSettings:
     gate: float = 16.0
     evidence_limit: float = 6.0
     track_evidence: float = 8.0
+    leave_evidence: float = 1.0
 
     # Output
     duplicate_radius: float = 0.18  # H0: two people cannot stand closer than a body's half-width

@@ -61,7 +61,7 @@ def describe(solution: Solution, scene: Scene, settings: EvidenceSettings) -> Lo
         covariance=(t.covariance[:, :2, :2] + settings.sway**2 * np.eye(2)) * unit**2,
         supporting_cameras=np.where(seen, n_members[np.maximum(t.group, 0)], 0),
         origin=np.where(seen, Origin.DETECTED, Origin.INTERPOLATED),
-        existence=1 / (1 + np.exp(-s.evidence[rows])),
+        existence=s.probability[rows],
     )  # fmt: skip
     H = len(s.groups)
     gxy = s.state[:, :2] * unit + origin

@@ -18,9 +18,9 @@ from catfree.evidence.measurement import Measurements, Noise, measure_boxes, sta
 from catfree.evidence.noise import learn_noise, median_height
 from catfree.evidence.tracking import (
     Trails,
-    best_segments,
     estimate_motion,
     follow,
+    presence,
 )
 from catfree.evidence.views import GroundViews, ground_views
 from catfree.evidence.visibility import covered_feet, learn_detection_rate
@@ -42,6 +42,7 @@ class Solution(eqx.Module):
     covariance: Float[np.ndarray, "group 3 3"]
     trails: Trails
     evidence: Float[np.ndarray, " node"]
+    probability: Float[np.ndarray, " node"]
     kept: Bool[np.ndarray, " node"]
 
 
@@ -139,17 +140,22 @@ def _solve(detections, scene, settings: EvidenceSettings, progress) -> Solution:
                             np.concatenate([state, np.zeros((len(groups), 2))], 1),
                             np.pad(covariance, ((0, 0), (0, 2), (0, 2))))  # fmt: skip
             evidence = existence.log_odds
+            probability = 1 / (1 + np.exp(-evidence))
             kept = evidence > 0
             break
         trails = follow(groups, existence.log_odds, time, motion, density, spread, settings)
         evidence = _node_evidence(trails, existence, boxes, views, rate, settings)
-        kept = best_segments(trails, evidence, settings.track_evidence)
+        probability = presence(
+            trails, evidence, settings.track_evidence, settings.leave_evidence
+        )
+        kept = probability > 0.5
         if index < settings.passes - 1:
             priors = _track_priors(trails[kept], groups)
         if progress is not None:
             progress("evidence", index + 1, settings.passes)
     return Solution(
-        boxes, views, noise, measured, groups, existence, state, covariance, trails, evidence, kept
+        boxes, views, noise, measured, groups, existence, state, covariance, trails, evidence,
+        probability, kept,
     )
 
 

@@ -217,24 +217,54 @@ def _smooth(history, time, motion: Motion) -> Trails:
     return Trails(*(x[order] for x in columns))
 
 
-def best_segments(trails: Trails, evidence: np.ndarray, threshold: float) -> np.ndarray:
-    """The contiguous part of each track with the largest summed evidence, if above a threshold.
+def presence(trails: Trails, evidence: np.ndarray, entry: float, leave: float) -> np.ndarray:
+    """Posterior probability that the person of each row is there: a chain that is on or off.
+
+    While on, a frame adds its evidence; switching on costs `entry`, switching off `leave` (both
+    log-odds). A track whose evidence never adds up to the entry cost is never on.
 
     Args:
         trails: rows sorted by track and frame.
-        evidence: (M,) of each row.
-        threshold: a track below this sum is dropped.
+        evidence: (M,) log-odds of each row.
+        entry: cost of appearing.
+        leave: cost of disappearing before the track ends.
 
     Returns:
-        (M,) bool.
+        (M,) probability.
     """
-    keep = np.zeros(len(trails), bool)
-    starts = np.flatnonzero(np.r_[True, np.diff(trails.track) != 0]) if len(trails) else []
-    for a, b in zip(starts, [*starts[1:], len(trails)], strict=True):
-        total = np.r_[0, np.cumsum(evidence[a:b])]
-        low = np.minimum.accumulate(total)[:-1]
-        end = int(np.argmax(total[1:] - low))
-        if total[end + 1] - low[end] > threshold:
-            start = int(np.argmin(total[: end + 1]))
-            keep[a + start : a + end + 1] = True
-    return keep
+    if len(trails) == 0:
+        return np.zeros(0)
+    new = np.r_[True, np.diff(trails.track) != 0]
+    track = np.cumsum(new) - 1
+    start = np.flatnonzero(new)
+    column = np.arange(len(trails)) - start[track]
+    table = np.zeros((len(start), column.max() + 1))
+    real = np.zeros(table.shape, bool)
+    table[track, column], real[track, column] = evidence, True
+    forward = _chain(table, real, entry, leave)
+    # Backwards in time switching on is leaving: the two costs change places.
+    backward = _chain(table[:, ::-1], real[:, ::-1], leave, entry, last=True)[:, ::-1]
+    on = forward[..., 0] + backward[..., 0] - table
+    off = forward[..., 1] + backward[..., 1]
+    return (1 / (1 + np.exp(np.clip(off - on, -50, 50))))[track, column]
+
+
+def _chain(table, real, enter, leave, last=False):
+    """Log weights (on, off) of all histories up to each column; rows may start late.
+
+    A track is born off and may end on: at its first row the on state costs `enter`, in the
+    backward pass (`last`) nothing.
+    """
+    out = np.zeros((*table.shape, 2))
+    on = np.full(len(table), 0.0 if last else -enter)
+    off = np.zeros(len(table))
+    begun = np.zeros(len(table), bool)
+    for i in range(table.shape[1]):
+        here = real[:, i]
+        stay_on = np.where(begun, np.logaddexp(on, off - enter), on)
+        stay_off = np.where(begun, np.logaddexp(off, on - leave), off)
+        on = np.where(here, stay_on + table[:, i], on)
+        off = np.where(here, stay_off, off)
+        begun |= here
+        out[:, i, 0], out[:, i, 1] = on, off
+    return out
