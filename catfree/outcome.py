@@ -1,10 +1,10 @@
 """From canonical arrays to the result in the caller's frame and units."""
 
 import numpy as np
-from jaxtyping import Float
 
-from catfree.association import CanonicalFrame, Observations, Support, measure_support
-from catfree.filters.selection import Hypotheses, Selection
+from catfree.association import CanonicalFrame, Located, Observations, measure_support
+from catfree.filters.selection import Selection
+from catfree.settings import Settings
 from catfree.trajectories import Positions
 from catfree.types import (
     Candidates,
@@ -19,19 +19,38 @@ from catfree.types import (
 )
 
 
+def assemble(
+    frame: CanonicalFrame,
+    scene: Scene,
+    observations: Observations,
+    rays: Rays,
+    located: Located,
+    selection: Selection,
+    positions: Positions,
+    thresholds: Thresholds,
+    settings: Settings,
+) -> Localization:
+    """The result of a run in scene units, with the caller's frames and detection indices."""
+    sigma_theta = settings.rays.sigma_theta
+    candidates = collect_candidates(frame, observations, located, selection)
+    tracks = collect_tracks(frame, scene, observations, rays, positions, sigma_theta=sigma_theta)
+    radius = settings.selection.suppression_radius * frame.extent
+    reliability = summarize(tracks, candidates, len(observations), radius)
+    return Localization(tracks, candidates, thresholds, reliability)
+
+
 def collect_candidates(
     frame: CanonicalFrame,
     observations: Observations,
-    hypotheses: Hypotheses,
-    position: Float[np.ndarray, "h 3"],
-    support: Support,
+    located: Located,
     selection: Selection,
 ) -> Candidates:
     """Every hypothesis with its fate, in scene units and with the caller's detection indices."""
+    hypotheses, support = located.hypotheses, located.support
     member = support.member
     return Candidates(
         frame=observations.frames[hypotheses.frame_index],
-        position=frame.to_world(position),
+        position=frame.to_world(located.position),
         sigma=support.sigma.astype(np.float64) * frame.extent,
         ground_distance=hypotheses.ground_distance.astype(np.float64) * frame.extent,
         rms_angle=hypotheses.rms_angle.astype(np.float64),

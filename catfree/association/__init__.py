@@ -1,5 +1,10 @@
 """Which detections are one person: tracklets, ray reliability, cross-view groups, hypotheses."""
 
+from catfree.association.groups import (
+    Groups as Groups,
+    associate as associate,
+    learn_pose_ratio as learn_pose_ratio,
+)
 from catfree.association.hypotheses import (
     RayTable as RayTable,
     Support as Support,
@@ -9,6 +14,7 @@ from catfree.association.hypotheses import (
     ray_table as ray_table,
     triangulate_groups as triangulate_groups,
 )
+from catfree.association.locate import Located as Located, locate as locate
 from catfree.association.observations import Observations as Observations, observe as observe
 from catfree.association.pairs import (
     CandidatePairs as CandidatePairs,

@@ -76,21 +76,33 @@ def ray_table(
 ) -> RayTable:
     """Lay the rays out so that a hypothesis finds those of its frame by indexing."""
     frames, cameras = len(observations.frames), observations.camera_count
-    count = len(observations)
     starts = observations.cell_start[:-1]
     longest = int(np.diff(observations.cell_start).max(initial=0))
     depth = padded_length(longest, MINIMUM_RAYS_PER_CELL)
-    place = np.arange(count) - starts[observations.cell]
-    direction = np.zeros((frames * cameras, depth, 3), np.asarray(rays.direction).dtype)
-    weight = np.zeros((frames * cameras, depth), direction.dtype)
-    direction[observations.cell, place] = np.asarray(rays.direction)[:count]
-    weight[observations.cell, place] = np.asarray(rays.weight)[:count]
+    place = np.arange(len(observations)) - starts[observations.cell]
+    direction = np.zeros((frames * cameras, depth, 3), rays.direction.dtype)
+    weight = np.zeros((frames * cameras, depth), rays.direction.dtype)
+    direction[observations.cell, place] = rays.direction
+    weight[observations.cell, place] = rays.weight
     return RayTable(
         centers.astype(direction.dtype),
         direction.reshape(frames, cameras, depth, 3),
         weight.reshape(frames, cameras, depth),
         starts.reshape(frames, cameras),
     )
+
+
+def _gather(
+    rays: Rays, member: Int[np.ndarray, "h cam"]
+) -> tuple[
+    Float[np.ndarray, "block cam 3"],
+    Float[np.ndarray, "block cam 3"],
+    Float[np.ndarray, "block cam"],
+]:
+    """Rays of each row's members, padded to a block; absent ones have weight 0."""
+    padded = np.pad(member, ((0, HYPOTHESIS_BLOCK - len(member)), (0, 0)), constant_values=-1)
+    weight = np.where(padded >= 0, rays.weight[padded], 0)
+    return rays.origin[padded], rays.direction[padded], weight
 
 
 def triangulate_groups(
@@ -115,17 +127,12 @@ def triangulate_groups(
         Sec. "Robust 3D position estimation"; Table "baselines" for the other estimators.
     """
     count = len(groups)
-    position = np.empty((count, 3), np.asarray(rays.origin).dtype)
+    position = np.empty((count, 3), rays.origin.dtype)
     residual = np.empty(groups.shape, position.dtype)
     for begin in range(0, count, HYPOTHESIS_BLOCK):
         rows = slice(begin, begin + HYPOTHESIS_BLOCK)
-        padding = ((0, HYPOTHESIS_BLOCK - len(groups[rows])), (0, 0))
-        block = np.pad(groups[rows], padding, constant_values=-1)
         placed, angle = _triangulate_block(
-            rays.origin,
-            rays.direction,
-            rays.weight,
-            block,
+            *_gather(rays, groups[rows]),
             settings.huber_scale,
             sigma_theta,
             refit=settings.refit_inliers,
@@ -139,10 +146,9 @@ def triangulate_groups(
 
 @partial(jax.jit, static_argnames=("refit", "estimator", "constrained"))
 def _triangulate_block(
-    origin: Float[Array, "n 3"],
-    direction: Float[Array, "n 3"],
-    weight: Float[Array, " n"],
-    groups: Int[Array, "h cam"],
+    origin: Float[Array, "h cam 3"],
+    direction: Float[Array, "h cam 3"],
+    weight: Float[Array, "h cam"],
     huber_scale: float,
     sigma_theta: float,
     *,
@@ -150,10 +156,7 @@ def _triangulate_block(
     estimator: Literal["rays", "best_pair", "single_ray"],
     constrained: bool,
 ) -> tuple[Float[Array, "h 3"], Float[Array, "h cam"]]:
-    def place(members: Int[Array, " cam"]) -> tuple[Float[Array, "3"], Float[Array, " cam"]]:
-        present = members >= 0
-        o, d = origin[members], direction[members]
-        w = jnp.where(present, weight[members], 0)
+    def place(o: Array, d: Array, w: Array) -> tuple[Float[Array, "3"], Float[Array, " cam"]]:
         if estimator == "best_pair":
             w = _best_pair(o, d, w, sigma_theta)
         elif estimator == "single_ray":
@@ -167,7 +170,7 @@ def _triangulate_block(
         angle = jax.vmap(angular_residual, (None, 0, 0))(position, o, d)
         return position, jnp.where(w > 0, angle, jnp.nan)
 
-    return jax.vmap(place)(groups)
+    return jax.vmap(place)(origin, direction, weight)
 
 
 def _best_pair(
@@ -255,18 +258,15 @@ def measure_support(
         Eq. sigma.
     """
     count = len(position)
-    dtype = np.asarray(rays.direction).dtype
+    dtype = rays.direction.dtype
     sigma, weight = np.empty(count, dtype), np.empty(count, dtype)
     covariance, residual = np.empty((count, 2, 2), dtype), np.empty(member.shape, dtype)
     for begin in range(0, count, HYPOTHESIS_BLOCK):
         rows = slice(begin, begin + HYPOTHESIS_BLOCK)
         padding = (0, HYPOTHESIS_BLOCK - len(position[rows]))
         block = _measure_block(
-            rays.origin,
-            rays.direction,
-            rays.weight,
-            np.pad(member[rows], (padding, (0, 0)), constant_values=-1),
-            np.pad(position[rows], (padding, (0, 0))),
+            *_gather(rays, member[rows]),
+            np.pad(position[rows].astype(dtype), (padding, (0, 0))),
             sigma_theta,
         )
         for column, value in zip((sigma, covariance, weight, residual), block, strict=True):
@@ -276,23 +276,21 @@ def measure_support(
 
 @jax.jit
 def _measure_block(
-    origins: Float[Array, "n 3"],
-    directions: Float[Array, "n 3"],
-    weights: Float[Array, " n"],
-    member: Int[Array, "h cam"],
+    origins: Float[Array, "h cam 3"],
+    directions: Float[Array, "h cam 3"],
+    weights: Float[Array, "h cam"],
     position: Float[Array, "h 3"],
     sigma_theta: float,
 ) -> tuple[Array, Array, Array, Array]:
-    def measure(member: Array, position: Array) -> tuple[Array, Array, Array, Array]:
-        o, d = origins[member], directions[member]
-        w = jnp.where(member >= 0, weights[member], 0)
+    def measure(o: Array, d: Array, w: Array, position: Array) -> tuple[Array, Array, Array, Array]:
         precision = information(position, o, d, w, sigma_theta)
-        enough = (member >= 0).sum() >= 2
-        sigma = jnp.where(enough, ground_sigma(precision, GROUND), jnp.inf)
-        covariance = jnp.where(enough, ground_covariance(precision, GROUND), jnp.inf)
-        return sigma, covariance, w.sum(), jax.vmap(angular_residual, (None, 0, 0))(position, o, d)
+        covariance = ground_covariance(precision, GROUND)
+        enough = (w > 0).sum() >= 2
+        sigma = jnp.where(enough, jnp.sqrt(jnp.trace(covariance) / 2), jnp.inf)
+        angle = jax.vmap(angular_residual, (None, 0, 0))(position, o, d)
+        return sigma, jnp.where(enough, covariance, jnp.inf), w.sum(), angle
 
-    return jax.vmap(measure)(member, position)
+    return jax.vmap(measure)(origins, directions, weights, position)
 
 
 def exclusive_support(support: Support) -> Int[np.ndarray, "h cam"]:

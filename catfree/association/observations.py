@@ -64,13 +64,15 @@ class Observations(eqx.Module):
 def time_steps(frames: Int[np.ndarray, " f"]) -> Int[np.ndarray, " f"]:
     """Whole time steps of rising frame numbers whose usual distance is one step.
 
-    Annotated sequences often number every fifth frame: 0, 5, 10. The median distance is one step,
-    so a frame in which nobody was detected leaves a gap instead of joining its neighbours.
+    Annotated sequences often number every fifth frame: 0, 5, 10. The median distance is one step
+    (the lower one of an even number), so a frame in which nobody was detected leaves a gap instead
+    of joining its neighbours.
     """
     if len(frames) < 2:
         return np.zeros(len(frames), np.int64)
     distance = np.diff(frames)
-    steps = np.maximum(np.round(distance / np.median(distance)), 1)
+    usual = np.sort(distance)[(len(distance) - 1) // 2]
+    steps = np.maximum(np.round(distance / usual), 1)
     return np.concatenate([[0], np.cumsum(steps)]).astype(np.int64)
 
 

@@ -43,7 +43,8 @@ def pair_residual(
         weights: (2,) positive reliabilities.
 
     Returns:
-        Angle in [0, pi]; pi for parallel rays, above pi/2 where the lines meet behind a camera.
+        Angle in [0, pi]; pi for parallel rays, pi/2 where they meet in a camera centre, above pi/2
+        where the lines meet behind a camera.
     """
     baseline = origins[1] - origins[0]
     normal = jnp.cross(directions[0], directions[1])
@@ -58,7 +59,9 @@ def pair_residual(
     )
     gap = jnp.abs(baseline @ normal) / jnp.sqrt(safe)
     share = weights[::-1] / weights.sum()
-    angle = jnp.arctan2(gap * share, depth).max()
+    # At the camera centre itself (two cameras in one place) no angle is defined: never a match.
+    at_center = (depth == 0) & (gap * share == 0)
+    angle = jnp.where(at_center, jnp.pi / 2, jnp.arctan2(gap * share, depth)).max()
     return jnp.where(parallel, jnp.asarray(jnp.pi, origins.dtype), angle)
 
 

@@ -93,30 +93,33 @@ def _directions(
     return jax.vmap(direction)(camera, pixel)
 
 
-def cast_rays(observations: Observations, rig: Rig, *, length: int) -> Rays:
-    """The ray of every observation through the bottom centre of its box, padded to `length`.
+def cast_rays(observations: Observations, rig: Rig) -> Rays:
+    """The ray of every observation through the bottom centre of its box.
 
     Args:
         observations: detections in canonical order.
         rig: cameras in the frame in which the rays are wanted.
-        length: rows of the result; those beyond N are padding with weight 0.
 
     Returns:
-        Rays with weight 1, JAX arrays in the default float dtype.
+        (N, ...) rays with weight 1, NumPy arrays in JAX's default float dtype.
 
     Source:
         Sec. "Pedestrian observations and ray reliability".
     """
-    padding = length - len(observations)
-    camera = np.pad(observations.camera, (0, padding))
+    count = len(observations)
+    dtype = jnp.result_type(float)
     distortion = np.zeros((rig.camera_count, 5)) if rig.distortion is None else rig.distortion
-    directions = _directions(
-        jnp.asarray(rig.K),
-        jnp.asarray(rig.R),
-        jnp.asarray(distortion),
-        camera,
-        jnp.asarray(np.pad(observations.foot.astype(np.float64), ((0, padding), (0, 0)))),
-        distorted=rig.distortion is not None,
-    )
-    weight = np.pad(np.ones(len(observations)), (0, padding))
-    return Rays(jnp.asarray(np.asarray(rig.centers)[camera]), directions, jnp.asarray(weight))
+    cameras = [np.asarray(array, dtype) for array in (rig.K, rig.R, distortion)]
+    direction = np.empty((count, 3), dtype)
+    for begin in range(0, count, DETECTION_BLOCK):
+        rows = slice(begin, begin + DETECTION_BLOCK)
+        padding = (0, DETECTION_BLOCK - len(observations.camera[rows]))
+        block = _directions(
+            *cameras,
+            np.pad(observations.camera[rows], padding),
+            np.pad(observations.foot[rows].astype(dtype), (padding, (0, 0))),
+            distorted=rig.distortion is not None,
+        )
+        direction[rows] = np.asarray(block)[: DETECTION_BLOCK - padding[1]]
+    origin = np.asarray(rig.centers, dtype)[observations.camera]
+    return Rays(origin, direction, np.ones(count, dtype))

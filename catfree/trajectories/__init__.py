@@ -1,5 +1,6 @@
 """Accepted positions become tracks: link, extend."""
 
+from catfree.trajectories.build import build_trajectories as build_trajectories
 from catfree.trajectories.extend import extend_tracks as extend_tracks
 from catfree.trajectories.link import (
     Positions as Positions,
