@@ -1,9 +1,10 @@
 """Arrays to and from one `.npz` file: no pickle, atomic, bit for bit."""
 
 import os
-import tempfile
+import uuid
 import zipfile
-from collections.abc import Mapping
+import zlib
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,18 @@ import numpy as np
 from catfree.errors import FileFormatError, InvalidInputError
 
 _KIND = "catfree_kind"
+
+# What damage anywhere in a zip of arrays is known to raise in NumPy and the standard library.
+_DAMAGE = (
+    OSError,
+    ValueError,
+    TypeError,
+    EOFError,
+    RuntimeError,
+    NotImplementedError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 def save_arrays(path: str | os.PathLike[str], kind: str, arrays: Mapping[str, object]) -> Path:
@@ -34,38 +47,48 @@ def save_arrays(path: str | os.PathLike[str], kind: str, arrays: Mapping[str, ob
             f"Cannot write {target}: the folder {target.parent} does not exist. Create it first."
         )
     present = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
-    descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+    # Not a file of `tempfile`, which only its owner may read.
+    temporary = target.with_name(f".{target.name}.{uuid.uuid4().hex}")
     try:
-        with os.fdopen(descriptor, "wb") as stream:
+        with temporary.open("xb") as stream:
             np.savez_compressed(stream, allow_pickle=False, **{_KIND: np.array(kind)}, **present)
         os.replace(temporary, target)
     except BaseException:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
     return target
 
 
-def load_arrays(path: str | os.PathLike[str], kind: str) -> dict[str, np.ndarray]:
+def load_arrays(
+    path: str | os.PathLike[str],
+    kind: str,
+    *,
+    required: Collection[str] = (),
+    optional: Collection[str] = (),
+) -> dict[str, np.ndarray]:
     """Read what `save_arrays` wrote.
 
     Args:
         path: the file to read.
         kind: the type name that the file must hold.
+        required: names that the file must hold.
+        optional: names that it may hold besides.
 
     Returns:
         Name to array, without the entries that were None.
 
     Raises:
         InvalidInputError: if there is no such file.
-        FileFormatError: if the file is not an archive of that kind.
+        FileFormatError: if the file is not an archive of that kind with those names.
     """
     source = Path(path)
     if not source.is_file():
         raise InvalidInputError(f"Cannot load {kind}: there is no file {source}.")
     try:
-        with np.load(source, allow_pickle=False) as archive:
+        # Opened here, because NumPy leaves a file that it cannot read open.
+        with source.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+    except _DAMAGE as error:
         raise FileFormatError(
             f"{source} is not a readable catfree archive ({error}). Save it again with .save()."
         ) from error
@@ -73,5 +96,12 @@ def load_arrays(path: str | os.PathLike[str], kind: str) -> dict[str, np.ndarray
     if stored != kind:
         raise FileFormatError(
             f"{source} holds {stored}, not {kind}. Load it with the type that saved it."
+        )
+    missing = [name for name in required if name not in arrays]
+    unknown = [name for name in arrays if name not in (*required, *optional)]
+    if missing or unknown:
+        what = f"lacks {missing[0]}" if missing else f"holds the unknown entry {unknown[0]}"
+        raise FileFormatError(
+            f"{source} {what}, so another version wrote this {kind}. Save it again with .save()."
         )
     return arrays

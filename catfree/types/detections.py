@@ -134,4 +134,6 @@ class Detections(eqx.Module):
             InvalidInputError: if there is no such file.
             FileFormatError: if the file holds something else.
         """
-        return cls(**load_arrays(path, "Detections"))
+        optional = ("score", "ankles_confirmed", "embedding", "keypoints")
+        required = ("frame", "camera", "box")
+        return cls(**load_arrays(path, "Detections", required=required, optional=optional))

@@ -113,8 +113,15 @@ class Tracks(eqx.Module):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Tracks":
-        """Read what `save` wrote."""
-        return cls(**load_arrays(path, "Tracks"))
+        """Read what `save` wrote.
+
+        Raises:
+            InvalidInputError: if there is no such file.
+            FileFormatError: if the file holds something else.
+        """
+        optional = ("existence",)
+        required = [name for name in cls.__annotations__ if name not in optional]
+        return cls(**load_arrays(path, "Tracks", required=required, optional=optional))
 
 
 class Thresholds(eqx.Module):

@@ -22,6 +22,9 @@ from catfree.types.validation import (
 
 HostOrDevice = np.ndarray | Array
 
+# Names in a saved rig: those that are always there, and those that may be None.
+_RIG_FIELDS = (("K", "R", "t", "image_size", "registered"), ("distortion",))
+
 ROTATION_TOLERANCE = 1e-3  # calibration files often print rotations with few digits
 
 
@@ -141,8 +144,14 @@ class Rig(eqx.Module):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Rig":
-        """Read what `save` wrote."""
-        return cls(**load_arrays(path, "Rig"))
+        """Read what `save` wrote.
+
+        Raises:
+            InvalidInputError: if there is no such file.
+            FileFormatError: if the file holds something else.
+        """
+        required, optional = _RIG_FIELDS
+        return cls(**load_arrays(path, "Rig", required=required, optional=optional))
 
 
 class Plane(eqx.Module):
@@ -263,8 +272,15 @@ class Scene(eqx.Module):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Scene":
-        """Read what `save` wrote."""
-        arrays = load_arrays(path, "Scene")
+        """Read what `save` wrote.
+
+        Raises:
+            InvalidInputError: if there is no such file.
+            FileFormatError: if the file holds something else.
+        """
+        of_rig, optional = ([f"rig_{name}" for name in names] for names in _RIG_FIELDS)
+        required = [*of_rig, "normal", "offset", "extent", "metric"]
+        arrays = load_arrays(path, "Scene", required=required, optional=optional)
         rig = Rig(**{k.removeprefix("rig_"): v for k, v in arrays.items() if k.startswith("rig_")})
         ground = Plane(arrays["normal"], arrays["offset"])
         return cls(rig, ground, arrays["extent"], bool(arrays["metric"]))

@@ -4,6 +4,7 @@ from typing import Any
 
 import jax
 import jax.core
+import jax.numpy as jnp
 import numpy as np
 
 from catfree.errors import InvalidInputError
@@ -20,9 +21,12 @@ def first_index(bad: np.ndarray) -> str:
 
 
 def as_float(value: Any) -> Any:
-    """Float arrays keep their dtype, JAX arrays stay JAX arrays, all else becomes float64."""
+    """Float arrays keep their dtype, JAX arrays stay JAX arrays, other numbers become float64.
+
+    JAX arrays of whole numbers become JAX's default float.
+    """
     if isinstance(value, jax.Array):
-        return value
+        return value if value.dtype in (jnp.float32, jnp.float64) else value.astype(float)
     array = np.asarray(value)
     if array.dtype not in (np.float32, np.float64):
         try:
@@ -73,10 +77,9 @@ def require_shape(value: Any, shape: tuple[int | None, ...], name: str) -> None:
 
 def require_finite(value: Any, name: str, where: np.ndarray | None = None) -> None:
     """Raise at the first NaN or infinity, looking only at rows where `where` is true."""
-    bad = ~np.isfinite(np.asarray(value))
+    bad = np.asarray(~np.isfinite(np.asarray(value)))
     if where is not None:
         bad = bad & where.reshape(where.shape + (1,) * (bad.ndim - where.ndim))
     if bad.any():
-        raise InvalidInputError(
-            f"{name}[{first_index(bad)}] is not finite. Remove or repair that entry first."
-        )
+        entry = f"{name}[{first_index(bad)}]" if bad.ndim else name
+        raise InvalidInputError(f"{entry} is not finite. Remove or repair it first.")

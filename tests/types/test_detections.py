@@ -1,0 +1,137 @@
+"""`Detections`: what construction accepts, what it refuses and where, and what files give back."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from catfree import Detections
+from catfree.errors import InvalidInputError
+
+
+def boxes(count: int) -> np.ndarray:
+    corner = np.arange(2.0 * count).reshape(count, 2)
+    return np.hstack([corner, corner + np.array([20.0, 50.0])])
+
+
+def detections(count: int = 4, **columns) -> Detections:
+    return Detections(
+        columns.pop("frame", np.arange(count)),
+        columns.pop("camera", np.arange(count) % 2),
+        columns.pop("box", boxes(count)),
+        **columns,
+    )
+
+
+def test_other_numbers_become_float64_and_floats_keep_their_width():
+    assert detections(box=boxes(4).astype(int)).box.dtype == np.float64
+    assert detections(box=boxes(4).tolist()).box.dtype == np.float64
+    assert detections(box=boxes(4).astype(np.float16)).box.dtype == np.float64
+    assert detections(box=boxes(4).astype(np.float32)).box.dtype == np.float32
+    assert detections(box=jnp.asarray(boxes(4), jnp.int32)).box.dtype == np.float32
+    assert detections(frame=[0.0, 1.0, 2.0, 3.0]).frame.dtype == np.int64
+    ankles = detections(ankles_confirmed=[0, 1, 1, 0]).ankles_confirmed
+    assert ankles is not None
+    assert ankles.dtype == bool
+
+
+def test_no_detections_need_no_shapes():
+    empty = Detections([], [], [])
+    assert len(empty) == 0
+    assert empty.box.shape == (0, 4)
+    assert empty.foot.shape == (0, 2)
+
+
+def test_foot_is_the_bottom_centre_and_height_the_side():
+    seen = Detections([0], [0], [[10.0, 20.0, 30.0, 80.0]])
+    np.testing.assert_array_equal(seen.foot, [[20.0, 80.0]])
+    np.testing.assert_array_equal(seen.height, [60.0])
+
+
+@given(st.integers(1, 8), st.data())
+def test_an_error_names_the_first_bad_entry(count, data):
+    bad = data.draw(st.lists(st.integers(0, count - 1), min_size=1, unique=True))
+    kind = data.draw(st.sampled_from(["box", "nan", "camera", "frame", "score", "ankles"]))
+    columns = {
+        "box": boxes(count),
+        "camera": np.zeros(count),
+        "frame": np.zeros(count),
+        "score": np.full(count, 0.5),
+        "ankles_confirmed": np.zeros(count),
+    }
+    column, value, name = {
+        "box": ("box", [5.0, 5.0, 5.0, 9.0], rf"box\[{min(bad)}\]"),
+        "nan": ("box", [np.nan, 0.0, 1.0, 1.0], rf"box\[{min(bad)}, 0\]"),
+        "camera": ("camera", -1, rf"camera\[{min(bad)}\]"),
+        "frame": ("frame", 0.5, rf"frame\[{min(bad)}\]"),
+        "score": ("score", 1.5, rf"score\[{min(bad)}\]"),
+        "ankles": ("ankles_confirmed", 2, rf"ankles_confirmed\[{min(bad)}\]"),
+    }[kind]
+    columns[column][bad] = value
+    with pytest.raises(InvalidInputError, match=name):
+        detections(count, **columns)
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"box": boxes(3)}, r"box must have shape \(4, 4\), got \(3, 4\)"),
+        ({"camera": [0, 1]}, r"camera must have shape \(4\), got \(2,\)"),
+        ({"frame": np.zeros((4, 1))}, r"frame must have shape \(n\)"),
+        ({"frame": [True] * 4}, "frame must hold whole numbers"),
+        ({"frame": ["a"] * 4}, "frame must hold whole numbers"),
+        ({"frame": [0, 0, 0, 1e30]}, r"frame\[3\]"),
+        ({"box": [["a"] * 4] * 4}, "Expected numbers"),
+        ({"score": np.zeros(3)}, r"score must have shape \(4\)"),
+        ({"score": [0, 0, np.nan, 0]}, r"score\[2\] is not finite"),
+        ({"ankles_confirmed": np.zeros(3)}, "ankles_confirmed must have shape"),
+        ({"embedding": np.zeros(4)}, r"embedding must have shape \(4, n\)"),
+        ({"embedding": [[0.0], [np.inf], [0.0], [0.0]]}, r"embedding\[1, 0\] is not finite"),
+        ({"keypoints": np.zeros((4, 16, 3))}, r"keypoints must have shape \(4, 17, 3\)"),
+        ({"keypoints": np.full((4, 17, 3), np.nan)}, r"keypoints\[0, 0, 0\] is not finite"),
+    ],
+)
+def test_what_is_refused(columns, message):
+    with pytest.raises(InvalidInputError, match=message):
+        detections(**columns)
+
+
+def complete(count: int, dtype=np.float64) -> Detections:
+    rng = np.random.default_rng(count)
+    return detections(
+        count,
+        frame=rng.integers(-5, 5, count),
+        box=boxes(count).astype(dtype),
+        score=rng.random(count).astype(dtype),
+        ankles_confirmed=rng.random(count) < 0.5,
+        embedding=rng.standard_normal((count, 3)).astype(dtype),
+        keypoints=rng.standard_normal((count, 17, 3)).astype(dtype),
+    )
+
+
+def test_rows_are_chosen_as_in_numpy():
+    seen = complete(5)
+    for rows in (slice(1, 4), np.array([True, False, True, False, True]), np.array([4, 0]), 2):
+        chosen = seen[rows]
+        wanted = np.arange(5)[rows].reshape(-1)
+        for name, column in vars(seen).items():
+            np.testing.assert_array_equal(getattr(chosen, name), column[wanted])
+
+
+@given(
+    st.integers(0, 5),
+    st.sampled_from([np.float32, np.float64]),
+    st.sets(st.sampled_from(["score", "ankles_confirmed", "embedding", "keypoints"])),
+)
+def test_a_file_gives_back_every_bit(tmp_path, count, dtype, absent):
+    whole = vars(complete(count, dtype))
+    seen = Detections(**(whole | dict.fromkeys(absent)))
+    seen.save(tmp_path / "seen.npz")
+    again = Detections.load(tmp_path / "seen.npz")
+    for name, column in vars(seen).items():
+        back = getattr(again, name)
+        if column is None:
+            assert back is None
+        else:
+            assert (back.dtype, back.shape) == (column.dtype, column.shape)
+            assert back.tobytes() == column.tobytes()
