@@ -2,7 +2,7 @@
 
 from concurrent.futures import Future, ThreadPoolExecutor
 
-import jax
+import jax.numpy as jnp
 import numpy as np
 
 from catfree.association import Groups, Observations, locate
@@ -35,7 +35,7 @@ def start_compilation(
     widest = int(np.diff(observations.cell_start).max(initial=0)).bit_length()
     key = (observations.camera_count, rays.origin.dtype, widest, settings)
     # A float width that holds for one thread only would compile the wrong functions.
-    if key in _started or len(observations) < 2 or jax.config.jax_enable_x64:
+    if key in _started or len(observations) < 2 or jnp.result_type(float) == np.float64:
         return finished
     _started.add(key)
     pool = ThreadPoolExecutor(1)

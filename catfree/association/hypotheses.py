@@ -102,7 +102,7 @@ def _gather(
     """Rays of each row's members, padded to a block; absent ones have weight 0."""
     padded = np.pad(member, ((0, HYPOTHESIS_BLOCK - len(member)), (0, 0)), constant_values=-1)
     weight = np.where(padded >= 0, rays.weight[padded], 0)
-    return rays.origin[padded], rays.direction[padded], weight
+    return np.asarray(rays.origin)[padded], np.asarray(rays.direction)[padded], weight
 
 
 def triangulate_groups(
