@@ -4,10 +4,10 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Real
 
 HostOrDevice = np.ndarray | Array
-Scalar = float | int | np.floating | Float[HostOrDevice, ""]
+Scalar = float | int | np.number | Real[HostOrDevice, ""]
 
 
 def float_arrays(*values: Any) -> tuple[Any, ...]:
@@ -16,7 +16,10 @@ def float_arrays(*values: Any) -> tuple[Any, ...]:
     The dtype is the widest float among the arrays, or JAX's default float where there is none;
     Python scalars never widen it.
     """
-    arrays = [v for v in values if isinstance(v, HostOrDevice)]
+    # A Python scalar that was passed through `jax.jit` arrives as a weakly typed array.
+    arrays = [
+        v for v in values if isinstance(v, HostOrDevice) and not getattr(v, "weak_type", False)
+    ]
     floats = [jnp.result_type(a) for a in arrays if jnp.issubdtype(a.dtype, jnp.floating)]
     # Only the widths matter: float32 and float64 are the library's two dtypes.
     dtype = max(floats, key=lambda d: jnp.finfo(d).bits) if floats else jnp.result_type(float)

@@ -6,7 +6,7 @@ centre of the top-left pixel at (0, 0); distortion k1, k2, p1, p2, k3.
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Real
 
 from catfree.geometry.arrays import HostOrDevice, float_arrays, safe_norm
 
@@ -21,7 +21,7 @@ FRONT_SHARE = 1e-4
 
 
 def distort(
-    point: Float[HostOrDevice, "2"], distortion: Float[HostOrDevice, "5"]
+    point: Real[HostOrDevice, "2"], distortion: Real[HostOrDevice, "5"]
 ) -> Float[Array, "2"]:
     """Where a lens moves a point of the normalized image plane.
 
@@ -48,7 +48,7 @@ def distort(
 
 
 def undistort(
-    point: Float[HostOrDevice, "2"], distortion: Float[HostOrDevice, "5"]
+    point: Real[HostOrDevice, "2"], distortion: Real[HostOrDevice, "5"]
 ) -> Float[Array, "2"]:
     """The inverse of `distort`, by a fixed number of Newton steps (hence differentiable).
 
@@ -59,7 +59,12 @@ def undistort(
     Returns:
         (2,) ideal normalized coordinates; finite but arbitrary where no ideal point maps there.
     """
-    distorted, coefficients = float_arrays(point, distortion)
+    return _undistort(*float_arrays(point, distortion))
+
+
+@jax.jit
+def _undistort(distorted: Array, coefficients: Array) -> Array:
+    """`undistort`, compiled: without, each single call would trace its loop anew."""
 
     def newton_step(estimate: Array, _: None) -> tuple[Array, None]:
         error = distort(estimate, coefficients) - distorted
@@ -80,11 +85,11 @@ def undistort(
 
 
 def project(
-    K: Float[HostOrDevice, "3 3"],
-    R: Float[HostOrDevice, "3 3"],
-    t: Float[HostOrDevice, "3"],
-    point: Float[HostOrDevice, "3"],
-    distortion: Float[HostOrDevice, "5"] | None = None,
+    K: Real[HostOrDevice, "3 3"],
+    R: Real[HostOrDevice, "3 3"],
+    t: Real[HostOrDevice, "3"],
+    point: Real[HostOrDevice, "3"],
+    distortion: Real[HostOrDevice, "5"] | None = None,
 ) -> tuple[Float[Array, "2"], Float[Array, ""]]:
     """The pixel at which a camera sees a world point, and the point's depth.
 
@@ -114,9 +119,9 @@ def project(
 
 
 def back_project(
-    K: Float[HostOrDevice, "3 3"],
-    pixel: Float[HostOrDevice, "2"],
-    distortion: Float[HostOrDevice, "5"] | None = None,
+    K: Real[HostOrDevice, "3 3"],
+    pixel: Real[HostOrDevice, "2"],
+    distortion: Real[HostOrDevice, "5"] | None = None,
 ) -> Float[Array, "2"]:
     """Ideal normalized coordinates of a pixel: the inverse of intrinsics and distortion.
 

@@ -1,10 +1,12 @@
 """Planes: distances to them, rays cut with them, and the plane that fits points."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, PRNGKeyArray, UInt32
+from jaxtyping import Array, Bool, Float, PRNGKeyArray, Real, UInt32
 
 from catfree.geometry.arrays import HostOrDevice, Scalar, epsilon, float_arrays
 from catfree.types import Plane
@@ -20,7 +22,7 @@ REFINEMENTS = 5
 SCORED_TOGETHER = 16
 
 
-def plane_distance(plane: Plane, position: Float[HostOrDevice, "3"]) -> Float[Array, ""]:
+def plane_distance(plane: Plane, position: Real[HostOrDevice, "3"]) -> Float[Array, ""]:
     """How far a position is from the ground, above or below: the paper's g.
 
     Args:
@@ -38,8 +40,8 @@ def plane_distance(plane: Plane, position: Float[HostOrDevice, "3"]) -> Float[Ar
 
 def intersect_ray(
     plane: Plane,
-    origin: Float[HostOrDevice, "3"],
-    direction: Float[HostOrDevice, "3"],
+    origin: Real[HostOrDevice, "3"],
+    direction: Real[HostOrDevice, "3"],
 ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
     """Where a ray meets a plane.
 
@@ -63,10 +65,10 @@ def intersect_ray(
 
 
 def fit_plane(
-    points: Float[HostOrDevice, "n 3"],
-    weights: Float[HostOrDevice, " n"] | None = None,
+    points: Real[HostOrDevice, "n 3"],
+    weights: Real[HostOrDevice, " n"] | None = None,
     *,
-    toward: Float[HostOrDevice, "3"] | None = None,
+    toward: Real[HostOrDevice, "3"] | None = None,
 ) -> Plane:
     """The plane with the smallest weighted sum of squared distances to points.
 
@@ -122,13 +124,13 @@ class PlaneFit(eqx.Module):
 
 
 def fit_plane_ransac(
-    points: Float[HostOrDevice, "n 3"],
+    points: Real[HostOrDevice, "n 3"],
     key: PRNGKeyArray | UInt32[Array, "2"],
     *,
     threshold: Scalar | None = None,
     iterations: int = 512,
     where: Bool[HostOrDevice, " n"] | None = None,
-    toward: Float[HostOrDevice, "3"] | None = None,
+    toward: Real[HostOrDevice, "3"] | None = None,
 ) -> PlaneFit:
     """The plane that most points support, and those points.
 
@@ -152,6 +154,19 @@ def fit_plane_ransac(
     """
     points, threshold, toward = float_arrays(points, threshold, toward)
     used = jnp.ones(points.shape[0], bool) if where is None else jnp.asarray(where)
+    return _fit_plane_ransac(points, key, threshold, iterations, used, toward)
+
+
+@functools.partial(jax.jit, static_argnames="iterations")
+def _fit_plane_ransac(
+    points: Array,
+    key: Array,
+    threshold: Array | None,
+    iterations: int,
+    used: Array,
+    toward: Array | None,
+) -> PlaneFit:
+    """`fit_plane_ransac`, compiled: without, each single call would trace its loops anew."""
     points = jnp.where(used[:, None], points, 0)
     count = jnp.sum(used)
     center = jnp.sum(points, axis=0) / jnp.maximum(count, 1).astype(points.dtype)

@@ -3,18 +3,18 @@
 import math
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Real
 
 from catfree.geometry.arrays import HostOrDevice, Scalar, float_arrays, safe_norm
 from catfree.geometry.camera import back_project
 
 
 def pixel_to_ray(
-    K: Float[HostOrDevice, "3 3"],
-    R: Float[HostOrDevice, "3 3"],
-    t: Float[HostOrDevice, "3"],
-    pixel: Float[HostOrDevice, "2"],
-    distortion: Float[HostOrDevice, "5"] | None = None,
+    K: Real[HostOrDevice, "3 3"],
+    R: Real[HostOrDevice, "3 3"],
+    t: Real[HostOrDevice, "3"],
+    pixel: Real[HostOrDevice, "2"],
+    distortion: Real[HostOrDevice, "5"] | None = None,
 ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
     """The half-line of world points that a camera sees at one pixel.
 
@@ -40,9 +40,9 @@ def pixel_to_ray(
 
 
 def angular_residual(
-    position: Float[HostOrDevice, "3"],
-    origin: Float[HostOrDevice, "3"],
-    direction: Float[HostOrDevice, "3"],
+    position: Real[HostOrDevice, "3"],
+    origin: Real[HostOrDevice, "3"],
+    direction: Real[HostOrDevice, "3"],
 ) -> Float[Array, ""]:
     """The angle at a camera centre between a ray and the line of sight to a position.
 

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Real
 
 from catfree.errors import DegenerateGeometryError
 from catfree.geometry.arrays import HostOrDevice, epsilon, float_arrays, tiny
@@ -36,7 +36,7 @@ class Similarity(eqx.Module):
         """Store as JAX arrays of one dtype."""
         self.scale, self.rotation, self.translation = float_arrays(scale, rotation, translation)
 
-    def __call__(self, points: Float[HostOrDevice, "*batch dim"]) -> Float[Array, "*batch dim"]:
+    def __call__(self, points: Real[HostOrDevice, "*batch dim"]) -> Float[Array, "*batch dim"]:
         """Move points (..., D) from the source frame to the target frame."""
         points, scale, rotation, translation = float_arrays(
             points, self.scale, self.rotation, self.translation
@@ -67,9 +67,9 @@ class Similarity(eqx.Module):
 
 
 def fit_similarity(
-    source: Float[HostOrDevice, "n dim"],
-    target: Float[HostOrDevice, "n dim"],
-    weights: Float[HostOrDevice, " n"] | None = None,
+    source: Real[HostOrDevice, "n dim"],
+    target: Real[HostOrDevice, "n dim"],
+    weights: Real[HostOrDevice, " n"] | None = None,
     *,
     fixed_scale: bool = False,
 ) -> Similarity:

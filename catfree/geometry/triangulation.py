@@ -6,12 +6,13 @@ keeps its digits in scenes far from the origin. Derivatives are those of the min
 function theorem), not of the iterations that found it.
 """
 
+import functools
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Real
 
 from catfree.geometry import symmetric3
 from catfree.geometry.arrays import HostOrDevice, Scalar, epsilon, float_arrays, safe_norm
@@ -48,9 +49,9 @@ class _Rays(NamedTuple):
 
 
 def triangulate(
-    origins: Float[HostOrDevice, "cam 3"],
-    directions: Float[HostOrDevice, "cam 3"],
-    weights: Float[HostOrDevice, " cam"],
+    origins: Real[HostOrDevice, "cam 3"],
+    directions: Real[HostOrDevice, "cam 3"],
+    weights: Real[HostOrDevice, " cam"],
     huber_scale: Scalar,
     *,
     refit: bool = True,
@@ -78,12 +79,20 @@ def triangulate(
 
     Source: paper, Sec. "Robust 3D position estimation"; Huber (1964) for the loss.
     """
-    *arrays, delta = float_arrays(origins, directions, weights, huber_scale)
-    rays, center = _present_rays(*arrays)
+    arrays = float_arrays(origins, directions, weights, huber_scale, outlier_factor)
+    return _triangulate(*arrays, refit=refit)
+
+
+@functools.partial(jax.jit, static_argnames="refit")
+def _triangulate(
+    origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, *, refit: bool
+) -> Triangulation:
+    """`triangulate`, compiled: without, each single call would trace its loops anew."""
+    rays, center = _present_rays(origins, directions, weights)
     present = rays.weights > 0
     position = _minimize(rays, delta)
     distances = safe_norm(_residuals(rays, position))
-    inliers = present & (distances <= outlier_factor * delta)
+    inliers = present & (distances <= factor * delta)
     if refit:
         useful = (jnp.sum(inliers) >= 2) & jnp.any(present & ~inliers)
         # Without weights the second search ends at once, so only those who need it pay for it.
@@ -94,9 +103,9 @@ def triangulate(
 
 
 def triangulate_least_squares(
-    origins: Float[HostOrDevice, "cam 3"],
-    directions: Float[HostOrDevice, "cam 3"],
-    weights: Float[HostOrDevice, " cam"],
+    origins: Real[HostOrDevice, "cam 3"],
+    directions: Real[HostOrDevice, "cam 3"],
+    weights: Real[HostOrDevice, " cam"],
 ) -> Float[Array, "3"]:
     """The point with the smallest weighted sum of squared distances to the rays' lines.
 
@@ -108,7 +117,12 @@ def triangulate_least_squares(
     Returns:
         (3,) position in scene units; degenerate rays are treated as in `triangulate`.
     """
-    rays, center = _present_rays(*float_arrays(origins, directions, weights))
+    return _triangulate_least_squares(*float_arrays(origins, directions, weights))
+
+
+@jax.jit
+def _triangulate_least_squares(origins: Array, directions: Array, weights: Array) -> Array:
+    rays, center = _present_rays(origins, directions, weights)
     solution = jax.lax.custom_root(
         lambda x: _gradient(rays, x, None),
         jnp.zeros_like(center),

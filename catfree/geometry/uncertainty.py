@@ -1,21 +1,33 @@
 """How well rays determine a position: information matrix, ground covariance and sigma."""
 
+from typing import Any, Protocol, runtime_checkable
+
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Real
 
 from catfree.geometry import symmetric3
 from catfree.geometry.arrays import HostOrDevice, Scalar, epsilon, float_arrays, safe_norm, tiny
-from catfree.types import Plane
 
 # Below this many epsilons the reciprocal condition of a matrix is rounding noise.
 SINGULAR_EPSILONS = 8.0
 
 
+@runtime_checkable
+class HasBasis(Protocol):
+    """Anything with two orthonormal ground axes, such as `catfree.Plane`."""
+
+    @property
+    def basis(self) -> Any:
+        """(3, 2) the matrix P."""
+        ...
+
+
 def information(
-    position: Float[HostOrDevice, "3"],
-    origins: Float[HostOrDevice, "cam 3"],
-    directions: Float[HostOrDevice, "cam 3"],
-    weights: Float[HostOrDevice, " cam"],
+    position: Real[HostOrDevice, "3"],
+    origins: Real[HostOrDevice, "cam 3"],
+    directions: Real[HostOrDevice, "cam 3"],
+    weights: Real[HostOrDevice, " cam"],
     sigma_theta: Scalar,
 ) -> Float[Array, "3 3"]:
     """Fisher information of a position that is seen along rays with angular noise.
@@ -48,7 +60,9 @@ def information(
     return jnp.sum(precision) * jnp.eye(3, dtype=total.dtype) - total
 
 
-def ground_covariance(information: Float[HostOrDevice, "3 3"], plane: Plane) -> Float[Array, "2 2"]:
+def ground_covariance(
+    information: Real[HostOrDevice, "3 3"], plane: HasBasis
+) -> Float[Array, "2 2"]:
     """Covariance of a position along the ground, its height being unknown.
 
     Args:
@@ -61,12 +75,12 @@ def ground_covariance(information: Float[HostOrDevice, "3 3"], plane: Plane) -> 
 
     Source: paper, Eq. sigma.
     """
-    covariance, singular = _covariance(information, plane)
+    covariance, singular = _covariance(*float_arrays(information, plane.basis))
     infinite = jnp.where(jnp.eye(2, dtype=bool), jnp.inf, 0).astype(covariance.dtype)
     return jnp.where(singular, infinite, covariance)
 
 
-def ground_sigma(information: Float[HostOrDevice, "3 3"], plane: Plane) -> Float[Array, ""]:
+def ground_sigma(information: Real[HostOrDevice, "3 3"], plane: HasBasis) -> Float[Array, ""]:
     """Standard deviation of a position along the ground, averaged over its directions.
 
     Args:
@@ -79,14 +93,14 @@ def ground_sigma(information: Float[HostOrDevice, "3 3"], plane: Plane) -> Float
 
     Source: paper, Eq. sigma.
     """
-    covariance, singular = _covariance(information, plane)
+    covariance, singular = _covariance(*float_arrays(information, plane.basis))
     variance = (covariance[0, 0] + covariance[1, 1]) / 2
     return jnp.where(singular, jnp.inf, jnp.sqrt(jnp.where(singular, 1, variance)))
 
 
-def _covariance(information: HostOrDevice, plane: Plane) -> tuple[Array, Array]:
+@jax.jit
+def _covariance(matrix: Array, basis: Array) -> tuple[Array, Array]:
     """(2, 2) `Pᵀ Λ⁻¹ P` and whether Lambda is singular, in which case the first is arbitrary."""
-    matrix, basis = float_arrays(information, plane.basis)
     scale = jnp.trace(matrix)
     usable = (scale > tiny(matrix.dtype)) & jnp.isfinite(scale)
     scale = jnp.where(usable, scale, 1)
