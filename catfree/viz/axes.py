@@ -1,0 +1,46 @@
+"""Matplotlib is optional: asked for only when a plot is drawn."""
+
+from typing import TYPE_CHECKING, Any
+
+from catfree.errors import MissingDependencyError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LONGER_SIDE = 7.5  # inches
+
+
+def require_pyplot() -> Any:
+    """`matplotlib.pyplot`.
+
+    Raises:
+        MissingDependencyError: if matplotlib is not installed.
+    """
+    try:
+        import matplotlib.pyplot as pyplot
+    except ImportError as error:
+        raise MissingDependencyError(
+            "Plots need matplotlib: pip install 'catfree[plot]'."
+        ) from error
+    return pyplot
+
+
+def axes_or_new(
+    ax: "Axes | None", view: tuple[float, float, float, float], *, legend: float = 1.2
+) -> "Axes":
+    """The given axes, or those of a new figure.
+
+    Args:
+        ax: axes to draw on, or None.
+        view: x_min, x_max, y_min, y_max that will be shown with both axes of one scale; gives the
+            shape of a new figure.
+        legend: room for legend and labels at the side and below in inches.
+    """
+    pyplot = require_pyplot()
+    if ax is not None:
+        return ax
+    width, height = view[1] - view[0], view[3] - view[2]
+    scale = LONGER_SIDE / max(width, height)
+    narrowest = 0.65 * LONGER_SIDE
+    size = (max(width * scale, narrowest) + legend, max(height * scale, 0.4 * LONGER_SIDE) + legend)
+    return pyplot.subplots(figsize=size, layout="constrained")[1]

@@ -1,0 +1,54 @@
+"""Colours that stay apart for colour-blind readers, and stay with an identity in every picture."""
+
+from catfree.types import Fate
+
+Color = tuple[int, int, int]
+
+# Six of the hues of Okabe and Ito ("Color universal design", 2008; black and yellow, which
+# mark other things or vanish on white, then a dark version of each: twelve colours, red, green
+# and blue in 0..255.
+_HUES: tuple[Color, ...] = (
+    (0, 114, 178),
+    (213, 94, 0),
+    (0, 158, 115),
+    (204, 121, 167),
+    (230, 159, 0),
+    (86, 180, 233),
+)
+TRACK_COLORS: tuple[Color, ...] = (
+    *_HUES,
+    *((r * 11 // 20, g * 11 // 20, b * 11 // 20) for r, g, b in _HUES),
+)
+LINE_STYLES = ("-", "--", ":")  # with the colours: identities repeat after 36 tracks
+UNTRACKED: Color = (120, 120, 120)
+CAMERA_COLOR: Color = (40, 40, 40)
+TRUTH_COLOR: Color = (0, 0, 0)
+
+# Kept fates in green and blue, removed ones from yellow to grey in the order of the filters.
+FATE_COLORS: dict[Fate, Color] = {
+    Fate.ACCEPTED: (0, 158, 115),
+    Fate.RECOVERED: (0, 114, 178),
+    Fate.SUPPRESSED: (86, 180, 233),
+    Fate.TEMPORAL_FILTER: (204, 121, 167),
+    Fate.SUPPORT_FILTER: (120, 60, 130),
+    Fate.EXISTENCE: (140, 100, 40),
+    Fate.TRACKING: (90, 90, 90),
+    Fate.GROUND_FILTER: (230, 159, 0),
+    Fate.UNCERTAINTY_FILTER: (213, 94, 0),
+    Fate.RMS_GATE: (190, 190, 190),
+}
+
+
+def track_color(track_id: int) -> Color:
+    """Red, green and blue in 0..255 of an identity: the same in every picture; grey for -1."""
+    return UNTRACKED if track_id < 0 else TRACK_COLORS[int(track_id) % len(TRACK_COLORS)]
+
+
+def line_style(track_id: int) -> str:
+    """Matplotlib line style of an identity; tells apart tracks that share a colour."""
+    return LINE_STYLES[max(int(track_id), 0) // len(TRACK_COLORS) % len(LINE_STYLES)]
+
+
+def fraction(color: Color) -> tuple[float, float, float]:
+    """The colour as matplotlib takes it, 0..1."""
+    return color[0] / 255, color[1] / 255, color[2] / 255
