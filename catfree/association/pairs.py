@@ -12,6 +12,7 @@ from catfree.settings import AssociationSettings
 from catfree.types import Rays
 
 PAIR_BLOCK = 65536  # pairs evaluated by one call: fixed, so that no sequence recompiles
+PAIRS_AT_ONCE = 1 << 20  # pairs held in memory: bounds the cost of a crowded frame
 
 
 class CandidatePairs(NamedTuple):
@@ -125,47 +126,93 @@ def candidate_pairs(
     Source:
         Sec. "Matching pedestrians across cameras".
     """
-    cameras = observations.camera_count
     begin, end = observations.frame_start(np.asarray(frames))
     members = np.arange(begin, end)
     own_cell_end = observations.cell_start[observations.cell[members] + 1]
     frame_end = observations.frame_start(observations.frame_index[members] + 1)
-    # Everything behind the own cell and inside the frame belongs to a later camera.
-    first, second = expand_ranges(own_cell_end - begin, frame_end - begin)
-    camera = observations.camera[members]
-    residual = pair_residuals(rays, first, second)
-    near = residual <= settings.residual_factor * sigma_theta
+    limit = settings.residual_factor * sigma_theta
+    uniqueness = _Uniqueness(observations.camera[members], observations.camera_count)
+    near: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for rows in _slices_of_work(frame_end - own_cell_end, PAIRS_AT_ONCE):
+        # Everything behind the own cell and inside the frame belongs to a later camera.
+        first, second = expand_ranges(own_cell_end[rows] - begin, frame_end[rows] - begin)
+        first = first + rows.start
+        residual = pair_residuals(rays, first, second)
+        if observations.appearance is not None:
+            uniqueness.add(first, second, residual)
+        close = residual <= limit
+        near.append((first[close], second[close], residual[close]))
+    first, second, residual = (np.concatenate(column) for column in zip(*near, strict=True))
     if observations.appearance is None:
-        keep = np.flatnonzero(near)
-        order = np.argsort(residual[keep], kind="stable")
-        singletons_only = np.zeros(len(keep), bool)
-    else:
-        alternative = np.minimum(
-            _best_alternative(first * cameras + camera[second], residual),
-            _best_alternative(second * cameras + camera[first], residual),
+        order = np.argsort(residual, kind="stable")
+        return CandidatePairs(first[order], second[order], np.zeros(len(order), bool))
+    distance = appearance_distance(observations.appearance[members], first, second)
+    similar = distance <= settings.appearance_threshold
+    alternative = uniqueness.best_alternative(first, second, residual)
+    keep = np.flatnonzero(similar | (residual <= settings.uniqueness_ratio * alternative))
+    order = keep[np.lexsort([residual[keep], distance[keep]])]
+    return CandidatePairs(first[order], second[order], ~similar[order])
+
+
+def _slices_of_work(work: Int[np.ndarray, " n"], most: int) -> list[slice]:
+    """Consecutive rows in slices of at most so much work, or of one row; at least one slice."""
+    total = np.concatenate([[0], np.cumsum(work)])
+    slices, first = [], 0
+    while first < len(work) or not slices:
+        last = int(np.searchsorted(total, total[first] + most, side="right")) - 1
+        slices.append(slice(first, min(max(last, first + 1), len(work))))
+        first = slices[-1].stop
+    return slices
+
+
+class _Uniqueness:
+    """The two smallest residuals of every detection with each other camera, pairs added in parts.
+
+    Two are enough: the best alternative of the best pair is the second one, that of any other pair
+    is the best one.
+    """
+
+    def __init__(self, camera: Int[np.ndarray, " n"], camera_count: int) -> None:
+        self._camera = camera
+        self._camera_count = camera_count
+        self._smallest = np.full((2, len(camera) * camera_count), np.inf)
+
+    def _keys(
+        self, first: Int[np.ndarray, " p"], second: Int[np.ndarray, " p"]
+    ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+        """The cells (detection, other camera) that both ends of each pair belong to."""
+        cameras, camera = self._camera_count, self._camera
+        return first * cameras + camera[second], second * cameras + camera[first]
+
+    def add(
+        self,
+        first: Int[np.ndarray, " p"],
+        second: Int[np.ndarray, " p"],
+        residual: Float[np.ndarray, " p"],
+    ) -> None:
+        """Take note of pairs; every pair comes once."""
+        best, runner_up = self._smallest
+        for key in self._keys(first, second):
+            new_best, new_runner_up = np.full_like(self._smallest, np.inf)
+            np.minimum.at(new_best, key, residual)
+            leading = residual == new_best[key]
+            np.minimum.at(new_runner_up, key[~leading], residual[~leading])
+            tied = np.bincount(key[leading], minlength=len(best)) > 1
+            new_runner_up[tied] = new_best[tied]
+            runner_up[:] = np.minimum(np.maximum(best, new_best), runner_up)
+            runner_up[:] = np.minimum(runner_up, new_runner_up)
+            best[:] = np.minimum(best, new_best)
+
+    def best_alternative(
+        self,
+        first: Int[np.ndarray, " p"],
+        second: Int[np.ndarray, " p"],
+        residual: Float[np.ndarray, " p"],
+    ) -> Float[np.ndarray, " p"]:
+        """Smallest residual of another pair of either detection in the other's camera, or inf."""
+        best, runner_up = self._smallest
+        one, other = (
+            np.where(residual == best[key], runner_up[key], best[key])
+            for key in self._keys(first, second)
         )
-        unique = residual <= settings.uniqueness_ratio * alternative
-        keep = np.flatnonzero(near)
-        looks = observations.appearance[members]
-        distance = appearance_distance(looks, first[keep], second[keep])
-        similar = distance <= settings.appearance_threshold
-        admitted = similar | unique[keep]
-        keep, distance, similar = keep[admitted], distance[admitted], similar[admitted]
-        order = np.lexsort([residual[keep], distance])
-        singletons_only = ~similar
-    return CandidatePairs(first[keep[order]], second[keep[order]], singletons_only[order])
-
-
-def _best_alternative(
-    key: Int[np.ndarray, " p"], residual: Float[np.ndarray, " p"]
-) -> Float[np.ndarray, " p"]:
-    """For each pair, the smallest residual among the other pairs with the same key, or inf."""
-    count = int(key.max()) + 1 if len(key) else 0
-    best = np.full(count, np.inf, residual.dtype)
-    np.minimum.at(best, key, residual)
-    leading = residual == best[key]
-    runner_up = np.full(count, np.inf, residual.dtype)
-    np.minimum.at(runner_up, key[~leading], residual[~leading])
-    tied = np.bincount(key[leading], minlength=count) > 1
-    runner_up = np.where(tied, best, runner_up)
-    return np.where(leading, runner_up[key], best[key])
+        return np.minimum(one, other)

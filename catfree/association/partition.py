@@ -47,7 +47,7 @@ def greedy_partition(
     camera_count: int,
     tolerance: float,
     constrain_to_ground: bool = False,
-) -> Int[np.ndarray, "n cam"]:
+) -> Int[np.ndarray, "g cam"]:
     """Merge detections of different cameras into groups of at most one detection a camera.
 
     Args:
