@@ -1,0 +1,7 @@
+"""A metric camera rig from pedestrians alone."""
+
+from catfree.rig.pedestrians.calibrate import (
+    Calibration as Calibration,
+    calibrate as calibrate,
+)
+from catfree.rig.pedestrians.constants import CalibrationSettings as CalibrationSettings

@@ -1,0 +1,114 @@
+"""How well a rig is recovered from simulated pedestrians alone.
+
+Worlds differ in number and layout of cameras, length, and noise of the boxes; some boxes are
+truncated and a tenth are false. Run `python benchmarks/calibration.py`; `--quick` takes every
+fourth world.
+"""
+
+import sys
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from catfree.errors import CalibrationError
+from catfree.geometry import fit_similarity
+from catfree.rig.pedestrians import calibrate
+from catfree.synthetic import DetectorModel, make_world
+
+
+@dataclass(frozen=True)
+class Case:
+    """One simulated world: a layout's name, its length and the noise of its boxes in pixels."""
+
+    layout: str
+    frames: int
+    pixel_noise: float
+    seed: int
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of it: cameras placed, mean centre error in metres, focal and scale errors."""
+
+    registered: int
+    cameras: int
+    center_error: float = np.nan
+    focal_error: float = np.nan
+    scale_error: float = np.nan
+    seconds: float = np.nan
+
+
+CASES = [
+    Case(layout, frames, noise, seed)
+    for seed, (layout, frames, noise) in enumerate(
+        [
+            *[(f"ring{c}", 100, 5.0) for c in (5, 6, 7, 8)],
+            *[("ring7", 100, noise) for noise in (2.0, 5.0, 10.0)],
+            *[("ring6", frames, 5.0) for frames in (40, 200, 400)],
+            *[("wildtrack", frames, 2.0) for frames in (60, 100, 200)],
+            *[("multiviewx", frames, 5.0) for frames in (40, 80)],
+            *[("gmvd6", 80, noise) for noise in (2.0, 5.0)],
+            *[("gmvd8", frames, 2.0) for frames in (40, 80)],
+            *[("ring5", 60, noise) for noise in (2.0, 10.0)],
+            *[("ring8", 40, 5.0)],
+        ]
+    )
+]
+
+
+def run_case(case: Case) -> Outcome:
+    """Simulate, calibrate, compare."""
+    detector = DetectorModel(pixel_noise=case.pixel_noise, embedding_size=0, false_positives=1.2)
+    world = make_world(case.layout, case.seed, frames=case.frames, detector=detector)
+    truth = world.true_rig
+    start = time.perf_counter()
+    try:
+        found = calibrate(world.detections, truth.image_size)
+    except CalibrationError:
+        return Outcome(0, truth.camera_count)
+    seconds = time.perf_counter() - start
+    rig = found.scene.rig
+    known = rig.registered
+    if known.sum() < 3:
+        return Outcome(int(known.sum()), truth.camera_count, seconds=seconds)
+    centers, true_centers = np.asarray(rig.centers)[known], np.asarray(truth.centers)[known]
+    similarity = fit_similarity(centers, true_centers)
+    error = np.linalg.norm(np.asarray(similarity(centers)) - true_centers, axis=-1)
+    focal = np.asarray(rig.K)[known, 0, 0] / np.asarray(truth.K)[known, 0, 0]
+    return Outcome(
+        int(known.sum()),
+        truth.camera_count,
+        float(error.mean()),
+        float(np.abs(focal - 1).mean()),
+        float(abs(1 / np.asarray(similarity.scale) - 1)),
+        seconds,
+    )
+
+
+def main() -> None:
+    """Print one line a world and the summary."""
+    cases = CASES[::4] if "--quick" in sys.argv else CASES
+    print(f"{'world':12} frames  px  cameras  centre m  focal %  scale %  seconds")
+    outcomes = []
+    for case in cases:
+        o = run_case(case)
+        outcomes.append(o)
+        print(
+            f"{case.layout:12} {case.frames:6d} {case.pixel_noise:3.0f}   {o.registered}/{o.cameras}"
+            f"    {o.center_error:8.3f} {100 * o.focal_error:8.1f} {100 * o.scale_error:8.1f}"
+            f" {o.seconds:8.1f}",
+            flush=True,
+        )
+    complete = np.mean([o.registered == o.cameras for o in outcomes])
+    center = np.array([o.center_error for o in outcomes])
+    print(
+        f"complete {100 * complete:.0f} %, centre error median {np.nanmedian(center):.3f} m, "
+        f"p90 {np.nanquantile(center, 0.9):.3f} m, "
+        f"focal {100 * np.nanmedian([o.focal_error for o in outcomes]):.1f} %, "
+        f"scale {100 * np.nanmedian([o.scale_error for o in outcomes]):.1f} %"
+    )
+
+
+if __name__ == "__main__":
+    main()
