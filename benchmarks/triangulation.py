@@ -1,0 +1,153 @@
+"""Robust triangulation against named peers, in one process: `python benchmarks/triangulation.py`.
+
+Peers: pycolmap's `estimate_triangulation` (LO-RANSAC on angular errors) and a loop over SciPy's
+`least_squares` with a Huber loss. Every method sees the same hypotheses: rays from cameras on a
+ring to one person with angular noise, and with one wrong ray in a share of them.
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+
+import jax
+import numpy as np
+from scipy.optimize import least_squares
+
+import catfree as cf
+
+SIGMA_THETA = 0.0206
+
+
+def make_problems(
+    count: int, cameras: int, wrong_share: float, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(H, C, 3) origins, (H, C, 3) noisy unit directions, (H, 3) true positions."""
+    rng = np.random.default_rng(seed)
+    angle = 2 * np.pi * np.arange(cameras) / cameras
+    ring = np.stack([11 * np.cos(angle), 11 * np.sin(angle), np.full(cameras, 3.0)], axis=-1)
+    person = np.concatenate([rng.uniform(-6, 6, (count, 2)), np.zeros((count, 1))], axis=-1)
+    other = np.concatenate([rng.uniform(-6, 6, (count, 2)), np.zeros((count, 1))], axis=-1)
+    target = np.repeat(person[:, None], cameras, axis=1)
+    wrong = np.flatnonzero(rng.random(count) < wrong_share)
+    target[wrong, rng.integers(cameras, size=len(wrong))] = other[wrong]
+    direction = target - ring
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    noise = rng.normal(scale=SIGMA_THETA, size=direction.shape)
+    noise -= (noise * direction).sum(-1, keepdims=True) * direction
+    direction = direction + noise
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    return np.broadcast_to(ring, direction.shape).copy(), direction, person
+
+
+def best_time(run: Callable[[], np.ndarray], repeats: int) -> tuple[float, np.ndarray]:
+    """Shortest of several runs in seconds, and the result."""
+    result = run()
+    seconds = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        result = run()
+        seconds.append(time.perf_counter() - start)
+    return min(seconds), result
+
+
+def with_catfree(origins: np.ndarray, directions: np.ndarray) -> Callable[[], np.ndarray]:
+    """All hypotheses in one compiled call."""
+    solve = jax.jit(jax.vmap(cf.geometry.triangulate, (0, 0, 0, None)))
+    arrays = [a.astype(np.float32) for a in (origins, directions, np.ones(origins.shape[:2]))]
+    return lambda: np.asarray(solve(*arrays, 0.22).position)
+
+
+def with_scipy(origins: np.ndarray, directions: np.ndarray) -> Callable[[], np.ndarray]:
+    """One `least_squares` call a hypothesis."""
+
+    def residual(x: np.ndarray, o: np.ndarray, d: np.ndarray) -> np.ndarray:
+        offset = x - o
+        across = offset - (offset * d).sum(-1, keepdims=True) * d
+        return np.linalg.norm(across, axis=-1)
+
+    def run() -> np.ndarray:
+        return np.array(
+            [
+                least_squares(residual, np.zeros(3), loss="huber", f_scale=0.22, args=(o, d)).x
+                for o, d in zip(origins, directions, strict=True)
+            ]
+        )
+
+    return run
+
+
+def with_pycolmap(origins: np.ndarray, directions: np.ndarray) -> Callable[[], np.ndarray]:
+    """One `estimate_triangulation` call a hypothesis."""
+    import pycolmap
+
+    cameras = origins.shape[1]
+    camera = pycolmap.Camera(
+        model="PINHOLE", width=2000, height=2000, params=[1000, 1000, 1000, 1000]
+    )
+    to_middle = -origins[0].copy()
+    poses = []
+    for offset, origin in zip(to_middle, origins[0], strict=True):
+        forward = offset / np.linalg.norm(offset)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        poses.append(pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), -rotation @ origin))
+    rotations = np.stack([pose.rotation.matrix() for pose in poses])
+    local = np.einsum("cij,hcj->hci", rotations, directions)
+    pixels = 1000 + 1000 * local[..., :2] / local[..., 2:]
+    options = pycolmap.EstimateTriangulationOptions()
+    options.ransac.max_error = 3 * SIGMA_THETA
+    options.ransac.random_seed = 0
+
+    def run() -> np.ndarray:
+        found = [
+            pycolmap.estimate_triangulation(p, poses, [camera] * cameras, options) for p in pixels
+        ]
+        return np.array([np.full(3, np.nan) if f is None else f["xyz"] for f in found])
+
+    return run
+
+
+def main() -> None:
+    """Print time a hypothesis, error on the ground, and ratios."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--hypotheses", type=int, default=4096)
+    parser.add_argument("--cameras", type=int, default=6)
+    parser.add_argument("--wrong-share", type=float, default=0.2)
+    parser.add_argument("--repeats", type=int, default=5)
+    options = parser.parse_args()
+    origins, directions, truth = make_problems(
+        options.hypotheses, options.cameras, options.wrong_share, seed=0
+    )
+    few = slice(0, min(300, options.hypotheses))  # the slow peers need no more to be timed
+    runs = {
+        "catfree": (best_time(with_catfree(origins, directions), options.repeats), truth),
+        "SciPy least_squares": (
+            best_time(with_scipy(origins[few], directions[few]), 1),
+            truth[few],
+        ),
+    }
+    try:
+        runs["pycolmap LO-RANSAC"] = (
+            best_time(with_pycolmap(origins[few], directions[few]), 1),
+            truth[few],
+        )
+    except ImportError:
+        print("pycolmap is not installed (pip install 'catfree[benchmark]'): skipped")
+    ours = runs["catfree"][0][0] / options.hypotheses
+    print(f"{options.cameras} cameras, {100 * options.wrong_share:.0f} % with one wrong ray")
+    header = ("us/hypothesis", "ratio", "median m", "p90 m", "failed")
+    print(f"{'method':22s} {header[0]:>14s} " + " ".join(f"{title:>9s}" for title in header[1:]))
+    for name, ((seconds, found), true) in runs.items():
+        each = seconds / len(true)
+        # All errors on the same hypotheses.
+        error = np.linalg.norm((found - true)[few, :2], axis=-1)
+        missing = np.isnan(error)
+        print(
+            f"{name:22s} {1e6 * each:14.2f} {each / ours:9.1f} {np.nanmedian(error):9.3f} "
+            f"{np.nanpercentile(error, 90):9.3f} {missing.sum():9d}"
+        )
+
+
+if __name__ == "__main__":
+    main()
