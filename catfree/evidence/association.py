@@ -21,7 +21,10 @@ PAIR_GATE = 16.0  # squared Mahalanobis distance of two boxes that may start or 
 
 
 def candidate_pairs(
-    position: np.ndarray, covariance: np.ndarray, frame: np.ndarray, camera: np.ndarray,
+    position: np.ndarray,
+    covariance: np.ndarray,
+    frame: np.ndarray,
+    camera: np.ndarray,
     items: np.ndarray,
 ) -> np.ndarray:
     """Pairs of items of one frame and different cameras that are close for their uncertainty.
@@ -87,17 +90,13 @@ def merge_groups(info, camera, pairs, members, looks, slot, density, spread, app
     def gains(root, matrix, vector, constant, evidence, mask, members):
         a, b = root[first], root[second]
         a, b = jnp.minimum(a, b), jnp.maximum(a, b)
-        joint = Information(
-            matrix[a] + matrix[b], vector[a] + vector[b], constant[a] + constant[b]
-        )
+        joint = Information(matrix[a] + matrix[b], vector[a] + vector[b], constant[a] + constant[b])
         gain = log_evidence(joint, density, spread) - evidence[a] - evidence[b]
         if appearance:
             left, right = members[a], members[b]
             where = (left[:, :, None] >= 0) & (right[:, None, :] >= 0)
             l, r = jnp.maximum(left, 0), jnp.maximum(right, 0)
-            ratio = looks[
-                slot[a, 0][:, None, None], slot[l, 1][:, :, None], slot[r, 1][:, None, :]
-            ]
+            ratio = looks[slot[a, 0][:, None, None], slot[l, 1][:, :, None], slot[r, 1][:, None, :]]
             gain = gain + jnp.where(where, ratio, 0.0).sum((1, 2))
         allowed = (a != b) & ((mask[a] & mask[b]) == 0)
         return a, b, jnp.where(allowed & (gain > 0), gain, -jnp.inf)
@@ -187,9 +186,18 @@ def prior_information(priors: Priors, density: float, spread: float) -> Informat
 
 
 def associate(
-    info: Information, position: np.ndarray, covariance: np.ndarray, frame: np.ndarray,
-    camera: np.ndarray, valid: np.ndarray, cameras: int, density: float, spread: float,
-    looks: np.ndarray | None = None, slot: np.ndarray | None = None, priors: Priors | None = None,
+    info: Information,
+    position: np.ndarray,
+    covariance: np.ndarray,
+    frame: np.ndarray,
+    camera: np.ndarray,
+    valid: np.ndarray,
+    cameras: int,
+    density: float,
+    spread: float,
+    looks: np.ndarray | None = None,
+    slot: np.ndarray | None = None,
+    priors: Priors | None = None,
 ) -> Groups:
     """Group the boxes of every frame into people.
 
@@ -250,6 +258,12 @@ def associate(
 def _collect(root, items, boxes, info, frame, camera, cameras, density, spread) -> Groups:
     """Groups from the representatives, summed again from their members."""
     heads, index = np.unique(root[items], return_inverse=True)
+    # Tracks whose person nobody saw leave no group.
+    seen = np.bincount(index, camera[items] < cameras, len(heads)) > 0
+    index = (np.cumsum(seen) - 1)[index]
+    keep = seen[np.searchsorted(heads, root[items])]
+    items, index = items[keep], index[keep]
+    heads = heads[seen]
     H = len(heads)
     member = np.full((H, cameras), -1)
     prior = np.full(H, -1)
@@ -279,6 +293,3 @@ def _sum(info: Information, member: np.ndarray) -> Information:
         np.where(there[..., None], info.vector[rows], 0.0).sum(1),
         np.where(there, info.constant[rows], 0.0).sum(1),
     )
-
-
-_ = Array

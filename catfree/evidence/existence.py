@@ -36,8 +36,10 @@ def predict_views(
     """`expected_views` on the host, padded to few lengths."""
     H = len(state)
     N = padded_length(H)
-    pad = lambda x, fill: np.concatenate(  # noqa: E731
-        [x, np.full((N - H, *x.shape[1:]), fill, x.dtype)]
+    pad = (
+        lambda x, fill: np.concatenate(  # noqa: E731
+            [x, np.full((N - H, *x.shape[1:]), fill, x.dtype)]
+        )
     )
     seen = expected_views(
         pad(state, 1.0), pad(frame, 0), pad(member, -1), boxes.box, boxes.table, views
@@ -60,9 +62,7 @@ def misses(rate: np.ndarray, member: np.ndarray) -> np.ndarray:
     return np.where(member < 0, np.log1p(-np.minimum(rate, 0.99)), 0.0).sum(1)
 
 
-def clutter_cells(
-    state: np.ndarray, camera: np.ndarray, views: GroundViews
-) -> np.ndarray:
+def clutter_cells(state: np.ndarray, camera: np.ndarray, views: GroundViews) -> np.ndarray:
     """Cell of 1 H0² of each box in its camera's own ground frame."""
     away = state[:, :2] - views.station[camera]
     ahead = views.heading[camera]
@@ -74,8 +74,13 @@ def clutter_cells(
 
 
 def judge_groups(
-    groups: Groups, agreement: np.ndarray, measurements: Measurements, boxes: Boxes,
-    views: GroundViews, rate: DetectionRate, seen: Views, settings: EvidenceSettings,
+    groups: Groups,
+    agreement: np.ndarray,
+    measurements: Measurements,
+    boxes: Boxes,
+    views: GroundViews,
+    probability: np.ndarray,
+    settings: EvidenceSettings,
 ) -> Existence:
     """Log-odds of every group, with the clutter ratio learned by expectation maximization.
 
@@ -83,14 +88,12 @@ def judge_groups(
         groups: who was grouped.
         agreement: (H,) appearance term.
         measurements, boxes, views: what was seen.
-        rate: detection rates of the cameras.
-        seen: (H, C) expected views of the groups.
+        probability: (H, C) detection probability of each group in each camera.
         settings: constants.
     """
     member = groups.member
     there = member >= 0
     C = member.shape[1]
-    probability = rate(seen)
     probability = probability * looking(probability, member, groups.frame, boxes)[groups.frame]
     base = groups.gain + agreement
     if settings.use_misses:
@@ -98,7 +101,6 @@ def judge_groups(
     found = np.maximum(probability, settings.smallest_detection_rate)
     base = base + np.where(there, np.log(found), 0.0).sum(1)
 
-    rows = np.maximum(member, 0)
     g, c = np.nonzero(there)
     box = member[g, c]
     cell = clutter_cells(measurements.state[box], c, views)
@@ -119,5 +121,4 @@ def judge_groups(
         clutter = np.clip(smooth.reshape(-1)[cell], *settings.clutter_range)
     per_box = np.full(len(boxes.frame), settings.clutter_start)
     per_box[box] = clutter
-    del rows
     return Existence(log_odds, probability, per_box)

@@ -94,8 +94,21 @@ def implied_height(matrix, ground_inverse, edges):
 
 
 def measure(
-    edges, size, cut, ankles, covered, matrix, ground_inverse, head_inverse, focal, center,
-    edge_noise, angular, field, spread, settings: EvidenceSettings,
+    edges,
+    size,
+    cut,
+    ankles,
+    covered,
+    matrix,
+    ground_inverse,
+    head_inverse,
+    focal,
+    center,
+    edge_noise,
+    angular,
+    field,
+    spread,
+    settings: EvidenceSettings,
 ):
     """The likelihood of one box.
 
@@ -167,7 +180,15 @@ def measure(
 
 @partial(jax.jit, static_argnames="settings")
 def measure_all(
-    edges, size, cut, ankles, covered, camera, present, views: GroundViews, noise: Noise,
+    edges,
+    size,
+    cut,
+    ankles,
+    covered,
+    camera,
+    present,
+    views: GroundViews,
+    noise: Noise,
     settings: EvidenceSettings,
 ) -> Measurements:
     """`measure` for every box; boxes vaguer than `largest_sigma` are not valid."""

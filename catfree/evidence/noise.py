@@ -54,7 +54,11 @@ def _left_out(edges, size, camera, info, total, views: GroundViews, spread):
 
 
 def learn_noise(
-    noise: Noise, groups: Groups, measurements: Measurements, boxes: Boxes, views: GroundViews,
+    noise: Noise,
+    groups: Groups,
+    measurements: Measurements,
+    boxes: Boxes,
+    views: GroundViews,
     settings: EvidenceSettings,
 ) -> tuple[Noise, float]:
     """One round of self-calibration from groups of at least three cameras.
@@ -152,6 +156,3 @@ def _robust_ridge(X, y, sd, prior, component) -> np.ndarray:
         scale = max(1.4826 * float(np.median(error)), 1e-6)
         weight = np.minimum(1, HUBER * scale / np.maximum(error, 1e-12))
     return coefficients
-
-
-_ = Information

@@ -22,8 +22,11 @@ from catfree.types import (
 
 
 def locate(
-    detections: Detections, scene: Scene, settings: EvidenceSettings | None = None,
-    *, progress: Progress | None = None,
+    detections: Detections,
+    scene: Scene,
+    settings: EvidenceSettings | None = None,
+    *,
+    progress: Progress | None = None,
 ) -> Localization:
     """Tracked ground positions by the evidence method."""
     settings = settings or EvidenceSettings()

@@ -12,7 +12,12 @@ from catfree.evidence.appearance import compare_frames, group_agreement, learn_r
 from catfree.evidence.association import Groups, Priors, associate
 from catfree.evidence.boxes import Boxes, prepare_boxes
 from catfree.evidence.constants import EvidenceSettings
-from catfree.evidence.existence import Existence, judge_groups, misses, predict_views
+from catfree.evidence.existence import (
+    Existence,
+    judge_groups,
+    misses,
+    predict_views,
+)
 from catfree.evidence.gaussian import mean_and_covariance
 from catfree.evidence.measurement import Measurements, Noise, measure_boxes, start_noise
 from catfree.evidence.noise import learn_noise, median_height
@@ -86,8 +91,11 @@ def _group(boxes, measured, noise, looks, slot, priors) -> Groups:
 
 
 def solve(
-    detections: Detections, scene: Scene, settings: EvidenceSettings,
-    *, progress: Progress | None = None,
+    detections: Detections,
+    scene: Scene,
+    settings: EvidenceSettings,
+    *,
+    progress: Progress | None = None,
 ) -> Solution:
     """Find the people of a sequence."""
     with jax.enable_x64(True):
@@ -124,17 +132,14 @@ def _solve(detections, scene, settings: EvidenceSettings, progress) -> Solution:
             )  # fmt: skip
         seen = predict_views(state, groups.frame, groups.member, boxes, views)
         n = len(boxes.row)
-        rate = learn_detection_rate(
-            seen, groups.member, boxes.size[:n], boxes.camera[:n], np.ones(len(groups)), settings
-        )
-        existence = judge_groups(
-            groups, agreement, measured, boxes, views, rate, seen, settings
-        )
+        rate = learn_detection_rate(seen, groups.member, boxes.size[:n], boxes.camera[:n], settings)
+        probability = rate(seen)
+        existence = judge_groups(groups, agreement, measured, boxes, views, probability, settings)
         sure = ((groups.member >= 0).sum(1) >= min(3, boxes.table.shape[1])) & (
             existence.log_odds > 3
         )
         motion = estimate_motion(state[sure, :2], groups.frame[sure], time)
-        if not settings.track:
+        if not settings.track or len(time) == 1:
             time_free = np.arange(len(groups))
             trails = Trails(time_free, groups.frame, time_free,
                             np.concatenate([state, np.zeros((len(groups), 2))], 1),
@@ -145,17 +150,25 @@ def _solve(detections, scene, settings: EvidenceSettings, progress) -> Solution:
             break
         trails = follow(groups, existence.log_odds, time, motion, density, spread, settings)
         evidence = _node_evidence(trails, existence, boxes, views, rate, settings)
-        probability = presence(
-            trails, evidence, settings.track_evidence, settings.leave_evidence
-        )
+        probability = presence(trails, evidence, settings.appear_evidence, settings.leave_evidence)
         kept = probability > 0.5
         if index < settings.passes - 1:
             priors = _track_priors(trails[kept], groups)
         if progress is not None:
             progress("evidence", index + 1, settings.passes)
     return Solution(
-        boxes, views, noise, measured, groups, existence, state, covariance, trails, evidence,
-        probability, kept,
+        boxes,
+        views,
+        noise,
+        measured,
+        groups,
+        existence,
+        state,
+        covariance,
+        trails,
+        evidence,
+        probability,
+        kept,
     )
 
 
@@ -167,9 +180,7 @@ def _node_evidence(trails, existence, boxes, views, rate, settings) -> np.ndarra
     gaps = np.flatnonzero(~seen)
     if len(gaps):
         member = np.full((len(gaps), boxes.table.shape[1]), -1)
-        expected = predict_views(
-            trails.mean[gaps, :3], trails.frame[gaps], member, boxes, views
-        )
+        expected = predict_views(trails.mean[gaps, :3], trails.frame[gaps], member, boxes, views)
         evidence[gaps] = misses(rate(expected), member)
     return np.clip(evidence, -limit, limit)
 
@@ -189,6 +200,3 @@ def _track_priors(trails: Trails, groups: Groups) -> Priors:
     mean = np.einsum("nij,nj->ni", covariance, vector)
     order = np.lexsort((trails.track, trails.frame))
     return Priors(trails.frame[order], mean[order], covariance[order])
-
-
-_ = Int

@@ -120,8 +120,13 @@ def _link_gain(mean, covariance, info: Information, density, spread, gate):
 
 
 def follow(
-    groups: Groups, log_odds: np.ndarray, time: np.ndarray, motion: Motion, density: float,
-    spread: float, settings: EvidenceSettings,
+    groups: Groups,
+    log_odds: np.ndarray,
+    time: np.ndarray,
+    motion: Motion,
+    density: float,
+    spread: float,
+    settings: EvidenceSettings,
 ) -> Trails:
     """Link groups into tracks and smooth them.
 

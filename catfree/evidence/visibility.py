@@ -1,7 +1,5 @@
 """Who should be seen by whom: hidden shares, image borders, and the detection rate they imply."""
 
-from functools import partial
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -15,6 +13,7 @@ COLUMNS = 8  # sampled columns of a box; its rows are integrated exactly
 ASPECT = 0.4  # width of a standing person over the height
 COVER_EDGES = (0.15, 0.4, 0.7, 0.95)
 HEIGHT_QUANTILES = (0.15, 0.5)
+WITNESSES = 3  # other cameras that must see a person before a miss counts
 BODY_RAMP = (0.3, 0.7)  # shares of the body inside the image between "cut off" and "in view"
 
 
@@ -101,7 +100,9 @@ def expected_views(state, frame, member, box, table, views: GroundViews) -> View
         front = (foot[2] > 1e-6) & (head[2] > 1e-6) & known
         others = table[f, c]
         active = (others >= 0) & (others != own)
-        region = jnp.stack([u - half, jnp.maximum(top, 0.0), u + half, jnp.minimum(bottom, size[1])])
+        region = jnp.stack(
+            [u - half, jnp.maximum(top, 0.0), u + half, jnp.minimum(bottom, size[1])]
+        )
         region = jnp.where(front, region, 0.0)
         cover = covered_share(region, region[3], box[jnp.maximum(others, 0)], active)
         return jnp.where(front, inside, 0.0), jnp.where(front, height, 1.0), cover
@@ -139,7 +140,10 @@ class DetectionRate(eqx.Module):
 
 
 def learn_detection_rate(
-    seen: Views, member: np.ndarray, size: np.ndarray, camera: np.ndarray, weight: np.ndarray,
+    seen: Views,
+    member: np.ndarray,
+    size: np.ndarray,
+    camera: np.ndarray,
     settings: EvidenceSettings,
 ) -> DetectionRate:
     """Count hits among people that at least three other cameras confirm.
@@ -148,7 +152,6 @@ def learn_detection_rate(
         seen: (H, C) expected views.
         member: (H, C) detection or -1.
         size: (n,) box heights; camera: (n,) their cameras.
-        weight: (H,) how far each group is trusted to be a person.
         settings: constants.
     """
     C = member.shape[1]
@@ -161,8 +164,8 @@ def learn_detection_rate(
     height, cover = rate._bins(seen)
     hit = member >= 0
     others = hit.sum(1, keepdims=True) - hit
-    trial = (others >= 3) & (seen.inside > 0.99)
-    w = np.where(trial, weight[:, None], 0.0)
+    trial = (others >= WITNESSES) & (seen.inside > 0.99)
+    w = trial.astype(float)
     index = (np.broadcast_to(np.arange(C), w.shape), height, cover)
     trials, hits = np.zeros((C, 3, 5)), np.zeros((C, 3, 5))
     np.add.at(trials, index, w)
@@ -175,6 +178,3 @@ def learn_detection_rate(
     prior = np.clip(by_camera[:, None, None] * (by_cover / overall)[None, None], 0.02, 0.98)
     shrunk = (hits + pseudo * prior) / (trials + pseudo)
     return DetectionRate(heights, np.clip(shrunk, 0.01, 0.99))
-
-
-_ = partial

@@ -75,6 +75,3 @@ def _otsu(values: np.ndarray) -> float:
     gap = total[:-1] / low - (total[-1] - total[:-1]) / high
     at = int(np.argmax(low * high * gap**2))
     return float((ordered[at] + ordered[at + 1]) / 2)
-
-
-_ = Array
