@@ -1,1 +1,8 @@
-"""To be filled."""
+"""Pictures: plots (with matplotlib), overlays on the footage (with OpenCV), 3-D scenes."""
+
+from catfree.viz.bird_eye import plot_bird_eye as plot_bird_eye
+from catfree.viz.coverage import plot_coverage as plot_coverage
+from catfree.viz.gates import plot_gates as plot_gates
+from catfree.viz.grid import draw_ground_grid as draw_ground_grid
+from catfree.viz.overlay import draw_frame as draw_frame, write_overlay_video as write_overlay_video
+from catfree.viz.scene_export import write_glb as write_glb, write_rerun as write_rerun

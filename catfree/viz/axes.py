@@ -2,10 +2,11 @@
 
 from typing import TYPE_CHECKING, Any
 
-from catfree.errors import MissingDependencyError
+from catfree.errors import InvalidInputError, MissingDependencyError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 LONGER_SIDE = 7.5  # inches
 
@@ -44,3 +45,15 @@ def axes_or_new(
     narrowest = 0.65 * LONGER_SIDE
     size = (max(width * scale, narrowest) + legend, max(height * scale, 0.4 * LONGER_SIDE) + legend)
     return pyplot.subplots(figsize=size, layout="constrained")[1]
+
+
+def figure_of(ax: "Axes") -> "Figure":
+    """The whole figure that axes belong to, also from inside a sub-figure.
+
+    Raises:
+        InvalidInputError: if the axes were removed from their figure.
+    """
+    figure = ax.get_figure(root=True)
+    if figure is None:
+        raise InvalidInputError("The given axes belong to no figure any more. Pass new ones.")
+    return figure

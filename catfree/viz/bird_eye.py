@@ -7,7 +7,7 @@ import numpy as np
 
 from catfree.errors import InvalidInputError
 from catfree.types import Localization, Origin, Scene, Tracks
-from catfree.viz.axes import axes_or_new
+from catfree.viz.axes import axes_or_new, figure_of
 from catfree.viz.palette import CAMERA_COLOR, TRUTH_COLOR, fraction, line_style, track_color
 from catfree.viz.plan_view import (
     camera_names as names_of,
@@ -201,15 +201,17 @@ def _write(
     if not texts:
         return occupied
     at = _display(ax, np.asarray(anchors))
-    pixels = ax.figure.dpi / 72 * size
+    pixels = figure_of(ax).dpi / 72 * size
     sizes = np.array([[0.62 * pixels * len(text), 1.0 * pixels] for text in texts])
     box = ax.get_window_extent()
     places = place_labels(at, sizes, (box.x0, box.x1, box.y0, box.y1), occupied, gap=0.5 * pixels)
     back = ax.transData.inverted()
     for text, color, place in zip(texts, colors, places, strict=True):
         if place is not None:
+            x, y = back.transform(place)
             label = ax.text(
-                *back.transform(place),
+                x,
+                y,
                 text,
                 color=color,
                 fontsize=size,
@@ -229,9 +231,7 @@ def _write(
 
 def _display(ax: "Axes", points: np.ndarray) -> np.ndarray:
     """Display coordinates of data points, after the layout has settled."""
-    figure = ax.get_figure(root=True)
-    if figure is not None:
-        figure.draw_without_rendering()
+    figure_of(ax).draw_without_rendering()
     return ax.transData.transform(points)
 
 

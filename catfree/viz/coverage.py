@@ -8,7 +8,7 @@ import numpy as np
 from catfree.coverage import Coverage
 from catfree.errors import InvalidInputError
 from catfree.types import Scene
-from catfree.viz.axes import axes_or_new
+from catfree.viz.axes import axes_or_new, figure_of
 from catfree.viz.bird_eye import draw_cameras
 from catfree.viz.plan_view import camera_names as names_of, length_unit, view_area
 
@@ -106,7 +106,7 @@ def _draw_sigma(ax: "Axes", coverage: Coverage, unit: str) -> None:
         interpolation="nearest",
     )
     levels = iso_levels(coverage.sigma)
-    bar = ax.get_figure(root=True).colorbar(
+    bar = figure_of(ax).colorbar(
         image, ax=ax, label=f"expected σ ({unit})", shrink=0.8, ticks=levels.tolist(), format="%.2g"
     )
     bar.minorticks_off()
@@ -141,6 +141,6 @@ def _draw_cameras_seen(ax: "Axes", coverage: Coverage) -> None:
         zorder=1,
         interpolation="nearest",
     )
-    ax.get_figure(root=True).colorbar(
+    figure_of(ax).colorbar(
         image, ax=ax, label="cameras that see the ground", shrink=0.8, ticks=range(count + 1)
     )

@@ -1,5 +1,7 @@
 """Colours that stay apart for colour-blind readers, and stay with an identity in every picture."""
 
+import numpy as np
+
 from catfree.types import Fate
 
 Color = tuple[int, int, int]
@@ -39,12 +41,12 @@ FATE_COLORS: dict[Fate, Color] = {
 }
 
 
-def track_color(track_id: int) -> Color:
+def track_color(track_id: int | np.integer) -> Color:
     """Red, green and blue in 0..255 of an identity: the same in every picture; grey for -1."""
     return UNTRACKED if track_id < 0 else TRACK_COLORS[int(track_id) % len(TRACK_COLORS)]
 
 
-def line_style(track_id: int) -> str:
+def line_style(track_id: int | np.integer) -> str:
     """Matplotlib line style of an identity; tells apart tracks that share a colour."""
     return LINE_STYLES[max(int(track_id), 0) // len(TRACK_COLORS) % len(LINE_STYLES)]
 
