@@ -95,7 +95,7 @@ def main() -> None:
         o = run_case(case)
         outcomes.append(o)
         print(
-            f"{case.layout:12} {case.frames:6d} {case.pixel_noise:3.0f}   {o.registered}/{o.cameras}"
+            f"{case.layout:12} {case.frames:6d} {case.pixel_noise:3.0f} {o.registered:4d}/{o.cameras}"
             f"    {o.center_error:8.3f} {100 * o.focal_error:8.1f} {100 * o.scale_error:8.1f}"
             f" {o.seconds:8.1f}",
             flush=True,

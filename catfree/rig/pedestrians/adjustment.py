@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from catfree.errors import CalibrationError
 from catfree.rig.pedestrians.bundle import BoxMeasurements, BundleResult, adjust
 from catfree.rig.pedestrians.constants import CalibrationSettings
 from catfree.rig.pedestrians.observations import BoxGrid
@@ -64,6 +65,12 @@ def alternate(
         tolerances: range tolerances of the rounds; a camera's own smaller tolerance is kept.
         most_people: at most this many people take part.
         iterations: of each adjustment.
+
+    Returns:
+        The adjusted rig.
+
+    Raises:
+        CalibrationError: if no person is seen by two cameras.
     """
     middle = np.log(np.median(settings.focal_shares) * grid.size.max(1))
     bundle = people = None
@@ -73,21 +80,23 @@ def alternate(
         measured = measure_people(grid, people, most_people)
         if measured is None:
             break
+        data, xy, height = measured
         bundle = adjust(
-            *_start(measured, state),
-            log_focal_prior=middle,
-            settings=settings,
+            data,
+            state.parameters,
+            xy,
+            height,
+            state.foot_offset,
+            middle,
+            settings,
             shared_focal=shared_focal,
             iterations=iterations,
         )
-        parameters = np.where(
-            np.isfinite(bundle.parameters), bundle.parameters, state.parameters
-        )
+        parameters = np.where(np.isfinite(bundle.parameters), bundle.parameters, state.parameters)
         state = RigState(parameters, state.placed, bundle.foot_offset, limited.range_tolerance)
-    assert people is not None and bundle is not None
+    if bundle is None or people is None:
+        cameras = ", ".join(str(c) for c in np.flatnonzero(state.placed))
+        raise CalibrationError(
+            f"Cameras {cameras} cannot be adjusted together: nobody is seen by two of them."
+        )
     return AdjustedRig(state, people, bundle)
-
-
-def _start(measured, state: RigState):
-    data, xy, height = measured
-    return data, state.parameters, xy, height, state.foot_offset

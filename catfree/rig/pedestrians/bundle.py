@@ -167,9 +167,7 @@ class _Problem:
         if self.shared:
             cost += float((((log_focal - log_focal.mean()) / s.shared_focal_sd) ** 2).sum())
         common = np.concatenate([by_camera, by_offset[..., None]], -1) / data.sd[..., None]
-        return _Linear(
-            residual, 1 / (1 + scaled**2), common, by_person / data.sd[..., None], cost
-        )
+        return _Linear(residual, 1 / (1 + scaled**2), common, by_person / data.sd[..., None], cost)
 
     def _reduce(
         self,
@@ -274,5 +272,3 @@ class _Problem:
         out = np.zeros_like(S)
         out[np.ix_(free, free)] = np.linalg.pinv(S[np.ix_(free, free)], hermitian=True)
         return out
-
-

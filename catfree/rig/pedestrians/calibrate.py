@@ -1,31 +1,18 @@
 """A metric camera rig and its ground plane from person boxes alone."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from catfree.errors import CalibrationError, InvalidInputError
-from catfree.rig.pedestrians.adjustment import AdjustedRig, alternate
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, to_matrices
 from catfree.rig.pedestrians.constants import CalibrationSettings
-from catfree.rig.pedestrians.growth import (
-    PairHypothesis,
-    Verdict,
-    Workspace,
-    drop_harmful,
-    grow_rig,
-    judge_camera,
-    prune_rig,
-    search_pair,
-    seed_rig,
-)
 from catfree.rig.pedestrians.observations import grid_boxes
+from catfree.rig.pedestrians.registered import Progress, RegisteredRig, register_cameras
+from catfree.rig.pedestrians.workspace import Workspace
 from catfree.types import Detections, Plane, Rig, Scene
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -36,15 +23,18 @@ class Calibration:
         scene: metric scene, z up, ground z = 0; cameras that cannot be trusted are not registered
             and hold NaN.
         association_rate: (C,) share of the people whom a camera and the rest of the rig should both
-            see that they agree on; NaN where not registered.
-        log_likelihood_ratio: (C,) evidence of each camera against the map of the others, NaN where
-            there is none.
+            see that they agree on; NaN where not registered, as below.
+        log_likelihood_ratio: (C,) natural-log evidence of each camera against the map of the
+            others, above the best that its own boxes reach at shifted times.
         focal_sd: (C,) standard deviation of the focal length in pixels.
-        center_covariance: (C, 3, 3) of the camera centres in square metres.
+        center_covariance: (C, 3, 3) of the camera centres in square metres, with the heading and
+            ground position of the camera with most boxes held. Both cover what random box noise
+            and the foot offset do, not lens distortion or a population of unusual height.
         shared_focal: whether the cameras were found to have one focal length.
-        foot_offset: metres by which the bottom of a box is nearer than the body axis.
+        foot_offset: metres by which the bottom of a box is taken to be nearer than the body axis.
         residual: median absolute residual in standard deviations of the box edges.
-        frame_offset: (C,) frames by which each camera's clock was found to be late.
+        frame_offset: (C,) frames by which each camera's frame numbers were found to be too high; 0
+            unless asked for.
     """
 
     scene: Scene
@@ -64,131 +54,138 @@ def calibrate(
     settings: CalibrationSettings | None = None,
     *,
     camera_names: Sequence[str] | None = None,
+    maximum_offset: int = 0,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Find cameras and ground in metres from nothing but boxes of walking people."""
+    """Find cameras and ground in metres from nothing but boxes of walking people.
+
+    People are as tall as people are: that gives every camera its tilt, roll, height and a metric
+    map of the ground. People seen by two cameras at the same time join their maps. Cameras are
+    added as long as their evidence exceeds what the same boxes reach at shifted times.
+
+    Args:
+        detections: (N,) boxes of synchronized static cameras; scores and appearance are not used.
+        image_size: (2,) width and height in pixels for all cameras, or (C, 2).
+        settings: constants; the same for all data.
+        camera_names: names for messages.
+        maximum_offset: search clock offsets of single cameras up to so many frames, and correct
+            them; 0 trusts the frame numbers.
+        progress: called as (stage, done, total).
+
+    Returns:
+        The rig, the ground z = 0, and the evidence for each camera.
+
+    Raises:
+        InvalidInputError: if sizes or names do not fit the detections.
+        CalibrationError: if fewer than two cameras can be trusted.
+    """
     settings = CalibrationSettings() if settings is None else settings
     size = _sizes(detections, image_size)
     names = [str(c) for c in range(len(size))] if camera_names is None else list(camera_names)
+    if len(names) != len(size):
+        raise InvalidInputError(
+            f"camera_names has {len(names)} names, but there are {len(size)} cameras."
+        )
     report = progress or (lambda stage, done, total: None)
+    work = prepare(detections, size, settings, names)
+    offset = np.zeros(len(size), np.int64)
+    registered = register_cameras(work, report)
+    if maximum_offset > 0:
+        from catfree.rig.pedestrians.offsets import find_offsets
+
+        work, registered, offset = find_offsets(work, registered, maximum_offset, report)
+    return describe(work, registered, names, offset)
+
+
+def prepare(
+    detections: Detections, size: np.ndarray, settings: CalibrationSettings, names: Sequence[str]
+) -> Workspace:
+    """Boxes on a grid, checked to be enough to begin with.
+
+    Raises:
+        CalibrationError: if there are too few cameras, frames or boxes.
+    """
     grid = grid_boxes(detections, size, settings)
-    work = Workspace(grid, settings)
-    pairs = _search_pairs(work, report)
-    rig, verdicts, shared = _best_rig(work, pairs, report)
-    return _result(work, rig, verdicts, shared, names)
+    boxes = grid.valid.sum((1, 2))
+    seeing = int((boxes > settings.minimum_matches).sum())
+    if seeing < 2:
+        counts = ", ".join(f"{n}: {b}" for n, b in zip(names, boxes, strict=True))
+        raise CalibrationError(
+            f"Calibration from people needs 2 cameras with more than {settings.minimum_matches} "
+            f"boxes inside the image each, and has {seeing} ({counts or 'no cameras'})."
+        )
+    if grid.frame_count < settings.minimum_frames:
+        raise CalibrationError(
+            f"Calibration from people needs at least {settings.minimum_frames} frames with boxes, "
+            f"and has {grid.frame_count}: fewer cannot be told from chance. Record longer."
+        )
+    return Workspace(grid, settings)
 
 
 def _sizes(detections: Detections, image_size: Any) -> np.ndarray:
-    size = np.asarray(image_size, np.int64)
+    """(C, 2) image sizes, one for each camera."""
+    size = np.asarray(image_size)
+    count = int(detections.camera.max(initial=-1)) + 1
     if size.shape == (2,):
-        count = int(detections.camera.max(initial=-1)) + 1
-        size = np.tile(size, (max(count, 1), 1))
-    return size
-
-
-def _search_pairs(work: Workspace, report: Progress) -> list[PairHypothesis]:
-    """The best hypothesis of every pair of cameras, most convincing first."""
-    couples = list(combinations(range(work.grid.camera_count), 2))
-    found = []
-    for done, (one, two) in enumerate(couples):
-        pair = search_pair(work, one, two)
-        if pair is not None:
-            found.append(pair)
-        report("pairs", done + 1, len(couples))
-    return sorted(found, key=lambda pair: -pair.margin)
-
-
-def _best_rig(work: Workspace, pairs: list[PairHypothesis], report: Progress):
-    settings = work.settings
-    seeds = []
-    for done, pair in enumerate(pairs[: settings.seed_pairs]):
-        seed = seed_rig(work, pair)
-        verdict = judge_camera(work, seed.state, pair.cameras[1])
-        seeds.append((verdict, seed, pair.cameras))
-        report("seeds", done + 1, min(len(pairs), settings.seed_pairs))
-    seeds.sort(key=lambda item: -item[0].margin)
-    ratios = [
-        abs(float(np.diff(seed.state.parameters[list(cameras), LOG_FOCAL])[0]))
-        for verdict, seed, cameras in seeds
-        if verdict.judgement.association > 0.6 and verdict.judgement.matches > 30
-    ]
-    shared = bool(ratios) and float(np.median(ratios)) < settings.shared_focal_spread
-    best = None
-    for done, (_, seed, _) in enumerate(seeds[:2]):
-        rig, verdicts = grow_rig(work, seed, pairs, shared_focal=shared)
-        quality = (
-            int(rig.state.placed.sum()),
-            sum(v.margin for v in verdicts.values()),
+        size = np.tile(size, (count, 1))
+    if size.ndim != 2 or size.shape[1:] != (2,) or not np.issubdtype(size.dtype, np.number):
+        raise InvalidInputError(
+            f"image_size must be (width, height) or one row a camera, got shape {size.shape}."
         )
-        report("growth", done + 1, 2)
-        if best is None or quality > best[0]:
-            best = quality, rig
-    if best is None:
-        raise CalibrationError("nothing")
-    rig, shared = _choose_focal(work, best[1])
-    rig, verdicts = prune_rig(work, rig, shared_focal=shared)
-    kept = rig.state.placed.sum()
-    rig, verdicts = drop_harmful(work, rig, verdicts, shared_focal=shared)
-    if rig.state.placed.sum() < kept:
-        rig, shared = _choose_focal(work, rig)
-        rig, verdicts = prune_rig(work, rig, shared_focal=shared)
-    return rig, verdicts, shared
-
-
-def _choose_focal(work: Workspace, rig: AdjustedRig) -> tuple[AdjustedRig, bool]:
-    """Final adjustment with one focal length and with one each; free ones must earn their keep."""
-    settings = work.settings
-    together, apart = (
-        alternate(
-            work.grid,
-            rig.state,
-            settings,
-            shared_focal=shared,
-            tolerances=FINAL_TOLERANCES,
-            most_people=FINAL_PEOPLE,
-            iterations=15,
+    if len(size) < count:
+        raise InvalidInputError(
+            f"image_size has {len(size)} rows, but the detections name camera {count - 1}."
         )
-        for shared in (True, False)
-    )
-    costs = [r.bundle.cost / len(r.bundle.xy) for r in (together, apart)]
-    shared = costs[1] > (1 - settings.free_focal_gain) * costs[0]
-    return (together if shared else apart), shared
+    if (size <= 0).any():
+        raise InvalidInputError("image_size must be a positive number of pixels.")
+    return size.astype(np.int64)
 
 
-FINAL_TOLERANCES = (0.03, 0.02, 0.01)
-FINAL_PEOPLE = 4000
+def describe(
+    work: Workspace, registered: RegisteredRig, names: Sequence[str], offset: np.ndarray
+) -> Calibration:
+    """A registered rig as a scene with its evidence.
 
-
-def _result(work, rig: AdjustedRig, verdicts: dict[int, Verdict], shared, names) -> Calibration:
-    count = work.grid.camera_count
-    state = rig.state
+    Raises:
+        CalibrationError: if fewer than two cameras can be trusted.
+    """
+    count, state, bundle = work.grid.camera_count, registered.rig.state, registered.rig.bundle
     trusted = np.zeros(count, bool)
     association, evidence = np.full(count, np.nan), np.full(count, np.nan)
-    for camera, verdict in verdicts.items():
+    for camera, verdict in registered.verdicts.items():
         trusted[camera] = verdict.accepted
-        association[camera] = verdict.judgement.association
-        evidence[camera] = verdict.judgement.evidence
+        if verdict.accepted:
+            association[camera] = verdict.judgement.association
+            evidence[camera] = verdict.margin
     if trusted.sum() < 2:
-        raise CalibrationError("fewer than two")
+        seen = "; ".join(
+            f"{names[c]}: {v.judgement.matches} matches, evidence {v.margin:.0f} above chance"
+            for c, v in registered.verdicts.items()
+        )
+        raise CalibrationError(
+            f"Only {trusted.sum()} cameras can be trusted and 2 are needed ({seen or 'no matches'};"
+            f" needed: more than {work.settings.minimum_matches} matches and evidence of "
+            f"{work.settings.minimum_margin:.0f}). Check synchronization and overlap, or record "
+            "longer."
+        )
     parameters = np.where(trusted[:, None], state.parameters, np.nan)
     K, R, t = to_matrices(parameters, work.grid.size)
     K[~trusted] = np.nan
-    rig_out = Rig(K, R, t, work.grid.size, registered=trusted)
-    ground = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
-    covariance = rig.bundle.covariance
     index = 7 * np.arange(count)[:, None] + np.arange(X, X + 3)
-    center = covariance[index[:, :, None], index[:, None, :]]
-    focal_sd = np.exp(parameters[:, LOG_FOCAL]) * np.sqrt(
-        np.diag(covariance)[7 * np.arange(count) + LOG_FOCAL]
-    )
+    center = bundle.covariance[index[:, :, None], index[:, None, :]]
+    focal_sd = np.sqrt(np.diag(bundle.covariance)[7 * np.arange(count) + LOG_FOCAL])
     return Calibration(
-        Scene.from_rig(rig_out, ground, metric=True),
-        association,
-        evidence,
-        focal_sd,
-        np.where(trusted[:, None, None], center, np.nan),
-        shared,
-        state.foot_offset,
-        rig.bundle.residual,
-        np.zeros(count, int),
+        scene=Scene.from_rig(
+            Rig(K, R, t, work.grid.size, registered=trusted),
+            Plane(np.array([0.0, 0.0, 1.0]), 0.0),
+            metric=True,
+        ),
+        association_rate=association,
+        log_likelihood_ratio=evidence,
+        focal_sd=np.exp(parameters[:, LOG_FOCAL]) * focal_sd,
+        center_covariance=np.where(trusted[:, None, None], center, np.nan),
+        shared_focal=registered.shared_focal,
+        foot_offset=state.foot_offset,
+        residual=bundle.residual,
+        frame_offset=offset,
     )

@@ -18,7 +18,7 @@ def rotation(parameters: np.ndarray) -> np.ndarray:
     zero, one = np.zeros_like(tilt), np.ones_like(tilt)
 
     def matrix(*entries: np.ndarray) -> np.ndarray:
-        return np.stack(entries, -1).reshape(tilt.shape + (3, 3))
+        return np.stack(entries, -1).reshape((*tilt.shape, 3, 3))
 
     tilting = matrix(one, zero, zero, zero, -st, -ct, zero, ct, -st)
     rolling = matrix(cr, sr, zero, -sr, cr, zero, zero, zero, one)

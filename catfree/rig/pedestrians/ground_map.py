@@ -97,9 +97,7 @@ def map_ground(
     foot_range = foot_range + foot_offset
     head_range, _ = _ground_range(parameters, R, u - lean, top, mean_height)
     head_next, _ = _ground_range(parameters, R, u - lean, top + 1.0, mean_height)
-    taller, _ = _ground_range(
-        parameters, R, u - lean, top, mean_height + settings.person_height_sd
-    )
+    taller, _ = _ground_range(parameters, R, u - lean, top, mean_height + settings.person_height_sd)
     head_sd = np.hypot((head_next - head_range) * sd, taller - head_range)
     foot_ok = valid & (foot_range > 0.3) & (foot_range < FARTHEST)
     head_ok = valid & (head_range > 0.3) & (head_range < FARTHEST)

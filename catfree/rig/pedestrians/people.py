@@ -95,7 +95,7 @@ def group_people(
         without: a camera to leave out.
         gate: largest squared Mahalanobis distance; the settings' by default.
     """
-    cameras = [c for c in np.flatnonzero(state.placed) if c != without]
+    cameras = [int(c) for c in np.flatnonzero(state.placed) if c != without]
     cameras.sort(key=lambda c: -int(grid.valid[c].sum()))
     gate = settings.match_gate if gate is None else gate
     first, *rest = (camera_map(grid, c, state, settings) for c in cameras)
@@ -150,7 +150,10 @@ def smallest_boxes(grid: BoxGrid) -> np.ndarray:
     """(C,) box height in pixels below which a camera hardly detects anybody (5 % quantile)."""
     tall = grid.bottom - grid.top
     return np.array(
-        [np.quantile(t[v], 0.05) if v.any() else np.inf for t, v in zip(tall, grid.valid, strict=True)]
+        [
+            np.quantile(t[v], 0.05) if v.any() else np.inf
+            for t, v in zip(tall, grid.valid, strict=True)
+        ]
     )
 
 

@@ -138,10 +138,9 @@ def _count(
     time, slot, other = np.nonzero(both)
     p = target.xy[time, slot].astype(np.float32)
     q = source.xy[source_frames[time], other].astype(np.float32)
-    spread = (
-        target.covariance[time, slot].trace(axis1=1, axis2=2)
-        + source.covariance[source_frames[time], other].trace(axis1=1, axis2=2)
-    )
+    spread = target.covariance[time, slot].trace(axis1=1, axis2=2) + source.covariance[
+        source_frames[time], other
+    ].trace(axis1=1, axis2=2)
     weight = 1 / np.sqrt(np.maximum(spread, settings.voting_cell**2))
     radius, cell = _reach(target, source, settings), settings.voting_cell
     side = int(2 * radius / cell)
@@ -175,5 +174,3 @@ def align_rigidly(
     sine = (weight * (a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1])).sum()
     angle = float(np.arctan2(sine, cosine))
     return angle, mt - turn(ms, angle)
-
-

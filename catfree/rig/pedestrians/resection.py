@@ -130,7 +130,7 @@ def fit_camera(
 
     def cost_of(box: np.ndarray, parameters: np.ndarray) -> float:
         residual = (measured - box) / noise / CAUCHY
-        prior = precision @ (parameters - mean) ** 2
+        prior = float(precision @ (parameters - mean) ** 2)
         return CAUCHY**2 * float(np.log1p(residual**2).sum()) + prior
 
     cost = cost_of(box, parameters)

@@ -1,0 +1,118 @@
+"""Whether a camera agrees with the others better than it could by chance.
+
+The people of a crowd are everywhere, so that a wrong camera, fitted to them, matches many. But it
+matches them at any time: the same boxes, shifted in time, do as well. A right camera does not.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from catfree.rig.pedestrians.constants import CalibrationSettings
+from catfree.rig.pedestrians.ground_map import GroundMap, visible
+from catfree.rig.pedestrians.matching import Judgement, chance_density, judge
+from catfree.rig.pedestrians.observations import BoxGrid
+from catfree.rig.pedestrians.people import RigState, camera_map, group_people, seen_by_any
+from catfree.rig.pedestrians.workspace import Workspace
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A camera's evidence against the rest of the rig, and what chance reaches.
+
+    Attributes:
+        judgement: at the true time.
+        chance: highest evidence at the shifted times.
+        accepted: whether the camera can be trusted.
+    """
+
+    judgement: Judgement
+    chance: float
+    accepted: bool
+
+    @property
+    def margin(self) -> float:
+        """Evidence above chance."""
+        return self.judgement.evidence - self.chance
+
+
+def judge_with_chance(
+    own: GroundMap,
+    others: GroundMap,
+    others_expected: np.ndarray,
+    own_expected: np.ndarray,
+    settings: CalibrationSettings,
+    shifts: tuple[float, ...],
+) -> tuple[Judgement, float]:
+    """The judgement of a camera and how far it exceeds the best at circularly shifted times."""
+    density = chance_density(own)
+
+    def at_shift(shift: int) -> Judgement:
+        rolled = own if shift == 0 else _rolled(own, shift)
+        return judge(
+            rolled,
+            others,
+            density,
+            others_expected,
+            np.roll(own_expected, shift, axis=0),
+            gate=settings.match_gate,
+            detection_rates=settings.detection_rates,
+        )
+
+    judgement = at_shift(0)
+    frames = len(own.xy)
+    steps = sorted({round(share * frames) % frames for share in shifts} - {0})
+    chance = max((at_shift(step).evidence for step in steps), default=np.inf)
+    return judgement, judgement.evidence - chance
+
+
+def _rolled(people: GroundMap, shift: int) -> GroundMap:
+    """A map whose frames are rolled circularly."""
+    return GroundMap(
+        *(
+            np.roll(getattr(people, name), shift, axis=0)
+            for name in ("xy", "covariance", "height", "height_sd", "valid")
+        )
+    )
+
+
+def judge_camera(
+    work: Workspace,
+    state: RigState,
+    camera: int,
+    *,
+    grid: BoxGrid | None = None,
+    others: GroundMap | None = None,
+) -> Verdict:
+    """Evidence of a placed camera against the map of the other placed cameras.
+
+    Args:
+        work: the sequence.
+        state: the rig with the camera.
+        camera: which camera.
+        grid: frames to judge on; all by default.
+        others: the map of the other cameras on these frames, if it is at hand.
+    """
+    settings = work.settings
+    grid = work.grid if grid is None else grid
+    if others is None:
+        others = group_people(grid, state, settings, without=camera).ground
+    own = camera_map(grid, camera, state, settings)
+    others_expected = visible(
+        state.parameters[camera],
+        grid.size[camera],
+        work.smallest[camera],
+        others.xy,
+        others.height,
+        state.foot_offset,
+    )
+    own_expected = seen_by_any(grid, state, own, work.smallest, without=camera)
+    judgement, margin = judge_with_chance(
+        own, others, others_expected, own_expected, settings, settings.chance_shifts
+    )
+    accepted = (
+        margin > max(settings.minimum_margin, settings.minimum_match_margin * judgement.matches)
+        and judgement.association > settings.minimum_association
+        and judgement.matches > settings.minimum_matches
+    )
+    return Verdict(judgement, judgement.evidence - margin, accepted)
