@@ -17,6 +17,10 @@ class FileFormatError(CatFreeError, ValueError):
     """A file exists but does not hold what its format promises."""
 
 
+class WriteError(CatFreeError, OSError):
+    """A file cannot be written: the disk is full, or the folder not writable."""
+
+
 class InsufficientDataError(CatFreeError):
     """A stage has too little to work with: cameras, detections, frames or shared people."""
 

@@ -52,7 +52,7 @@ def detect_videos(
     shared = detector if isinstance(detector, BatchDetector) else None
     frame, camera, found, embedding = [], [], [], []
     for done, (tick, images) in enumerate(videos, start=1):
-        instant = _detect(images, detectors, shared)
+        instant = detect_instant(images, detectors, shared)
         for index, (image, people) in enumerate(zip(images, instant, strict=True)):
             frame.append(np.full(len(people), tick))
             camera.append(np.full(len(people), index))
@@ -63,7 +63,7 @@ def detect_videos(
             progress("detect", done, videos.frame_count)
     if not found:
         raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
-    return _collect(frame, camera, found, embedding if embedder is not None else None)
+    return collect_detections(frame, camera, found, embedding if embedder is not None else None)
 
 
 def fit_to_cameras(
@@ -98,21 +98,35 @@ def _pictures_of(
             progress("fit", done, total)
 
 
-def _detect(
+def detect_instant(
     images: Sequence[Image], detectors: Sequence[Detector], shared: BatchDetector | None
 ) -> list[FrameDetections]:
+    """The people in each camera's picture of one instant.
+
+    Args:
+        images: one picture a camera.
+        detectors: one detector a camera.
+        shared: the common detector that sees all pictures at once, or None.
+    """
     if shared is not None:
         return shared.detect_batch(images)
     return [detect(image) for detect, image in zip(detectors, images, strict=True)]
 
 
-def _collect(
+def collect_detections(
     frame: list[np.ndarray],
     camera: list[np.ndarray],
     found: list[FrameDetections],
     embedding: list[np.ndarray] | None,
 ) -> Detections:
-    """All rows in one struct; poses only if every picture has them."""
+    """All rows in one struct; poses only if every picture has them.
+
+    Args:
+        frame: for each picture, its frame index once a row.
+        camera: for each picture, its camera once a row.
+        found: the people in each picture.
+        embedding: (n, D) what they look like, for each picture, or None.
+    """
     poses = [people.keypoints for people in found]
     known = [pose for pose in poses if pose is not None]
     keypoints = np.concatenate(known) if known and len(known) == len(poses) else None

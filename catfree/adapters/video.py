@@ -137,6 +137,17 @@ class SynchronizedVideos:
         """
         yield from self._instants(range(self.camera_count))
 
+    def instants_from(self, first: int) -> Iterator[tuple[int, list[Image]]]:
+        """Iterate over the instants without the `first` ones, which are not decoded to pictures.
+
+        Args:
+            first: position among the instants, 0-based; `frames[first]` is the first delivered.
+
+        Raises:
+            FileFormatError: as iterating over all instants does.
+        """
+        yield from self._instants(range(self.camera_count), first)
+
     def pictures_of(self, camera: int) -> Iterator[Image]:
         """One camera's picture of each instant, without decoding the others.
 
@@ -149,14 +160,16 @@ class SynchronizedVideos:
         for _, images in self._instants([camera]):
             yield images[0]
 
-    def _instants(self, cameras: Sequence[int]) -> Iterator[tuple[int, list[Image]]]:
+    def _instants(
+        self, cameras: Sequence[int], first: int = 0
+    ) -> Iterator[tuple[int, list[Image]]]:
         self.interruption = None
         with contextlib.ExitStack() as stack:
             readers: dict[int, FrameReader] = {}
             for camera in cameras:
                 readers[camera] = self._sources[camera].open()
                 stack.callback(readers[camera].close)
-            for done, tick in enumerate(self._ticks):
+            for done, tick in enumerate(self._ticks[first:], start=first):
                 try:
                     images = [self._read(c, reader, tick, done) for c, reader in readers.items()]
                 except FileFormatError as error:

@@ -63,7 +63,7 @@ def load_arrays(
     path: str | os.PathLike[str],
     kind: str,
     *,
-    required: Collection[str] = (),
+    required: Collection[str] | None = (),
     optional: Collection[str] = (),
 ) -> dict[str, np.ndarray]:
     """Read what `save_arrays` wrote.
@@ -71,7 +71,7 @@ def load_arrays(
     Args:
         path: the file to read.
         kind: the type name that the file must hold.
-        required: names that the file must hold.
+        required: names that the file must hold; None for whatever it holds.
         optional: names that it may hold besides.
 
     Returns:
@@ -97,6 +97,8 @@ def load_arrays(
         raise FileFormatError(
             f"{source} holds {stored}, not {kind}. Load it with the type that saved it."
         )
+    if required is None:
+        return arrays
     missing = [name for name in required if name not in arrays]
     unknown = [name for name in arrays if name not in (*required, *optional)]
     if missing or unknown:

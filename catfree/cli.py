@@ -1,0 +1,459 @@
+"""The command line: a thin shell over the functions of the library."""
+
+import contextlib
+import csv
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+
+from catfree.errors import CatFreeError, FileFormatError, InvalidInputError, MissingDependencyError
+
+Progress = Callable[[str, int, int], None]
+
+FAILURE, INTERRUPTED = 1, 130
+TRUTH_COLUMNS = ("frame", "id", "x", "y")
+
+_STAGES = {
+    "render": "rendering the world",
+    "fit": "learning the background",
+    "detect": "detecting people",
+    "pairs": "calibrating: pairs of cameras",
+    "seeds": "calibrating: first rigs",
+    "growth": "calibrating: all cameras",
+    "evidence": "weighing the evidence",
+    "tracklets": "linking tracklets",
+    "association": "associating views",
+    "positions": "locating people",
+    "selection": "selecting positions",
+    "overlay": "drawing the overlay",
+    "trajectories": "building trajectories",
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: the words after `catfree`; None for those of the process.
+
+    Returns:
+        The exit code: 0, or 1 after an error, which is one sentence on standard error. Words that
+        make no sense exit with 2.
+    """
+    try:
+        tyro = _require_tyro()
+        tyro.extras.subcommand_cli_from_dict(
+            _commands(tyro),
+            prog="catfree",
+            description="Videos of static cameras in, tracked people on the ground out.",
+            args=arguments,
+        )
+    except CatFreeError as error:
+        return _fail(str(error))
+    except OSError as error:
+        return _fail(f"{error.filename or 'A file'}: {error.strerror or error}.")
+    except KeyboardInterrupt:
+        _fail("Interrupted. Run it again to go on with the stages that are finished.")
+        return INTERRUPTED
+    return 0
+
+
+def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
+    """The sub-commands; built here because their annotations need tyro."""
+    positional = tyro.conf.Positional
+
+    def run(
+        videos: Annotated[tuple[Path, ...], positional],
+        out: Path = Path("catfree_results"),
+        detector: Path | None = None,
+        embedder: Path | None = None,
+        reconstructor: Path | None = None,
+        scene: Path | None = None,
+        method: Literal["default", "paper", "evidence"] = "default",
+        cache: Path | None = None,
+        stride: int = 1,
+        start: int | None = None,
+        end: int | None = None,
+        offsets: tuple[int, ...] | None = None,
+        frame_rate: float | None = None,
+        keep_before_damage: bool = False,
+        pictures: bool = True,
+        overlay: bool = False,
+    ) -> None:
+        """Track the people in the videos of several static cameras.
+
+        Args:
+            videos: one video file or image folder a camera.
+            out: folder for the results.
+            detector: ONNX file of a person detector (YOLO11-pose, YOLOv8-pose or YOLOX); without
+                it people are found by what moves before the background.
+            embedder: ONNX file of a re-identification network.
+            reconstructor: ONNX file of VGGT, which finds the cameras from the pictures.
+            scene: known cameras and ground (scene.json); without it and without a reconstructor
+                they are found from the people.
+            method: the localization method.
+            cache: folder for finished stages; `cache` in the results folder if not given.
+            stride: use every so-many-th frame.
+            start: first frame.
+            end: frame to stop before.
+            offsets: the frame of each camera that shows the first common instant.
+            frame_rate: frames a second to use; the lowest of the cameras if not given.
+            keep_before_damage: go on with what comes before a frame that cannot be decoded.
+            pictures: draw plots.
+            overlay: write a video of all cameras with the tracks.
+        """
+        from catfree.output import write_results
+        from catfree.run import run_stages
+
+        settings = _settings(method)
+        footage = _open_videos(
+            videos,
+            stride=stride,
+            start=start,
+            end=end,
+            offsets=offsets,
+            frame_rate=frame_rate,
+            on_error="keep" if keep_before_damage else "raise",
+        )
+        with _progress_bars() as progress:
+            outcome = run_stages(
+                footage,
+                _open_detector(detector),
+                _open_embedder(embedder),
+                _open_reconstructor(reconstructor),
+                _open_scene(scene),
+                settings,
+                cache_dir=out / "cache" if cache is None else cache,
+                progress=progress,
+            )
+            if footage.interruption is not None:
+                _fail(f"Used what came before the damage: {footage.interruption}")
+            if overlay:
+                _write_overlay(out, footage, outcome, progress)
+        drawn = None if pictures else False
+        write_results(out, outcome, settings, videos=footage, pictures=drawn)
+        _print_result(outcome, out)
+
+    def demo(
+        out: Path = Path("catfree_demo"),
+        seed: int = 0,
+        cameras: int = 6,
+        people: int = 14,
+        frames: int = 200,
+        size: tuple[int, int] = (1280, 720),
+        method: Literal["default", "paper", "evidence"] = "default",
+        workers: int | None = None,
+        pictures: bool = True,
+    ) -> None:
+        """Render a world, track its people from the videos alone, and score the tracks.
+
+        Args:
+            out: folder for videos and results.
+            seed: another number, another world.
+            cameras: cameras around the square.
+            people: people on the square at a time.
+            frames: frames, 5 a second.
+            size: width and height of the videos in pixels.
+            method: the localization method.
+            workers: rendering processes; one a processor if not given.
+            pictures: draw plots.
+        """
+        from catfree.demo import EASY, run_demo, score_table
+
+        with _progress_bars() as progress:
+            done = run_demo(
+                out,
+                seed,
+                cameras=cameras,
+                people=people,
+                frames=frames,
+                image_size=size,
+                settings=_settings(method),
+                workers=workers,
+                pictures=None if pictures else False,
+                progress=progress,
+            )
+        _print_table(score_table(done.scores))
+        _print_result(done.outcome, out)
+        _print(EASY)
+
+    def calibrate(
+        videos: Annotated[tuple[Path, ...], positional],
+        out: Path = Path("catfree_rig"),
+        detector: Path | None = None,
+        cache: Path | None = None,
+        stride: int = 1,
+        offsets: tuple[int, ...] | None = None,
+    ) -> None:
+        """Find cameras and ground in metres from the people in the videos.
+
+        Args:
+            videos: one video file or image folder a camera.
+            out: folder for scene.json and the rig in other formats.
+            detector: ONNX file of a person detector; without it people are found by what moves.
+            cache: folder for finished stages; `cache` in the output folder if not given.
+            stride: use every so-many-th frame.
+            offsets: the frame of each camera that shows the first common instant.
+        """
+        from catfree.adapters.background import BackgroundDetector
+        from catfree.cache import StageCache
+        from catfree.output import write_rig
+        from catfree.report import camera_table
+        from catfree.run import calibrate_cameras, detect
+
+        footage = _open_videos(videos, stride=stride, offsets=offsets)
+        stages = StageCache(out / "cache" if cache is None else cache)
+        finder = _open_detector(detector) or BackgroundDetector()
+        with _progress_bars() as progress:
+            seen = detect(footage, finder, cache=stages, progress=progress)
+            found = calibrate_cameras(footage, seen, cache=stages, progress=progress)
+        write_rig(out, found.scene, footage.camera_names)
+        _print_table(camera_table(found.scene, footage.camera_names, found))
+        _print(f"The rig is in {out}.")
+
+    def evaluate(
+        tracks: Annotated[Path, positional],
+        ground_truth: Annotated[Path, positional],
+        area: tuple[float, float, float, float] | None = None,
+        threshold: float = 0.5,
+        track_threshold: float = 1.0,
+    ) -> None:
+        """Score tracks against true positions in the same coordinates.
+
+        Args:
+            tracks: tracks.csv of a run.
+            ground_truth: CSV with a header and the columns frame, id, x, y.
+            area: x_min x_max y_min y_max; everything outside is ignored.
+            threshold: largest distance of a match for MODA, in metres.
+            track_threshold: the same for MOTA and IDF1.
+        """
+        from catfree.adapters.tracks_table import read_tracks_csv
+        from catfree.evaluation import crop, detection_metrics, hota, tracking_metrics
+        from catfree.report import Table
+
+        truth, found = _read_truth(ground_truth), read_tracks_csv(tracks).to_rows()
+        frames = np.unique(np.concatenate([truth[:, 0], found[:, 0]]))
+        if area is not None:
+            truth, found = crop(truth, area), crop(found, area)
+        people = detection_metrics(truth, found, frames, threshold)
+        paths = tracking_metrics(truth, found, frames, track_threshold)
+        rows = (
+            (f"MODA ({threshold:g} m)", f"{people.moda:.2f}"),
+            ("MODP", f"{people.modp:.2f}"),
+            ("precision", f"{people.precision:.2f}"),
+            ("recall", f"{people.recall:.2f}"),
+            (f"MOTA ({track_threshold:g} m)", f"{paths.mota:.2f}"),
+            (f"IDF1 ({track_threshold:g} m)", f"{paths.idf1:.2f}"),
+            ("identity switches", str(paths.id_switches)),
+            ("HOTA", f"{hota(truth, found, frames).hota:.2f}"),
+        )
+        _print_table(Table(("measure", "value"), rows))
+
+    def plot(
+        results: Annotated[Path, positional],
+        out: Path | None = None,
+    ) -> None:
+        """Draw the pictures of a finished run again.
+
+        Args:
+            results: folder that `catfree run` or `catfree demo` wrote.
+            out: folder for the pictures; `pictures` in the results folder if not given.
+        """
+        from catfree.output import draw_pictures, read_results
+
+        localization, scene, names = read_results(results)
+        folder = results / "pictures" if out is None else out
+        for path in draw_pictures(folder, localization, scene, camera_names=names):
+            _print(str(path))
+
+    return {
+        "run": run,
+        "demo": demo,
+        "calibrate": calibrate,
+        "evaluate": evaluate,
+        "plot": plot,
+    }
+
+
+def _require_tyro() -> Any:
+    try:
+        import rich
+        import tyro
+    except ImportError as error:
+        raise MissingDependencyError(
+            "The command line needs tyro and rich: pip install 'catfree[cli]'."
+        ) from error
+    del rich
+    return tyro
+
+
+@contextlib.contextmanager
+def _progress_bars() -> Iterator[Progress]:
+    """A bar a stage on standard error, with rate and time left."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress as Bars,
+        ProgressColumn,
+        Task,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+    from rich.text import Text
+
+    class RateColumn(ProgressColumn):
+        """Steps a second."""
+
+        def render(self, task: Task) -> Text:
+            speed = task.finished_speed or task.speed
+            return Text("" if speed is None else f"{speed:.1f}/s")
+
+    columns = (
+        TextColumn("{task.description:30}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        RateColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    tasks: dict[str, Any] = {}
+    with Bars(*columns, console=Console(stderr=True)) as bars:
+
+        def progress(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(_STAGES.get(stage, stage), total=total)
+            bars.update(tasks[stage], completed=done, total=total)
+
+        yield progress
+
+
+def _write_overlay(out: Path, footage: Any, outcome: Any, progress: Progress) -> None:
+    from catfree.viz.overlay import write_overlay_video
+
+    out.mkdir(parents=True, exist_ok=True)
+    write_overlay_video(
+        out / "overlay.mp4",
+        footage,
+        outcome.detections,
+        outcome.localization,
+        outcome.scene,
+        camera_names=outcome.camera_names,
+        progress=progress,
+    )
+
+
+def _settings(method: str) -> Any:
+    from catfree.settings import Settings
+
+    if method == "default":
+        return Settings()
+    return Settings.paper() if method == "paper" else Settings(method="evidence")
+
+
+def _open_videos(paths: tuple[Path, ...], **options: Any) -> Any:
+    from catfree.adapters.video import SynchronizedVideos
+
+    if len(paths) < 2:
+        raise InvalidInputError(
+            f"People are located where views meet: name at least 2 videos, got {len(paths)}."
+        )
+    return SynchronizedVideos(paths, **options)
+
+
+def _open_detector(path: Path | None) -> Any:
+    """The network of an ONNX file, whichever known detector it is."""
+    from catfree.adapters.yolo_pose import YoloPoseOnnx
+    from catfree.adapters.yolox import YoloxOnnx
+
+    if path is None:
+        return None
+    try:
+        return YoloPoseOnnx(path)
+    except FileFormatError as not_pose:
+        try:
+            return YoloxOnnx(path)
+        except FileFormatError:
+            raise not_pose from None
+
+
+def _open_embedder(path: Path | None) -> Any:
+    from catfree.adapters.reid import ReIdOnnx
+
+    return None if path is None else ReIdOnnx(path)
+
+
+def _open_reconstructor(path: Path | None) -> Any:
+    from catfree.adapters.vggt import VggtOnnx
+
+    return None if path is None else VggtOnnx(path)
+
+
+def _open_scene(path: Path | None) -> Any:
+    from catfree.adapters.rig_json import read_scene_json
+    from catfree.types import Scene
+
+    if path is None:
+        return None
+    return Scene.load(path) if path.suffix == ".npz" else read_scene_json(path)[0]
+
+
+def _read_truth(path: Path) -> np.ndarray:
+    """(N, 4) rows of a CSV file with the columns frame, id (or track_id), x and y."""
+    from catfree.adapters.documents import read_text
+
+    lines = list(csv.DictReader(read_text(path, "ground truth").splitlines()))
+    header = list(lines[0]) if lines else []
+    names = ["track_id" if n == "id" and "id" not in header else n for n in TRUTH_COLUMNS]
+    missing = [name for name in names if name not in header]
+    if missing:
+        raise FileFormatError(
+            f"{path} has no column {missing[0]!r}; ground truth is a CSV file with a header and "
+            f"the columns {', '.join(TRUTH_COLUMNS)}."
+        )
+    try:
+        return np.array([[float(line[name]) for name in names] for line in lines])
+    except (TypeError, ValueError) as error:
+        raise FileFormatError(f"{path}: {error}.") from error
+
+
+def _print(text: str) -> None:
+    print(text)
+
+
+def _print_result(outcome: Any, out: Path) -> None:
+    tracks = outcome.localization.tracks
+    people = len(np.unique(tracks.track_id))
+    registered = int(outcome.scene.rig.registered.sum())
+    _print(
+        f"{people} tracks with {len(tracks)} positions in {len(outcome.frames)} frames, from "
+        f"{registered} of {len(outcome.camera_names)} cameras. Start with {out / 'report.html'}."
+    )
+
+
+def _print_table(table: Any) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    drawn = Table()
+    for at, name in enumerate(table.header):
+        drawn.add_column(name, justify="left" if at == 0 else "right")
+    for row in table.rows:
+        drawn.add_row(*row)
+    Console().print(drawn)
+
+
+def _fail(sentence: str) -> int:
+    print(f"catfree: {sentence}", file=sys.stderr)
+    return FAILURE
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
+    sys.exit(main())

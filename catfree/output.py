@@ -1,0 +1,291 @@
+"""The result folder: tracks, cameras and pictures in the formats that other tools read."""
+
+import importlib.util
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import linear_sum_assignment
+
+from catfree.adapters.anipose_toml import write_anipose_toml
+from catfree.adapters.colmap import write_colmap_text
+from catfree.adapters.documents import write_bytes_atomically
+from catfree.adapters.motchallenge import write_mot_boxes, write_mot_ground
+from catfree.adapters.rig_json import read_scene_json, write_scene_json
+from catfree.adapters.tracks_table import write_tracks_csv, write_tracks_parquet
+from catfree.adapters.video import SynchronizedVideos
+from catfree.cache import from_arrays, to_arrays
+from catfree.errors import WriteError
+from catfree.report import write_report
+from catfree.run import RunOutcome
+from catfree.settings import Settings
+from catfree.types import Detections, Fate, Localization, Origin, Scene
+from catfree.types.archive import load_arrays, save_arrays
+
+# TrackEval matches two squares at an IoU of one half; in a scene without metres the matching
+# distance is the farthest that a track steps between frames.
+MATCHING_METRES = 1.0
+VIEW_WIDTH = 640  # pixels a camera in the picture of all views
+LOCALIZATION_FILE, SCENE_FILE = "localization.npz", "scene.json"
+
+
+def write_results(
+    folder: str | os.PathLike[str],
+    outcome: RunOutcome,
+    settings: Settings | None = None,
+    *,
+    videos: SynchronizedVideos | None = None,
+    pictures: bool | None = None,
+    area: Sequence[float | int] | None = None,
+    ground_truth: Float[np.ndarray, "n 4"] | None = None,
+) -> list[Path]:
+    """Write everything that a run found.
+
+    Args:
+        folder: made if it does not exist; files of an earlier run are replaced.
+        outcome: what `run_stages` returned.
+        settings: the settings that it ran with, for the report.
+        videos: the footage, to show one instant of it with what was found; None for no such
+            picture.
+        pictures: draw plots; None: if matplotlib is installed.
+        area: x_min, x_max, y_min, y_max of an area to frame in the plots, in ground coordinates.
+        ground_truth: (N, 4) rows [frame, id, x, y] in ground coordinates to draw, or None.
+
+    Returns:
+        The files: `tracks.csv`, `tracks.parquet` where pyarrow is installed, `tracks_mot.txt` for
+        TrackEval, `boxes/CAMERA.txt` in MOTChallenge form with identities, `detections.npz`,
+        `localization.npz`, the scene as `scene.json`, `rig/colmap` and `rig/calibration.toml`,
+        `pictures/*.png`, `report.md` and `report.html`.
+
+    Raises:
+        WriteError: if the disk is full or not writable; no file is left half-written.
+        MissingDependencyError: if pictures are asked for and matplotlib is not installed.
+    """
+    root = Path(folder)
+    settings = settings or Settings()
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        files = _write_tables(root, outcome, settings) + write_rig(
+            root, outcome.scene, outcome.camera_names
+        )
+        drawn = []
+        if pictures or (pictures is None and importlib.util.find_spec("matplotlib") is not None):
+            drawn = draw_pictures(
+                root / "pictures",
+                outcome.localization,
+                outcome.scene,
+                camera_names=outcome.camera_names,
+                area=area,
+                ground_truth=ground_truth,
+            )
+        if videos is not None and pictures is not False:
+            drawn.append(draw_views(root / "pictures", videos, outcome))
+        files += drawn
+        files += write_report(root, outcome, settings, files, drawn)
+    except OSError as error:
+        raise WriteError(
+            f"Cannot write the results to {root}: {error.strerror or error}. Free some space or "
+            "name another folder."
+        ) from error
+    return files
+
+
+def write_rig(
+    folder: str | os.PathLike[str], scene: Scene, camera_names: Sequence[str]
+) -> list[Path]:
+    """Write cameras and ground as `scene.json`, for COLMAP and for anipose.
+
+    Args:
+        folder: made if it does not exist.
+        scene: cameras and ground; those not registered are only in `scene.json`.
+        camera_names: (C,) names.
+
+    Returns:
+        The files.
+    """
+    root = Path(folder)
+    (root / "rig").mkdir(parents=True, exist_ok=True)
+    # COLMAP separates its columns by spaces.
+    joined = ["_".join(name.split()) for name in camera_names]
+    colmap = write_colmap_text(root / "rig" / "colmap", scene.rig, joined)
+    return [
+        write_scene_json(root / SCENE_FILE, scene, camera_names),
+        write_anipose_toml(root / "rig" / "calibration.toml", scene.rig, camera_names),
+        *(colmap / f"{part}.txt" for part in ("cameras", "images", "points3D")),
+    ]
+
+
+def read_results(folder: str | os.PathLike[str]) -> tuple[Localization, Scene, tuple[str, ...]]:
+    """Localization, scene and camera names of a folder that `write_results` wrote.
+
+    Raises:
+        InvalidInputError: if a file is not there.
+        FileFormatError: if a file holds something else.
+    """
+    root = Path(folder)
+    scene, names = read_scene_json(root / SCENE_FILE)
+    arrays = load_arrays(root / LOCALIZATION_FILE, Localization.__name__, required=None)
+    return from_arrays(Localization, arrays), scene, names
+
+
+def draw_pictures(
+    folder: str | os.PathLike[str],
+    localization: Localization,
+    scene: Scene,
+    *,
+    camera_names: Sequence[str] | None = None,
+    area: Sequence[float | int] | None = None,
+    ground_truth: Float[np.ndarray, "n 4"] | None = None,
+) -> list[Path]:
+    """Draw the bird's-eye view, and the gates where the method has thresholds.
+
+    Args:
+        folder: made if it does not exist.
+        localization: what `localize` returned.
+        scene: the scene it was made with.
+        camera_names: (C,) labels of the cameras.
+        area: x_min, x_max, y_min, y_max of an area to frame.
+        ground_truth: (N, 4) rows [frame, id, x, y] to draw, or None.
+
+    Returns:
+        The pictures.
+
+    Raises:
+        MissingDependencyError: if matplotlib is not installed.
+    """
+    from catfree.viz.axes import require_pyplot
+    from catfree.viz.bird_eye import plot_bird_eye
+    from catfree.viz.gates import plot_gates
+
+    pyplot = require_pyplot()
+    root = Path(folder)
+    root.mkdir(parents=True, exist_ok=True)
+    figures = {}
+    view = plot_bird_eye(
+        localization, scene, camera_names=camera_names, area=area, ground_truth=ground_truth
+    )
+    figures["bird_eye.png"] = view.figure
+    if localization.thresholds.tau_sigma is not None:
+        figures["gates.png"] = plot_gates(localization, scene)[0].figure
+    written = []
+    for name, figure in figures.items():
+        partial = root / f".partial_{os.getpid()}_{name}"
+        try:
+            figure.savefig(partial, dpi=130)
+            os.replace(partial, root / name)
+        finally:
+            partial.unlink(missing_ok=True)
+            pyplot.close(figure)
+        written.append(root / name)
+    return written
+
+
+def draw_views(
+    folder: str | os.PathLike[str], videos: SynchronizedVideos, outcome: RunOutcome
+) -> Path:
+    """Draw what all cameras saw in the middle of the footage, with boxes and tracks.
+
+    Args:
+        folder: made if it does not exist.
+        videos: the footage.
+        outcome: what was found in it.
+
+    Returns:
+        `views.jpg`: the cameras' pictures side by side.
+    """
+    import cv2
+
+    from catfree.viz.overlay import draw_frame
+
+    root = Path(folder)
+    root.mkdir(parents=True, exist_ok=True)
+    middle = videos.frame_count // 2
+    # Footage that broke off has no middle.
+    instant = next(videos.instants_from(middle), None) or next(iter(videos))
+    frame, images = instant
+    columns = math.ceil(math.sqrt(len(images)))
+    height = round(VIEW_WIDTH * images[0].shape[0] / images[0].shape[1])
+    rows = math.ceil(len(images) / columns)
+    sheet = np.full((rows * height, columns * VIEW_WIDTH, 3), 255, np.uint8)
+    for camera, image in enumerate(images):
+        drawn = draw_frame(
+            image, camera, frame, outcome.detections, outcome.localization, outcome.scene
+        )
+        scale = min(VIEW_WIDTH / image.shape[1], height / image.shape[0])
+        size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
+        small = cv2.resize(drawn, size, interpolation=cv2.INTER_AREA)
+        top, left = height * (camera // columns), VIEW_WIDTH * (camera % columns)
+        sheet[top : top + size[1], left : left + size[0]] = small
+    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))
+    return write_bytes_atomically(root / "views.jpg", encoded.tobytes())
+
+
+def identify_detections(
+    localization: Localization, scene: Scene, count: int, *, radius: float
+) -> Int[np.ndarray, " n"]:
+    """Whom each detection shows, as far as the tracks say.
+
+    In every frame, the positions that were detected are matched one to one to the accepted
+    candidates, and each candidate's detections take the identity of its track.
+
+    Args:
+        localization: what `localize` returned.
+        scene: the scene it was made with.
+        count: number of detections it was made from.
+        radius: farthest that a track passes from its candidate, in scene units.
+
+    Returns:
+        (N,) track ids, -1 for detections that support no track.
+    """
+    tracks, candidates = localization.tracks, localization.candidates
+    identity = np.full(count, -1)
+    accepted = np.isin(candidates.fate, (Fate.ACCEPTED, Fate.RECOVERED))
+    ground = np.asarray(scene.ground.project(np.asarray(candidates.position, np.float64)))
+    for frame in np.unique(tracks.frame):
+        rows = np.flatnonzero((tracks.frame == frame) & (tracks.origin == Origin.DETECTED))
+        chosen = np.flatnonzero((candidates.frame == frame) & accepted)
+        offset = tracks.position[rows, None, :] - ground[None, chosen, :]
+        distance = np.linalg.norm(offset, axis=-1)
+        gated = np.where(distance <= radius, distance, radius * (1 + len(rows)))
+        for row, candidate in zip(*linear_sum_assignment(gated), strict=True):
+            if distance[row, candidate] <= radius:
+                support = candidates.support[chosen[candidate]]
+                identity[support[support >= 0]] = tracks.track_id[rows[row]]
+    return identity
+
+
+def _write_tables(root: Path, outcome: RunOutcome, settings: Settings) -> list[Path]:
+    tracks, scene = outcome.localization.tracks, outcome.scene
+    extent = float(scene.extent)
+    reach = MATCHING_METRES if scene.metric else settings.trajectories.link_radius * extent
+    files = [
+        write_tracks_csv(root / "tracks.csv", tracks),
+        write_mot_ground(root / "tracks_mot.txt", tracks, outcome.frames, threshold=reach),
+    ]
+    if importlib.util.find_spec("pyarrow") is not None:
+        files.append(write_tracks_parquet(root / "tracks.parquet", tracks))
+    identity = identify_detections(
+        outcome.localization,
+        scene,
+        len(outcome.detections),
+        radius=settings.selection.suppression_radius * extent,
+    )
+    files += _write_boxes(root / "boxes", outcome, identity)
+    outcome.detections.save(root / "detections.npz")
+    arrays = to_arrays(outcome.localization)
+    save_arrays(root / LOCALIZATION_FILE, Localization.__name__, arrays)
+    return [*files, root / "detections.npz", root / LOCALIZATION_FILE]
+
+
+def _write_boxes(root: Path, outcome: RunOutcome, identity: Int[np.ndarray, " n"]) -> list[Path]:
+    root.mkdir(exist_ok=True)
+    detections: Detections = outcome.detections
+    files = []
+    for camera, name in enumerate(outcome.camera_names):
+        rows = detections.camera == camera
+        path = root / f"{name.replace('/', '_')}.txt"
+        files.append(write_mot_boxes(path, detections[rows], outcome.frames, identity[rows]))
+    return files
