@@ -2,7 +2,9 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, ScalarLike
+
+from catfree.geometry.arrays import Scalar
 
 ITERATIONS = 30  # reweighting converges linearly; this reaches float32 rounding
 SHALLOWEST_DESCENT = 1e-3  # a ray that does not descend meets the ground a thousand heights away
@@ -47,7 +49,7 @@ def triangulate_on_ground(
     origins: Float[Array, "cam 3"],
     directions: Float[Array, "cam 3"],
     weights: Float[Array, " cam"],
-    huber_scale: float | Float[Array, ""],
+    huber_scale: Scalar,
     *,
     refit: bool,
 ) -> Float[Array, "3"]:
@@ -72,7 +74,7 @@ def triangulate_on_ground(
         return jnp.sqrt((across**2).sum(-1))
 
     def huber(weights: Float[Array, " cam"]) -> Float[Array, "3"]:
-        def step(_: int, point: Float[Array, "3"]) -> Float[Array, "3"]:
+        def step(_: ScalarLike, point: Float[Array, "3"]) -> Float[Array, "3"]:
             robust = weights * scale / jnp.maximum(distances(point), scale)
             return least_squares_on_ground(origins, directions, robust)
 

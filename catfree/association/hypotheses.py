@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from catfree.association.ground_position import ground_point, triangulate_on_ground
 from catfree.association.observations import Observations
@@ -22,6 +22,7 @@ from catfree.geometry import (
     information,
     triangulate,
 )
+from catfree.geometry.arrays import Scalar
 from catfree.settings import TriangulationSettings
 from catfree.types import Plane, Rays
 
@@ -149,8 +150,8 @@ def _triangulate_block(
     origin: Float[Array, "h cam 3"],
     direction: Float[Array, "h cam 3"],
     weight: Float[Array, "h cam"],
-    huber_scale: float,
-    sigma_theta: float,
+    huber_scale: Scalar,
+    sigma_theta: Scalar,
     *,
     refit: bool,
     estimator: Literal["rays", "best_pair", "single_ray"],
@@ -177,22 +178,19 @@ def _best_pair(
     origins: Float[Array, "cam 3"],
     directions: Float[Array, "cam 3"],
     weights: Float[Array, " cam"],
-    sigma_theta: float,
+    sigma_theta: Scalar,
 ) -> Float[Array, " cam"]:
     """Weights of the pair of rays with the smallest sigma at its own point (baseline B)."""
-    first, second = np.triu_indices(len(origins), k=1)
+    pairs = jnp.asarray(np.stack(np.triu_indices(len(origins), k=1), axis=-1))
 
-    def uncertainty(chosen: Bool[Array, " cam"]) -> Float[Array, ""]:
-        w = jnp.where(chosen, weights, 0)
-        point = triangulate(origins, directions, w, 1.0, refit=False).position
-        sigma = ground_sigma(information(point, origins, directions, w, sigma_theta), GROUND)
-        return jnp.where((w > 0).sum() == 2, sigma, jnp.inf)
+    def uncertainty(pair: Int[Array, "2"]) -> Float[Array, ""]:
+        o, d, w = origins[pair], directions[pair], weights[pair]
+        point = triangulate(o, d, w, 1.0, refit=False).position
+        sigma = ground_sigma(information(point, o, d, w, sigma_theta), GROUND)
+        return jnp.where(jnp.all(w > 0), sigma, jnp.inf)
 
-    pairs = np.zeros((len(first), len(origins)), bool)
-    pairs[np.arange(len(first)), first] = pairs[np.arange(len(first)), second] = True
-    return jnp.where(
-        jnp.asarray(pairs)[jnp.argmin(jax.vmap(uncertainty)(jnp.asarray(pairs)))], weights, 0
-    )
+    best = pairs[jnp.argmin(jax.vmap(uncertainty)(pairs))]
+    return jnp.zeros_like(weights).at[best].set(weights[best])
 
 
 def find_support(
@@ -280,7 +278,7 @@ def _measure_block(
     directions: Float[Array, "h cam 3"],
     weights: Float[Array, "h cam"],
     position: Float[Array, "h 3"],
-    sigma_theta: float,
+    sigma_theta: Scalar,
 ) -> tuple[Array, Array, Array, Array]:
     def measure(o: Array, d: Array, w: Array, position: Array) -> tuple[Array, Array, Array, Array]:
         precision = information(position, o, d, w, sigma_theta)
