@@ -1,5 +1,10 @@
 """catfree's own method: every hypothesis weighed by what the cameras saw and did not see."""
 
 from catfree.evidence.constants import EvidenceSettings as EvidenceSettings
-from catfree.evidence.output import locate as locate
-from catfree.evidence.solve import Solution as Solution, solve as solve
+from catfree.evidence.output import (
+    Clusters as Clusters,
+    clusters_of as clusters_of,
+    describe as describe,
+    locate as locate,
+)
+from catfree.evidence.solve import EvidenceSolution as EvidenceSolution, solve as solve

@@ -49,7 +49,6 @@ def learn_ratio(
     views, clipped; None where too little is known or distances do not tell people apart.
     """
     views = (groups.member >= 0).sum(1)
-    D = appearance.distance.shape[1]
     label = np.full(appearance.distance.shape[:2], -1)
     camera = np.full(appearance.distance.shape[:2], -1)
     strong = np.flatnonzero(views >= 3)

@@ -11,8 +11,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
-from scipy.spatial import cKDTree
+from jaxtyping import Int
+from scipy.spatial import KDTree
 
 from catfree.evidence.boxes import padded_length
 from catfree.evidence.gaussian import Information, log_evidence
@@ -32,7 +32,8 @@ def candidate_pairs(
     Args:
         position: (N, 2) in H0.
         covariance: (N, 2, 2).
-        frame: (N,); camera: (N,).
+        frame: (N,) frame index.
+        camera: (N,) camera index.
         items: (n,) the rows to pair.
 
     Returns:
@@ -46,7 +47,7 @@ def candidate_pairs(
     reach = np.sqrt(2 * PAIR_GATE) * largest
     far = 4 * (np.abs(p).max() + reach.max()) + 1  # frames apart never meet
     place = np.column_stack([p, frame[items] * far])
-    tree = cKDTree(place)
+    tree = KDTree(place)
     near = tree.query_ball_point(place, reach, return_sorted=False)
     count = np.array([len(n) for n in near])
     i = np.repeat(np.arange(len(items)), count)
@@ -76,7 +77,8 @@ def merge_groups(info, camera, pairs, members, looks, slot, density, spread, app
         members: (N, C) the item itself at its camera, else -1.
         looks: (F, D, D) weighted appearance log-likelihood ratios, or (1, 1, 1).
         slot: (N, 2) frame and position in `looks` of each item.
-        density, spread: people per H0² and the spread of heights.
+        density: people per H0².
+        spread: of heights in H0.
         appearance: whether `looks` counts.
 
     Returns:
@@ -95,8 +97,9 @@ def merge_groups(info, camera, pairs, members, looks, slot, density, spread, app
         if appearance:
             left, right = members[a], members[b]
             where = (left[:, :, None] >= 0) & (right[:, None, :] >= 0)
-            l, r = jnp.maximum(left, 0), jnp.maximum(right, 0)
-            ratio = looks[slot[a, 0][:, None, None], slot[l, 1][:, :, None], slot[r, 1][:, None, :]]
+            at = slot[jnp.maximum(left, 0), 1][:, :, None]
+            other = slot[jnp.maximum(right, 0), 1][:, None, :]
+            ratio = looks[slot[a, 0][:, None, None], at, other]
             gain = gain + jnp.where(where, ratio, 0.0).sum((1, 2))
         allowed = (a != b) & ((mask[a] & mask[b]) == 0)
         return a, b, jnp.where(allowed & (gain > 0), gain, -jnp.inf)
@@ -203,11 +206,16 @@ def associate(
 
     Args:
         info: (N) likelihoods of the boxes.
-        position: (N, 2); covariance: (N, 2, 2) of each box alone.
-        frame, camera, valid: (N,).
+        position: (N, 2) of each box alone, in H0.
+        covariance: (N, 2, 2) of it.
+        frame: (N,) frame index.
+        camera: (N,) camera index.
+        valid: (N,) which boxes take part.
         cameras: C.
-        density, spread: people per H0² and the spread of heights.
-        looks, slot: weighted appearance log-likelihood ratios of `appearance.compare_frames`.
+        density: people per H0².
+        spread: of heights in H0.
+        looks: (F, D, D) weighted appearance log-likelihood ratios, or None.
+        slot: (N, 2) frame and place in `looks` of each box.
         priors: what tracks expect.
 
     Returns:
@@ -216,7 +224,6 @@ def associate(
     N = len(frame)
     T = 0 if priors is None else len(priors.frame)
     total = padded_length(N + T) if T else N
-    extra = total - N
 
     def extend(x: np.ndarray, more: np.ndarray | None, fill) -> np.ndarray:
         out = np.full((total, *x.shape[1:]), fill, x.dtype)
@@ -246,7 +253,7 @@ def associate(
     boxes = items[camera[items] < cameras]
     members[boxes, camera[boxes]] = boxes
     use = looks is not None
-    root, full, _ = merge_groups(
+    root, _, _ = merge_groups(
         info, camera, padded, members, looks if use else np.zeros((1, 1, 1)),
         slot if use else np.zeros((total, 2), np.int64), np.asarray(density), np.asarray(spread),
         appearance=use,

@@ -10,7 +10,7 @@ from catfree.evidence.boxes import Boxes, padded_length
 from catfree.evidence.constants import EvidenceSettings
 from catfree.evidence.measurement import Measurements
 from catfree.evidence.views import GroundViews
-from catfree.evidence.visibility import DetectionRate, Views, expected_views
+from catfree.evidence.visibility import Views, expected_views
 
 CELLS = 128  # a side of each camera's clutter map, in H0
 OUTAGE_EXPECTED = 3.0  # detections that a blind camera should have had before it counts as out
@@ -36,11 +36,10 @@ def predict_views(
     """`expected_views` on the host, padded to few lengths."""
     H = len(state)
     N = padded_length(H)
-    pad = (
-        lambda x, fill: np.concatenate(  # noqa: E731
-            [x, np.full((N - H, *x.shape[1:]), fill, x.dtype)]
-        )
-    )
+
+    def pad(x: np.ndarray, fill: float) -> np.ndarray:
+        return np.concatenate([x, np.full((N - H, *x.shape[1:]), fill, x.dtype)])
+
     seen = expected_views(
         pad(state, 1.0), pad(frame, 0), pad(member, -1), boxes.box, boxes.table, views
     )
@@ -87,7 +86,9 @@ def judge_groups(
     Args:
         groups: who was grouped.
         agreement: (H,) appearance term.
-        measurements, boxes, views: what was seen.
+        measurements: the boxes as likelihoods.
+        boxes: the boxes.
+        views: the cameras.
         probability: (H, C) detection probability of each group in each camera.
         settings: constants.
     """

@@ -14,6 +14,8 @@ three sums. With people at density rho on the plane and heights N(1, sH²) (leng
 where the sums with a star include the height prior once.
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -53,7 +55,7 @@ class Information(eqx.Module):
         return Information(self.matrix[rows], self.vector[rows], self.constant[rows])
 
 
-def with_height_prior(info: Information, spread) -> Information:
+def with_height_prior(info: Information, spread: Any) -> Information:
     """Add the prior H ~ N(1, spread²) once."""
     precision = 1.0 / spread**2
     lead = (1,) * (info.vector.ndim - 1)
@@ -64,7 +66,7 @@ def with_height_prior(info: Information, spread) -> Information:
     return Information(matrix, vector, info.constant + precision)
 
 
-def determinant_and_form(matrix, vector):
+def determinant_and_form(matrix: Any, vector: Any) -> tuple[Any, Any]:
     """|M| and v' M⁻¹ v of symmetric 3x3 matrices, written out: much faster than a factorization.
 
     Args:
@@ -84,8 +86,8 @@ def determinant_and_form(matrix, vector):
     return det, form / det
 
 
-def log_evidence(info: Information, density, spread):
-    """log Z of a group: how much better one person explains it than the noise of its boxes.
+def log_evidence(info: Information, density: Any, spread: Any) -> Any:
+    """Log Z of a group: how much better one person explains it than the noise of its boxes.
 
     Args:
         info: (...) summed information without the prior.
@@ -108,7 +110,7 @@ def log_evidence(info: Information, density, spread):
     )
 
 
-def inverse(matrix):
+def inverse(matrix: Any) -> Any:
     """Inverse of symmetric 3x3 matrices, written out; (..., 3, 3) -> (..., 3, 3)."""
     xp = np if isinstance(matrix, np.ndarray) else jnp
     a, b, c = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2]
@@ -120,7 +122,7 @@ def inverse(matrix):
     return xp.stack(rows, axis=-2) / det[..., None, None]
 
 
-def mean_and_covariance(info: Information, spread):
+def mean_and_covariance(info: Information, spread: Any) -> tuple[Any, Any]:
     """Most likely state and its covariance, height prior included; (..., 3) and (..., 3, 3)."""
     full = with_height_prior(info, spread)
     covariance = inverse(full.matrix)

@@ -118,8 +118,15 @@ def measure(
         cut: (3,) bool: side, top, bottom cut by the image border.
         ankles: () bool.
         covered: () share of the lower box hidden by boxes in front.
-        matrix, ground_inverse, head_inverse, focal, center: the camera (`GroundViews`).
-        edge_noise, angular, field, spread: its noise (`Noise`).
+        matrix: (3, 4) the camera, see `GroundViews`.
+        ground_inverse: (3, 3) pixel to foot.
+        head_inverse: (3, 3) pixel to a head at H0.
+        focal: () in pixels.
+        center: (2,) principal point.
+        edge_noise: (3,) noise of the edges in box heights.
+        angular: () calibration error in radians.
+        field: (3, 4) offsets of the edges.
+        spread: () of heights in H0.
         settings: constants.
 
     Returns:

@@ -7,7 +7,7 @@ import numpy as np
 from catfree.evidence.association import Groups
 from catfree.evidence.boxes import Boxes, padded_length
 from catfree.evidence.constants import EvidenceSettings
-from catfree.evidence.gaussian import Information, mean_and_covariance
+from catfree.evidence.gaussian import mean_and_covariance
 from catfree.evidence.measurement import Measurements, Noise, field_features
 from catfree.evidence.views import GroundViews, drop_to_height, edges_and_slopes, height_at
 
@@ -65,7 +65,10 @@ def learn_noise(
 
     Args:
         noise: what was assumed.
-        groups, measurements, boxes, views: what followed from it.
+        groups: who was grouped under it.
+        measurements: the boxes as likelihoods.
+        boxes: the boxes.
+        views: the cameras.
         settings: constants.
 
     Returns:

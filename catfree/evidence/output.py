@@ -1,13 +1,11 @@
 """The solution as catfree's result types, in scene units."""
 
-import jax
+import equinox as eqx
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from catfree.evidence.constants import EvidenceSettings
-from catfree.evidence.existence import predict_views
-from catfree.evidence.solve import Progress, Solution, solve
-from catfree.evidence.visibility import Views
-from catfree.evidence.working_area import in_working_area
+from catfree.evidence.solve import EvidenceSolution, Progress, solve
 from catfree.types import (
     Candidates,
     Detections,
@@ -21,6 +19,36 @@ from catfree.types import (
 )
 
 
+class Clusters(eqx.Module):
+    """Boxes that are one person in one frame: correspondences for bundle adjustment.
+
+    Attributes:
+        frame: (H,) frame number.
+        member: (H, C) index of the detection in each camera, or -1.
+        ground_xy: (H, 2) coordinates along the plane's basis, scene units.
+        height: (H,) of the person in scene units.
+        log_odds: (H,) of a person being there, from this frame alone.
+        track: (H,) identity of the reported track that the cluster belongs to, or -1.
+        kept: (H,) whether there is such a track.
+        sigma: (H, C, 3) noise of centre, top and bottom of each box in pixels, NaN without box.
+    """
+
+    frame: Int[np.ndarray, " h"]
+    member: Int[np.ndarray, "h cam"]
+    ground_xy: Float[np.ndarray, "h 2"]
+    height: Float[np.ndarray, " h"]
+    log_odds: Float[np.ndarray, " h"]
+    track: Int[np.ndarray, " h"]
+    kept: Bool[np.ndarray, " h"]
+    sigma: Float[np.ndarray, "h cam 3"]
+
+    def strict(self, minimum_log_odds: float = 3.0) -> Bool[np.ndarray, " h"]:
+        """(H,) those to trust as correspondences: in a track, and seen by half the cameras."""
+        views = (self.member >= 0).sum(1)
+        enough = max(3, -(-self.member.shape[1] // 2))
+        return self.kept & (views >= enough) & (self.log_odds > minimum_log_odds)
+
+
 def locate(
     detections: Detections,
     scene: Scene,
@@ -28,64 +56,114 @@ def locate(
     *,
     progress: Progress | None = None,
 ) -> Localization:
-    """Tracked ground positions by the evidence method."""
+    """Track people on the ground by the evidence method.
+
+    Args:
+        detections: boxes of all cameras and frames, in any order.
+        scene: rig and ground in any units and frame of reference.
+        settings: constants and switches.
+        progress: called as `progress(stage, done, total)`.
+
+    Returns:
+        Tracks with covariance and existence probability, every candidate and its fate, in the
+        frame and units of the scene.
+
+    Raises:
+        InsufficientDataError: if no box of a registered camera stands on the ground.
+    """
+    return describe(solve(detections, scene, settings, progress=progress), scene, settings)
+
+
+def describe(
+    solution: EvidenceSolution, scene: Scene, settings: EvidenceSettings | None = None
+) -> Localization:
+    """A solution in the frame and units of its scene.
+
+    Args:
+        solution: what `solve` found.
+        scene: the scene it was found in.
+        settings: for the sway that is added to the covariance.
+
+    Returns:
+        The result of a run.
+    """
     settings = settings or EvidenceSettings()
-    solution = solve(detections, scene, settings, progress=progress)
-    return describe(solution, scene, settings)
-
-
-def describe(solution: Solution, scene: Scene, settings: EvidenceSettings) -> Localization:
     s = solution
-    unit, origin = float(s.views.unit), s.views.origin
-    basis = np.asarray(scene.ground.basis, np.float64)
-    normal, offset = np.asarray(scene.ground.normal, np.float64), float(scene.ground.offset)
-    trails = s.trails
-    keep = s.kept.copy()
-    sigma = np.sqrt((trails.covariance[:, 0, 0] + trails.covariance[:, 1, 1]) / 2)
-    n_members = (s.groups.member >= 0).sum(1)
-    keep &= report_probability(trails.covariance[:, :2, :2], settings.report_radius) > 0.5
-    if settings.working_area:
-        with jax.enable_x64(True):
-            member = np.full((len(trails), s.boxes.table.shape[1]), -1)
-            seen = predict_views(trails.mean[:, :3], trails.frame, member, s.boxes, s.views)
-            chosen = np.flatnonzero(keep)
-            part = Views(seen.inside[chosen], seen.height[chosen], seen.cover[chosen])
-            keep[chosen] &= in_working_area(
-                trails.mean[chosen, :3], part, s.views, s.noise, settings
-            )
-    rows = np.flatnonzero(keep)
-    rows = rows[np.lexsort((trails.track[rows], trails.frame[rows]))]
-    t = trails[rows]
-    xy = t.mean[:, :2] * unit + origin
-    seen = t.group >= 0
+    unit = float(s.views.unit)
+    rows = np.flatnonzero(s.kept)
+    rows = rows[np.lexsort((s.trails.track[rows], s.trails.frame[rows]))]
+    trails = s.trails[rows]
+    count = (s.groups.member >= 0).sum(1)
+    seen = trails.group >= 0
+    covariance = (trails.covariance[:, :2, :2] + settings.sway**2 * np.eye(2)) * unit**2
+    xy = trails.mean[:, :2] * unit + s.views.origin
     tracks = Tracks(
-        frame=s.boxes.frames[t.frame], track_id=np.unique(t.track, return_inverse=True)[1],
-        position=xy @ basis.T - offset * normal, ground_xy=xy, sigma=sigma[rows] * unit,
-        covariance=(t.covariance[:, :2, :2] + settings.sway**2 * np.eye(2)) * unit**2,
-        supporting_cameras=np.where(seen, n_members[np.maximum(t.group, 0)], 0),
-        origin=np.where(seen, Origin.DETECTED, Origin.INTERPOLATED),
+        frame=s.boxes.frames[trails.frame],
+        track_id=np.unique(trails.track, return_inverse=True)[1].astype(np.int64),
+        position=_on_plane(xy, scene),
+        ground_xy=xy,
+        sigma=np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2),
+        covariance=covariance,
+        supporting_cameras=np.where(seen, count[trails.group], 0),
+        origin=np.where(seen, Origin.DETECTED, Origin.INTERPOLATED).astype(np.int64),
         existence=s.probability[rows],
-    )  # fmt: skip
-    H = len(s.groups)
-    gxy = s.state[:, :2] * unit + origin
-    support = np.where(s.groups.member >= 0, s.boxes.row[np.maximum(s.groups.member, 0)], -1)
-    fate = np.where(s.existence.log_odds > 0, Fate.TRACKING, Fate.EXISTENCE)
-    fate[t.group[seen]] = Fate.ACCEPTED
+    )
+    fate = np.where(s.existence.log_odds > 0, Fate.TRACKING, Fate.EXISTENCE).astype(np.int64)
+    rejected = s.trails.group[~s.kept & (s.probability > 0.5)]
+    fate[rejected[rejected >= 0]] = Fate.UNCERTAINTY_FILTER
+    fate[trails.group[seen]] = Fate.ACCEPTED
+    support = np.where(s.groups.member >= 0, s.boxes.row[s.groups.member], -1)
+    sigma = np.sqrt((s.covariance[:, 0, 0] + s.covariance[:, 1, 1]) / 2) * unit
     candidates = Candidates(
-        frame=s.boxes.frames[s.groups.frame], position=gxy @ basis.T - offset * normal,
-        sigma=unit * np.sqrt((s.covariance[:, 0, 0] + s.covariance[:, 1, 1]) / 2),
-        ground_distance=np.zeros(H), rms_angle=np.zeros(H), support=support,
-        score=s.existence.log_odds, fate=fate,
-    )  # fmt: skip
-    return Localization(tracks, candidates, Thresholds(), Reliability(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        frame=s.boxes.frames[s.groups.frame],
+        position=_on_plane(s.state[:, :2] * unit + s.views.origin, scene),
+        sigma=sigma,
+        ground_distance=np.zeros(len(sigma)),  # the state lives on the ground
+        rms_angle=np.zeros(len(sigma)),
+        support=support,
+        score=s.existence.log_odds,
+        fate=fate,
+    )
+    radius = settings.report_radius * unit
+    used = s.groups.member[trails.group[seen]]
+    median = float(np.median(tracks.sigma)) if len(tracks) else float("nan")
+    reliability = Reliability(
+        median_sigma=median,
+        sigma_over_radius=median / radius,
+        fraction_recovered=0.0,
+        fraction_extended=float(np.mean(~seen)) if len(tracks) else 0.0,
+        mean_supporting_cameras=float(tracks.supporting_cameras.mean()) if len(tracks) else 0.0,
+        detections_used=float((used >= 0).sum() / max(len(s.boxes.row), 1)),
+    )
+    thresholds = Thresholds(
+        median_box_height=float(np.median(s.boxes.size[: len(s.boxes.row)])),
+    )
+    return Localization(tracks, candidates, thresholds, reliability)
 
 
-def report_probability(covariance: np.ndarray, radius: float) -> np.ndarray:
-    """(M,) probability that the true position is within a radius; lengths in H0."""
-    values = np.linalg.eigvalsh(covariance)
-    a, b = np.sqrt(np.maximum(values[:, 0], 1e-12)), np.sqrt(np.maximum(values[:, 1], 1e-12))
-    angle = (np.arange(64) + 0.5) * (2 * np.pi / 64)
-    # Integrate the Gaussian over the disc in polar coordinates of the whitened plane.
-    u, v = np.cos(angle)[None], np.sin(angle)[None]
-    r = radius / np.sqrt((a[:, None] * u) ** 2 + (b[:, None] * v) ** 2)
-    return (1 - np.exp(-0.5 * r**2)).mean(1)
+def clusters_of(solution: EvidenceSolution) -> Clusters:
+    """The groups of a solution as correspondences between cameras, in scene units."""
+    s = solution
+    unit = float(s.views.unit)
+    there = s.groups.member >= 0
+    track = np.full(len(s.groups), -1)
+    rows = np.flatnonzero(s.kept & (s.trails.group >= 0))
+    track[s.trails.group[rows]] = s.trails.track[rows]
+    noise = np.asarray(s.measurements.noise)[np.maximum(s.groups.member, 0)]
+    return Clusters(
+        frame=s.boxes.frames[s.groups.frame],
+        member=np.where(there, s.boxes.row[s.groups.member], -1),
+        ground_xy=s.state[:, :2] * unit + s.views.origin,
+        height=s.state[:, 2] * unit,
+        log_odds=s.existence.log_odds,
+        track=track,
+        kept=track >= 0,
+        sigma=np.where(there[..., None], noise, np.nan),
+    )
+
+
+def _on_plane(xy: np.ndarray, scene: Scene) -> np.ndarray:
+    """(M, 3) scene points of plane coordinates (M, 2)."""
+    basis = np.asarray(scene.ground.basis, np.float64)
+    normal = np.asarray(scene.ground.normal, np.float64)
+    return xy @ basis.T - float(scene.ground.offset) * normal

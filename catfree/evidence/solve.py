@@ -5,37 +5,37 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from catfree.errors import InsufficientDataError
-from catfree.evidence.appearance import compare_frames, group_agreement, learn_ratio
+from catfree.evidence.appearance import Appearance, compare_frames, group_agreement, learn_ratio
 from catfree.evidence.association import Groups, Priors, associate
 from catfree.evidence.boxes import Boxes, prepare_boxes
 from catfree.evidence.constants import EvidenceSettings
-from catfree.evidence.existence import (
-    Existence,
-    judge_groups,
-    misses,
-    predict_views,
-)
+from catfree.evidence.existence import Existence, judge_groups, misses, predict_views
 from catfree.evidence.gaussian import mean_and_covariance
 from catfree.evidence.measurement import Measurements, Noise, measure_boxes, start_noise
 from catfree.evidence.noise import learn_noise, median_height
-from catfree.evidence.tracking import (
-    Trails,
-    estimate_motion,
-    follow,
-    presence,
-)
+from catfree.evidence.tracking import Trails, estimate_motion, follow, presence, unlinked
 from catfree.evidence.views import GroundViews, ground_views
-from catfree.evidence.visibility import covered_feet, learn_detection_rate
+from catfree.evidence.visibility import DetectionRate, covered_feet, learn_detection_rate
+from catfree.evidence.working_area import in_working_area
 from catfree.types import Detections, Scene
 
 Progress = Callable[[str, int, int], None]
+SURE_LOG_ODDS = 3.0  # groups that teach how fast people move
 
 
-class Solution(eqx.Module):
-    """Everything the method found, in units of H0 on the plane (see `GroundViews`)."""
+class EvidenceSolution(eqx.Module):
+    """Everything the method found, in units of H0 on the plane (see `GroundViews`).
+
+    Attributes:
+        boxes, views, noise, measurements: what was seen, and how well.
+        groups: who was seen together; `existence`: what speaks for each of them.
+        state: (H, 3) position and height of each group; `covariance`: (H, 3, 3).
+        trails: the tracks; `evidence`: (M,) log-odds of each of their rows;
+        probability: (M,) that the person was there; `kept`: (M,) whether it is reported.
+    """
 
     boxes: Boxes
     views: GroundViews
@@ -51,7 +51,136 @@ class Solution(eqx.Module):
     kept: Bool[np.ndarray, " node"]
 
 
-def calibration_subset(detections: Detections, limit: int) -> Detections:
+def solve(
+    detections: Detections,
+    scene: Scene,
+    settings: EvidenceSettings | None = None,
+    *,
+    progress: Progress | None = None,
+) -> EvidenceSolution:
+    """Find the people of a sequence by weighing what every camera saw and did not see.
+
+    Args:
+        detections: boxes of all cameras and frames, in any order.
+        scene: rig and ground in any units; cameras that are not registered are ignored.
+        settings: constants and switches.
+        progress: called as `progress(stage, done, total)`.
+
+    Returns:
+        Tracks and all intermediate products, in float64 whatever the caller's default is.
+
+    Raises:
+        InsufficientDataError: if no box of a registered camera stands on the ground.
+    """
+    settings = settings or EvidenceSettings()
+    report = progress or (lambda stage, done, total: None)
+    with jax.enable_x64(True):
+        report("self-calibration", 0, 1)
+        views, noise = self_calibrate(detections, scene, settings)
+        boxes = prepare_boxes(detections, scene.rig, settings)
+        measured = measure_boxes(boxes, _covered(boxes), views, noise, settings)
+        return _solve(boxes, measured, views, noise, settings, report)
+
+
+def self_calibrate(
+    detections: Detections, scene: Scene, settings: EvidenceSettings
+) -> tuple[GroundViews, Noise]:
+    """Learn the unit H0, the noise of the boxes and their offsets from part of the sequence."""
+    boxes = prepare_boxes(_subset(detections, settings.calibration_frames), scene.rig, settings)
+    unit = median_height(boxes, ground_views(scene, 1.0))
+    if not np.isfinite(unit):
+        raise InsufficientDataError(
+            f"None of the {len(boxes.row)} boxes of registered cameras shows a whole person on the "
+            "ground. Check that rig and ground plane belong to these detections."
+        )
+    views = ground_views(scene, unit)
+    noise = start_noise(scene.rig.camera_count, settings)
+    if settings.self_calibrate:
+        covered = _covered(boxes)
+        for _ in range(settings.calibration_rounds):
+            measured = measure_boxes(boxes, covered, views, noise, settings)
+            groups = _group(boxes, measured, noise, None, None, None)
+            noise, ratio = learn_noise(noise, groups, measured, boxes, views, settings)
+            unit = unit * ratio
+            views = ground_views(scene, unit)
+    return views, noise
+
+
+def _solve(
+    boxes: Boxes,
+    measured: Measurements,
+    views: GroundViews,
+    noise: Noise,
+    settings: EvidenceSettings,
+    report: Progress,
+) -> EvidenceSolution:
+    spread, density = float(noise.spread), float(noise.density)
+    appearance = compare_frames(boxes) if settings.use_appearance else None
+    ratio = looks = slot = None
+    if appearance is not None:
+        ratio = learn_ratio(appearance, _group(boxes, measured, noise, None, None, None), settings)
+        if ratio is not None:
+            looks, slot = settings.appearance_weight * ratio, appearance.slot
+    time = _steps(boxes.frames)
+    # One instant has no tracks: every group speaks for itself.
+    passes = settings.passes if settings.track and len(time) > 1 else 0
+    priors = None
+    for index in range(max(passes, 1)):
+        report("association", index, max(passes, 1))
+        groups = _group(boxes, measured, noise, looks, slot, priors)
+        state, covariance = mean_and_covariance(groups.info, spread)
+        agreement = _agreement(groups, ratio, appearance, settings)
+        seen = predict_views(state, groups.frame, groups.member, boxes, views)
+        n = len(boxes.row)
+        rate = learn_detection_rate(seen, groups.member, boxes.size[:n], boxes.camera[:n], settings)
+        existence = judge_groups(groups, agreement, measured, boxes, views, rate(seen), settings)
+        if passes == 0:
+            trails = unlinked(groups.frame, state, covariance)
+            evidence = existence.log_odds
+            probability = 1 / (1 + np.exp(-np.clip(evidence, -50, 50)))
+            break
+        count = (groups.member >= 0).sum(1)
+        sure = (count >= min(3, groups.member.shape[1])) & (existence.log_odds > SURE_LOG_ODDS)
+        motion = estimate_motion(state[sure, :2], groups.frame[sure], time)
+        trails = follow(groups, existence.log_odds, time, motion, density, spread, settings)
+        evidence = _row_evidence(trails, existence, boxes, views, rate, settings)
+        probability = presence(trails, evidence, settings.appear_evidence, settings.leave_evidence)
+        priors = _track_priors(trails[probability > 0.5], groups)
+    report("association", max(passes, 1), max(passes, 1))
+    kept = probability > 0.5
+    kept &= probability_within(trails.covariance[:, :2, :2], settings.report_radius) > 0.5
+    if settings.working_area:
+        member = np.full((len(trails), boxes.table.shape[1]), -1)
+        rows = np.flatnonzero(kept)
+        seen = predict_views(trails.mean[rows, :3], trails.frame[rows], member[rows], boxes, views)
+        kept[rows] = in_working_area(trails.mean[rows, :3], seen, views, noise, settings)
+    return EvidenceSolution(
+        boxes=boxes,
+        views=views,
+        noise=noise,
+        measurements=measured,
+        groups=groups,
+        existence=existence,
+        state=state,
+        covariance=covariance,
+        trails=trails,
+        evidence=evidence,
+        probability=probability,
+        kept=kept,
+    )
+
+
+def probability_within(covariance: np.ndarray, radius: float) -> np.ndarray:
+    """(M,) probability that a Gaussian error (M, 2, 2) stays within a radius of the same unit."""
+    values = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 1e-12))
+    # The disc in polar coordinates of the whitened plane, whose radial integral is closed form.
+    angle = (np.arange(64) + 0.5) * (2 * np.pi / 64)
+    stretch = (values[:, :1] * np.cos(angle)) ** 2 + (values[:, 1:] * np.sin(angle)) ** 2
+    return (1 - np.exp(-0.5 * radius**2 / stretch)).mean(1)
+
+
+def _subset(detections: Detections, limit: int) -> Detections:
+    """Detections of at most `limit` frames, evenly spread."""
     frames = np.unique(detections.frame)
     if len(frames) <= limit:
         return detections
@@ -59,121 +188,57 @@ def calibration_subset(detections: Detections, limit: int) -> Detections:
     return detections[np.isin(detections.frame, chosen)]
 
 
-def self_calibrate(detections: Detections, scene: Scene, settings: EvidenceSettings):
-    """Learn noise, offsets and H0 from a part of the sequence."""
-    boxes = prepare_boxes(
-        calibration_subset(detections, settings.calibration_frames), scene.rig, settings
-    )
-    views = ground_views(scene, 1.0)
-    unit = median_height(boxes, views)
-    if not np.isfinite(unit):
-        raise InsufficientDataError("no box stands on the ground")
-    views = ground_views(scene, unit)
-    noise = start_noise(scene.rig.camera_count, settings)
-    covered = np.asarray(covered_feet(boxes.box, boxes.frame, boxes.camera, boxes.table))
-    if not settings.self_calibrate:
-        return views, noise
-    for _ in range(settings.calibration_rounds):
-        measured = measure_boxes(boxes, covered, views, noise, settings)
-        groups = _group(boxes, measured, noise, None, None, None)
-        noise, ratio = learn_noise(noise, groups, measured, boxes, views, settings)
-        unit = unit * ratio
-        views = ground_views(scene, unit)
-    return views, noise
+def _covered(boxes: Boxes) -> np.ndarray:
+    return np.asarray(covered_feet(boxes.box, boxes.frame, boxes.camera, boxes.table))
+
+
+def _steps(frames: np.ndarray) -> np.ndarray:
+    """Time of each frame in units of the sequence's usual step."""
+    time = frames.astype(float)
+    return (time - time[:1]) / np.median(np.diff(time)) if len(time) > 1 else np.zeros(len(time))
 
 
 def _group(boxes, measured, noise, looks, slot, priors) -> Groups:
     return associate(
-        measured.info, measured.state[:, :2], measured.covariance[:, :2, :2],
-        np.minimum(boxes.frame, len(boxes.frames) - 1), boxes.camera, measured.valid,
-        boxes.table.shape[1], float(noise.density), float(noise.spread), looks, slot, priors,
-    )  # fmt: skip
-
-
-def solve(
-    detections: Detections,
-    scene: Scene,
-    settings: EvidenceSettings,
-    *,
-    progress: Progress | None = None,
-) -> Solution:
-    """Find the people of a sequence."""
-    with jax.enable_x64(True):
-        return _solve(detections, scene, settings, progress)
-
-
-def _solve(detections, scene, settings: EvidenceSettings, progress) -> Solution:
-    views, noise = self_calibrate(detections, scene, settings)
-    boxes = prepare_boxes(detections, scene.rig, settings)
-    covered = np.asarray(covered_feet(boxes.box, boxes.frame, boxes.camera, boxes.table))
-    measured = measure_boxes(boxes, covered, views, noise, settings)
-    spread, density = float(noise.spread), float(noise.density)
-    appearance = compare_frames(boxes) if settings.use_appearance else None
-    ratio = looks = slot = None
-    if appearance is not None:
-        groups = _group(boxes, measured, noise, None, None, None)
-        ratio = learn_ratio(appearance, groups, settings)
-        if ratio is not None:
-            looks, slot = settings.appearance_weight * ratio, appearance.slot
-    time = boxes.frames.astype(float)
-    step = np.median(np.diff(time)) if len(time) > 1 else 1.0
-    time = (time - time[0]) / step
-    priors = None
-    for index in range(settings.passes if settings.track else 1):
-        groups = _group(boxes, measured, noise, looks, slot, priors)
-        state, covariance = mean_and_covariance(groups.info, spread)
-        agreement = np.zeros(len(groups))
-        if ratio is not None:
-            views_count = (groups.member >= 0).sum(1)
-            pairs = np.maximum(views_count * (views_count - 1) / 2, 1)
-            agreement = (
-                settings.appearance_weight * (views_count - 1)
-                * group_agreement(ratio, appearance, groups.member) / pairs
-            )  # fmt: skip
-        seen = predict_views(state, groups.frame, groups.member, boxes, views)
-        n = len(boxes.row)
-        rate = learn_detection_rate(seen, groups.member, boxes.size[:n], boxes.camera[:n], settings)
-        probability = rate(seen)
-        existence = judge_groups(groups, agreement, measured, boxes, views, probability, settings)
-        sure = ((groups.member >= 0).sum(1) >= min(3, boxes.table.shape[1])) & (
-            existence.log_odds > 3
-        )
-        motion = estimate_motion(state[sure, :2], groups.frame[sure], time)
-        if not settings.track or len(time) == 1:
-            time_free = np.arange(len(groups))
-            trails = Trails(time_free, groups.frame, time_free,
-                            np.concatenate([state, np.zeros((len(groups), 2))], 1),
-                            np.pad(covariance, ((0, 0), (0, 2), (0, 2))))  # fmt: skip
-            evidence = existence.log_odds
-            probability = 1 / (1 + np.exp(-evidence))
-            kept = evidence > 0
-            break
-        trails = follow(groups, existence.log_odds, time, motion, density, spread, settings)
-        evidence = _node_evidence(trails, existence, boxes, views, rate, settings)
-        probability = presence(trails, evidence, settings.appear_evidence, settings.leave_evidence)
-        kept = probability > 0.5
-        if index < settings.passes - 1:
-            priors = _track_priors(trails[kept], groups)
-        if progress is not None:
-            progress("evidence", index + 1, settings.passes)
-    return Solution(
-        boxes,
-        views,
-        noise,
-        measured,
-        groups,
-        existence,
-        state,
-        covariance,
-        trails,
-        evidence,
-        probability,
-        kept,
+        measured.info,
+        measured.state[:, :2],
+        measured.covariance[:, :2, :2],
+        np.minimum(boxes.frame, len(boxes.frames) - 1),
+        boxes.camera,
+        measured.valid,
+        boxes.table.shape[1],
+        float(noise.density),
+        float(noise.spread),
+        looks,
+        slot,
+        priors,
     )
 
 
-def _node_evidence(trails, existence, boxes, views, rate, settings) -> np.ndarray:
-    limit = settings.evidence_limit
+def _agreement(
+    groups: Groups,
+    ratio: np.ndarray | None,
+    appearance: Appearance | None,
+    settings: EvidenceSettings,
+) -> np.ndarray:
+    """(H,) what the likeness of its boxes says about each group: of k boxes k - 1 are new."""
+    if ratio is None or appearance is None:
+        return np.zeros(len(groups))
+    count = (groups.member >= 0).sum(1)
+    pairs = np.maximum(count * (count - 1) / 2, 1)
+    mean = group_agreement(ratio, appearance, groups.member) / pairs
+    return settings.appearance_weight * (count - 1) * mean
+
+
+def _row_evidence(
+    trails: Trails,
+    existence: Existence,
+    boxes: Boxes,
+    views: GroundViews,
+    rate: DetectionRate,
+    settings: EvidenceSettings,
+) -> np.ndarray:
+    """(M,) log-odds of each row of the tracks; in a gap all cameras missed the person."""
     evidence = np.zeros(len(trails))
     seen = trails.group >= 0
     evidence[seen] = existence.log_odds[trails.group[seen]]
@@ -182,7 +247,7 @@ def _node_evidence(trails, existence, boxes, views, rate, settings) -> np.ndarra
         member = np.full((len(gaps), boxes.table.shape[1]), -1)
         expected = predict_views(trails.mean[gaps, :3], trails.frame[gaps], member, boxes, views)
         evidence[gaps] = misses(rate(expected), member)
-    return np.clip(evidence, -limit, limit)
+    return np.clip(evidence, -settings.evidence_limit, settings.evidence_limit)
 
 
 def _track_priors(trails: Trails, groups: Groups) -> Priors:
@@ -193,10 +258,12 @@ def _track_priors(trails: Trails, groups: Groups) -> Priors:
     own = groups.info[trails.group[seen]]
     precision[seen] -= own.matrix
     vector[seen] -= own.vector
-    # Never vaguer than a person who may be anywhere within a few metres.
     values, axes = np.linalg.eigh(precision)
-    values = np.maximum(values, 0.05)
+    values = np.maximum(values, VAGUEST_PRIOR)
     covariance = np.einsum("nij,nj,nkj->nik", axes, 1 / values, axes)
     mean = np.einsum("nij,nj->ni", covariance, vector)
     order = np.lexsort((trails.track, trails.frame))
     return Priors(trails.frame[order], mean[order], covariance[order])
+
+
+VAGUEST_PRIOR = 0.05  # per H0²: a tracked person is somewhere within a few metres

@@ -4,7 +4,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from catfree.evidence.association import Groups
 from catfree.evidence.constants import EvidenceSettings
@@ -72,8 +72,8 @@ def estimate_motion(position: np.ndarray, frame: np.ndarray, time: np.ndarray) -
         a, b = position[bounds[t] : bounds[t + 1]], position[bounds[t + 1] : bounds[t + 2]]
         if len(a) == 0 or len(b) == 0 or time[t + 1] - time[t] > 1.5:
             continue
-        _, ab = cKDTree(b).query(a)
-        _, ba = cKDTree(a).query(b)
+        _, ab = KDTree(b).query(a)
+        _, ba = KDTree(a).query(b)
         mutual = ba[ab] == np.arange(len(a))
         steps.append((b[ab] - a)[mutual])
     if not steps or sum(map(len, steps)) < 10:
@@ -114,8 +114,12 @@ def _link_gain(mean, covariance, info: Information, density, spread, gate):
     center, around = mean_and_covariance(info, spread)
     d = mean[:, None, :2] - center[None, :, :2]
     S = covariance[:, None, :2, :2] + around[None, :, :2, :2]
-    m2 = (S[..., 1, 1] * d[..., 0] ** 2 - 2 * S[..., 0, 1] * d[..., 0] * d[..., 1]
-          + S[..., 0, 0] * d[..., 1] ** 2) / (S[..., 0, 0] * S[..., 1, 1] - S[..., 0, 1] ** 2)  # fmt: skip
+    cross = S[..., 0, 0] * S[..., 1, 1] - S[..., 0, 1] ** 2
+    m2 = (
+        S[..., 1, 1] * d[..., 0] ** 2
+        - 2 * S[..., 0, 1] * d[..., 0] * d[..., 1]
+        + S[..., 0, 0] * d[..., 1] ** 2
+    ) / cross
     return np.where(m2 < gate, gain, -np.inf)
 
 
@@ -135,7 +139,8 @@ def follow(
         log_odds: (H,) existence.
         time: (F,) time of each frame in usual steps.
         motion: how people move.
-        density, spread: people per H0² and the spread of heights.
+        density: people per H0².
+        spread: of heights in H0.
         settings: constants.
 
     Returns:
@@ -220,6 +225,18 @@ def _smooth(history, time, motion: Motion) -> Trails:
     columns = [np.concatenate(x) for x in zip(*rows, strict=True)]
     order = np.lexsort((columns[1], columns[0]))
     return Trails(*(x[order] for x in columns))
+
+
+def unlinked(frame: np.ndarray, state: np.ndarray, covariance: np.ndarray) -> Trails:
+    """Every group (frame (H,), state (H, 3), covariance (H, 3, 3)) as a track of its own."""
+    number = np.arange(len(frame))
+    return Trails(
+        number,
+        frame,
+        number,
+        np.pad(state, ((0, 0), (0, 2))),
+        np.pad(covariance, ((0, 0), (0, 2), (0, 2))),
+    )
 
 
 def presence(trails: Trails, evidence: np.ndarray, entry: float, leave: float) -> np.ndarray:

@@ -106,7 +106,7 @@ def _inverse(matrix: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def safe_ratio(numerator: Array, denominator: Array) -> Array:
-    """numerator / denominator, finite where the denominator is not positive."""
+    """Numerator / denominator, finite where the denominator is not positive."""
     return numerator / jnp.where(denominator > 1e-9, denominator, 1e-9)
 
 

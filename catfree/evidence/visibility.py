@@ -151,7 +151,8 @@ def learn_detection_rate(
     Args:
         seen: (H, C) expected views.
         member: (H, C) detection or -1.
-        size: (n,) box heights; camera: (n,) their cameras.
+        size: (n,) box heights.
+        camera: (n,) their cameras.
         settings: constants.
     """
     C = member.shape[1]

@@ -5,7 +5,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from catfree.evidence.boxes import padded_length
 from catfree.evidence.constants import EvidenceSettings
