@@ -163,7 +163,9 @@ def nearest_rotation(matrix: Float[Array, "dim dim"]) -> Float[Array, "dim dim"]
     sums = eigenvalues[:, None] + eigenvalues[None, :]
     floor = epsilon(matrix.dtype) * values[0]
     sums = jnp.maximum(sums, jnp.where(floor > 0, floor, 1))
-    turn = right.T @ (skew / sums) @ right
+    # Rounding on the diagonal would be divided by the smallest singular value, which may be 0.
+    diagonal = jnp.eye(matrix.shape[0], dtype=bool)
+    turn = right.T @ jnp.where(diagonal, 0, skew / sums) @ right
     return rotation + rotation @ turn
 
 

@@ -56,14 +56,14 @@ def solve(matrix: Float[Array, "3 3"], vector: Float[Array, "3"]) -> Float[Array
         vector: (3,) right-hand side.
 
     Returns:
-        (3,) the solution after one step of iterative refinement; finite (and of no meaning along
-        the null space) where the matrix is singular.
+        (3,) the solution, as exact as the matrix's condition allows; finite, and of no meaning
+        along the null space, where the matrix is singular.
     """
     return solve_factored(cholesky(matrix), vector)
 
 
 def inverse(matrix: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
-    """Inverse of a symmetric positive definite matrix, exactly symmetric.
+    """Inverse of a symmetric positive definite matrix.
 
     Args:
         matrix: (3, 3) symmetric positive semi-definite.

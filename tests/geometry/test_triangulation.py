@@ -200,7 +200,7 @@ def test_float32_agrees_with_float64_far_away_and_at_any_scale(x64, case, scale,
 ORIGINS = [[0.0, 0, 3], [8, 0, 3], [0, 8, 3]]
 DEGENERATE = {
     "parallel rays": (ORIGINS, [[0.6, 0, -0.8]] * 3, [1, 1, 1]),
-    "opposite rays": (ORIGINS[:2], [[1, 0, 0], [-1, 0, 0]], [1, 1]),
+    "opposite rays": (ORIGINS, [[1, 0, 0], [-1, 0, 0], [0, 0, 1]], [1, 1, 0]),
     "coincident centres": ([[1.0, 2, 3]] * 3, [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [1, 1, 1]),
     "coincident rays": ([[1.0, 2, 3]] * 3, [[1, 0, 0]] * 3, [1, 1, 1]),
     "one ray": (ORIGINS, [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [1, 0, 0]),
@@ -210,7 +210,7 @@ DEGENERATE = {
         [[0.8, 0, -0.6], [-0.8, 0, -0.6], [np.nan] * 3],
         [1, 1, 0],
     ),
-    "two equal rays far apart": (ORIGINS[:2], [[0, 1, 0], [0, 0, 1]], [1, 1]),
+    "two equal rays far apart": (ORIGINS, [[0, 1, 0], [0, 0, 1], [0, 0, 1]], [1, 1, 0]),
     "NaN weight": (ORIGINS, [[0.8, 0, -0.6], [-0.8, 0, -0.6], [0, 0, 1]], [1, 1, np.nan]),
 }
 
@@ -231,7 +231,8 @@ def test_degenerate_rays_give_finite_values_and_gradients(x64, name, dtype):
 
 def test_degenerate_answers_by_hand(x64):
     def solve(name):
-        return np.asarray(triangulate(*map(np.asarray, DEGENERATE[name]), DELTA).position)
+        case = [np.asarray(a, np.float64) for a in DEGENERATE[name]]
+        return np.asarray(triangulate(*case, DELTA).position)
 
     np.testing.assert_allclose(solve("one ray"), ORIGINS[0])
     np.testing.assert_allclose(solve("no ray"), 0)

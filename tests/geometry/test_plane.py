@@ -1,0 +1,190 @@
+"""Planes: distances, intersections, least-squares fits and RANSAC."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import assume, given, strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy.spatial.transform import Rotation
+
+from catfree import Plane, geometry
+from catfree.geometry import Similarity
+
+points3 = hnp.arrays(np.float64, 3, elements=st.floats(-10, 10))
+units = hnp.arrays(np.float64, 3, elements=st.floats(-1, 1)).filter(
+    lambda v: np.linalg.norm(v) > 0.1
+)
+
+intersect = jax.jit(geometry.intersect_ray)
+fit = jax.jit(geometry.fit_plane)
+
+
+def normal_and_offset(points, weights):
+    plane = geometry.fit_plane(points, weights, toward=jnp.array([0.0, 0, 50]))
+    return jnp.concatenate([plane.normal, plane.offset[None]])
+
+
+fit_reverse = jax.jit(jax.jacrev(normal_and_offset, (0, 1)))
+fit_forward = jax.jit(jax.jacfwd(normal_and_offset, (0, 1)))
+fit_value = jax.jit(normal_and_offset)
+
+
+@given(units, st.floats(-5, 5), points3)
+def test_distance_is_that_to_the_projection(x64, normal, offset, point):
+    plane = Plane(normal, offset)
+    found = geometry.plane_distance(plane, point)
+    np.testing.assert_allclose(found, np.linalg.norm(point - plane.project(point)), atol=1e-12)
+    assert found >= 0
+
+
+@given(units, st.floats(-5, 5), points3, units)
+def test_a_valid_intersection_lies_on_plane_and_ray(x64, normal, offset, origin, direction):
+    plane = Plane(normal, offset)
+    direction = direction / np.linalg.norm(direction)
+    slope = plane.normal @ direction
+    assume(abs(slope) > 1e-3)
+    position, valid = intersect(plane, origin, direction)
+    assert valid == (-plane.signed_distance(origin) / slope >= 0)
+    np.testing.assert_allclose(plane.signed_distance(np.asarray(position)), 0, atol=1e-9)
+    if valid:
+        np.testing.assert_allclose(np.cross(position - origin, direction), 0, atol=1e-8)
+
+
+@pytest.mark.parametrize("direction", [[1.0, 0, 0], [0.0, 0, 1], [1, 0, 1e-30]])
+def test_rays_that_miss_the_plane_are_finite_and_invalid(direction):
+    floor = Plane(np.array([0, 0, 1], np.float32), np.float32(0))
+    origin = jnp.array([1.0, 2, 3])
+    position, valid = geometry.intersect_ray(floor, origin, jnp.asarray(direction))
+    assert not valid
+    np.testing.assert_array_equal(position, [1, 2, 0])
+    jacobian = jax.jacrev(lambda d: geometry.intersect_ray(floor, origin, d)[0])(
+        jnp.asarray(direction)
+    )
+    assert np.isfinite(jacobian).all()
+
+
+@st.composite
+def clouds(draw, count=8):
+    """Points near a floor-like plane, thin in one direction only."""
+    flat = draw(hnp.arrays(np.float64, (count, 2), elements=st.floats(-5, 5)))
+    height = draw(hnp.arrays(np.float64, count, elements=st.floats(-0.3, 0.3)))
+    weights = draw(hnp.arrays(np.float64, count, elements=st.floats(0.1, 1)))
+    points = np.column_stack([flat, height])
+    offsets = points - weights @ points / weights.sum()
+    values = np.linalg.eigvalsh(offsets.T @ (weights[:, None] * offsets))
+    assume(values[1] > 3 * values[0] + 0.5)
+    assume(values[0] > 1e-6)
+    return points, weights
+
+
+@given(clouds())
+def test_fit_is_the_smallest_principal_axis(x64, cloud):
+    points, weights = cloud
+    plane = fit(points, weights)
+    mean = weights @ points / weights.sum()
+    offsets = points - mean
+    values, vectors = np.linalg.eigh(offsets.T @ (weights[:, None] * offsets))
+    np.testing.assert_allclose(abs(plane.normal @ vectors[:, 0]), 1, atol=1e-10)
+    np.testing.assert_allclose(plane.signed_distance(mean), 0, atol=1e-10)
+    residual = weights @ np.asarray(plane.signed_distance(points)) ** 2
+    np.testing.assert_allclose(residual, values[0], rtol=1e-6, atol=1e-12)
+
+
+@given(clouds(count=5))
+def test_fit_differentiates(x64, cloud):
+    reverse, forward = fit_reverse(*cloud), fit_forward(*cloud)
+    size = 1e-6
+    for argument in range(2):
+        np.testing.assert_allclose(forward[argument], reverse[argument], atol=1e-9)
+        for index in np.ndindex(cloud[argument].shape):
+            sides = []
+            for step in (size, -size):
+                moved = [a.copy() for a in cloud]
+                moved[argument][index] += step
+                sides.append(np.asarray(fit_value(*moved)))
+            slope = (sides[0] - sides[1]) / (2 * size)
+            at = (slice(None), *index)
+            np.testing.assert_allclose(
+                reverse[argument][at], slope, atol=1e-5 * (1 + np.abs(slope).max())
+            )
+
+
+@given(clouds())
+def test_absent_points_do_not_count(x64, cloud):
+    points, weights = cloud
+    padded = np.concatenate([points, np.full((1, 3), np.nan)])
+    more = np.append(weights, 0.0)
+    np.testing.assert_allclose(fit_value(padded, more), fit_value(points, weights), atol=1e-12)
+    assert (np.asarray(fit_reverse(padded, more)[0][:, -1]) == 0).all()
+
+
+@pytest.mark.parametrize(
+    "points",
+    [np.zeros((4, 3)), np.outer(np.arange(4.0), [1, 2, 3]), np.eye(4, 3), np.full((4, 3), 1e4)],
+)
+def test_points_without_a_plane_give_finite_values_and_gradients(points):
+    points = points.astype(np.float32)
+    assert np.isfinite(fit_value(points, np.ones(4, np.float32))).all()
+    assert np.isfinite(fit_value(points, np.zeros(4, np.float32))).all()
+    for jacobian in fit_reverse(points, np.ones(4, np.float32)):
+        assert np.isfinite(jacobian).all()
+
+
+def scene_cloud(rng, floor=300, clutter=200):
+    """A floor with 2 cm of noise and clutter up to 3 m above it."""
+    ground = np.column_stack([rng.uniform(-8, 8, (floor, 2)), rng.normal(0, 0.02, floor)])
+    above = rng.uniform([-8, -8, 0.3], [8, 8, 3], (clutter, 3))
+    return np.concatenate([ground, above])
+
+
+@given(
+    st.integers(0, 20),
+    hnp.arrays(np.float64, 6, elements=st.floats(-3, 3)),
+    st.sampled_from([1e-3, 1.0, 1e3]),
+)
+def test_ransac_finds_the_floor_wherever_the_scene_is_moved(x64, seed, motion, scale):
+    cloud = scene_cloud(np.random.default_rng(seed))
+    rotation = Rotation.from_rotvec(motion[:3]).as_matrix()
+    move = Similarity(scale, rotation, 10 * scale * motion[3:])
+    key = jax.random.key(seed)
+    found = geometry.fit_plane_ransac(cloud, key)
+    moved = geometry.fit_plane_ransac(move(cloud), key)
+    # Points are above the floor, so the normal points up.
+    assert found.plane.normal[2] > np.cos(np.radians(0.3))
+    assert abs(found.plane.offset) < 0.03
+    assert found.inliers[:300].mean() > 0.95
+    np.testing.assert_allclose(moved.plane.normal, rotation @ found.plane.normal, atol=1e-8)
+    np.testing.assert_array_equal(moved.inliers, found.inliers)
+    expected = geometry.transform_plane(move, found.plane)
+    np.testing.assert_allclose(moved.plane.offset, expected.offset, atol=1e-7 * scale)
+
+
+def test_ransac_prefers_the_floor_to_clutter_with_a_given_threshold_and_orientation(x64):
+    cloud = scene_cloud(np.random.default_rng(0), floor=60, clutter=300)
+    found = geometry.fit_plane_ransac(
+        cloud, jax.random.key(1), threshold=0.06, iterations=2000, toward=np.array([0, 0, -9.0])
+    )
+    assert found.plane.normal[2] < -np.cos(np.radians(1))
+    distances = np.abs(np.asarray(found.plane.signed_distance(cloud)))
+    np.testing.assert_array_equal(found.inliers, distances <= 0.06)
+
+
+def test_ransac_ignores_points_that_are_masked_out():
+    cloud = scene_cloud(np.random.default_rng(0)).astype(np.float32)
+    mask = np.ones(len(cloud), bool)
+    mask[::3] = False
+    cloud[~mask] = np.nan
+    found = geometry.fit_plane_ransac(cloud, jax.random.key(0), where=mask)
+    assert found.plane.normal[2] > 0.9999
+    assert found.plane.normal.dtype == jnp.float32
+    assert not found.inliers[~mask].any()
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3])
+def test_ransac_of_too_few_points_is_finite(count):
+    points = np.arange(12, dtype=np.float32).reshape(4, 3) ** 2
+    found = geometry.fit_plane_ransac(points, jax.random.key(0), where=np.arange(4) < count)
+    assert np.isfinite(found.plane.normal).all()
+    assert np.isfinite(found.plane.offset)
+    assert found.inliers.sum() <= count
