@@ -5,3 +5,4 @@ from catfree.rig.pedestrians.calibrate import (
     calibrate as calibrate,
 )
 from catfree.rig.pedestrians.constants import CalibrationSettings as CalibrationSettings
+from catfree.rig.pedestrians.offsets import remove_offsets as remove_offsets

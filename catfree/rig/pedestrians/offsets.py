@@ -20,8 +20,10 @@ from catfree.rig.pedestrians.verdict import judge_camera
 from catfree.rig.pedestrians.workspace import Workspace
 from catfree.types import Detections
 
-TRIED_OFFSETS = 4  # offsets of an unplaced camera that are refined
-WIDE_TOLERANCE = 0.05  # share of the range, while people are met at the wrong instant
+TRIED_OFFSETS = 16  # offsets of an unplaced camera that are refined
+WIDE_TOLERANCE = 0.03  # share of the range, while people are met at the wrong instant
+CLIMB = 2  # shifts to either side that are tried from the best
+KNOWN_FOCAL_SD = 0.05  # of log focal: the rig has fixed it already
 
 
 def remove_offsets(detections: Detections, frame_offset: np.ndarray) -> Detections:
@@ -49,51 +51,80 @@ def find_offsets(
     Returns:
         The corrected sequence, its rig, and (C,) offsets in frame numbers.
     """
-    grid, state = work.grid, registered.rig.state
+    grid = work.grid
     step = max(1, int(np.median(np.diff(grid.frames))))
     reach = min(maximum // step, grid.frame_count // 3)
     shifts = sorted(range(-reach, reach + 1), key=abs)
     found = np.zeros(grid.camera_count, np.int64)
-    for camera in range(grid.camera_count):
-        search = _offset_of_placed if state.placed[camera] else _offset_of_unplaced
-        found[camera] = search(work, state, camera, shifts)
-        report("offsets", camera + 1, grid.camera_count)
-    # Only differences can be seen: most cameras keep their clock.
-    found -= int(np.median(found[state.placed])) if state.placed.any() else 0
-    if not found.any():
-        return work, registered, found
-    for camera in np.flatnonzero(found):
-        grid = grid.shifted(int(camera), -int(found[camera]))
-    corrected = Workspace(grid, work.settings)
-    try:
-        again = register_cameras(corrected, report)
-    except CalibrationError:
-        return work, registered, np.zeros_like(found)
-    before, after = (
-        (len(r.verdicts), sum(v.margin for v in r.verdicts.values())) for r in (registered, again)
-    )
-    if after <= before:
-        return work, registered, np.zeros_like(found)
-    return corrected, again, found * step
+    for done in range(grid.camera_count):
+        state, cameras = registered.rig.state, np.flatnonzero(found == 0)
+        # One camera at a time, the clearest first: a wrong clock also bends the others' fit.
+        gains = [
+            (_offset_of_placed if state.placed[c] else _offset_of_unplaced)(
+                work, state, int(c), shifts
+            )
+            for c in cameras
+        ]
+        report("offsets", done + 1, grid.camera_count)
+        if not gains or max(gains)[0] <= work.settings.minimum_margin:
+            break
+        best = int(np.argmax([gain for gain, _ in gains]))
+        camera, shift = int(cameras[best]), gains[best][1]
+        corrected = Workspace(work.grid.shifted(camera, -shift), work.settings)
+        try:
+            again = register_cameras(corrected, report)
+        except CalibrationError:
+            break
+        if _quality(again) <= _quality(registered):
+            break
+        work, registered = corrected, again
+        found[camera] = shift
+    return work, registered, found * step
 
 
-def _offset_of_placed(work: Workspace, state: RigState, camera: int, shifts: list[int]) -> int:
-    """The shift at which a placed camera agrees best with the others."""
+def _quality(registered: RegisteredRig) -> tuple[int, float]:
+    """Number of placed cameras, then the sum of their evidence."""
+    return len(registered.verdicts), sum(v.margin for v in registered.verdicts.values())
+
+
+def _offset_of_placed(
+    work: Workspace, state: RigState, camera: int, shifts: list[int]
+) -> tuple[float, int]:
+    """Gain in evidence and shift at which a placed camera, refitted, agrees best."""
     wide = replace(state, range_tolerance=np.full(len(state.placed), WIDE_TOLERANCE))
     others = group_people(work.grid, wide, work.settings, without=camera).ground
-    evidence = [
-        judge_camera(
-            work, wide, camera, grid=work.grid.shifted(camera, -shift), others=others
-        ).judgement.evidence
-        for shift in shifts
-    ]
-    best = int(np.argmax(evidence))
-    # The clock as given is the first of the shifts; another one must be clearly better.
-    return shifts[best] if evidence[best] > evidence[0] + work.settings.minimum_margin else 0
+    log_focal = float(state.parameters[camera, LOG_FOCAL])
+    evidence: dict[int, float] = {}
+    best = 0
+    while True:
+        for shift in range(best - CLIMB, best + CLIMB + 1):
+            if shift in evidence or shift not in shifts:
+                continue
+            grid = work.grid.shifted(camera, -shift)
+            parameters = resect(
+                grid,
+                camera,
+                state.parameters[camera],
+                others,
+                work.settings,
+                foot_offset=state.foot_offset,
+                log_focal=(log_focal, KNOWN_FOCAL_SD),
+            )
+            evidence[shift] = -np.inf
+            if parameters is not None:
+                fitted = wide.with_camera(camera, parameters, WIDE_TOLERANCE)
+                verdict = judge_camera(work, fitted, camera, grid=grid, others=others)
+                evidence[shift] = verdict.judgement.evidence
+        top = max(evidence, key=lambda shift: (evidence[shift], -abs(shift)))
+        if top == best:
+            return evidence[best] - evidence[0], best
+        best = top
 
 
-def _offset_of_unplaced(work: Workspace, state: RigState, camera: int, shifts: list[int]) -> int:
-    """The shift at which an unplaced camera can be placed, or 0 if there is none."""
+def _offset_of_unplaced(
+    work: Workspace, state: RigState, camera: int, shifts: list[int]
+) -> tuple[float, int]:
+    """Evidence and shift at which an unplaced camera can be placed; zeros if there is none."""
     settings = work.settings
     people = group_people(work.grid, state, settings).ground
     middle = float(np.median(state.parameters[state.placed, LOG_FOCAL]))
@@ -105,8 +136,10 @@ def _offset_of_unplaced(work: Workspace, state: RigState, camera: int, shifts: l
         fused = group_people(sample, state, settings).ground
         for plane in planes:
             own = work.local_map(sample, camera, plane, settings.range_tolerance)
-            for placement in vote(fused, own, settings, 1):
-                candidates.append((placement.score, shift, placement.place(plane)))
+            candidates += [
+                (placement.score, shift, placement.place(plane))
+                for placement in vote(fused, own, settings, 1)
+            ]
     candidates.sort(key=lambda item: -item[0])
     best = (0.0, 0)
     for _, shift, start in candidates[:TRIED_OFFSETS]:
@@ -131,7 +164,7 @@ def _offset_of_unplaced(work: Workspace, state: RigState, camera: int, shifts: l
         )
         if verdict.accepted and verdict.margin > best[0]:
             best = verdict.margin, shift
-    return best[1]
+    return best
 
 
 def _thinned(grid: BoxGrid, settings: CalibrationSettings) -> BoxGrid:
