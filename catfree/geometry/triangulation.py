@@ -17,8 +17,8 @@ from jaxtyping import Array, Bool, Float, Int, Real
 from catfree.geometry import symmetric3
 from catfree.geometry.arrays import HostOrDevice, Scalar, epsilon, float_arrays, safe_norm
 
-# Bounds on the work: of 2 million random problems with up to 30 % wrong rays, half take fewer than
-# seven steps, one in a hundred more than 20, none more than 50.
+# Bounds the work: over half a million random problems of 2 to 7 rays with up to 30 % wrong ones,
+# the mean was at most 9 steps and the largest number 51.
 MAXIMUM_STEPS = 60
 # After so many steps a predicted gain below the rounding of the loss is taken for noise (float32
 # pairs whose loss is almost flat).
