@@ -53,9 +53,10 @@ def localize(
     """
     settings = settings or Settings()
     report = progress or (lambda stage, done, total: None)
+    keep = _usable(detections, scene, settings)
     frame = CanonicalFrame.of(scene)
     rig = frame.rig(scene.rig)
-    observations = observe(detections, rig, keep=_usable(detections, scene, settings))
+    observations = observe(detections, rig, keep=keep)
     if len(observations) == 0:
         return empty_localization(rig.camera_count)
 
