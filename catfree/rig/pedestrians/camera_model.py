@@ -15,15 +15,15 @@ def rotation(parameters: np.ndarray) -> np.ndarray:
     """World-to-camera rotations (..., 3, 3) of parameters (..., 7)."""
     tilt, roll, pan = (parameters[..., i] for i in (TILT, ROLL, PAN))
     st, ct, sr, cr, sp, cp = (g(a) for a in (tilt, roll, pan) for g in (np.sin, np.cos))
-    zero, one = np.zeros_like(tilt), np.ones_like(tilt)
-
-    def matrix(*entries: np.ndarray) -> np.ndarray:
-        return np.stack(entries, -1).reshape((*tilt.shape, 3, 3))
-
-    tilting = matrix(one, zero, zero, zero, -st, -ct, zero, ct, -st)
-    rolling = matrix(cr, sr, zero, -sr, cr, zero, zero, zero, one)
-    panning = matrix(cp, sp, zero, -sp, cp, zero, zero, zero, one)
-    return rolling @ tilting @ panning
+    # Before roll: x to the right along the ground, y down, z forward and down.
+    R = np.zeros((*parameters.shape[:-1], 3, 3))
+    R[..., 0, 0], R[..., 0, 1] = cp, sp
+    R[..., 1, 0], R[..., 1, 1], R[..., 1, 2] = st * sp, -st * cp, -ct
+    R[..., 2, 0], R[..., 2, 1], R[..., 2, 2] = -ct * sp, ct * cp, -st
+    right, down = R[..., 0, :].copy(), R[..., 1, :].copy()
+    sr, cr = sr[..., None], cr[..., None]
+    R[..., 0, :], R[..., 1, :] = cr * right + sr * down, cr * down - sr * right
+    return R
 
 
 def project(parameters: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

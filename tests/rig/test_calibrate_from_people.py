@@ -1,0 +1,186 @@
+"""A rig from simulated people, and sequences that must not yield a confident wrong one."""
+
+import numpy as np
+import pytest
+
+from catfree.errors import CalibrationError, InvalidInputError
+from catfree.geometry import fit_similarity
+from catfree.rig.pedestrians import calibrate, remove_offsets
+from catfree.synthetic import DetectorModel, make_world
+from catfree.types import Detections
+
+DETECTOR = DetectorModel(pixel_noise=3.0, embedding_size=0, false_positives=0.5)
+SIZE = (1920, 1080)
+
+
+@pytest.fixture(scope="module")
+def world():
+    return make_world("ring4", 3, frames=60, people=7, background=1, detector=DETECTOR)
+
+
+@pytest.fixture(scope="module")
+def recovered(world):
+    """The world's calibration and the stages it reported."""
+    stages = []
+    found = calibrate(
+        world.detections, SIZE, progress=lambda stage, done, total: stages.append(stage)
+    )
+    return found, stages
+
+
+def center_errors(calibration, centers):
+    """Centre errors of the registered cameras after a similarity, and the scale."""
+    known = calibration.scene.rig.registered
+    found = np.asarray(calibration.scene.rig.centers)[known]
+    similarity = fit_similarity(found, centers[known])
+    moved = np.asarray(similarity(found))
+    return np.linalg.norm(moved - centers[known], axis=-1), 1 / float(similarity.scale)
+
+
+def replaced(detections, camera, box=None, frame=None):
+    """Detections with other boxes or frames in one camera."""
+    mine = detections.camera == camera
+    boxes, frames = detections.box.copy(), detections.frame.copy()
+    if box is not None:
+        boxes[mine] = box(boxes[mine])
+    if frame is not None:
+        frames[mine] = frame(frames[mine])
+    return Detections(frames, detections.camera, boxes)
+
+
+def assert_without(detections, camera, centers):
+    """The camera is flagged, or nothing at all is claimed; the others stay right."""
+    try:
+        found = calibrate(detections, SIZE)
+    except CalibrationError:
+        return
+    assert not found.scene.rig.registered[camera]
+    assert np.isnan(np.asarray(found.scene.rig.K)[camera]).all()
+    assert np.isnan(found.log_likelihood_ratio[camera])
+    if found.scene.rig.registered.sum() >= 3:
+        assert center_errors(found, centers)[0].max() < 0.6
+
+
+def test_a_small_world_is_recovered_in_metres(world, recovered):
+    found, stages = recovered
+    errors, scale = center_errors(found, world.true_centres)
+    assert found.scene.rig.registered.all()
+    assert errors.mean() < 0.3
+    assert abs(scale - 1) < 0.08
+    assert found.scene.metric
+    assert (np.asarray(found.scene.rig.centers)[:, 2] > 0).all()
+    focal = np.asarray(found.scene.rig.K)[:, 0, 0] / np.asarray(world.true_rig.K)[:, 0, 0]
+    assert np.abs(focal - 1).mean() < 0.05
+    assert (found.log_likelihood_ratio > 25).all()
+    assert ((found.association_rate > 0.45) & (found.association_rate <= 1)).all()
+    assert (found.focal_sd > 0).all()
+    assert np.linalg.eigvalsh(found.center_covariance).min() > -1e-9
+    assert {"pairs", "seeds", "growth"} <= set(stages)
+
+
+def test_the_order_of_boxes_does_not_matter(world, recovered):
+    order = np.random.default_rng(0).permutation(len(world.detections))
+    one, _ = recovered
+    two = calibrate(world.detections[order], SIZE)
+    np.testing.assert_array_equal(one.scene.rig.K, two.scene.rig.K)
+    np.testing.assert_array_equal(one.scene.rig.t, two.scene.rig.t)
+
+
+def test_a_shuffled_camera_is_flagged(world):
+    rng = np.random.default_rng(0)
+    frames = np.unique(world.detections.frame)
+    other = rng.permutation(frames)
+    shuffled = replaced(world.detections, 1, frame=lambda f: other[np.searchsorted(frames, f)])
+    assert_without(shuffled, 1, world.true_centres)
+
+
+def test_a_mirrored_camera_is_flagged(world):
+    mirrored = replaced(
+        world.detections,
+        2,
+        box=lambda b: np.stack([1919 - b[:, 2], b[:, 1], 1919 - b[:, 0], b[:, 3]], -1),
+    )
+    assert_without(mirrored, 2, world.true_centres)
+
+
+def test_a_camera_that_looks_elsewhere_is_flagged(world):
+    elsewhere = make_world("ring4", 9, frames=60, people=7, detector=DETECTOR).detections
+    ours, theirs = world.detections, elsewhere[elsewhere.camera == 0]
+    kept = ours[ours.camera != 0]
+    mixed = Detections(
+        np.concatenate([kept.frame, theirs.frame]),
+        np.concatenate([kept.camera, theirs.camera]),
+        np.concatenate([kept.box, theirs.box]),
+    )
+    assert_without(mixed, 0, world.true_centres)
+
+
+def test_a_camera_without_boxes_is_flagged(world):
+    found = calibrate(world.detections[world.detections.camera != 3], np.tile(SIZE, (4, 1)))
+    assert found.scene.rig.registered.tolist() == [True, True, True, False]
+
+
+def test_people_who_stand_still_prove_nothing(world):
+    first = world.detections[world.detections.frame == 0]
+    rng = np.random.default_rng(0)
+    box = np.tile(first.box, (60, 1))
+    still = Detections(
+        np.repeat(np.arange(60), len(first)),
+        np.tile(first.camera, 60),
+        box + rng.normal(0, 1, box.shape),
+    )
+    with pytest.raises(CalibrationError):
+        calibrate(still, SIZE)
+
+
+def test_ten_frames_are_too_few(world):
+    with pytest.raises(CalibrationError, match="at least 20 frames with boxes, and has 10"):
+        calibrate(world.detections[world.detections.frame < 10], SIZE)
+
+
+def test_identical_boxes_prove_nothing(world):
+    box = np.tile([900.0, 400.0, 1000.0, 650.0], (len(world.detections), 1))
+    with pytest.raises(CalibrationError):
+        calibrate(Detections(world.detections.frame, world.detections.camera, box), SIZE)
+
+
+def test_one_person_is_a_right_rig_or_none():
+    world = make_world(
+        "ring4",
+        5,
+        frames=60,
+        people=1,
+        background=0,
+        standing=0.0,
+        detector=DetectorModel(pixel_noise=3.0, embedding_size=0, false_positives=0.0),
+    )
+    try:
+        found = calibrate(world.detections, SIZE)
+    except CalibrationError:
+        return
+    if found.scene.rig.registered.sum() >= 3:
+        assert center_errors(found, world.true_centres)[0].max() < 1.0
+
+
+def test_no_boxes_at_all():
+    with pytest.raises(CalibrationError, match="needs 2 cameras"):
+        calibrate(Detections([], [], np.zeros((0, 4))), np.tile(SIZE, (3, 1)))
+
+
+def test_wrong_sizes_and_names_are_named(world):
+    with pytest.raises(InvalidInputError, match="image_size has 2 rows"):
+        calibrate(world.detections, np.tile(SIZE, (2, 1)))
+    with pytest.raises(InvalidInputError, match="image_size must be"):
+        calibrate(world.detections, 1920)
+    with pytest.raises(InvalidInputError, match="camera_names has 1"):
+        calibrate(world.detections, SIZE, camera_names=["left"])
+
+
+def test_a_late_clock_is_found_and_corrected(world):
+    late = replaced(world.detections, 1, frame=lambda f: f + 6)
+    found = calibrate(late, SIZE, maximum_offset=10)
+    assert found.scene.rig.registered.all()
+    assert abs(found.frame_offset[1] - 6) <= 1
+    assert np.abs(np.delete(found.frame_offset, 1)).max() <= 1
+    common = remove_offsets(late, np.array([0, 6, 0, 0]))
+    np.testing.assert_array_equal(common.frame, world.detections.frame)
