@@ -328,6 +328,9 @@ def _progress_bars() -> Iterator[Progress]:
 
         def progress(stage: str, done: int, total: int) -> None:
             if stage not in tasks:
+                # A stage that begins says that those before it are over.
+                for earlier in bars.tasks:
+                    bars.update(earlier.id, completed=earlier.total)
                 tasks[stage] = bars.add_task(_STAGES.get(stage, stage), total=total)
             bars.update(tasks[stage], completed=done, total=total)
 
@@ -410,7 +413,9 @@ def _read_truth(path: Path) -> np.ndarray:
 
     lines = list(csv.DictReader(read_text(path, "ground truth").splitlines()))
     header = list(lines[0]) if lines else []
-    names = ["track_id" if n == "id" and "id" not in header else n for n in TRUTH_COLUMNS]
+    # Tracks of catfree can be the truth of another run.
+    identity = "track_id" if "track_id" in header else "id"
+    names = [identity if name == "id" else name for name in TRUTH_COLUMNS]
     missing = [name for name in names if name not in header]
     if missing:
         raise FileFormatError(
