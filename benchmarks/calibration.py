@@ -94,12 +94,9 @@ def main() -> None:
     for case in cases:
         o = run_case(case)
         outcomes.append(o)
-        print(
-            f"{case.layout:12} {case.frames:6d} {case.pixel_noise:3.0f} {o.registered:4d}/{o.cameras}"
-            f"    {o.center_error:8.3f} {100 * o.focal_error:8.1f} {100 * o.scale_error:8.1f}"
-            f" {o.seconds:8.1f}",
-            flush=True,
-        )
+        world = f"{case.layout:12} {case.frames:6d} {case.pixel_noise:3.0f}"
+        errors = f"{o.center_error:8.3f} {100 * o.focal_error:8.1f} {100 * o.scale_error:8.1f}"
+        print(f"{world} {o.registered:4d}/{o.cameras}    {errors} {o.seconds:8.1f}", flush=True)
     complete = np.mean([o.registered == o.cameras for o in outcomes])
     center = np.array([o.center_error for o in outcomes])
     print(

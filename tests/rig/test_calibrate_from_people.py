@@ -5,7 +5,7 @@ import pytest
 
 from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry import fit_similarity
-from catfree.rig.pedestrians import calibrate, remove_offsets
+from catfree.rig.pedestrians import calibrate, refine_with_correspondences, remove_offsets
 from catfree.synthetic import DetectorModel, make_world
 from catfree.types import Detections
 
@@ -84,6 +84,25 @@ def test_the_order_of_boxes_does_not_matter(world, recovered):
     two = calibrate(world.detections[order], SIZE)
     np.testing.assert_array_equal(one.scene.rig.K, two.scene.rig.K)
     np.testing.assert_array_equal(one.scene.rig.t, two.scene.rig.t)
+
+
+def test_true_correspondences_do_not_harm_a_rig(world, recovered):
+    found, _ = recovered
+    real = np.flatnonzero(world.identities >= 0)
+    keys, group = np.unique(
+        np.stack([world.detections.frame[real], world.identities[real]], -1),
+        axis=0,
+        return_inverse=True,
+    )
+    members = np.full((len(keys), 4), -1)
+    members[group.reshape(-1), world.detections.camera[real]] = real
+    refined = refine_with_correspondences(found, world.detections, members)
+    before, _ = center_errors(found, world.true_centres)
+    after, _ = center_errors(refined, world.true_centres)
+    assert after.mean() < max(1.2 * before.mean(), 0.1)
+    assert refined.scene.rig.registered.all()
+    with pytest.raises(InvalidInputError, match="members must have shape"):
+        refine_with_correspondences(found, world.detections, members[:, :3])
 
 
 def test_a_shuffled_camera_is_flagged(world):

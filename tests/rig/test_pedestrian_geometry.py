@@ -6,7 +6,13 @@ from hypothesis import given, strategies as st
 
 from catfree.rig.pedestrians import CalibrationSettings
 from catfree.rig.pedestrians.bundle import BoxMeasurements, adjust
-from catfree.rig.pedestrians.camera_model import box_jacobian, predict_boxes, rotation, to_matrices
+from catfree.rig.pedestrians.camera_model import (
+    box_jacobian,
+    from_matrices,
+    predict_boxes,
+    rotation,
+    to_matrices,
+)
 from catfree.rig.pedestrians.ground_map import GroundMap, implied_height, map_ground
 from catfree.rig.pedestrians.matching import mutual_nearest, squared_distances
 from catfree.rig.pedestrians.registration import Placement, align_rigidly, turn, vote
@@ -68,6 +74,7 @@ def test_matrices_project_like_the_model(camera, distance, side):
     homogeneous = K[0] @ (R[0] @ point + t[0])
     box = one_box(camera, point[:2], 1.7, 0.0)
     assert homogeneous[1] / homogeneous[2] - 539.5 == pytest.approx(box[1], abs=1e-6)
+    np.testing.assert_allclose(from_matrices(K, R, t)[0], camera, atol=1e-9)
     np.testing.assert_allclose(rotation(camera) @ rotation(camera).T, np.eye(3), atol=1e-12)
     assert np.linalg.det(R[0]) == pytest.approx(1)
 
@@ -173,7 +180,7 @@ def exact_boxes(seed, count=60):
 
 
 def test_bundle_adjustment_recovers_a_disturbed_rig():
-    xy, height, data = exact_boxes(0)
+    xy, _, data = exact_boxes(0)
     rng = np.random.default_rng(1)
     sizes = np.array([0.05, 0.02, 0.02, 0.02, 0.3, 0.3, 0.2])
     start = RIG + sizes * rng.normal(size=RIG.shape)

@@ -149,3 +149,14 @@ def to_matrices(parameters: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, .
     K[:, :2, 2] = (size - 1) / 2
     K[:, 2, 2] = 1
     return K, R, -np.einsum("cij,cj->ci", R, parameters[:, X:])
+
+
+def from_matrices(K: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Parameters (C, 7) of cameras over the ground z = 0; the inverse of `to_matrices`."""
+    out = np.empty((len(K), 7))
+    out[:, LOG_FOCAL] = np.log(K[:, 0, 0])
+    out[:, TILT] = np.arcsin(np.clip(-R[:, 2, 2], -1, 1))
+    out[:, ROLL] = np.arctan2(-R[:, 0, 2], -R[:, 1, 2])
+    out[:, PAN] = np.arctan2(-R[:, 2, 0], R[:, 2, 1])
+    out[:, X:] = -np.einsum("cji,cj->ci", R, t)
+    return out

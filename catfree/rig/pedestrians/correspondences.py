@@ -1,0 +1,146 @@
+"""Refine a rig with people that were matched across cameras by other means.
+
+A method that weighs appearance, time and visibility groups boxes better than geometry alone does.
+Its surest groups, fed back here, make the rig sharper; then it can be run again.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.rig.pedestrians.bundle import BoxMeasurements, adjust
+from catfree.rig.pedestrians.calibrate import Calibration
+from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, from_matrices, to_matrices
+from catfree.rig.pedestrians.constants import CalibrationSettings
+from catfree.rig.pedestrians.ground_map import map_ground
+from catfree.types import Detections, Rig, Scene
+
+FEWEST_PEOPLE = 20
+SMALLEST_SD = 2.0  # pixels; no box edge is known better
+
+
+def refine_with_correspondences(
+    calibration: Calibration,
+    detections: Detections,
+    members: np.ndarray,
+    settings: CalibrationSettings | None = None,
+    *,
+    box_sd: np.ndarray | None = None,
+    iterations: int = 20,
+) -> Calibration:
+    """Bundle adjustment of a pedestrian rig with given groups of boxes.
+
+    Args:
+        calibration: the rig so far; cameras that are not registered stay so.
+        detections: (N,) boxes.
+        members: (H, C) row of the detections in each camera for each person and frame, or -1; rows
+            with fewer than two registered cameras are left out. The surer, the better: wrong groups
+            hold the rig where it is.
+        settings: constants.
+        box_sd: (N, 3) standard deviations in pixels of horizontal centre, top and bottom; those of
+            the settings if left out. NaN or infinity marks an edge that says nothing.
+        iterations: at most this many steps.
+
+    Returns:
+        The refined rig with new focal and centre uncertainty; the evidence is the old one's.
+
+    Raises:
+        InvalidInputError: if shapes do not fit.
+        InsufficientDataError: if too few people are seen by two registered cameras.
+    """
+    settings = CalibrationSettings() if settings is None else settings
+    rig = calibration.scene.rig
+    known = np.asarray(rig.registered)
+    members = np.asarray(members)
+    if members.ndim != 2 or members.shape[1] != len(known):
+        raise InvalidInputError(
+            f"members must have shape (H, {len(known)}), one column a camera, got {members.shape}."
+        )
+    members = np.where(known, members, -1)
+    members = members[(members >= 0).sum(1) >= 2]
+    if len(members) < FEWEST_PEOPLE:
+        raise InsufficientDataError(
+            f"Refinement needs {FEWEST_PEOPLE} people seen by two registered cameras, got "
+            f"{len(members)}."
+        )
+    person, camera = np.nonzero(members >= 0)
+    row = members[person, camera]
+    center = (rig.image_size[camera] - 1) / 2
+    edges = np.asarray(detections.box, np.float64)[row]
+    box = np.stack(
+        [
+            (edges[:, 0] + edges[:, 2]) / 2 - center[:, 0],
+            edges[:, 1] - center[:, 1],
+            edges[:, 3] - center[:, 1],
+        ],
+        -1,
+    )
+    if box_sd is None:
+        sd = np.hypot(settings.pixel_sd, settings.relative_sd * (box[:, 2] - box[:, 1]))
+        sd = np.repeat(sd[:, None], 3, axis=1)
+    else:
+        sd = np.nan_to_num(np.asarray(box_sd, np.float64)[row], nan=1e6, posinf=1e6)
+    sd = np.maximum(sd, SMALLEST_SD)
+    parameters = from_matrices(np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t))
+    xy = _start(parameters, box, sd, person, camera, settings, calibration.foot_offset)
+    found = adjust(
+        BoxMeasurements(person, camera, box, sd),
+        np.where(known[:, None], parameters, 0.0),
+        xy,
+        np.full(len(xy), settings.person_height),
+        calibration.foot_offset,
+        np.log(np.median(settings.focal_shares) * rig.image_size.max(1)),
+        settings,
+        shared_focal=calibration.shared_focal,
+        iterations=iterations,
+    )
+    seen = np.isfinite(found.parameters[:, LOG_FOCAL])
+    parameters = np.where(seen[:, None], found.parameters, parameters)
+    K, R, t = to_matrices(parameters, rig.image_size)
+    K[~known] = np.nan
+    index = 7 * np.arange(len(known))[:, None] + np.arange(X, X + 3)
+    focal_sd = np.sqrt(np.diag(found.covariance)[7 * np.arange(len(known)) + LOG_FOCAL])
+    scene = Scene.from_rig(
+        Rig(K, R, t, rig.image_size, registered=known), calibration.scene.ground, metric=True
+    )
+    centers = found.covariance[index[:, :, None], index[:, None, :]]
+    return replace(
+        calibration,
+        scene=scene,
+        focal_sd=np.where(seen, K[:, 0, 0] * focal_sd, calibration.focal_sd),
+        center_covariance=np.where(seen[:, None, None], centers, calibration.center_covariance),
+        residual=found.residual,
+    )
+
+
+def _start(
+    parameters: np.ndarray,
+    box: np.ndarray,
+    sd: np.ndarray,
+    person: np.ndarray,
+    camera: np.ndarray,
+    settings: CalibrationSettings,
+    foot_offset: float,
+) -> np.ndarray:
+    """(P, 2) where each person stands, from the single views together."""
+    count = int(person.max()) + 1
+    total, weights = np.zeros((count, 2)), np.full(count, 1e-9)
+    for index in np.unique(camera):
+        rows = np.flatnonzero(camera == index)
+        u, top, bottom = (box[rows, i][None] for i in range(3))
+        found = map_ground(
+            parameters[index],
+            u,
+            top,
+            bottom,
+            np.minimum(sd[rows].mean(1), 0.2 * (bottom - top)[0])[None],
+            np.ones(u.shape, bool),
+            settings,
+            foot_offset=foot_offset,
+            range_tolerance=settings.fine_range_tolerance,
+        )
+        weight = found.valid[0] / found.covariance[0].trace(axis1=1, axis2=2)
+        np.add.at(total, person[rows], weight[:, None] * found.xy[0])
+        np.add.at(weights, person[rows], weight)
+    return total / weights[:, None]
