@@ -6,6 +6,7 @@ gives exactly the groups that merging one best pair at a time would give.
 """
 
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -221,30 +222,21 @@ def associate(
     Returns:
         One group a person, single boxes included, sorted by frame and first member.
     """
-    N = len(frame)
-    T = 0 if priors is None else len(priors.frame)
-    total = padded_length(N + T) if T else N
-
-    def extend(x: np.ndarray, more: np.ndarray | None, fill) -> np.ndarray:
-        out = np.full((total, *x.shape[1:]), fill, x.dtype)
-        out[:N] = x
-        if more is not None:
-            out[N : N + T] = more
-        return out
-
-    if T:
+    if priors is not None and len(priors.frame):
+        count = len(frame) + len(priors.frame)
         added = prior_information(priors, density, spread)
         info = Information(
-            extend(info.matrix, added.matrix, 0.0), extend(info.vector, added.vector, 0.0),
-            extend(info.constant, added.constant, 0.0),
-        )  # fmt: skip
-        position = extend(position, priors.mean[:, :2], 0.0)
-        covariance = extend(covariance, priors.covariance[:, :2, :2], 0.0)
-        frame = extend(frame, priors.frame, frame.max(initial=0))
-        camera = extend(camera, np.full(T, cameras), 0)
-        valid = extend(valid, np.ones(T, bool), False)
-        if slot is not None:
-            slot = extend(slot, None, 0)
+            _extend(info.matrix, added.matrix, count),
+            _extend(info.vector, added.vector, count),
+            _extend(info.constant, added.constant, count),
+        )
+        position = _extend(position, priors.mean[:, :2], count)
+        covariance = _extend(covariance, priors.covariance[:, :2, :2], count)
+        extra = np.full(len(priors.frame), cameras)
+        frame, camera = _extend(frame, priors.frame, count), _extend(camera, extra, count)
+        valid = _extend(valid, np.ones(len(extra), bool), count)
+        slot = None if slot is None else _extend(slot, np.zeros((len(extra), 2), np.int64), count)
+    total = len(frame)
     items = np.flatnonzero(valid)
     pairs = candidate_pairs(position, covariance, frame, camera, items)
     padded = np.zeros((padded_length(len(pairs), 256), 2), np.int64)
@@ -260,6 +252,14 @@ def associate(
     )  # fmt: skip
     root = np.asarray(root)
     return _collect(root, items, boxes, info, frame, camera, cameras, density, spread)
+
+
+def _extend(values: Any, more: Any, count: int) -> np.ndarray:
+    """Rows followed by more rows, padded with zeros to one of few lengths."""
+    host = np.asarray(values)
+    out = np.zeros((padded_length(count), *host.shape[1:]), host.dtype)
+    out[: len(host)], out[len(host) : count] = host, more
+    return out
 
 
 def _collect(root, items, boxes, info, frame, camera, cameras, density, spread) -> Groups:

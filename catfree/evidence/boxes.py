@@ -46,7 +46,7 @@ class Boxes(eqx.Module):
     cut: Bool[np.ndarray, "box 3"]
     ankles: Bool[np.ndarray, " box"]
     valid: Bool[np.ndarray, " box"]
-    table: Int[np.ndarray, "frame cam slot"]
+    table: Int[np.ndarray, "padded cam slot"]
     embedding: Float[np.ndarray, "box dim"] | None
     first: Int[np.ndarray, " bounds"]
 

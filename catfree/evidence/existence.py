@@ -37,11 +37,11 @@ def predict_views(
     H = len(state)
     N = padded_length(H)
 
-    def pad(x: np.ndarray, fill: float) -> np.ndarray:
+    def pad(x: np.ndarray, fill: int) -> np.ndarray:
         return np.concatenate([x, np.full((N - H, *x.shape[1:]), fill, x.dtype)])
 
     seen = expected_views(
-        pad(state, 1.0), pad(frame, 0), pad(member, -1), boxes.box, boxes.table, views
+        pad(state, 1), pad(frame, 0), pad(member, -1), boxes.box, boxes.table, views
     )
     return Views(*(np.asarray(x)[:H] for x in (seen.inside, seen.height, seen.cover)))
 
@@ -104,7 +104,7 @@ def judge_groups(
 
     g, c = np.nonzero(there)
     box = member[g, c]
-    cell = clutter_cells(measurements.state[box], c, views)
+    cell = clutter_cells(np.asarray(measurements.state)[box], c, views)
     clutter = np.full(len(g), settings.clutter_start)
     log_odds = base
     for round_ in range(settings.clutter_rounds + 1):
@@ -116,7 +116,7 @@ def judge_groups(
         person = np.bincount(cell, p, C * CELLS * CELLS).reshape(shape)
         other = np.bincount(cell, 1 - p, C * CELLS * CELLS).reshape(shape)
         ratio = (other.sum((1, 2)) + 1) / (person.sum((1, 2)) + 1)
-        near = [9 * uniform_filter(x, (0, 3, 3), mode="constant") for x in (person, other)]
+        near = [9 * uniform_filter(x, 3, mode="constant", axes=(1, 2)) for x in (person, other)]
         pseudo = settings.clutter_pseudo_counts
         smooth = (near[1] + pseudo * ratio[:, None, None]) / (near[0] + pseudo)
         clutter = np.clip(smooth.reshape(-1)[cell], *settings.clutter_range)

@@ -17,11 +17,17 @@ where the sums with a star include the height prior once.
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 LOG_2PI = float(np.log(2 * np.pi))
+
+
+def _array(value: Any) -> Any:
+    """NumPy turns arrays without axes into scalars; turn them back."""
+    return value if isinstance(value, jax.Array) else np.asarray(value)
 
 
 class Information(eqx.Module):
@@ -41,14 +47,14 @@ class Information(eqx.Module):
         return Information(
             self.matrix + other.matrix,
             self.vector + other.vector,
-            self.constant + other.constant,
+            _array(self.constant + other.constant),
         )
 
     def __sub__(self, other: "Information") -> "Information":
         return Information(
             self.matrix - other.matrix,
             self.vector - other.vector,
-            self.constant - other.constant,
+            _array(self.constant - other.constant),
         )
 
     def __getitem__(self, rows) -> "Information":
@@ -63,7 +69,7 @@ def with_height_prior(info: Information, spread: Any) -> Information:
     axis = np.array([0.0, 0.0, 1.0], dtype).reshape(*lead, 3)
     matrix = info.matrix + precision * (axis[..., :, None] * axis[..., None, :])
     vector = info.vector + precision * axis
-    return Information(matrix, vector, info.constant + precision)
+    return Information(matrix, vector, _array(info.constant + precision))
 
 
 def determinant_and_form(matrix: Any, vector: Any) -> tuple[Any, Any]:

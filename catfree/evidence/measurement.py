@@ -85,11 +85,12 @@ def field_features(edges: Array, size: Array, focal: Array, center: Array) -> Fl
 def implied_height(matrix, ground_inverse, edges):
     """Foot position and height of a person whose box has exactly these edges."""
     column = edges[0]
-    for _ in range(3):  # in a rolled camera the foot is not below the box centre
+    for _ in range(2):  # in a rolled camera the foot is not below the box centre
         position = drop_to_height(ground_inverse, jnp.stack([column, edges[2]]))
         height = jnp.clip(height_at(matrix, position, edges[1]), 0.1, 4.0)
         predicted = predict_edges(matrix, jnp.append(position, height))
         column = column + jnp.clip(edges[0] - predicted[0], -0.5, 0.5) * (edges[2] - edges[1])
+    position = drop_to_height(ground_inverse, jnp.stack([column, edges[2]]))
     return position, height_at(matrix, position, edges[1])
 
 

@@ -101,7 +101,7 @@ def learn_noise(
         )
     )  # fmt: skip
     sd = np.sqrt(measurements.noise[rows] ** 2 + variance)
-    used = measurements.used[rows] & np.isfinite(residual).all(1)[:, None]
+    used = measurements.used[rows] & np.isfinite(residual).all(1, keepdims=True)
     # A foot believed to be wrong, or a side that is cut, says nothing about the usual noise.
     used &= ~boxes.cut[rows, :1]
     field, edge, angular = noise.field.copy(), noise.edge.copy(), noise.angular
@@ -149,7 +149,7 @@ def crowding(position: np.ndarray, frame: np.ndarray) -> float:
 def _robust_ridge(X, y, sd, prior, component) -> np.ndarray:
     """Huber regression with a Gaussian prior around 0, three reweightings."""
     X, y = X / sd[:, None], y / sd
-    weight = np.ones(len(y))
+    weight, coefficients = np.ones(len(y)), np.zeros(X.shape[1])
     if component == 0:
         X = X * np.array([1.0, 1.0, 1.0, 0.0])
     for _ in range(4):

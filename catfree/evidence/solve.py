@@ -1,6 +1,7 @@
 """The evidence method, stage by stage: measure, self-calibrate, associate, exist, track."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -49,6 +50,18 @@ class EvidenceSolution(eqx.Module):
     evidence: Float[np.ndarray, " node"]
     probability: Float[np.ndarray, " node"]
     kept: Bool[np.ndarray, " node"]
+
+
+class _Pass(NamedTuple):
+    """What one pass of association and tracking found; see `EvidenceSolution`."""
+
+    groups: Groups
+    existence: Existence
+    state: np.ndarray
+    covariance: np.ndarray
+    trails: Trails
+    evidence: np.ndarray
+    probability: np.ndarray
 
 
 def solve(
@@ -125,6 +138,7 @@ def _solve(
     # One instant has no tracks: every group speaks for itself.
     passes = settings.passes if settings.track and len(time) > 1 else 0
     priors = None
+    found: _Pass | None = None
     for index in range(max(passes, 1)):
         report("association", index, max(passes, 1))
         groups = _group(boxes, measured, noise, looks, slot, priors)
@@ -138,6 +152,7 @@ def _solve(
             trails = unlinked(groups.frame, state, covariance)
             evidence = existence.log_odds
             probability = 1 / (1 + np.exp(-np.clip(evidence, -50, 50)))
+            found = _Pass(groups, existence, state, covariance, trails, evidence, probability)
             break
         count = (groups.member >= 0).sum(1)
         sure = (count >= min(3, groups.member.shape[1])) & (existence.log_odds > SURE_LOG_ODDS)
@@ -146,27 +161,19 @@ def _solve(
         evidence = _row_evidence(trails, existence, boxes, views, rate, settings)
         probability = presence(trails, evidence, settings.appear_evidence, settings.leave_evidence)
         priors = _track_priors(trails[probability > 0.5], groups)
+        found = _Pass(groups, existence, state, covariance, trails, evidence, probability)
     report("association", max(passes, 1), max(passes, 1))
-    kept = probability > 0.5
+    assert found is not None
+    trails = found.trails
+    kept = found.probability > 0.5
     kept &= probability_within(trails.covariance[:, :2, :2], settings.report_radius) > 0.5
     if settings.working_area:
-        member = np.full((len(trails), boxes.table.shape[1]), -1)
         rows = np.flatnonzero(kept)
-        seen = predict_views(trails.mean[rows, :3], trails.frame[rows], member[rows], boxes, views)
+        member = np.full((len(rows), boxes.table.shape[1]), -1)
+        seen = predict_views(trails.mean[rows, :3], trails.frame[rows], member, boxes, views)
         kept[rows] = in_working_area(trails.mean[rows, :3], seen, views, noise, settings)
     return EvidenceSolution(
-        boxes=boxes,
-        views=views,
-        noise=noise,
-        measurements=measured,
-        groups=groups,
-        existence=existence,
-        state=state,
-        covariance=covariance,
-        trails=trails,
-        evidence=evidence,
-        probability=probability,
-        kept=kept,
+        boxes=boxes, views=views, noise=noise, measurements=measured, kept=kept, **found._asdict()
     )
 
 

@@ -74,7 +74,7 @@ def estimate_motion(position: np.ndarray, frame: np.ndarray, time: np.ndarray) -
             continue
         _, ab = KDTree(b).query(a)
         _, ba = KDTree(a).query(b)
-        mutual = ba[ab] == np.arange(len(a))
+        mutual = np.asarray(ba)[ab] == np.arange(len(a))
         steps.append((b[ab] - a)[mutual])
     if not steps or sum(map(len, steps)) < 10:
         return Motion(0.4, 0.85)

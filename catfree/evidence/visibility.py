@@ -131,11 +131,11 @@ class DetectionRate(eqx.Module):
     def __call__(self, seen: Views) -> np.ndarray:
         """(H, C) detection probability, the inside weight included."""
         camera = np.arange(self.rate.shape[0])[None, :]
-        return seen.inside * self.rate[camera, *self._bins(seen)]
+        return np.asarray(seen.inside) * self.rate[camera, *self._bins(seen)]
 
     def _bins(self, seen: Views) -> tuple[np.ndarray, np.ndarray]:
-        height = (seen.height[..., None] > self.heights[None]).sum(-1)
-        cover = np.searchsorted(np.array(COVER_EDGES), seen.cover)
+        height = (np.asarray(seen.height)[..., None] > self.heights[None]).sum(-1)
+        cover = np.searchsorted(np.array(COVER_EDGES), np.asarray(seen.cover))
         return height, cover
 
 

@@ -1,0 +1,81 @@
+import jax
+import numpy as np
+import pytest
+
+import catfree as cf
+
+HEIGHT = 1.7
+
+
+def make_rig(count=5, radius=9.0, height=3.0, focal=900.0, roll=0.0):
+    """Cameras on a circle around the origin, looking at its centre; z is up, units are metres."""
+    rotations, translations = [], []
+    for i in range(count):
+        angle = 2 * np.pi * i / count + 0.3
+        center = np.array([radius * np.cos(angle), radius * np.sin(angle), height])
+        forward = np.array([0, 0, 0.8]) - center
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        down = np.cross(forward, right)
+        R = np.stack([right, down, forward])
+        c, s = np.cos(roll), np.sin(roll)
+        R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ R
+        rotations.append(R)
+        translations.append(-R @ center)
+    K = np.array([[focal, 0, 639.5], [0, focal, 359.5], [0, 0, 1]])
+    return cf.Rig(np.tile(K, (count, 1, 1)), rotations, translations, (1280, 720))
+
+
+def make_scene(rig):
+    return cf.Scene(rig, cf.Plane([0.0, 0.0, 1.0], 0.0), 18.0, metric=True)
+
+
+def box_of(rig, camera, xy, height=HEIGHT):
+    """The box of a thin upright person, or None where it is not inside the image."""
+    K, R, t = (np.asarray(a)[camera] for a in (rig.K, rig.R, rig.t))
+    points = np.array([[*xy, 0.0], [*xy, height]]) @ R.T + t
+    if (points[:, 2] < 0.5).any():
+        return None
+    pixel = points @ K.T
+    pixel = pixel[:, :2] / pixel[:, 2:]
+    (uf, vf), (uh, vh) = pixel
+    half = 0.2 * (vf - vh)
+    box = np.array([(uf + uh) / 2 - half, vh, (uf + uh) / 2 + half, vf])
+    inside = (box[:2] > 12).all() and box[2] < 1267 and box[3] < 707
+    return box if inside else None
+
+
+def walk(people=6, frames=12, seed=0, noise=0.01, recall=0.95, clutter=0.2, rig=None):
+    """People who walk straight through the middle; rows [frame, id, x, y] and detections."""
+    rng = np.random.default_rng(seed)
+    rig = make_rig() if rig is None else rig
+    # Starting places that keep people apart.
+    grid = np.stack(np.meshgrid([-3.0, 0.0, 3.0], [-2.4, 0.0, 2.4]), -1).reshape(-1, 2)
+    start = rng.permutation(grid)[:people] + rng.uniform(-0.3, 0.3, (people, 2))
+    velocity = rng.uniform(-0.12, 0.12, (people, 2))
+    height = HEIGHT * (1 + 0.04 * rng.standard_normal(people))
+    truth, rows = [], []
+    for t in range(frames):
+        for i in range(people):
+            xy = start[i] + t * velocity[i]
+            truth.append([t, i, *xy])
+            for c in range(rig.camera_count):
+                box = box_of(rig, c, xy, height[i])
+                if box is None or rng.random() > recall:
+                    continue
+                h = box[3] - box[1]
+                rows.append([t, c, *(box + noise * h * rng.standard_normal(4))])
+        for c in range(rig.camera_count):
+            for _ in range(rng.poisson(clutter)):
+                u, v, h = rng.uniform(100, 1100), rng.uniform(100, 500), rng.uniform(60, 200)
+                rows.append([t, c, u, v, u + 0.4 * h, v + h])
+    rows = np.array(rows)
+    detections = cf.Detections(rows[:, 0].astype(int), rows[:, 1].astype(int), rows[:, 2:])
+    return np.array(truth), detections, make_scene(rig)
+
+
+@pytest.fixture
+def sixtyfour():
+    with jax.enable_x64(True):
+        yield

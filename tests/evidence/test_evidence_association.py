@@ -1,0 +1,89 @@
+import jax
+import numpy as np
+from hypothesis import given, settings, strategies as st
+
+from catfree.evidence.association import associate
+from catfree.evidence.gaussian import Information, log_evidence
+
+DENSITY, SPREAD = 0.2, 0.05
+
+
+def boxes_near(seed, people, cameras, noise):
+    """Isotropic measurements of people at random places, one box a camera, padded."""
+    rng = np.random.default_rng(seed)
+    state = np.column_stack(
+        [rng.uniform(0, 6, (people, 2)), 1 + 0.05 * rng.standard_normal(people)]
+    )
+    person, camera = (a.ravel() for a in np.meshgrid(np.arange(people), np.arange(cameras)))
+    keep = rng.random(len(person)) < 0.8
+    person, camera = person[keep], camera[keep]
+    n, N = len(person), 64
+    mean = state[person] + noise * rng.standard_normal((n, 3))
+    precision = np.eye(3) / noise**2
+    info = Information(np.zeros((N, 3, 3)), np.zeros((N, 3)), np.zeros(N))
+    info.matrix[:n], info.vector[:n] = precision, mean @ precision
+    info.constant[:n] = (mean**2).sum(1) / noise**2
+    position, covariance = np.zeros((N, 2)), np.zeros((N, 2, 2))
+    position[:n], covariance[:n] = mean[:, :2], noise**2 * np.eye(2)
+    cam, valid = np.zeros(N, int), np.zeros(N, bool)
+    cam[:n], valid[:n] = camera, True
+    return info, position, covariance, cam, valid
+
+
+def greedy(info, camera, valid):
+    """One best pair at a time, the plain way."""
+    groups = [[i] for i in np.flatnonzero(valid)]
+    value = lambda g: float(  # noqa: E731
+        log_evidence(
+            Information(
+                info.matrix[g].sum(0)[None],
+                info.vector[g].sum(0)[None],
+                info.constant[g].sum()[None],
+            ),
+            DENSITY,
+            SPREAD,
+        )[0]
+    )
+    while True:
+        best, pair = 0.0, None
+        for i in range(len(groups)):
+            for j in range(i):
+                if {camera[k] for k in groups[i]} & {camera[k] for k in groups[j]}:
+                    continue
+                gain = value(groups[i] + groups[j]) - value(groups[i]) - value(groups[j])
+                if gain > best + 1e-12:
+                    best, pair = gain, (i, j)
+        if pair is None:
+            return sorted(sorted(map(int, g)) for g in groups)
+        i, j = pair
+        groups = [g for k, g in enumerate(groups) if k not in pair] + [groups[i] + groups[j]]
+
+
+@settings(max_examples=12)
+@given(st.integers(0, 10**6), st.integers(1, 5), st.floats(0.02, 0.3))
+def test_merging_in_rounds_equals_one_best_pair_at_a_time(seed, people, noise):
+    info, position, covariance, camera, valid = boxes_near(seed, people, 3, noise)
+    with jax.enable_x64(True):
+        groups = associate(
+            info, position, covariance, np.zeros(64, int), camera, valid, 3, DENSITY, SPREAD
+        )
+    got = sorted(sorted(int(i) for i in row if i >= 0) for row in groups.member)
+    assert got == greedy(info, camera, valid)
+
+
+@settings(max_examples=12)
+@given(st.integers(0, 10**6), st.integers(1, 6))
+def test_every_box_is_in_exactly_one_group_and_cameras_exclude_themselves(seed, people):
+    info, position, covariance, camera, valid = boxes_near(seed, people, 4, 0.1)
+    with jax.enable_x64(True):
+        groups = associate(
+            info, position, covariance, np.zeros(64, int), camera, valid, 4, DENSITY, SPREAD
+        )
+    rows = groups.member[groups.member >= 0]
+    assert sorted(rows) == list(np.flatnonzero(valid))
+    for c in range(4):
+        own = groups.member[:, c]
+        assert (camera[own[own >= 0]] == c).all()
+    single = (groups.member >= 0).sum(1) == 1
+    np.testing.assert_allclose(groups.gain[single], 0, atol=1e-9)
+    assert (groups.gain[~single] > 0).all()
