@@ -301,7 +301,7 @@ def _coverage(
 
 
 def _cell_centres(low: float, high: float, cell: float) -> np.ndarray:
-    count = max(int(np.ceil((high - low) / cell - 1e-9)), 1)
+    count = max(int(np.ceil((high - low) / cell - 1e-6)), 1)
     return low + (high - low) * (np.arange(count) + 0.5) / count
 
 

@@ -1,7 +1,7 @@
 """Coverage as a map: where the rig is precise, and where its cameras share their view."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,7 +23,7 @@ def plot_coverage(
     scene: Scene,
     *,
     ax: "Axes | None" = None,
-    quantity: Literal["sigma", "cameras"] = "sigma",
+    quantity: str = "sigma",
     camera_names: Sequence[str] | None = None,
 ) -> "Axes":
     """Draw expected uncertainty with iso-lines, or the number of cameras, over the ground.

@@ -80,7 +80,7 @@ def draw_frame(
     for row, box in zip(rows, boxes.box, strict=True):
         color = UNTRACKED if row < 0 else track_color(int(now.track_id[row]))
         draw_polyline(
-            canvas, box[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2), color, thick, closed=True
+            canvas, box[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2), color, 0.6 * thick, closed=True
         )
     if len(now):
         _draw_people(canvas, now, scene, camera, float(person_height), thick)

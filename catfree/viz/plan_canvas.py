@@ -13,6 +13,7 @@ from catfree.viz.plan_view import camera_wedge, confidence_ellipse, length_unit
 PAPER = (250, 250, 250)
 GRID = (222, 222, 222)
 GRID_LINES = 6  # about so many along the longer side
+DOT = 3.0  # radius of a position in strokes
 CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 49)), np.sin(np.linspace(0, 2 * np.pi, 49))])
 
 
@@ -74,10 +75,12 @@ class PlanCanvas:
         pixel = self.to_pixels(now.ground_xy)
         for at, identity, origin in zip(pixel, now.track_id, now.origin, strict=True):
             draw_dot(image, at, int(identity), origin != Origin.DETECTED, self._stroke)
-        known = now.track_id >= 0
+        known, reach = now.track_id >= 0, DOT * self._stroke
+        dots = np.concatenate([pixel - reach, pixel + reach], axis=-1)
+        taken = np.concatenate([self._occupied, dots])
         texts = [str(identity) for identity in now.track_id[known]]
         colors = [track_color(identity) for identity in now.track_id[known]]
-        draw_labels(image, texts, pixel[known], colors, self._stroke, occupied=self._occupied)
+        draw_labels(image, texts, pixel[known], colors, self._stroke, occupied=taken, gap=DOT + 1.5)
         return image
 
     def _draw_grid(self, unit: str) -> None:
@@ -119,7 +122,7 @@ def draw_dot(
     """A dot in the colour of an identity; hollow for a position that no detection gave."""
     import cv2
 
-    center, radius = (round(float(at[0])), round(float(at[1]))), max(2, round(3 * stroke))
+    center, radius = (round(float(at[0])), round(float(at[1]))), max(2, round(DOT * stroke))
     color = track_color(identity)
     cv2.circle(image, center, radius + max(1, round(stroke)), (255, 255, 255), -1, cv2.LINE_AA)
     if hollow:

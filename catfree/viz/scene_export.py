@@ -142,7 +142,8 @@ def write_rerun(
     target, rig, extent = Path(path), scene.rig, float(scene.extent)
     names, tracks = names_of(rig, camera_names), tracks_of(localization)
     recording = rerun.RecordingStream("catfree")
-    recording.save(target)
+    partial = target.with_name(f".{target.name}.partial")
+    recording.save(partial)
     outline = ground_corners(scene, tracks)
     border = rerun.LineStrips3D([np.vstack([outline, outline[:1]])], colors=[GROUND_COLOR])
     recording.log("ground", border, static=True)
@@ -174,4 +175,6 @@ def write_rerun(
         )
         recording.log("people", dots)
     recording.flush()
+    recording.disconnect()  # closes the file
+    os.replace(partial, target)
     return target
