@@ -1,0 +1,63 @@
+"""Calibrate cameras from nothing but people, then localize the people with that rig.
+
+Reads a sequence in the uniform JSON format whose true calibration and positions are known, forgets
+the calibration, finds one from the person boxes alone, and compares: camera centres, focal lengths,
+and the detection score (MODA) of the positions that follow, with the true rig, with the found rig
+after a similarity, and with the found rig as it is, in metres (rigid alignment only).
+
+    python examples/calibrate_from_people.py sequence.json
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+import catfree as cf
+from catfree.evaluation import align_centres, crop, detection_metrics
+from catfree.rig.pedestrians import calibrate
+
+
+def main() -> None:
+    """Calibrate, localize, compare."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("sequence", type=Path, help="uniform JSON with boxes, truth, calibration")
+    sequence = cf.adapters.read_uniform_json(parser.parse_args().sequence)
+    truth, detections = sequence.scene, sequence.detections
+
+    found = calibrate(detections, truth.rig.image_size, camera_names=sequence.camera_names)
+    known = found.scene.rig.registered
+    centers, true_centers = np.asarray(found.scene.rig.centers), np.asarray(truth.rig.centers)
+    similarity = align_centres(centers, true_centers, registered=known)
+    rigid = align_centres(centers, true_centers, registered=known, fixed_scale=True)
+    for index, name in enumerate(sequence.camera_names):
+        if not known[index]:
+            print(f"{name}: not placed, nothing supports it")
+            continue
+        moved = np.asarray(similarity(centers[index]))
+        focal = found.scene.rig.K[index, 0, 0]
+        print(
+            f"{name}: centre off by {np.linalg.norm(moved - true_centers[index]):.2f} m, focal "
+            f"{focal:.0f} px (true {truth.rig.K[index, 0, 0]:.0f}), evidence "
+            f"{found.log_likelihood_ratio[index]:.0f} above chance"
+        )
+    print(f"scale of the found rig: {1 / float(similarity.scale):.3f}")
+
+    def moda(scene, transform=None):
+        tracks = cf.localize(detections, scene).tracks
+        xy = np.asarray(tracks.ground_xy)
+        if transform is not None:
+            xy = np.asarray(transform(np.asarray(tracks.position)))[:, :2]
+        positions, people = tracks.to_rows(xy), sequence.ground_truth
+        if sequence.evaluation_area is not None:
+            area = sequence.evaluation_area
+            positions, people = crop(positions, area), crop(people, area)
+        return detection_metrics(people, positions, sequence.frames).moda
+
+    print(f"MODA with the true rig:              {moda(truth):.1f}")
+    print(f"MODA with the found rig, similarity: {moda(found.scene, similarity):.1f}")
+    print(f"MODA with the found rig, rigid:      {moda(found.scene, rigid):.1f}")
+
+
+if __name__ == "__main__":
+    main()
