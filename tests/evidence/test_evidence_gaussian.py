@@ -51,9 +51,9 @@ def test_evidence_is_the_integral_of_the_likelihoods(items, density, spread):
     joint = items[0] + items[1]
 
     def slice_at(h):
-        I, b = joint.matrix, joint.vector
-        A, r = I[:2, :2], b[:2] - I[:2, 2] * h
-        k = I[2, 2] * h * h - 2 * b[2] * h + joint.constant
+        M, b = joint.matrix, joint.vector
+        A, r = M[:2, :2], b[:2] - M[:2, 2] * h
+        k = M[2, 2] * h * h - 2 * b[2] * h + joint.constant
         plane = (
             2
             * np.pi
