@@ -8,7 +8,7 @@ from jaxtyping import Float, UInt8
 from catfree.viz.palette import Color
 from catfree.viz.plan_view import place_labels
 
-Image = UInt8[np.ndarray, "height width 3"]
+Image = UInt8[np.ndarray, "_ _ 3"]  # cameras differ in size
 
 TEXT_HEIGHT = 11  # pixels of a capital letter per unit of stroke
 WHITE: Color = (255, 255, 255)
@@ -62,7 +62,7 @@ def text_size(text: str, stroke: float) -> tuple[int, int]:
 
 
 def draw_label(
-    image: Image, text: str, place: tuple[float, float], color: Color, stroke: float
+    image: Image, text: str, place: tuple[float | int, float | int], color: Color, stroke: float
 ) -> None:
     """Text in white on a background of `color`; `place` is the upper left corner in pixels."""
     import cv2
@@ -87,7 +87,7 @@ def draw_labels(
     *,
     occupied: Float[np.ndarray, "k 4"] | None = None,
     gap: float = 3.0,
-) -> Float[np.ndarray, "k 4"]:
+) -> Float[np.ndarray, "taken 4"]:
     """Labels beside their anchors, where they cover neither each other nor `occupied`.
 
     `gap` is their distance from the anchors in strokes.

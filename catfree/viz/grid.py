@@ -62,7 +62,7 @@ def draw_ground_grid(
     *,
     area: Sequence[float | int] | None = None,
     spacing: float | int | None = None,
-    stroke: float | None = None,
+    stroke: float | int | None = None,
 ) -> Image:
     """A copy of a camera's picture with the ground's grid, its axes in colour.
 

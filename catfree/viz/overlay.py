@@ -35,13 +35,13 @@ DEFAULT_FPS = 5.0  # for image folders, which have no frame rate
 def draw_frame(
     image: Image,
     camera: int,
-    frame: int,
+    frame: int | np.integer,
     detections: Detections,
     localization: Localization,
     scene: Scene,
     *,
     person_height: float | int | None = None,
-    stroke: float | None = None,
+    stroke: float | int | None = None,
 ) -> Image:
     """A copy of one picture with its boxes and the tracked people.
 

@@ -74,7 +74,7 @@ class PlanCanvas:
                 draw_polyline(image, path, track_color(identity), self._stroke)
         pixel = self.to_pixels(now.ground_xy)
         for at, identity, origin in zip(pixel, now.track_id, now.origin, strict=True):
-            draw_dot(image, at, int(identity), origin != Origin.DETECTED, self._stroke)
+            draw_dot(image, at, int(identity), bool(origin != Origin.DETECTED), self._stroke)
         known, reach = now.track_id >= 0, DOT * self._stroke
         dots = np.concatenate([pixel - reach, pixel + reach], axis=-1)
         taken = np.concatenate([self._occupied, dots])
