@@ -11,6 +11,7 @@ from catfree import (
 )
 from catfree.errors import CatFreeError as CatFreeError
 from catfree.pipeline import localize as localize
+from catfree.rig import Calibration as Calibration, calibrate as calibrate
 from catfree.settings import Settings as Settings
 from catfree.types import (
     Candidates as Candidates,

@@ -2,8 +2,11 @@
 
 from collections.abc import Callable
 
+import equinox as eqx
 import numpy as np
+from jaxtyping import Bool
 
+from catfree import evidence
 from catfree.association import (
     CanonicalFrame,
     associate,
@@ -49,17 +52,43 @@ def localize(
         InsufficientDataError: if fewer than two cameras are registered.
 
     Source:
-        Sec. "Method" of the paper for `Settings.paper()`.
+        Sec. "Method" of the paper for `Settings.paper()`; `catfree.evidence` for the default.
     """
     settings = settings or Settings()
     report = progress or (lambda stage, done, total: None)
     keep = _usable(detections, scene, settings)
+    if not keep.any():
+        return empty_localization(scene.rig.camera_count)
+    if settings.method == "evidence":
+        return _localize_by_evidence(detections, scene, keep, settings, report)
+    return _localize_by_paper(detections, scene, keep, settings, report)
+
+
+def _localize_by_evidence(
+    detections: Detections,
+    scene: Scene,
+    keep: Bool[np.ndarray, " n"],
+    settings: Settings,
+    report: Progress,
+) -> Localization:
+    """Catfree's own method: measure, self-calibrate, associate, exist, track."""
+    found = evidence.locate(detections[keep], scene, settings.evidence, progress=report)
+    support = found.candidates.support
+    original = np.where(support >= 0, np.flatnonzero(keep)[support], -1)
+    return eqx.tree_at(lambda result: result.candidates.support, found, original)
+
+
+def _localize_by_paper(
+    detections: Detections,
+    scene: Scene,
+    keep: Bool[np.ndarray, " n"],
+    settings: Settings,
+    report: Progress,
+) -> Localization:
+    """CAT-Free as published, stage by stage."""
     frame = CanonicalFrame.of(scene)
     rig = frame.rig(scene.rig)
     observations = observe(detections, rig, keep=keep)
-    if len(observations) == 0:
-        return empty_localization(rig.camera_count)
-
     rays = cast_rays(observations, rig)
     compilation = start_compilation(observations, rays, rig, settings)
     report("tracklets", 0, 1)

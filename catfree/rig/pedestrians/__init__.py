@@ -4,8 +4,8 @@ from catfree.rig.pedestrians.calibrate import (
     Calibration as Calibration,
     calibrate as calibrate,
 )
-from catfree.rig.pedestrians.constants import CalibrationSettings as CalibrationSettings
 from catfree.rig.pedestrians.correspondences import (
     refine_with_correspondences as refine_with_correspondences,
 )
 from catfree.rig.pedestrians.offsets import remove_offsets as remove_offsets
+from catfree.settings import CalibrationSettings as CalibrationSettings

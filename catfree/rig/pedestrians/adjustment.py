@@ -6,9 +6,9 @@ import numpy as np
 
 from catfree.errors import CalibrationError
 from catfree.rig.pedestrians.bundle import BoxMeasurements, BundleResult, adjust
-from catfree.rig.pedestrians.constants import CalibrationSettings
 from catfree.rig.pedestrians.observations import BoxGrid
 from catfree.rig.pedestrians.people import People, RigState, group_people
+from catfree.settings import CalibrationSettings
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, PAN, ROLL, TILT, Z, box_jacobian
-from catfree.rig.pedestrians.constants import CalibrationSettings
+from catfree.settings import CalibrationSettings
 
 CAUCHY = 2.0  # standard deviations at which a residual counts half
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from catfree.errors import CalibrationError, InvalidInputError
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, to_matrices
-from catfree.rig.pedestrians.constants import CalibrationSettings
 from catfree.rig.pedestrians.observations import grid_boxes
 from catfree.rig.pedestrians.registered import Progress, RegisteredRig, register_cameras
 from catfree.rig.pedestrians.workspace import Workspace
+from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Plane, Rig, Scene
 
 

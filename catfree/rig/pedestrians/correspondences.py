@@ -12,8 +12,8 @@ from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.rig.pedestrians.bundle import BoxMeasurements, adjust
 from catfree.rig.pedestrians.calibrate import Calibration
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, from_matrices, to_matrices
-from catfree.rig.pedestrians.constants import CalibrationSettings
 from catfree.rig.pedestrians.ground_map import map_ground
+from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Rig, Scene
 
 FEWEST_PEOPLE = 20

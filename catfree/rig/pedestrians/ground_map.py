@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, Z, predict_boxes, rotation
-from catfree.rig.pedestrians.constants import CalibrationSettings
+from catfree.settings import CalibrationSettings
 
 FARTHEST = 80.0  # metres; beyond, a box of a person is a handful of pixels in any camera
 

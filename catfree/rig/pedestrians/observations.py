@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from catfree.rig.pedestrians.constants import CalibrationSettings
+from catfree.settings import CalibrationSettings
 from catfree.types import Detections
 
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from catfree.errors import CalibrationError
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL
-from catfree.rig.pedestrians.constants import CalibrationSettings
 from catfree.rig.pedestrians.observations import BoxGrid
 from catfree.rig.pedestrians.people import RigState, group_people
 from catfree.rig.pedestrians.registered import Progress, RegisteredRig, register_cameras
@@ -18,6 +17,7 @@ from catfree.rig.pedestrians.registration import vote
 from catfree.rig.pedestrians.resection import resect
 from catfree.rig.pedestrians.verdict import judge_camera
 from catfree.rig.pedestrians.workspace import Workspace
+from catfree.settings import CalibrationSettings
 from catfree.types import Detections
 
 TRIED_OFFSETS = 16  # offsets of an unplaced camera that are refined

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from catfree.rig.pedestrians.constants import CalibrationSettings
 from catfree.rig.pedestrians.ground_map import GroundMap, map_ground, visible
 from catfree.rig.pedestrians.matching import mutual_nearest, squared_distances
 from catfree.rig.pedestrians.observations import BoxGrid
+from catfree.settings import CalibrationSettings
 
 
 @dataclass(frozen=True)

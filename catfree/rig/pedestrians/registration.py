@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from catfree.rig.pedestrians.camera_model import PAN, X, Z
-from catfree.rig.pedestrians.constants import CalibrationSettings
 from catfree.rig.pedestrians.ground_map import GroundMap
+from catfree.settings import CalibrationSettings
 
 NEAREST_PEOPLE = 24  # people of a frame that vote: the nearest, whose positions are sharpest
 

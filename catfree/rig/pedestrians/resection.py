@@ -7,10 +7,10 @@ range). Judged like that, right placements look wrong; so every candidate is fir
 import numpy as np
 
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, ROLL, TILT, Z, box_jacobian
-from catfree.rig.pedestrians.constants import CalibrationSettings
 from catfree.rig.pedestrians.ground_map import GroundMap, map_ground
 from catfree.rig.pedestrians.matching import mutual_nearest, squared_distances
 from catfree.rig.pedestrians.observations import BoxGrid
+from catfree.settings import CalibrationSettings
 
 TOLERANCES = (0.10, 0.06, 0.03)  # share of the range, narrowing as the camera settles
 PASSES = 2

@@ -8,8 +8,8 @@ as tall as people are.
 import numpy as np
 
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, ROLL, TILT, Z, rotation
-from catfree.rig.pedestrians.constants import CalibrationSettings
 from catfree.rig.pedestrians.observations import BoxGrid
+from catfree.settings import CalibrationSettings
 
 TRIALS = 400  # minimal samples; with half of the boxes good, 400 triples miss with chance e^-53
 TOLERANCE = 0.10  # of the predicted box height: twice the spread of people's heights

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from catfree.rig.pedestrians.constants import CalibrationSettings
 from catfree.rig.pedestrians.ground_map import GroundMap, visible
 from catfree.rig.pedestrians.matching import Judgement, chance_density, judge
 from catfree.rig.pedestrians.observations import BoxGrid
 from catfree.rig.pedestrians.people import RigState, camera_map, group_people, seen_by_any
 from catfree.rig.pedestrians.workspace import Workspace
+from catfree.settings import CalibrationSettings
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from catfree.rig.pedestrians.constants import CalibrationSettings
 from catfree.rig.pedestrians.ground_map import GroundMap, map_ground
 from catfree.rig.pedestrians.observations import BoxGrid
 from catfree.rig.pedestrians.people import smallest_boxes
 from catfree.rig.pedestrians.single_view import fit_planes
+from catfree.settings import CalibrationSettings
 
 QUICK_FRAMES = 24  # frames on which many placements are compared
 

@@ -1,10 +1,10 @@
-"""Every constant of the method, one frozen dataclass a stage; nothing is tunable elsewhere.
+"""Every constant of the paper's method, one frozen dataclass a stage.
 
 Values are the paper's (Table "constants" unless a line says otherwise), the same for all data.
 Lengths are shares of the scene extent E, angles are radians.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 Selection = Literal[
@@ -154,27 +154,3 @@ class TrajectorySettings:
     remove_short_static: bool = False
     static_length: int = 3
     static_radius: float = 0.018
-
-
-@dataclass(frozen=True)
-class Settings:
-    """All settings of a run; `Settings()` is the default method, `Settings.paper()` the paper's.
-
-    Attributes:
-        confidence: detections below this score are ignored, where scores exist.
-        method: "paper" for CAT-Free as published, "evidence" for catfree's own method.
-    """
-
-    confidence: float = 0.30
-    method: Literal["paper", "evidence"] = "paper"
-    rays: RaySettings = field(default_factory=RaySettings)
-    tracklets: TrackletSettings = field(default_factory=TrackletSettings)
-    association: AssociationSettings = field(default_factory=AssociationSettings)
-    triangulation: TriangulationSettings = field(default_factory=TriangulationSettings)
-    selection: SelectionSettings = field(default_factory=SelectionSettings)
-    trajectories: TrajectorySettings = field(default_factory=TrajectorySettings)
-
-    @classmethod
-    def paper(cls) -> "Settings":
-        """Exactly the paper's method and constants."""
-        return cls(method="paper")

@@ -48,6 +48,8 @@ class CalibrationSettings:
         chance_shifts: circular time shifts, as shares of the sequence, whose evidence a camera must
             exceed.
         minimum_frames: fewer frames than this cannot be told from chance.
+        evidence_rounds: at most so often the evidence method's surest groups refine the rig, as
+            long as the residual falls.
     """
 
     person_height: float = 1.70
@@ -93,3 +95,4 @@ class CalibrationSettings:
         0.96,
     )
     minimum_frames: int = 20
+    evidence_rounds: int = 2

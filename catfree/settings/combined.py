@@ -1,0 +1,49 @@
+"""The settings of a whole run: the paper's stages, catfree's own method, the calibration."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from catfree.settings.calibration import CalibrationSettings
+from catfree.settings.evidence import EvidenceSettings
+from catfree.settings.paper import (
+    AssociationSettings,
+    RaySettings,
+    SelectionSettings,
+    TrackletSettings,
+    TrajectorySettings,
+    TriangulationSettings,
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All settings of a run; `Settings()` is the default method, `Settings.paper()` the paper's.
+
+    Attributes:
+        confidence: detections below this score are ignored, where scores exist.
+        method: "evidence" for catfree's own method, "paper" for CAT-Free as published.
+        rays: the paper's ray reliability.
+        tracklets: the paper's per-camera tracks.
+        association: the paper's cross-view partition.
+        triangulation: the paper's robust position.
+        selection: the paper's filters.
+        trajectories: the paper's linking and extension.
+        evidence: catfree's own method.
+        calibration: the rig from pedestrians alone.
+    """
+
+    confidence: float = 0.30
+    method: Literal["paper", "evidence"] = "evidence"
+    rays: RaySettings = field(default_factory=RaySettings)
+    tracklets: TrackletSettings = field(default_factory=TrackletSettings)
+    association: AssociationSettings = field(default_factory=AssociationSettings)
+    triangulation: TriangulationSettings = field(default_factory=TriangulationSettings)
+    selection: SelectionSettings = field(default_factory=SelectionSettings)
+    trajectories: TrajectorySettings = field(default_factory=TrajectorySettings)
+    evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
+    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
+
+    @classmethod
+    def paper(cls) -> "Settings":
+        """Exactly the paper's method and constants."""
+        return cls(method="paper")
