@@ -51,7 +51,19 @@ def write_rig_json(
 
 
 def write_scene_json(path: StrPath, scene: Scene, names: Sequence[str] | None = None) -> Path:
-    """Write a scene: rig, ground plane and extent; see `write_rig_json`."""
+    """Write a scene: rig, ground plane and extent.
+
+    Args:
+        path: the file.
+        scene: the scene; cameras that are not registered are kept and marked.
+        names: (C,) names; C1, C2, ... if None.
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidInputError: if the folder does not exist or the names do not fit the cameras.
+    """
     ground = {"normal": _list(scene.ground.normal), "offset": float(scene.ground.offset)}
     document = _rig_document(scene.rig, names, scene.metric)
     return _write(path, document | {"ground": ground, "extent": float(scene.extent)})
@@ -59,6 +71,12 @@ def write_scene_json(path: StrPath, scene: Scene, names: Sequence[str] | None = 
 
 def read_rig_json(path: StrPath) -> NamedRig:
     """Read the rig of a file that `write_rig_json` or `write_scene_json` wrote.
+
+    Args:
+        path: the file.
+
+    Returns:
+        The rig with the names of its cameras.
 
     Raises:
         InvalidInputError: if there is no such file or a camera is invalid.
@@ -70,6 +88,12 @@ def read_rig_json(path: StrPath) -> NamedRig:
 
 def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
     """Read the scene and camera names of a file that `write_scene_json` wrote.
+
+    Args:
+        path: the file.
+
+    Returns:
+        The scene, and the (C,) names of its cameras.
 
     Raises:
         InvalidInputError: if there is no such file or a value is invalid.

@@ -56,6 +56,12 @@ def write_tracks_csv(path: StrPath, tracks: Tracks) -> Path:
 def read_tracks_csv(path: StrPath) -> Tracks:
     """Read what `write_tracks_csv` wrote.
 
+    Args:
+        path: the file.
+
+    Returns:
+        The tracks, number for number.
+
     Raises:
         InvalidInputError: if there is no such file.
         FileFormatError: naming the column or line that is not of this form.
@@ -100,6 +106,13 @@ def read_tracks_csv(path: StrPath) -> Tracks:
 
 def write_tracks_parquet(path: StrPath, tracks: Tracks) -> Path:
     """Write tracks as Parquet with the columns of `write_tracks_csv`.
+
+    Args:
+        path: the file.
+        tracks: what to write.
+
+    Returns:
+        The path.
 
     Raises:
         MissingDependencyError: if pyarrow is not installed.

@@ -186,7 +186,15 @@ def transform_rig(similarity: Similarity, rig: Rig) -> Rig:
 
 
 def transform_plane(similarity: Similarity, plane: Plane) -> Plane:
-    """The plane through the moved points of a plane, with the same side positive."""
+    """The plane through the moved points of a plane, with the same side positive.
+
+    Args:
+        similarity: from the plane's world frame to the new one, 3-D.
+        plane: any plane.
+
+    Returns:
+        Plane of the same kind of arrays as `transform_rig`.
+    """
     scale, rotation, translation, xp = _parts(similarity, plane.normal)
     normal = rotation @ plane.normal
     return Plane(normal, scale * plane.offset - xp.sum(normal * translation))
