@@ -1,6 +1,7 @@
 """The filters in a row: what removes a hypothesis is what its fate says."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -58,8 +59,8 @@ def fates(hypotheses: Hypotheses, **rules) -> np.ndarray:
     return select_positions(hypotheses, settings, sigma_theta=SIGMA_THETA).fate
 
 
-UNCERTAIN = {"sigma": 0.1, "ground_distance": 0.5, "weight": 1.0, "cameras": 2}
-FLOATING = {"ground_distance": 0.5}
+UNCERTAIN: dict[str, Any] = {"sigma": 0.1, "ground_distance": 0.5, "weight": 1.0, "cameras": 2}
+FLOATING: dict[str, Any] = {"ground_distance": 0.5}
 GATES = ["none", "support", "ground_only", "uncertainty_add", "uncertainty_replace"]
 GATES += ["ground_then_uncertainty_replace", "ground_then_uncertainty_add"]
 GATES += ["uncertainty_then_ground"]
@@ -175,6 +176,7 @@ def test_a_fixed_quantile_replaces_the_thresholds():
         dataclasses.replace(RULES, fixed_quantile=0.5, gates="uncertainty_replace", recover=False),
         sigma_theta=SIGMA_THETA,
     )
+    assert chosen.tau_sigma is not None
     np.testing.assert_allclose(chosen.tau_sigma, np.median(people().sigma), rtol=1e-5)
     assert chosen.tau_g is None
     assert (chosen.fate == Fate.ACCEPTED).sum() == 10
