@@ -28,7 +28,7 @@ def grid_spacing(scene: Scene) -> float:
 
 
 def ground_grid(
-    scene: Scene, area: Sequence[float | int], spacing: float
+    scene: Scene, area: Sequence[float | int] | np.ndarray, spacing: float
 ) -> list[tuple[str, int, Float[np.ndarray, "n 2"]]]:
     """The lines of constant x and of constant y on the ground.
 
@@ -60,7 +60,7 @@ def draw_ground_grid(
     scene: Scene,
     camera: int,
     *,
-    area: Sequence[float | int] | None = None,
+    area: Sequence[float | int] | np.ndarray | None = None,
     spacing: float | int | None = None,
     stroke: float | int | None = None,
 ) -> Image:

@@ -91,7 +91,7 @@ def confidence_ellipse(
 def view_area(
     scene: Scene,
     xy: Float[np.ndarray, "n 2"],
-    area: Sequence[float | int] | None = None,
+    area: Sequence[float | int] | np.ndarray | None = None,
     margin: float = 0.05,
 ) -> tuple[float, float, float, float]:
     """The rectangle x_min, x_max, y_min, y_max that shows all cameras and nearly all positions.

@@ -3,7 +3,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.spatial.transform import Rotation
 
 from catfree.adapters import read_uniform_json
@@ -44,6 +44,7 @@ def inside_by_opencv(rig, points):
     return np.array(seen)
 
 
+@settings(max_examples=8)  # each compares 30 places one by one
 @given(seed=SEEDS)
 def test_sigma_and_visibility_are_those_of_the_geometry(x64, seed):
     scene = scene_of(seed)
@@ -122,6 +123,7 @@ def test_the_map_moves_with_the_scene(x64, seed, scale, turn, shift):
         np.testing.assert_allclose(after.sigma[0, 0], scale * sigma, rtol=1e-6)
 
 
+@settings(max_examples=8)  # each evaluates two maps of 40 000 cells
 @given(seed=SEEDS, scale=st.floats(0.01, 100.0), shift=st.floats(-100.0, 100.0))
 def test_default_area_and_resolution_are_relative_to_the_extent(x64, seed, scale, shift):
     scene = scene_of(seed)
