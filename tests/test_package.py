@@ -1,0 +1,169 @@
+"""The package as a whole: what importing it costs, which way imports point, what is documented."""
+
+import ast
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import catfree as cf
+
+ROOT = Path(cf.__file__).parent
+
+# Each folder or module, and what it may import; `errors`, `types`, `settings` are free to all.
+FOUNDATION = {"errors", "types", "settings"}
+ALLOWED = {
+    "errors": set(),
+    "types": set(),
+    "settings": set(),
+    "geometry": set(),
+    "filters": {"geometry"},
+    "association": {"geometry", "filters"},
+    "trajectories": {"geometry", "filters", "association"},
+    "adapters": set(),
+    "evaluation": {"geometry"},
+}
+# What only other folders of this kind may import.
+TOP_ONLY = {"viz", "cli", "output", "demo"}
+
+
+def modules():
+    return sorted(path.relative_to(ROOT) for path in ROOT.rglob("*.py"))
+
+
+def imported(path: Path) -> set[str]:
+    """First component below `catfree` of everything that a module imports from the package."""
+    found = set()
+    for node in ast.walk(ast.parse((ROOT / path).read_text())):
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            names = [node.module]
+            if node.module == "catfree":
+                names = [f"catfree.{alias.name}" for alias in node.names]
+        found |= {name.split(".")[1] for name in names if name.startswith("catfree.")}
+    return found
+
+
+def folder_of(path: Path) -> str:
+    return path.parts[0].removesuffix(".py")
+
+
+@pytest.mark.parametrize("name", sorted(ALLOWED))
+def test_imports_point_one_way(name):
+    for path in modules():
+        if folder_of(path) == name:
+            beyond = imported(path) - FOUNDATION - ALLOWED[name] - {name}
+            assert beyond == set(), f"{path} imports {sorted(beyond)}"
+
+
+def test_nothing_imports_what_stands_on_top():
+    for path in modules():
+        if folder_of(path) not in TOP_ONLY and path.name != "__main__.py":
+            assert not imported(path) & TOP_ONLY, path
+
+
+def test_imports_are_absolute():
+    for path in modules():
+        for node in ast.walk(ast.parse((ROOT / path).read_text())):
+            assert not (isinstance(node, ast.ImportFrom) and node.level), path
+
+
+def fresh(code: str) -> str:
+    """What a new interpreter prints."""
+    command = [sys.executable, "-W", "error", "-c", code]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def test_importing_is_light_and_silent():
+    heavy = ["cv2", "onnxruntime", "torch", "matplotlib", "trimesh", "pyarrow", "tyro", "rich"]
+    code = (
+        "import jax; before = dict(jax.config.values)\n"
+        "import sys, catfree\n"
+        f"print([name for name in {heavy} if name in sys.modules])\n"
+        "print(before == dict(jax.config.values), jax.config.jax_enable_x64)"
+    )
+    assert fresh(code).splitlines() == ["[]", "True False"]
+
+
+def test_the_version_is_that_of_the_distribution():
+    from importlib.metadata import version
+
+    assert cf.__version__ == version("catfree")
+
+
+def public_functions():
+    """Every public function of the package and its sub-packages, by its public name."""
+    found = {}
+    for place in (cf, cf.geometry, cf.filters, cf.evaluation, cf.adapters):
+        for name, thing in vars(place).items():
+            if not name.startswith("_") and inspect.isfunction(inspect.unwrap(thing)):
+                found[f"{place.__name__}.{name}"] = thing
+    return found
+
+
+def public_classes():
+    found = {}
+    for place in (cf, cf.geometry, cf.filters, cf.evaluation, cf.adapters):
+        for name, thing in vars(place).items():
+            if not name.startswith("_") and inspect.isclass(thing):
+                found[f"{place.__name__}.{name}"] = thing
+    return found
+
+
+@pytest.mark.parametrize("name", sorted(public_functions()))
+def test_functions_say_what_goes_in_and_out(name):
+    function = public_functions()[name]
+    document = inspect.getdoc(function)
+    assert document
+    summary = document.splitlines()[0]
+    assert summary.endswith((".", ":")), summary
+    parameters = inspect.signature(function).parameters
+    returns = inspect.signature(function).return_annotation
+    if parameters:
+        assert "Args:" in document
+        for parameter in parameters:
+            assert f"{parameter}:" in document.replace("`", ""), f"{parameter} is not described"
+    if returns not in (None, "None", inspect.Signature.empty):
+        assert "Returns:" in document or summary.startswith(("Yield", "Whether"))
+
+
+@pytest.mark.parametrize("name", sorted(public_functions()))
+def test_no_default_can_be_changed_by_a_caller(name):
+    for parameter in inspect.signature(public_functions()[name]).parameters.values():
+        assert not isinstance(parameter.default, (list, dict, set))
+
+
+@pytest.mark.parametrize("name", sorted(public_classes()))
+def test_classes_are_described(name):
+    thing = public_classes()[name]
+    assert inspect.getdoc(thing)
+    fields = [field for field in vars(thing).get("__annotations__", {}) if field[0] != "_"]
+    document = inspect.getdoc(thing) or ""
+    for field in fields:
+        assert field in document, f"{name}.{field} is not described"
+
+
+def test_settings_are_frozen_and_the_papers():
+    settings = cf.Settings.paper()
+    with pytest.raises(AttributeError):
+        settings.confidence = 0.5  # pyright: ignore[reportAttributeAccessIssue]
+    assert hash(settings) == hash(cf.Settings.paper())
+    paper = (
+        settings.confidence,
+        settings.rays.sigma_theta,
+        settings.association.residual_factor,
+        settings.association.appearance_threshold,
+        settings.association.uniqueness_ratio,
+        settings.triangulation.huber_scale,
+        settings.selection.rms_factor,
+        settings.selection.suppression_radius,
+        settings.trajectories.link_radius,
+        settings.trajectories.appearance_weight,
+        settings.trajectories.minimum_length,
+        settings.trajectories.extension_frames,
+    )
+    assert paper == (0.30, 0.0206, 2.0, 0.6, 0.3, 0.01, 2.0, 0.018, 0.04, 1.5, 2, 2)
