@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.optimize import linear_sum_assignment
 
 from catfree.adapters.anipose_toml import write_anipose_toml
 from catfree.adapters.colmap import write_colmap_text
@@ -22,7 +21,8 @@ from catfree.errors import WriteError
 from catfree.report import write_report
 from catfree.run import RunOutcome
 from catfree.settings import Settings
-from catfree.types import Detections, Fate, Localization, Origin, Scene
+from catfree.trajectories.identities import identify_detections
+from catfree.types import Detections, Localization, Scene
 from catfree.types.archive import load_arrays, save_arrays
 
 # TrackEval matches two squares at an IoU of one half; in a scene without metres the matching
@@ -221,40 +221,6 @@ def draw_views(
         sheet[top : top + size[1], left : left + size[0]] = small
     _, encoded = cv2.imencode(".jpg", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))
     return write_bytes_atomically(root / "views.jpg", encoded.tobytes())
-
-
-def identify_detections(
-    localization: Localization, scene: Scene, count: int, *, radius: float
-) -> Int[np.ndarray, " n"]:
-    """Whom each detection shows, as far as the tracks say.
-
-    In every frame, the positions that were detected are matched one to one to the accepted
-    candidates, and each candidate's detections take the identity of its track.
-
-    Args:
-        localization: what `localize` returned.
-        scene: the scene it was made with.
-        count: number of detections it was made from.
-        radius: farthest that a track passes from its candidate, in scene units.
-
-    Returns:
-        (N,) track ids, -1 for detections that support no track.
-    """
-    tracks, candidates = localization.tracks, localization.candidates
-    identity = np.full(count, -1)
-    accepted = np.isin(candidates.fate, (Fate.ACCEPTED, Fate.RECOVERED))
-    ground = np.asarray(scene.ground.project(np.asarray(candidates.position, np.float64)))
-    for frame in np.unique(tracks.frame):
-        rows = np.flatnonzero((tracks.frame == frame) & (tracks.origin == Origin.DETECTED))
-        chosen = np.flatnonzero((candidates.frame == frame) & accepted)
-        offset = tracks.position[rows, None, :] - ground[None, chosen, :]
-        distance = np.linalg.norm(offset, axis=-1)
-        gated = np.where(distance <= radius, distance, radius * (1 + len(rows)))
-        for row, candidate in zip(*linear_sum_assignment(gated), strict=True):
-            if distance[row, candidate] <= radius:
-                support = candidates.support[chosen[candidate]]
-                identity[support[support >= 0]] = tracks.track_id[rows[row]]
-    return identity
 
 
 def _write_tables(root: Path, outcome: RunOutcome, settings: Settings) -> list[Path]:

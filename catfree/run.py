@@ -20,6 +20,7 @@ from catfree.errors import InvalidInputError
 from catfree.pipeline import localize
 from catfree.rig.pedestrians import Calibration, CalibrationSettings, calibrate
 from catfree.settings import Settings
+from catfree.trajectories.stitch import stitch_tracks
 from catfree.types import Detections, Localization, Scene
 
 Progress = Callable[[str, int, int], None]
@@ -159,7 +160,7 @@ def run_stages(
         cache,
         "localization",
         Localization,
-        lambda: localize(detections, known, chosen, progress),
+        lambda: _localize(detections, known, chosen, progress),
         (content_hash(detections), content_hash(scene)),
         settings,
     )
@@ -244,6 +245,15 @@ def reconstruct(
         lambda: scene_from_videos(videos, reconstructor, detections, progress),
         keys,
     )
+
+
+def _localize(
+    detections: Detections, scene: Scene, settings: Settings, progress: Progress | None
+) -> Localization:
+    localization = localize(detections, scene, settings, progress)
+    if settings.method == "paper":
+        return localization
+    return stitch_tracks(localization, detections, scene)
 
 
 def _cached(

@@ -21,12 +21,13 @@ from catfree.adapters import (
 )
 from catfree.errors import CatFreeError
 from catfree.outcome import empty_localization
-from catfree.output import identify_detections, read_results, write_results
+from catfree.output import read_results, write_results
 from catfree.pipeline import localize
 from catfree.report import Heading, Paragraph, Picture, Table, to_html, to_markdown
 from catfree.run import RunOutcome
 from catfree.synthetic import make_world
 from catfree.synthetic.layouts import ring
+from catfree.trajectories.identities import identify_detections
 from catfree.types import Origin
 
 pytest.importorskip("tyro")
