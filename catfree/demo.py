@@ -32,7 +32,8 @@ FEWEST_CAMERAS = 3  # two centres leave the alignment with the truth undetermine
 
 EASY = (
     "What is easy about this world: cameras are exactly synchronized, lenses have no distortion, "
-    "nothing shakes, the light is constant, the ground is flat, and nobody wears a pattern. Not "
+    "nothing shakes, the light is constant, the ground is flat, nobody wears a pattern, and nobody "
+    "stands still for long. Not "
     "easy: focal lengths and body heights are drawn away from what the calibration assumes, people "
     "hide each other, stand, enter and leave, and furniture hides them."
 )

@@ -24,7 +24,8 @@ DARKEST_SHADOW = np.log(0.3)
 SHADOW_WINDOW = 5  # pixels
 SHADOW_COLOUR = 0.12  # largest difference of a channel's log ratio from their mean
 SHADOW_TEXTURE = 0.12  # largest spread of the log ratio besides the noise's own
-SHADOW_EDGE = 2  # pixels over which a shadow fades out
+SHADOW_EDGE = 4  # pixels over which a shadow fades out, its blur by optics and coding included
+CONTACT_GAP = 3  # pixels of mixed colour between a body part and what it rests on
 RESTING_SHARE = 0.5  # of a part's columns, to be called clothes or hair
 
 
@@ -151,7 +152,8 @@ class BackgroundModel:
         core = candidate * (variance < SHADOW_TEXTURE**2 + own)
         edge = np.ones((2 * SHADOW_EDGE + 1, 2 * SHADOW_EDGE + 1), np.uint8)
         likely = candidate * cv2.dilate(core, edge)
-        shadow[part] = likely & ~_resting_on(likely, weak[part] & ~likely)
+        # A shadow's own rim is dimmed ground too: it is no body that the shadow could rest on.
+        shadow[part] = likely & ~_resting_on(likely, weak[part] & ~candidate)
         return shadow
 
 
@@ -171,9 +173,12 @@ def _resting_on(
 
     A cast shadow lies on the ground and meets a body at one end.
     """
+    import cv2
+
     count, labels = _number_parts(shadow)
-    below = np.zeros_like(body)
-    below[:-1] = body[1:]
+    reach = np.zeros((2 * CONTACT_GAP + 1, 1), np.uint8)
+    reach[CONTACT_GAP:] = 1  # looks downwards
+    below = cv2.dilate(body, reach)
     columns = shadow.shape[1]
     at = np.broadcast_to(np.arange(columns)[None, :], shadow.shape)
     touching = (below & shadow) > 0

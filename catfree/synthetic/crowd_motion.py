@@ -23,7 +23,6 @@ PREFERRED_SPEED = (1.25, 0.2)  # m/s, mean and spread of free walking
 TOP_SPEED = 2.2  # m/s, a brisk walk to catch up
 TOP_ACCELERATION = 3.0  # m/s²
 ARRIVAL = 0.7  # metres from a waypoint at which it counts as reached
-STANDING_TIME = 12.0  # seconds, mean
 STANDING_CHANCE = 0.35  # that a reached waypoint is a place to stand
 STEP_LENGTH = 0.72  # metres of one step
 BYSTANDER_CLEARANCE = 0.3  # metres that bystanders keep from the area
@@ -49,6 +48,7 @@ class Crowd:
     ahead: Float[np.ndarray, " g"]
     target: Float[np.ndarray, "g 2"]
     stand_until: Float[np.ndarray, " g"]
+    standing_time: float
     leaving: Bool[np.ndarray, " g"]
     gone: Bool[np.ndarray, " g"]
     position: Float[np.ndarray, "p 2"]
@@ -73,6 +73,7 @@ class Crowd:
         leave: Float[np.ndarray, " g"],
         background: Bool[np.ndarray, " g"],
         standing: float,
+        standing_time: float,
         obstacles: Float[np.ndarray, "k 3"],
         entry_margin: float,
         background_band: tuple[float, float],
@@ -96,6 +97,7 @@ class Crowd:
             ahead=np.zeros(groups),
             target=np.zeros((groups, 2)),
             stand_until=np.zeros(groups),
+            standing_time=standing_time,
             leaving=np.zeros(groups, bool),
             gone=np.zeros(groups, bool),
             position=np.zeros((count, 2)),
@@ -114,7 +116,7 @@ class Crowd:
         crowd.anchor[late] = _gates(crowd, rng, late)
         crowd.target = _waypoints(crowd, rng, everybody)
         stands = (rng.uniform(size=groups) < standing) & (start <= 0)
-        crowd.stand_until = np.where(stands, rng.exponential(STANDING_TIME, groups), 0.0)
+        crowd.stand_until = np.where(stands, rng.exponential(standing_time, groups), 0.0)
         direction = unit(crowd.target - crowd.anchor)
         crowd.anchor_velocity = direction * (crowd.speed * ~stands)[:, None]
         crowd.ahead = np.arctan2(direction[:, 1], direction[:, 0])
@@ -190,7 +192,7 @@ def _choose_targets(crowd: Crowd, rng: np.random.Generator) -> None:
     if next_one.size:
         crowd.target[next_one] = _waypoints(crowd, rng, next_one)
         stands = rng.uniform(size=next_one.size) < STANDING_CHANCE
-        pause = rng.exponential(STANDING_TIME, next_one.size)
+        pause = rng.exponential(crowd.standing_time, next_one.size)
         crowd.stand_until[next_one] = np.where(stands, crowd.time + pause, 0.0)
 
 

@@ -77,6 +77,7 @@ def simulate_walkers(
     seed: int = 0,
     stay: float | int = 60.0,
     standing: float | int = 0.3,
+    standing_time: float | int = 12.0,
     obstacles: Float[np.ndarray, "k 3"] | None = None,
 ) -> Walkers:
     """People who walk, stand, enter and leave an area, and bystanders around it.
@@ -90,6 +91,7 @@ def simulate_walkers(
         seed: everything random follows from it.
         stay: mean time in seconds until somebody leaves.
         standing: share of groups that stand when the sequence begins.
+        standing_time: mean time in seconds for which a group stands.
         obstacles: (K, 3) x, y and radius in metres of what people walk around, or None.
 
     Returns:
@@ -118,6 +120,7 @@ def simulate_walkers(
         leave=leave,
         background=is_background,
         standing=float(standing),
+        standing_time=float(standing_time),
         obstacles=np.zeros((0, 3)) if obstacles is None else np.asarray(obstacles, np.float64),
         entry_margin=ENTRY_MARGIN,
         background_band=BACKGROUND_BAND,

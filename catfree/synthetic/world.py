@@ -69,6 +69,7 @@ def make_world(
     detector: DetectorModel | None = None,
     stay: float | int = 60.0,
     standing: float | int = 0.3,
+    standing_time: float | int = 12.0,
 ) -> World:
     """A world with people in it, as a method sees it and as it is.
 
@@ -90,6 +91,7 @@ def make_world(
         detector: how good the detector is; None: `DetectorModel()`.
         stay: mean time in seconds until somebody leaves the area.
         standing: share of groups that stand when the sequence begins.
+        standing_time: mean time in seconds for which a group stands.
 
     Returns:
         The world.
@@ -106,6 +108,7 @@ def make_world(
         seed=seed,
         stay=stay,
         standing=standing,
+        standing_time=standing_time,
         obstacles=columns[:, :3],
     )
     detections, identities = detect(walkers, layout.rig, model=detector, columns=columns, seed=seed)

@@ -30,6 +30,9 @@ Progress = Callable[[str, int, int], None]
 
 STAGE_NAME = "render"
 REPORT_EVERY = 5  # frames between two progress reports
+# Somebody who stands through most of the footage cannot be told from the scene. Forty seconds of
+# footage are short, so pauses are too.
+STANDING_TIME = 4.0  # seconds, mean
 POLL = 0.1  # seconds between two looks at the reports
 
 
@@ -54,11 +57,11 @@ def make_demo_world(
 
     Returns:
         A world to give to `render_videos`. Focal lengths and the mean body height are drawn away
-        from the values that a method may assume.
+        from the values that a method may assume; people stand for a few seconds only.
     """
     layout = ring(cameras, seed=seed, image_size=image_size, height=height, people=people)
     columns = street_furniture(layout.area, seed, cameras=np.asarray(layout.rig.centers))
-    return make_world(layout, seed, frames=frames, columns=columns)
+    return make_world(layout, seed, frames=frames, columns=columns, standing_time=STANDING_TIME)
 
 
 def render_videos(
