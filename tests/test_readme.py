@@ -1,0 +1,19 @@
+"""Every Python block of the README runs, in order, in one namespace."""
+
+import re
+from pathlib import Path
+
+README = Path(__file__).parents[1] / "README.md"
+
+
+def test_python_blocks_run(capsys):
+    blocks = re.findall(r"^```python\n(.*?)^```", README.read_text(), re.DOTALL | re.MULTILINE)
+    assert len(blocks) >= 4
+    namespace: dict[str, object] = {}
+    for block in blocks:
+        exec(compile(block, "README.md", "exec"), namespace)
+    printed = capsys.readouterr().out
+    assert "positions of" in printed
+    assert namespace["score"].metrics.moda > 50
+    detector = namespace["RedJackets"]()
+    assert len(detector(namespace["np"].zeros((90, 160, 3), "uint8")).box) == 0
