@@ -92,7 +92,7 @@ class Walker:
         return foot, head, parts
 
 
-def draw(background, walkers, time, rng, shadows=True):
+def draw(background, walkers, time, rng, shadows=True, reach=(0.75, 0.35), blur=1.0):
     """The picture, the whole box of each walker, and how much of each is seen."""
     canvas = background.copy()
     order = np.argsort([-w.position(time)[1] for w in walkers])
@@ -100,13 +100,13 @@ def draw(background, walkers, time, rng, shadows=True):
         shade = np.zeros((HEIGHT, WIDTH), np.float32)
         for walker in walkers:
             x, y = walker.position(time)
-            reach = np.array([0.75, 0.35]) * walker.height
-            side = np.array([-reach[1], reach[0]]) / np.linalg.norm(reach) * 0.17
+            along = np.array(reach) * walker.height
+            side = np.array([-along[1], along[0]]) / np.linalg.norm(along) * 0.17
             outline = [(0, -0.5), (0, 0.5), (0.6, 1.2), (1, 0.5), (1, -0.5), (0.6, -1.2)]
-            ground = [np.array([x, y]) + a * reach + b * side for a, b in outline]
+            ground = [np.array([x, y]) + a * along + b * side for a, b in outline]
             polygon = project([[*p, 0] for p in ground])
             cv2.fillPoly(shade, [np.round(polygon * 16).astype(np.int32)], 1.0, cv2.LINE_AA, 4)
-        canvas *= 1 - (1 - SHADE) * cv2.GaussianBlur(shade, (0, 0), 1.0)[..., None]
+        canvas *= 1 - (1 - SHADE) * cv2.GaussianBlur(shade, (0, 0), blur)[..., None]
     owner = np.full((HEIGHT, WIDTH), -1)
     boxes, areas = np.zeros((len(walkers), 4)), np.zeros(len(walkers))
     for index in order:
@@ -201,6 +201,25 @@ def test_shadows_are_not_people_and_do_not_lower_feet(street):
         moved = shaded.box[best, 3] - lit.box[pairs.max(axis=1) > 0.7, 3]
         assert len(best) >= 0.8 * len(lit)
         assert np.median(np.abs(moved)) < 0.02 * height
+
+
+@pytest.mark.parametrize("blur", [1.0, 2.0])
+def test_shadows_towards_the_camera_do_not_lower_feet(street, blur):
+    """Their blurred rim must not count as a body that they rest on."""
+    _, detector = street
+    rng = np.random.default_rng(0)
+    background, walkers = paved_square(rng), [Walker(rng) for _ in range(12)]
+    below = []
+    for time in (3.0, 40.0, 77.0):
+        picture, boxes, _ = draw(
+            background, walkers, time, np.random.default_rng(1), reach=(0.2, -0.8), blur=blur
+        )
+        found = detector(picture)
+        rows, columns = matches(boxes, found)
+        assert len(rows) >= 0.6 * len(found)
+        height = boxes[rows, 3] - boxes[rows, 1]
+        below.append((found.box[columns, 3] - boxes[rows, 3]) / height)
+    assert np.median(np.abs(np.concatenate(below))) < 0.02
 
 
 def test_the_empty_scene_holds_nobody(street):
