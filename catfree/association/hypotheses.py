@@ -294,6 +294,6 @@ def _measure_block(
 def exclusive_support(support: Support) -> Int[np.ndarray, "h cam"]:
     """Leave each ray only to the position it passes closest (lineage K), (H, C)."""
     present = support.member >= 0
-    nearest = np.full(int(support.member.max(initial=-1)) + 1, np.inf, support.residual.dtype)
+    nearest = np.full(int(support.member.max(initial=0)) + 1, np.inf, support.residual.dtype)
     np.minimum.at(nearest, support.member[present], support.residual[present])
     return np.where(present & (support.residual <= nearest[support.member]), support.member, -1)
