@@ -12,78 +12,83 @@ from catfree.geometry.arrays import epsilon
 # Pivots below this many epsilons of the trace are rounding noise of a singular matrix.
 PIVOT_EPSILONS = 4.0
 
+Vector = tuple[Array, Array, Array]
+# The lower triangle by rows: entries 00, 10, 11, 20, 21, 22, each of any common shape.
+Triangle = tuple[Array, Array, Array, Array, Array, Array]
 
-def cholesky(matrix: Float[Array, "3 3"]) -> tuple[Float[Array, ""], ...]:
-    """The six entries of the lower Cholesky factor, pivots kept above rounding noise.
+
+def lower_triangle(matrix: Float[Array, "3 3"]) -> Triangle:
+    """The six entries on and below the diagonal of one matrix."""
+    m = matrix
+    return m[0, 0], m[1, 0], m[1, 1], m[2, 0], m[2, 1], m[2, 2]
+
+
+def factorize(matrix: Triangle) -> tuple[Vector, Vector]:
+    """The factors of `matrix = L D Lᵀ`, its pivots D kept above rounding noise.
 
     Args:
-        matrix: (3, 3) symmetric positive semi-definite; only the lower triangle is read.
+        matrix: lower triangle of a symmetric positive semi-definite matrix, or of many.
 
     Returns:
-        l00, l10, l11, l20, l21, l22. A singular matrix is factored as if its vanishing pivots were
-        a few epsilons of its trace, the zero matrix as if it were the identity.
+        The entries 10, 20, 21 of L, whose diagonal is 1, and the diagonal of D⁻¹. A singular matrix
+        is factored as if its vanishing pivots were a few epsilons of its trace, the zero matrix as
+        if it were the identity.
     """
-    trace = matrix[0, 0] + matrix[1, 1] + matrix[2, 2]
-    floor = jnp.where(trace > 0, PIVOT_EPSILONS * epsilon(matrix.dtype) * trace, 1)
-    l00 = jnp.sqrt(jnp.maximum(matrix[0, 0], floor))
-    l10 = matrix[1, 0] / l00
-    l20 = matrix[2, 0] / l00
-    l11 = jnp.sqrt(jnp.maximum(matrix[1, 1] - l10 * l10, floor))
-    l21 = (matrix[2, 1] - l20 * l10) / l11
-    l22 = jnp.sqrt(jnp.maximum(matrix[2, 2] - l20 * l20 - l21 * l21, floor))
-    return l00, l10, l11, l20, l21, l22
+    a00, a10, a11, a20, a21, a22 = matrix
+    trace = a00 + a11 + a22
+    floor = jnp.where(trace > 0, PIVOT_EPSILONS * epsilon(trace.dtype) * trace, 1)
+    r0 = 1 / jnp.maximum(a00, floor)
+    l10, l20 = a10 * r0, a20 * r0
+    r1 = 1 / jnp.maximum(a11 - l10 * a10, floor)
+    rest = a21 - l20 * a10
+    l21 = rest * r1
+    r2 = 1 / jnp.maximum(a22 - l20 * a20 - l21 * rest, floor)
+    return (l10, l20, l21), (r0, r1, r2)
 
 
-def solve_factored(
-    factor: tuple[Float[Array, ""], ...], vector: Float[Array, "3"]
-) -> Float[Array, "3"]:
-    """Solve `L Lᵀ x = vector` with the factor of `cholesky`."""
-    l00, l10, l11, l20, l21, l22 = factor
-    y0 = vector[0] / l00
-    y1 = (vector[1] - l10 * y0) / l11
-    y2 = (vector[2] - l20 * y0 - l21 * y1) / l22
-    x2 = y2 / l22
-    x1 = (y1 - l21 * x2) / l11
-    x0 = (y0 - l10 * x1 - l20 * x2) / l00
-    return jnp.stack([x0, x1, x2])
+def solve_triangle(matrix: Triangle, vector: Vector) -> Vector:
+    """`solve` by entries, for one system or many of any common shape."""
+    (l10, l20, l21), (r0, r1, r2) = factorize(matrix)
+    y0, y1, y2 = vector
+    y1 = y1 - l10 * y0
+    y2 = y2 - l20 * y0 - l21 * y1
+    x2 = r2 * y2
+    x1 = r1 * y1 - l21 * x2
+    x0 = r0 * y0 - l10 * x1 - l20 * x2
+    return x0, x1, x2
 
 
 def solve(matrix: Float[Array, "3 3"], vector: Float[Array, "3"]) -> Float[Array, "3"]:
     """Solve `matrix x = vector` for a symmetric positive definite matrix.
 
     Args:
-        matrix: (3, 3) symmetric positive semi-definite.
+        matrix: (3, 3) symmetric positive semi-definite; only the lower triangle is read.
         vector: (3,) right-hand side.
 
     Returns:
         (3,) the solution, as exact as the matrix's condition allows; finite, and of no meaning
         along the null space, where the matrix is singular.
     """
-    return solve_factored(cholesky(matrix), vector)
+    return jnp.stack(solve_triangle(lower_triangle(matrix), (vector[0], vector[1], vector[2])))
 
 
 def inverse(matrix: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
     """Inverse of a symmetric positive definite matrix.
 
     Args:
-        matrix: (3, 3) symmetric positive semi-definite.
+        matrix: (3, 3) symmetric positive semi-definite; only the lower triangle is read.
 
     Returns:
         (3, 3) inverse; finite and very large along the null space where the matrix is singular
         (see `reciprocal_condition`).
     """
-    l00, l10, l11, l20, l21, l22 = cholesky(matrix)
-    # Inverse of the factor, M = L⁻¹ (lower triangular); the inverse is Mᵀ M.
-    m00, m11, m22 = 1 / l00, 1 / l11, 1 / l22
-    m10 = -l10 * m00 * m11
-    m21 = -l21 * m11 * m22
-    m20 = -(l20 * m00 + l21 * m10) * m22
-    a01, a02, a12 = m10 * m11 + m20 * m21, m20 * m22, m21 * m22
-    a00 = m00 * m00 + m10 * m10 + m20 * m20
-    a11, a22 = m11 * m11 + m21 * m21, m22 * m22
-    return jnp.stack(
-        [jnp.stack([a00, a01, a02]), jnp.stack([a01, a11, a12]), jnp.stack([a02, a12, a22])]
-    )
+    (l10, l20, l21), (r0, r1, r2) = factorize(lower_triangle(matrix))
+    # With M = L⁻¹, whose entries below the diagonal are -l10, m20, -l21, it is Mᵀ D⁻¹ M.
+    m20 = l10 * l21 - l20
+    a02, a12 = m20 * r2, -l21 * r2
+    a01 = -l10 * r1 - l21 * a02
+    a00, a11 = r0 + l10 * l10 * r1 + m20 * a02, r1 - l21 * a12
+    return jnp.stack([a00, a01, a02, a01, a11, a12, a02, a12, r2]).reshape(3, 3)
 
 
 def reciprocal_condition(
@@ -98,5 +103,7 @@ def reciprocal_condition(
     Returns:
         () in [0, 1/9]; a few epsilons or less where the matrix is numerically singular.
     """
-    product = jnp.trace(matrix) * jnp.trace(inverted)
+    product = (matrix[0, 0] + matrix[1, 1] + matrix[2, 2]) * (
+        inverted[0, 0] + inverted[1, 1] + inverted[2, 2]
+    )
     return jnp.where(product > 0, 1 / jnp.where(product > 0, product, 1), 0)

@@ -6,19 +6,21 @@ keeps its digits in scenes far from the origin. Derivatives are those of the min
 function theorem), not of the iterations that found it.
 """
 
-import functools
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, Real
+from jaxtyping import Array, Bool, Float, Real
 
 from catfree.geometry import symmetric3
-from catfree.geometry.arrays import HostOrDevice, Scalar, epsilon, float_arrays, safe_norm
+from catfree.geometry.arrays import HostOrDevice, Scalar, epsilon, float_arrays
+from catfree.geometry.symmetric3 import Triangle, Vector
 
 # Bounds the work: over half a million random problems of 2 to 7 rays with up to 30 % wrong ones,
-# the mean was at most 9 steps and the largest number 51.
+# the mean was at most 8 steps and the largest number 24.
 MAXIMUM_STEPS = 60
 # After so many steps a predicted gain below the rounding of the loss is taken for noise (float32
 # pairs whose loss is almost flat).
@@ -38,14 +40,6 @@ class Triangulation(eqx.Module):
     position: Float[Array, "3"]
     distances: Float[Array, " cam"]
     inliers: Bool[Array, " cam"]
-
-
-class _Rays(NamedTuple):
-    """Present rays in centred coordinates; absent rows hold harmless numbers and weight 0."""
-
-    origins: Float[Array, "cam 3"]
-    directions: Float[Array, "cam 3"]
-    weights: Float[Array, " cam"]
 
 
 def triangulate(
@@ -80,26 +74,21 @@ def triangulate(
     Source: paper, Sec. "Robust 3D position estimation"; Huber (1964) for the loss.
     """
     arrays = float_arrays(origins, directions, weights, huber_scale, outlier_factor)
-    return _triangulate(*arrays, refit=refit)
+    return _triangulate(*arrays, jnp.asarray(refit))
 
 
-@functools.partial(jax.jit, static_argnames="refit")
+@jax.jit
 def _triangulate(
-    origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, *, refit: bool
+    origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, refit: Array
 ) -> Triangulation:
     """`triangulate`, compiled: without, each single call would trace its loops anew."""
     rays, center = _present_rays(origins, directions, weights)
-    present = rays.weights > 0
-    position = _minimize(rays, delta)
-    distances = safe_norm(_residuals(rays, position))
-    inliers = present & (distances <= factor * delta)
-    if refit:
-        useful = (jnp.sum(inliers) >= 2) & jnp.any(present & ~inliers)
-        # Without weights the second search ends at once, so only those who need it pay for it.
-        kept = rays._replace(weights=jnp.where(inliers & useful, rays.weights, 0))
-        position = jnp.where(useful, _minimize(kept, delta), position)
-        distances = safe_norm(_residuals(rays, position))
-    return Triangulation(center + position, jnp.where(present, distances, 0), inliers)
+    found = _search(*jax.lax.stop_gradient((*rays, delta, factor)), refit)
+    position, inliers, used = found
+    fitted = rays._replace(weights=jnp.where(used, rays.weights, 0))
+    position = _attach_derivative(fitted, position, delta)
+    distances = _norm(_residuals(rays, _entries(position)))
+    return Triangulation(center + position, jnp.where(rays.weights > 0, distances, 0), inliers)
 
 
 def triangulate_least_squares(
@@ -123,13 +112,20 @@ def triangulate_least_squares(
 @jax.jit
 def _triangulate_least_squares(origins: Array, directions: Array, weights: Array) -> Array:
     rays, center = _present_rays(origins, directions, weights)
-    solution = jax.lax.custom_root(
-        lambda x: _gradient(rays, x, None),
-        jnp.zeros_like(center),
-        lambda _, start: _least_squares(rays),
-        _tangent_solve,
-    )
-    return center + solution
+    position = _least_squares(*jax.lax.stop_gradient(rays))
+    return center + _attach_derivative(rays, position, None)
+
+
+class _Rays(NamedTuple):
+    """Present rays in centred coordinates; absent rows hold harmless numbers and weight 0.
+
+    Here and below the coordinates come first, then the cameras, last a batch if there is one: so
+    the short sums over coordinates and cameras run along the batch.
+    """
+
+    origins: Float[Array, "3 cam *batch"]
+    directions: Float[Array, "3 cam *batch"]
+    weights: Float[Array, "cam *batch"]
 
 
 def _present_rays(origins: Array, directions: Array, weights: Array) -> tuple[_Rays, Array]:
@@ -137,25 +133,56 @@ def _present_rays(origins: Array, directions: Array, weights: Array) -> tuple[_R
     present = weights > 0  # false for NaN too
     weights = jnp.where(present, weights, 0)
     # The double where: NaN of absent rows must reach neither the value nor the gradient.
-    origins = jnp.where(present[:, None], origins, 0)
-    forward = jnp.zeros_like(directions).at[:, 2].set(1)
-    directions = jnp.where(present[:, None], directions, forward)
+    origins = jnp.where(present[None, :], origins.T, 0)
+    directions = jnp.where(present[None, :], directions.T, 0)
     total = jnp.sum(weights)
-    center = jnp.sum(weights[:, None] * origins, axis=0) / jnp.where(total > 0, total, 1)
-    return _Rays(origins - center[None, :], directions, weights), center
+    center = jnp.sum(weights[None, :] * origins, axis=1) / jnp.where(total > 0, total, 1)
+    return _Rays(origins - center[:, None], directions, weights), center
 
 
-def _residuals(rays: _Rays, position: Array) -> Array:
-    """(C, 3) perpendicular vectors from each line to the position.
+def _batch_last(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Let `jax.vmap` put its axis behind all others, where it is contiguous, not in front."""
+    batched = jax.custom_batching.custom_vmap(function)
+
+    @batched.def_vmap
+    def _(size: int, in_batch: list[bool], *arguments: Array) -> tuple[Any, Any]:
+        moved = [
+            jnp.moveaxis(a, 0, -1) if mapped else jnp.broadcast_to(a[..., None], (*a.shape, size))
+            for a, mapped in zip(arguments, in_batch, strict=True)
+        ]
+        found = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), batched(*moved))
+        return found, jax.tree.map(lambda _: True, found)
+
+    return batched
+
+
+def _dot(a: Vector, b: Vector) -> Array:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _norm(vector: Vector) -> Array:
+    """Length, with gradient 0 (not NaN) at the zero vector."""
+    squared = _dot(vector, vector)
+    positive = squared > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1)), 0)
+
+
+def _entries(vector: Array) -> Vector:
+    return vector[0], vector[1], vector[2]
+
+
+def _residuals(rays: _Rays, position: Vector) -> Vector:
+    """Perpendicular vectors from each line to the position, (C, ...) each coordinate.
 
     Projected twice: the first leaves rounding errors along the ray, as long as the viewing
     distance times epsilon, that would dominate what nearly parallel rays say about depth.
     """
-    residual = position[None, :] - rays.origins
+    x, y, z = (p[None] - o for p, o in zip(position, rays.origins, strict=True))
+    u, v, w = _entries(rays.directions)
     for _ in range(2):
-        along = jnp.sum(residual * rays.directions, axis=-1, keepdims=True)
-        residual = residual - along * rays.directions
-    return residual
+        along = x * u + y * v + z * w
+        x, y, z = x - along * u, y - along * v, z - along * w
+    return x, y, z
 
 
 def _huber_weights(distances: Array, delta: Array) -> Array:
@@ -164,111 +191,108 @@ def _huber_weights(distances: Array, delta: Array) -> Array:
     return jnp.where(far, delta / jnp.where(far, distances, 1), 1)
 
 
-def _gradient(rays: _Rays, position: Array, delta: Array | None) -> Array:
-    """(3,) gradient of the objective; delta None stands for least squares."""
-    residuals = _residuals(rays, position)
-    weights = rays.weights
-    if delta is not None:
-        weights = weights * _huber_weights(safe_norm(residuals), delta)
-    return jnp.sum(weights[:, None] * residuals, axis=0)
+def _gradient(weights: Array, residuals: Vector) -> Vector:
+    x, y, z = residuals
+    return jnp.sum(weights * x, 0), jnp.sum(weights * y, 0), jnp.sum(weights * z, 0)
 
 
-def _loss(weights: Array, distances: Array, delta: Array) -> Array:
-    """Twice Huber's loss."""
-    far = distances > delta
-    linear = jnp.where(far, delta, distances)
-    return jnp.sum(weights * linear * (2 * distances - linear))
-
-
-def _symmetric_sum(weights: Array, vectors: Array) -> Array:
-    """(3, 3) `sum_i weights_i vectors_i vectors_iᵀ` without a small batched matrix product."""
-    x, y, z = vectors[:, 0], vectors[:, 1], vectors[:, 2]
-    wx, wy, wz = weights * x, weights * y, weights * z
-    xx, xy, xz = jnp.sum(wx * x), jnp.sum(wx * y), jnp.sum(wx * z)
-    yy, yz, zz = jnp.sum(wy * y), jnp.sum(wy * z), jnp.sum(wz * z)
-    return jnp.stack([jnp.stack([xx, xy, xz]), jnp.stack([xy, yy, yz]), jnp.stack([xz, yz, zz])])
-
-
-def _normal_matrix(rays: _Rays, weights: Array) -> Array:
-    """(3, 3) `sum_i weights_i (I - d_i d_iᵀ)`."""
-    identity = jnp.eye(3, dtype=weights.dtype)
-    return jnp.sum(weights) * identity - _symmetric_sum(weights, rays.directions)
-
-
-def _regularized(matrix: Array) -> Array:
-    """The matrix plus a few epsilons of its trace: bounds what degenerate rays leave open.
-
-    Rounding the matrix's own entries changes the solution of a well-posed problem as much.
-    """
-    scale = 4 * epsilon(matrix.dtype) * jnp.trace(matrix)
-    return matrix + jnp.where(scale > 0, scale, 1) * jnp.eye(3, dtype=matrix.dtype)
-
-
-def _least_squares(rays: _Rays) -> Array:
-    """Weighted least squares, refined with residuals that are more exact than the matrix."""
-    factor = symmetric3.cholesky(_regularized(_normal_matrix(rays, rays.weights)))
-    position = jnp.zeros_like(rays.origins[0])
-    for _ in range(3):
-        gradient = _gradient(rays, position, None)
-        position = position - symmetric3.solve_factored(factor, gradient)
-    return position
-
-
-def _tangent_solve(linear: Any, right_side: Array) -> Array:
-    """Solve `linear(x) = right_side` for the symmetric Hessian of the objective."""
-    hessian = jax.vmap(linear)(jnp.eye(3, dtype=right_side.dtype))
-    hessian = (hessian + hessian.T) / 2
-    return symmetric3.solve_factored(symmetric3.cholesky(_regularized(hessian)), right_side)
-
-
-def _minimize(rays: _Rays, delta: Array) -> Array:
-    """The minimizer of the Huber objective, with the derivatives of a minimizer."""
-    return jax.lax.custom_root(
-        lambda x: _gradient(rays, x, delta),
-        jnp.zeros_like(rays.origins[0]),
-        lambda _, start: _iterate(rays, delta),
-        _tangent_solve,
+def _hessian(rays: _Rays, weights: Array, bend: Array, residuals: Vector) -> Triangle:
+    """Lower triangle of `sum_i weights_i (I - d_i d_iᵀ) - bend_i r_i r_iᵀ`."""
+    (u, v, w), (x, y, z) = _entries(rays.directions), residuals
+    return (
+        jnp.sum(weights * (1 - u * u) - bend * x * x, 0),
+        jnp.sum(-weights * v * u - bend * y * x, 0),
+        jnp.sum(weights * (1 - v * v) - bend * y * y, 0),
+        jnp.sum(-weights * w * u - bend * z * x, 0),
+        jnp.sum(-weights * w * v - bend * z * y, 0),
+        jnp.sum(weights * (1 - w * w) - bend * z * z, 0),
     )
 
 
-class _Model(NamedTuple):
-    """Twice the objective around a position: loss + 2 gradient·m + mᵀ(bound - curvature)m.
+def _solve(matrix: Triangle, vector: Vector) -> Vector:
+    """Solve with the matrix plus a few epsilons of its trace.
 
-    Rounding alone changes the loss by about `rounding`: distances are differences of lengths.
+    That bounds what degenerate rays leave open; rounding the matrix's own entries changes the
+    solution of a well-posed problem as much.
+    """
+    a00, a10, a11, a20, a21, a22 = matrix
+    scale = 4 * epsilon(a00.dtype) * (a00 + a11 + a22)
+    scale = jnp.where(scale > 0, scale, 1)
+    return symmetric3.solve_triangle((a00 + scale, a10, a11 + scale, a20, a21, a22 + scale), vector)
+
+
+@_batch_last
+def _least_squares(origins: Array, directions: Array, weights: Array) -> Array:
+    """Weighted least squares, refined with residuals that are more exact than the matrix."""
+    rays = _Rays(origins, directions, weights)
+    zero = jnp.zeros_like(weights)
+    matrix = _hessian(rays, weights, zero, (zero, zero, zero))
+
+    def refine(_: Any, position: Array) -> Array:
+        gradient = _gradient(weights, _residuals(rays, _entries(position)))
+        return position - jnp.stack(_solve(matrix, gradient))
+
+    return jax.lax.fori_loop(0, 3, refine, jnp.zeros_like(origins[:, 0]))
+
+
+def _attach_derivative(rays: _Rays, position: Array, delta: Array | None) -> Array:
+    """The given minimizer of the objective with the derivatives of a minimizer.
+
+    delta None stands for least squares.
     """
 
-    loss: Float[Array, ""]
-    rounding: Float[Array, ""]
-    gradient: Float[Array, "3"]
-    bound: Float[Array, "3 3"]
-    curvature: Float[Array, "3 3"]
+    def gradient(position: Array) -> Array:
+        residuals = _residuals(rays, _entries(position))
+        weights = rays.weights
+        if delta is not None:
+            weights = weights * _huber_weights(_norm(residuals), delta)
+        return jnp.stack(_gradient(weights, residuals))
+
+    return jax.lax.custom_root(gradient, position, lambda _, found: found, _solve_tangent)
+
+
+def _solve_tangent(linear: Any, right_side: Array) -> Array:
+    """Solve `linear(x) = right_side` for the symmetric Hessian of the objective."""
+    hessian = jax.vmap(linear)(jnp.eye(3, dtype=right_side.dtype))
+    triangle = symmetric3.lower_triangle((hessian + hessian.T) / 2)
+    return jnp.stack(_solve(triangle, _entries(right_side)))
+
+
+@_batch_last
+def _search(
+    origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, refit: Array
+) -> tuple[Array, Array, Array]:
+    """Position, inliers and the rays it rests on, without derivatives.
+
+    The second of two rounds is for the inliers alone, where they are enough and not all.
+    """
+    present = weights > 0
+
+    def search(kept: Array, _: None) -> tuple[Array, tuple[Array, Array, Array]]:
+        rays = _Rays(origins, directions, jnp.where(kept, weights, 0))
+        position = _iterate(rays, delta)
+        distances = _norm(_residuals(rays, position))
+        inliers = present & (distances <= (factor * delta)[None])
+        again = refit & (jnp.sum(inliers, 0) >= 2) & jnp.any(present & ~inliers, 0)
+        # Without rays the second search ends at once, so only those who need it pay for it.
+        return inliers & again[None], (jnp.stack(position), inliers, again)
+
+    _, (position, inliers, again) = jax.lax.scan(search, present, length=2)
+    position = jnp.where(again[0], position[1], position[0])
+    return position, inliers[0], jnp.where(again[0], inliers[0], present)
 
 
 class _State(NamedTuple):
-    position: Float[Array, "3"]
-    model: _Model
-    damping: Float[Array, ""]
-    converged: Bool[Array, ""]
-    steps: Int[Array, ""]
+    """Where a search is; `loss` is twice Huber's loss, infinite before the first step."""
+
+    position: Vector
+    loss: Array
+    damping: Array
+    converged: Array
+    steps: Array
 
 
-def _model(rays: _Rays, position: Array, delta: Array) -> _Model:
-    residuals = _residuals(rays, position)
-    distances = safe_norm(residuals)
-    far = distances > delta
-    weights = rays.weights * _huber_weights(distances, delta)
-    outward = residuals / jnp.where(far, distances, 1)[:, None]
-    error = 4 * epsilon(delta.dtype) * safe_norm(position[None, :] - rays.origins)
-    return _Model(
-        loss=_loss(rays.weights, distances, delta),
-        rounding=jnp.sum(weights * error * (2 * distances + error)),
-        gradient=jnp.sum(weights[:, None] * residuals, axis=0),
-        bound=_normal_matrix(rays, weights),
-        curvature=_symmetric_sum(jnp.where(far, weights, 0), outward),
-    )
-
-
-def _iterate(rays: _Rays, delta: Array) -> Array:
+def _iterate(rays: _Rays, delta: Array) -> Vector:
     """Reweighted least squares that turns into Newton's method as far as that proves itself.
 
     A reweighted step solves with `A = sum_i w_i c_i (I - d_i d_iᵀ)`, c_i = min(1, delta / r_i),
@@ -277,45 +301,62 @@ def _iterate(rays: _Rays, delta: Array) -> Array:
     `A - sum_far w_i c_i r̂_i r̂_iᵀ`. Solving with `A - (1 - damping) sum_far ...` spans both: damping
     falls while the loss falls as predicted, and rises towards the plain step where it does not.
     """
-    dtype = delta.dtype
-    unit = epsilon(dtype)
+    unit = epsilon(delta.dtype)
+    reach = _norm(_entries(rays.origins))
 
     def step(state: _State) -> _State:
-        model = state.model
-        matrix = _regularized(model.bound - (1 - state.damping) * model.curvature)
-        move = symmetric3.solve_factored(symmetric3.cholesky(matrix), model.gradient)
-        proposal = state.position - move
-        proposed = _model(rays, proposal, delta)
-        gain = model.loss - proposed.loss + model.rounding
-        predicted = jnp.sum(model.gradient * move)
-        better = gain >= 0
+        first = state.steps == 0
+        residuals = _residuals(rays, state.position)
+        distances = _norm(residuals)
+        # To the first step every ray is near: it finds the least-squares solution.
+        far = (distances > delta[None]) & ~first
+        shrink = jnp.where(far, 1 / jnp.where(far, distances, 1), 0)
+        weights = rays.weights * jnp.where(far, delta[None] * shrink, 1)
+        bend = (1 - state.damping)[None] * weights * shrink * shrink
+        gradient = _gradient(weights, residuals)
+        move = _solve(_hessian(rays, weights, bend, residuals), gradient)
+        predicted = _dot(gradient, move)
+        # Rounding alone changes the loss by so much: distances are differences of lengths.
+        error = 4 * unit * (reach + _norm(state.position)[None])
+        rounding = jnp.sum(weights * error * (2 * distances + error), 0)
+
+        x, y, z = state.position
+        proposal = (x - move[0], y - move[1], z - move[2])
+        distances = _norm(_residuals(rays, proposal))
+        linear = jnp.minimum(distances, delta[None])
+        loss = jnp.sum(rays.weights * linear * (2 * distances - linear), 0)
+        gain = state.loss - loss + rounding
+        better = ~state.converged & (gain >= 0)
         damping = jnp.where(
             gain >= 0.5 * predicted,
-            state.damping / 10,
+            state.damping / 3,
             jnp.where(gain >= 0.1 * predicted, state.damping, state.damping * 5),
         )
-        resolution = 1e-2 * unit**0.5 * delta + 8 * unit * safe_norm(state.position)
+        resolution = 1e-2 * unit**0.5 * delta + 8 * unit * _norm(state.position)
+        converged = (
+            (_norm(move) <= resolution)
+            | (~better & (state.damping >= 1))  # only rounding stops a plain step
+            | ((state.steps >= PATIENT_STEPS) & (predicted <= rounding))
+        )
         return _State(
-            position=jnp.where(better, proposal, state.position),
-            model=jax.tree.map(lambda new, old: jnp.where(better, new, old), proposed, model),
+            position=jax.tree.map(partial(jnp.where, better), proposal, state.position),
+            loss=jnp.where(better, loss, state.loss),
             # The floor keeps the matrix regular where the loss is flat (two far rays of equal
             # weight).
             damping=jnp.clip(damping, unit**0.5, 1),
-            converged=(safe_norm(move) <= resolution)
-            | (~better & (state.damping >= 1))  # only rounding stops a plain step
-            | ((state.steps >= PATIENT_STEPS) & (predicted <= model.rounding)),
+            converged=state.converged | (converged & ~first),
             steps=state.steps + 1,
         )
 
-    start = _least_squares(rays)
+    zero = jnp.zeros_like(delta)
     state = _State(
-        position=start,
-        model=_model(rays, start, delta),
-        damping=jnp.ones((), dtype),
-        converged=jnp.zeros((), bool),
+        position=(zero, zero, zero),
+        loss=jnp.full_like(delta, jnp.inf),
+        damping=jnp.ones_like(delta),
+        converged=~jnp.any(rays.weights > 0, 0),
         steps=jnp.zeros((), jnp.int32),
     )
     final = jax.lax.while_loop(
-        lambda state: ~state.converged & (state.steps < MAXIMUM_STEPS), step, state
+        lambda state: jnp.any(~state.converged) & (state.steps <= MAXIMUM_STEPS), step, state
     )
     return final.position

@@ -101,15 +101,13 @@ def ground_sigma(information: Real[HostOrDevice, "3 3"], plane: HasBasis) -> Flo
 @jax.jit
 def _covariance(matrix: Array, basis: Array) -> tuple[Array, Array]:
     """(2, 2) `Pᵀ Λ⁻¹ P` and whether Lambda is singular, in which case the first is arbitrary."""
-    scale = jnp.trace(matrix)
+    scale = matrix[0, 0] + matrix[1, 1] + matrix[2, 2]
     usable = (scale > tiny(matrix.dtype)) & jnp.isfinite(scale)
     scale = jnp.where(usable, scale, 1)
-    identity = jnp.eye(3, dtype=matrix.dtype)
     # Trace 1: the pivots neither overflow nor vanish in float32 whatever the scene's unit is.
-    matrix = jnp.where(usable, matrix, identity) / scale
+    matrix = jnp.where(usable, matrix, jnp.eye(3, dtype=matrix.dtype)) / scale
+    # Its pivots are bounded, so value and gradient are finite where the matrix is singular too.
     inverted = symmetric3.inverse(matrix)
     condition = symmetric3.reciprocal_condition(matrix, inverted)
     singular = ~usable | ~(condition > SINGULAR_EPSILONS * epsilon(matrix.dtype))
-    # The double where: gradients must not pass through the inverse of a singular matrix.
-    inverted = symmetric3.inverse(jnp.where(singular, identity, matrix))
     return basis.T @ (inverted / scale) @ basis, singular
