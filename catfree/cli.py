@@ -172,7 +172,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 people=people,
                 frames=frames,
                 image_size=size,
-                settings=_settings(method),
+                settings=None if method == "default" else _settings(method),
                 workers=workers,
                 pictures=None if pictures else False,
                 progress=progress,
