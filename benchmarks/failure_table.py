@@ -90,11 +90,15 @@ def incorrect_pair(key: jax.Array, separation: float, floor: Plane) -> Pair:
     )
 
 
+# Compiled once for all separations.
+incorrect_pairs = jax.jit(jax.vmap(incorrect_pair, (0, None, None)))
+
+
 def survival(separation: float, samples: int, seed: int) -> np.ndarray:
     """(2, 6) percentage of incorrect pairs that pass the first and both filters, by angle."""
     floor = Plane(np.array([0.0, 0.0, 1.0], np.float32), np.float32(0))
-    draw = jax.jit(jax.vmap(lambda key: incorrect_pair(key, separation, floor)))
-    pairs = jax.tree.map(np.asarray, draw(jax.random.split(jax.random.key(seed), samples)))
+    keys = jax.random.split(jax.random.key(seed), samples)
+    pairs = jax.tree.map(np.asarray, incorrect_pairs(keys, separation, floor))
     certain = pairs.sigma <= SIGMA_THRESHOLD
     both = certain & (pairs.ground_distance <= GROUND_THRESHOLD)
     bins = np.digitize(pairs.angle, ANGLE_EDGES[1:-1])

@@ -25,6 +25,7 @@ project_jacobian = jax.jit(jax.jacrev(geometry.project, 3))
 back_project_jacobian = jax.jit(jax.jacrev(geometry.back_project, 1))
 distort_jacobian = jax.jit(jax.jacfwd(geometry.distort))
 angular_residual = jax.jit(geometry.angular_residual)
+angular_residual_gradient = jax.jit(jax.value_and_grad(geometry.angular_residual))
 
 rotation_vectors = hnp.arrays(np.float64, 3, elements=st.floats(-3, 3))
 positions = hnp.arrays(np.float64, 3, elements=st.floats(-20, 20))
@@ -77,7 +78,7 @@ def test_undistortion_agrees_with_opencv(x64, pixel):
 
 @given(pixels)
 def test_undistortion_differentiates_as_the_inverse(x64, pixel):
-    jacobian = jax.jacrev(lambda p: geometry.back_project(K, p, WIDE_LENS))(jnp.asarray(pixel))
+    jacobian = np.asarray(back_project_jacobian(K, pixel, WIDE_LENS))
     ideal = back_project(K, pixel, WIDE_LENS)
     forward = K[:2, :2] @ np.asarray(distort_jacobian(ideal, WIDE_LENS))
     np.testing.assert_allclose(jacobian @ forward, np.eye(2), atol=1e-8)
@@ -120,13 +121,11 @@ def test_small_angles_keep_their_digits_in_float32_where_the_arccosine_loses_the
     direction = np.array([0.6, 0, 0.8], np.float32)
     sideways = np.array([0.8, 0, -0.6])
     point = 12 * (math.cos(angle) * direction.astype(float) + math.sin(angle) * sideways)
-    found = geometry.angular_residual(point.astype(np.float32), np.zeros(3, np.float32), direction)
+    found, gradient = angular_residual_gradient(
+        point.astype(np.float32), np.zeros(3, np.float32), direction
+    )
     assert abs(float(found) - angle) < 3e-7
-    assert jnp.isfinite(
-        jax.grad(geometry.angular_residual)(
-            jnp.asarray(point, jnp.float32), np.zeros(3, np.float32), direction
-        )
-    ).all()
+    assert np.isfinite(gradient).all()
 
 
 def test_a_position_at_the_camera_centre_is_at_a_right_angle_with_zero_gradient():
@@ -140,9 +139,7 @@ def test_a_position_at_the_camera_centre_is_at_a_right_angle_with_zero_gradient(
 def test_a_position_on_the_line_has_a_finite_gradient(sign):
     direction = jnp.array([0.0, 0, 1])
     position = jnp.array([0.0, 0, sign * 4.0])
-    value, gradient = jax.value_and_grad(geometry.angular_residual)(
-        position, jnp.zeros(3), direction
-    )
+    value, gradient = angular_residual_gradient(position, jnp.zeros(3), direction)
     np.testing.assert_allclose(value, 0 if sign > 0 else math.pi, rtol=1e-6)
     assert np.isfinite(gradient).all()
 

@@ -30,6 +30,7 @@ def fit_flat(source, target, weights):
     return jnp.concatenate([found.scale[None], found.rotation.ravel(), found.translation])
 
 
+project = jax.jit(geometry.project)
 fit_value = jax.jit(fit_flat)
 fit_reverse = jax.jit(jax.jacrev(fit_flat, (0, 1, 2)))
 fit_forward = jax.jit(jax.jacfwd(fit_flat, (0, 1, 2)))
@@ -213,10 +214,10 @@ def test_moved_points_keep_pixels_and_relative_distances_in_the_moved_scene(x64,
     np.testing.assert_allclose(moved.rig.centers, move(scene.rig.centers), atol=1e-9 * (1 + scale))
     there = np.asarray(move(point))
     for camera in range(4):
-        before, depth = geometry.project(
+        before, depth = project(
             scene.rig.K[camera], scene.rig.R[camera], scene.rig.t[camera], point
         )
-        after, moved_depth = geometry.project(
+        after, moved_depth = project(
             moved.rig.K[camera], moved.rig.R[camera], moved.rig.t[camera], there
         )
         np.testing.assert_allclose(after, before, atol=1e-6)

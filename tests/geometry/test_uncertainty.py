@@ -34,6 +34,7 @@ def sightings(draw, count=4):
 # Compiled once a shape and dtype.
 information = jax.jit(geometry.information)
 ground_sigma = jax.jit(geometry.ground_sigma)
+ground_covariance = jax.jit(geometry.ground_covariance)
 
 
 @jax.jit
@@ -42,6 +43,7 @@ def traced_sigma(position, origins, directions, weights):
     return geometry.ground_sigma(matrix, FLOOR)
 
 
+value_and_gradient = jax.jit(jax.value_and_grad(traced_sigma, (0, 1, 2, 3)))
 gradient_reverse = jax.jit(jax.jacrev(traced_sigma, (0, 1, 3)))
 gradient_forward = jax.jit(jax.jacfwd(traced_sigma, (0, 1, 3)))
 
@@ -57,14 +59,12 @@ def test_information_is_the_printed_sum(x64, case):
         w / (SIGMA_THETA * np.linalg.norm(position - o)) ** 2 * (np.eye(3) - np.outer(d, d))
         for o, d, w in zip(origins, directions, weights, strict=True)
     )
-    found = geometry.information(position, origins, directions, weights, SIGMA_THETA)
+    found = information(position, origins, directions, weights, SIGMA_THETA)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
     inverse = np.linalg.inv(expected)[:2, :2]
-    covariance = geometry.ground_covariance(found, FLOOR)
+    covariance = ground_covariance(found, FLOOR)
     np.testing.assert_allclose(covariance, inverse, rtol=1e-8, atol=1e-10 * np.abs(inverse).max())
-    np.testing.assert_allclose(
-        geometry.ground_sigma(found, FLOOR) ** 2, np.trace(inverse) / 2, rtol=1e-9
-    )
+    np.testing.assert_allclose(ground_sigma(found, FLOOR) ** 2, np.trace(inverse) / 2, rtol=1e-9)
 
 
 @given(sightings(count=4))
@@ -146,31 +146,21 @@ def test_one_ray_or_parallel_rays_give_infinite_sigma_and_finite_gradients(
 ):
     origins = jnp.asarray([[-3, 1, 2], [4, -2, 5]], dtype)
     directions, weights = jnp.asarray(directions, dtype), jnp.asarray(weights, dtype)
-
-    def value(position, origins, directions, weights):
-        matrix = geometry.information(position, origins, directions, weights, SIGMA_THETA)
-        return geometry.ground_sigma(matrix, FLOOR)
-
     arguments = (jnp.zeros(3, dtype), origins, directions, weights)
-    assert value(*arguments) == jnp.inf
-    for gradient in jax.grad(value, (0, 1, 2, 3))(*arguments):
+    value, gradients = value_and_gradient(*arguments)
+    assert value == jnp.inf
+    for gradient in gradients:
         assert np.isfinite(gradient).all()
-    matrix = geometry.information(*arguments, SIGMA_THETA)
-    covariance = np.asarray(geometry.ground_covariance(matrix, FLOOR))
+    covariance = np.asarray(ground_covariance(information(*arguments, SIGMA_THETA), FLOOR))
     assert (covariance == np.diag([np.inf, np.inf])).all()
 
 
 def test_a_position_at_a_camera_centre_is_finite():
     origins = jnp.array([[0.0, 0, 0], [5, 0, 1], [0, 5, 1]])
     directions = jnp.array([[1.0, 0, 0], [-1, 0, 0], [0, -1, 0]])
-
-    def value(position):
-        matrix = geometry.information(position, origins, directions, jnp.ones(3), SIGMA_THETA)
-        return geometry.ground_sigma(matrix, FLOOR)
-
-    found, gradient = jax.value_and_grad(value)(jnp.zeros(3))
+    found, gradients = value_and_gradient(jnp.zeros(3), origins, directions, jnp.ones(3))
     assert np.isfinite(found)
-    assert np.isfinite(gradient).all()
+    assert np.isfinite(gradients[0]).all()
 
 
 @given(sightings())
@@ -199,10 +189,10 @@ def test_float32_agrees_with_float64_far_from_the_origin(x64, case, scale):
         np.float32(weights),
     ]
     case64 = [np.float64(a) for a in case32]
-    matrix = geometry.information(*case32, np.float32(SIGMA_THETA))
+    matrix = information(*case32, np.float32(SIGMA_THETA))
     assert matrix.dtype == jnp.float32
     plane = Plane(np.array([0, 0, 1], np.float32), np.float32(0))
-    found = geometry.ground_sigma(matrix, plane)
+    found = ground_sigma(matrix, plane)
     np.testing.assert_allclose(found, sigma(*case64), rtol=1e-3)
 
 
@@ -230,10 +220,8 @@ def test_sigma_predicts_the_error_of_noisy_rays():
         keys = jax.random.split(jax.random.key(rig), trials)
         squared = run(position, origins, directions, (1 / distance**2).astype(np.float32), keys)
         error_of.append(np.sqrt(np.mean(squared)))
-        matrix = geometry.information(
-            position, origins, directions, np.ones(cameras, np.float32), noise
-        )
-        sigma_of.append(float(geometry.ground_sigma(matrix, FLOOR)))
+        matrix = information(position, origins, directions, np.ones(cameras, np.float32), noise)
+        sigma_of.append(float(ground_sigma(matrix, FLOOR)))
     ratio = np.array(error_of) / np.array(sigma_of)
     assert (ratio > 0.95).all()
     assert (ratio < 1.05).all()
@@ -248,26 +236,27 @@ def test_wildtrack_sigma_by_number_of_cameras(shared):
     people = np.zeros((20_000, 3), np.float32)
     people[:, :2] = rng.uniform([-3, 0], [9, 14], (len(people), 2))
 
-    def medians(count):
-        def one(person):
-            def pixel(point):
-                return jax.vmap(geometry.project, (0, 0, 0, None))(
-                    K[:count], R[:count], t[:count], point
-                )
+    def sigma_of(person, count):
+        def pixel(point):
+            return jax.vmap(geometry.project, (0, 0, 0, None))(K, R, t, point)
 
-            foot, depth = pixel(person)
-            head, _ = pixel(person + jnp.array([0, 0, 1.75]))
-            inside = (foot[:, 0] >= 0) & (foot[:, 0] < 1920)
-            visible = inside & (head[:, 1] < 1080) & (foot[:, 1] >= 0) & (depth > 0)
-            sight = person[None, :] - origins[:count]
-            directions = sight / jnp.linalg.norm(sight, axis=1, keepdims=True)
-            matrix = geometry.information(
-                person, origins[:count], directions, visible.astype(jnp.float32), SIGMA_THETA
-            )
-            return geometry.ground_sigma(matrix, FLOOR)
+        foot, depth = pixel(person)
+        head, _ = pixel(person + jnp.array([0, 0, 1.75]))
+        inside = (foot[:, 0] >= 0) & (foot[:, 0] < 1920)
+        visible = inside & (head[:, 1] < 1080) & (foot[:, 1] >= 0) & (depth > 0)
+        used = visible & (jnp.arange(len(K)) < count)
+        sight = person[None, :] - origins
+        directions = sight / jnp.linalg.norm(sight, axis=1, keepdims=True)
+        matrix = geometry.information(
+            person, origins, directions, used.astype(jnp.float32), SIGMA_THETA
+        )
+        return geometry.ground_sigma(matrix, FLOOR)
 
-        values = np.asarray(jax.jit(jax.vmap(one))(people))
+    run = jax.jit(jax.vmap(sigma_of, (0, None)))
+
+    def median(count):
+        values = np.asarray(run(people, count))
         return 100 * np.median(values[np.isfinite(values)])
 
-    found = [medians(count) for count in range(2, 8)]
+    found = [median(count) for count in range(2, 8)]
     np.testing.assert_allclose(found, [76.6, 31.9, 29.2, 21.0, 19.1, 15.3], atol=1.0)
