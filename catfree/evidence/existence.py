@@ -43,7 +43,7 @@ def predict_views(
     seen = expected_views(
         pad(state, 1), pad(frame, 0), pad(member, -1), boxes.box, boxes.table, views
     )
-    return Views(*(np.asarray(x)[:H] for x in (seen.inside, seen.height, seen.cover)))
+    return Views(*(np.asarray(x)[:H] for x in (seen.inside, seen.height, seen.cover, seen.share)))
 
 
 def looking(rate: np.ndarray, member: np.ndarray, frame: np.ndarray, boxes: Boxes) -> np.ndarray:

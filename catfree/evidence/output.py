@@ -82,7 +82,7 @@ def describe(
     Args:
         solution: what `solve` found.
         scene: the scene it was found in.
-        settings: for the sway that is added to the covariance.
+        settings: for the radius of a reported position.
 
     Returns:
         The result of a run.
@@ -95,7 +95,7 @@ def describe(
     trails = s.trails[rows]
     count = (s.groups.member >= 0).sum(1)
     seen = trails.group >= 0
-    covariance = (trails.covariance[:, :2, :2] + settings.sway**2 * np.eye(2)) * unit**2
+    covariance = s.position_covariance[rows] * unit**2
     xy = trails.mean[:, :2] * unit + s.views.origin
     tracks = Tracks(
         frame=s.boxes.frames[trails.frame],

@@ -18,6 +18,7 @@ from catfree.evidence.gaussian import mean_and_covariance
 from catfree.evidence.measurement import Measurements, Noise, measure_boxes, start_noise
 from catfree.evidence.noise import learn_noise, median_height
 from catfree.evidence.tracking import Trails, estimate_motion, follow, presence, unlinked
+from catfree.evidence.uneven_ground import ground_shift, with_uneven_ground
 from catfree.evidence.views import GroundViews, ground_views
 from catfree.evidence.visibility import DetectionRate, covered_feet, learn_detection_rate
 from catfree.evidence.working_area import in_working_area
@@ -36,6 +37,7 @@ class EvidenceSolution(eqx.Module):
         state: (H, 3) position and height of each group; `covariance`: (H, 3, 3).
         trails: the tracks; `evidence`: (M,) log-odds of each of their rows;
         probability: (M,) that the person was there; `kept`: (M,) whether it is reported.
+        position_covariance: (M, 2, 2) with sway and uneven ground, as reported.
     """
 
     boxes: Boxes
@@ -50,6 +52,7 @@ class EvidenceSolution(eqx.Module):
     evidence: Float[np.ndarray, " node"]
     probability: Float[np.ndarray, " node"]
     kept: Bool[np.ndarray, " node"]
+    position_covariance: Float[np.ndarray, "node 2 2"]
 
 
 class _Pass(NamedTuple):
@@ -166,15 +169,21 @@ def _solve(
     assert found is not None
     trails = found.trails
     kept = found.probability > 0.5
-    kept &= probability_within(trails.covariance[:, :2, :2], settings.report_radius) > 0.5
+    shift = ground_shift(trails, found.groups, measured, views, noise, settings)
+    position_covariance = with_uneven_ground(
+        trails.covariance[:, :2, :2], shift, settings.unevenness
+    ) + settings.sway**2 * np.eye(2)
+    within = probability_within(position_covariance, settings.report_radius)
+    kept &= within > settings.report_probability
     if settings.working_area:
         rows = np.flatnonzero(kept)
         member = np.full((len(rows), boxes.table.shape[1]), -1)
         seen = predict_views(trails.mean[rows, :3], trails.frame[rows], member, boxes, views)
         kept[rows] = in_working_area(trails.mean[rows, :3], seen, views, noise, settings)
     return EvidenceSolution(
-        boxes=boxes, views=views, noise=noise, measurements=measured, kept=kept, **found._asdict()
-    )
+        boxes=boxes, views=views, noise=noise, measurements=measured, kept=kept,
+        position_covariance=position_covariance, **found._asdict(),
+    )  # fmt: skip
 
 
 def probability_within(covariance: np.ndarray, radius: float) -> np.ndarray:

@@ -62,11 +62,13 @@ class Views(eqx.Module):
         inside: (H, C) weight in [0, 1] of the part of the body inside the image.
         height: (H, C) predicted box height in pixels.
         cover: (H, C) share hidden by nearer boxes.
+        share: (H, C) share of the body inside the image.
     """
 
     inside: Float[Array | np.ndarray, "person cam"]
     height: Float[Array | np.ndarray, "person cam"]
     cover: Float[Array | np.ndarray, "person cam"]
+    share: Float[Array | np.ndarray, "person cam"]
 
 
 @jax.jit
@@ -105,16 +107,17 @@ def expected_views(state, frame, member, box, table, views: GroundViews) -> View
         )
         region = jnp.where(front, region, 0.0)
         cover = covered_share(region, region[3], box[jnp.maximum(others, 0)], active)
-        return jnp.where(front, inside, 0.0), jnp.where(front, height, 1.0), cover
+        seen = [jnp.where(front, x, 0.0) for x in (inside, share)]
+        return seen[0], jnp.where(front, height, 1.0), cover, seen[1]
 
     per_camera = jax.vmap(one, in_axes=(None, None, 0, 0, 0, 0, 0))
     everyone = jax.vmap(per_camera, in_axes=(0, 0, 0, None, None, None, None))
-    inside, height, cover = everyone(
+    inside, height, cover, share = everyone(
         jnp.asarray(state), jnp.asarray(frame), jnp.asarray(member), jnp.asarray(views.matrix),
         jnp.asarray(views.image_size), jnp.asarray(views.registered),
         jnp.arange(views.focal.shape[0]),
     )  # fmt: skip
-    return Views(inside, height, cover)
+    return Views(inside, height, cover, share)
 
 
 class DetectionRate(eqx.Module):

@@ -14,6 +14,8 @@ from catfree.evidence.measurement import Noise
 from catfree.evidence.views import GroundViews, edges_and_slopes
 from catfree.evidence.visibility import Views
 
+WHOLE_BODY = 0.95  # share of the body inside an image: a hand or a hat may be outside
+
 
 @partial(jax.jit)
 def _design(state, inside, height, views: GroundViews, noise: Noise):
@@ -52,16 +54,17 @@ def in_working_area(
     """Which positions lie where the rig can be trusted, judged by the sequence's own people.
 
     Two signs, both relative to the typical person: the design uncertainty is not far above that of
-    the well-seen people (the lower class of a log-Otsu split), and not much fewer cameras have the
-    place in their image.
+    the well-seen people (the lower class of a log-Otsu split), and more than half as many cameras
+    have the whole body in their image.
     """
     if len(state) == 0:
         return np.zeros(0, bool)
     sigma = np.log(design_sigma(state, seen, views, noise))
     lower = sigma[sigma <= _otsu(sigma)]
-    cameras = seen.inside.sum(1)
+    cameras = (seen.share >= WHOLE_BODY).sum(1)
+    typical = np.median(cameras)
     return (sigma <= lower.mean() + np.log(settings.working_sigma)) & (
-        cameras >= settings.working_views * np.median(cameras)
+        (cameras > settings.working_views * typical) | (typical == 0)
     )
 
 

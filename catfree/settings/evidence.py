@@ -68,7 +68,11 @@ class EvidenceSettings:
         report_radius: a position is reported if it is right within this many H0 (half a metre for
             adults) more likely than not.
         working_sigma: largest uncertainty by design, relative to well-seen people.
-        working_views: least number of cameras in whose image the place is, relative to the median.
+        working_views: a whole body must be in more images than this share of the median number:
+            the majority of the cameras that usually see people.
+        unevenness: how far off the plane people stand: paving is level to a few centimetres, and
+            walking feet are lifted by as much.
+        report_probability: least probability of being right within `report_radius`.
         sway: how far the body's centre strays from the point called its position; common to all
             cameras and therefore invisible to residuals between them.
     """
@@ -124,5 +128,7 @@ class EvidenceSettings:
 
     report_radius: float = 0.3
     working_sigma: float = 3.0
-    working_views: float = 0.6
+    working_views: float = 0.5
+    unevenness: float = 0.05
+    report_probability: float = 0.8
     sway: float = 0.04

@@ -1,0 +1,105 @@
+"""How far a position moves when people do not stand exactly on the plane.
+
+Cameras on one side of a person share the error: a foot z above the plane moves them all along the
+same ray, by z times distance over camera height. Cameras all around cancel it. With edges linear in
+the state s and in z, edges = J s + j z + noise, the estimate moves by
+
+    ds / dz = -(J'W J + prior)^-1 J'W j
+
+and both sums add over cameras and over the neighbouring frames that a smoothed track draws on.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from catfree.evidence.association import Groups
+from catfree.evidence.boxes import padded_length
+from catfree.evidence.constants import EvidenceSettings
+from catfree.evidence.measurement import Measurements, Noise
+from catfree.evidence.tracking import Trails
+from catfree.evidence.views import GroundViews, predict_edges
+
+
+@jax.jit
+def _sums(state, member, noise, used, matrix):
+    """(M, 3, 3) J'W J and (M, 3) J'W j of every row's own boxes."""
+
+    def edges(matrix, extended):
+        raised = jnp.asarray(matrix).at[:, 3].add(extended[3] * matrix[:, 2])
+        return predict_edges(raised, extended[:3])
+
+    def one(state, row, matrix):
+        extended = jnp.append(state, jnp.zeros((), state.dtype))
+        slopes = jax.jacfwd(edges, argnums=1)(matrix, extended)
+        at = jnp.maximum(row, 0)
+        weight = jnp.where((row >= 0) & used[at], 1 / noise[at] ** 2, 0.0)
+        weighted = slopes[:, :3] * weight[:, None]
+        return weighted.T @ slopes
+
+    cameras = jax.vmap(one, in_axes=(None, 0, 0))
+    total = jax.vmap(cameras, in_axes=(0, 0, None))(state, member, matrix).sum(1)
+    return total[..., :3], total[..., 3]
+
+
+def ground_shift(
+    trails: Trails,
+    groups: Groups,
+    measurements: Measurements,
+    views: GroundViews,
+    noise: Noise,
+    settings: EvidenceSettings,
+) -> Float[np.ndarray, "node 2"]:
+    """How far each position moves for each unit that its person stands above the plane.
+
+    Args:
+        trails: the tracks.
+        groups: who was seen together.
+        measurements: the boxes as likelihoods.
+        views: the cameras.
+        noise: for the spread of heights.
+        settings: a row draws on as many frames either side as a track may bridge.
+
+    Returns:
+        (M, 2) metres a metre, so to speak; no unit.
+    """
+    M = len(trails)
+    if M == 0:
+        return np.zeros((0, 2))
+    extra = padded_length(M) - M
+    seen = trails.group >= 0
+    member = np.where(seen[:, None], groups.member[trails.group], -1)
+    normal, cross = (
+        np.asarray(x)[:M]
+        for x in _sums(
+            np.pad(trails.mean[:, :3], ((0, extra), (0, 0)), constant_values=1.0),
+            np.pad(member, ((0, extra), (0, 0)), constant_values=-1),
+            np.asarray(measurements.noise),
+            np.asarray(measurements.used),
+            np.asarray(views.matrix),
+        )
+    )
+    # Rows of a track are consecutive frames: a window is a difference of running sums.
+    first = np.searchsorted(trails.track, trails.track, "left")
+    last = np.searchsorted(trails.track, trails.track, "right")
+    rows = np.arange(M)
+    low = np.maximum(rows - settings.gap, first)
+    high = np.minimum(rows + settings.gap + 1, last)
+
+    def window(values: np.ndarray) -> np.ndarray:
+        running = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, 0)])
+        return running[high] - running[low]
+
+    normal = window(normal)
+    normal[:, 2, 2] += 1 / float(noise.spread) ** 2
+    scale = np.trace(normal, axis1=1, axis2=2)[:, None, None]
+    shift = -np.linalg.solve(normal + 1e-9 * scale * np.eye(3), window(cross)[..., None])
+    return shift[:, :2, 0]
+
+
+def with_uneven_ground(
+    covariance: np.ndarray, shift: np.ndarray, unevenness: float
+) -> Float[np.ndarray, "node 2 2"]:
+    """Position covariance (M, 2, 2) with people standing off the plane by `unevenness` (H0)."""
+    return covariance + unevenness**2 * (shift[:, :, None] * shift[:, None, :])
