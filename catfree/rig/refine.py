@@ -228,7 +228,7 @@ def _adjusted(
     """The cameras after a bundle adjustment with the people of a round."""
     member = current.member
     weight = np.where(member >= 0, _pixel_weight(observations, current.ratio)[member], 0.0)
-    direction = current.rays.direction[member].astype(np.float64)
+    direction = np.asarray(current.rays.direction, np.float64)[member]
     # Projected rays are the foot pixels without lens distortion.
     pixel = current.cameras.project_directions(direction)
     return adjust(
