@@ -25,6 +25,7 @@ from catfree.output import read_results, write_results
 from catfree.pipeline import localize
 from catfree.report import Heading, Paragraph, Picture, Table, to_html, to_markdown
 from catfree.run import RunOutcome
+from catfree.settings import Settings
 from catfree.synthetic import make_world
 from catfree.synthetic.layouts import ring
 from catfree.trajectories.identities import identify_detections
@@ -42,7 +43,7 @@ def world():
 
 @pytest.fixture(scope="module")
 def outcome(world):
-    found = localize(world.detections, world.scene)
+    found = localize(world.detections, world.scene, Settings.paper())
     names = ("north side", "east", "south")
     return RunOutcome(found, world.detections, world.scene, None, names, np.arange(FRAMES))
 
@@ -50,7 +51,7 @@ def outcome(world):
 @pytest.fixture(scope="module")
 def results(outcome, tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
-    write_results(folder, outcome)
+    write_results(folder, outcome, Settings.paper())
     return folder
 
 

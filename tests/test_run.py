@@ -21,6 +21,7 @@ from catfree.errors import (
 )
 from catfree.pipeline import localize
 from catfree.run import detect, run, run_stages
+from catfree.settings import Settings
 from catfree.synthetic import make_world
 from catfree.synthetic.layouts import ring
 from catfree.types import Detections, Scene
@@ -89,12 +90,14 @@ def test_run_is_detection_and_localization_with_a_known_scene(pictures, tmp_path
         pictures,
         detector,
         scene=world.scene,
+        settings=Settings.paper(),
         cache_dir=tmp_path,
         progress=lambda stage, done, total: stages.append(stage),
     )
     assert detector.calls == FRAMES * CAMERAS
     assert len(outcome.detections) == len(world.detections)
-    assert same_content(outcome.localization, localize(outcome.detections, world.scene))
+    alone = localize(outcome.detections, world.scene, Settings.paper())
+    assert same_content(outcome.localization, alone)
     assert same_content(outcome.scene, world.scene)
     assert outcome.calibration is None
     assert outcome.camera_names == ("camera 0", "camera 1", "camera 2")
@@ -103,9 +106,8 @@ def test_run_is_detection_and_localization_with_a_known_scene(pictures, tmp_path
 
     # Everything is found again: nobody detects, and the result is the same.
     again = ReadsItsPicture(world.detections)
-    assert same_content(
-        run(pictures, again, scene=world.scene, cache_dir=tmp_path), outcome.localization
-    )
+    found = run(pictures, again, scene=world.scene, settings=Settings.paper(), cache_dir=tmp_path)
+    assert same_content(found, outcome.localization)
     assert again.calls == 0
 
 
