@@ -1,8 +1,8 @@
 """The two methods on every sequence of a data folder: `python benchmarks/methods.py DATA`.
 
 DATA holds `real/*.json` (uniform JSON) and `scenarios/*/` as the readers of catfree take them. Real
-sequences use the true calibration; scenarios are localized with their disturbed rig and aligned by a
-similarity of the camera centres. Predictions outside the evaluation area are not counted.
+sequences use the true calibration; scenarios are localized with their disturbed rig and aligned by
+a similarity of the camera centres. Predictions outside the evaluation area are not counted.
 """
 
 import argparse
