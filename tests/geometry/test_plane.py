@@ -17,6 +17,7 @@ units = hnp.arrays(np.float64, 3, elements=st.floats(-1, 1)).filter(
 )
 
 intersect = jax.jit(geometry.intersect_ray)
+intersect_jacobian = jax.jit(jax.jacrev(geometry.intersect_ray, 2, has_aux=True))
 fit = jax.jit(geometry.fit_plane)
 
 
@@ -55,12 +56,10 @@ def test_a_valid_intersection_lies_on_plane_and_ray(x64, normal, offset, origin,
 def test_rays_that_miss_the_plane_are_finite_and_invalid(direction):
     floor = Plane(np.array([0, 0, 1], np.float32), np.float32(0))
     origin = jnp.array([1.0, 2, 3])
-    position, valid = geometry.intersect_ray(floor, origin, jnp.asarray(direction))
+    position, valid = intersect(floor, origin, jnp.asarray(direction))
     assert not valid
     np.testing.assert_array_equal(position, [1, 2, 0])
-    jacobian = jax.jacrev(lambda d: geometry.intersect_ray(floor, origin, d)[0])(
-        jnp.asarray(direction)
-    )
+    jacobian, _ = intersect_jacobian(floor, origin, jnp.asarray(direction))
     assert np.isfinite(jacobian).all()
 
 
