@@ -6,13 +6,14 @@ the state s and in z, edges = J s + j z + noise, the estimate moves by
 
     ds / dz = -(J'W J + prior)^-1 J'W j
 
-and both sums add over cameras and over the neighbouring frames that a smoothed track draws on.
+and both sums add over cameras. A smoothed position draws on its neighbours in time, so the usual
+movement around it counts; one chance match with another camera must not vouch for all of them.
 """
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Float
 
 from catfree.evidence.association import Groups
 from catfree.evidence.boxes import padded_length
@@ -62,7 +63,7 @@ def ground_shift(
         settings: a row draws on as many frames either side as a track may bridge.
 
     Returns:
-        (M, 2) metres a metre, so to speak; no unit.
+        (M, 2) the median (by length) of the rows around, in metres a metre.
     """
     M = len(trails)
     if M == 0:
@@ -71,7 +72,7 @@ def ground_shift(
     seen = trails.group >= 0
     member = np.where(seen[:, None], groups.member[trails.group], -1)
     normal, cross = (
-        np.asarray(x)[:M]
+        np.array(x)[:M]
         for x in _sums(
             np.pad(trails.mean[:, :3], ((0, extra), (0, 0)), constant_values=1.0),
             np.pad(member, ((0, extra), (0, 0)), constant_values=-1),
@@ -80,22 +81,19 @@ def ground_shift(
             np.asarray(views.matrix),
         )
     )
-    # Rows of a track are consecutive frames: a window is a difference of running sums.
-    first = np.searchsorted(trails.track, trails.track, "left")
-    last = np.searchsorted(trails.track, trails.track, "right")
-    rows = np.arange(M)
-    low = np.maximum(rows - settings.gap, first)
-    high = np.minimum(rows + settings.gap + 1, last)
-
-    def window(values: np.ndarray) -> np.ndarray:
-        running = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, 0)])
-        return running[high] - running[low]
-
-    normal = window(normal)
     normal[:, 2, 2] += 1 / float(noise.spread) ** 2
     scale = np.trace(normal, axis1=1, axis2=2)[:, None, None]
-    shift = -np.linalg.solve(normal + 1e-9 * scale * np.eye(3), window(cross)[..., None])
-    return shift[:, :2, 0]
+    own = -np.linalg.solve(normal + 1e-9 * scale * np.eye(3), cross[..., None])[:, :2, 0]
+    length = np.where(seen, np.linalg.norm(own, axis=1), np.nan)
+    # Rows of a track are consecutive frames.
+    window = np.arange(M)[:, None] + np.arange(-settings.gap, settings.gap + 1)
+    inside = (window >= 0) & (window < M)
+    window = np.clip(window, 0, M - 1)
+    inside &= trails.track[window] == trails.track[:, None]
+    around = np.where(inside, length[window], np.nan)
+    middle = (np.isfinite(around).sum(1, keepdims=True) - 1) // 2
+    chosen = np.take_along_axis(np.argsort(around, axis=1), np.maximum(middle, 0), axis=1)
+    return own[np.take_along_axis(window, chosen, axis=1)[:, 0]]
 
 
 def with_uneven_ground(
