@@ -9,9 +9,16 @@ from catfree import (
     filters as filters,
     geometry as geometry,
 )
+from catfree.coverage import Coverage as Coverage, coverage as coverage
 from catfree.errors import CatFreeError as CatFreeError
 from catfree.pipeline import localize as localize
-from catfree.rig import Calibration as Calibration, calibrate as calibrate
+from catfree.rig import (
+    Calibration as Calibration,
+    Refinement as Refinement,
+    calibrate as calibrate,
+    refine as refine,
+)
+from catfree.run import run as run
 from catfree.settings import Settings as Settings
 from catfree.types import (
     Candidates as Candidates,
