@@ -137,7 +137,9 @@ def refine(
     keep = _usable(detections, scene.rig, settings, refinement.maximum_frames)
     observations = observe(detections, rig, keep=keep)
     start = Cameras.of(rig)
+    # As in localization, an unweighted pass first, so that all rounds are judged alike.
     current = _associated(observations, start, rig, 1.0, settings, refinement.cameras)
+    current = _associated(observations, start, rig, current.ratio, settings, refinement.cameras)
     if len(current.member) == 0:
         raise InsufficientDataError(
             f"No person is seen by {refinement.cameras} cameras at once within the angular "
