@@ -4,7 +4,7 @@ Cameras on one side of a person share the error: a foot z above the plane moves 
 same ray, by z times distance over camera height. Cameras all around cancel it. With edges linear in
 the state s and in z, edges = J s + j z + noise, the estimate moves by
 
-    ds / dz = -(J'W J + prior)^-1 J'W j
+    ds / dz = (J'W J + prior)^-1 J'W j
 
 and both sums add over cameras. A smoothed position draws on its neighbours in time, so the usual
 movement around it counts; one chance match with another camera must not vouch for all of them.
@@ -83,7 +83,7 @@ def ground_shift(
     )
     normal[:, 2, 2] += 1 / float(noise.spread) ** 2
     scale = np.trace(normal, axis1=1, axis2=2)[:, None, None]
-    own = -np.linalg.solve(normal + 1e-9 * scale * np.eye(3), cross[..., None])[:, :2, 0]
+    own = np.linalg.solve(normal + 1e-9 * scale * np.eye(3), cross[..., None])[:, :2, 0]
     length = np.where(seen, np.linalg.norm(own, axis=1), np.nan)
     # Rows of a track are consecutive frames.
     window = np.arange(M)[:, None] + np.arange(-settings.gap, settings.gap + 1)
