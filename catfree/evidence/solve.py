@@ -174,7 +174,7 @@ def _solve(
         trails.covariance[:, :2, :2], shift, settings.unevenness
     ) + settings.sway**2 * np.eye(2)
     within = probability_within(position_covariance, settings.report_radius)
-    kept &= within > settings.report_probability
+    kept &= within > 0.5
     if settings.working_area:
         rows = np.flatnonzero(kept)
         member = np.full((len(rows), boxes.table.shape[1]), -1)

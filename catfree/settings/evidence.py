@@ -70,9 +70,8 @@ class EvidenceSettings:
         working_sigma: largest uncertainty by design, relative to well-seen people.
         working_views: a whole body must be in more images than this share of the median number:
             the majority of the cameras that usually see people.
-        unevenness: how far off the plane people stand: paving is level to a few centimetres, and
-            walking feet are lifted by as much.
-        report_probability: least probability of being right within `report_radius`.
+        unevenness: how far off the plane people stand: paving, slopes and kerbs are level to about
+            ten centimetres over a square, and walking feet are lifted by as much.
         sway: how far the body's centre strays from the point called its position; common to all
             cameras and therefore invisible to residuals between them.
     """
@@ -129,6 +128,5 @@ class EvidenceSettings:
     report_radius: float = 0.3
     working_sigma: float = 3.0
     working_views: float = 0.5
-    unevenness: float = 0.05
-    report_probability: float = 0.8
+    unevenness: float = 0.07
     sway: float = 0.04
