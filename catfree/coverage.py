@@ -20,6 +20,7 @@ from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry import angular_residual, ground_sigma, information, pixel_to_ray, project
 from catfree.settings import RaySettings, SelectionSettings
 from catfree.types import Plane, Rig, Scene
+from catfree.types.validation import require_instance
 
 Area = Sequence[float | int] | Float[np.ndarray, "4"]
 
@@ -144,6 +145,7 @@ def coverage(
     Source:
         paper, Eq. sigma, with the true directions and weight 1.
     """
+    require_instance(scene, Scene, "scene")
     known = np.asarray(scene.rig.registered)
     return _coverage(scene, known, area, resolution, sigma_theta, person_height)
 

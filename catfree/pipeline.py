@@ -24,6 +24,7 @@ from catfree.outcome import assemble, empty_localization
 from catfree.settings import Settings
 from catfree.trajectories import build_trajectories
 from catfree.types import Detections, Localization, Rays, Scene, Thresholds
+from catfree.types.validation import require_instance
 
 Progress = Callable[[str, int, int], None]
 
@@ -54,7 +55,10 @@ def localize(
     Source:
         Sec. "Method" of the paper for `Settings.paper()`; `catfree.evidence` for the default.
     """
-    settings = settings or Settings()
+    settings = Settings() if settings is None else settings
+    require_instance(detections, Detections, "detections")
+    require_instance(scene, Scene, "scene")
+    require_instance(settings, Settings, "settings")
     report = progress or (lambda stage, done, total: None)
     keep = _usable(detections, scene, settings)
     if not keep.any():

@@ -22,6 +22,7 @@ from catfree.rig.pedestrians import Calibration, CalibrationSettings, calibrate
 from catfree.settings import Settings
 from catfree.trajectories.stitch import stitch_tracks
 from catfree.types import Detections, Localization, Scene
+from catfree.types.validation import require_instance
 
 Progress = Callable[[str, int, int], None]
 Videos = SynchronizedVideos | Sequence[str | os.PathLike[str]]
@@ -134,6 +135,17 @@ def run_stages(
     Raises:
         CatFreeError: as `run`.
     """
+    settings = Settings() if settings is None else settings
+    require_instance(settings, Settings, "settings")
+    if scene is not None:
+        require_instance(scene, Scene, "scene")
+    stages = {"detector": detector, "embedder": embedder, "reconstructor": reconstructor}
+    for name, stage in stages.items():
+        if not (stage is None or callable(stage) or hasattr(stage, "fit")):
+            raise InvalidInputError(
+                f"{name} must be an object that can be called, such as those of catfree.adapters, "
+                f"got {stage!r}."
+            )
     if scene is not None and reconstructor is not None:
         raise InvalidInputError("Pass a scene or a reconstructor, not both.")
     if not isinstance(videos, SynchronizedVideos):
@@ -143,7 +155,6 @@ def run_stages(
     detector = BackgroundDetector() if detector is None else detector
     if embedder is None and isinstance(detector, BackgroundDetector):
         embedder = ColorEmbedder()
-    settings = settings or Settings()
     cache = None if cache_dir is None else StageCache(cache_dir)
 
     detections = detect(videos, detector, embedder, cache=cache, progress=progress)

@@ -15,6 +15,7 @@ from catfree.rig.pedestrians import (
 )
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections
+from catfree.types.validation import require_instance
 
 
 def calibrate(
@@ -49,8 +50,11 @@ def calibrate(
         CalibrationError: if fewer than two cameras can be registered.
         InvalidInputError: if shapes do not fit.
     """
+    require_instance(detections, Detections, "detections")
     if not isinstance(settings, Settings):
-        settings = Settings(calibration=settings or CalibrationSettings())
+        rules = CalibrationSettings() if settings is None else settings
+        require_instance(rules, CalibrationSettings, "settings")
+        settings = Settings(calibration=rules)
     rules = settings.calibration
     if detections.score is not None:
         detections = detections[detections.score >= settings.confidence]

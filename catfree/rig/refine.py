@@ -20,6 +20,7 @@ from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.rig.bundle_adjustment import HUBER, Cameras, CameraTie, Sightings, adjust
 from catfree.settings import Settings
 from catfree.types import Detections, Plane, Rays, Rig, Scene
+from catfree.types.validation import require_instance
 
 Progress = Callable[[str, int, int], None]
 
@@ -129,7 +130,11 @@ def refine(
     Source:
         Sec. "Camera configuration and ground estimation" of the paper.
     """
-    settings, refinement = settings or Settings(), refinement or RefinementSettings()
+    settings = Settings() if settings is None else settings
+    refinement = RefinementSettings() if refinement is None else refinement
+    require_instance(detections, Detections, "detections")
+    require_instance(scene, Scene, "scene")
+    require_instance(settings, Settings, "settings")
     report = progress or (lambda stage, done, total: None)
     _require_cameras(detections, scene.rig, refinement.cameras)
     frame = CanonicalFrame.of(scene)

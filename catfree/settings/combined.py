@@ -1,8 +1,9 @@
 """The settings of a whole run: the paper's stages, catfree's own method, the calibration."""
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
+from catfree.errors import InvalidInputError
 from catfree.settings.calibration import CalibrationSettings
 from catfree.settings.evidence import EvidenceSettings
 from catfree.settings.paper import (
@@ -13,6 +14,8 @@ from catfree.settings.paper import (
     TrajectorySettings,
     TriangulationSettings,
 )
+
+Method = Literal["paper", "evidence"]
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class Settings:
     """
 
     confidence: float = 0.30
-    method: Literal["paper", "evidence"] = "evidence"
+    method: Method = "evidence"
     rays: RaySettings = field(default_factory=RaySettings)
     tracklets: TrackletSettings = field(default_factory=TrackletSettings)
     association: AssociationSettings = field(default_factory=AssociationSettings)
@@ -42,6 +45,14 @@ class Settings:
     trajectories: TrajectorySettings = field(default_factory=TrajectorySettings)
     evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
+
+    def __post_init__(self) -> None:
+        """Raise InvalidInputError for a method that does not exist: none stands in for it."""
+        if self.method not in get_args(Method):
+            raise InvalidInputError(
+                f"settings.method is {self.method!r}; it must be a known method: "
+                f"{', '.join(map(repr, get_args(Method)))}."
+            )
 
     @classmethod
     def paper(cls) -> "Settings":

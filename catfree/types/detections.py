@@ -67,7 +67,11 @@ class Detections(eqx.Module):
             None if ankles_confirmed is None else as_boolean(ankles_confirmed, "ankles_confirmed")
         )
         self.embedding = None if embedding is None else np.asarray(as_float(embedding))
+        if self.embedding is not None and self.embedding.shape == (0,):
+            self.embedding = self.embedding.reshape(0, 0)
         self.keypoints = None if keypoints is None else np.asarray(as_float(keypoints))
+        if self.keypoints is not None and self.keypoints.shape == (0,):
+            self.keypoints = self.keypoints.reshape(0, 17, 3)
         self._check()
 
     def _check(self) -> None:

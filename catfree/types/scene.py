@@ -17,6 +17,7 @@ from catfree.types.validation import (
     first_index,
     is_traced,
     require_finite,
+    require_instance,
     require_shape,
 )
 
@@ -186,7 +187,7 @@ class Plane(eqx.Module):
             length = normal.dtype.type(1) if abs(length - 1) < 1e-6 else length
         self.normal = normal / length
         self.offset = offset / length
-        if isinstance(offset, np.ndarray):
+        if isinstance(offset, np.ndarray) and not is_traced(length):
             self.offset = np.asarray(self.offset)
 
     @property
@@ -232,8 +233,11 @@ class Scene(eqx.Module):
         """Validate and store.
 
         Raises:
-            InvalidInputError: if the extent is not positive or the cameras are below the ground.
+            InvalidInputError: if rig or ground is something else, the extent is not positive or
+                the cameras are below the ground.
         """
+        require_instance(rig, Rig, "rig")
+        require_instance(ground, Plane, "ground")
         self.rig, self.ground, self.extent = rig, ground, as_float(extent)
         self.metric = bool(metric)
         require_shape(self.extent, (), "extent")

@@ -20,6 +20,21 @@ def first_index(bad: np.ndarray) -> str:
     return ", ".join(str(int(i)) for i in np.argwhere(bad)[0])
 
 
+def require_instance(value: Any, kind: type, name: str) -> None:
+    """Raise unless `value` is of this type: swapped or forgotten arguments are named as such."""
+    if not isinstance(value, kind):
+        raise InvalidInputError(f"{name} must be a {kind.__name__}, got {type(value).__name__}.")
+
+
+def _as_array(value: Any) -> np.ndarray:
+    try:
+        return np.asarray(value)
+    except ValueError as error:
+        raise InvalidInputError(
+            "Expected an array, got lists of different lengths. Give every row as many entries."
+        ) from error
+
+
 def as_float(value: Any) -> Any:
     """Float arrays keep their dtype, JAX arrays stay JAX arrays, other numbers become float64.
 
@@ -27,7 +42,7 @@ def as_float(value: Any) -> Any:
     """
     if isinstance(value, jax.Array):
         return value if value.dtype in (jnp.float32, jnp.float64) else value.astype(float)
-    array = np.asarray(value)
+    array = _as_array(value)
     if array.dtype not in (np.float32, np.float64):
         try:
             array = array.astype(np.float64)
@@ -38,7 +53,7 @@ def as_float(value: Any) -> Any:
 
 def as_integer(value: Any, name: str) -> np.ndarray:
     """An int64 array; whole-number floats are accepted, fractions are not."""
-    array = np.asarray(value)
+    array = _as_array(value)
     if array.size == 0:
         return array.astype(np.int64)
     if array.dtype == bool or not np.issubdtype(array.dtype, np.number):
@@ -56,7 +71,7 @@ def as_integer(value: Any, name: str) -> np.ndarray:
 
 def as_boolean(value: Any, name: str) -> np.ndarray:
     """A bool array from booleans or from 0 and 1."""
-    array = np.asarray(value)
+    array = _as_array(value)
     if array.dtype == bool:
         return array
     bad = ~np.isin(array, (0, 1))

@@ -189,3 +189,9 @@ def assert_same_bits(back, wanted):
         else:
             assert (other.dtype, other.shape) == (value.dtype, value.shape)
             assert other.tobytes() == value.tobytes()
+
+
+def test_the_offset_may_be_fixed_while_the_normal_is_differentiated(x64):
+    # |n · x / |n|| with x = (1, 2, 3) and n = z: the derivative is the part of x across n.
+    gradient = jax.grad(lambda normal: Plane(normal, 0.0).signed_distance(np.array([1.0, 2, 3])))
+    np.testing.assert_allclose(gradient(jnp.array([0.0, 0, 1])), [1, 2, 0], atol=1e-15)
