@@ -38,7 +38,7 @@ def save_arrays(path: str | os.PathLike[str], kind: str, arrays: Mapping[str, ob
         The path that was written.
 
     Raises:
-        InvalidInputError: if the folder does not exist.
+        InvalidInputError: if the folder does not exist, or the path is one itself.
         OSError: if the disk is full or not writable; no partial file is left behind.
     """
     target = Path(path)
@@ -46,6 +46,8 @@ def save_arrays(path: str | os.PathLike[str], kind: str, arrays: Mapping[str, ob
         raise InvalidInputError(
             f"Cannot write {target}: the folder {target.parent} does not exist. Create it first."
         )
+    if target.is_dir():
+        raise InvalidInputError(f"Cannot write {target}: it is a folder. Name a file in it.")
     present = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
     # Not a file of `tempfile`, which only its owner may read.
     temporary = target.with_name(f".{target.name}.{uuid.uuid4().hex}")

@@ -128,3 +128,8 @@ def test_damage_is_noticed_or_harmless(tmp_path, data):
     with contextlib.suppress(FileFormatError):
         loaded = load_arrays(path, "thing", required=("x",))
         np.testing.assert_array_equal(loaded["x"], np.arange(300) % 17)
+
+
+def test_a_folder_is_no_file_to_write(tmp_path):
+    with pytest.raises(InvalidInputError, match="is a folder"):
+        save_arrays(tmp_path, "thing", VALUES)
