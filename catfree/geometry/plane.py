@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray, Real, UInt32
 
+from catfree.errors import InsufficientDataError
 from catfree.geometry.arrays import HostOrDevice, Scalar, epsilon, float_arrays
 from catfree.types import Plane
 
@@ -143,17 +144,24 @@ def fit_plane_ransac(
         threshold: () largest distance of an inlier in scene units; None for one hundredth of the
             median distance between two random points.
         iterations: number of random triples.
-        where: (N,) bool, the points to use; the others may be NaN. None for all.
+        where: (N,) bool, the points to use; None for all. Points that are not finite are never
+            used.
         toward: (3,) a point that shall lie on the positive side, such as the mean camera centre;
             None for the mean of the points, which is above a ground that things stand on.
 
     Returns:
         PlaneFit. The same key and points moved by a similarity give the moved plane.
 
+    Raises:
+        InsufficientDataError: if the array of points is empty.
+
     Source: Fischler and Bolles (1981); Torr and Zisserman (2000) for the truncated score.
     """
     points, threshold, toward = float_arrays(points, threshold, toward)
-    used = jnp.ones(points.shape[0], bool) if where is None else jnp.asarray(where)
+    if points.shape[0] == 0:
+        raise InsufficientDataError("A plane needs 3 points, but there are none.")
+    used = jnp.ones(points.shape[0], bool) if where is None else jnp.asarray(where, bool)
+    used = used & jnp.all(jnp.isfinite(points), axis=1)
     return _fit_plane_ransac(points, key, threshold, iterations, used, toward)
 
 

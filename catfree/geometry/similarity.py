@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Real
 
-from catfree.errors import DegenerateGeometryError
+from catfree.errors import DegenerateGeometryError, InvalidInputError
 from catfree.geometry.arrays import HostOrDevice, epsilon, float_arrays, tiny
 from catfree.types import Plane, Rig, Scene
 from catfree.types.validation import is_traced
@@ -87,14 +87,21 @@ def fit_similarity(
         that leave it undetermined give one of the best, with finite value and gradient.
 
     Raises:
-        DegenerateGeometryError: if the points leave the rotation or scale undetermined (fewer
-            than three distinct points in 3-D, or all on a line); only with concrete values.
+        InvalidInputError: if there are no points, or not as many of both.
+        DegenerateGeometryError: if points are not finite, or leave the rotation or scale
+            undetermined (fewer than three distinct points in 3-D, or all on a line); only with
+            concrete values.
 
     Source: Umeyama (1991), "Least-squares estimation of transformation parameters between two
         point patterns".
     """
-    given = np.ones(source.shape[0], np.float32) if weights is None else weights
-    source, target, given = float_arrays(source, target, given)
+    source, target, given = float_arrays(source, target, weights)
+    if source.ndim != 2 or source.shape != target.shape or source.shape[0] == 0:
+        raise InvalidInputError(
+            "A similarity is fitted to pairs of points in arrays of one shape (n, 3) or (n, 2), "
+            f"n at least 1, got {source.shape} and {target.shape}."
+        )
+    given = jnp.ones(source.shape[0], source.dtype) if given is None else given
     present = jnp.asarray(given) > 0  # false for NaN too
     total = jnp.sum(jnp.where(present, given, 0))
     shares = jnp.where(present, given, 0) / jnp.where(total > 0, total, 1)
@@ -122,12 +129,12 @@ def fit_similarity(
 def _require_determined(covariance: np.ndarray, spread: bool, count: int) -> None:
     """Raise unless the cross-covariance fixes a rotation: rank at least D - 1."""
     dimension = covariance.shape[0]
-    values = np.linalg.svd(covariance, compute_uv=False)
     tolerance = max(RANK_TOLERANCE, RANK_EPSILONS * epsilon(covariance.dtype))
-    if not np.isfinite(values).all():
+    if not np.isfinite(covariance).all():
         raise DegenerateGeometryError(
             "A similarity cannot be fitted to points that are not finite: give them weight 0."
         )
+    values = np.linalg.svd(covariance, compute_uv=False)
     if not spread or values[0] == 0 or values[dimension - 2] <= tolerance * values[0]:
         raise DegenerateGeometryError(
             f"The {count} point pairs leave the similarity undetermined: they coincide"

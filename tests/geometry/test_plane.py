@@ -9,6 +9,7 @@ from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
 
 from catfree import Plane, geometry
+from catfree.errors import InsufficientDataError
 from catfree.geometry import Similarity
 
 points3 = hnp.arrays(np.float64, 3, elements=st.floats(-10, 10))
@@ -187,3 +188,18 @@ def test_ransac_of_too_few_points_is_finite(count):
     assert np.isfinite(found.plane.normal).all()
     assert np.isfinite(found.plane.offset)
     assert found.inliers.sum() <= count
+
+
+def test_ransac_leaves_out_points_that_are_not_finite():
+    rng = np.random.default_rng(0)
+    ground = np.c_[rng.uniform(-5, 5, (50, 2)), np.zeros(50)]
+    holes = ground[:6].copy()
+    holes[:3, 0], holes[3:, 2] = np.nan, np.inf
+    found = geometry.fit_plane_ransac(np.r_[ground, holes], jax.random.key(0))
+    np.testing.assert_allclose(np.abs(found.plane.normal), [0, 0, 1], atol=1e-6)
+    np.testing.assert_array_equal(found.inliers, np.arange(56) < 50)
+
+
+def test_ransac_without_points_is_one_error():
+    with pytest.raises(InsufficientDataError, match="3 points"):
+        geometry.fit_plane_ransac(np.zeros((0, 3)), jax.random.key(0))

@@ -1,5 +1,6 @@
 """Similarity transforms: group laws, Umeyama's fit against references, scenes in a moved world."""
 
+import inspect
 import json
 
 import jax
@@ -11,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
 
 from catfree import Plane, Rig, Scene, geometry
-from catfree.errors import DegenerateGeometryError
+from catfree.errors import DegenerateGeometryError, InvalidInputError
 from catfree.geometry import Similarity
 
 points = hnp.arrays(np.float64, (5, 3), elements=st.floats(-10, 10))
@@ -239,3 +240,21 @@ def test_a_scene_moves_under_tracing():
         return moved.extent + jnp.sum(moved.rig.centers)
 
     assert np.isfinite(jax.grad(extent)(2.0))
+
+
+@pytest.mark.parametrize(
+    ("source", "target"), [((0, 3), (0, 3)), ((4, 3), (5, 3)), ((4, 3), (4, 2))]
+)
+def test_the_fit_names_arrays_that_are_no_pairs(source, target):
+    fit = jax.jit(
+        inspect.unwrap(geometry.fit_similarity)
+    )  # the tests' check of shapes comes before
+    with pytest.raises(InvalidInputError, match="pairs"):
+        fit(np.zeros(source), np.zeros(target))
+
+
+def test_the_fit_says_that_points_are_not_finite():
+    points = np.random.default_rng(0).standard_normal((5, 3))
+    points[2, 1] = np.nan
+    with pytest.raises(DegenerateGeometryError, match="not finite"):
+        geometry.fit_similarity(points, points)
