@@ -5,6 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from catfree.errors import InvalidInputError
+
 HostOrDevice = np.ndarray | Array
 
 
@@ -16,6 +18,16 @@ def as_floating(values: jax.typing.ArrayLike) -> Float[Array, "..."]:
     return array.astype(jnp.result_type(float))
 
 
+def as_sample(values: jax.typing.ArrayLike) -> Float[Array, " n"]:
+    """`as_floating` of a flat array; a batch of samples goes through `jax.vmap`."""
+    array = as_floating(values)
+    if array.ndim != 1:
+        raise InvalidInputError(
+            f"A sample must have shape (n), got {array.shape}. Flatten it, or use jax.vmap."
+        )
+    return array
+
+
 def as_mask(where: jax.typing.ArrayLike | None, shape: tuple[int, ...]) -> Bool[Array, "..."]:
     """A boolean JAX array; None means everything counts."""
-    return jnp.ones(shape, bool) if where is None else jnp.asarray(where)
+    return jnp.ones(shape, bool) if where is None else jnp.asarray(where, bool)

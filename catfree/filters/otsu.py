@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Num
 
-from catfree.filters.arrays import HostOrDevice, as_floating, as_mask
+from catfree.filters.arrays import HostOrDevice, as_mask, as_sample
 
 # Splits whose criterion agrees to so many units of rounding are ties, so that neither the order of
 # the sample nor its unit decides between them.
@@ -139,7 +139,7 @@ def otsu(
 
     Source: Otsu 1979, Eq. 12 to 18.
     """
-    values = as_floating(values)
+    values = as_sample(values)
     if values.shape[0] == 0:
         return jnp.asarray(jnp.inf, values.dtype)
     member = as_mask(where, values.shape) & jnp.isfinite(values)
@@ -172,7 +172,7 @@ def log_otsu(
 
     Source: paper, Sec. "Selecting pedestrian positions", tau_sigma and tau_g.
     """
-    values = as_floating(values)
+    values = as_sample(values)
     if values.shape[0] == 0:
         return jnp.asarray(jnp.inf, values.dtype)
     member = as_mask(where, values.shape) & jnp.isfinite(values) & (values > 0)
@@ -203,7 +203,7 @@ def otsu_separability(
 
     Source: Otsu 1979, Eq. 19 (eta).
     """
-    values = as_floating(values)
+    values = as_sample(values)
     if values.shape[0] < 2:
         return jnp.zeros((), values.dtype)
     member = as_mask(where, values.shape) & jnp.isfinite(values)

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Num, ScalarLike
 
+from catfree.errors import InvalidInputError
 from catfree.filters.arrays import HostOrDevice, as_floating, as_mask
 
 
@@ -31,9 +32,17 @@ def suppress(
 
     Returns:
         (H,) bool, which positions are kept.
+
+    Raises:
+        InvalidInputError: if there are not as many priorities as positions, or not 2 coordinates.
     """
     positions, priority = as_floating(positions), as_floating(priority)
     count = positions.shape[0]
+    if positions.shape != (count, 2) or priority.shape[:1] != (count,):
+        raise InvalidInputError(
+            "Suppression needs positions of shape (n, 2) and one priority each, got shapes "
+            f"{positions.shape} and {priority.shape}."
+        )
     if count == 0:
         return jnp.zeros(0, bool)
     present = as_mask(where, (count,))

@@ -9,6 +9,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import catfree.filters as filters
+from catfree.errors import InvalidInputError
+from catfree.filters.arrays import as_mask, as_sample
 
 SIZE = 12  # one shape, so that everything compiles once
 
@@ -241,3 +243,15 @@ def test_gradient_is_finite(dtype, name, sample):
 def test_gradient_is_that_of_the_midpoint(dtype):
     gradient = jax.grad(filters.otsu)(jnp.asarray(np.array([1, 2, 9, 10], dtype)))
     np.testing.assert_array_equal(gradient, [0, 0.5, 0.5, 0])
+
+
+def test_masks_may_be_zeros_and_ones():
+    mask = as_mask(np.array([1, 0, 1]), (3,))
+    assert mask.dtype == bool
+    assert float(filters.otsu(np.array([1.0, np.nan, 5.0]), mask)) == 3.0
+
+
+@pytest.mark.parametrize("shape", [(), (2, 3)])
+def test_a_sample_is_flat(shape):
+    with pytest.raises(InvalidInputError, match=r"use jax\.vmap"):
+        as_sample(np.ones(shape))

@@ -1,11 +1,14 @@
 """Greedy suppression against a loop, and what it promises."""
 
+import inspect
+
 import jax
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
 import catfree.filters as filters
+from catfree.errors import InvalidInputError
 
 SIZE = 12
 suppress = jax.jit(filters.suppress)
@@ -145,3 +148,12 @@ def test_any_kind_of_number_is_a_radius(radius):
     accepted = np.array([True, False, False])
     assert filters.suppress(positions, np.arange(3), radius).tolist() == [False, True, True]
     assert filters.outside(positions, accepted, radius).tolist() == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("positions", "priority"), [((3, 2), (2,)), ((3, 3), (3,)), ((0, 2), (1,))]
+)
+def test_the_shapes_that_do_not_fit_are_named(positions, priority):
+    unchecked = inspect.unwrap(filters.suppress)  # the tests' check of shapes comes before
+    with pytest.raises(InvalidInputError, match="one priority each"):
+        unchecked(np.zeros(positions), np.zeros(priority), 1.0)
