@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.stats import chi2
 
 from catfree.errors import InvalidInputError
 from catfree.evaluation.detection import GATE_TOLERANCE
@@ -55,9 +54,14 @@ class EllipseCoverage:
         return len(self.squared_mahalanobis)
 
     @property
+    def _limit(self) -> float:
+        """Quantile of the squared distance: chi-square with two degrees of freedom."""
+        return float(-2 * np.log1p(-self.level))
+
+    @property
     def share(self) -> float:
         """Share inside the ellipse, nan without pairs: `level` if honest, less if overconfident."""
-        inside = self.squared_mahalanobis <= chi2.ppf(self.level, 2)
+        inside = self.squared_mahalanobis <= self._limit
         return float(inside.mean()) if self.matched else float("nan")
 
     @property
@@ -66,7 +70,7 @@ class EllipseCoverage:
         if not self.matched:
             return float("nan")
         needed = np.quantile(self.squared_mahalanobis, self.level)
-        return float(np.sqrt(needed / chi2.ppf(self.level, 2)))
+        return float(np.sqrt(needed / self._limit))
 
     def __str__(self) -> str:
         return (
