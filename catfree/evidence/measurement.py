@@ -60,6 +60,10 @@ class Measurements(eqx.Module):
     valid: Bool[Array | np.ndarray, " box"]
 
 
+NEAREST = 0.1  # H0; nobody's feet or head are closer to the plane of a lens
+EXPLAINED = 6.0  # standard deviations; a wider miss is no Gaussian noise
+
+
 def start_noise(cameras: int, settings: EvidenceSettings) -> Noise:
     """The noise before anything was learned."""
     return Noise(
@@ -181,8 +185,12 @@ def measure(
     weighted = slopes * precision[:, None]
     info = (weighted.T @ slopes, weighted.T @ residual, (precision * residual**2).sum())
     depth = matrix[2, 0] * state[0] + matrix[2, 1] * state[1] + matrix[2, 3]
+    nearest = jnp.minimum(depth, depth + matrix[2, 2] * state[2])
     finite = jnp.isfinite(state).all() & jnp.isfinite(info[0]).all() & jnp.isfinite(info[2])
-    valid = finite & (depth > 0) & ~(cut[1] & cut[2])
+    # Steps that run into the camera's own plane end in slopes without bound, which would drown
+    # all other boxes of a group: a box is a measurement only if its state explains it.
+    explained = jnp.where(used, jnp.abs(edges - predicted) <= EXPLAINED * noise, True).all()
+    valid = finite & (nearest > NEAREST) & explained & ~(cut[1] & cut[2])
     return info, state, noise, edges, used, valid
 
 
