@@ -7,6 +7,8 @@ from catfree.association.matching import chain_labels, match_edges
 from catfree.association.observations import Observations, appearance_distance, expand_ranges
 from catfree.settings import TrackletSettings
 
+PAIR_BLOCK = 65536  # pairs compared together
+
 
 def link_tracklets(
     observations: Observations, settings: TrackletSettings | None = None
@@ -32,25 +34,17 @@ def link_tracklets(
     first, second = _consecutive_pairs(observations)
     if len(first) == 0:
         return np.arange(len(observations))
-    box, height = observations.box.astype(np.float64), observations.height
-    allowed = np.ones(len(first), bool)
-    dissimilarity = np.zeros(len(first))
-    if observations.appearance is not None:
-        dissimilarity = appearance_distance(observations.appearance, first, second)
-        allowed = dissimilarity <= settings.appearance_threshold
+    box = observations.box.astype(np.float64)
     motion = np.zeros((len(observations), 4))
     predecessor = np.full(len(observations), -1)
     for _ in range(2):
-        moved = box[first] + motion[first]
-        overlap = box_overlap(moved, box[second])
-        shift = np.hypot(
-            (moved[:, 0] + moved[:, 2] - box[second, 0] - box[second, 2]) / 2,
-            moved[:, 3] - box[second, 3],
-        ) / np.minimum(height[first], height[second])
-        near = (overlap >= settings.minimum_overlap) | (shift <= settings.maximum_shift)
-        edge = np.flatnonzero(allowed & near)
-        cost = (1 - overlap[edge]) + shift[edge] + dissimilarity[edge]
-        chosen = edge[match_edges(observations.cell[first[edge]], first[edge], second[edge], cost)]
+        edge, cost = _possible_links(box, motion, first, second, settings)
+        if observations.appearance is not None:
+            difference = appearance_distance(observations.appearance, first[edge], second[edge])
+            allowed = difference <= settings.appearance_threshold
+            edge, cost = edge[allowed], cost[allowed] + difference[allowed]
+        cell = observations.cell[first[edge]]
+        chosen = edge[match_edges(cell, first[edge], second[edge], cost)]
         predecessor = np.full(len(observations), -1)
         predecessor[second[chosen]] = first[chosen]
         linked = np.flatnonzero(predecessor >= 0)
@@ -62,6 +56,33 @@ def link_tracklets(
             axis=-1,
         )
     return chain_labels(predecessor)
+
+
+def _possible_links(
+    box: Float[np.ndarray, "n 4"],
+    motion: Float[np.ndarray, "n 4"],
+    first: Int[np.ndarray, " p"],
+    second: Int[np.ndarray, " p"],
+    settings: TrackletSettings,
+) -> tuple[Int[np.ndarray, " e"], Float[np.ndarray, " e"]]:
+    """Pairs whose boxes overlap or whose feet are near, and their cost without appearance.
+
+    Worked off in slices: memory grows with what is near, not with all pairs.
+    """
+    height = box[:, 3] - box[:, 1]
+    edges, costs = [np.zeros(0, np.int64)], [np.zeros(0)]
+    for begin in range(0, len(first), PAIR_BLOCK):
+        i, j = first[begin : begin + PAIR_BLOCK], second[begin : begin + PAIR_BLOCK]
+        moved, target = box[i] + motion[i], box[j]
+        overlap = box_overlap(moved, target)
+        shift = np.hypot(
+            (moved[:, 0] + moved[:, 2] - target[:, 0] - target[:, 2]) / 2,
+            moved[:, 3] - target[:, 3],
+        ) / np.minimum(height[i], height[j])
+        near = (overlap >= settings.minimum_overlap) | (shift <= settings.maximum_shift)
+        edges.append(begin + np.flatnonzero(near))
+        costs.append((1 - overlap[near]) + shift[near])
+    return np.concatenate(edges), np.concatenate(costs)
 
 
 def box_overlap(
