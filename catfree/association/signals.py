@@ -7,6 +7,7 @@ from jaxtyping import Array, Float, Int
 
 from catfree.association.hypotheses import HYPOTHESIS_BLOCK, Support
 from catfree.association.observations import Observations
+from catfree.association.rays import padded_length
 from catfree.filters import (
     Signal,
     auxiliary_score,
@@ -68,9 +69,7 @@ def hypothesis_scores(
     signals[:, Signal.TEMPORAL_PERSISTENCE] = frames_of_pairs(frame_index, tracklet)
     if reconstruction_confidence is not None:
         signals[:, Signal.RECONSTRUCTION_CONFIDENCE] = reconstruction_confidence
-    length = SAMPLE_BLOCK
-    while length < count:
-        length *= 4
+    length = padded_length(count, SAMPLE_BLOCK)
     padded = np.pad(signals, ((0, length - count), (0, 0)))
     return np.asarray(_score(padded, np.arange(length) < count).score)[:count]
 

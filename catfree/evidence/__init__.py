@@ -1,6 +1,5 @@
 """catfree's own method: every hypothesis weighed by what the cameras saw and did not see."""
 
-from catfree.evidence.constants import EvidenceSettings as EvidenceSettings
 from catfree.evidence.output import (
     Clusters as Clusters,
     clusters_of as clusters_of,
@@ -8,3 +7,4 @@ from catfree.evidence.output import (
     locate as locate,
 )
 from catfree.evidence.solve import EvidenceSolution as EvidenceSolution, solve as solve
+from catfree.settings import EvidenceSettings as EvidenceSettings

@@ -6,7 +6,7 @@ from jaxtyping import Float, Int
 
 from catfree.evidence.association import Groups
 from catfree.evidence.boxes import Boxes, padded_length
-from catfree.evidence.constants import EvidenceSettings
+from catfree.settings import EvidenceSettings
 
 SMALLEST_SAMPLE = 50  # pairs below which nothing is learned
 SMALLEST_SPREAD = 0.01  # cosine distance

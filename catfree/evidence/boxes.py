@@ -4,7 +4,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from catfree.evidence.constants import EvidenceSettings
+from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Rig
 
 

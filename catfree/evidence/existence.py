@@ -7,10 +7,10 @@ from scipy.ndimage import uniform_filter
 
 from catfree.evidence.association import Groups
 from catfree.evidence.boxes import Boxes, padded_length
-from catfree.evidence.constants import EvidenceSettings
 from catfree.evidence.measurement import Measurements
 from catfree.evidence.views import GroundViews
 from catfree.evidence.visibility import Views, expected_views
+from catfree.settings import EvidenceSettings
 
 CELLS = 128  # a side of each camera's clutter map, in H0
 OUTAGE_EXPECTED = 3.0  # detections that a blind camera should have had before it counts as out

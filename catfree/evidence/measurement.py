@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from catfree.evidence.boxes import Boxes
-from catfree.evidence.constants import EvidenceSettings
 from catfree.evidence.gaussian import Information, mean_and_covariance
 from catfree.evidence.views import (
     GroundViews,
@@ -18,6 +17,7 @@ from catfree.evidence.views import (
     height_at,
     predict_edges,
 )
+from catfree.settings import EvidenceSettings
 
 
 class Noise(eqx.Module):

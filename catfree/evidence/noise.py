@@ -6,10 +6,10 @@ import numpy as np
 
 from catfree.evidence.association import Groups
 from catfree.evidence.boxes import Boxes, padded_length
-from catfree.evidence.constants import EvidenceSettings
 from catfree.evidence.gaussian import mean_and_covariance
 from catfree.evidence.measurement import Measurements, Noise, field_features
 from catfree.evidence.views import GroundViews, drop_to_height, edges_and_slopes, height_at
+from catfree.settings import EvidenceSettings
 
 ENOUGH = 30  # residuals below which a camera keeps what it had
 HUBER = 1.5

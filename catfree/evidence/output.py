@@ -4,8 +4,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from catfree.evidence.constants import EvidenceSettings
 from catfree.evidence.solve import EvidenceSolution, Progress, solve
+from catfree.settings import EvidenceSettings
 from catfree.types import (
     Candidates,
     Detections,

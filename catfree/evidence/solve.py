@@ -12,7 +12,6 @@ from catfree.errors import InsufficientDataError
 from catfree.evidence.appearance import Appearance, compare_frames, group_agreement, learn_ratio
 from catfree.evidence.association import Groups, Priors, associate
 from catfree.evidence.boxes import Boxes, prepare_boxes
-from catfree.evidence.constants import EvidenceSettings
 from catfree.evidence.existence import Existence, judge_groups, misses, predict_views
 from catfree.evidence.gaussian import mean_and_covariance
 from catfree.evidence.measurement import Measurements, Noise, measure_boxes, start_noise
@@ -22,6 +21,7 @@ from catfree.evidence.uneven_ground import ground_shift, with_uneven_ground
 from catfree.evidence.views import GroundViews, ground_views
 from catfree.evidence.visibility import DetectionRate, covered_feet, learn_detection_rate
 from catfree.evidence.working_area import in_working_area
+from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 
 Progress = Callable[[str, int, int], None]

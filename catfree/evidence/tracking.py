@@ -7,13 +7,13 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
 
 from catfree.evidence.association import Groups
-from catfree.evidence.constants import EvidenceSettings
 from catfree.evidence.gaussian import (
     Information,
     determinant_and_form,
     log_evidence,
     mean_and_covariance,
 )
+from catfree.settings import EvidenceSettings
 
 JITTER = 0.03  # H0 a frame: steps and sway that no velocity explains
 HEIGHT_JITTER = 0.005  # H0 a frame

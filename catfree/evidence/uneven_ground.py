@@ -17,10 +17,10 @@ from jaxtyping import Float
 
 from catfree.evidence.association import Groups
 from catfree.evidence.boxes import padded_length
-from catfree.evidence.constants import EvidenceSettings
 from catfree.evidence.measurement import Measurements, Noise
 from catfree.evidence.tracking import Trails
 from catfree.evidence.views import GroundViews, predict_edges
+from catfree.settings import EvidenceSettings
 
 
 @jax.jit

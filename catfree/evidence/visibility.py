@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from catfree.evidence.constants import EvidenceSettings
 from catfree.evidence.views import GroundViews, safe_ratio
+from catfree.settings import EvidenceSettings
 
 COLUMNS = 8  # sampled columns of a box; its rows are integrated exactly
 ASPECT = 0.4  # width of a standing person over the height

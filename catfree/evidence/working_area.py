@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from catfree.evidence.boxes import padded_length
-from catfree.evidence.constants import EvidenceSettings
 from catfree.evidence.gaussian import Information, mean_and_covariance
 from catfree.evidence.measurement import Noise
 from catfree.evidence.views import GroundViews, edges_and_slopes
 from catfree.evidence.visibility import Views
+from catfree.settings import EvidenceSettings
 
 WHOLE_BODY = 0.95  # share of the body inside an image: a hand or a hat may be outside
 
