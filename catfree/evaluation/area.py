@@ -86,8 +86,8 @@ def detection_metrics_in_area(
         ground_truth: (G, 4) rows [frame, id, x, y], metres; rows outside the area are dropped.
         predictions: (P, 4) rows of the same form, in the same coordinates.
         area: see `crop`.
-        frames: the frames to evaluate; None evaluates every frame that either array mentions,
-            inside the area or not.
+        frames: the frames to evaluate, also those without rows; rows of other frames are ignored.
+            None evaluates every frame that either array mentions, inside the area or not.
         threshold: largest distance of a match in metres.
         outside: "ignore" drops predictions outside the area; "false_positive" keeps them, so each
             is a false positive unless it matches someone just inside.

@@ -150,8 +150,8 @@ def hota(
     Args:
         ground_truth: (G, 4) rows [frame, id, x, y], x and y in metres on the ground.
         predictions: (P, 4) rows of the same form, in the same coordinates.
-        frames: the frames to evaluate; rows of other frames are ignored. None evaluates every
-            frame that either array mentions.
+        frames: the frames to evaluate, also those without rows; rows of other frames are ignored.
+            None evaluates every frame that either array mentions.
         zero_distance: distance in metres at which the similarity is 0.
 
     Returns:

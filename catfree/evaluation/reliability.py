@@ -97,7 +97,7 @@ def ellipse_coverage(
         ground_truth: (G, 4) rows [frame, id, x, y], metres.
         predictions: (P, 4) rows of the same form, in the same coordinates.
         covariance: (P, 2, 2) of the predicted x, y in square metres, symmetric positive definite.
-        frames: the frames to use; None uses all.
+        frames: the frames to use; rows of other frames are ignored. None uses all.
         threshold: largest distance of a match in metres.
         level: probability content of the ellipse.
 

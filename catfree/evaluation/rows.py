@@ -107,8 +107,11 @@ def read_sequence(
     Args:
         ground_truth: (G, 4) rows [frame, id, x, y], metres.
         predictions: (P, 4) rows of the same form, in the same coordinates.
-        frames: the frames to evaluate; rows of other frames are ignored. None evaluates every
-            frame that either array mentions.
+        frames: the frames to evaluate. One without rows is legitimate: nobody was there and nobody
+            was reported, which is neither right nor wrong, and a frame where only one of the two
+            arrays has rows counts all of them as errors. Rows of other frames are ignored, so that
+            a list of test frames picks them out. None evaluates every frame that either array
+            mentions, and so cannot know of frames in which there was nothing.
         identified: whether identities matter (see `as_rows`).
 
     Returns:
