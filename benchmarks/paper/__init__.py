@@ -1,0 +1,1 @@
+"""Every table of the paper, its numbers beside ours: `python -m benchmarks.paper.all`."""

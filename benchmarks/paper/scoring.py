@@ -1,0 +1,166 @@
+"""Scores with bootstrap intervals over frames, one sequence or several seeds of a twin pooled."""
+
+import dataclasses
+from collections.abc import Iterable
+from functools import cache
+
+import numpy as np
+from jaxtyping import Float
+
+import catfree as cf
+from benchmarks.paper.sequences import Sequence
+from catfree.evaluation import (
+    DetectionIntervals,
+    DetectionMetrics,
+    HotaMetrics,
+    TrackingMetrics,
+    align_centres,
+    bootstrap,
+    combine_detection,
+    combine_hota,
+    combine_tracking,
+    crop,
+    detection_metrics,
+    hota,
+    tracking_metrics,
+)
+
+BLOCK = 10  # successive frames drawn together: five seconds of a crowd at two frames a second
+SAMPLES = 2000
+
+
+@dataclasses.dataclass(frozen=True)
+class Score:
+    """Metrics of one run, or of several pooled.
+
+    Attributes:
+        detection: MODA, MODP, precision and recall at 0.5 m.
+        tracking: MOTA, MOTP and IDF1 at 1 m, or None without identities or tracks.
+        hota: HOTA with the paper's point similarity, or None.
+        cpu_seconds: of `localize`, compilation included; 0 where it was not measured.
+    """
+
+    detection: DetectionMetrics
+    tracking: TrackingMetrics | None = None
+    hota: HotaMetrics | None = None
+    cpu_seconds: float = 0.0
+
+    @property
+    def moda(self) -> float:
+        """MODA in percent."""
+        return float(self.detection.moda)
+
+    @property
+    def intervals(self) -> DetectionIntervals:
+        """95 % intervals of the detection rates, blocks of frames drawn with replacement."""
+        block = min(BLOCK, len(self.detection.frames))
+        return bootstrap(self.detection, SAMPLES, block_length=block)
+
+    @property
+    def cell(self) -> str:
+        """MODA and its interval, as the tables print them."""
+        low, high, value = self.intervals.moda
+        return f"{value:.1f} [{low:.1f}, {high:.1f}]"
+
+
+def ground_rows(
+    tracks: cf.Tracks, sequence: Sequence, scene: cf.Scene | None = None
+) -> Float[np.ndarray, "m 4"]:
+    """Track rows in metres: as they are in a metric scene, else aligned by the camera centres.
+
+    Args:
+        tracks: the result.
+        sequence: whose truth is used; only its true camera centres.
+        scene: that the result was made with; None: the sequence's own.
+
+    Returns:
+        (M, 4) rows [frame, id, x, y].
+    """
+    scene = sequence.scene if scene is None else scene
+    if scene.metric or sequence.true_centres is None:
+        return tracks.to_rows()
+    align = align_centres(
+        np.asarray(scene.rig.centers),
+        sequence.true_centres,
+        registered=np.asarray(scene.rig.registered),
+    )
+    return tracks.to_rows(np.asarray(align(tracks.position))[:, :2])
+
+
+def score_rows(
+    rows: Float[np.ndarray, "m 4"], sequence: Sequence, *, tracking: bool = True
+) -> Score:
+    """Score rows in metres; those outside the area are ignored, as the paper's evaluator does."""
+    truth = sequence.ground_truth
+    if sequence.area is not None:
+        rows, truth = crop(rows, sequence.area), crop(truth, sequence.area)
+    found = detection_metrics(truth, rows, sequence.frames)
+    tracked = tracking and sequence.identified and (rows[:, 1] >= 0).all()
+    if not tracked:
+        return Score(found)
+    return Score(
+        found,
+        tracking_metrics(truth, rows, sequence.frames),
+        hota(truth, rows, sequence.frames),
+    )
+
+
+def score(
+    localization: cf.Localization,
+    sequence: Sequence,
+    scene: cf.Scene | None = None,
+    *,
+    tracking: bool = True,
+) -> Score:
+    """Score a result, after the similarity alignment on camera centres where the rig is estimated.
+
+    Args:
+        localization: the result.
+        sequence: what it was made from.
+        scene: the scene that was used instead of the sequence's, or None.
+        tracking: whether the tracking metrics are wanted too.
+
+    Returns:
+        The score.
+    """
+    rows = ground_rows(localization.tracks, sequence, scene)
+    return score_rows(rows, sequence, tracking=tracking)
+
+
+def pool(scores: Iterable[Score]) -> Score:
+    """The scores of several sequences as one: all counts are added, all frames resampled."""
+    parts = list(scores)
+    tracking = [part.tracking for part in parts if part.tracking is not None]
+    hotas = [part.hota for part in parts if part.hota is not None]
+    return Score(
+        combine_detection(part.detection for part in parts),
+        combine_tracking(tracking) if len(tracking) == len(parts) else None,
+        combine_hota(hotas) if len(hotas) == len(parts) else None,
+        sum(part.cpu_seconds for part in parts),
+    )
+
+
+@cache
+def localize(
+    sequence: Sequence, settings: cf.Settings, *, true_rig: bool = False
+) -> cf.Localization:
+    """`cf.localize`, remembered: several tables need the same runs.
+
+    Args:
+        sequence: what to localize.
+        settings: how.
+        true_rig: with the true scene instead of the recovered one.
+    """
+    scene = sequence.true_scene if true_rig else sequence.scene
+    assert scene is not None
+    return cf.localize(sequence.detections, scene, settings)
+
+
+@cache
+def run(
+    sequence: Sequence, settings: cf.Settings, *, true_rig: bool = False, tracking: bool = False
+) -> Score:
+    """Localize and score, remembered."""
+    scene = sequence.true_scene if true_rig else sequence.scene
+    found = localize(sequence, settings, true_rig=true_rig)
+    return score(found, sequence, scene, tracking=tracking)

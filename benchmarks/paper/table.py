@@ -1,0 +1,75 @@
+"""A table of results with the paper's numbers beside ours, as Markdown and CSV."""
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+Cell = str | float | int | None
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table.
+
+    Attributes:
+        title: what it shows, and the paper's label of the table it stands beside.
+        columns: names of the columns.
+        rows: one tuple a row, as long as `columns`; None is an empty cell.
+        notes: sentences below the table.
+        verdicts: one sentence for each claim of the paper that the numbers test.
+    """
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    notes: Sequence[str] = field(default=())
+    verdicts: Sequence[str] = field(default=())
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for a row that does not fit the columns."""
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(
+                    f"{self.title}: a row has {len(row)} cells for {len(self.columns)} columns."
+                )
+
+    def markdown(self) -> str:
+        """The table as Markdown, with title, notes and verdicts."""
+        lines = [
+            f"## {self.title}",
+            "",
+            "| " + " | ".join(_escaped(name) for name in self.columns) + " |",
+            "|" + "---|" * len(self.columns),
+            *("| " + " | ".join(_escaped(_text(cell)) for cell in row) + " |" for row in self.rows),
+        ]
+        if self.notes:
+            lines += ["", *(f"- {note}" for note in self.notes)]
+        if self.verdicts:
+            lines += ["", "**Claims**", "", *(f"- {verdict}" for verdict in self.verdicts)]
+        return "\n".join(lines) + "\n"
+
+    def csv(self) -> str:
+        """The columns and rows as CSV, numbers unrounded."""
+        buffer = io.StringIO()
+        writer = csv.writer(buffer, lineterminator="\n")
+        writer.writerow(self.columns)
+        writer.writerows(["" if cell is None else cell for cell in row] for row in self.rows)
+        return buffer.getvalue()
+
+    def write(self, folder: Path, name: str) -> None:
+        """Write `name.md` and `name.csv` into a folder, which is made if need be."""
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{name}.md").write_text(self.markdown(), encoding="utf-8")
+        (folder / f"{name}.csv").write_text(self.csv(), encoding="utf-8")
+
+
+def _text(cell: Cell) -> str:
+    if cell is None:
+        return ""
+    return f"{cell:.1f}" if isinstance(cell, float) else str(cell)
+
+
+def _escaped(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")
