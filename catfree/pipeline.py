@@ -76,7 +76,10 @@ def _localize_by_evidence(
     report: Progress,
 ) -> Localization:
     """Catfree's own method: measure, self-calibrate, associate, exist, track."""
-    found = evidence.locate(detections[keep], scene, settings.evidence, progress=report)
+    try:
+        found = evidence.locate(detections[keep], scene, settings.evidence, progress=report)
+    except InsufficientDataError:  # boxes, but none of a person who stands on the ground
+        return empty_localization(scene.rig.camera_count)
     support = found.candidates.support
     original = np.where(support >= 0, np.flatnonzero(keep)[support], -1)
     return eqx.tree_at(lambda result: result.candidates.support, found, original)
