@@ -53,7 +53,7 @@ class Score:
     @property
     def intervals(self) -> DetectionIntervals:
         """95 % intervals of the detection rates, blocks of frames drawn with replacement."""
-        block = min(BLOCK, len(self.detection.frames))
+        block = max(1, min(BLOCK, len(self.detection.frames) // 4))
         return bootstrap(self.detection, SAMPLES, block_length=block)
 
     @property

@@ -7,7 +7,8 @@ changed so that a claim holds:
 - cameras, area, frame rate and crowd are the library's layouts (`catfree.synthetic.layouts`):
   seven uneven cameras (WildTrack), six around a dense crowd (MultiviewX), six and eight around a
   courtyard (GMVD configurations 1 and 2);
-- the number of frames is the paper's: 40, 40, 105 and 105;
+- the numbers of frames (40, 40, 105 and 105) and of people in the area (24, 37, 39 and 33 a frame)
+  are the paper's;
 - a third as many bystanders outside the area as people in it, groups of up to four, a third of
   the groups standing: the defaults of `make_world`;
 - the rig is off by the default `RigError`, which puts the root mean square of the angle between a
@@ -35,7 +36,7 @@ from catfree.errors import CatFreeError
 from catfree.synthetic import DetectorModel, RigError, World, make_world
 
 # Probabilities of a find and of a confirmed ankle that give the two shares above.
-GMVD_DETECTOR = DetectorModel(detection_rate=0.80, ankle_rate=0.55)
+GMVD_DETECTOR = DetectorModel(detection_rate=0.735, ankle_rate=0.51)
 ROUGH_GROUND = RigError(ground_tilt_deg=1.0, ground_offset=0.2)
 
 
@@ -46,14 +47,15 @@ class Twin:
     paper: str
     layout: str
     frames: int
+    people: int
     detector: DetectorModel
 
 
 TWINS = (
-    Twin("WildTrack", "wildtrack", 40, DetectorModel()),
-    Twin("MultiviewX", "multiviewx", 40, DetectorModel()),
-    Twin("GMVD", "gmvd6", 105, GMVD_DETECTOR),
-    Twin("GMVD c2", "gmvd8", 105, GMVD_DETECTOR),
+    Twin("WildTrack", "wildtrack", 40, 24, DetectorModel()),
+    Twin("MultiviewX", "multiviewx", 40, 37, DetectorModel()),
+    Twin("GMVD", "gmvd6", 105, 39, GMVD_DETECTOR),
+    Twin("GMVD c2", "gmvd8", 105, 33, GMVD_DETECTOR),
 )
 DEVELOPMENT = ("WildTrack", "MultiviewX", "GMVD")
 UNSEEN = "GMVD c2"
@@ -105,7 +107,14 @@ def twin(
     made = next(twin for twin in TWINS if twin.paper == paper)
     count = made.frames if frames is None else frames
     error = ROUGH_GROUND if rough_ground else RigError()
-    world = make_world(made.layout, seed, frames=count, rig_error=error, detector=made.detector)
+    world = make_world(
+        made.layout,
+        seed,
+        frames=count,
+        people=made.people,
+        rig_error=error,
+        detector=made.detector,
+    )
     return Sequence(
         name=f"{made.layout} twin {seed}{' rough ground' if rough_ground else ''}",
         detections=world.detections,
