@@ -9,7 +9,12 @@ from catfree import (
     filters as filters,
     geometry as geometry,
 )
-from catfree.coverage import Coverage as Coverage, coverage as coverage
+from catfree.coverage import (
+    Coverage as Coverage,
+    camera_gain as camera_gain,
+    coverage as coverage,
+    rank_cameras as rank_cameras,
+)
 from catfree.errors import CatFreeError as CatFreeError
 from catfree.pipeline import localize as localize
 from catfree.rig import (

@@ -17,6 +17,7 @@ from catfree.adapters.rig_json import read_scene_json, write_scene_json
 from catfree.adapters.tracks_table import write_tracks_csv, write_tracks_parquet
 from catfree.adapters.video import SynchronizedVideos
 from catfree.cache import from_arrays, to_arrays
+from catfree.coverage import coverage
 from catfree.errors import WriteError
 from catfree.report import write_report
 from catfree.run import RunOutcome
@@ -140,7 +141,7 @@ def draw_pictures(
     area: Sequence[float | int] | None = None,
     ground_truth: Float[np.ndarray, "n 4"] | None = None,
 ) -> list[Path]:
-    """Draw the bird's-eye view, and the gates where the method has thresholds.
+    """Draw the bird's-eye view, the expected uncertainty and, where there are any, the gates.
 
     Args:
         folder: made if it does not exist.
@@ -158,6 +159,7 @@ def draw_pictures(
     """
     from catfree.viz.axes import require_pyplot
     from catfree.viz.bird_eye import plot_bird_eye
+    from catfree.viz.coverage import plot_coverage
     from catfree.viz.gates import plot_gates
 
     pyplot = require_pyplot()
@@ -168,6 +170,10 @@ def draw_pictures(
         localization, scene, camera_names=camera_names, area=area, ground_truth=ground_truth
     )
     figures["bird_eye.png"] = view.figure
+    if scene.rig.registered.sum() >= 2:
+        expected = coverage(scene, area)
+        seen = plot_coverage(expected, scene, localization=localization, camera_names=camera_names)
+        figures["coverage.png"] = seen.figure
     if localization.thresholds.tau_sigma is not None:
         figures["gates.png"] = plot_gates(localization, scene)[0].figure
     written = []

@@ -7,9 +7,10 @@ import numpy as np
 
 from catfree.coverage import Coverage
 from catfree.errors import InvalidInputError
-from catfree.types import Scene
+from catfree.types import Localization, Scene
 from catfree.viz.axes import axes_or_new, figure_of
 from catfree.viz.bird_eye import draw_cameras
+from catfree.viz.palette import fraction, line_style, track_color
 from catfree.viz.plan_view import camera_names as names_of, length_unit, view_area
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ def plot_coverage(
     *,
     ax: "Axes | None" = None,
     quantity: str = "sigma",
+    localization: Localization | None = None,
     camera_names: Sequence[str] | None = None,
 ) -> "Axes":
     """Draw expected uncertainty with iso-lines, or the number of cameras, over the ground.
@@ -34,10 +36,11 @@ def plot_coverage(
         ax: matplotlib axes to draw on; None for a new figure.
         quantity: "sigma" for the uncertainty (hatched where fewer than two cameras see the
             ground), "cameras" for how many cameras see it.
+        localization: what `cf.localize` returned, whose tracks are drawn on top; None for none.
         camera_names: (C,) labels of the cameras; None for C1, C2, ...
 
     Returns:
-        The axes, in ground coordinates; tracks may be drawn on top with `plot_bird_eye(ax=)`.
+        The axes, in ground coordinates.
 
     Raises:
         MissingDependencyError: if matplotlib is not installed.
@@ -51,6 +54,8 @@ def plot_coverage(
         _draw_sigma(ax, coverage, length_unit(scene))
     else:
         _draw_cameras_seen(ax, coverage)
+    if localization is not None:
+        _draw_paths(ax, localization)
     ax.set(xlim=view[:2], ylim=view[2:], aspect="equal")
     unit = length_unit(scene)
     ax.set(xlabel=f"ground x ({unit})", ylabel=f"ground y ({unit})")
@@ -122,6 +127,19 @@ def _draw_sigma(ax: "Axes", coverage: Coverage, unit: str) -> None:
         )
         for text in ax.clabel(lines, fmt="%.2g", fontsize=8):
             text.set_path_effects([withStroke(linewidth=2, foreground="white")])
+
+
+def _draw_paths(ax: "Axes", localization: Localization) -> None:
+    """The tracks in the colours of their identities; positions without one as dots."""
+    from matplotlib.patheffects import withStroke
+
+    tracks = localization.tracks
+    halo = [withStroke(linewidth=2.4, foreground="white")]  # the map beneath is dark
+    for identity in np.unique(tracks.track_id).tolist():
+        xy = tracks.ground_xy[tracks.track_id == identity]
+        style = "." if identity < 0 else line_style(identity)
+        color = fraction(track_color(identity))
+        ax.plot(*xy.T, style, color=color, linewidth=1.2, zorder=2.5, path_effects=halo)
 
 
 def _draw_cameras_seen(ax: "Axes", coverage: Coverage) -> None:

@@ -9,13 +9,14 @@ from scipy.spatial.transform import Rotation
 from catfree.adapters import read_uniform_json
 from catfree.coverage import (
     Coverage,
+    camera_gain,
     coverage,
     coverage_with,
     coverage_without,
     rank_cameras,
     visible_area,
 )
-from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.errors import DegenerateGeometryError, InsufficientDataError, InvalidInputError
 from catfree.geometry import Similarity, ground_sigma, information, transform_scene
 from catfree.synthetic import make_layout
 from catfree.types import Plane, Rig, Scene
@@ -96,6 +97,67 @@ def test_adding_the_removed_camera_back_gives_the_whole_map(seed, camera):
     np.testing.assert_allclose(again.sigma, whole.sigma, rtol=1e-3)
     np.testing.assert_array_equal(again.cameras, whole.cameras)
     np.testing.assert_array_equal(again.visible[-1], whole.visible[camera])
+
+
+@settings(max_examples=8)
+@given(
+    seed=SEEDS,
+    place=st.tuples(st.floats(5, 12), st.floats(-12, 12), st.floats(1, 8)),
+    target=st.tuples(st.floats(-4, 4), st.floats(-4, 4)),
+)
+def test_one_more_camera_never_makes_any_place_worse(seed, place, target):
+    scene = scene_of(seed)
+    gain = camera_gain(scene, np.array(place), np.array([*target, 0.5]), AREA, resolution=1.5)
+    assert (gain.after.sigma <= gain.before.sigma * (1 + 1e-4)).all()
+    assert (gain.after.cameras >= gain.before.cameras).all()
+    assert (gain.sigma_ratio <= 1 + 1e-4).all()
+    assert gain.accuracy >= -1e-6
+    assert gain.covered >= 0
+    blind = ~gain.after.visible[-1]
+    np.testing.assert_allclose(gain.sigma_ratio[blind], 1, rtol=1e-4)
+
+
+@settings(max_examples=8)
+@given(seed=SEEDS, scale=st.floats(0.05, 20.0), turn=st.floats(-3.0, 3.0))
+def test_what_a_camera_gives_moves_with_the_scene(x64, seed, scale, turn):
+    scene = scene_of(seed)
+    rotation = Rotation.from_rotvec([0.4, turn, -0.3]).as_matrix()
+    move = Similarity(scale, rotation, np.array([3.0, -1.0, 2.0]))
+    moved = transform_scene(move, scene)
+    center, target = np.array([9.0, 2.0, 3.0]), np.array([0.0, 1.0, 0.9])
+    place = np.array([1.0, -1.0, 0.0])
+    found = []
+    for one, move_one in ((scene, lambda x: x), (moved, lambda x: np.asarray(move(x)))):
+        at = move_one(place) @ np.asarray(one.ground.basis)
+        half = 1e-4 * float(one.extent)
+        around = (at[0] - half, at[0] + half, at[1] - half, at[1] + half)
+        gain = camera_gain(one, move_one(center), move_one(target), around, resolution=4 * half)
+        found.append((float(gain.after.sigma[0, 0]) / float(one.extent), gain.sigma_ratio[0, 0]))
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-5)
+
+
+def test_a_new_camera_looks_where_it_is_told_and_stands_upright(x64):
+    scene = scene_of(3)
+    copied = camera_gain(scene, np.array([9.0, 0.0, 4.0]), np.array([0.0, 0.0, 1.0]), AREA)
+    # In the middle of its picture it sees its target.
+    nearest = np.argmin(np.linalg.norm(copied.after.xy.reshape(-1, 2), axis=-1))
+    assert copied.after.visible[-1].ravel()[nearest]
+    assert "%" in str(copied)
+    with pytest.raises(DegenerateGeometryError, match="straight"):
+        camera_gain(scene, np.array([0.0, 0.0, 4.0]), np.array([0.0, 0.0, 1.0]), AREA)
+    with pytest.raises(InvalidInputError, match="registered camera"):
+        camera_gain(scene, np.array([9.0, 0, 4]), np.array([0.0, 0, 1]), AREA, like=7)
+
+
+@settings(max_examples=8)
+@given(seed=SEEDS, order=st.permutations(range(4)))
+def test_the_order_of_cameras_has_no_effect(seed, order):
+    scene = scene_of(seed)
+    shuffled = Scene(scene.rig.select(np.array(order)), scene.ground, scene.extent, scene.metric)
+    before = coverage(scene, AREA, resolution=1.5)
+    after = coverage(shuffled, AREA, resolution=1.5)
+    np.testing.assert_array_equal(after.visible, before.visible[np.array(order)])
+    np.testing.assert_allclose(after.sigma, before.sigma, rtol=1e-4)
 
 
 @given(
@@ -285,6 +347,18 @@ def test_maps_show_the_numbers(quantity):
     np.testing.assert_allclose(shown[finite], expected[finite])
     assert tuple(ax.images[0].get_extent()) == pytest.approx(result.area)
     assert {text.get_text() for text in ax.texts} >= {"C1", "C2", "C3", "C4"}
+
+
+def test_tracks_are_drawn_over_the_map(world, localization):
+    result = coverage(world.scene, resolution=float(world.scene.extent) / 20)
+    bare = plot_coverage(result, world.scene)
+    both = plot_coverage(result, world.scene, localization=localization)
+    both.figure.canvas.draw()
+    people = np.unique(localization.tracks.track_id)
+    assert len(both.lines) == len(bare.lines) + len(people)
+    drawn = np.concatenate([line.get_xydata() for line in both.lines])
+    for xy in localization.tracks.ground_xy[::7]:
+        assert np.isclose(drawn, xy, rtol=1e-6).all(-1).any()
 
 
 def test_a_map_without_any_coverage_can_be_drawn():

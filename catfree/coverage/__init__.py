@@ -1,0 +1,20 @@
+"""How well a rig can localize people, place by place, before anybody has walked there.
+
+Only the cameras are needed: where two of them see the same ground, the angular noise of foot rays
+says how uncertain a position there will be. Occlusion by other people and by walls is not known,
+so every answer is an upper bound of what the site will deliver.
+"""
+
+from catfree.coverage.cameras import (
+    CameraGain as CameraGain,
+    CameraRanking as CameraRanking,
+    camera_gain as camera_gain,
+    coverage_with as coverage_with,
+    coverage_without as coverage_without,
+    rank_cameras as rank_cameras,
+)
+from catfree.coverage.expected import (
+    Coverage as Coverage,
+    coverage as coverage,
+    visible_area as visible_area,
+)
