@@ -16,6 +16,7 @@ from catfree.evidence.existence import Existence, judge_groups, misses, predict_
 from catfree.evidence.gaussian import mean_and_covariance
 from catfree.evidence.measurement import Measurements, Noise, measure_boxes, start_noise
 from catfree.evidence.noise import learn_noise, median_height
+from catfree.evidence.shared_error import shared_covariance
 from catfree.evidence.tracking import Trails, estimate_motion, follow, presence, unlinked
 from catfree.evidence.uneven_ground import ground_shift, with_uneven_ground
 from catfree.evidence.views import GroundViews, ground_views
@@ -37,7 +38,7 @@ class EvidenceSolution(eqx.Module):
         state: (H, 3) position and height of each group; `covariance`: (H, 3, 3).
         trails: the tracks; `evidence`: (M,) log-odds of each of their rows;
         probability: (M,) that the person was there; `kept`: (M,) whether it is reported.
-        position_covariance: (M, 2, 2) with sway and uneven ground, as reported.
+        position_covariance: (M, 2, 2) with sway, uneven ground and pose errors, as reported.
     """
 
     boxes: Boxes
@@ -180,6 +181,11 @@ def _solve(
         member = np.full((len(rows), boxes.table.shape[1]), -1)
         seen = predict_views(trails.mean[rows, :3], trails.frame[rows], member, boxes, views)
         kept[rows] = in_working_area(trails.mean[rows, :3], seen, views, noise, settings)
+    # An error of the whole map leaves everybody where they are among the others: it widens what is
+    # reported and does not decide who is.
+    position_covariance = position_covariance + shared_covariance(
+        trails, kept, found.groups, measured, boxes, views, noise
+    )
     return EvidenceSolution(
         boxes=boxes, views=views, noise=noise, measurements=measured, kept=kept,
         position_covariance=position_covariance, **found._asdict(),

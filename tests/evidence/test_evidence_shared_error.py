@@ -1,0 +1,94 @@
+"""Errors of poses move all people together; what is stated about them must match what happens."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from evidence_worlds import HEIGHT, make_rig, make_scene, walk
+from hypothesis import given, strategies as st
+
+from catfree.evidence import solve
+from catfree.evidence.shared_error import _sums, map_modes, offset_scatter, shared_covariance
+from catfree.evidence.views import ground_views, predict_edges
+from catfree.synthetic import RigError, make_world
+
+
+@given(st.floats(-3, 3), st.floats(-3, 3), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01))
+def test_modes_are_shift_turn_and_scale_about_the_middle(x, y, turn, scale):
+    state, middle = np.array([[x, y, 1.1]]), np.array([0.3, -0.2])
+    moved = state[0] + map_modes(state, middle)[0] @ [0.02, -0.01, turn, scale]
+    c, s = np.cos(turn), np.sin(turn)
+    around = np.exp(scale) * np.array([[c, -s], [s, c]]) @ (state[0, :2] - middle) + middle
+    np.testing.assert_allclose(moved[:2], around + np.array([0.02, -0.01]), atol=2e-3)
+    assert moved[2] == pytest.approx(1.1 * np.exp(scale), abs=1e-3)
+
+
+@pytest.mark.usefixtures("x64")
+def test_sums_predict_how_offsets_of_cameras_move_the_map():
+    rng = np.random.default_rng(0)
+    views = ground_views(make_scene(make_rig()), HEIGHT)
+    state = np.column_stack([rng.uniform(-2, 2, (9, 2)), np.ones(9)])
+    modes = map_modes(state, state[:, :2].mean(0))
+    member = np.arange(45).reshape(9, 5)
+    normal, lever = map(
+        np.asarray,
+        _sums(state, member, modes, np.full((45, 3), 4.0), np.ones((45, 3), bool),
+              views.matrix, views.focal),
+    )  # fmt: skip
+    offset = 1e-4 * rng.standard_normal((5, 3))
+    predicted = np.linalg.solve(normal, (lever @ offset[..., None])[..., 0].sum(0))
+
+    def edges(g):
+        there = jnp.asarray(state) + jnp.asarray(modes) @ g
+        return jax.vmap(lambda m: jax.vmap(lambda s: predict_edges(m, s))(there))(
+            jnp.asarray(views.matrix)
+        )
+
+    target = np.asarray(edges(jnp.zeros(4))) + (offset * views.focal[:, None])[:, None]
+    g = np.zeros(4)
+    for _ in range(5):
+        J = np.asarray(jax.jacfwd(edges)(jnp.asarray(g))).reshape(-1, 4)
+        g += np.linalg.lstsq(J, (target - np.asarray(edges(jnp.asarray(g)))).ravel(), rcond=None)[0]
+    np.testing.assert_allclose(predicted, g, rtol=0.02, atol=1e-6)
+
+
+def solved(error):
+    world = make_world("ring6", 5, frames=12, people=10, rig_error=error)
+    return solve(world.detections, world.scene)
+
+
+def added(s):
+    with jax.enable_x64(True):
+        covariance = shared_covariance(
+            s.trails, s.kept, s.groups, s.measurements, s.boxes, s.views, s.noise
+        )
+    return covariance
+
+
+def test_a_worse_rig_is_less_sure_and_a_good_one_as_sure_as_before():
+    good, bad = (solved(e) for e in (RigError(0, 0, 0, 0, 0), RigError()))
+    sigma = [np.sqrt(np.trace(added(s)[s.kept], axis1=1, axis2=2) / 2) for s in (good, bad)]
+    assert np.median(sigma[0]) < 0.01 < 0.02 < np.median(sigma[1]) < 0.15
+    for s in (good, bad):
+        assert (np.linalg.eigvalsh(added(s)) > -1e-12).all()
+        own = s.trails.covariance[:, :2, :2]
+        assert (np.linalg.eigvalsh(s.position_covariance - added(s) - own) > 0).all()
+
+
+def test_what_all_cameras_have_in_common_is_no_error_of_a_pose():
+    _, detections, scene = walk(frames=6, seed=3)
+    s = solve(detections, scene)
+    member = s.groups.member[s.trails.group[s.kept & (s.trails.group >= 0)]]
+    field = np.zeros_like(s.noise.field)
+    field[:, :, 0] = [0.01, -0.02, 0.005]  # the same angles in every camera
+    with jax.enable_x64(True):
+        scatter, nothing = (
+            offset_scatter(
+                member, s.measurements, s.boxes, s.views,
+                eqx.tree_at(lambda noise: noise.field, s.noise, value),
+            )
+            for value in (field, 0 * field)
+        )  # fmt: skip
+    np.testing.assert_allclose(scatter, 0, atol=1e-12)
+    assert nothing is None
