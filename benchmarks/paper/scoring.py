@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 import catfree as cf
 from benchmarks.paper.sequences import Sequence
+from benchmarks.paper.staged import localize_staged
 from catfree.evaluation import (
     DetectionIntervals,
     DetectionMetrics,
@@ -153,7 +154,7 @@ def localize(
     """
     scene = sequence.true_scene if true_rig else sequence.scene
     assert scene is not None
-    return cf.localize(sequence.detections, scene, settings)
+    return localize_staged(sequence, scene, settings)
 
 
 @cache

@@ -1,0 +1,173 @@
+"""Variants of the method on the twins and on everything else that is there: the shared frame."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+import catfree as cf
+from benchmarks.paper import claims
+from benchmarks.paper.command import Options
+from benchmarks.paper.scoring import Score, pool, run
+from benchmarks.paper.sequences import DEVELOPMENT, Sequence as Data, real, scenarios, twin
+from benchmarks.paper.table import Cell
+from catfree.evaluation import Interval
+
+ROUGH = ", rough ground"
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One row of an ablation.
+
+    Attributes:
+        name: as the paper calls it.
+        settings: what it changes.
+        true_rig: localize with the true calibration.
+    """
+
+    name: str
+    settings: cf.Settings
+    true_rig: bool = False
+
+
+@dataclass(frozen=True)
+class Results:
+    """Scores of variants in places.
+
+    Attributes:
+        scores: by variant and place, one score a world (seed); a place is a twin's paper column,
+            with `ROUGH` after it on the rough ground, or the name of another sequence.
+        others: the places that are no twins.
+    """
+
+    scores: Mapping[str, Mapping[str, Sequence[Score]]]
+    others: tuple[str, ...]
+
+    def pooled(self, variant: str, place: str) -> Score | None:
+        """All worlds of a place as one, or None where the variant did not run."""
+        worlds = self.scores[variant].get(place)
+        return pool(worlds) if worlds else None
+
+    def moda(self, variant: str, place: str) -> list[float]:
+        """MODA of each world."""
+        return [score.moda for score in self.scores[variant][place]]
+
+    def gain(self, first: str, second: str, place: str) -> Interval:
+        """MODA of one variant minus another's in one place."""
+        one, two = self.pooled(first, place), self.pooled(second, place)
+        assert one is not None
+        assert two is not None
+        return claims.difference(one, two)
+
+    def gains(
+        self, first: str, second: str, places: Sequence[str] | None = None
+    ) -> dict[str, Interval]:
+        """The same in several places; None: in all where both ran."""
+        if places is None:
+            places = [p for p in self.scores[first] if p in self.scores[second]]
+        return {place: self.gain(first, second, place) for place in places}
+
+
+def evaluate(
+    variants: Sequence[Variant],
+    options: Options,
+    *,
+    columns: Sequence[str] = DEVELOPMENT,
+    rough: bool = False,
+    tracking: bool = False,
+    others: bool = True,
+) -> Results:
+    """Run every variant in every place.
+
+    Args:
+        variants: the rows.
+        options: seeds, frames and data folder.
+        columns: the twins, by the paper's columns.
+        rough: whether the twins with the rough ground take part too.
+        tracking: whether tracking metrics are wanted.
+        others: whether scenarios and real data take part.
+
+    Returns:
+        The scores.
+    """
+    places: dict[str, list[Data]] = {}
+    for column in columns:
+        places[column] = [twin(column, seed, options.frames) for seed in options.seeds]
+    for column in columns if rough else ():
+        places[column + ROUGH] = [
+            twin(column, seed, options.frames, rough_ground=True) for seed in options.seeds
+        ]
+    further = other_sequences(options) if others else []
+    places |= {sequence.name: [sequence] for sequence in further}
+    scores = {
+        variant.name: {
+            place: [
+                run(s, variant.settings, true_rig=variant.true_rig, tracking=tracking)
+                for s in sequences
+            ]
+            for place, sequences in places.items()
+            if not variant.true_rig or sequences[0].true_scene is not None
+        }
+        for variant in variants
+    }
+    return Results(scores, tuple(sequence.name for sequence in further))
+
+
+def other_sequences(options: Options) -> list[Data]:
+    """Scenarios, and of each real recording the last set of boxes: the one with most in it."""
+    last: dict[str, Data] = {}
+    for sequence in real(options.data):
+        last[sequence.name.split(" ")[0]] = sequence
+    return [*scenarios(options.data), *last.values()]
+
+
+def ablation_rows(
+    results: Results,
+    paper: Mapping[str, Sequence[float]],
+    columns: Sequence[str] = DEVELOPMENT,
+    *,
+    rough: bool = False,
+) -> tuple[list[str], list[list[Cell]]]:
+    """Columns and rows: each twin beside the paper's column, their mean, then everything else.
+
+    Args:
+        results: the scores.
+        paper: the paper's values of each variant, one a column; nothing for rows that it lacks.
+        columns: the twins.
+        rough: whether the twins with the rough ground have columns.
+
+    Returns:
+        Names of the columns and the rows.
+    """
+    names = ["Variant"]
+    for column in columns:
+        names += [f"{column} paper", f"{column} twin"]
+    if len(columns) > 1:
+        names += ["Mean paper", "Mean twins"]
+    rough_places = [column + ROUGH for column in columns] if rough else []
+    names += [*rough_places, *results.others]
+    rows: list[list[Cell]] = []
+    for variant in results.scores:
+        row: list[Cell] = [variant]
+        said = paper.get(variant)
+        for i, column in enumerate(columns):
+            row += ["" if said is None else f"{said[i]:.2f}", cell(results, variant, column)]
+        if len(columns) > 1:
+            ours = [score.moda for score in _pooled(results, variant, columns)]
+            row.append("" if said is None else f"{np.mean(said[: len(columns)]):.2f}")
+            row.append(f"{np.mean(ours):.1f}")
+        row += [cell(results, variant, place) for place in (*rough_places, *results.others)]
+        rows.append(row)
+    return names, rows
+
+
+def cell(results: Results, variant: str, place: str) -> str:
+    """MODA with its interval, or a dash where the variant did not run."""
+    score = results.pooled(variant, place)
+    return "-" if score is None else score.cell
+
+
+def _pooled(results: Results, variant: str, columns: Sequence[str]) -> list[Score]:
+    scores = [results.pooled(variant, column) for column in columns]
+    return [score for score in scores if score is not None]

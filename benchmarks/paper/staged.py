@@ -1,0 +1,122 @@
+"""`cf.localize` of the paper's method with its first stages remembered between variants.
+
+Association takes most of the time and does not depend on filters or trajectories, which is what
+most tables vary. The result is that of `cf.localize`; `tests/benchmarks` compares them.
+"""
+
+import dataclasses
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Int
+
+import catfree as cf
+from benchmarks.paper.sequences import Sequence
+from catfree.association import (
+    CanonicalFrame,
+    Groups,
+    Observations,
+    associate,
+    cast_rays,
+    learn_pose_ratio,
+    link_tracklets,
+    locate,
+    observe,
+    ray_weights,
+)
+from catfree.filters.selection import select_positions
+from catfree.outcome import assemble
+from catfree.settings import SelectionSettings, TrajectorySettings
+from catfree.trajectories import build_trajectories
+from catfree.types import Rays, Rig, Thresholds
+
+
+class Associated(NamedTuple):
+    """What the stages up to the association leave behind."""
+
+    frame: CanonicalFrame
+    rig: Rig
+    observations: Observations
+    rays: Rays
+    groups: Groups
+    tracklet: Int[np.ndarray, " n"]
+
+
+def localize_staged(sequence: Sequence, scene: cf.Scene, settings: cf.Settings) -> cf.Localization:
+    """Localize by the paper's method, or as `cf.localize` does for any other.
+
+    Args:
+        sequence: whose boxes to localize.
+        scene: the recovered or the true scene of the sequence.
+        settings: of the run.
+
+    Returns:
+        The result; its thresholds are not filled in.
+    """
+    if settings.method != "paper":
+        return cf.localize(sequence.detections, scene, settings)
+    # Filters and trajectories come later: every variant of them shares one association.
+    first = dataclasses.replace(
+        settings, selection=SelectionSettings(), trajectories=TrajectorySettings()
+    )
+    found = _associate(sequence, scene is sequence.true_scene, first)
+    if found is None:
+        return cf.localize(sequence.detections, scene, settings)
+    located = locate(
+        found.observations, found.rays, found.rig, found.groups, found.tracklet, settings
+    )
+    selection = select_positions(
+        located.hypotheses, settings.selection, sigma_theta=settings.rays.sigma_theta
+    )
+    positions, _ = build_trajectories(found.observations, found.rays, located, selection, settings)
+    extent = found.frame.extent
+    thresholds = Thresholds(
+        tau_sigma=None if selection.tau_sigma is None else selection.tau_sigma * extent,
+        tau_g=None if selection.tau_g is None else selection.tau_g * extent,
+    )
+    return assemble(
+        found.frame,
+        scene,
+        found.observations,
+        found.rays,
+        located,
+        selection,
+        positions,
+        thresholds,
+        settings,
+    )
+
+
+@cache
+def _associate(sequence: Sequence, true_rig: bool, settings: cf.Settings) -> Associated | None:
+    """The stages of `catfree.pipeline` up to the cross-view groups; None without any boxes."""
+    scene = sequence.true_scene if true_rig else sequence.scene
+    assert scene is not None
+    detections = sequence.detections
+    keep = scene.rig.registered[detections.camera]
+    if detections.score is not None:
+        keep = keep & (detections.score >= settings.confidence)
+    if settings.rays.only_confirmed_ankles and detections.ankles_confirmed is not None:
+        keep = keep & detections.ankles_confirmed
+    if not keep.any():
+        return None
+    frame = CanonicalFrame.of(scene)
+    rig = frame.rig(scene.rig)
+    observations = observe(detections, rig, keep=keep)
+    rays = cast_rays(observations, rig)
+    tracklet = link_tracklets(observations, settings.tracklets)
+    ratio, median_height = 1.0, float(np.median(observations.height))
+    if settings.rays.use_ankles and observations.ankles_confirmed is not None:
+        groups = associate(observations, rays, settings, _silent)
+        ratio = learn_pose_ratio(observations, rays, groups, settings)
+    weight = ray_weights(
+        observations.height, observations.ankles_confirmed, ratio, median_height, settings.rays
+    )
+    rays = Rays(rays.origin, rays.direction, weight.astype(rays.direction.dtype))
+    groups = associate(observations, rays, settings, _silent)
+    return Associated(frame, rig, observations, rays, groups, tracklet)
+
+
+def _silent(stage: str, done: int, total: int) -> None:
+    """No progress is shown."""

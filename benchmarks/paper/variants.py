@@ -1,0 +1,33 @@
+"""The paper's named variants as settings, from the baseline I to the final method BT.
+
+What the paper prints decides the base of each table: Table "gates" ends in BK's numbers, Table
+"traj" in BS's, Tables "quantile", "baselines" and "gatesunseen" in BT's.
+"""
+
+import dataclasses
+from typing import Any
+
+import catfree as cf
+
+
+def changed(base: cf.Settings, **stages: dict[str, Any]) -> cf.Settings:
+    """Settings with some fields replaced: `changed(BT, selection={"gates": "none"})`."""
+    return dataclasses.replace(
+        base,
+        **{
+            stage: dataclasses.replace(getattr(base, stage), **fields)
+            for stage, fields in stages.items()
+        },
+    )
+
+
+BT = cf.Settings.paper()
+BS = changed(BT, trajectories={"remove_short_static": True, "interpolate_gaps": True})
+BK = changed(BS, triangulation={"refit_inliers": False})
+BF = changed(BK, selection={"gates": "uncertainty_replace"})
+Q = changed(BK, selection={"gates": "support"})
+K = changed(Q, selection={"exclusive_support": True})
+I = changed(  # noqa: E741 - the paper's name
+    K, rays={"only_confirmed_ankles": True, "use_ankles": False, "use_box_height": False}
+)
+EVIDENCE = cf.Settings()
