@@ -9,11 +9,21 @@ import catfree as cf
 from benchmarks.paper import claims
 from benchmarks.paper.command import Options
 from benchmarks.paper.scoring import Score, pool, run
-from benchmarks.paper.sequences import DEVELOPMENT, Sequence as Data, real, scenarios, twin
+from benchmarks.paper.sequences import (
+    DEVELOPMENT,
+    Sequence as Data,
+    real,
+    scenarios,
+    twin,
+    without_embeddings,
+)
 from benchmarks.paper.table import Cell
 from catfree.evaluation import Interval
 
+# Other conditions under which a claim is tested on the same worlds.
 ROUGH = ", rough ground"
+BARE = ", no appearance"
+CONDITIONS = (ROUGH, BARE)
 
 
 @dataclass(frozen=True)
@@ -37,7 +47,7 @@ class Results:
 
     Attributes:
         scores: by variant and place, one score a world (seed); a place is a twin's paper column,
-            with `ROUGH` after it on the rough ground, or the name of another sequence.
+            with one of `CONDITIONS` after it, or the name of another sequence.
         others: the places that are no twins.
     """
 
@@ -74,7 +84,7 @@ def evaluate(
     options: Options,
     *,
     columns: Sequence[str] = DEVELOPMENT,
-    rough: bool = False,
+    conditions: bool = False,
     tracking: bool = False,
     others: bool = True,
 ) -> Results:
@@ -84,7 +94,8 @@ def evaluate(
         variants: the rows.
         options: seeds, frames and data folder.
         columns: the twins, by the paper's columns.
-        rough: whether the twins with the rough ground take part too.
+        conditions: whether the same twins take part with a rougher ground (`ROUGH`) and without
+            embeddings (`BARE`), where more hypotheses are wrong.
         tracking: whether tracking metrics are wanted.
         others: whether scenarios and real data take part.
 
@@ -94,10 +105,11 @@ def evaluate(
     places: dict[str, list[Data]] = {}
     for column in columns:
         places[column] = [twin(column, seed, options.frames) for seed in options.seeds]
-    for column in columns if rough else ():
+    for column in columns if conditions else ():
         places[column + ROUGH] = [
             twin(column, seed, options.frames, rough_ground=True) for seed in options.seeds
         ]
+        places[column + BARE] = [without_embeddings(world) for world in places[column]]
     further = other_sequences(options) if others else []
     places |= {sequence.name: [sequence] for sequence in further}
     scores = {
@@ -127,7 +139,7 @@ def ablation_rows(
     paper: Mapping[str, Sequence[float]],
     columns: Sequence[str] = DEVELOPMENT,
     *,
-    rough: bool = False,
+    conditions: bool = False,
 ) -> tuple[list[str], list[list[Cell]]]:
     """Columns and rows: each twin beside the paper's column, their mean, then everything else.
 
@@ -135,7 +147,7 @@ def ablation_rows(
         results: the scores.
         paper: the paper's values of each variant, one a column; nothing for rows that it lacks.
         columns: the twins.
-        rough: whether the twins with the rough ground have columns.
+        conditions: whether `CONDITIONS` have columns.
 
     Returns:
         Names of the columns and the rows.
@@ -145,8 +157,8 @@ def ablation_rows(
         names += [f"{column} paper", f"{column} twin"]
     if len(columns) > 1:
         names += ["Mean paper", "Mean twins"]
-    rough_places = [column + ROUGH for column in columns] if rough else []
-    names += [*rough_places, *results.others]
+    further = under_conditions(columns) if conditions else []
+    names += [*further, *results.others]
     rows: list[list[Cell]] = []
     for variant in results.scores:
         row: list[Cell] = [variant]
@@ -157,9 +169,14 @@ def ablation_rows(
             ours = [score.moda for score in _pooled(results, variant, columns)]
             row.append("" if said is None else f"{np.mean(said[: len(columns)]):.2f}")
             row.append(f"{np.mean(ours):.1f}")
-        row += [cell(results, variant, place) for place in (*rough_places, *results.others)]
+        row += [cell(results, variant, place) for place in (*further, *results.others)]
         rows.append(row)
     return names, rows
+
+
+def under_conditions(columns: Sequence[str]) -> list[str]:
+    """Names of the places where the twins stand under each of the conditions."""
+    return [column + condition for condition in CONDITIONS for column in columns]
 
 
 def cell(results: Results, variant: str, place: str) -> str:

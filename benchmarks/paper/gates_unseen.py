@@ -4,7 +4,7 @@ The paper has five sequences of one installation; a twin has one world a seed.
 """
 
 from benchmarks.paper import claims
-from benchmarks.paper.ablation import ROUGH, Variant, ablation_rows, evaluate
+from benchmarks.paper.ablation import Variant, ablation_rows, evaluate, under_conditions
 from benchmarks.paper.command import Options, main
 from benchmarks.paper.sequences import UNSEEN
 from benchmarks.paper.table import Table
@@ -30,12 +30,12 @@ VARIANTS = (
 
 def table(options: Options) -> Table:
     """MODA of the four variants on the worlds of the eight-camera twin."""
-    results = evaluate(VARIANTS, options, columns=(UNSEEN,), rough=True, others=False)
+    results = evaluate(VARIANTS, options, columns=(UNSEEN,), conditions=True, others=False)
     means = {name: values[-1:] for name, values in PAPER.items()}
-    columns, rows = ablation_rows(results, means, (UNSEEN,), rough=True)
+    columns, rows = ablation_rows(results, means, (UNSEEN,), conditions=True)
     columns = [*columns, *(f"seed {seed}" for seed in options.seeds)]
     rows = [[*row, *results.moda(str(row[0]), UNSEEN)] for row in rows]
-    places = (UNSEEN, UNSEEN + ROUGH)
+    places = (UNSEEN, *under_conditions((UNSEEN,)))
     return Table(
         'Filters on the unseen installation, MODA (paper: Table "gatesunseen", mean of five)',
         columns,

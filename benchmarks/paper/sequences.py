@@ -166,6 +166,7 @@ def real(folder: Path | None) -> Iterator[Sequence]:
                 yield _carried(read, path.stem + label, "real")
 
 
+@cache
 def without_embeddings(sequence: Sequence) -> Sequence:
     """The same boxes without appearance vectors."""
     boxes = sequence.detections
