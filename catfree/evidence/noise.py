@@ -5,13 +5,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from catfree.evidence.association import Groups
-from catfree.evidence.boxes import Boxes, padded_length
+from catfree.evidence.boxes import Boxes
 from catfree.evidence.gaussian import mean_and_covariance
 from catfree.evidence.measurement import Measurements, Noise, field_features
 from catfree.evidence.views import GroundViews, drop_to_height, edges_and_slopes, height_at
+from catfree.geometry.buckets import fine_length
 from catfree.settings import EvidenceSettings
 
-ENOUGH = 30  # residuals below which a camera keeps what it had
+ENOUGH = 30  # residuals below which a camera keeps the noise that it had
+ENOUGH_FOR_FIELD = 10  # the same for its offset: four coefficients, held by their prior
 HUBER = 1.5
 
 
@@ -77,7 +79,7 @@ def learn_noise(
     there = groups.member >= 0
     strong = np.flatnonzero(there.sum(1) >= 3)
     C = groups.member.shape[1]
-    if len(strong) < ENOUGH:
+    if len(strong) < ENOUGH_FOR_FIELD:
         return noise, 1.0
     state, _ = mean_and_covariance(groups.info[strong], noise.spread)
     heights = state[:, 2]
@@ -88,7 +90,7 @@ def learn_noise(
 
     g, c = np.nonzero(there[strong])
     rows = groups.member[strong][g, c]
-    n, N = len(rows), padded_length(len(rows))
+    n, N = len(rows), fine_length(len(rows))
     pad = np.concatenate([np.arange(n), np.zeros(N - n, int)])
     info = measurements.info[rows[pad]]
     total = groups.info[strong[g[pad]]]
@@ -109,7 +111,7 @@ def learn_noise(
         for camera in range(C):
             for k in range(3):
                 own = used[:, k] & (c == camera)
-                if own.sum() >= ENOUGH:
+                if own.sum() >= ENOUGH_FOR_FIELD:
                     field[camera, k] = _robust_ridge(
                         features[own, k], residual[own, k], sd[own, k],
                         np.array(settings.field_prior), k,
@@ -137,6 +139,13 @@ def learn_noise(
         Noise(edge, np.asarray(angular), field, np.asarray(spread), np.asarray(density)),
         center,
     )
+
+
+def cameras_left_out(groups: Groups, boxes: Boxes) -> bool:
+    """Whether some camera has boxes enough to learn from, but too few that two others confirm."""
+    strong = groups.member[(groups.member >= 0).sum(1) >= 3]
+    delivered = np.bincount(boxes.camera[boxes.valid], minlength=groups.member.shape[1])
+    return bool(((delivered >= ENOUGH) & ((strong >= 0).sum(0) < ENOUGH)).any())
 
 
 def crowding(position: np.ndarray, frame: np.ndarray) -> float:

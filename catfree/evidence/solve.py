@@ -15,7 +15,7 @@ from catfree.evidence.boxes import Boxes, prepare_boxes
 from catfree.evidence.existence import Existence, judge_groups, misses, predict_views
 from catfree.evidence.gaussian import mean_and_covariance
 from catfree.evidence.measurement import Measurements, Noise, measure_boxes, start_noise
-from catfree.evidence.noise import learn_noise, median_height
+from catfree.evidence.noise import cameras_left_out, learn_noise, median_height
 from catfree.evidence.shared_error import shared_covariance
 from catfree.evidence.tracking import Trails, estimate_motion, follow, presence, unlinked
 from catfree.evidence.uneven_ground import ground_shift, with_uneven_ground
@@ -26,6 +26,7 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 
 Progress = Callable[[str, int, int], None]
+START_DOUBLINGS = 2  # of the angular noise: up to the upper bound of what can be learned
 SURE_LOG_ODDS = 3.0  # groups that teach how fast people move
 
 
@@ -114,6 +115,7 @@ def self_calibrate(
     noise = start_noise(scene.rig.camera_count, settings)
     if settings.self_calibrate:
         covered = _covered(boxes)
+        noise = _likeliest_start(boxes, covered, views, noise, settings)
         for _ in range(settings.calibration_rounds):
             measured = measure_boxes(boxes, covered, views, noise, settings)
             groups = _group(boxes, measured, noise, None, None, None)
@@ -121,6 +123,27 @@ def self_calibrate(
             unit = unit * ratio
             views = ground_views(scene, unit)
     return views, noise
+
+
+def _likeliest_start(
+    boxes: Boxes, covered: np.ndarray, views: GroundViews, noise: Noise, settings: EvidenceSettings
+) -> Noise:
+    """The start of self-calibration, wider where the rig is so wrong that cameras are left out.
+
+    A camera that agrees with no two others teaches nothing about its offset, and so stays out.
+    Among the starts tried, the one under which the groups have most evidence.
+    """
+    most, chosen = -np.inf, noise
+    for _ in range(START_DOUBLINGS + 1):
+        measured = measure_boxes(boxes, covered, views, noise, settings)
+        groups = _group(boxes, measured, noise, None, None, None)
+        if groups.gain.sum() > most:
+            most, chosen = groups.gain.sum(), noise
+        if not cameras_left_out(groups, boxes):
+            break
+        wider = np.minimum(2 * noise.angular, settings.angular_noise_range[1])
+        noise = eqx.tree_at(lambda n: n.angular, noise, wider)
+    return chosen
 
 
 def _solve(

@@ -90,5 +90,6 @@ def test_what_all_cameras_have_in_common_is_no_error_of_a_pose():
             )
             for value in (field, 0 * field)
         )  # fmt: skip
+    assert scatter is not None
     np.testing.assert_allclose(scatter, 0, atol=1e-12)
     assert nothing is None
