@@ -19,6 +19,7 @@ from catfree.association import (
 )
 from catfree.compilation import start_compilation
 from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.expectation import with_expectation
 from catfree.filters.selection import select_positions
 from catfree.outcome import assemble, empty_localization
 from catfree.settings import Settings
@@ -62,10 +63,12 @@ def localize(
     report = progress or (lambda stage, done, total: None)
     keep = _usable(detections, scene, settings)
     if not keep.any():
-        return empty_localization(scene.rig.camera_count)
-    if settings.method == "evidence":
-        return _localize_by_evidence(detections, scene, keep, settings, report)
-    return _localize_by_paper(detections, scene, keep, settings, report)
+        found = empty_localization(scene.rig.camera_count)
+    elif settings.method == "evidence":
+        found = _localize_by_evidence(detections, scene, keep, settings, report)
+    else:
+        found = _localize_by_paper(detections, scene, keep, settings, report)
+    return with_expectation(found, settings)
 
 
 def _localize_by_evidence(

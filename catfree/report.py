@@ -14,7 +14,7 @@ from catfree.adapters.documents import write_text_atomically
 from catfree.rig.pedestrians import Calibration
 from catfree.run import RunOutcome
 from catfree.settings import Settings
-from catfree.types import Localization, Origin, Scene
+from catfree.types import Localization, Origin, Reliability, Scene
 
 _STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}"
@@ -166,6 +166,7 @@ def describe_reliability(localization: Localization, scene: Scene) -> list[Block
     unit = " m" if scene.metric else ""
     extended = float((tracks.origin != Origin.DETECTED).mean()) if len(tracks) else 0.0
     rows = [
+        *_expected_rows(reliability),
         ("median sigma of a position", f"{reliability.median_sigma:.3f}{unit}"),
         ("sigma over suppression radius", f"{reliability.sigma_over_radius:.2f}"),
         ("cameras that support a position", f"{reliability.mean_supporting_cameras:.2f}"),
@@ -178,12 +179,37 @@ def describe_reliability(localization: Localization, scene: Scene) -> list[Block
             rows.append((name, f"{value:.4g}"))
     fates = localization.candidates.count_by_fate()
     counted = tuple((n.replace("_", " "), str(c)) for n, c in fates.items() if c)
+    blocks = [Heading("Reliability, without labels"), Table(("measure", "value"), tuple(rows))]
+    if reliability.expected_moda is not None:
+        blocks.append(
+            Paragraph(
+                "The expected MODA (at half a metre) is predicted from rows of this table by a fit "
+                "to simulated worlds. It knows nothing of people whom no box shows and of errors "
+                "that all cameras share, such as a wrong scale."
+            )
+        )
     return [
-        Heading("Reliability, without labels"),
-        Table(("measure", "value"), tuple(rows)),
+        *blocks,
         Heading("Candidates", 3),
         Table(("fate", "number"), counted),
     ]
+
+
+def _expected_rows(reliability: Reliability) -> list[tuple[str, str]]:
+    """What the run expects of itself, as far as it does."""
+    rows = []
+    expected, low, high = reliability.expected_moda, reliability.moda_low, reliability.moda_high
+    if expected is not None and low is not None and high is not None:
+        said = f"{expected:.0f} (90 % interval {low:.0f} to {high:.0f})"
+        note = reliability.expectation_note
+        rows.append(("expected MODA", said if np.isfinite(expected) else f"unknown: {note}"))
+    for name, value in (
+        ("expected precision", reliability.expected_precision),
+        ("expected recall", reliability.expected_recall),
+    ):
+        if value is not None and np.isfinite(value):
+            rows.append((name, f"{100 * value:.0f} %"))
+    return rows
 
 
 def describe_settings(settings: Settings) -> list[Block]:

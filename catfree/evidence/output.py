@@ -4,7 +4,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from catfree.evidence.solve import EvidenceSolution, Progress, solve
+from catfree.evidence.solve import EvidenceSolution, Progress, probability_within, solve
 from catfree.settings import EvidenceSettings
 from catfree.types import (
     Candidates,
@@ -127,6 +127,7 @@ def describe(
     radius = settings.report_radius * unit
     used = s.groups.member[trails.group[seen]]
     median = float(np.median(tracks.sigma)) if len(tracks) else float("nan")
+    precision, recall = _expected_rates(s, rows, fate, settings.report_radius)
     reliability = Reliability(
         median_sigma=median,
         sigma_over_radius=median / radius,
@@ -134,11 +135,29 @@ def describe(
         fraction_extended=float(np.mean(~seen)) if len(tracks) else 0.0,
         mean_supporting_cameras=float(tracks.supporting_cameras.mean()) if len(tracks) else 0.0,
         detections_used=float((used >= 0).sum() / max(len(s.boxes.row), 1)),
+        expected_precision=precision,
+        expected_recall=recall,
     )
     thresholds = Thresholds(
         median_box_height=float(np.median(s.boxes.size[: len(s.boxes.row)])),
     )
     return Localization(tracks, candidates, thresholds, reliability)
+
+
+def _expected_rates(
+    solution: EvidenceSolution, rows: np.ndarray, fate: np.ndarray, radius: float
+) -> tuple[float, float]:
+    """Precision and recall by the probabilities of what is reported and of what is not."""
+    s = solution
+    within = probability_within(s.position_covariance[rows], radius)
+    right = float((s.probability[rows] * within).sum())
+    left_out = s.existence.log_odds[fate != Fate.ACCEPTED]
+    missed = float((1 / (1 + np.exp(-np.clip(left_out, -50, 50)))).sum())
+    people = right + missed
+    return (
+        right / len(rows) if len(rows) else float("nan"),
+        right / people if people > 0 else float("nan"),
+    )
 
 
 def clusters_of(solution: EvidenceSolution) -> Clusters:

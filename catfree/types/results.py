@@ -156,6 +156,15 @@ class Reliability(eqx.Module):
         fraction_extended: share of the track positions that are extensions.
         mean_supporting_cameras: cameras a position, on average.
         detections_used: share of the detections that support an accepted position.
+        expected_precision: share of the reported positions that are right, by the method's own
+            probabilities; None where it gives none.
+        expected_recall: share of the people who are reported, by the same probabilities: whom no
+            two boxes show is not counted. None where the method gives none.
+        expected_moda: MODA at half a metre to expect, in percent (`catfree.expectation`); NaN
+            where nothing can be said, None in results of earlier versions.
+        moda_low: lower end of the 90 % interval of MODA.
+        moda_high: its upper end.
+        expectation_note: why nothing can be said, or None.
     """
 
     median_sigma: float
@@ -164,6 +173,12 @@ class Reliability(eqx.Module):
     fraction_extended: float
     mean_supporting_cameras: float
     detections_used: float
+    expected_precision: float | None = None
+    expected_recall: float | None = None
+    expected_moda: float | None = None
+    moda_low: float | None = None
+    moda_high: float | None = None
+    expectation_note: str | None = eqx.field(default=None, static=True)
 
 
 class Localization(eqx.Module):
