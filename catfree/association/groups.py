@@ -1,5 +1,6 @@
 """Cross-view groups of a whole sequence, a chunk of frames at a time."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -10,8 +11,8 @@ from catfree.association.hypotheses import triangulate_groups
 from catfree.association.observations import Observations
 from catfree.association.pairs import candidate_pairs
 from catfree.association.partition import greedy_partition
-from catfree.association.rays import padded_length
 from catfree.association.reliability import pose_ratio
+from catfree.geometry.buckets import coarse_length
 from catfree.settings import Settings
 from catfree.types import Rays
 
@@ -59,7 +60,7 @@ def associate(
         last = int(np.searchsorted(starts, starts[first] + CHUNK, side="right")) - 1
         last = max(last, first + 1)  # a frame is never cut
         begin, end = int(starts[first]), int(starts[last])
-        padding = (0, padded_length(end - begin, CHUNK) - (end - begin))
+        padding = (0, coarse_length(end - begin, CHUNK) - (end - begin))
         chunk = Rays(
             np.pad(rays.origin[begin:end], (padding, (0, 0))),
             np.pad(rays.direction[begin:end], (padding, (0, 0))),
@@ -106,8 +107,11 @@ def learn_pose_ratio(
     """
     if observations.ankles_confirmed is None:
         return 1.0
+    # The estimators of the baselines differ in positions, not in what a ray is worth: a single
+    # ray has no residual that could tell.
+    triangulation = dataclasses.replace(settings.triangulation, estimator="rays")
     _, residual = triangulate_groups(
-        rays, groups.member, settings.triangulation, sigma_theta=settings.rays.sigma_theta
+        rays, groups.member, triangulation, sigma_theta=settings.rays.sigma_theta
     )
     of_observation = np.full(len(observations), np.nan)
     present = groups.member >= 0

@@ -13,7 +13,6 @@ from jaxtyping import Array, Float, Int
 
 from catfree.association.ground_position import ground_point, triangulate_on_ground
 from catfree.association.observations import Observations
-from catfree.association.rays import padded_length
 from catfree.filters import support
 from catfree.geometry import (
     angular_residual,
@@ -23,6 +22,7 @@ from catfree.geometry import (
     triangulate,
 )
 from catfree.geometry.arrays import Scalar
+from catfree.geometry.buckets import coarse_length
 from catfree.settings import TriangulationSettings
 from catfree.types import Plane, Rays
 
@@ -79,7 +79,7 @@ def ray_table(
     frames, cameras = len(observations.frames), observations.camera_count
     starts = observations.cell_start[:-1]
     longest = int(np.diff(observations.cell_start).max(initial=0))
-    depth = padded_length(longest, MINIMUM_RAYS_PER_CELL)
+    depth = coarse_length(longest, MINIMUM_RAYS_PER_CELL)
     place = np.arange(len(observations)) - starts[observations.cell]
     direction = np.zeros((frames * cameras, depth, 3), rays.direction.dtype)
     weight = np.zeros((frames * cameras, depth), rays.direction.dtype)

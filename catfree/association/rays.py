@@ -67,14 +67,6 @@ class CanonicalFrame(eqx.Module):
         )
 
 
-def padded_length(count: int, block: int = DETECTION_BLOCK) -> int:
-    """The bucket of an array length: `block` times the smallest power of four that holds it."""
-    length = block
-    while length < count:
-        length *= 4
-    return length
-
-
 @partial(jax.jit, static_argnames="distorted")
 def _directions(
     K: Float[Array, "cam 3 3"],

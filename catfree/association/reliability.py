@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
+from catfree.geometry.trust import combined_trust, height_trust, pose_trust
 from catfree.settings import RaySettings
 
 
@@ -27,8 +28,7 @@ def pose_ratio(
     confirmed, other = residual[known & ankles_confirmed], residual[known & ~ankles_confirmed]
     if len(confirmed) == 0 or len(other) == 0:
         return 1.0
-    s_pose, s_other = float(np.median(confirmed)), float(np.median(other))
-    return min(1.0, (s_pose / s_other) ** 2) if s_other > 0 else 1.0
+    return float(pose_trust(np, np.median(confirmed), np.median(other)))
 
 
 def ray_weights(
@@ -53,9 +53,8 @@ def ray_weights(
     Source:
         Eq. w.
     """
-    weight = np.ones(len(height))
-    if settings.use_ankles and ankles_confirmed is not None:
-        weight = np.where(ankles_confirmed, 1.0, ratio)
-    if settings.use_box_height:
-        weight = weight * np.minimum(1.0, (height / median_height) ** 2)
-    return np.maximum(weight, settings.minimum_weight)
+    known = settings.use_ankles and ankles_confirmed is not None
+    confirmed = ankles_confirmed if known else np.ones(len(height), bool)
+    median = height.dtype.type(median_height)  # a Python number would not keep the dtype
+    by_height = height_trust(np, height, median) if settings.use_box_height else 1.0
+    return combined_trust(np, by_height, confirmed, ratio, settings.minimum_weight)

@@ -7,7 +7,6 @@ from jaxtyping import Array, Float, Int
 
 from catfree.association.hypotheses import HYPOTHESIS_BLOCK, Support
 from catfree.association.observations import Observations
-from catfree.association.rays import padded_length
 from catfree.filters import (
     Signal,
     auxiliary_score,
@@ -17,6 +16,7 @@ from catfree.filters import (
     view_support_ratio,
 )
 from catfree.geometry import project
+from catfree.geometry.buckets import coarse_length
 from catfree.types import Rig
 
 SAMPLE_BLOCK = 16384  # rows of the score are padded to this times a power of four
@@ -69,7 +69,7 @@ def hypothesis_scores(
     signals[:, Signal.TEMPORAL_PERSISTENCE] = frames_of_pairs(frame_index, tracklet)
     if reconstruction_confidence is not None:
         signals[:, Signal.RECONSTRUCTION_CONFIDENCE] = reconstruction_confidence
-    length = padded_length(count, SAMPLE_BLOCK)
+    length = coarse_length(count, SAMPLE_BLOCK)
     padded = np.pad(signals, ((0, length - count), (0, 0)))
     return np.asarray(_score(padded, np.arange(length) < count).score)[:count]
 

@@ -5,84 +5,126 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.evidence.association import Groups
-from catfree.evidence.boxes import Boxes, padded_length
+from catfree.evidence.boxes import Boxes
+from catfree.geometry.buckets import fine_length
 from catfree.settings import EvidenceSettings
 
 SMALLEST_SAMPLE = 50  # pairs below which nothing is learned
 SMALLEST_SPREAD = 0.01  # cosine distance
+TABLE_ENTRIES = 1 << 24  # of pairwise ratios held at a time: 128 MB
 
 
 class Appearance(eqx.Module):
-    """Cosine distances of all pairs of boxes of each frame.
+    """Embeddings of all boxes, and where their frame's table of pairs holds them.
 
     Attributes:
-        distance: (F, D, D) cosine distance in [0, 2].
-        slot: (N, 2) frame and position in `distance` of each box.
+        embedding: (N, D) of unit length.
+        slot: (N, 2) frame and row in that frame's table of each box.
+        first: (F + 1,) first box of each frame.
+        width: rows of a table.
     """
 
-    distance: Float[np.ndarray, "frame slot slot"]
+    embedding: Float[np.ndarray, "box dim"]
     slot: Int[np.ndarray, "box 2"]
+    first: Int[np.ndarray, " bounds"]
+    width: int
+
+    def distances(self, frames: Int[np.ndarray, " f"]) -> Float[np.ndarray, "f slot slot"]:
+        """Cosine distance in [0, 2] of all pairs of boxes of some frames."""
+        block = np.zeros((len(frames), self.width, self.embedding.shape[1]))
+        for i, frame in enumerate(frames):
+            own = slice(self.first[frame], self.first[frame + 1])
+            block[i, : own.stop - own.start] = self.embedding[own]
+        return 1 - block @ block.transpose(0, 2, 1)
+
+    def blocks(self) -> list[tuple[int, int]]:
+        """Runs of frames, first and end, whose tables fit into memory together."""
+        frames = len(self.first) - 1
+        step = max(1, TABLE_ENTRIES // self.width**2)
+        return [(i, min(i + step, frames)) for i in range(0, frames, step)]
 
 
 def compare_frames(boxes: Boxes) -> Appearance | None:
-    """Distances of all pairs within each frame, or None without embeddings."""
+    """The embeddings by frame, or None without any."""
     if boxes.embedding is None:
         return None
-    F = len(boxes.frames)
     count = np.diff(boxes.first)
-    D = padded_length(int(count.max(initial=1)), 8)
     n = int(boxes.first[-1])
     slot = np.zeros((len(boxes.frame), 2), np.int64)
     slot[:n, 0] = boxes.frame[:n]
     slot[:n, 1] = np.arange(n) - boxes.first[boxes.frame[:n]]
-    block = np.zeros((F, D, boxes.embedding.shape[1]))
-    block[slot[:n, 0], slot[:n, 1]] = boxes.embedding[:n]
-    return Appearance(1 - block @ block.transpose(0, 2, 1), slot)
+    width = fine_length(int(count.max(initial=1)), 8)
+    return Appearance(boxes.embedding, slot, boxes.first, width)
+
+
+class Likeness(eqx.Module):
+    """Two Gaussians of the cosine distance: of one person's boxes, and of two people's.
+
+    Attributes:
+        same: () center and spread of the first; `other`: of the second.
+        limit: bound of a ratio.
+    """
+
+    same: tuple[float, float]
+    other: tuple[float, float]
+    limit: float
+
+    def __call__(self, distance: np.ndarray) -> np.ndarray:
+        """Log-likelihood ratio 'same person' against 'another person of the frame'."""
+        (m1, s1), (m0, s0) = self.same, self.other
+        # Beyond its own centre a distance cannot speak for the other side.
+        d = np.clip(distance, m1, m0)
+        ratio = np.log(s0 / s1) - 0.5 * ((d - m1) / s1) ** 2 + 0.5 * ((d - m0) / s0) ** 2
+        return np.clip(ratio, -self.limit, self.limit)
 
 
 def learn_ratio(
     appearance: Appearance, groups: Groups, settings: EvidenceSettings
-) -> np.ndarray | None:
-    """(F, D, D) log-likelihood ratio 'same person' against 'another person of the frame'.
+) -> Likeness | None:
+    """Log-likelihood ratio learned from groups of at least three views.
 
-    Two Gaussians (median and MAD) of the distances within and between groups of at least three
-    views, clipped; None where too little is known or distances do not tell people apart.
+    Two Gaussians (median and MAD) of the distances within and between groups, from as many evenly
+    spread frames as self-calibration takes; None where too little is known or distances do not
+    tell people apart.
     """
-    views = (groups.member >= 0).sum(1)
-    label = np.full(appearance.distance.shape[:2], -1)
-    camera = np.full(appearance.distance.shape[:2], -1)
-    strong = np.flatnonzero(views >= 3)
+    frames = np.arange(len(appearance.first) - 1)
+    if len(frames) > settings.calibration_frames:
+        spread = np.linspace(0, len(frames) - 1, settings.calibration_frames)
+        frames = np.unique(spread.round().astype(int))
+    strong = np.flatnonzero(((groups.member >= 0).sum(1) >= 3) & np.isin(groups.frame, frames))
+    label = np.full((len(frames), appearance.width), -1)
+    camera = np.full(label.shape, -1)
     g, c = np.nonzero(groups.member[strong] >= 0)
-    rows = groups.member[strong][g, c]
-    label[appearance.slot[rows, 0], appearance.slot[rows, 1]] = strong[g]
-    camera[appearance.slot[rows, 0], appearance.slot[rows, 1]] = c
-    known = (label >= 0)[:, :, None] & (label >= 0)[:, None, :]
-    known &= camera[:, :, None] < camera[:, None, :]
-    same = known & (label[:, :, None] == label[:, None, :])
-    other = known & ~same
-    if same.sum() < SMALLEST_SAMPLE or other.sum() < SMALLEST_SAMPLE:
+    slot = appearance.slot[groups.member[strong][g, c]]
+    place = np.searchsorted(frames, slot[:, 0]), slot[:, 1]
+    label[place], camera[place] = strong[g], c
+    within, between = [], []
+    for i, frame in enumerate(frames):
+        row, column = np.nonzero(
+            ((label[i] >= 0)[:, None] & (label[i] >= 0)) & (camera[i][:, None] < camera[i])
+        )
+        distance = appearance.distances(np.array([frame]))[0][row, column]
+        same = label[i][row] == label[i][column]
+        within.append(distance[same])
+        between.append(distance[~same])
+    samples = [np.concatenate(values or [np.zeros(0)]) for values in (within, between)]
+    if min(map(len, samples)) < SMALLEST_SAMPLE:
         return None
-    (m1, s1), (m0, s0) = (_robust(appearance.distance[k]) for k in (same, other))
-    if m1 >= m0:
-        return None
-    # Beyond its own centre a distance cannot speak for the other side.
-    d = np.clip(appearance.distance, m1, m0)
-    ratio = np.log(s0 / s1) - 0.5 * ((d - m1) / s1) ** 2 + 0.5 * ((d - m0) / s0) ** 2
-    return np.clip(ratio, -settings.appearance_limit, settings.appearance_limit)
+    one, two = (_robust(values) for values in samples)
+    return Likeness(one, two, settings.appearance_limit) if one[0] < two[0] else None
 
 
-def group_agreement(ratio: np.ndarray, appearance: Appearance, member: np.ndarray) -> np.ndarray:
+def group_agreement(
+    likeness: Likeness, appearance: Appearance, member: np.ndarray
+) -> Float[np.ndarray, " group"]:
     """(H,) sum of the pairwise ratios within each group."""
-    there = member >= 0
-    rows = np.maximum(member, 0)
-    frame = appearance.slot[rows, 0].max(1, initial=0, where=there)
-    position = appearance.slot[rows, 1]
     C = member.shape[1]
     total = np.zeros(len(member))
     for a in range(C):
         for b in range(a + 1, C):
-            both = there[:, a] & there[:, b]
-            total[both] += ratio[frame[both], position[both, a], position[both, b]]
+            both = np.flatnonzero((member[:, a] >= 0) & (member[:, b] >= 0))
+            one, two = (appearance.embedding[member[both, camera]] for camera in (a, b))
+            total[both] += likeness(1 - (one * two).sum(1))
     return total
 
 

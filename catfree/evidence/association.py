@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Int
 from scipy.spatial import KDTree
 
-from catfree.evidence.boxes import padded_length
 from catfree.evidence.gaussian import Information, log_evidence
+from catfree.geometry.buckets import fine_length
 
 PAIR_GATE = 16.0  # squared Mahalanobis distance of two boxes that may start or join a group
 
@@ -239,7 +239,7 @@ def associate(
     total = len(frame)
     items = np.flatnonzero(valid)
     pairs = candidate_pairs(position, covariance, frame, camera, items)
-    padded = np.zeros((padded_length(len(pairs), 256), 2), np.int64)
+    padded = np.zeros((fine_length(len(pairs), 256), 2), np.int64)
     padded[: len(pairs)] = pairs
     members = np.full((total, cameras), -1)
     boxes = items[camera[items] < cameras]
@@ -257,7 +257,7 @@ def associate(
 def _extend(values: Any, more: Any, count: int) -> np.ndarray:
     """Rows followed by more rows, padded with zeros to one of few lengths."""
     host = np.asarray(values)
-    out = np.zeros((padded_length(count), *host.shape[1:]), host.dtype)
+    out = np.zeros((fine_length(count), *host.shape[1:]), host.dtype)
     out[: len(host)], out[len(host) : count] = host, more
     return out
 

@@ -4,17 +4,9 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from catfree.geometry.buckets import fine_length
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Rig
-
-
-def padded_length(count: int, minimum: int = 64) -> int:
-    """The next of few lengths (four an octave), so that other inputs reuse compiled code."""
-    length = minimum
-    while length < count:
-        step = max(1 << (length.bit_length() - 3), 1)
-        length += step
-    return length
 
 
 class Boxes(eqx.Module):
@@ -98,7 +90,7 @@ def prepare_boxes(detections: Detections, rig: Rig, settings: EvidenceSettings) 
     rows = rows[np.lexsort(keys)]
     n = len(rows)
     frames, frame = np.unique(detections.frame[rows], return_inverse=True)
-    N = padded_length(n)
+    N = fine_length(n)
     camera = detections.camera[rows]
     box = box[rows]
     middle = (box[:, 0] + box[:, 2]) / 2
@@ -155,7 +147,7 @@ def _group(frame: np.ndarray, camera: np.ndarray, F: int, C: int) -> np.ndarray:
     key = frame * C + camera
     start = np.searchsorted(key, np.arange(F * C))
     slot = np.arange(len(key)) - start[key] if len(key) else np.zeros(0, int)
-    B = padded_length(int(slot.max()) + 1 if len(slot) else 1, 4)
-    table = np.full((padded_length(F, 8) * C, B), -1)
+    B = fine_length(int(slot.max()) + 1 if len(slot) else 1, 4)
+    table = np.full((fine_length(F, 8) * C, B), -1)
     table[key, slot] = np.arange(len(key))
     return table.reshape(-1, C, B)

@@ -6,10 +6,11 @@ from jaxtyping import Float
 from scipy.ndimage import uniform_filter
 
 from catfree.evidence.association import Groups
-from catfree.evidence.boxes import Boxes, padded_length
+from catfree.evidence.boxes import Boxes
 from catfree.evidence.measurement import Measurements
 from catfree.evidence.views import GroundViews
 from catfree.evidence.visibility import Views, expected_views
+from catfree.geometry.buckets import fine_length
 from catfree.settings import EvidenceSettings
 
 CELLS = 128  # a side of each camera's clutter map, in H0
@@ -35,7 +36,7 @@ def predict_views(
 ) -> Views:
     """`expected_views` on the host, padded to few lengths."""
     H = len(state)
-    N = padded_length(H)
+    N = fine_length(H)
 
     def pad(x: np.ndarray, fill: int) -> np.ndarray:
         return np.concatenate([x, np.full((N - H, *x.shape[1:]), fill, x.dtype)])

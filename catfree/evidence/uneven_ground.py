@@ -16,10 +16,10 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.evidence.association import Groups
-from catfree.evidence.boxes import padded_length
 from catfree.evidence.measurement import Measurements, Noise
 from catfree.evidence.tracking import Trails
 from catfree.evidence.views import GroundViews, predict_edges
+from catfree.geometry.buckets import fine_length
 from catfree.settings import EvidenceSettings
 
 
@@ -68,7 +68,7 @@ def ground_shift(
     M = len(trails)
     if M == 0:
         return np.zeros((0, 2))
-    extra = padded_length(M) - M
+    extra = fine_length(M) - M
     seen = trails.group >= 0
     member = np.where(seen[:, None], groups.member[trails.group], -1)
     normal, cross = (

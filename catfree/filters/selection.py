@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 from catfree.filters.gates import select
 from catfree.filters.suppression import outside, suppress
 from catfree.filters.temporal import temporally_consistent
+from catfree.geometry.buckets import coarse_length
 from catfree.settings import SelectionSettings
 from catfree.types import Fate
 
@@ -125,10 +126,7 @@ def _gate(
 ) -> tuple[Bool[np.ndarray, " h"], float | None, float | None]:
     """Run the adaptive gates on some hypotheses, writing the fate of those they remove."""
     count = len(candidate)
-    length = SAMPLE_BLOCK
-    while length < count:
-        length *= 4
-    padding = (0, length - count)
+    padding = (0, coarse_length(count, SAMPLE_BLOCK) - count)
     gates = _select(
         np.pad(h.sigma, padding),
         np.pad(h.ground_distance, padding),
@@ -201,9 +199,7 @@ def _frame_grids(
         return []
     rows = rows[np.argsort(frame_index[rows], kind="stable")]
     frames, start, count = np.unique(frame_index[rows], return_index=True, return_counts=True)
-    places = PLACES_BLOCK
-    while places < count.max():
-        places *= 2
+    places = coarse_length(int(count.max()), PLACES_BLOCK, factor=2)
     lines = -(-len(frames) // FRAME_BLOCK) * FRAME_BLOCK
     grid = np.full((lines, places), -1)
     line = np.repeat(np.arange(len(frames)), count)

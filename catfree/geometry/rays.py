@@ -7,6 +7,7 @@ from jaxtyping import Array, Bool, Float, Real
 
 from catfree.geometry.arrays import HostOrDevice, Scalar, float_arrays, safe_norm
 from catfree.geometry.camera import back_project
+from catfree.geometry.trust import combined_trust, height_trust, pose_trust
 
 
 def pixel_to_ray(
@@ -82,9 +83,7 @@ def height_weight(height: Scalar, median_height: Scalar) -> Float[Array, ""]:
 
     Source: paper, Eq. w.
     """
-    height, median_height = float_arrays(height, median_height)
-    usable = median_height > 0  # false for NaN too
-    return jnp.where(usable, jnp.minimum(1, (height / jnp.where(usable, median_height, 1)) ** 2), 1)
+    return height_trust(jnp, *float_arrays(height, median_height))
 
 
 def pose_ratio(median_residual_pose: Scalar, median_residual_other: Scalar) -> Float[Array, ""]:
@@ -100,10 +99,7 @@ def pose_ratio(median_residual_pose: Scalar, median_residual_other: Scalar) -> F
 
     Source: paper, Eq. w_pose; the bound of 1 keeps w in (0, 1].
     """
-    pose, other = float_arrays(median_residual_pose, median_residual_other)
-    usable = (other > 0) & ~jnp.isnan(pose)
-    ratio = jnp.where(usable, pose, 1) / jnp.where(usable, other, 1)
-    return jnp.minimum(1, ratio * ratio)
+    return pose_trust(jnp, *float_arrays(median_residual_pose, median_residual_other))
 
 
 def ray_weight(
@@ -128,5 +124,5 @@ def ray_weight(
     Source: paper, Eq. w.
     """
     height, median_height, ratio, minimum = float_arrays(height, median_height, ratio, minimum)
-    pose = jnp.where(jnp.asarray(ankles_confirmed), 1, ratio)
-    return jnp.maximum(pose * height_weight(height, median_height), minimum)
+    trust = height_trust(jnp, height, median_height)
+    return combined_trust(jnp, trust, jnp.asarray(ankles_confirmed), ratio, minimum)

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.association.observations import appearance_distance, expand_ranges
-from catfree.association.rays import padded_length
 from catfree.filters import otsu
 from catfree.filters.selection import outside_by_frame, suppress_by_frame
+from catfree.geometry.buckets import coarse_length
 from catfree.settings import TrajectorySettings
 from catfree.trajectories.link import Positions, position_appearance
 from catfree.types import Origin
@@ -47,7 +47,7 @@ def appearance_threshold(positions: Positions, appearance: Float[np.ndarray, "n 
     stop = np.searchsorted(frame, frame, side="right")
     row, other = expand_ranges(start, stop)
     distance = _closest(looks, positions.track[other], appearance, positions.member[row])
-    length = padded_length(len(distance), SAMPLE_BLOCK)
+    length = coarse_length(len(distance), SAMPLE_BLOCK)
     sample = np.pad(distance, (0, length - len(distance)), constant_values=np.inf)
     return float(_otsu(sample))
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from catfree.evidence.boxes import padded_length, undistort
+from catfree.evidence.boxes import undistort
 from catfree.evidence.solve import probability_within
 from catfree.evidence.tracking import Trails, presence
 from catfree.evidence.visibility import COLUMNS, covered_share
@@ -49,12 +49,6 @@ def test_a_box_hides_what_lies_below_its_top():
     both = jnp.array([True, True, True])
     assert float(covered_share(region, region[3], others, both)) == pytest.approx(0.35)
     assert COLUMNS == 8
-
-
-@given(st.integers(1, 10**6))
-def test_padding_is_enough_and_not_much_more(count):
-    length = padded_length(count)
-    assert count <= length <= max(64, 1.27 * count + 1)
 
 
 @given(st.floats(-0.15, 0.1), st.floats(100, 1180), st.floats(100, 620))
