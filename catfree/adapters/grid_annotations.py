@@ -9,8 +9,9 @@ from typing import Any, Literal
 import numpy as np
 
 from catfree.adapters.documents import entry, numbers, read_json
+from catfree.adapters.sequence import MultiViewSequence, metric_scene
 from catfree.errors import FileFormatError, InvalidInputError
-from catfree.types import Detections
+from catfree.types import Detections, Rig
 
 InvalidBoxes = Literal["raise", "drop"]
 
@@ -155,6 +156,42 @@ def read_annotations(
         detections=Detections(index[:, 0], index[:, 1], np.array(corners).reshape(-1, 4)),
         identity=index[:, 2],
         ground_truth=np.array(truth, np.float64).reshape(-1, 4),
+    )
+
+
+def grid_sequence(
+    name: str,
+    people: Annotations,
+    rig: Rig,
+    camera_names: tuple[str, ...],
+    grid: Grid,
+    fps: float,
+    images: Path,
+) -> MultiViewSequence:
+    """A data set of this kind as the neutral carrier, in metres, z up, ground z = 0.
+
+    Args:
+        name: name of the data set.
+        people: what is annotated.
+        rig: the cameras in metres.
+        camera_names: their names, which are those of the folders of their images.
+        grid: the annotated area.
+        fps: annotated frames a second.
+        images: folder of the cameras' folders, which may be missing.
+    """
+    return MultiViewSequence(
+        name=name,
+        detections=people.detections,
+        rig=rig,
+        scene=metric_scene(rig),
+        ground_truth=people.ground_truth,
+        frames=people.frames,
+        camera_names=camera_names,
+        fps=fps,
+        evaluation_area=grid.area,
+        true_centres=np.asarray(rig.centers),
+        images=image_table(images, camera_names, people.frames),
+        identity=people.identity,
     )
 
 

@@ -10,14 +10,14 @@ from catfree.adapters.grid_annotations import (
     Annotations,
     Grid,
     InvalidBoxes,
+    grid_sequence,
     image_numbers,
-    image_table,
     numbered_files,
     read_annotations,
 )
 from catfree.adapters.opencv_storage import read_matrices
 from catfree.adapters.rotation_vectors import rotation_from_vector
-from catfree.adapters.sequence import MultiViewSequence, metric_scene, require_people_in_front
+from catfree.adapters.sequence import MultiViewSequence, require_people_in_front
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Detections, Rig
 
@@ -95,20 +95,7 @@ def read_multiviewx(
         )
     else:
         people = Annotations.empty(numbers)
-    return MultiViewSequence(
-        name="MultiviewX",
-        detections=people.detections,
-        rig=rig,
-        scene=metric_scene(rig),
-        ground_truth=people.ground_truth,
-        frames=people.frames,
-        camera_names=CAMERA_NAMES,
-        fps=FPS,
-        evaluation_area=GRID.area,
-        true_centres=np.asarray(rig.centers),
-        images=image_table(images, CAMERA_NAMES, people.frames),
-        identity=people.identity,
-    )
+    return grid_sequence("MultiviewX", people, rig, CAMERA_NAMES, GRID, FPS, images)
 
 
 def _read_rig(folder: Path) -> Rig:

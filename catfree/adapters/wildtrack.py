@@ -9,14 +9,14 @@ from catfree.adapters.grid_annotations import (
     Annotations,
     Grid,
     InvalidBoxes,
+    grid_sequence,
     image_numbers,
-    image_table,
     numbered_files,
     read_annotations,
 )
 from catfree.adapters.opencv_storage import read_matrices
 from catfree.adapters.rotation_vectors import rotation_from_vector
-from catfree.adapters.sequence import MultiViewSequence, metric_scene, require_people_in_front
+from catfree.adapters.sequence import MultiViewSequence, require_people_in_front
 from catfree.types import Rig
 
 # Folder C1 holds the images of the camera that calibration files call CVLab1, and so on.
@@ -88,20 +88,7 @@ def read_wildtrack(
         )
     else:
         people = Annotations.empty(image_numbers(images, names))
-    return MultiViewSequence(
-        name="WildTrack",
-        detections=people.detections,
-        rig=rig,
-        scene=metric_scene(rig),
-        ground_truth=people.ground_truth,
-        frames=people.frames,
-        camera_names=names,
-        fps=FPS,
-        evaluation_area=GRID.area,
-        true_centres=np.asarray(rig.centers),
-        images=image_table(images, names, people.frames),
-        identity=people.identity,
-    )
+    return grid_sequence("WildTrack", people, rig, names, GRID, FPS, images)
 
 
 def _read_rig(folder: Path, undistorted: bool) -> Rig:

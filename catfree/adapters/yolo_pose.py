@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.adapters.detector_input import choose_input_size
-from catfree.adapters.fingerprint import hash_parameters
 from catfree.adapters.onnx_batching import run_batched
+from catfree.adapters.onnx_detector import OnnxDetector, require_thresholds
 from catfree.adapters.onnx_session import OnnxGraph
-from catfree.adapters.protocols import FrameDetections, Image
+from catfree.adapters.protocols import Image
 from catfree.adapters.tiling import Tiles
-from catfree.adapters.window_detection import DecodedBoxes, WindowDetection
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.adapters.window_detection import DecodedBoxes
+from catfree.errors import FileFormatError
 
 _KEYPOINT_CHANNELS = 17 * 3
 _END_TO_END_CHANNELS = 6 + _KEYPOINT_CHANNELS  # x1, y1, x2, y2, confidence, class, keypoints
@@ -27,7 +27,7 @@ _STRIDE = 32
 _LARGEST_BATCH = 8
 
 
-class YoloPoseOnnx:
+class YoloPoseOnnx(OnnxDetector):
     """Detector with 17 COCO keypoints from an Ultralytics pose export.
 
     Reads the raw head [batch, 4 + classes + 51, anchors] and the end-to-end head [batch, rows, 57],
@@ -66,47 +66,22 @@ class YoloPoseOnnx:
             InvalidInputError: if there is no such file or a parameter is impossible.
             FileFormatError: if the file is not a YOLO pose network.
         """
-        if not (0 <= confidence <= 1 and 0 < iou <= 1):
-            raise InvalidInputError(
-                f"confidence and iou must lie in [0, 1], got {confidence} and {iou}."
-            )
-        self._graph = OnnxGraph(path, needed=_NEEDED, providers=providers)
-        self._graph.require_image_input(None)
-        target = choose_input_size(self._graph, image_size, _STRIDE)
-        self._output, self._classes = _find_head(self._graph, target)
-        self._person = _person_class(self._graph)
-        self._confidence = float(confidence)
-        self._detection = WindowDetection(
-            infer=self._infer,
-            target=target,
+        require_thresholds(confidence, iou)
+        graph = OnnxGraph(path, needed=_NEEDED, providers=providers)
+        graph.require_image_input(None)
+        target = choose_input_size(graph, image_size, _STRIDE)
+        self._output, self._classes = _find_head(graph, target)
+        self._person = _person_class(graph)
+        super().__init__(
+            graph,
+            target,
             placement="centre",
-            tiles=tiles,
-            tile_overlap=tile_overlap,
-            # The end-to-end head suppresses by itself.
-            maximum_overlap=1.0 if self._classes is None else iou,
-        )
-        self._fingerprint = hash_parameters(
-            "YoloPoseOnnx",
-            self._graph.content_hash,
-            confidence=float(confidence),
-            tiles=tiles,
-            target=target,
+            confidence=confidence,
             iou=iou,
+            tiles=tiles,
             tile_overlap=tile_overlap,
+            suppresses=self._classes is None,  # the end-to-end head
         )
-
-    @property
-    def fingerprint(self) -> str:
-        """Content hash of weights and parameters."""
-        return self._fingerprint
-
-    def __call__(self, image: Image) -> FrameDetections:
-        """The people in one (H, W, 3) uint8 RGB picture, best first."""
-        return self._detection([image])[0]
-
-    def detect_batch(self, images: Sequence[Image]) -> list[FrameDetections]:
-        """The people in each picture; one network pass for several where the graph allows it."""
-        return self._detection(images)
 
     def _infer(self, pictures: Sequence[Image]) -> list[DecodedBoxes]:
         inputs = [picture.transpose(2, 0, 1).astype(np.float32) / 255 for picture in pictures]

@@ -8,13 +8,12 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.adapters.detector_input import choose_input_size
-from catfree.adapters.fingerprint import hash_parameters
 from catfree.adapters.onnx_batching import run_batched
+from catfree.adapters.onnx_detector import OnnxDetector, require_thresholds
 from catfree.adapters.onnx_session import OnnxGraph
-from catfree.adapters.protocols import FrameDetections, Image
+from catfree.adapters.protocols import Image
 from catfree.adapters.tiling import Tiles
-from catfree.adapters.window_detection import DecodedBoxes, WindowDetection
-from catfree.errors import InvalidInputError
+from catfree.adapters.window_detection import DecodedBoxes
 
 _NEEDED = "a YOLOX export (input [batch, 3, H, W]; output [batch, anchors, 5 + classes])"
 _STRIDES = (8, 16, 32)
@@ -25,7 +24,7 @@ _LARGEST_BATCH = 8
 _LARGEST_LOGARITHM = 12.0
 
 
-class YoloxOnnx:
+class YoloxOnnx(OnnxDetector):
     """Detector without keypoints from the export script of the YOLOX project.
 
     Takes BGR values 0 to 255 in a top-left letterbox and the undecoded head (the script's default,
@@ -62,46 +61,21 @@ class YoloxOnnx:
             InvalidInputError: if there is no such file or a parameter is impossible.
             FileFormatError: if the file is not a YOLOX network.
         """
-        if not (0 <= confidence <= 1 and 0 < iou <= 1):
-            raise InvalidInputError(
-                f"confidence and iou must lie in [0, 1], got {confidence} and {iou}."
-            )
-        self._graph = OnnxGraph(path, needed=_NEEDED, providers=providers)
-        self._graph.require_image_input(None)
-        target = choose_input_size(self._graph, image_size, max(_STRIDES))
+        require_thresholds(confidence, iou)
+        graph = OnnxGraph(path, needed=_NEEDED, providers=providers)
+        graph.require_image_input(None)
+        target = choose_input_size(graph, image_size, max(_STRIDES))
         self._grid, self._stride = _anchor_grid(*target)
-        self._output = _check_outputs(self._graph, len(self._stride))
-        self._confidence = float(confidence)
-        self._detection = WindowDetection(
-            infer=self._infer,
-            target=target,
+        self._output = _check_outputs(graph, len(self._stride))
+        super().__init__(
+            graph,
+            target,
             placement="top_left",
-            tiles=tiles,
-            tile_overlap=tile_overlap,
-            maximum_overlap=iou,
-        )
-        self._fingerprint = hash_parameters(
-            "YoloxOnnx",
-            self._graph.content_hash,
-            confidence=float(confidence),
-            tiles=tiles,
-            target=target,
+            confidence=confidence,
             iou=iou,
+            tiles=tiles,
             tile_overlap=tile_overlap,
         )
-
-    @property
-    def fingerprint(self) -> str:
-        """Content hash of weights and parameters."""
-        return self._fingerprint
-
-    def __call__(self, image: Image) -> FrameDetections:
-        """The people in one (H, W, 3) uint8 RGB picture, best first."""
-        return self._detection([image])[0]
-
-    def detect_batch(self, images: Sequence[Image]) -> list[FrameDetections]:
-        """The people in each picture; one network pass for several where the graph allows it."""
-        return self._detection(images)
 
     def _infer(self, pictures: Sequence[Image]) -> list[DecodedBoxes]:
         inputs = [p[:, :, ::-1].transpose(2, 0, 1).astype(np.float32) for p in pictures]
