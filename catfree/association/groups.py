@@ -1,6 +1,7 @@
 """Cross-view groups of a whole sequence, a chunk of frames at a time."""
 
 import dataclasses
+import dataclasses
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -68,7 +68,12 @@ def locate(
     )
     table = ray_table(observations, rays, np.asarray(rig.centers))
     radius = settings.selection.support_factor * sigma_theta
-    member = find_support(table, groups.frame_index, position, radius=radius)
+    if settings.triangulation.estimator == "best_pair":
+        # What this baseline measures is two cameras: nothing else may speak for its position.
+        groups = groups._replace(member=np.where(np.isfinite(residual), groups.member, -1))
+        member = groups.member
+    else:
+        member = find_support(table, groups.frame_index, position, radius=radius)
     support = measure_support(rays, member, position, sigma_theta=sigma_theta)
     if settings.selection.exclusive_support:
         member = exclusive_support(support)

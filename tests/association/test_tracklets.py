@@ -1,10 +1,9 @@
-"""Short tracks of one camera: by overlap, by motion, by appearance, never over a gap."""
+"""Short tracks of one camera: by nearness, by appearance, never over a gap."""
 
 import numpy as np
 
 from catfree import Detections
 from catfree.association import link_tracklets, observe
-from catfree.association.tracklets import box_overlap
 from catfree.settings import TrackletSettings
 from catfree.synthetic import make_layout
 
@@ -36,10 +35,15 @@ def test_a_missing_frame_ends_a_tracklet():
     assert link(rows) == [0, 0, 1, 1]
 
 
-def test_nobody_jumps_more_than_a_body_height():
-    assert link([(0, 0, 0, 500), (1, 0, 99, 500)]) == [0, 0]
-    assert link([(0, 0, 0, 500), (1, 0, 101, 500)]) == [0, 1]
-    assert link([(0, 0, 0, 500), (1, 0, 101, 500)], maximum_shift=2.0) == [0, 0]
+def test_nobody_jumps_more_than_three_quarters_of_a_body():
+    assert link([(0, 0, 0, 500), (1, 0, 74, 500)]) == [0, 0]
+    assert link([(0, 0, 0, 500), (1, 0, 76, 500)]) == [0, 1]
+    assert link([(0, 0, 0, 500), (1, 0, 76, 500)], maximum_shift=2.0) == [0, 0]
+
+
+def test_a_walker_who_leaves_his_own_box_is_one_tracklet():
+    # Boxes are 40 wide: steps of 60 never overlap.
+    assert link([(f, 0, 60 * f, 500) for f in range(5)]) == [0] * 5
 
 
 def test_the_nearest_assignment_of_all_wins():
@@ -47,7 +51,7 @@ def test_the_nearest_assignment_of_all_wins():
     assert link(rows) == [0, 1, 0, 1]
 
 
-def test_motion_carries_two_people_past_each_other():
+def test_looks_carry_two_people_past_each_other():
     # They walk towards each other, 30 pixels a step, and pass between frames 2 and 3.
     rows = [(f, 0, 30 * f, 500) for f in range(6)] + [(f, 0, 150 - 30 * f, 510) for f in range(6)]
     right, left = [0] * 6, [1] * 6
@@ -67,9 +71,3 @@ def test_two_detections_never_share_a_place_in_a_tracklet():
     tracklet = np.array(link(rows)).reshape(4, 3)
     for line in tracklet:
         assert len(set(line.tolist())) == 3
-
-
-def test_overlap_is_intersection_over_union():
-    one = np.array([[0.0, 0, 2, 2], [0, 0, 2, 2], [0, 0, 2, 2]])
-    other = np.array([[0.0, 0, 2, 2], [1, 0, 3, 2], [5, 5, 6, 6]])
-    np.testing.assert_allclose(box_overlap(one, other), [1, 1 / 3, 0])
