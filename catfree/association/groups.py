@@ -1,7 +1,6 @@
 """Cross-view groups of a whole sequence, a chunk of frames at a time."""
 
 import dataclasses
-import dataclasses
 from collections.abc import Callable
 from typing import NamedTuple
 
