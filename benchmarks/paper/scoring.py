@@ -38,13 +38,11 @@ class Score:
         detection: MODA, MODP, precision and recall at 0.5 m.
         tracking: MOTA, MOTP and IDF1 at 1 m, or None without identities or tracks.
         hota: HOTA with the paper's point similarity, or None.
-        cpu_seconds: of `localize`, compilation included; 0 where it was not measured.
     """
 
     detection: DetectionMetrics
     tracking: TrackingMetrics | None = None
     hota: HotaMetrics | None = None
-    cpu_seconds: float = 0.0
 
     @property
     def moda(self) -> float:
@@ -137,7 +135,6 @@ def pool(scores: Iterable[Score]) -> Score:
         combine_detection(part.detection for part in parts),
         combine_tracking(tracking) if len(tracking) == len(parts) else None,
         combine_hota(hotas) if len(hotas) == len(parts) else None,
-        sum(part.cpu_seconds for part in parts),
     )
 
 
