@@ -1,0 +1,25 @@
+"""MODA against the miss rate: `python -m benchmarks.studies.misses --out results`.
+
+The rate is that of people who are large and fully visible; who is hidden or far away is missed more
+often still, and a miss lasts half a second on average.
+"""
+
+from benchmarks.studies.sweep import Sequence, Study, detector, main, simulate
+
+
+def missing(percent: float, seed: int, frames: int) -> Sequence:
+    """A world whose detector misses `percent` of those who are in plain view."""
+    return simulate(seed, frames, detector=detector(detection_rate=1 - percent / 100))
+
+
+STUDY = Study(
+    name="misses",
+    title="Missed people",
+    axis="people in plain view that a camera misses (%)",
+    values=(0, 10, 20, 30, 45, 60),
+    quick=(0, 30),
+    sequence=missing,
+)
+
+if __name__ == "__main__":
+    main(STUDY)
