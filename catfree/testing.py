@@ -1,0 +1,161 @@
+"""Hypothesis strategies for property tests of code that works on multi-view scenes.
+
+The laws of localization are tests that need no expected values: a similarity of the world moves the
+result and changes nothing else, the order of cameras does not matter, exact boxes give back the
+positions that they were made from. These strategies draw the worlds to state them on. Everything
+shrinks towards a plain case: cameras evenly around the origin, people near it, the identity.
+"""
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree.errors import InvalidInputError, MissingDependencyError
+from catfree.geometry import Similarity
+from catfree.types import Detections, Plane, Rig, Scene
+
+try:
+    from hypothesis import strategies as st
+except ImportError as error:
+    raise MissingDependencyError(
+        "catfree.testing draws its examples with hypothesis: pip install hypothesis."
+    ) from error
+
+if TYPE_CHECKING:
+    from hypothesis.strategies import DrawFn
+
+CAMERA_HEIGHT = (3.0, 6.0)  # metres
+CAMERA_DISTANCE = (8.0, 15.0)  # metres from the origin, on the ground
+PEOPLE_WITHIN = 3.0  # metres of the origin: in every camera's picture
+MOST_PEOPLE = 4  # one a quadrant
+CLOSEST = 1.0  # metres between two people
+BODY = (1.7, 0.5)  # height and width of a person in metres
+
+
+class Observed(NamedTuple):
+    """People and the exact boxes that a scene's cameras see of them, nobody hidden.
+
+    Attributes:
+        scene: metric, z up, ground z = 0.
+        positions: (P, 2) where they stand in metres.
+        detections: one box a person and camera in frame 0, sorted by camera, then person, whose
+            bottom centre is the foot point.
+    """
+
+    scene: Scene
+    positions: Float[np.ndarray, "p 2"]
+    detections: Detections
+
+
+def rotations() -> "st.SearchStrategy[np.ndarray]":
+    """(3, 3) rotation matrices, float64, from quaternions; shrinks to the identity."""
+    part = st.floats(-1, 1)
+    return st.tuples(part, part, part).map(_rotation)
+
+
+def similarities(
+    scales: tuple[float, float] = (0.02, 50.0), reach: float | int = 100.0
+) -> "st.SearchStrategy[Similarity]":
+    """Similarity transforms of the world, without reflections.
+
+    Args:
+        scales: smallest and largest scale.
+        reach: largest entry of the translation, in the units after scaling.
+
+    Returns:
+        A strategy of `cf.geometry.Similarity`.
+    """
+    entry = st.floats(-reach, reach)
+    low, high = np.log(scales)
+    scale = st.floats(low, high).map(lambda log: float(np.exp(log)))
+    return st.builds(Similarity, scale, rotations(), st.tuples(entry, entry, entry).map(np.array))
+
+
+@st.composite
+def scenes(draw: "DrawFn", cameras: int | None = None) -> Scene:
+    """Metric scenes: 2 to 6 cameras around the origin that look at it, all seeing its surroundings.
+
+    Args:
+        draw: given by hypothesis.
+        cameras: number of cameras; None draws it.
+
+    Returns:
+        A scene in metres, z up, ground z = 0, float64.
+    """
+    count = draw(st.integers(2, 6)) if cameras is None else cameras
+    turn = draw(st.lists(st.floats(0, 0.4), min_size=count, max_size=count))
+    distance = draw(st.lists(st.floats(*CAMERA_DISTANCE), min_size=count, max_size=count))
+    height = draw(st.lists(st.floats(*CAMERA_HEIGHT), min_size=count, max_size=count))
+    focal = draw(st.lists(st.floats(700, 1000), min_size=count, max_size=count))
+    bearing = 2 * np.pi * (np.arange(count) + np.array(turn)) / count
+    centre = np.column_stack(
+        [distance * np.cos(bearing), distance * np.sin(bearing), np.array(height)]
+    )
+    R = np.stack([_looking_at_origin(c) for c in centre])
+    K = np.array([[[f, 0, 959.5], [0, f, 539.5], [0, 0, 1]] for f in focal])
+    rig = Rig(K, R, -np.einsum("cij,cj->ci", R, centre), (1920, 1080))
+    return Scene.from_rig(rig, Plane(np.array([0.0, 0.0, 1.0]), 0.0), metric=True)
+
+
+@st.composite
+def observed(draw: "DrawFn", cameras: int | None = None, people: int | None = None) -> Observed:
+    """A scene, 1 to 4 people in it at least a metre apart, and their exact boxes.
+
+    Args:
+        draw: given by hypothesis.
+        cameras: as in `scenes`.
+        people: number of people, at most 4; None draws it.
+
+    Returns:
+        Scene, positions and detections.
+
+    Raises:
+        InvalidInputError: if people is out of range.
+    """
+    count = draw(st.integers(1, MOST_PEOPLE)) if people is None else people
+    if not 1 <= count <= MOST_PEOPLE:
+        raise InvalidInputError(f"people is {people}; ask for 1 to {MOST_PEOPLE}.")
+    scene = draw(scenes(cameras))
+    offset = st.floats(CLOSEST / 2, PEOPLE_WITHIN / np.sqrt(2))
+    signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])[:count]
+    positions = signs * np.array([[draw(offset), draw(offset)] for _ in range(count)])
+    return Observed(scene, positions, boxes_of(scene, positions))
+
+
+def boxes_of(scene: Scene, positions: Any) -> Detections:
+    """Exact boxes of upright people of 1.7 m in every camera, nobody hidden, frame 0.
+
+    Args:
+        scene: in metres, z up, ground z = 0, without distortion.
+        positions: (P, 2) where they stand; in front of every camera.
+
+    Returns:
+        C · P detections, sorted by camera, then person.
+    """
+    rig, ground = scene.rig, np.asarray(positions, np.float64).reshape(-1, 2)
+    tall, wide = BODY
+    ends = np.stack([np.column_stack([ground, np.full(len(ground), z)]) for z in (0.0, tall)])
+    local = np.einsum("cij,epj->cepi", rig.R, ends) + np.asarray(rig.t)[:, None, None]
+    image = np.einsum("cij,cepj->cepi", rig.K, local)
+    foot, head = np.moveaxis(image[..., :2] / image[..., 2:], 1, 0)
+    half = (foot[..., 1] - head[..., 1]) * wide / tall / 2
+    box = np.stack([foot[..., 0] - half, head[..., 1], foot[..., 0] + half, foot[..., 1]], -1)
+    camera = np.repeat(np.arange(rig.camera_count), len(ground))
+    return Detections(np.zeros(len(camera), int), camera, box.reshape(-1, 4))
+
+
+def _rotation(imaginary: tuple[float, float, float]) -> np.ndarray:
+    """The rotation of the quaternion 1 + xi + yj + zk."""
+    w, (x, y, z) = 1.0, imaginary
+    norm = w * w + x * x + y * y + z * z
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + 2 / norm * (w * cross + cross @ cross)
+
+
+def _looking_at_origin(centre: np.ndarray) -> np.ndarray:
+    """World-to-camera rotation, OpenCV axes, z up in the world."""
+    forward = -centre / np.linalg.norm(centre)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right = right / np.linalg.norm(right)
+    return np.stack([right, np.cross(forward, right), forward])
