@@ -179,7 +179,7 @@ def under_conditions(columns: Sequence[str]) -> list[str]:
     return [column + condition for condition in CONDITIONS for column in columns]
 
 
-def cell(results: Results, variant: str, place: str) -> str:
+def cell(results: Results, variant: str, place: str) -> Cell:
     """MODA with its interval, or a dash where the variant did not run."""
     score = results.pooled(variant, place)
     return "-" if score is None else score.cell

@@ -130,8 +130,7 @@ def _add(
 
 def _cells(score: Score) -> list[Cell]:
     intervals = score.intervals
-    rates = (intervals.moda, intervals.modp, intervals.precision, intervals.recall)
-    cells: list[Cell] = [f"{rate.value:.1f} [{rate.low:.1f}, {rate.high:.1f}]" for rate in rates]
+    cells: list[Cell] = [*(intervals.moda, intervals.modp, intervals.precision, intervals.recall)]
     if score.tracking is None or score.hota is None:
         return [*cells, "-", "-", "-", "-"]
     tracking = score.tracking

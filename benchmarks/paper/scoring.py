@@ -14,6 +14,7 @@ from catfree.evaluation import (
     DetectionIntervals,
     DetectionMetrics,
     HotaMetrics,
+    Interval,
     TrackingMetrics,
     align_centres,
     bootstrap,
@@ -56,10 +57,9 @@ class Score:
         return bootstrap(self.detection, SAMPLES, block_length=block)
 
     @property
-    def cell(self) -> str:
-        """MODA and its interval, as the tables print them."""
-        low, high, value = self.intervals.moda
-        return f"{value:.1f} [{low:.1f}, {high:.1f}]"
+    def cell(self) -> Interval:
+        """MODA with its interval, as a cell of a table."""
+        return self.intervals.moda
 
 
 def ground_rows(

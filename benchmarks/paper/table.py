@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-Cell = str | float | int | None
+from catfree.evaluation import Interval
+
+Cell = str | float | int | Interval | None
 
 
 @dataclass(frozen=True)
@@ -16,7 +18,8 @@ class Table:
     Attributes:
         title: what it shows, and the paper's label of the table it stands beside.
         columns: names of the columns.
-        rows: one tuple a row, as long as `columns`; None is an empty cell.
+        rows: one tuple a row, as long as `columns`; None is an empty cell, an interval is shown
+            with its ends.
         notes: sentences below the table.
         verdicts: one sentence for each claim of the paper that the numbers test.
     """
@@ -51,11 +54,27 @@ class Table:
         return "\n".join(lines) + "\n"
 
     def csv(self) -> str:
-        """The columns and rows as CSV, numbers unrounded."""
+        """The columns and rows as CSV, numbers unrounded, the ends of intervals in two more columns.
+
+        A column with intervals is followed by its `low` and its `high`.
+        """
+        wide = [
+            any(isinstance(row[i], Interval) for row in self.rows) for i in range(len(self.columns))
+        ]
+        names = []
+        for name, ends in zip(self.columns, wide, strict=True):
+            names += [name, f"{name} low", f"{name} high"] if ends else [name]
         buffer = io.StringIO()
         writer = csv.writer(buffer, lineterminator="\n")
-        writer.writerow(self.columns)
-        writer.writerows(["" if cell is None else cell for cell in row] for row in self.rows)
+        writer.writerow(names)
+        for row in self.rows:
+            cells = []
+            for cell, ends in zip(row, wide, strict=True):
+                if isinstance(cell, Interval):
+                    cells += [cell.value, cell.low, cell.high]
+                else:
+                    cells += ["" if cell is None else cell, *(["", ""] if ends else [])]
+            writer.writerow(cells)
         return buffer.getvalue()
 
     def write(self, folder: Path, name: str) -> None:
@@ -68,6 +87,8 @@ class Table:
 def _text(cell: Cell) -> str:
     if cell is None:
         return ""
+    if isinstance(cell, Interval):
+        return f"{cell.value:.1f} [{cell.low:.1f}, {cell.high:.1f}]"
     return f"{cell:.1f}" if isinstance(cell, float) else str(cell)
 
 

@@ -52,6 +52,8 @@ def facts(sequence: Sequence) -> dict[str, float]:
     world = sequence.world
     assert world is not None
     walkers, boxes = world.walkers, world.detections
+    assert boxes.score is not None
+    assert boxes.ankles_confirmed is not None
     confident = boxes.score >= CONFIDENCE
     recovered = transform_scene(world.scene_from_world.inverse(), world.scene)
     residual = angular_residuals(world, recovered.rig)[confident[world.identities >= 0]]
@@ -65,7 +67,7 @@ def facts(sequence: Sequence) -> dict[str, float]:
         lambda positions: 0.0,
     )
     normal = np.asarray(recovered.ground.normal)
-    return {
+    measured = {
         "people": walkers.inside.sum(axis=1).mean(),
         "bystanders": (walkers.present & walkers.background).sum(axis=1).mean(),
         "groups": 100 * np.broadcast_to(grouped, walkers.inside.shape)[walkers.inside].mean(),
@@ -82,6 +84,7 @@ def facts(sequence: Sequence) -> dict[str, float]:
         "tilt": float(np.degrees(np.arccos(np.clip(normal[2], -1, 1)))),
         "offset": abs(float(recovered.ground.signed_distance(np.zeros(3)))),
     }
+    return {key: float(value) for key, value in measured.items()}
 
 
 def recall(world: World) -> float:
@@ -92,6 +95,7 @@ def recall(world: World) -> float:
     seen = observe(world.walkers, world.true_rig, world.columns)
     counted = world.walkers.inside[seen.frame, seen.person] & (seen.visible.max(axis=1) > 0)
     shape = (len(world.walkers.present), world.true_rig.camera_count, len(world.walkers.height))
+    assert world.detections.score is not None
     real = (world.identities >= 0) & (world.detections.score >= CONFIDENCE)
     boxes = world.detections[real]
     found = np.ravel_multi_index((boxes.frame, boxes.camera, world.identities[real]), shape)
@@ -102,6 +106,7 @@ def recall(world: World) -> float:
 def appearance_distances(world: World) -> tuple[np.ndarray, np.ndarray]:
     """Cosine distances of pairs of one frame in different cameras: same person, other person."""
     boxes, identity = world.detections, world.identities
+    assert boxes.embedding is not None
     same, other = [], []
     for frame in np.unique(boxes.frame)[::10]:
         rows = np.flatnonzero((boxes.frame == frame) & (identity >= 0))

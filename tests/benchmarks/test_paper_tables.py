@@ -35,6 +35,12 @@ def test_a_table_as_markdown_and_csv():
     assert table.csv() == "name,a|b\nx,1.25\ny,\n"
 
 
+def test_an_interval_has_three_columns_as_csv_and_one_as_markdown():
+    table = Table("T", ["name", "MODA"], [("x", Interval(1.0, 3.5, 2.25)), ("y", "-")])
+    assert table.csv() == "name,MODA,MODA low,MODA high\nx,2.25,1.0,3.5\ny,-,,\n"
+    assert "| x | 2.2 [1.0, 3.5] |" in table.markdown()
+
+
 @given(st.lists(st.tuples(st.text(), st.floats(allow_nan=False)), max_size=5))
 def test_csv_keeps_every_cell(rows):
     rows = [(text.replace("\r", ""), number) for text, number in rows]
