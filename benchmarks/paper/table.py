@@ -54,9 +54,9 @@ class Table:
         return "\n".join(lines) + "\n"
 
     def csv(self) -> str:
-        """The columns and rows as CSV, numbers unrounded, the ends of intervals in two more columns.
+        """The columns and rows as CSV, numbers unrounded.
 
-        A column with intervals is followed by its `low` and its `high`.
+        A column with intervals is followed by two more with their ends, `low` and `high`.
         """
         wide = [
             any(isinstance(row[i], Interval) for row in self.rows) for i in range(len(self.columns))
