@@ -10,6 +10,8 @@ from catfree.evaluation import Interval
 REPRODUCED = "reproduced"
 CONDITIONAL = "reproduced only under conditions"
 NOT_REPRODUCED = "not reproduced"
+OPEN = "neither shown nor refuted"
+UNTESTED = "not tested"
 
 
 def difference(first: Score, second: Score) -> Interval:
@@ -34,17 +36,25 @@ def difference(first: Score, second: Score) -> Interval:
 def higher(claim: str, gains: Mapping[str, Interval]) -> str:
     """Verdict on "the first is better than the second", from the gain in each place.
 
-    A place supports the claim if the gain is positive. The claim is reproduced if all places
-    support it, only under conditions if some do; gains whose interval contains zero are named as
-    such.
+    A place supports the claim if the interval of its gain is above zero and contradicts it if the
+    interval is below; otherwise it leaves the claim open. The claim is reproduced if some place
+    supports it and none contradicts it.
     """
-    return _verdict(claim, {place: gain.value > 0 for place, gain in gains.items()}, gains)
+    outcome: dict[str, bool | None] = {
+        place: None if gain.low <= 0 <= gain.high else gain.low > 0 for place, gain in gains.items()
+    }
+    return _sentence(claim, outcome, _texts(gains))
+
+
+def not_lower(claim: str, gains: Mapping[str, Interval]) -> str:
+    """Verdict on "it does no harm": a gain whose interval reaches zero supports it too."""
+    return _sentence(claim, {p: gain.high >= 0 for p, gain in gains.items()}, _texts(gains))
 
 
 def alike(claim: str, gains: Mapping[str, Interval], tolerance: float) -> str:
     """Verdict on "it changes nothing": the change is within a tolerance in points everywhere."""
     holds = {place: abs(gain.value) <= tolerance for place, gain in gains.items()}
-    return _verdict(f"{claim} (within {tolerance:g} points)", holds, gains, sign_matters=False)
+    return _sentence(f"{claim} (within {tolerance:g} points)", holds, _texts(gains))
 
 
 def holds_in(claim: str, outcome: Mapping[str, bool], evidence: Mapping[str, str]) -> str:
@@ -63,29 +73,29 @@ def within(claim: str, paper: Mapping[str, float], worlds: Mapping[str, Sequence
     return _sentence(claim, outcome, evidence)
 
 
-def _verdict(
-    claim: str,
-    outcome: Mapping[str, bool],
-    gains: Mapping[str, Interval],
-    *,
-    sign_matters: bool = True,
-) -> str:
-    evidence = {}
-    for place, gain in gains.items():
-        unsure = sign_matters and gain.low <= 0 <= gain.high
-        text = f"{gain.value:+.1f} [{gain.low:+.1f}, {gain.high:+.1f}]"
-        evidence[place] = text + (", interval contains zero" if unsure else "")
-    return _sentence(claim, outcome, evidence)
+def _texts(gains: Mapping[str, Interval]) -> dict[str, str]:
+    return {
+        place: f"{gain.value:+.1f} [{gain.low:+.1f}, {gain.high:+.1f}]"
+        for place, gain in gains.items()
+    }
 
 
-def _sentence(claim: str, outcome: Mapping[str, bool], evidence: Mapping[str, str]) -> str:
-    """`Claim: verdict (where, with numbers)`."""
+def _sentence(claim: str, outcome: Mapping[str, bool | None], evidence: Mapping[str, str]) -> str:
+    """`Claim: verdict (where, with numbers)`; None is a place that leaves the claim open."""
     if not outcome:
-        return f"{claim}: **not tested**, no data."
-    yes = [f"{place} ({evidence[place]})" for place, true in outcome.items() if true]
-    no = [f"{place} ({evidence[place]})" for place, true in outcome.items() if not true]
-    if not no:
-        return f"{claim}: **{REPRODUCED}** on {', '.join(yes)}."
-    if not yes:
-        return f"{claim}: **{NOT_REPRODUCED}** on {', '.join(no)}."
-    return f"{claim}: **{CONDITIONAL}**: on {', '.join(yes)}; not on {', '.join(no)}."
+        return f"{claim}: **{UNTESTED}**, no data."
+    places: dict[bool | None, list[str]] = {True: [], False: [], None: []}
+    for place, holds in outcome.items():
+        places[holds].append(f"{place} ({evidence[place]})")
+    parts = [
+        f"{name} {', '.join(places[holds])}"
+        for holds, name in ((True, "on"), (False, "not on"), (None, "open on"))
+        if places[holds]
+    ]
+    verdict = {
+        (True, True): CONDITIONAL,
+        (True, False): REPRODUCED,
+        (False, True): NOT_REPRODUCED,
+        (False, False): OPEN,
+    }[bool(places[True]), bool(places[False])]
+    return f"{claim}: **{verdict}**: {'; '.join(parts)}."

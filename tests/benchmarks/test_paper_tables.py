@@ -100,23 +100,31 @@ def test_pooled_scores_add_their_counts():
     assert low < high
 
 
+BETTER, WORSE, UNSURE = Interval(1, 3, 2), Interval(-3, -1, -2), Interval(-1, 2, 1)
+
+
 @pytest.mark.parametrize(
     ("gains", "verdict"),
     [
-        ({"A": Interval(1, 3, 2), "B": Interval(-1, 2, 1)}, claims.REPRODUCED),
-        ({"A": Interval(1, 3, 2), "B": Interval(-3, -1, -2)}, claims.CONDITIONAL),
-        ({"A": Interval(-2, 1, -1), "B": Interval(0, 0, 0)}, claims.NOT_REPRODUCED),
-        ({}, "not tested"),
+        ({"A": BETTER, "B": UNSURE}, claims.REPRODUCED),
+        ({"A": BETTER, "B": WORSE, "C": UNSURE}, claims.CONDITIONAL),
+        ({"A": WORSE, "B": UNSURE}, claims.NOT_REPRODUCED),
+        ({"A": UNSURE, "B": Interval(0, 0, 0)}, claims.OPEN),
+        ({}, claims.UNTESTED),
     ],
 )
-def test_a_verdict_follows_from_the_numbers(gains, verdict):
+def test_a_verdict_follows_from_the_intervals(gains, verdict):
     sentence = claims.higher("It helps", gains)
     assert sentence.startswith(f"It helps: **{verdict}**")
     for place, gain in gains.items():
-        assert f"{place} ({gain.value:+.1f} [{gain.low:+.1f}, {gain.high:+.1f}]" in sentence
-        assert ("interval contains zero" in sentence) == any(
-            one.low <= 0 <= one.high for one in gains.values()
-        )
+        assert f"{place} ({gain.value:+.1f} [{gain.low:+.1f}, {gain.high:+.1f}])" in sentence
+    assert ("open on" in sentence) == any(gain.low <= 0 <= gain.high for gain in gains.values())
+
+
+def test_only_a_sure_loss_is_harm():
+    assert f"**{claims.REPRODUCED}**" in claims.not_lower("No harm", {"A": BETTER, "B": UNSURE})
+    assert f"**{claims.CONDITIONAL}**" in claims.not_lower("No harm", {"A": BETTER, "B": WORSE})
+    assert f"**{claims.NOT_REPRODUCED}**" in claims.not_lower("No harm", {"B": WORSE})
 
 
 def test_a_change_within_the_tolerance_is_none():
