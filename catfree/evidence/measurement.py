@@ -1,6 +1,7 @@
 """One box as a measurement of (ground position, height)."""
 
 from functools import partial
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -60,6 +61,24 @@ class Measurements(eqx.Module):
     valid: Bool[Array | np.ndarray, " box"]
 
 
+class BoxConstants(NamedTuple):
+    """The settings of `measure`, as values that a compiled function takes: any cost nothing."""
+
+    ankle_factor: float
+    cover_slope: float
+    cover_free: float
+    cover_limit: float
+    side_cut_noise: float
+    foot_outlier: float
+    largest_sigma: float
+    use_height: bool
+
+    @classmethod
+    def of(cls, settings: EvidenceSettings) -> "BoxConstants":
+        """Those of the settings."""
+        return cls(*(getattr(settings, name) for name in cls._fields))
+
+
 NEAREST = 0.1  # H0; nobody's feet or head are closer to the plane of a lens
 EXPLAINED = 6.0  # standard deviations; a wider miss is no Gaussian noise
 
@@ -113,7 +132,8 @@ def measure(
     angular,
     field,
     spread,
-    settings: EvidenceSettings,
+    constants: BoxConstants,
+    steps: int,
 ):
     """The likelihood of one box.
 
@@ -132,7 +152,8 @@ def measure(
         angular: () calibration error in radians.
         field: (3, 4) offsets of the edges.
         spread: () of heights in H0.
-        settings: constants.
+        constants: see `EvidenceSettings`.
+        steps: of Gauss-Newton.
 
     Returns:
         (matrix, vector, constant), state, covariance, noise, corrected edges, used, valid.
@@ -140,30 +161,26 @@ def measure(
     dtype = edges.dtype
     edges = edges - (field_features(edges, size, focal, center) * field).sum(-1)
     noise = edge_noise * size
-    noise = noise.at[0].set(jnp.where(cut[0], settings.side_cut_noise * size, noise[0]))
-    hidden = 1 + settings.cover_slope * jnp.clip(
-        covered - settings.cover_free, 0, settings.cover_limit
+    noise = noise.at[0].set(jnp.where(cut[0], constants.side_cut_noise * size, noise[0]))
+    hidden = 1 + constants.cover_slope * jnp.clip(
+        covered - constants.cover_free, 0, constants.cover_limit
     )
-    noise = noise.at[2].multiply(jnp.where(ankles, 1.0, settings.ankle_factor) * hidden)
+    noise = noise.at[2].multiply(jnp.where(ankles, 1.0, constants.ankle_factor) * hidden)
 
     position, height = implied_height(matrix, ground_inverse, edges)
     deviation = jnp.sqrt(spread**2 + (edge_noise[1] ** 2 + edge_noise[2] ** 2))
     density = jnp.exp(-0.5 * ((height - 1) / deviation) ** 2) / (
         deviation * jnp.sqrt(jnp.array(2 * jnp.pi, dtype))
     )
-    good = (1 - settings.foot_outlier) * density
-    trust = good / (good + settings.foot_outlier)
+    good = (1 - constants.foot_outlier) * density
+    trust = good / (good + constants.foot_outlier)
     whole = ~cut[1] & ~cut[2]
-    trust = jnp.where(whole, jnp.clip(trust, 1e-4, 1.0), 1.0)
-    if not settings.use_height:
-        trust = jnp.ones((), dtype)
+    trust = jnp.where(whole & constants.use_height, jnp.clip(trust, 1e-4, 1.0), 1.0)
     noise = noise.at[2].multiply(1 / jnp.sqrt(trust))
     noise = noise.at[1].multiply(jnp.where((trust < 0.5) & (height > 1), 3.0, 1.0))
     noise = jnp.sqrt(noise**2 + (angular * focal) ** 2)
 
-    used = jnp.stack([jnp.ones((), bool), ~cut[1], ~cut[2]])
-    if not settings.use_height:
-        used = used.at[1].set(False)
+    used = jnp.stack([jnp.ones((), bool), ~cut[1] & constants.use_height, ~cut[2]])
     precision = jnp.where(used, 1 / noise**2, 0.0)
 
     head = drop_to_height(head_inverse, edges[:2])
@@ -179,7 +196,7 @@ def measure(
         normal = normal + 1e-9 * jnp.trace(normal) * jnp.eye(3, dtype=dtype)
         return state + jnp.linalg.solve(normal, gradient), None
 
-    state, _ = jax.lax.scan(step, start, None, length=settings.newton_steps)
+    state, _ = jax.lax.scan(step, start, None, length=steps)
     predicted, slopes = edges_and_slopes(matrix, state)
     residual = edges - predicted + slopes @ state
     weighted = slopes * precision[:, None]
@@ -194,7 +211,7 @@ def measure(
     return info, state, noise, edges, used, valid
 
 
-@partial(jax.jit, static_argnames="settings")
+@partial(jax.jit, static_argnames="steps")
 def measure_all(
     edges,
     size,
@@ -205,7 +222,8 @@ def measure_all(
     present,
     views: GroundViews,
     noise: Noise,
-    settings: EvidenceSettings,
+    constants: BoxConstants,
+    steps: int,
 ) -> Measurements:
     """`measure` for every box; boxes vaguer than `largest_sigma` are not valid."""
 
@@ -214,7 +232,8 @@ def measure_all(
         return measure(
             edges, size, cut, ankles, covered, take(views.matrix), take(views.ground_inverse),
             take(views.head_inverse), take(views.focal), take(views.center), take(noise.edge),
-            jnp.asarray(noise.angular), take(noise.field), jnp.asarray(noise.spread), settings,
+            jnp.asarray(noise.angular), take(noise.field), jnp.asarray(noise.spread),
+            constants, steps,
         )  # fmt: skip
 
     info, state, sd, corrected, used, valid = jax.vmap(one)(
@@ -223,7 +242,7 @@ def measure_all(
     info = Information(*info)
     _, covariance = mean_and_covariance(info, jnp.asarray(noise.spread))
     sigma = jnp.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
-    valid = valid & present & jnp.isfinite(sigma) & (sigma < settings.largest_sigma)
+    valid = valid & present & jnp.isfinite(sigma) & (sigma < constants.largest_sigma)
     keep = lambda a: jnp.where(valid.reshape(-1, *(1,) * (a.ndim - 1)), a, 0.0)  # noqa: E731
     info = Information(keep(info.matrix), keep(info.vector), keep(info.constant))
     return Measurements(info, keep(state), keep(covariance), sd, corrected, used, valid)
@@ -235,6 +254,6 @@ def measure_boxes(
     """All boxes of a sequence as likelihoods, on the host."""
     result = measure_all(
         boxes.edges, boxes.size, boxes.cut, boxes.ankles, covered, boxes.camera, boxes.valid,
-        views, noise, settings,
+        views, noise, BoxConstants.of(settings), settings.newton_steps,
     )  # fmt: skip
     return jax.tree.map(np.asarray, result)

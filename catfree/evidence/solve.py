@@ -9,11 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from catfree.errors import InsufficientDataError
-from catfree.evidence.appearance import Appearance, compare_frames, group_agreement, learn_ratio
-from catfree.evidence.association import Groups, Priors, associate
+from catfree.evidence.appearance import compare_frames, learn_ratio
+from catfree.evidence.association import Groups, Priors
 from catfree.evidence.boxes import Boxes, prepare_boxes
 from catfree.evidence.existence import Existence, judge_groups, misses, predict_views
 from catfree.evidence.gaussian import mean_and_covariance
+from catfree.evidence.grouping import agreement, group, group_by_looks
 from catfree.evidence.measurement import Measurements, Noise, measure_boxes, start_noise
 from catfree.evidence.noise import cameras_left_out, learn_noise, median_height
 from catfree.evidence.shared_error import shared_covariance
@@ -118,7 +119,7 @@ def self_calibrate(
         noise = _likeliest_start(boxes, covered, views, noise, settings)
         for _ in range(settings.calibration_rounds):
             measured = measure_boxes(boxes, covered, views, noise, settings)
-            groups = _group(boxes, measured, noise, None, None, None)
+            groups = group(boxes, measured, noise)
             noise, ratio = learn_noise(noise, groups, measured, boxes, views, settings)
             unit = unit * ratio
             views = ground_views(scene, unit)
@@ -136,7 +137,7 @@ def _likeliest_start(
     most, chosen = -np.inf, noise
     for _ in range(START_DOUBLINGS + 1):
         measured = measure_boxes(boxes, covered, views, noise, settings)
-        groups = _group(boxes, measured, noise, None, None, None)
+        groups = group(boxes, measured, noise)
         if groups.gain.sum() > most:
             most, chosen = groups.gain.sum(), noise
         if not cameras_left_out(groups, boxes):
@@ -156,11 +157,9 @@ def _solve(
 ) -> EvidenceSolution:
     spread, density = float(noise.spread), float(noise.density)
     appearance = compare_frames(boxes) if settings.use_appearance else None
-    ratio = looks = slot = None
+    likeness = None
     if appearance is not None:
-        ratio = learn_ratio(appearance, _group(boxes, measured, noise, None, None, None), settings)
-        if ratio is not None:
-            looks, slot = settings.appearance_weight * ratio, appearance.slot
+        likeness = learn_ratio(appearance, group(boxes, measured, noise), settings)
     time = _steps(boxes.frames)
     # One instant has no tracks: every group speaks for itself.
     passes = settings.passes if settings.track and len(time) > 1 else 0
@@ -168,13 +167,17 @@ def _solve(
     found: _Pass | None = None
     for index in range(max(passes, 1)):
         report("association", index, max(passes, 1))
-        groups = _group(boxes, measured, noise, looks, slot, priors)
+        if appearance is None or likeness is None:
+            groups = group(boxes, measured, noise, priors)
+        else:
+            weight = settings.appearance_weight
+            groups = group_by_looks(boxes, measured, noise, priors, appearance, likeness, weight)
         state, covariance = mean_and_covariance(groups.info, spread)
-        agreement = _agreement(groups, ratio, appearance, settings)
+        likely = agreement(groups, likeness, appearance, settings)
         seen = predict_views(state, groups.frame, groups.member, boxes, views)
         n = len(boxes.row)
         rate = learn_detection_rate(seen, groups.member, boxes.size[:n], boxes.camera[:n], settings)
-        existence = judge_groups(groups, agreement, measured, boxes, views, rate(seen), settings)
+        existence = judge_groups(groups, likely, measured, boxes, views, rate(seen), settings)
         if passes == 0:
             trails = unlinked(groups.frame, state, covariance)
             evidence = existence.log_odds
@@ -193,10 +196,10 @@ def _solve(
     assert found is not None
     trails = found.trails
     kept = found.probability > 0.5
-    shift = ground_shift(trails, found.groups, measured, views, noise, settings)
-    position_covariance = with_uneven_ground(
-        trails.covariance[:, :2, :2], shift, settings.unevenness
-    ) + settings.sway**2 * np.eye(2)
+    position_covariance = trails.covariance[:, :2, :2] + settings.sway**2 * np.eye(2)
+    if settings.uneven_ground:
+        shift = ground_shift(trails, found.groups, measured, views, noise, settings)
+        position_covariance = with_uneven_ground(position_covariance, shift, settings.unevenness)
     within = probability_within(position_covariance, settings.report_radius)
     kept &= within > 0.5
     if settings.working_area:
@@ -206,9 +209,10 @@ def _solve(
         kept[rows] = in_working_area(trails.mean[rows, :3], seen, views, noise, settings)
     # An error of the whole map leaves everybody where they are among the others: it widens what is
     # reported and does not decide who is.
-    position_covariance = position_covariance + shared_covariance(
-        trails, kept, found.groups, measured, boxes, views, noise
-    )
+    if settings.pose_errors:
+        position_covariance = position_covariance + shared_covariance(
+            trails, kept, found.groups, measured, boxes, views, noise
+        )
     return EvidenceSolution(
         boxes=boxes, views=views, noise=noise, measurements=measured, kept=kept,
         position_covariance=position_covariance, **found._asdict(),
@@ -241,38 +245,6 @@ def _steps(frames: np.ndarray) -> np.ndarray:
     """Time of each frame in units of the sequence's usual step."""
     time = frames.astype(float)
     return (time - time[:1]) / np.median(np.diff(time)) if len(time) > 1 else np.zeros(len(time))
-
-
-def _group(boxes, measured, noise, looks, slot, priors) -> Groups:
-    return associate(
-        measured.info,
-        measured.state[:, :2],
-        measured.covariance[:, :2, :2],
-        np.minimum(boxes.frame, len(boxes.frames) - 1),
-        boxes.camera,
-        measured.valid,
-        boxes.table.shape[1],
-        float(noise.density),
-        float(noise.spread),
-        looks,
-        slot,
-        priors,
-    )
-
-
-def _agreement(
-    groups: Groups,
-    ratio: np.ndarray | None,
-    appearance: Appearance | None,
-    settings: EvidenceSettings,
-) -> np.ndarray:
-    """(H,) what the likeness of its boxes says about each group: of k boxes k - 1 are new."""
-    if ratio is None or appearance is None:
-        return np.zeros(len(groups))
-    count = (groups.member >= 0).sum(1)
-    pairs = np.maximum(count * (count - 1) / 2, 1)
-    mean = group_agreement(ratio, appearance, groups.member) / pairs
-    return settings.appearance_weight * (count - 1) * mean
 
 
 def _row_evidence(

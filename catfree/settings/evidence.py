@@ -22,6 +22,8 @@ class EvidenceSettings:
         track: link over time, smooth, and associate again with the tracks as priors.
         use_appearance: use embeddings where present.
         working_area: report only positions where the rig's geometry pins people down.
+        uneven_ground: people may stand off the plane, by `unevenness`.
+        pose_errors: ellipses hold the error of the whole map; no position depends on it.
 
         edge_noise: start of the noise of centre, top and bottom in box heights: a detector places
             an edge to a few per cent, and people sway and step by as much.
@@ -84,6 +86,8 @@ class EvidenceSettings:
     track: bool = True
     use_appearance: bool = True
     working_area: bool = True
+    uneven_ground: bool = True
+    pose_errors: bool = True
 
     edge_noise: tuple[float, float, float] = (0.05, 0.04, 0.05)
     angular_noise: float = 0.003
