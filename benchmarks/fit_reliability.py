@@ -1,4 +1,4 @@
-"""Fit the MODA to expect without labels: `python benchmarks/fit_reliability.py [--check DATA]`.
+"""Fit the MODA to expect without labels: `python -m benchmarks.fit_reliability [--check DATA]`.
 
 Both methods run on the simulated worlds of `reliability_worlds`; a linear function of the numbers
 in `Reliability` is fitted to their MODA. What it is worth is measured on worlds that took no part:
@@ -20,18 +20,20 @@ from pathlib import Path
 import numpy as np
 
 import catfree as cf
+from benchmarks.reliability_worlds import LAYOUTS, draw, moda
 from catfree.expectation import expect_moda
 from catfree.expectation_fits import Fit, Term
 from catfree.types import Reliability
-
-sys.path.insert(0, str(Path(__file__).parent))
-from reliability_worlds import LAYOUTS, draw, moda
 
 METHODS = {"paper": cf.Settings.paper(), "evidence": cf.Settings()}
 # Numbers of `Reliability` that take part, and whether by their logarithm.
 TERMS: dict[str, tuple[tuple[str, bool], ...]] = {
     "paper": (("detections_used", False), ("sigma_over_radius", True)),
-    "evidence": (("detections_used", False), ("sigma_over_radius", True)),
+    "evidence": (
+        ("expected_recall", False),
+        ("sigma_over_radius", True),
+        ("mean_supporting_cameras", True),
+    ),
 }
 ALTERNATIVES: tuple[tuple[tuple[str, bool], ...], ...] = (
     (("sigma_over_radius", True),),
@@ -40,11 +42,13 @@ ALTERNATIVES: tuple[tuple[tuple[str, bool], ...], ...] = (
     (("expected_precision", False),),
     (("expected_recall", False),),
     (("expected_precision", False), ("expected_recall", False)),
+    (("expected_precision", False), ("expected_recall", False), ("mean_supporting_cameras", True)),
 )
 LEVEL = 0.90
 FOLDS = 10
+ANSWERS = ("expected_moda", "moda_low", "moda_high", "expectation_note")
 NUMBERS = tuple(
-    field.name for field in dataclasses.fields(Reliability) if field.name.find("moda") < 0
+    field.name for field in dataclasses.fields(Reliability) if field.name not in ANSWERS
 )
 Row = dict[str, float]
 FILE = Path(__file__).parents[1] / "catfree" / "expectation_fits.py"
@@ -66,11 +70,7 @@ def measure(number: int, method: str) -> Row:
 def numbers_of(reliability: Reliability) -> Row:
     """What a summary says, without the expectation."""
     values = {name: getattr(reliability, name) for name in NUMBERS}
-    return {
-        name: np.nan if value is None else float(value)
-        for name, value in values.items()
-        if not isinstance(value, str)
-    }
+    return {name: np.nan if value is None else float(value) for name, value in values.items()}
 
 
 def collect(
@@ -163,7 +163,7 @@ def compare(method: str, rows: Sequence[Row]) -> list[str]:
     lines = [
         f"{method}: {len(rows)} worlds, MODA {target.min():.0f} to {target.max():.0f}, "
         f"SD {target.std():.1f}",
-        f"{'terms':58}  RMSE   MAE     r  covered  RMSE, layout left out",
+        f"{'terms':66}  RMSE   MAE     r  covered  RMSE, layout left out",
     ]
     for terms in (*ALTERNATIVES, TERMS[method]):
         matrix = design(rows, terms)
@@ -175,7 +175,7 @@ def compare(method: str, rows: Sequence[Row]) -> list[str]:
         covered = np.mean([_inside(residual, fold, one) for one in range(FOLDS)])
         name = ", ".join(("log " if logarithm else "") + one for one, logarithm in terms)
         lines.append(
-            f"{name:58} {np.sqrt(np.mean(residual**2)):5.1f} {np.abs(residual).mean():5.1f} "
+            f"{name:66} {np.sqrt(np.mean(residual**2)):5.1f} {np.abs(residual).mean():5.1f} "
             f"{np.corrcoef(predicted, target)[0, 1]:5.2f}   {100 * covered:3.0f} %    "
             f"{np.sqrt(np.mean(elsewhere**2)):5.1f}"
         )
@@ -189,19 +189,15 @@ def _inside(residual: np.ndarray, fold: np.ndarray, one: int) -> float:
 
 def check(folder: Path, fits: Sequence[Fit]) -> list[str]:
     """Lines: expectation and truth of every real sequence and scenario."""
-    from methods import ground_rows, sequences
+    from benchmarks.methods import sequences
+    from benchmarks.paper.scoring import score
 
     lines = [f"{'sequence':38} {'method':9} {'MODA':>6}  expected, 90 % interval"]
     errors, inside = [], []
-    for name, sequence in sequences(folder):
+    for sequence in sequences(folder):
         for made in fits:
-            assert sequence.scene is not None
             found = cf.localize(sequence.detections, sequence.scene, made.settings)
-            rows, truth = ground_rows(sequence, found.tracks), sequence.ground_truth
-            if sequence.evaluation_area is not None:
-                rows = cf.evaluation.crop(rows, sequence.evaluation_area)
-                truth = cf.evaluation.crop(truth, sequence.evaluation_area)
-            true = float(cf.evaluation.detection_metrics(truth, rows, sequence.frames).moda)
+            true = score(found, sequence, tracking=False).moda
             summary = expect_moda(
                 found.reliability, made.settings, positions=len(found.tracks), fits=fits
             )
@@ -215,7 +211,7 @@ def check(folder: Path, fits: Sequence[Fit]) -> list[str]:
                 inside.append(low <= true <= high)
             else:
                 said = f"    -   {summary.expectation_note}"
-            lines.append(f"{name:38} {made.settings.method:9} {true:6.1f}  {said}")
+            lines.append(f"{sequence.name:38} {made.settings.method:9} {true:6.1f}  {said}")
     lines.append(
         f"{sum(inside)} of {len(inside)} inside the interval, mean absolute error "
         f"{np.abs(errors).mean():.1f}, mean error {np.mean(errors):+.1f}"
@@ -231,10 +227,10 @@ def source(fits: Sequence[Fit]) -> str:
         lines += ["    Fit(", f"        settings={settings},"]
         lines += [f"        intercept={made.intercept:.2f},", "        terms=("]
         for term in made.terms:
-            lines.append(
-                f'            Term("{term.name}", {term.logarithm}, {term.slope:.2f}, '
-                f"{term.low:.3f}, {term.high:.3f}),"
-            )
+            # Outwards, so that every world lies in the range.
+            low, high = np.floor(1e3 * term.low) / 1e3, np.ceil(1e3 * term.high) / 1e3
+            numbers = f"{term.slope:.2f}, {low:.3f}, {high:.3f}"
+            lines.append(f'            Term("{term.name}", {term.logarithm}, {numbers}),')
         lines += [
             "        ),",
             f"        below={made.below:.1f},",

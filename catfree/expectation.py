@@ -1,8 +1,13 @@
 """The MODA to expect of a run, from what it says about itself: no labels, no truth.
 
 A linear function of scale-free numbers of `Reliability`, one a method, fitted to simulated worlds
-whose truth is known (`catfree.expectation_fits`; `python benchmarks/fit_reliability.py` makes them
-again). It holds for
+whose truth is known (`catfree.expectation_fits`; `python -m benchmarks.fit_reliability` makes them
+again). For the paper's method they are the share of the boxes that end up in a position and the
+median sigma; sigma alone, taken where positions are reported, says little, because those that are
+reported are those with a small sigma. For the evidence method they are the recall that its own
+probabilities of existence promise, the median sigma and the cameras a position.
+
+It holds for
 
 - the settings it was fitted with, `Settings.paper()` and `Settings()`, at half a metre,
 - an area that the cameras were put up to watch, and boxes of people of any quality between those
