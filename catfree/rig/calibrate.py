@@ -10,6 +10,8 @@ from catfree.errors import InsufficientDataError
 from catfree.rig.pedestrians import (
     Calibration,
     calibrate as register,
+    confirm,
+    reconsider,
     refine_with_correspondences,
     remove_offsets,
 )
@@ -31,7 +33,8 @@ def calibrate(
 
     People are as tall as people are: that gives every camera its tilt, roll, height and a metric
     map of the ground; people seen by two cameras at the same time join the maps. Then the evidence
-    method groups the boxes, and its surest groups refine the rig, as long as the residual falls.
+    method groups the boxes, and its surest groups refine the rig. Against the refined rig every
+    camera's place is searched once more, and each must stand up to its evidence again.
 
     Args:
         detections: (N,) boxes of synchronized static cameras.
@@ -66,13 +69,38 @@ def calibrate(
         maximum_offset=maximum_offset,
         progress=progress,
     )
+    if rules.evidence_rounds == 0:
+        return best
     synchronized = remove_offsets(detections, best.frame_offset)
-    for _ in range(rules.evidence_rounds):
-        refined = _refine_once(best, synchronized, settings)
+    report = progress or (lambda stage, done, total: None)
+    best = _refined(best, synchronized, settings, report)
+    for _ in range(len(best.scene.rig.registered)):
+        again = reconsider(best, synchronized, rules)
+        if again is None:
+            break
+        grown = again.scene.rig.registered.sum() > best.scene.rig.registered.sum()
+        best = _refined(again, synchronized, settings, report)
+        if not grown:
+            break
+    return confirm(best, synchronized, rules)
+
+
+def _refined(
+    calibration: Calibration,
+    detections: Detections,
+    settings: Settings,
+    report: Callable[[str, int, int], None],
+) -> Calibration:
+    """The rig after as many turns of the loop as there is evidence for."""
+    rounds = settings.calibration.evidence_rounds
+    for done in range(rounds):
+        report("refinement", done, rounds)
+        refined = _refine_once(calibration, detections, settings)
         if refined is None:
             break
-        best = refined
-    return best
+        calibration = refined
+    report("refinement", rounds, rounds)
+    return calibration
 
 
 def _refine_once(

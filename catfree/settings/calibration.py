@@ -12,9 +12,16 @@ class CalibrationSettings:
     Attributes:
         person_height: mean standing height of adults, shoes included; the only source of scale.
         person_height_sd: spread of standing heights.
-        foot_offset: how much nearer than the body axis the visible bottom of a box stands: half a
-            shoe. Boxes say next to nothing about it (it trades with scale), so it is not fitted.
+        crowd_height_sd: how far the mean height of one place's people may be from `person_height`;
+            no picture tells, so it goes into the uncertainty of the scale.
+        foot_offset: how much nearer than the body axis the visible bottom of a box stands: a foot
+            reaches 0.1 m ahead of a standing body, 0.2 m in mid stride. Boxes say next to nothing
+            about it (it trades with scale and focal length), so it is not fitted.
         foot_offset_sd: its uncertainty, which goes into the uncertainty of the scale.
+        box_slack: share of its height by which a box is taller than the person, half of it above
+            the head and half below the soles: detectors learn from boxes that are drawn around
+            people with a pixel or two to spare.
+        box_slack_sd: its uncertainty, which goes into the uncertainty of the scale.
         pixel_sd: box edge noise that does not depend on the size of the box.
         relative_sd: box edge noise as a share of the box height.
         body_sd: how far the centre of a box may stand off the body axis.
@@ -48,14 +55,17 @@ class CalibrationSettings:
         chance_shifts: circular time shifts, as shares of the sequence, whose evidence a camera must
             exceed.
         minimum_frames: fewer frames than this cannot be told from chance.
-        evidence_rounds: at most so often the evidence method's surest groups refine the rig, as
-            long as the residual falls.
+        evidence_rounds: so often the evidence method's surest groups refine the rig; 0 leaves it
+            as it was registered.
     """
 
     person_height: float = 1.70
     person_height_sd: float = 0.09
-    foot_offset: float = 0.12
+    crowd_height_sd: float = 0.04
+    foot_offset: float = 0.15
     foot_offset_sd: float = 0.10
+    box_slack: float = 0.02
+    box_slack_sd: float = 0.02
     pixel_sd: float = 4.0
     relative_sd: float = 0.025
     body_sd: float = 0.08
@@ -96,3 +106,8 @@ class CalibrationSettings:
     )
     minimum_frames: int = 20
     evidence_rounds: int = 2
+
+    @property
+    def apparent_height(self) -> float:
+        """Mean height that boxes show, slack included, in metres."""
+        return self.person_height * (1 + self.box_slack)

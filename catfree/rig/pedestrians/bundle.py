@@ -14,6 +14,7 @@ from catfree.rig.pedestrians.camera_model import LOG_FOCAL, PAN, ROLL, TILT, Z, 
 from catfree.settings import CalibrationSettings
 
 CAUCHY = 2.0  # standard deviations at which a residual counts half
+SMALL_PRODUCT = 2**18  # multiplications below which no BLAS starts threads
 
 
 @dataclass(frozen=True)
@@ -158,7 +159,7 @@ class _Problem:
         residual = (data.box - box) / data.sd
         scaled = residual / CAUCHY
         cost = CAUCHY**2 * float(np.log1p(scaled**2).sum())
-        cost += float((((height - s.person_height) / s.person_height_sd) ** 2).sum())
+        cost += float((((height - s.apparent_height) / s.person_height_sd) ** 2).sum())
         cost += ((offset - s.foot_offset) / s.foot_offset_sd) ** 2
         known = parameters[self.used]
         log_focal = known[:, LOG_FOCAL]
@@ -189,7 +190,7 @@ class _Problem:
                 continue
             index = np.append(np.arange(7 * camera, 7 * camera + 7), size - 1)
             block = common[rows].reshape(-1, 8)
-            U[np.ix_(index, index)] += block.T @ block
+            U[np.ix_(index, index)] += _gram(block, block)
             g[index] += block.T @ residual[rows].reshape(-1)
             at = 7 * camera + LOG_FOCAL
             U[at, at] += s.focal_log_sd**-2
@@ -209,21 +210,21 @@ class _Problem:
         V = np.add.reduceat(turned @ person, self.starts)
         b = np.add.reduceat((turned @ residual)[..., 0], self.starts)
         V[:, 2, 2] += s.person_height_sd**-2
-        b[:, 2] -= (height - s.person_height) * s.person_height_sd**-2
+        b[:, 2] -= (height - s.apparent_height) * s.person_height_sd**-2
         diagonal = np.arange(3)
         V[:, diagonal, diagonal] *= 1 + damping
         V[:, diagonal, diagonal] += 1e-6
-        E = np.zeros((self.people, size, 3))
-        mixed = np.swapaxes(common, 1, 2) @ person
+        E = np.zeros((self.people, 3, size))
+        mixed = turned @ common
         columns = 7 * data.camera[:, None] + np.arange(7)
-        E[data.person[:, None], columns] = mixed[:, :7]
-        E[:, -1] = np.add.reduceat(mixed[:, 7], self.starts)
+        E[data.person[:, None, None], np.arange(3)[:, None], columns[:, None]] = mixed[..., :7]
+        E[..., -1] = np.add.reduceat(mixed[..., 7], self.starts)
         inverse = np.linalg.inv(V)
-        EV = E @ inverse
+        VE = (inverse @ E).reshape(-1, size)  # V is symmetric
         diagonal = np.arange(size)
         U[diagonal, diagonal] *= 1 + damping
-        S = U - np.tensordot(EV, E, ([0, 2], [0, 2]))
-        r = g - np.tensordot(EV, b, ([0, 2], [0, 1]))
+        S = U - _gram(VE, E.reshape(-1, size))
+        r = g - VE.T @ b.reshape(-1)
         return S, r, E, inverse, b
 
     def step(
@@ -243,7 +244,7 @@ class _Problem:
             common[free] = np.linalg.solve(S[np.ix_(free, free)], r[free])
         except np.linalg.LinAlgError:
             return None
-        people = np.einsum("pij,pj->pi", inverse, b - np.einsum("pdi,d->pi", E, common))
+        people = np.einsum("pij,pj->pi", inverse, b - E @ common)
         moved = parameters + common[:-1].reshape(-1, 7)
         known = moved[self.used]
         outside = (np.abs(known[:, TILT]) > 1.5) | (known[:, Z] < 0.3) | (known[:, Z] > 80)
@@ -265,10 +266,25 @@ class _Problem:
         xy: np.ndarray,
         height: np.ndarray,
     ) -> np.ndarray:
+        """Of what is free, plus what the uncertainty of the held foot offset does to it.
+
+        Boxes seem to tell the offset to centimetres, but lens, occlusion and slack bias what they
+        tell by more: it keeps its prior uncertainty (a consider covariance).
+        """
         S = self._reduce(linear, parameters, offset, height, 0.0)[0]
-        # The foot offset is held, but what is unknown about it moves the cameras.
-        free = self.free.copy()
-        free[-1] = True
+        free = self.free
         out = np.zeros_like(S)
         out[np.ix_(free, free)] = np.linalg.pinv(S[np.ix_(free, free)], hermitian=True)
-        return out
+        by_offset = -out @ np.where(free, S[:, -1], 0.0)
+        by_offset[-1] = 1.0
+        return out + self.settings.foot_offset_sd**2 * np.outer(by_offset, by_offset)
+
+
+def _gram(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """first.T @ second in blocks: threads for so small a product cost far more than they save."""
+    length, (rows, columns) = len(first), (first.shape[1], second.shape[1])
+    size = max(1, SMALL_PRODUCT // (rows * columns))
+    blocks, whole = length // size, length // size * size
+    head = first[:whole].reshape(blocks, size, rows).swapaxes(1, 2)
+    product = (head @ second[:whole].reshape(blocks, size, columns)).sum(0)
+    return product + first[whole:].T @ second[whole:]

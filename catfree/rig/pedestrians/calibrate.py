@@ -10,6 +10,7 @@ from catfree.errors import CalibrationError, InvalidInputError
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, to_matrices
 from catfree.rig.pedestrians.observations import grid_boxes
 from catfree.rig.pedestrians.registered import Progress, RegisteredRig, register_cameras
+from catfree.rig.pedestrians.scale import scale_deviation
 from catfree.rig.pedestrians.workspace import Workspace
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Plane, Rig, Scene
@@ -29,8 +30,10 @@ class Calibration:
         focal_sd: (C,) standard deviation of the focal length in pixels.
         center_covariance: (C, 3, 3) of the camera centres in square metres, with the heading and
             ground position of the camera with most boxes held. Both cover what random box noise
-            and the foot offset do, not lens distortion or a population of unusual height.
+            and the foot offset do, not lens distortion; `scale_sd` covers the rest of the scale.
         shared_focal: whether the cameras were found to have one focal length.
+        scale_sd: relative standard deviation of every length: what is not known about the height of
+            the people, the slack of the boxes, and the foot offset, besides box noise.
         foot_offset: metres by which the bottom of a box is taken to be nearer than the body axis.
         residual: median absolute residual in standard deviations of the box edges.
         frame_offset: (C,) frames by which each camera's frame numbers were found to be too high; 0
@@ -43,6 +46,7 @@ class Calibration:
     focal_sd: np.ndarray
     center_covariance: np.ndarray
     shared_focal: bool
+    scale_sd: float
     foot_offset: float
     residual: float
     frame_offset: np.ndarray
@@ -185,6 +189,13 @@ def describe(
         focal_sd=np.exp(parameters[:, LOG_FOCAL]) * focal_sd,
         center_covariance=np.where(trusted[:, None, None], center, np.nan),
         shared_focal=registered.shared_focal,
+        scale_sd=scale_deviation(
+            parameters,
+            bundle.covariance,
+            trusted,
+            len(bundle.xy) / work.grid.frame_count,
+            work.settings,
+        ),
         foot_offset=state.foot_offset,
         residual=bundle.residual,
         frame_offset=offset,

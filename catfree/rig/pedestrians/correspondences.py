@@ -13,6 +13,7 @@ from catfree.rig.pedestrians.bundle import BoxMeasurements, adjust
 from catfree.rig.pedestrians.calibrate import Calibration
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, from_matrices, to_matrices
 from catfree.rig.pedestrians.ground_map import map_ground
+from catfree.rig.pedestrians.scale import scale_deviation
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Rig, Scene
 
@@ -88,7 +89,7 @@ def refine_with_correspondences(
         BoxMeasurements(person, camera, box, sd),
         np.where(known[:, None], parameters, 0.0),
         xy,
-        np.full(len(xy), settings.person_height),
+        np.full(len(xy), settings.apparent_height),
         calibration.foot_offset,
         np.log(np.median(settings.focal_shares) * rig.image_size.max(1)),
         settings,
@@ -104,12 +105,20 @@ def refine_with_correspondences(
     scene = Scene.from_rig(
         Rig(K, R, t, rig.image_size, registered=known), calibration.scene.ground, metric=True
     )
+    instants = len(np.unique(np.asarray(detections.frame)[row]))
     centers = found.covariance[index[:, :, None], index[:, None, :]]
     return replace(
         calibration,
         scene=scene,
         focal_sd=np.where(seen, K[:, 0, 0] * focal_sd, calibration.focal_sd),
         center_covariance=np.where(seen[:, None, None], centers, calibration.center_covariance),
+        scale_sd=scale_deviation(
+            found.parameters,
+            found.covariance,
+            known & seen,
+            len(members) / instants,
+            settings,
+        ),
         residual=found.residual,
     )
 

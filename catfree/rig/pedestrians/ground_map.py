@@ -72,7 +72,7 @@ def map_ground(
         The map in world coordinates.
     """
     R = rotation(parameters)
-    mean_height = settings.person_height
+    mean_height = settings.apparent_height
     # The body axis leans in the image of a tilted or rolled camera: find its slope once.
     first, _ = _ground_range(parameters, R, u, bottom, 0.0)
     usable = valid & (first > 0.3) & (first < FARTHEST)

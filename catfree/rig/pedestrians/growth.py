@@ -35,7 +35,7 @@ def grow_rig(
     while not rig.state.placed.all():
         found = {}
         for camera in np.flatnonzero(~rig.state.placed):
-            best = _best_candidate(work, rig.state, int(camera), pairs, shared_focal)
+            best = best_candidate(work, rig.state, int(camera), pairs, shared_focal)
             if best is not None:
                 found[int(camera)] = best
         if not found:
@@ -100,7 +100,7 @@ def drop_harmful(
     return rig, verdicts
 
 
-def _best_candidate(
+def best_candidate(
     work: Workspace,
     state: RigState,
     camera: int,

@@ -105,7 +105,7 @@ def _sample_plane(
     usable = np.isfinite(height) & (height > 0)
     if usable.sum() < FEWEST_BOXES:
         return None
-    plane[Z] = settings.person_height / np.median(height[usable])
+    plane[Z] = settings.apparent_height / np.median(height[usable])
     return plane
 
 
@@ -130,8 +130,8 @@ def _misfit(
     height = _heights(plane, boxes, settings.foot_offset)
     tall = np.maximum(boxes[:, 2] - boxes[:, 1], 1.0)
     # Both edges move the implied height; the lower one moves the range as well.
-    spread = np.hypot(settings.person_height_sd, 2.0 * settings.person_height * sd / tall)
-    misfit = (height - settings.person_height) / spread
+    spread = np.hypot(settings.person_height_sd, 2.0 * settings.apparent_height * sd / tall)
+    misfit = (height - settings.apparent_height) / spread
     return np.where(np.isfinite(misfit), np.clip(misfit, -30, 30), 30.0)
 
 

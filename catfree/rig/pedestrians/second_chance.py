@@ -1,0 +1,110 @@
+"""Cameras that are missing or misplaced get another chance against a rig that has become sharp.
+
+Registration judges a camera against maps that are good to several percent of the range. Once the
+evidence method has refined the rest, the same search tells a right place from a wrong one far
+better: a missing camera can be found, and one that settled beside its place can be moved.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from catfree.rig.pedestrians.calibrate import Calibration, prepare
+from catfree.rig.pedestrians.camera_model import from_matrices, to_matrices
+from catfree.rig.pedestrians.growth import best_candidate
+from catfree.rig.pedestrians.people import RigState, group_people
+from catfree.rig.pedestrians.verdict import Verdict, judge_camera
+from catfree.rig.pedestrians.workspace import Workspace
+from catfree.settings import CalibrationSettings
+from catfree.types import Detections, Rig, Scene
+
+
+def reconsider(
+    calibration: Calibration, detections: Detections, settings: CalibrationSettings
+) -> Calibration | None:
+    """Search every camera's place anew, given all others.
+
+    Args:
+        calibration: a refined rig.
+        detections: (N,) the boxes that it came from.
+        settings: constants.
+
+    Returns:
+        The rig with cameras added, or moved to where their evidence is clearly higher; None if
+        every camera stays as it is. Uncertainties of such cameras are those of a later refinement.
+    """
+    work, state = _resume(calibration, detections, settings)
+    changed: dict[int, Verdict] = {}
+    for camera in range(len(state.placed)):
+        rest = state.without_camera(camera)
+        if rest.placed.sum() < 2:
+            continue
+        best = best_candidate(work, rest, camera, [], calibration.shared_focal)
+        if best is None:
+            continue
+        parameters, verdict = best
+        if state.placed[camera]:
+            others = group_people(work.scoring, rest, settings).ground
+            now = judge_camera(work, state, camera, grid=work.scoring, others=others)
+            if verdict.margin < now.margin + settings.minimum_margin:
+                continue
+        state = state.with_camera(camera, parameters, settings.fine_range_tolerance)
+        changed[camera] = verdict
+    return _with_cameras(calibration, state, changed) if changed else None
+
+
+def confirm(
+    calibration: Calibration, detections: Detections, settings: CalibrationSettings
+) -> Calibration:
+    """The rig with fresh evidence for every camera, and without those that do not stand up to it.
+
+    Fewer than two cameras never remain: the best two stay as they are.
+    """
+    while True:
+        work, state = _resume(calibration, detections, settings)
+        cameras = [int(c) for c in np.flatnonzero(state.placed)]
+        verdicts = {c: judge_camera(work, state, c) for c in cameras}
+        failing = [c for c in cameras if not verdicts[c].accepted]
+        if not failing or len(cameras) <= 2:
+            return _with_cameras(calibration, state, verdicts)
+        worst = min(failing, key=lambda c: verdicts[c].margin)
+        calibration = _with_cameras(calibration, state.without_camera(worst), {})
+
+
+def _resume(
+    calibration: Calibration, detections: Detections, settings: CalibrationSettings
+) -> tuple[Workspace, RigState]:
+    """A finished rig as a rig under construction."""
+    rig = calibration.scene.rig
+    placed = np.asarray(rig.registered)
+    names = [str(c) for c in range(len(placed))]
+    work = prepare(detections, np.asarray(rig.image_size), settings, names)
+    parameters = from_matrices(np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t))
+    tolerance = np.full(len(placed), settings.fine_range_tolerance)
+    parameters = np.where(placed[:, None], parameters, np.nan)
+    return work, RigState(parameters, placed.copy(), calibration.foot_offset, tolerance)
+
+
+def _with_cameras(
+    calibration: Calibration, state: RigState, verdicts: dict[int, Verdict]
+) -> Calibration:
+    """The calibration with the cameras of a state, and the evidence of some of them."""
+    size = np.asarray(calibration.scene.rig.image_size)
+    K, R, t = to_matrices(state.parameters, size)
+    K[~state.placed] = np.nan
+    association = np.where(state.placed, calibration.association_rate, np.nan)
+    evidence = np.where(state.placed, calibration.log_likelihood_ratio, np.nan)
+    for camera, verdict in verdicts.items():
+        association[camera] = verdict.judgement.association
+        evidence[camera] = verdict.margin
+    covariance = np.where(state.placed[:, None, None], calibration.center_covariance, np.nan)
+    return replace(
+        calibration,
+        scene=Scene.from_rig(
+            Rig(K, R, t, size, registered=state.placed), calibration.scene.ground, metric=True
+        ),
+        association_rate=association,
+        log_likelihood_ratio=evidence,
+        focal_sd=np.where(state.placed, calibration.focal_sd, np.nan),
+        center_covariance=covariance,
+    )

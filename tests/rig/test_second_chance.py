@@ -1,0 +1,81 @@
+"""Missing and misplaced cameras against a rig that is right."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catfree.rig.pedestrians import calibrate, confirm, reconsider
+from catfree.settings import CalibrationSettings
+from catfree.synthetic import DetectorModel, make_world
+from catfree.types import Detections, Rig, Scene
+
+RULES = CalibrationSettings()
+CAMERA = 2
+
+
+@pytest.fixture(scope="module")
+def world():
+    detector = DetectorModel(pixel_noise=2.0, embedding_size=0, false_positives=0.3)
+    return make_world("ring6", 3, frames=60, people=8, background=1, detector=detector)
+
+
+@pytest.fixture(scope="module")
+def calibration(world):
+    found = calibrate(world.detections, world.true_rig.image_size)
+    assert found.scene.rig.registered.all()
+    return found
+
+
+def with_rig(calibration, R, t, registered):
+    rig = calibration.scene.rig
+    K = np.where(registered[:, None, None], np.asarray(rig.K), np.nan)
+    changed = Rig(K, R, t, np.asarray(rig.image_size), registered=registered)
+    return replace(calibration, scene=Scene.from_rig(changed, calibration.scene.ground, True))
+
+
+def test_a_missing_camera_is_found(world, calibration) -> None:
+    rig = calibration.scene.rig
+    registered = np.arange(6) != CAMERA
+    R, t = np.asarray(rig.R).copy(), np.asarray(rig.t).copy()
+    R[CAMERA], t[CAMERA] = np.nan, np.nan
+    missing = with_rig(calibration, R, t, registered)
+    found = reconsider(missing, world.detections, RULES)
+    assert found is not None
+    assert found.scene.rig.registered.all()
+    distance = np.asarray(found.scene.rig.centers) - np.asarray(rig.centers)
+    assert np.linalg.norm(distance[CAMERA]) < 0.6
+    assert found.log_likelihood_ratio[CAMERA] > RULES.minimum_margin
+
+
+def test_a_misplaced_camera_is_moved_back(world, calibration) -> None:
+    rig = calibration.scene.rig
+    R, t = np.asarray(rig.R).copy(), np.asarray(rig.t).copy()
+    t[CAMERA] = t[CAMERA] - R[CAMERA] @ np.array([0.9, -0.9, 0.0])
+    beside = with_rig(calibration, R, t, np.ones(6, bool))
+    found = reconsider(beside, world.detections, RULES)
+    assert found is not None
+    distance = np.asarray(found.scene.rig.centers) - np.asarray(rig.centers)
+    assert np.linalg.norm(distance[CAMERA]) < 0.6
+
+
+def test_a_camera_of_another_time_is_neither_found_nor_confirmed(world, calibration) -> None:
+    boxes = world.detections
+    mine = boxes.camera == CAMERA
+    frames = np.unique(boxes.frame)
+    shuffled = boxes.frame.copy()
+    shuffled[mine] = frames[::-1][np.searchsorted(frames, shuffled[mine])]
+    late = Detections(shuffled, boxes.camera, boxes.box)
+    checked = confirm(calibration, late, RULES)
+    assert not checked.scene.rig.registered[CAMERA]
+    assert np.isnan(checked.log_likelihood_ratio[CAMERA])
+    assert checked.scene.rig.registered.sum() == 5
+    again = reconsider(checked, late, RULES)
+    assert again is None or not again.scene.rig.registered[CAMERA]
+
+
+def test_a_right_rig_is_confirmed_with_evidence(world, calibration) -> None:
+    checked = confirm(calibration, world.detections, RULES)
+    assert checked.scene.rig.registered.all()
+    assert (checked.log_likelihood_ratio > RULES.minimum_margin).all()
+    np.testing.assert_allclose(checked.scene.rig.centers, calibration.scene.rig.centers, atol=1e-6)
