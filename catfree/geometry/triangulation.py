@@ -25,6 +25,11 @@ MAXIMUM_STEPS = 60
 # After so many steps a predicted gain below the rounding of the loss is taken for noise (float32
 # pairs whose loss is almost flat).
 PATIENT_STEPS = 20
+# Problems that take their steps together: few enough that their arrays stay in a core's cache.
+BLOCK = 4096
+# When no more than this share of a full block is still at work, it goes on without the others.
+# Half the problems converge in 5 steps and four fifths in 6; the slowest of a block takes 13.
+STRAGGLERS = 0.25
 
 
 class Triangulation(eqx.Module):
@@ -266,6 +271,29 @@ def _search(
 
     The second of two rounds is for the inliers alone, where they are enough and not all.
     """
+    shape = delta.shape
+    if delta.size < BLOCK:
+        return _search_block(origins, directions, weights, delta, factor, refit)
+    blocks = -(-delta.size // BLOCK)
+
+    def cut(array: Array) -> Array:
+        flat = array.reshape(*array.shape[: array.ndim - len(shape)], -1)
+        spare = [(0, 0)] * (flat.ndim - 1) + [(0, blocks * BLOCK - delta.size)]
+        # Padding has weight 0: it has converged before it starts.
+        return jnp.moveaxis(jnp.pad(flat, spare).reshape(*flat.shape[:-1], blocks, BLOCK), -2, 0)
+
+    def join(array: Array) -> Array:
+        flat = jnp.moveaxis(array, 0, -2).reshape(*array.shape[1:-1], -1)
+        return flat[..., : delta.size].reshape(*array.shape[1:-1], *shape)
+
+    cut_up = tuple(cut(a) for a in (origins, directions, weights, delta, factor, refit))
+    return jax.tree.map(join, jax.lax.map(lambda block: _search_block(*block), cut_up))
+
+
+def _search_block(
+    origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, refit: Array
+) -> tuple[Array, Array, Array]:
+    """`_search` of problems that take their steps together."""
     present = weights > 0
 
     def search(kept: Array, _: None) -> tuple[Array, tuple[Array, Array, Array]]:
@@ -292,62 +320,17 @@ class _State(NamedTuple):
     steps: Array
 
 
+class _Problem(NamedTuple):
+    """What a search minimizes over, and how far the origins are from the middle."""
+
+    rays: _Rays
+    delta: Array
+    reach: Array
+
+
 def _iterate(rays: _Rays, delta: Array) -> Vector:
-    """Reweighted least squares that turns into Newton's method as far as that proves itself.
-
-    A reweighted step solves with `A = sum_i w_i c_i (I - d_i d_iᵀ)`, c_i = min(1, delta / r_i),
-    and never raises the loss, but converges only linearly, and arbitrarily slowly where two rays
-    of nearly equal weight are both far (thousands of steps). The Hessian is
-    `A - sum_far w_i c_i r̂_i r̂_iᵀ`. Solving with `A - (1 - damping) sum_far ...` spans both: damping
-    falls while the loss falls as predicted, and rises towards the plain step where it does not.
-    """
-    unit = epsilon(delta.dtype)
-    reach = _norm(_entries(rays.origins))
-
-    def step(state: _State) -> _State:
-        first = state.steps == 0
-        residuals = _residuals(rays, state.position)
-        distances = _norm(residuals)
-        # To the first step every ray is near: it finds the least-squares solution.
-        far = (distances > delta[None]) & ~first
-        shrink = jnp.where(far, 1 / jnp.where(far, distances, 1), 0)
-        weights = rays.weights * jnp.where(far, delta[None] * shrink, 1)
-        bend = (1 - state.damping)[None] * weights * shrink * shrink
-        gradient = _gradient(weights, residuals)
-        move = _solve(_hessian(rays, weights, bend, residuals), gradient)
-        predicted = _dot(gradient, move)
-        # Rounding alone changes the loss by so much: distances are differences of lengths.
-        error = 4 * unit * (reach + _norm(state.position)[None])
-        rounding = jnp.sum(weights * error * (2 * distances + error), 0)
-
-        x, y, z = state.position
-        proposal = (x - move[0], y - move[1], z - move[2])
-        distances = _norm(_residuals(rays, proposal))
-        linear = jnp.minimum(distances, delta[None])
-        loss = jnp.sum(rays.weights * linear * (2 * distances - linear), 0)
-        gain = state.loss - loss + rounding
-        better = ~state.converged & (gain >= 0)
-        damping = jnp.where(
-            gain >= 0.5 * predicted,
-            state.damping / 3,
-            jnp.where(gain >= 0.1 * predicted, state.damping, state.damping * 5),
-        )
-        resolution = 1e-2 * unit**0.5 * delta + 8 * unit * _norm(state.position)
-        converged = (
-            (_norm(move) <= resolution)
-            | (~better & (state.damping >= 1))  # only rounding stops a plain step
-            | ((state.steps >= PATIENT_STEPS) & (predicted <= rounding))
-        )
-        return _State(
-            position=jax.tree.map(partial(jnp.where, better), proposal, state.position),
-            loss=jnp.where(better, loss, state.loss),
-            # The floor keeps the matrix regular where the loss is flat (two far rays of equal
-            # weight).
-            damping=jnp.clip(damping, unit**0.5, 1),
-            converged=state.converged | (converged & ~first),
-            steps=state.steps + 1,
-        )
-
+    """The minimizer of the loss from the least-squares start: steps until all have converged."""
+    problem = _Problem(rays, delta, _norm(_entries(rays.origins)))
     zero = jnp.zeros_like(delta)
     state = _State(
         position=(zero, zero, zero),
@@ -356,7 +339,82 @@ def _iterate(rays: _Rays, delta: Array) -> Vector:
         converged=~jnp.any(rays.weights > 0, 0),
         steps=jnp.zeros((), jnp.int32),
     )
-    final = jax.lax.while_loop(
-        lambda state: jnp.any(~state.converged) & (state.steps <= MAXIMUM_STEPS), step, state
+    if delta.shape != (BLOCK,):  # in a small batch, a step costs little more than its calls
+        return _take_steps(problem, state, until=0).position
+    few = int(STRAGGLERS * BLOCK)
+    state = _take_steps(problem, state, until=few)
+    (left,) = jnp.nonzero(~state.converged, size=few, fill_value=BLOCK)
+    problem, rest = jax.tree.map(
+        lambda a: jnp.take(a, left, axis=-1, mode="clip"), (problem, state._replace(steps=()))
     )
-    return final.position
+    rest = rest._replace(steps=state.steps, converged=left == BLOCK)
+    rest = _take_steps(problem, rest, until=0)
+    x, y, z = (
+        everywhere.at[left].set(some, mode="drop")
+        for everywhere, some in zip(state.position, rest.position, strict=True)
+    )
+    return x, y, z
+
+
+def _take_steps(problem: _Problem, state: _State, *, until: int) -> _State:
+    """Go on until at most so many problems have not converged."""
+    return jax.lax.while_loop(
+        lambda state: (jnp.sum(~state.converged) > until) & (state.steps <= MAXIMUM_STEPS),
+        partial(_step, problem),
+        state,
+    )
+
+
+def _step(problem: _Problem, state: _State) -> _State:
+    """Reweighted least squares that turns into Newton's method as far as that proves itself.
+
+    A reweighted step solves with `A = sum_i w_i c_i (I - d_i d_iᵀ)`, c_i = min(1, delta / r_i),
+    and never raises the loss, but converges only linearly, and arbitrarily slowly where two rays
+    of nearly equal weight are both far (thousands of steps). The Hessian is
+    `A - sum_far w_i c_i r̂_i r̂_iᵀ`. Solving with `A - (1 - damping) sum_far ...` spans both: damping
+    falls while the loss falls as predicted, and rises towards the plain step where it does not.
+    """
+    rays, delta, reach = problem
+    unit = epsilon(delta.dtype)
+    first = state.steps == 0
+    residuals = _residuals(rays, state.position)
+    distances = _norm(residuals)
+    # To the first step every ray is near: it finds the least-squares solution.
+    far = (distances > delta[None]) & ~first
+    shrink = jnp.where(far, 1 / jnp.where(far, distances, 1), 0)
+    weights = rays.weights * jnp.where(far, delta[None] * shrink, 1)
+    bend = (1 - state.damping)[None] * weights * shrink * shrink
+    gradient = _gradient(weights, residuals)
+    move = _solve(_hessian(rays, weights, bend, residuals), gradient)
+    predicted = _dot(gradient, move)
+    # Rounding alone changes the loss by so much: distances are differences of lengths.
+    error = 4 * unit * (reach + _norm(state.position)[None])
+    rounding = jnp.sum(weights * error * (2 * distances + error), 0)
+
+    x, y, z = state.position
+    proposal = (x - move[0], y - move[1], z - move[2])
+    distances = _norm(_residuals(rays, proposal))
+    linear = jnp.minimum(distances, delta[None])
+    loss = jnp.sum(rays.weights * linear * (2 * distances - linear), 0)
+    gain = state.loss - loss + rounding
+    better = ~state.converged & (gain >= 0)
+    damping = jnp.where(
+        gain >= 0.5 * predicted,
+        state.damping / 3,
+        jnp.where(gain >= 0.1 * predicted, state.damping, state.damping * 5),
+    )
+    resolution = 1e-2 * unit**0.5 * delta + 8 * unit * _norm(state.position)
+    converged = (
+        (_norm(move) <= resolution)
+        | (~better & (state.damping >= 1))  # only rounding stops a plain step
+        | ((state.steps >= PATIENT_STEPS) & (predicted <= rounding))
+    )
+    return _State(
+        position=jax.tree.map(partial(jnp.where, better), proposal, state.position),
+        loss=jnp.where(better, loss, state.loss),
+        # The floor keeps the matrix regular where the loss is flat (two far rays of equal
+        # weight).
+        damping=jnp.clip(damping, unit**0.5, 1),
+        converged=state.converged | (converged & ~first),
+        steps=state.steps + 1,
+    )

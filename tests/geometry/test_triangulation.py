@@ -163,6 +163,26 @@ def test_a_batch_under_jit_gives_what_single_calls_give(x64, case):
         np.testing.assert_array_equal(together.inliers[row], alone.inliers)
 
 
+def test_large_batches_are_cut_and_packed_without_a_trace():
+    # More than a block; an eighth has an absent ray, a third a wrong one.
+    count, rng = 4096 + 100, np.random.default_rng(0)
+    origins = rng.uniform(-10, 10, (count, 5, 3))
+    directions = rng.uniform(-2, 2, (count, 1, 3)) - origins
+    directions[::3, 0] = rng.standard_normal((len(directions[::3]), 3))
+    directions += rng.normal(scale=0.02, size=directions.shape)
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    weights = rng.uniform(0.1, 1, (count, 5))
+    origins[::8, 4], weights[::8, 4] = np.nan, 0
+    batch = [array.astype(np.float32) for array in (origins, directions, weights)]
+    found = triangulate_batch(*batch, DELTA)
+    assert np.isfinite(found.position).all()
+    for first in range(0, count, 1049):
+        rows = slice(first, first + 1049)
+        apart = triangulate_batch(*(array[rows] for array in batch), DELTA)
+        np.testing.assert_allclose(found.position[rows], apart.position, rtol=1e-5, atol=1e-4)
+        assert np.mean(found.inliers[rows] == apart.inliers) > 0.999
+
+
 @given(sightings(noise=0.04))
 def test_derivatives_agree_with_finite_differences_in_both_modes(x64, case):
     reverse, forward = jacobians(*case)
