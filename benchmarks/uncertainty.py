@@ -1,0 +1,162 @@
+"""Whether the stated uncertainty is honest: `python -m benchmarks.uncertainty [DATA]`.
+
+One row a set: the share of true positions inside the 95 % ellipse, the factor on all sigmas that
+would make it 95 %, the median sigma, and the expected calibration error of the existence
+probabilities. Without DATA (see `benchmarks.methods`) simulated worlds only; `--picture FILE` draws
+these, and never the data.
+
+The diagram of probabilities takes every row of every track that was considered, reported or not:
+of reported ones nearly all are near 1.
+"""
+
+import argparse
+from pathlib import Path
+
+import equinox as eqx
+import numpy as np
+
+import catfree as cf
+from benchmarks.paper.scoring import ground_rows
+from benchmarks.paper.sequences import Sequence, real, scenarios
+from catfree.evaluation import (
+    CalibrationCurve,
+    EllipseCoverage,
+    align_centres,
+    calibration_curve,
+    crop,
+    ellipse_coverage,
+    matched_predictions,
+)
+from catfree.evidence import describe, solve
+from catfree.synthetic import RigError, make_world
+from catfree.viz.reliability import plot_ellipse_coverage, plot_reliability
+
+FRAMES = 40
+WORSE, TRUE = RigError(rotation_deg=1.0), RigError(0, 0, 0, 0, 0)
+CONDITIONS = {RigError(): "as usual", WORSE: "off by 1°", TRUE: "true"}
+GATE = 1.0  # metres; well above the sigmas
+WORLDS = (
+    ("ring5", 11, RigError()),
+    ("wildtrack", 12, RigError()),
+    ("multiviewx", 13, RigError()),
+    ("gmvd8", 14, RigError()),
+    ("wildtrack", 21, RigError()),
+    ("gmvd6", 15, WORSE),
+    ("wildtrack", 16, TRUE),
+    ("ring6", 17, TRUE),
+    ("wildtrack", 18, WORSE),
+    ("ring4", 19, RigError()),
+)
+
+
+def worlds() -> list[Sequence]:
+    """Simulated scenes: usual, worse and undisturbed rigs."""
+    found = []
+    for layout, seed, error in WORLDS:
+        world = make_world(layout, seed, frames=FRAMES, rig_error=error)
+        found.append(
+            Sequence(
+                name=f"{layout} {seed}, rig {CONDITIONS[error]}",
+                detections=world.detections,
+                scene=world.scene,
+                ground_truth=world.ground_truth,
+                frames=np.arange(FRAMES),
+                area=world.area,
+                true_centres=world.true_centres,
+            )
+        )
+    return found
+
+
+def world_covariance(tracks: cf.Tracks, sequence: Sequence) -> np.ndarray:
+    """(M, 2, 2) covariance in metres along the axes of the ground truth."""
+    axes = np.asarray(sequence.scene.ground.basis)
+    if not sequence.scene.metric and sequence.true_centres is not None:
+        align = align_centres(np.asarray(sequence.scene.rig.centers), sequence.true_centres)
+        origin = np.asarray(align(np.zeros((1, 3))))
+        axes = (np.asarray(align(axes.T)) - origin).T
+    return axes[:2] @ np.asarray(tracks.covariance) @ axes[:2].T
+
+
+def judge(sequence: Sequence) -> tuple[EllipseCoverage, CalibrationCurve, CalibrationCurve, float]:
+    """Coverage, calibration of reported and of all considered rows, median sigma in metres."""
+    boxes = sequence.detections
+    if boxes.score is not None:
+        boxes = boxes[boxes.score >= cf.Settings().confidence]
+    solution = solve(boxes, sequence.scene)
+    considered = eqx.tree_at(lambda s: s.kept, solution, np.ones_like(solution.kept))
+    curves = []
+    coverage, sigma = None, float("nan")
+    for found in (solution, considered):
+        tracks = describe(found, sequence.scene).tracks
+        rows, covariance = ground_rows(tracks, sequence), world_covariance(tracks, sequence)
+        truth, existence = sequence.ground_truth, np.asarray(tracks.existence)
+        if sequence.area is not None:
+            x_min, x_max, y_min, y_max = sequence.area
+            x, y = rows[:, 2:].T
+            inside = (x_min <= x) & (x <= x_max) & (y_min <= y) & (y <= y_max)
+            rows, covariance, existence = rows[inside], covariance[inside], existence[inside]
+            truth = crop(truth, sequence.area)
+        correct = matched_predictions(truth, rows)
+        curves.append(calibration_curve(existence, correct))
+        if coverage is None:
+            coverage = ellipse_coverage(truth, rows, covariance, sequence.frames, GATE)
+            sigma = float(np.median(np.linalg.det(covariance) ** 0.25))
+    assert coverage is not None
+    return coverage, curves[0], curves[1], sigma
+
+
+def pooled(curves: list[CalibrationCurve]) -> CalibrationCurve:
+    """One curve of all sets together."""
+    count = np.sum([c.count for c in curves], axis=0)
+    claimed = np.sum([np.nan_to_num(c.mean_probability * c.count) for c in curves], axis=0)
+    true = np.sum([np.nan_to_num(c.observed_frequency * c.count) for c in curves], axis=0)
+    total = count.sum()
+    brier = sum(c.brier_score * c.count.sum() for c in curves) / total
+    with np.errstate(invalid="ignore"):
+        return CalibrationCurve(
+            edges=curves[0].edges,
+            count=count,
+            mean_probability=claimed / count,
+            observed_frequency=true / count,
+            expected_calibration_error=float(np.abs(claimed - true).sum() / total),
+            brier_score=float(brier),
+        )
+
+
+def main() -> None:
+    """Print a Markdown table and draw the picture."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path, nargs="?")
+    parser.add_argument("--only", default="", help="only sets whose name contains this")
+    parser.add_argument("--picture", type=Path, help="PNG of the simulated worlds")
+    options = parser.parse_args()
+    print("| set | inside 95 % | sigmas should be x | sigma (m) | ECE | ECE of all considered |")
+    print("|---" * 6 + "|")
+    simulated = worlds()
+    others = [*real(options.data), *scenarios(options.data)] if options.data else []
+    coverages, curves = {}, []
+    for sequence in [*simulated, *others]:
+        if options.only not in sequence.name:
+            continue
+        coverage, reported, considered, sigma = judge(sequence)
+        print(
+            f"| {sequence.name} | {coverage.share:.3f} | {coverage.sigma_factor:.2f} | {sigma:.3f} "
+            f"| {reported.expected_calibration_error:.3f} "
+            f"| {considered.expected_calibration_error:.3f} |",
+            flush=True,
+        )
+        if sequence in simulated:
+            coverages[sequence.name] = coverage
+            curves.append(considered)
+    if options.picture:
+        from matplotlib import pyplot
+
+        figure, (left, right) = pyplot.subplots(1, 2, figsize=(12, 5), layout="constrained")
+        plot_reliability(pooled(curves), ax=left)
+        plot_ellipse_coverage(coverages, ax=right)
+        figure.savefig(options.picture, dpi=110)
+
+
+if __name__ == "__main__":
+    main()
