@@ -203,7 +203,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree.cache import StageCache
         from catfree.output import write_rig
         from catfree.report import camera_table
-        from catfree.run import calibrate_cameras, detect
+        from catfree.stages import calibrate_cameras, detect
 
         footage = _open_videos(videos, stride=stride, offsets=offsets)
         stages = StageCache(out / "cache" if cache is None else cache)

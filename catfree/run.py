@@ -1,36 +1,26 @@
 """`run`: RGB video in, tracks on the ground out; every stage resumes from its cache."""
 
-import dataclasses
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
 from catfree.adapters.background import BackgroundDetector
 from catfree.adapters.color import ColorEmbedder
-from catfree.adapters.detect import detect_videos
-from catfree.adapters.fingerprint import hash_parameters
+from catfree.adapters.detect import fit_to_cameras
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera, Reconstructor
 from catfree.adapters.video import SynchronizedVideos
-from catfree.cache import StageCache, code_hash, content_hash
-from catfree.cached_detection import detect_with_cache, fingerprint_of
+from catfree.cache import StageCache
 from catfree.errors import InvalidInputError
-from catfree.pipeline import localize
-from catfree.rig.pedestrians import Calibration, CalibrationSettings, calibrate
-from catfree.settings import Settings
-from catfree.trajectories.stitch import stitch_tracks
+from catfree.rig import Calibration
+from catfree.settings import CalibrationSettings, Settings
+from catfree.stages import calibrate_cameras, detect, detect_again, localize_people, reconstruct
 from catfree.types import Detections, Localization, Scene
 from catfree.types.validation import require_instance
 
 Progress = Callable[[str, int, int], None]
 Videos = SynchronizedVideos | Sequence[str | os.PathLike[str]]
-T = TypeVar("T")
-
-# A rig needs boxes whose edges are right more than it needs everybody: half-hidden people and
-# doubtful splits of groups score lower than this.
-CALIBRATION_CONFIDENCE = 0.55
 
 
 @dataclass(frozen=True)
@@ -149,6 +139,10 @@ def run_stages(
     if scene is not None and reconstructor is not None:
         raise InvalidInputError("Pass a scene or a reconstructor, not both.")
     if not isinstance(videos, SynchronizedVideos):
+        if isinstance(videos, str | os.PathLike) or not videos:
+            raise InvalidInputError(
+                f"videos must list one video file or image folder a camera, got {videos!r}."
+            )
         videos = SynchronizedVideos(videos)
     if scene is not None:
         _require_same_cameras(scene, videos)
@@ -157,7 +151,10 @@ def run_stages(
         embedder = ColorEmbedder()
     cache = None if cache_dir is None else StageCache(cache_dir)
 
-    detections = detect(videos, detector, embedder, cache=cache, progress=progress)
+    fitted = None
+    if cache is None and isinstance(detector, FittedToCamera):
+        fitted = fit_to_cameras(videos, detector, progress)
+    detections = detect(videos, detector, embedder, fitted=fitted, cache=cache, progress=progress)
     calibration = None
     if reconstructor is not None:
         scene = reconstruct(videos, reconstructor, detections, cache=cache, progress=progress)
@@ -166,122 +163,22 @@ def run_stages(
             videos, detections, calibration_settings, cache=cache, progress=progress
         )
         scene = calibration.scene
-    known, chosen = scene, settings
-    localization = _cached(
-        cache,
-        "localization",
-        Localization,
-        lambda: _localize(detections, known, chosen, progress),
-        (content_hash(detections), content_hash(scene)),
-        settings,
-    )
+    if settings.method != "paper" and isinstance(detector, FittedToCamera):
+        detections = detect_again(
+            videos,
+            detector,
+            embedder,
+            detections,
+            scene,
+            settings,
+            fitted=fitted,
+            cache=cache,
+            progress=progress,
+        )
+    localization = localize_people(detections, scene, settings, cache=cache, progress=progress)
     return RunOutcome(
         localization, detections, scene, calibration, tuple(videos.camera_names), videos.frames
     )
-
-
-def detect(
-    videos: SynchronizedVideos,
-    detector: Detector | FittedToCamera,
-    embedder: Embedder | None = None,
-    *,
-    cache: StageCache | None = None,
-    progress: Progress | None = None,
-) -> Detections:
-    """The first stage: everybody whom the cameras saw; see `detect_videos`."""
-    if cache is None:
-        return detect_videos(videos, detector, embedder, progress)
-    return detect_with_cache(videos, detector, embedder, cache, progress)
-
-
-def calibrate_cameras(
-    videos: SynchronizedVideos,
-    detections: Detections,
-    settings: CalibrationSettings | None = None,
-    *,
-    cache: StageCache | None = None,
-    progress: Progress | None = None,
-) -> Calibration:
-    """The second stage without a known scene: cameras and ground from confident boxes of people.
-
-    Args:
-        videos: whose picture sizes and names count.
-        detections: everybody whom the cameras saw.
-        settings: of the calibration, its defaults if None.
-        cache: where a finished calibration is.
-        progress: called as `progress(stage, done, total)`.
-
-    Raises:
-        CalibrationError: if no rig can be found from the people.
-    """
-    settings = settings or CalibrationSettings()
-    if detections.score is not None:
-        detections = detections[detections.score >= CALIBRATION_CONFIDENCE]
-    return _cached(
-        cache,
-        "calibration",
-        Calibration,
-        lambda: calibrate(
-            detections,
-            videos.image_size,
-            settings,
-            camera_names=videos.camera_names,
-            progress=progress,
-        ),
-        (content_hash(detections), *videos.camera_names),
-        settings,
-        image_size=videos.image_size.tolist(),
-    )
-
-
-def reconstruct(
-    videos: SynchronizedVideos,
-    reconstructor: Reconstructor,
-    detections: Detections,
-    *,
-    cache: StageCache | None = None,
-    progress: Progress | None = None,
-) -> Scene:
-    """The second stage with a reconstructor: some instants, aggregated to one static rig."""
-    from catfree.rig.aggregate import scene_from_videos
-
-    keys = ()
-    if cache is not None:
-        weights = fingerprint_of(reconstructor, "reconstructor")
-        keys = (videos.fingerprint, weights, content_hash(detections))
-    return _cached(
-        cache,
-        "scene",
-        Scene,
-        lambda: scene_from_videos(videos, reconstructor, detections, progress),
-        keys,
-    )
-
-
-def _localize(
-    detections: Detections, scene: Scene, settings: Settings, progress: Progress | None
-) -> Localization:
-    localization = localize(detections, scene, settings, progress)
-    if settings.method == "paper":
-        return localization
-    return stitch_tracks(localization, detections, scene)
-
-
-def _cached(
-    cache: StageCache | None,
-    stage: str,
-    kind: type[T],
-    compute: Callable[[], T],
-    follows_from: tuple[str, ...],
-    settings: object = None,
-    **parameters: object,
-) -> T:
-    """The result of a stage, from the cache if it is there."""
-    if cache is None:
-        return compute()
-    asked = dataclasses.asdict(settings) if dataclasses.is_dataclass(settings) else settings  # type: ignore[arg-type]
-    key = hash_parameters(stage, code_hash(), *follows_from, settings=asked, **parameters)
-    return cache.result(stage, key, kind, compute)
 
 
 def _require_same_cameras(scene: Scene, videos: SynchronizedVideos) -> None:

@@ -20,8 +20,9 @@ from catfree.errors import (
     InvalidInputError,
 )
 from catfree.pipeline import localize
-from catfree.run import detect, run, run_stages
+from catfree.run import run, run_stages
 from catfree.settings import Settings
+from catfree.stages import detect
 from catfree.synthetic import make_world
 from catfree.synthetic.layouts import ring
 from catfree.types import Detections, Scene
@@ -221,6 +222,12 @@ def test_wrong_input_is_one_sentence(pictures, tmp_path):
     nameless = ReadsItsPicture(world.detections, name="")
     with pytest.raises(InvalidInputError, match="ReadsItsPicture has no fingerprint"):
         run(pictures, nameless, scene=world.scene, cache_dir=tmp_path)
+
+
+def test_videos_must_be_a_list_with_videos(pictures):
+    for videos in ([], str(pictures[0])):
+        with pytest.raises(InvalidInputError, match=r"^videos must list one video file"):
+            run(videos)
 
 
 def test_nobody_to_calibrate_from(pictures):

@@ -29,6 +29,7 @@ from catfree.adapters.protocols import (
     Embedder as Embedder,
     FittedToCamera as FittedToCamera,
     FrameDetections as FrameDetections,
+    GuidedDetector as GuidedDetector,
     Reconstruction as Reconstruction,
     Reconstructor as Reconstructor,
     ankles_confirmed as ankles_confirmed,

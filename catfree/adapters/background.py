@@ -1,7 +1,7 @@
 """People in a static camera's pictures without any network: what moves before the background."""
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,8 @@ from catfree.adapters.background_model import (
     Foreground,
     PictureSamples,
 )
-from catfree.adapters.blob_splitting import WIDTH, split_blob
+from catfree.adapters.blob_grouping import group_blobs
+from catfree.adapters.blob_splitting import WIDTH, Expected, split_blob
 from catfree.adapters.fingerprint import hash_parameters
 from catfree.adapters.height_profile import (
     TOLERANCE,
@@ -34,7 +35,7 @@ STAND_ALONE_SCORE = 0.95
 SPLIT_SCORE = 0.85
 UNSPLIT_SCORE = 0.4
 EDGE_REACH = 0.12  # of the expected height, around the expected crown and soles
-_VERSION = 1
+_VERSION = 2
 
 
 class BackgroundDetector:
@@ -148,9 +149,25 @@ class FittedBackgroundDetector:
 
     def __call__(self, image: Image) -> FrameDetections:
         """The people in one picture of this camera, best first."""
+        return self.look_again(image, np.zeros((0, 3)))
+
+    def look_again(self, image: Image, expected: Float[np.ndarray, "n 3"]) -> FrameDetections:
+        """The same with a hint where people stand, as other cameras and moments know it.
+
+        Merged silhouettes are split at people who are expected, if their pixels say so, and parts
+        of one person that a pole cuts apart are put together. Nobody is reported whom the
+        silhouettes do not show.
+
+        Args:
+            image: a picture of this camera.
+            expected: (n, 3) foot column, foot row and height of people in pixels of the picture.
+        """
         picture = as_image(image)
         foreground = self.background.compare(reduce_picture(picture, self.factor))
-        found = self.find_people(foreground)
+        # The centre of pixel p is at (p + 0.5) / factor from the reduced picture's left edge.
+        corner = np.array([[0.5, 0.5, 0.0]])
+        hints = (np.asarray(expected, np.float64) + corner) / self.factor
+        found = self.find_people(foreground, [Expected(*hint) for hint in hints.tolist()])
         box = found[:, :4] * self.factor - 0.5  # a pixel's area starts half a pixel before it
         limit = np.array([picture.shape[1], picture.shape[0]] * 2) - 0.5
         box = np.clip(box, -0.5, limit[None, :])
@@ -158,17 +175,23 @@ class FittedBackgroundDetector:
         order = np.flatnonzero(keep)[np.argsort(-found[keep, 4], kind="stable")]
         return FrameDetections(box[order].astype(np.float32), found[order, 4].astype(np.float32))
 
-    def find_people(self, foreground: Foreground) -> Float[np.ndarray, "n 5"]:
+    def find_people(
+        self, foreground: Foreground, expected: Sequence[Expected] = ()
+    ) -> Float[np.ndarray, "n 5"]:
         """(n, 5) x1, y1, x2, y2 and score of the people in a foreground, in reduced pixels."""
         blobs = Blobs.find(foreground.mask, LEAST_AREA)
         if self.profile is None:
             alone = blobs.box[blobs.alone()]
             return np.column_stack([alone, np.full(len(alone), UNSPLIT_SCORE)]).astype(np.float64)
         rows = []
-        for index, box in enumerate(blobs.box):
-            blob = (blobs.labels == index + 1).astype(np.uint8)
-            complete = bool(blobs.complete[index])
-            rows.extend(_people_of(blob, box, complete, self.profile, foreground))
+        for parts, people in group_blobs(blobs.labels, len(blobs.box), expected):
+            blob = (blobs.labels == parts[0] + 1).view(np.uint8)
+            for part in parts[1:]:
+                blob |= (blobs.labels == part + 1).view(np.uint8)
+            corners = blobs.box[parts]
+            box = np.concatenate([corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)])
+            complete = bool(blobs.complete[parts].all())
+            rows.extend(_people_of(blob, box, complete, self.profile, foreground, people))
         return np.array(rows, np.float64).reshape(-1, 5)
 
 
@@ -178,16 +201,22 @@ def _people_of(
     complete: bool,
     profile: HeightProfile,
     foreground: Foreground,
+    expected: Sequence[Expected],
 ) -> list[tuple[float, float, float, float, float]]:
     """Box and score of each person in one blob."""
     x1, y1, x2, y2 = (float(side) for side in box)
-    expected = float(profile((x1 + x2) / 2, y2))
-    misfit = abs(y2 - y1 - expected) / max(expected, 1.0)
-    if complete and misfit < TOLERANCE and x2 - x1 < WIDEST * expected:
+    height = expected[0].height if len(expected) == 1 else float(profile((x1 + x2) / 2, y2))
+    misfit = abs(y2 - y1 - height) / max(height, 1.0)
+    alone = complete and misfit < TOLERANCE and x2 - x1 < WIDEST * height and len(expected) < 2
+    people = []
+    # Two people close together may have one person's height and width; a narrow blob has no room.
+    if not alone or x2 - x1 > WIDTH * height:
+        people = split_blob(blob, box, profile, expected)
+    if alone and len(people) < 2:
         top, bottom = _extent(foreground, blob, (x1 + x2) / 2, (y1, y2))
         return [(x1, top, x2, bottom, STAND_ALONE_SCORE - 0.5 * misfit)]
     rows = []
-    for person in split_blob(blob, box, profile):
+    for person in people:
         top, bottom = _extent(foreground, blob, person.u, (person.v - person.height, person.v))
         half = WIDTH * person.height / 2
         score = min(SPLIT_SCORE, 0.2 + 0.7 * person.gain)

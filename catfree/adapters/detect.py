@@ -3,6 +3,8 @@
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import count
+from threading import Lock
 
 import numpy as np
 
@@ -27,6 +29,8 @@ def detect_videos(
     detector: Detector | FittedToCamera,
     embedder: Embedder | None = None,
     progress: Progress | None = None,
+    *,
+    fitted: Sequence[Detector] | None = None,
 ) -> Detections:
     """Everybody whom the cameras saw.
 
@@ -39,6 +43,7 @@ def detect_videos(
         embedder: describes what they look like, or None for no embeddings.
         progress: called as progress(stage, done, total) after each instant; stages are "fit" and
             "detect".
+        fitted: what `fit_to_cameras` gave where that was done before.
 
     Returns:
         One row a person, sorted by frame and camera; keypoints and confirmed ankles where the
@@ -49,7 +54,7 @@ def detect_videos(
         InsufficientDataError: if the footage is too short to fit the detector to, or nothing of it
             can be decoded.
     """
-    detectors = fit_to_cameras(videos, detector, progress)
+    detectors = fit_to_cameras(videos, detector, progress) if fitted is None else fitted
     # One common detector may see all cameras at once.
     shared = detector if isinstance(detector, BatchDetector) else None
     frame, camera, found, embedding = [], [], [], []
@@ -75,6 +80,8 @@ def fit_to_cameras(
 ) -> list[Detector]:
     """The detector of each camera: fitted to its footage where it must be, else the same for all.
 
+    Cameras are fitted in threads, some at a time.
+
     Args:
         videos: the cameras' pictures.
         detector: as `detect_videos` takes it.
@@ -83,21 +90,17 @@ def fit_to_cameras(
     if not isinstance(detector, FittedToCamera):
         return [detector] * videos.camera_count
     total = videos.camera_count * videos.frame_count
-    return [
-        detector.fit(_pictures_of(videos, camera, total, progress))
-        for camera in range(videos.camera_count)
-    ]
+    seen, one_at_a_time = count(1), Lock()
 
+    def pictures(camera: int) -> Iterator[Image]:
+        for image in videos.pictures_of(camera):
+            yield image
+            if progress is not None:
+                with one_at_a_time:
+                    progress("fit", next(seen), total)
 
-def _pictures_of(
-    videos: SynchronizedVideos, camera: int, total: int, progress: Progress | None
-) -> Iterator[Image]:
-    done = camera * videos.frame_count
-    for image in videos.pictures_of(camera):
-        done += 1
-        yield image
-        if progress is not None:
-            progress("fit", done, total)
+    with ThreadPoolExecutor(min(videos.camera_count, os.cpu_count() or 1)) as pool:
+        return list(pool.map(lambda c: detector.fit(pictures(c)), range(videos.camera_count)))
 
 
 def detect_instant(

@@ -172,6 +172,19 @@ class BatchDetector(Detector, Protocol):
 
 
 @runtime_checkable
+class GuidedDetector(Detector, Protocol):
+    """A detector that does better where it is told who should stand in the picture."""
+
+    def look_again(self, image: Image, expected: Float[np.ndarray, "n 3"]) -> FrameDetections:
+        """The people in one picture, hints considered; without any, what a call gives.
+
+        `expected` is (n, 3): foot column, foot row and height of people in pixels of the picture.
+        Hints may be wrong: nobody may be reported whom the picture does not show.
+        """
+        ...
+
+
+@runtime_checkable
 class FittedToCamera(Protocol):
     """A detector that must see a static camera's footage before it can detect there.
 
@@ -185,7 +198,10 @@ class FittedToCamera(Protocol):
         ...
 
     def fit(self, images: Iterable[Image]) -> Detector:
-        """A detector for the camera that took these pictures; they are read once, in order."""
+        """A detector for the camera that took these pictures; they are read once, in order.
+
+        May be called from several threads at once, one a camera.
+        """
         ...
 
 

@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from catfree.adapters import BackgroundDetector, Detector, FittedToCamera
+from catfree.adapters import BackgroundDetector, Detector, FittedToCamera, GuidedDetector
 from catfree.adapters.background_model import MAXIMUM_SAMPLES, PictureSamples
-from catfree.adapters.blob_splitting import split_blob
+from catfree.adapters.blob_grouping import group_blobs
+from catfree.adapters.blob_splitting import Expected, split_blob
 from catfree.adapters.height_profile import Blobs, HeightProfile, fit_height_profile
 from catfree.adapters.suppression import box_overlap
 from catfree.errors import InsufficientDataError, InvalidInputError
@@ -185,6 +186,34 @@ def test_recall_precision_and_feet(street):
     assert np.std(feet) < 0.025
 
 
+def test_knowing_where_people_stand_finds_more_of_them_and_nobody_else(street):
+    frames, detector = street
+    rng = np.random.default_rng(0)
+    found, right, seen = np.zeros(2), np.zeros(2), 0
+    for image, boxes, share in frames[::4]:
+        height = boxes[:, 3] - boxes[:, 1]
+        place = np.stack([(boxes[:, 0] + boxes[:, 2]) / 2, boxes[:, 3], height], -1)
+        place[:, :2] += rng.normal(0, 0.04, (len(boxes), 2)) * height[:, None]
+        place[:, 2] *= rng.normal(1, 0.03, len(boxes))
+        seen += (share > 0.3).sum()
+        for way, result in enumerate((detector(image), detector.look_again(image, place))):
+            rows, _ = matches(boxes, result)
+            found[way] += len(result)
+            right[way] += (share[rows] > 0.3).sum()
+    assert right[1] > right[0]
+    assert right[1] / seen >= 0.9
+    assert right[1] / found[1] > right[0] / found[0] - 0.01
+
+
+def test_hints_without_anybody_there_change_nothing(street):
+    frames, detector = street
+    for image, boxes, _ in frames[::20]:
+        empty = [[x, 340.0, 120.0] for x in range(20, 640, 40)]
+        far = [one for one in empty if np.abs(boxes[:, [0, 2]] - one[0]).min() > 80]
+        result, again = detector(image), detector.look_again(image, np.array(far).reshape(-1, 3))
+        np.testing.assert_array_equal(again.box, result.box)
+
+
 def test_shadows_are_not_people_and_do_not_lower_feet(street):
     _, detector = street
     rng = np.random.default_rng(0)
@@ -262,7 +291,7 @@ def test_protocols_and_fingerprints(street):
     frames, detector = street
     assert isinstance(BackgroundDetector(), Detector)
     assert isinstance(BackgroundDetector(), FittedToCamera)
-    assert isinstance(detector, Detector)
+    assert isinstance(detector, GuidedDetector)
     assert not isinstance(detector, FittedToCamera)
     again = BackgroundDetector().fit(image for image, _, _ in frames)
     assert again.fingerprint == detector.fingerprint
@@ -364,3 +393,64 @@ def test_a_person_behind_a_wall_is_split_off_without_legs():
     (person,) = split_blob(canvas, box, profile)
     assert abs(person.u - 100) <= 4
     assert abs(person.v - 150) <= 8
+
+
+def test_two_people_as_wide_as_one_are_two():
+    """One behind the other: the silhouette has one person's height and width, not the shape."""
+    profile = HeightProfile(np.array([0.3, 0.0, 25.0]))
+    canvas = np.zeros((240, 320), np.uint8)
+    body(canvas, 100, 150, 70)
+    body(canvas, 115, 147, 69)
+    blobs = Blobs.find(canvas, 30)
+    x1, _, x2, _ = blobs.box[0]
+    assert x2 - x1 < 0.7 * 70
+    assert len(split_blob(canvas, blobs.box[0], profile)) == 2
+
+
+def test_somebody_almost_hidden_is_found_where_expected():
+    """Behind two others one explains too little anywhere but where one is expected."""
+    profile = HeightProfile(np.array([0.3, 0.0, 25.0]))
+    canvas = np.zeros((240, 320), np.uint8)
+    people = [(92, 158), (112, 158), (102, 141)]
+    for u, v in people:
+        body(canvas, u, v, profile(u, v))
+    box = Blobs.find(canvas, 30).box[0]
+    hints = [Expected(u + 3.0, v - 2.0, float(profile(u, v))) for u, v in people]
+    found = split_blob(canvas, box, profile, hints)
+    feet = np.array(sorted((person.u, person.v) for person in found))
+    assert len(feet) == 3
+    np.testing.assert_allclose(feet, sorted(people), atol=5)
+
+
+def test_a_person_cut_in_two_by_a_pole_is_one_group():
+    canvas = np.zeros((240, 320), np.uint8)
+    body(canvas, 100, 150, 70)
+    body(canvas, 200, 150, 70)
+    canvas[:, 98:103] = 0
+    blobs = Blobs.find(canvas, 30)
+    assert len(blobs.box) == 3
+    alone = group_blobs(blobs.labels, 3, [])
+    assert [len(parts) for parts, _ in alone] == [1, 1, 1]
+    here, there, nowhere = (
+        Expected(u, v, 70.0) for u, v in ((100.0, 150.0), (200.0, 150.0), (30.0, 200.0))
+    )
+    groups = group_blobs(blobs.labels, 3, [here, there, nowhere])
+    assert sorted((len(parts), tuple(people)) for parts, people in groups) == [
+        (1, (there,)),
+        (2, (here,)),
+    ]
+
+
+@given(shift=st.integers(-40, 60), down=st.integers(-20, 40))
+def test_splitting_moves_with_the_blob(shift, down):
+    profile = HeightProfile(np.array([0.0, 0.0, 70.0]))
+    people = [(100, 130), (118, 134)]
+    found = []
+    for dx, dy in ((0, 0), (shift, down)):
+        canvas = np.zeros((240, 320), np.uint8)
+        for u, v in people:
+            body(canvas, u + dx, v + dy, 70)
+        box = Blobs.find(canvas, 30).box[0]
+        feet = [(p.u - dx, p.v - dy) for p in split_blob(canvas, box, profile)]
+        found.append(np.array(sorted(feet)))
+    np.testing.assert_allclose(found[0], found[1], atol=2)  # half pixels round either way
