@@ -2,7 +2,22 @@
 
     python benchmarks/evidence_ablation.py DATA [DATA ...]
 
-Each DATA is a uniform JSON file or a scenario folder (see `catfree.adapters`).
+Each DATA is a uniform JSON file or a scenario folder (see `catfree.adapters`). Measured, with the true
+rig on the first two (the room with Faster R-CNN boxes) and a disturbed one on the others:
+
+| without | WildTrack 0-715 | room, 15 people | uneven7 | gmvd8 |
+|---|---|---|---|---|
+| (all on) | 73.3 | 91.5 | 86.2 | 97.9 |
+| misses | 49.6 | 87.1 | 87.6 | 98.5 |
+| self-calibration | 69.6 | 85.2 | 80.6 | 57.9 |
+| residual field | 70.8 | 86.6 | 83.8 | 81.7 |
+| local clutter | 71.3 | 84.8 | 86.2 | 95.3 |
+| head and height | 64.7 | 88.5 | 85.3 | 87.5 |
+| tracking | 67.9 | 80.4 | 84.1 | 92.9 |
+| appearance | 73.3 | 91.5 | 86.0 | 96.2 |
+| working area | 65.3 | 89.4 | 86.9 | 97.9 |
+| uneven ground | 67.8 | 91.5 | 87.5 | 97.9 |
+| hidden feet | 73.5 | 87.7 | 86.4 | 98.4 |
 """
 
 import argparse
