@@ -2,8 +2,8 @@
 
     python benchmarks/evidence_ablation.py DATA [DATA ...]
 
-Each DATA is a uniform JSON file or a scenario folder (see `catfree.adapters`). Measured, with the true
-rig on the first two (the room with Faster R-CNN boxes) and a disturbed one on the others:
+Each DATA is a uniform JSON file or a scenario folder (see `catfree.adapters`). Measured, with the
+true rig on the first two (the room with Faster R-CNN boxes) and a disturbed one on the others:
 
 | without | WildTrack 0-715 | room, 15 people | uneven7 | gmvd8 |
 |---|---|---|---|---|
