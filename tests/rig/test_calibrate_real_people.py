@@ -7,6 +7,7 @@ from catfree.adapters import read_uniform_json
 from catfree.geometry import fit_similarity
 from catfree.rig import calibrate
 from catfree.rig.pedestrians import calibrate as register
+from catfree.types import Detections
 
 
 def compare(path, last_frame=None, calibrate=calibrate):
@@ -54,3 +55,20 @@ def test_a_real_square_with_the_evidence_method(shared, last_frame):
     assert count == 7
     assert error <= 0.16
     assert abs(scale - 1) < 0.03 < deviation < 0.06
+
+
+@pytest.mark.slow
+def test_a_camera_of_another_time_is_flagged_and_the_others_stay(shared):
+    sequence = read_uniform_json(shared / "data" / "real" / "wildtrack_0_715.json")
+    boxes, truth, wrong = sequence.detections, sequence.rig, 2
+    frames = np.unique(boxes.frame)
+    shuffled = np.random.default_rng(0).permutation(frames)
+    frame = boxes.frame.copy()
+    mine = boxes.camera == wrong
+    frame[mine] = shuffled[np.searchsorted(frames, frame[mine])]
+    found = calibrate(Detections(frame, boxes.camera, boxes.box), truth.image_size).scene.rig
+    known = found.registered
+    assert known.tolist() == [camera != wrong for camera in range(7)]
+    ours, theirs = np.asarray(found.centers)[known], np.asarray(truth.centers)[known]
+    moved = np.asarray(fit_similarity(ours, theirs)(ours))
+    assert np.linalg.norm(moved - theirs, axis=-1).mean() <= 0.24
