@@ -52,9 +52,7 @@ def test_a_listed_frame_without_rows_changes_no_score(truth, predicted):
 
 
 @given(people(), people(), st.sets(st.integers(0, 3), min_size=1))
-def test_rows_of_frames_that_are_not_listed_are_as_if_they_were_not_there(
-    truth, predicted, frames
-):
+def test_rows_of_frames_that_are_not_listed_are_as_if_they_were_not_there(truth, predicted, frames):
     def listed(rows):
         return rows[np.isin(rows[:, 0], list(frames))]
 
