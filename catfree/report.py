@@ -128,7 +128,8 @@ def describe_cameras(outcome: RunOutcome) -> list[Block]:
         blocks.append(
             Paragraph(
                 "Cameras and ground were found from the people alone. Their heights are taken to "
-                "be 1.70 m on average: if yours are 5 % taller, all lengths are 5 % too short."
+                "be 1.70 m on average: if yours are 5 % taller, all lengths are 5 % too short. "
+                f"One standard deviation of all lengths is {100 * calibration.scale_sd:.0f} %."
             )
         )
     return blocks

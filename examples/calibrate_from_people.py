@@ -15,7 +15,6 @@ import numpy as np
 
 import catfree as cf
 from catfree.evaluation import align_centres, crop, detection_metrics
-from catfree.rig.pedestrians import calibrate
 
 
 def main() -> None:
@@ -25,7 +24,7 @@ def main() -> None:
     sequence = cf.adapters.read_uniform_json(parser.parse_args().sequence)
     truth, detections = sequence.scene, sequence.detections
 
-    found = calibrate(detections, truth.rig.image_size, camera_names=sequence.camera_names)
+    found = cf.calibrate(detections, truth.rig.image_size, camera_names=sequence.camera_names)
     known = found.scene.rig.registered
     centers, true_centers = np.asarray(found.scene.rig.centers), np.asarray(truth.rig.centers)
     similarity = align_centres(centers, true_centers, registered=known)
@@ -41,7 +40,10 @@ def main() -> None:
             f"{focal:.0f} px (true {truth.rig.K[index, 0, 0]:.0f}), evidence "
             f"{found.log_likelihood_ratio[index]:.0f} above chance"
         )
-    print(f"scale of the found rig: {1 / float(similarity.scale):.3f}")
+    print(
+        f"scale of the found rig: {1 / float(similarity.scale):.3f} of the true one, known to "
+        f"{100 * found.scale_sd:.0f} % by its own account"
+    )
 
     def moda(scene, transform=None):
         tracks = cf.localize(detections, scene).tracks
