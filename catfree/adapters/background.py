@@ -53,7 +53,14 @@ class BackgroundDetector:
 
     What it cannot see: people who stand still for most of the footage (they become background), and
     cameras that move. A thing that was moved is reported until it is the median.
+
+    Attributes:
+        box_slack: share of its height by which a box is taller than the person. A silhouette has
+            none; detectors that learned from drawn boxes have some, which is what calibration from
+            people assumes of detectors that do not have this attribute.
     """
+
+    box_slack: float = 0.0
 
     def __init__(self, confidence: float | int = 0.30) -> None:
         """Choose the parameters.
