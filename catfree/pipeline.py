@@ -9,13 +9,11 @@ from jaxtyping import Bool
 from catfree import evidence
 from catfree.association import (
     CanonicalFrame,
-    associate,
+    associate_in_two_passes,
     cast_rays,
-    learn_pose_ratio,
     link_tracklets,
     locate,
     observe,
-    ray_weights,
 )
 from catfree.compilation import start_compilation
 from catfree.errors import InsufficientDataError, InvalidInputError
@@ -24,7 +22,7 @@ from catfree.filters.selection import select_positions
 from catfree.outcome import assemble, empty_localization
 from catfree.settings import Settings
 from catfree.trajectories import build_trajectories
-from catfree.types import Detections, Localization, Rays, Scene, Thresholds
+from catfree.types import Detections, Localization, Scene, Thresholds
 from catfree.types.validation import require_instance
 
 Progress = Callable[[str, int, int], None]
@@ -61,7 +59,7 @@ def localize(
     require_instance(scene, Scene, "scene")
     require_instance(settings, Settings, "settings")
     report = progress or (lambda stage, done, total: None)
-    keep = _usable(detections, scene, settings)
+    keep = usable(detections, scene, settings)
     if not keep.any():
         found = empty_localization(scene.rig.camera_count)
     elif settings.method == "evidence":
@@ -103,18 +101,7 @@ def _localize_by_paper(
     compilation = start_compilation(observations, rays, rig, settings)
     report("tracklets", 0, 1)
     tracklet = link_tracklets(observations, settings.tracklets)
-
-    # Two passes: the first one, unweighted, teaches how far each ray can be trusted.
-    ratio, median_height = 1.0, float(np.median(observations.height))
-    if settings.rays.use_ankles and observations.ankles_confirmed is not None:
-        groups = associate(observations, rays, settings, report)
-        ratio = learn_pose_ratio(observations, rays, groups, settings)
-    weight = ray_weights(
-        observations.height, observations.ankles_confirmed, ratio, median_height, settings.rays
-    )
-    rays = Rays(rays.origin, rays.direction, weight.astype(rays.direction.dtype))
-    groups = associate(observations, rays, settings, report)
-
+    groups, rays, ratio = associate_in_two_passes(observations, rays, settings, report)
     compilation.result()
     report("positions", 0, 1)
     located = locate(observations, rays, rig, groups, tracklet, settings)
@@ -132,7 +119,7 @@ def _localize_by_paper(
         tau_g=_times(selection.tau_g, frame.extent),
         tau_sigma_recovery=_times(selection.tau_sigma_recovery, frame.extent),
         tau_g_recovery=_times(selection.tau_g_recovery, frame.extent),
-        median_box_height=median_height,
+        median_box_height=float(np.median(observations.height)),
         pose_ratio=ratio,
         extension_appearance=extension_appearance,
     )
@@ -141,8 +128,13 @@ def _localize_by_paper(
     )
 
 
-def _usable(detections: Detections, scene: Scene, settings: Settings) -> np.ndarray:
-    """Which detections take part: confident enough, and seen by a registered camera."""
+def usable(detections: Detections, scene: Scene, settings: Settings) -> np.ndarray:
+    """(N,) which detections take part: confident enough, and seen by a registered camera.
+
+    Raises:
+        InvalidInputError: if a detection names a camera that the rig does not have.
+        InsufficientDataError: if fewer than two cameras are registered.
+    """
     rig = scene.rig
     unknown = detections.camera >= rig.camera_count
     if unknown.any():

@@ -17,16 +17,15 @@ from catfree.association import (
     CanonicalFrame,
     Groups,
     Observations,
-    associate,
+    associate_in_two_passes,
     cast_rays,
-    learn_pose_ratio,
     link_tracklets,
     locate,
     observe,
-    ray_weights,
 )
 from catfree.filters.selection import select_positions
 from catfree.outcome import assemble
+from catfree.pipeline import usable
 from catfree.settings import SelectionSettings, TrajectorySettings
 from catfree.trajectories import build_trajectories
 from catfree.types import Rays, Rig, Thresholds
@@ -94,11 +93,7 @@ def _associate(sequence: Sequence, true_rig: bool, settings: cf.Settings) -> Ass
     scene = sequence.true_scene if true_rig else sequence.scene
     assert scene is not None
     detections = sequence.detections
-    keep = scene.rig.registered[detections.camera]
-    if detections.score is not None:
-        keep = keep & (detections.score >= settings.confidence)
-    if settings.rays.only_confirmed_ankles and detections.ankles_confirmed is not None:
-        keep = keep & detections.ankles_confirmed
+    keep = usable(detections, scene, settings)
     if not keep.any():
         return None
     frame = CanonicalFrame.of(scene)
@@ -106,17 +101,5 @@ def _associate(sequence: Sequence, true_rig: bool, settings: cf.Settings) -> Ass
     observations = observe(detections, rig, keep=keep)
     rays = cast_rays(observations, rig)
     tracklet = link_tracklets(observations, settings.tracklets)
-    ratio, median_height = 1.0, float(np.median(observations.height))
-    if settings.rays.use_ankles and observations.ankles_confirmed is not None:
-        groups = associate(observations, rays, settings, _silent)
-        ratio = learn_pose_ratio(observations, rays, groups, settings)
-    weight = ray_weights(
-        observations.height, observations.ankles_confirmed, ratio, median_height, settings.rays
-    )
-    rays = Rays(rays.origin, rays.direction, weight.astype(rays.direction.dtype))
-    groups = associate(observations, rays, settings, _silent)
+    groups, rays, _ = associate_in_two_passes(observations, rays, settings)
     return Associated(frame, rig, observations, rays, groups, tracklet)
-
-
-def _silent(stage: str, done: int, total: int) -> None:
-    """No progress is shown."""

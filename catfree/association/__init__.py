@@ -3,7 +3,9 @@
 from catfree.association.groups import (
     Groups as Groups,
     associate as associate,
+    associate_in_two_passes as associate_in_two_passes,
     learn_pose_ratio as learn_pose_ratio,
+    weigh_rays as weigh_rays,
 )
 from catfree.association.hypotheses import (
     RayTable as RayTable,

@@ -11,11 +11,12 @@ from catfree.association.hypotheses import triangulate_groups
 from catfree.association.observations import Observations
 from catfree.association.pairs import candidate_pairs
 from catfree.association.partition import greedy_partition
-from catfree.association.reliability import pose_ratio
+from catfree.association.reliability import pose_ratio, ray_weights
 from catfree.geometry.buckets import coarse_length
 from catfree.settings import Settings
 from catfree.types import Rays
 
+Progress = Callable[[str, int, int], None]
 CHUNK = 8192  # detections associated together: bounds memory, and no sequence recompiles
 
 
@@ -35,7 +36,7 @@ def associate(
     observations: Observations,
     rays: Rays,
     settings: Settings,
-    report: Callable[[str, int, int], None] = lambda stage, done, total: None,
+    report: Progress = lambda stage, done, total: None,
 ) -> Groups:
     """Partition the detections of every frame into groups of one person each.
 
@@ -86,6 +87,42 @@ def associate(
     report("association", frames, frames)
     member = np.concatenate(members)
     return Groups(member, observations.frame_index[member.max(axis=1)])
+
+
+def associate_in_two_passes(
+    observations: Observations,
+    rays: Rays,
+    settings: Settings,
+    report: Progress = lambda stage, done, total: None,
+) -> tuple[Groups, Rays, float]:
+    """Group the detections; a first pass, unweighted, teaches how far each ray can be trusted.
+
+    Args:
+        observations: detections in canonical order.
+        rays: their rays in the canonical frame, all of weight 1.
+        settings: thresholds of the association, and which cues of reliability are used.
+        report: as `associate`.
+
+    Returns:
+        The groups, the rays with their weights, and the pose ratio.
+
+    Source:
+        Sec. "Pedestrian observations and ray reliability".
+    """
+    ratio = 1.0
+    if settings.rays.use_ankles and observations.ankles_confirmed is not None:
+        groups = associate(observations, rays, settings, report)
+        ratio = learn_pose_ratio(observations, rays, groups, settings)
+    rays = weigh_rays(observations, rays, ratio, settings)
+    return associate(observations, rays, settings, report), rays, ratio
+
+
+def weigh_rays(observations: Observations, rays: Rays, ratio: float, settings: Settings) -> Rays:
+    """The rays with the weights of Eq. w for a pose ratio; heights are against their median."""
+    height = observations.height
+    median = float(np.median(height)) if len(height) else 1.0
+    weight = ray_weights(height, observations.ankles_confirmed, ratio, median, settings.rays)
+    return Rays(rays.origin, rays.direction, weight.astype(rays.direction.dtype))
 
 
 def learn_pose_ratio(

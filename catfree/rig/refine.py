@@ -13,8 +13,8 @@ from catfree.association import (
     cast_rays,
     learn_pose_ratio,
     observe,
-    ray_weights,
     triangulate_groups,
+    weigh_rays,
 )
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.rig.bundle_adjustment import HUBER, Cameras, CameraTie, Sightings, adjust
@@ -209,10 +209,10 @@ def _associated(
     """The people that cameras find, and how well their rays meet; `rig` has the lenses."""
     rig = cameras.rig(rig)
     rays = cast_rays(observations, rig)
-    groups = associate(observations, _weighted(observations, rays, ratio, settings), settings)
+    groups = associate(observations, weigh_rays(observations, rays, ratio, settings), settings)
     if settings.rays.use_ankles:
         ratio = learn_pose_ratio(observations, rays, groups, settings)
-    rays = _weighted(observations, rays, ratio, settings)
+    rays = weigh_rays(observations, rays, ratio, settings)
     member = groups.member[(groups.member >= 0).sum(1) >= needed]
     points, residual = triangulate_groups(
         rays, member, settings.triangulation, sigma_theta=settings.rays.sigma_theta
@@ -220,13 +220,6 @@ def _associated(
     angle = residual[member >= 0]
     median = float(np.median(angle)) if len(angle) else np.inf
     return _Round(cameras, rays, member, points.astype(np.float64), median, ratio)
-
-
-def _weighted(observations: Observations, rays: Rays, ratio: float, settings: Settings) -> Rays:
-    height = observations.height
-    median = float(np.median(height)) if len(height) else 1.0
-    weight = ray_weights(height, observations.ankles_confirmed, ratio, median, settings.rays)
-    return Rays(rays.origin, rays.direction, weight.astype(rays.direction.dtype))
 
 
 def _adjusted(
