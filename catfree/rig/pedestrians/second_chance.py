@@ -60,15 +60,14 @@ def confirm(
 
     Fewer than two cameras never remain: the best two stay as they are.
     """
+    work, state = _resume(calibration, detections, settings)
     while True:
-        work, state = _resume(calibration, detections, settings)
         cameras = [int(c) for c in np.flatnonzero(state.placed)]
         verdicts = {c: judge_camera(work, state, c) for c in cameras}
         failing = [c for c in cameras if not verdicts[c].accepted]
         if not failing or len(cameras) <= 2:
             return _with_cameras(calibration, state, verdicts)
-        worst = min(failing, key=lambda c: verdicts[c].margin)
-        calibration = _with_cameras(calibration, state.without_camera(worst), {})
+        state = state.without_camera(min(failing, key=lambda c: verdicts[c].margin))
 
 
 def _resume(
