@@ -210,7 +210,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         finder = _open_detector(detector) or BackgroundDetector()
         with _progress_bars() as progress:
             seen = detect(footage, finder, cache=stages, progress=progress)
-            found = calibrate_cameras(footage, seen, cache=stages, progress=progress)
+            found = calibrate_cameras(footage, finder, seen, cache=stages, progress=progress)
         write_rig(out, found.scene, footage.camera_names)
         _print_table(camera_table(found.scene, footage.camera_names, found))
         _print(f"The rig is in {out}.")

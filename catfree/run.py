@@ -159,11 +159,8 @@ def run_stages(
     if reconstructor is not None:
         scene = reconstruct(videos, reconstructor, detections, cache=cache, progress=progress)
     elif scene is None:
-        slack = getattr(detector, "box_slack", None)
-        if calibration_settings is None and slack is not None:
-            calibration_settings = CalibrationSettings(box_slack=slack)
         calibration = calibrate_cameras(
-            videos, detections, calibration_settings, cache=cache, progress=progress
+            videos, detector, detections, calibration_settings, cache=cache, progress=progress
         )
         scene = calibration.scene
     if settings.method != "paper" and isinstance(detector, FittedToCamera):

@@ -48,6 +48,7 @@ def detect(
 
 def calibrate_cameras(
     videos: SynchronizedVideos,
+    detector: Detector | FittedToCamera,
     detections: Detections,
     settings: CalibrationSettings | None = None,
     *,
@@ -58,6 +59,7 @@ def calibrate_cameras(
 
     Args:
         videos: whose picture sizes and names count.
+        detector: whose boxes they are; its `box_slack`, if it states one, replaces the default's.
         detections: everybody whom the cameras saw.
         settings: of the calibration, its defaults if None.
         cache: where a finished calibration is.
@@ -66,7 +68,10 @@ def calibrate_cameras(
     Raises:
         CalibrationError: if no rig can be found from the people.
     """
-    settings = settings or CalibrationSettings()
+    if settings is None:
+        settings = CalibrationSettings()
+        slack = getattr(detector, "box_slack", settings.box_slack)
+        settings = dataclasses.replace(settings, box_slack=slack)
     if detections.score is not None:
         detections = detections[detections.score >= CALIBRATION_CONFIDENCE]
     return _cached(

@@ -150,6 +150,9 @@ class Detector(Protocol):
 
     `fingerprint` names weights and parameters by content: detectors with equal fingerprints give
     equal rows for equal pictures, so that results can be cached under it.
+
+    A detector may state `box_slack`, the share of its height by which a box is taller than the
+    person; calibration from people assumes that of learned detectors where it does not.
     """
 
     @property
