@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from catfree.adapters.detect import collect_detections
-from catfree.adapters.protocols import Detector, Embedder, FrameDetections, GuidedDetector, Image
+from catfree.adapters.protocols import Embedder, FrameDetections, GuidedDetector, Image
 from catfree.adapters.video import SynchronizedVideos
 from catfree.errors import InsufficientDataError
 from catfree.geometry import project
@@ -51,11 +51,6 @@ class ExpectedPeople:
     def in_picture(self, frame: int, camera: int) -> Float[np.ndarray, "n 3"]:
         """The places in one picture."""
         return self.place[(self.frame == frame) & (self.camera == camera)]
-
-
-def is_guided(detectors: Sequence[Detector]) -> bool:
-    """Whether all of them can look again."""
-    return all(isinstance(one, GuidedDetector) for one in detectors)
 
 
 def expected_people(
