@@ -37,15 +37,7 @@ def simulated(
         R[0], t[0] = turn @ R[0], turn @ t[0]
         made = dataclasses.replace(made, rig=cf.Rig(rig.K, R, t, rig.image_size))
     world = make_world(made, seed, frames=frames, people=people)
-    return Sequence(
-        name=f"{layout} {seed}",
-        detections=world.detections,
-        scene=world.scene,
-        ground_truth=world.ground_truth,
-        frames=np.arange(frames),
-        area=world.area,
-        true_centres=world.true_centres,
-    )
+    return Sequence.of_world(world, f"{layout} {seed}")
 
 
 def thinned(sequence: Sequence, share: float) -> Sequence:

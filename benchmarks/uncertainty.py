@@ -16,15 +16,15 @@ import equinox as eqx
 import numpy as np
 
 import catfree as cf
-from benchmarks.paper.scoring import ground_rows
+from benchmarks.paper.scoring import ground_rows, world_covariance
 from benchmarks.paper.sequences import Sequence, real, scenarios
 from catfree.evaluation import (
     CalibrationCurve,
     EllipseCoverage,
-    align_centres,
     calibration_curve,
     crop,
     ellipse_coverage,
+    inside,
     matched_predictions,
 )
 from catfree.evidence import describe, solve
@@ -51,31 +51,13 @@ WORLDS = (
 
 def worlds() -> list[Sequence]:
     """Simulated scenes: usual, worse and undisturbed rigs."""
-    found = []
-    for layout, seed, error in WORLDS:
-        world = make_world(layout, seed, frames=FRAMES, rig_error=error)
-        found.append(
-            Sequence(
-                name=f"{layout} {seed}, rig {CONDITIONS[error]}",
-                detections=world.detections,
-                scene=world.scene,
-                ground_truth=world.ground_truth,
-                frames=np.arange(FRAMES),
-                area=world.area,
-                true_centres=world.true_centres,
-            )
+    return [
+        Sequence.of_world(
+            make_world(layout, seed, frames=FRAMES, rig_error=error),
+            f"{layout} {seed}, rig {CONDITIONS[error]}",
         )
-    return found
-
-
-def world_covariance(tracks: cf.Tracks, sequence: Sequence) -> np.ndarray:
-    """(M, 2, 2) covariance in metres along the axes of the ground truth."""
-    axes = np.asarray(sequence.scene.ground.basis)
-    if not sequence.scene.metric and sequence.true_centres is not None:
-        align = align_centres(np.asarray(sequence.scene.rig.centers), sequence.true_centres)
-        origin = np.asarray(align(np.zeros((1, 3))))
-        axes = (np.asarray(align(axes.T)) - origin).T
-    return axes[:2] @ np.asarray(tracks.covariance) @ axes[:2].T
+        for layout, seed, error in WORLDS
+    ]
 
 
 def judge(sequence: Sequence) -> tuple[EllipseCoverage, CalibrationCurve, CalibrationCurve, float]:
@@ -92,10 +74,8 @@ def judge(sequence: Sequence) -> tuple[EllipseCoverage, CalibrationCurve, Calibr
         rows, covariance = ground_rows(tracks, sequence), world_covariance(tracks, sequence)
         truth, existence = sequence.ground_truth, np.asarray(tracks.existence)
         if sequence.area is not None:
-            x_min, x_max, y_min, y_max = sequence.area
-            x, y = rows[:, 2:].T
-            inside = (x_min <= x) & (x <= x_max) & (y_min <= y) & (y <= y_max)
-            rows, covariance, existence = rows[inside], covariance[inside], existence[inside]
+            within = inside(rows, sequence.area)
+            rows, covariance, existence = rows[within], covariance[within], existence[within]
             truth = crop(truth, sequence.area)
         correct = matched_predictions(truth, rows)
         curves.append(calibration_curve(existence, correct))

@@ -86,6 +86,16 @@ def ground_rows(
     return tracks.to_rows(np.asarray(align(tracks.position))[:, :2])
 
 
+def world_covariance(tracks: cf.Tracks, sequence: Sequence) -> np.ndarray:
+    """(M, 2, 2) covariance in metres along the axes of the ground truth."""
+    axes = np.asarray(sequence.scene.ground.basis)
+    if not sequence.scene.metric and sequence.true_centres is not None:
+        align = align_centres(np.asarray(sequence.scene.rig.centers), sequence.true_centres)
+        origin = np.asarray(align(np.zeros((1, 3))))
+        axes = (np.asarray(align(axes.T)) - origin).T
+    return axes[:2] @ np.asarray(tracks.covariance) @ axes[:2].T
+
+
 def score_rows(
     rows: Float[np.ndarray, "m 4"], sequence: Sequence, *, tracking: bool = True
 ) -> Score:

@@ -26,6 +26,7 @@ import dataclasses
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -93,6 +94,22 @@ class Sequence:
     seed: int = 0
     world: World | None = None
 
+    @classmethod
+    def of_world(cls, world: World, name: str, **labels: Any) -> "Sequence":
+        """What a method gets of a simulated world; `labels` are the attributes that are left."""
+        return cls(
+            name=name,
+            detections=world.detections,
+            scene=world.scene,
+            ground_truth=world.ground_truth,
+            frames=np.arange(len(world.walkers.position)),
+            area=world.area,
+            true_centres=world.true_centres,
+            true_scene=world.true_scene,
+            world=world,
+            **labels,
+        )
+
     @property
     def identified(self) -> bool:
         """Whether the truth has identities, which tracking metrics need."""
@@ -115,20 +132,8 @@ def twin(
         rig_error=error,
         detector=made.detector,
     )
-    return Sequence(
-        name=f"{made.layout} twin {seed}{' rough ground' if rough_ground else ''}",
-        detections=world.detections,
-        scene=world.scene,
-        ground_truth=world.ground_truth,
-        frames=np.arange(count),
-        area=world.area,
-        true_centres=world.true_centres,
-        true_scene=world.true_scene,
-        kind="twin",
-        paper=paper,
-        seed=seed,
-        world=world,
-    )
+    name = f"{made.layout} twin {seed}{' rough ground' if rough_ground else ''}"
+    return Sequence.of_world(world, name, kind="twin", paper=paper, seed=seed)
 
 
 def twins(

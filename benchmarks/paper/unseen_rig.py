@@ -43,20 +43,8 @@ def sequence(seed: int, frames: int | None = None) -> Sequence:
     layout = make_layout(made.layout, INSTALLATION)
     count = made.frames if frames is None else frames
     world = make_world(layout, seed, frames=count, detector=GMVD_DETECTOR)
-    return Sequence(
-        name=f"sequence {seed + 1}",
-        detections=world.detections,
-        scene=world.scene if seed == 0 else sequence(0, frames).scene,
-        ground_truth=world.ground_truth,
-        frames=np.arange(count),
-        area=world.area,
-        true_centres=world.true_centres,
-        true_scene=world.true_scene,
-        kind="twin",
-        paper=UNSEEN,
-        seed=seed,
-        world=world,
-    )
+    found = Sequence.of_world(world, f"sequence {seed + 1}", kind="twin", paper=UNSEEN, seed=seed)
+    return found if seed == 0 else dataclasses.replace(found, scene=sequence(0, frames).scene)
 
 
 def rigs(first: Sequence, rounds: int = ROUNDS) -> dict[str, cf.Scene | None]:

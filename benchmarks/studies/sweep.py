@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 import catfree as cf
-from benchmarks.paper.scoring import ground_rows, score_rows
+from benchmarks.paper.scoring import ground_rows, score_rows, world_covariance
 from benchmarks.paper.sequences import Sequence
-from catfree.evaluation import align_centres, ellipse_coverage
+from catfree.evaluation import ellipse_coverage
 from catfree.evaluation.matching import matched_rows
 from catfree.evaluation.rows import read_sequence
 from catfree.synthetic import DetectorModel, RigError, make_world
@@ -69,15 +69,7 @@ def simulate(
 ) -> Sequence:
     """The courtyard of a seed, with one thing changed."""
     world = make_world(LAYOUT, seed, frames=frames, detector=detector, rig_error=rig_error)
-    return Sequence(
-        name=f"{LAYOUT} {seed}",
-        detections=world.detections,
-        scene=world.scene,
-        ground_truth=world.ground_truth,
-        frames=np.arange(frames),
-        area=world.area,
-        true_centres=world.true_centres,
-    )
+    return Sequence.of_world(world, f"{LAYOUT} {seed}")
 
 
 def measure(sequence: Sequence, settings: cf.Settings) -> dict[str, float]:
@@ -87,11 +79,7 @@ def measure(sequence: Sequence, settings: cf.Settings) -> dict[str, float]:
     outside the evaluation area counts nowhere.
     """
     tracks = cf.localize(sequence.detections, sequence.scene, settings).tracks
-    align = align_centres(sequence.scene.rig.centers, sequence.true_centres)
-    to_metres = float(align.scale) * (
-        np.asarray(align.rotation)[:2] @ np.asarray(sequence.scene.ground.basis)
-    )
-    covariance = to_metres @ tracks.covariance @ to_metres.T
+    covariance = world_covariance(tracks, sequence)
     rows = ground_rows(tracks, sequence)
     sized = np.isfinite(covariance).all((1, 2)) & (np.linalg.det(covariance) > 0)
     truth, frames = sequence.ground_truth, sequence.frames

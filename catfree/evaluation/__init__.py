@@ -11,6 +11,7 @@ from catfree.evaluation.area import (
     AreaMetrics as AreaMetrics,
     crop as crop,
     detection_metrics_in_area as detection_metrics_in_area,
+    inside as inside,
 )
 from catfree.evaluation.bootstrap import (
     DetectionIntervals as DetectionIntervals,

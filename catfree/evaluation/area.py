@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from catfree.errors import InvalidInputError
 from catfree.evaluation.detection import DetectionMetrics, detection_metrics
@@ -26,10 +26,11 @@ def crop(rows: Any, area: Any) -> Float[np.ndarray, "n 4"]:
         InvalidInputError: if a row or the area is malformed.
     """
     array = as_rows(rows, "rows")
-    return array[_inside(array, area)]
+    return array[inside(array, area)]
 
 
-def _inside(rows: Float[np.ndarray, "n 4"], area: Any) -> np.ndarray:
+def inside(rows: Float[np.ndarray, "n 4"], area: Any) -> Bool[np.ndarray, " n"]:
+    """(N,) which of the rows `crop` would keep."""
     try:
         bounds = [*area["x"], *area["y"]] if isinstance(area, Mapping) else list(area)
         x_min, x_max, y_min, y_max = (float(bound) for bound in bounds)
@@ -102,8 +103,8 @@ def detection_metrics_in_area(
     if outside not in ("ignore", "false_positive"):
         raise InvalidInputError(f"outside is {outside!r}; it must be 'ignore' or 'false_positive'.")
     sequence = read_sequence(ground_truth, predictions, frames)
-    truth_inside = _inside(sequence.truth, area)
-    predicted_inside = _inside(sequence.predicted, area)
+    truth_inside = inside(sequence.truth, area)
+    predicted_inside = inside(sequence.predicted, area)
     kept = predicted_inside if outside == "ignore" else slice(None)
     metrics = detection_metrics(
         sequence.truth[truth_inside],
