@@ -16,46 +16,67 @@ from catfree.geometry.ray_distances import (
     gradient_of,
     hessian_of,
     norm,
+    present_rays,
     residuals_of,
     solve_regularised,
 )
 from catfree.geometry.symmetric3 import Vector
 
 # Bounds the work: over half a million random problems of 2 to 7 rays with up to 30 % wrong ones,
-# the mean was at most 8 steps and the largest number 24.
+# the mean was at most 9 steps and the largest number 31.
 MAXIMUM_STEPS = 60
 # After so many steps a predicted gain below the rounding of the loss is taken for noise (float32
 # pairs whose loss is almost flat).
 PATIENT_STEPS = 20
-# Problems that take their steps together: few enough that their arrays stay in a core's cache.
-BLOCK = 4096
-# When no more than this share of a full block is still at work, it goes on without the others.
-# Half the problems converge in 5 steps and four fifths in 6; the slowest of a block takes 13.
-STRAGGLERS = 0.25
+# Problems that take their steps together at most: more would not stay in a core's cache.
+BLOCK = 16384
+# By so much the damping falls where a step did as predicted. Between 3 and 30 it hardly matters.
+FALL = 10
+# Half the problems converge in 5 steps and four fifths in 6; the slowest of a block takes 13. So
+# the last quarter goes on without the others, and again, and again, down to so few that a step
+# costs little more than its calls.
+FEW = 64
+
+
+class Fit(NamedTuple):
+    """A position and what each ray had to do with it.
+
+    Attributes:
+        center: (3,) the weighted mean of the present camera centres.
+        position: (3,) from there.
+        distances: (C,) of the position to each ray's line; 0 for absent rays.
+        inliers: (C,) bool, the rays near enough.
+        used: (C,) bool, the rays whose loss the position minimizes.
+    """
+
+    center: Array
+    position: Array
+    distances: Array
+    inliers: Array
+    used: Array
 
 
 @batch_last
 def search_minimizer(
     origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, refit: Array
-) -> tuple[Array, Array, Array]:
-    """Position, inliers and the rays it rests on, without derivatives.
+) -> Fit:
+    """The fit to (C, 3) origins and directions, without derivatives.
 
     The second of two rounds is for the inliers alone, where they are enough and not all.
     """
-    shape = delta.shape
-    if delta.size < BLOCK:
-        return _search_block(origins, directions, weights, delta, factor, refit)
-    blocks = -(-delta.size // BLOCK)
+    shape, size = delta.shape, delta.size
+    blocks = max(1, -(-size // BLOCK))
+    length = -(-size // blocks)
 
     def cut(array: Array) -> Array:
-        flat = array.reshape(*array.shape[: array.ndim - len(shape)], -1)
-        spare = [(0, 0)] * (flat.ndim - 1) + [(0, blocks * BLOCK - delta.size)]
+        flat = array.reshape(*array.shape[: array.ndim - len(shape)], size)
+        spare = [(0, 0)] * (flat.ndim - 1) + [(0, blocks * length - size)]
         # Padding has weight 0: it has converged before it starts.
-        return jnp.moveaxis(jnp.pad(flat, spare).reshape(*flat.shape[:-1], blocks, BLOCK), -2, 0)
+        return jnp.moveaxis(jnp.pad(flat, spare).reshape(*flat.shape[:-1], blocks, length), -2, 0)
 
     def join(array: Array) -> Array:
-        flat = jnp.moveaxis(array, 0, -2).reshape(*array.shape[1:-1], -1)
-        return flat[..., : delta.size].reshape(*array.shape[1:-1], *shape)
+        flat = jnp.moveaxis(array, 0, -2).reshape(*array.shape[1:-1], blocks * length)
+        return flat[..., :size].reshape(*array.shape[1:-1], *shape)
 
     cut_up = tuple(cut(a) for a in (origins, directions, weights, delta, factor, refit))
     return jax.tree.map(join, jax.lax.map(lambda block: _search_block(*block), cut_up))
@@ -63,22 +84,37 @@ def search_minimizer(
 
 def _search_block(
     origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, refit: Array
-) -> tuple[Array, Array, Array]:
+) -> Fit:
     """`search_minimizer` of problems that take their steps together."""
-    present = weights > 0
+    rays, center = present_rays(origins, directions, weights)
+    present = rays.weights > 0
 
-    def search(kept: Array, _: None) -> tuple[Array, tuple[Array, Array, Array]]:
-        rays = Rays(origins, directions, jnp.where(kept, weights, 0))
-        position = _iterate(rays, delta)
+    def search(start: _Start, _: None) -> tuple[_Start, tuple[Array, ...]]:
+        kept = rays._replace(weights=jnp.where(start.kept, rays.weights, 0))
+        position = _iterate(kept, delta, start)
         distances = norm(residuals_of(rays, position))
         inliers = present & (distances <= (factor * delta)[None])
         again = refit & (jnp.sum(inliers, 0) >= 2) & jnp.any(present & ~inliers, 0)
-        # Without rays the second search ends at once, so only those who need it pay for it.
-        return inliers & again[None], (jnp.stack(position), inliers, again)
+        # Without rays the second search ends at once, so only those who need it pay for it. The
+        # loss is convex: from where the first ended, the second finds the same minimum sooner.
+        again_from = _Start(inliers & again[None], position, full / FALL, jnp.ones((), jnp.int32))
+        return again_from, (jnp.stack(position), distances, inliers, again)
 
-    _, (position, inliers, again) = jax.lax.scan(search, present, length=2)
-    position = jnp.where(again[0], position[1], position[0])
-    return position, inliers[0], jnp.where(again[0], inliers[0], present)
+    zero, full = jnp.zeros_like(delta), jnp.ones_like(delta)
+    start = _Start(present, (zero, zero, zero), full, jnp.zeros((), jnp.int32))
+    _, (position, distances, inliers, again) = jax.lax.scan(search, start, length=2)
+    position, distances = (jnp.where(again[:1], each[1], each[0]) for each in (position, distances))
+    used = jnp.where(again[:1], inliers[0], present)
+    return Fit(center, position, jnp.where(present, distances, 0), inliers[0], used)
+
+
+class _Start(NamedTuple):
+    """Which rays a search is for, from where, and with how much of the Hessian it begins."""
+
+    kept: Array
+    position: Vector
+    damping: Array
+    steps: Array
 
 
 class _State(NamedTuple):
@@ -99,30 +135,35 @@ class _Problem(NamedTuple):
     reach: Array
 
 
-def _iterate(rays: Rays, delta: Array) -> Vector:
+def _iterate(rays: Rays, delta: Array, start: _Start) -> Vector:
     """The minimizer of the loss from the least-squares start: steps until all have converged."""
     problem = _Problem(rays, delta, norm(entries(rays.origins)))
-    zero = jnp.zeros_like(delta)
     state = _State(
-        position=(zero, zero, zero),
+        position=start.position,
         loss=jnp.full_like(delta, jnp.inf),
-        damping=jnp.ones_like(delta),
+        damping=start.damping,
         converged=~jnp.any(rays.weights > 0, 0),
-        steps=jnp.zeros((), jnp.int32),
+        steps=start.steps,
     )
-    if delta.shape != (BLOCK,):  # in a small batch, a step costs little more than its calls
+    return _take_all_steps(problem, state)
+
+
+def _take_all_steps(problem: _Problem, state: _State) -> Vector:
+    """Until all have converged, in ever smaller company."""
+    width = len(state.converged)
+    if width <= 8 * FEW:
         return _take_steps(problem, state, until=0).position
-    few = int(STRAGGLERS * BLOCK)
+    few = width // 4 if width >= 32 * FEW else FEW
     state = _take_steps(problem, state, until=few)
-    (left,) = jnp.nonzero(~state.converged, size=few, fill_value=BLOCK)
+    (left,) = jnp.nonzero(~state.converged, size=few, fill_value=width)
     problem, rest = jax.tree.map(
         lambda a: jnp.take(a, left, axis=-1, mode="clip"), (problem, state._replace(steps=()))
     )
-    rest = rest._replace(steps=state.steps, converged=left == BLOCK)
-    rest = _take_steps(problem, rest, until=0)
+    rest = rest._replace(steps=state.steps, converged=left == width)
+    found = _take_all_steps(problem, rest)
     x, y, z = (
         everywhere.at[left].set(some, mode="drop")
-        for everywhere, some in zip(state.position, rest.position, strict=True)
+        for everywhere, some in zip(state.position, found, strict=True)
     )
     return x, y, z
 
@@ -171,7 +212,7 @@ def _step(problem: _Problem, state: _State) -> _State:
     better = ~state.converged & (gain >= 0)
     damping = jnp.where(
         gain >= 0.5 * predicted,
-        state.damping / 3,
+        state.damping / FALL,
         jnp.where(gain >= 0.1 * predicted, state.damping, state.damping * 5),
     )
     resolution = 1e-2 * unit**0.5 * delta + 8 * unit * norm(state.position)

@@ -24,15 +24,19 @@ class Rays(NamedTuple):
     weights: Float[Array, "cam *batch"]
 
 
-def present_rays(origins: Array, directions: Array, weights: Array) -> tuple[Rays, Array]:
+def present_rays(
+    origins: Float[Array, "cam 3 *batch"],
+    directions: Float[Array, "cam 3 *batch"],
+    weights: Float[Array, "cam *batch"],
+) -> tuple[Rays, Float[Array, "3 *batch"]]:
     """Rays in coordinates centred on the weighted mean of the present origins, and that mean."""
     present = weights > 0  # false for NaN too
     weights = jnp.where(present, weights, 0)
     # The double where: NaN of absent rows must reach neither the value nor the gradient.
-    origins = jnp.where(present[None, :], origins.T, 0)
-    directions = jnp.where(present[None, :], directions.T, 0)
-    total = jnp.sum(weights)
-    center = jnp.sum(weights[None, :] * origins, axis=1) / jnp.where(total > 0, total, 1)
+    origins = jnp.where(present[None], jnp.swapaxes(origins, 0, 1), 0)
+    directions = jnp.where(present[None], jnp.swapaxes(directions, 0, 1), 0)
+    total = jnp.sum(weights, axis=0)[None]
+    center = jnp.sum(weights[None] * origins, axis=1) / jnp.where(total > 0, total, 1)
     return Rays(origins - center[:, None], directions, weights), center
 
 

@@ -11,11 +11,12 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Real
 
 from catfree.geometry import symmetric3
 from catfree.geometry.arrays import HostOrDevice, Scalar, float_arrays
-from catfree.geometry.huber_search import search_minimizer
+from catfree.geometry.huber_search import Fit, search_minimizer
 from catfree.geometry.ray_distances import (
     Rays,
     batch_last,
@@ -85,13 +86,30 @@ def _triangulate(
     origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, refit: Array
 ) -> Triangulation:
     """`triangulate`, compiled: without, each single call would trace its loops anew."""
-    rays, center = present_rays(origins, directions, weights)
-    found = search_minimizer(*jax.lax.stop_gradient((*rays, delta, factor)), refit)
-    position, inliers, used = found
-    fitted = rays._replace(weights=jnp.where(used, rays.weights, 0))
-    position = _attach_derivative(fitted, position, delta)
-    distances = norm(residuals_of(rays, entries(position)))
-    return Triangulation(center + position, jnp.where(rays.weights > 0, distances, 0), inliers)
+    fit = _fit(origins, directions, weights, delta, factor, refit)
+    return Triangulation(fit.center + fit.position, fit.distances, fit.inliers)
+
+
+_fit = jax.custom_jvp(search_minimizer)
+
+
+@_fit.defjvp
+def _differentiate_fit(primals: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Fit, Fit]:
+    """The fit, and how it moves with rays, weights and delta while it uses the same rays."""
+    fit = _fit(*primals)
+
+    def moving(
+        origins: Array, directions: Array, weights: Array, delta: Array
+    ) -> tuple[Array, Array, Array]:
+        rays, center = present_rays(origins, directions, weights)
+        fitted = rays._replace(weights=jnp.where(fit.used, rays.weights, 0))
+        position = _attach_derivative(fitted, fit.position, delta)
+        distances = norm(residuals_of(rays, entries(position)))
+        return center, position, jnp.where(rays.weights > 0, distances, 0)
+
+    _, moved = jax.jvp(moving, primals[:4], tangents[:4])
+    fixed = np.zeros(fit.used.shape, jax.dtypes.float0)
+    return fit, Fit(*moved, inliers=fixed, used=fixed)  # pyright: ignore[reportArgumentType]
 
 
 def triangulate_least_squares(
