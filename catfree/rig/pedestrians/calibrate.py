@@ -163,14 +163,12 @@ def describe(
             evidence[camera] = verdict.margin
     if trusted.sum() < 2:
         seen = "; ".join(
-            f"{names[c]}: {v.judgement.matches} matches, evidence {v.margin:.0f} above chance"
+            f"{names[c]}: {' and '.join(v.shortcomings) or 'enough, but nobody to share it with'}"
             for c, v in registered.verdicts.items()
         )
         raise CalibrationError(
-            f"Only {trusted.sum()} cameras can be trusted and 2 are needed ({seen or 'no matches'};"
-            f" needed: more than {work.settings.minimum_matches} matches and evidence of "
-            f"{work.settings.minimum_margin:.0f}). Check synchronization and overlap, or record "
-            "longer."
+            f"Only {trusted.sum()} cameras can be trusted and 2 are needed ({seen or 'no matches'})"
+            ". Check synchronization and overlap, or record longer."
         )
     parameters = np.where(trusted[:, None], state.parameters, np.nan)
     K, R, t = to_matrices(parameters, work.grid.size)

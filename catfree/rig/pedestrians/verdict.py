@@ -23,12 +23,17 @@ class Verdict:
     Attributes:
         judgement: at the true time.
         chance: highest evidence at the shifted times.
-        accepted: whether the camera can be trusted.
+        shortcomings: what it lacks to be trusted, in words.
     """
 
     judgement: Judgement
     chance: float
-    accepted: bool
+    shortcomings: tuple[str, ...]
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the camera can be trusted."""
+        return not self.shortcomings
 
     @property
     def margin(self) -> float:
@@ -110,9 +115,24 @@ def judge_camera(
     judgement, margin = judge_with_chance(
         own, others, others_expected, own_expected, settings, settings.chance_shifts
     )
-    accepted = (
-        margin > max(settings.minimum_margin, settings.minimum_match_margin * judgement.matches)
-        and judgement.association > settings.minimum_association
-        and judgement.matches > settings.minimum_matches
+    return Verdict(
+        judgement, judgement.evidence - margin, _shortcomings(judgement, margin, settings)
     )
-    return Verdict(judgement, judgement.evidence - margin, accepted)
+
+
+def _shortcomings(
+    judgement: Judgement, margin: float, settings: CalibrationSettings
+) -> tuple[str, ...]:
+    """What a camera lacks to be trusted; each of the criteria can fail alone."""
+    needed = max(settings.minimum_margin, settings.minimum_match_margin * judgement.matches)
+    found = []
+    if not judgement.matches > settings.minimum_matches:
+        found.append(f"{judgement.matches} matches, more than {settings.minimum_matches} needed")
+    if not judgement.association > settings.minimum_association:
+        found.append(
+            f"matches {100 * judgement.association:.0f} % of the people whom it shares with the "
+            f"others, more than {100 * settings.minimum_association:.0f} % needed"
+        )
+    if not margin > needed:
+        found.append(f"evidence {margin:.0f} above chance, more than {needed:.0f} needed")
+    return tuple(found)
