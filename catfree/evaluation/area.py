@@ -30,7 +30,18 @@ def crop(rows: Any, area: Any) -> Float[np.ndarray, "n 4"]:
 
 
 def inside(rows: Float[np.ndarray, "n 4"], area: Any) -> Bool[np.ndarray, " n"]:
-    """(N,) which of the rows `crop` would keep."""
+    """Which rows lie in an axis-aligned rectangle, its border included.
+
+    Args:
+        rows: (N, 4) `[frame, id, x, y]` in metres.
+        area: `x_min, x_max, y_min, y_max` in metres, or a mapping with the pairs `x` and `y`.
+
+    Returns:
+        (N,) those that `crop` would keep.
+
+    Raises:
+        InvalidInputError: if the area is malformed.
+    """
     try:
         bounds = [*area["x"], *area["y"]] if isinstance(area, Mapping) else list(area)
         x_min, x_max, y_min, y_max = (float(bound) for bound in bounds)
