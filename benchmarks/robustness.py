@@ -1,7 +1,7 @@
 """Both methods on worse and worse input: `python -m benchmarks.robustness [DATA]`.
 
 MODA at 0.5 m. Simulated worlds with the usual disturbed rig, and the scenario folders of DATA. A
-rolled camera and a crowd need another world, so that scenarios have no such rows.
+rolled camera, a crowd and a worse rig need another world, so that scenarios have no such rows.
 """
 
 import argparse
@@ -15,7 +15,7 @@ from jaxtyping import Float
 import catfree as cf
 from benchmarks.paper.scoring import score
 from benchmarks.paper.sequences import Sequence, scenarios
-from catfree.synthetic import make_layout, make_world
+from catfree.synthetic import RigError, make_layout, make_world
 
 LAYOUTS = (("ring6", 31), ("wildtrack", 32), ("gmvd8", 33))
 FRAMES = 20
@@ -25,9 +25,15 @@ ROLL = 20.0  # degrees
 
 
 def simulated(
-    layout: str, seed: int, *, people: int | None = None, roll: float = 0.0, frames: int = FRAMES
+    layout: str,
+    seed: int,
+    *,
+    people: int | None = None,
+    roll: float = 0.0,
+    frames: int = FRAMES,
+    rig_error: RigError | None = None,
 ) -> Sequence:
-    """A world with the default detector and rig error, its first camera rolled by degrees."""
+    """A world with the default detector, its first camera rolled by degrees."""
     made = make_layout(layout, seed)
     if roll:
         rig = made.rig
@@ -36,7 +42,7 @@ def simulated(
         R, t = np.array(rig.R), np.array(rig.t)
         R[0], t[0] = turn @ R[0], turn @ t[0]
         made = dataclasses.replace(made, rig=cf.Rig(rig.K, R, t, rig.image_size))
-    world = make_world(made, seed, frames=frames, people=people)
+    world = make_world(made, seed, frames=frames, people=people, rig_error=rig_error)
     return Sequence.of_world(world, f"{layout} {seed}")
 
 
@@ -130,6 +136,9 @@ def cases(data: Path | None) -> Iterator[tuple[str, Sequence]]:
             yield name, change(simulated(layout, seed))
         yield "a camera rolled by 20°", simulated(layout, seed, roll=ROLL)
         yield f"{CROWD} people", simulated(layout, seed, people=CROWD)
+        for degrees in (1.0, 2.0):
+            turned = RigError(rotation_deg=degrees)
+            yield f"cameras off by {degrees:.0f}°", simulated(layout, seed, rig_error=turned)
     for sequence in scenarios(data) if data else ():
         for name, change in CHANGES.items():
             yield name, change(sequence)

@@ -141,13 +141,6 @@ def learn_noise(
     )
 
 
-def cameras_left_out(groups: Groups, boxes: Boxes) -> bool:
-    """Whether some camera has boxes enough to learn from, but too few that two others confirm."""
-    strong = groups.member[(groups.member >= 0).sum(1) >= 3]
-    delivered = np.bincount(boxes.camera[boxes.valid], minlength=groups.member.shape[1])
-    return bool(((delivered >= ENOUGH) & ((strong >= 0).sum(0) < ENOUGH)).any())
-
-
 def crowding(position: np.ndarray, frame: np.ndarray) -> float:
     """People per H0² of the ground that people use: cells of 2 H0 that anyone visits."""
     cells = np.unique(np.floor(position / 2).astype(int), axis=0)

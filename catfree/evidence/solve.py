@@ -8,26 +8,24 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from catfree.errors import InsufficientDataError
 from catfree.evidence.appearance import compare_frames, learn_ratio
 from catfree.evidence.association import Groups, Priors
 from catfree.evidence.boxes import Boxes, prepare_boxes
 from catfree.evidence.existence import Existence, judge_groups, misses, predict_views
 from catfree.evidence.gaussian import mean_and_covariance
 from catfree.evidence.grouping import agreement, group, group_by_looks
-from catfree.evidence.measurement import Measurements, Noise, measure_boxes, start_noise
-from catfree.evidence.noise import cameras_left_out, learn_noise, median_height
+from catfree.evidence.measurement import Measurements, Noise, measure_boxes
+from catfree.evidence.self_calibration import foot_cover, self_calibrate
 from catfree.evidence.shared_error import shared_covariance
 from catfree.evidence.tracking import Trails, estimate_motion, follow, presence, unlinked
 from catfree.evidence.uneven_ground import ground_shift, with_uneven_ground
-from catfree.evidence.views import GroundViews, ground_views
-from catfree.evidence.visibility import DetectionRate, covered_feet, learn_detection_rate
+from catfree.evidence.views import GroundViews
+from catfree.evidence.visibility import DetectionRate, learn_detection_rate
 from catfree.evidence.working_area import in_working_area
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 
 Progress = Callable[[str, int, int], None]
-START_DOUBLINGS = 2  # of the angular noise: up to the upper bound of what can be learned
 SURE_LOG_ODDS = 3.0  # groups that teach how fast people move
 
 
@@ -97,54 +95,8 @@ def solve(
         report("self-calibration", 0, 1)
         views, noise = self_calibrate(detections, scene, settings)
         boxes = prepare_boxes(detections, scene.rig, settings)
-        measured = measure_boxes(boxes, _covered(boxes), views, noise, settings)
+        measured = measure_boxes(boxes, foot_cover(boxes), views, noise, settings)
         return _solve(boxes, measured, views, noise, settings, report)
-
-
-def self_calibrate(
-    detections: Detections, scene: Scene, settings: EvidenceSettings
-) -> tuple[GroundViews, Noise]:
-    """Learn the unit H0, the noise of the boxes and their offsets from part of the sequence."""
-    boxes = prepare_boxes(_subset(detections, settings.calibration_frames), scene.rig, settings)
-    unit = median_height(boxes, ground_views(scene, 1.0))
-    if not np.isfinite(unit):
-        raise InsufficientDataError(
-            f"None of the {len(boxes.row)} boxes of registered cameras shows a whole person on the "
-            "ground. Check that rig and ground plane belong to these detections."
-        )
-    views = ground_views(scene, unit)
-    noise = start_noise(scene.rig.camera_count, settings)
-    if settings.self_calibrate:
-        covered = _covered(boxes)
-        noise = _likeliest_start(boxes, covered, views, noise, settings)
-        for _ in range(settings.calibration_rounds):
-            measured = measure_boxes(boxes, covered, views, noise, settings)
-            groups = group(boxes, measured, noise)
-            noise, ratio = learn_noise(noise, groups, measured, boxes, views, settings)
-            unit = unit * ratio
-            views = ground_views(scene, unit)
-    return views, noise
-
-
-def _likeliest_start(
-    boxes: Boxes, covered: np.ndarray, views: GroundViews, noise: Noise, settings: EvidenceSettings
-) -> Noise:
-    """The start of self-calibration, wider where the rig is so wrong that cameras are left out.
-
-    A camera that agrees with no two others teaches nothing about its offset, and so stays out.
-    Among the starts tried, the one under which the groups have most evidence.
-    """
-    most, chosen = -np.inf, noise
-    for _ in range(START_DOUBLINGS + 1):
-        measured = measure_boxes(boxes, covered, views, noise, settings)
-        groups = group(boxes, measured, noise)
-        if groups.gain.sum() > most:
-            most, chosen = groups.gain.sum(), noise
-        if not cameras_left_out(groups, boxes):
-            break
-        wider = np.minimum(2 * noise.angular, settings.angular_noise_range[1])
-        noise = eqx.tree_at(lambda n: n.angular, noise, wider)
-    return chosen
 
 
 def _solve(
@@ -226,19 +178,6 @@ def probability_within(covariance: np.ndarray, radius: float) -> np.ndarray:
     angle = (np.arange(64) + 0.5) * (2 * np.pi / 64)
     stretch = (values[:, :1] * np.cos(angle)) ** 2 + (values[:, 1:] * np.sin(angle)) ** 2
     return (1 - np.exp(-0.5 * radius**2 / stretch)).mean(1)
-
-
-def _subset(detections: Detections, limit: int) -> Detections:
-    """Detections of at most `limit` frames, evenly spread."""
-    frames = np.unique(detections.frame)
-    if len(frames) <= limit:
-        return detections
-    chosen = frames[np.unique(np.linspace(0, len(frames) - 1, limit).round().astype(int))]
-    return detections[np.isin(detections.frame, chosen)]
-
-
-def _covered(boxes: Boxes) -> np.ndarray:
-    return np.asarray(covered_feet(boxes.box, boxes.frame, boxes.camera, boxes.table))
 
 
 def _steps(frames: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from benchmarks.robustness import (
     with_false_boxes,
 )
 from catfree.evidence.boxes import undistort
+from catfree.synthetic import RigError
 
 FRAMES = 8
 
@@ -44,6 +45,18 @@ def test_a_rolled_camera_is_understood():
     paper, evidence = modas(simulated("ring6", 8, frames=FRAMES, roll=ROLL))
     assert evidence > 85
     assert evidence >= paper
+
+
+@pytest.mark.parametrize(
+    ("layout", "seed", "degrees"), [("gmvd8", 33, 0.5), ("wildtrack", 38, 1.0)]
+)
+def test_cameras_that_disagree_make_no_camps(layout, seed, degrees):
+    """Each camp of cameras would report every person in a place of its own, or nobody at all."""
+    rig_error = RigError(rotation_deg=degrees)
+    sequence = simulated(layout, seed, frames=6, rig_error=rig_error)
+    found = score(cf.localize(sequence.detections, sequence.scene), sequence).detection
+    assert found.precision > 98
+    assert found.recall > 65
 
 
 def test_a_camera_that_drops_frames_costs_nothing(world):
