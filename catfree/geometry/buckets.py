@@ -1,5 +1,7 @@
 """Lengths to which arrays are padded, so that the next sequence finds its code compiled."""
 
+SHORT = 2**15  # rows: computing twice as many takes less than the second that compiling takes
+
 
 def coarse_length(count: int, block: int, factor: int = 4) -> int:
     """The smallest of block, block · factor, block · factor², ... that holds `count`.
@@ -21,9 +23,10 @@ def coarse_length(count: int, block: int, factor: int = 4) -> int:
 
 
 def fine_length(count: int, minimum: int = 64) -> int:
-    """The smallest of few lengths, four an octave, that holds `count`.
+    """The smallest of few lengths that holds `count`: doubling ones, then four an octave.
 
-    For stages whose cost grows with the padding: at most a quarter of it is wasted.
+    For stages whose cost grows with the padding. Short arrays are computed faster than code for
+    another length is compiled; of long ones at most a quarter is wasted.
 
     Args:
         count: rows to hold.
@@ -34,5 +37,6 @@ def fine_length(count: int, minimum: int = 64) -> int:
     """
     length = minimum
     while length < count:
-        length += 1 << max(length.bit_length() - 3, 0)
+        short = length < SHORT
+        length += length if short else 1 << max(length.bit_length() - 3, 0)
     return length

@@ -2,7 +2,7 @@
 
 from hypothesis import given, strategies as st
 
-from catfree.geometry.buckets import coarse_length, fine_length
+from catfree.geometry.buckets import SHORT, coarse_length, fine_length
 
 counts = st.integers(0, 10**6)
 blocks = st.integers(1, 10**4)
@@ -20,9 +20,18 @@ def test_coarse_lengths_are_powers_times_the_block(count, block, factor):
 
 
 @given(counts, st.integers(1, 512))
-def test_fine_lengths_waste_at_most_a_quarter(count, minimum):
+def test_fine_lengths_waste_at_most_a_quarter_of_long_arrays(count, minimum):
     length = fine_length(count, minimum)
-    assert count <= length <= max(minimum, 1.27 * count + 1)
+    assert count <= length
+    assert length <= max(minimum, 2 * count, 1)
+    if count > 2 * SHORT:
+        assert length <= 1.27 * count + 1
+
+
+@given(st.integers(1, SHORT), st.integers(0, 6))
+def test_short_lengths_double(count, power):
+    length = fine_length(count, 2**power)
+    assert length.bit_count() == 1
 
 
 @given(counts, counts)
