@@ -20,6 +20,7 @@ from catfree.adapters.protocols import Embedder, FrameDetections, GuidedDetector
 from catfree.adapters.video import SynchronizedVideos
 from catfree.errors import InsufficientDataError
 from catfree.geometry import project
+from catfree.geometry.buckets import fine_length
 from catfree.trajectories.identities import identify_detections
 from catfree.trajectories.stitch import RADIUS
 from catfree.types import Detections, Localization, Rig, Scene
@@ -27,7 +28,7 @@ from catfree.types import Detections, Localization, Rig, Scene
 Progress = Callable[[str, int, int], None]
 
 STAGE = "second look"
-BLOCK = 4096  # points are padded to multiples of this, so that few sizes compile
+BLOCK = 16384  # points are padded to this at least, so that few sizes compile
 FEWEST_HEIGHTS = 5  # boxes that a person's own height needs
 HEIGHT_ROUNDS = 4  # of a fixed point that gains two digits a round
 EDGE = 2.0  # pixels from the picture's edge within which a box is cut
@@ -199,7 +200,7 @@ def _project(
     rig: Rig, camera: Int[np.ndarray, " n"], points: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
     """Pixels and depths of points, each in a camera of its own."""
-    padding = -len(points) % BLOCK
+    padding = fine_length(len(points), BLOCK) - len(points)
     at = np.pad(camera, (0, padding), mode="edge") if len(camera) else camera
     lens = None if rig.distortion is None else np.asarray(rig.distortion)[at]
     pixel, depth = _project_all(

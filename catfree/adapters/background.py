@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -17,6 +17,7 @@ from catfree.adapters.background_model import (
 from catfree.adapters.blob_grouping import group_blobs
 from catfree.adapters.blob_splitting import WIDTH, Expected, split_blob
 from catfree.adapters.fingerprint import hash_parameters
+from catfree.adapters.foreground_memory import ForegroundMemory
 from catfree.adapters.height_profile import (
     TOLERANCE,
     WIDEST,
@@ -113,16 +114,17 @@ class BackgroundDetector:
         # Learning again each time the footage has doubled, later each time the sample is renewed.
         due = self._seen >= self._learnt + min(self._learnt, MAXIMUM_SAMPLES)
         if due and self._seen >= MINIMUM_SAMPLES:
-            self._fitted, self._learnt = self._learn(self._samples, factor), self._seen
+            # Live pictures come once.
+            self._fitted = replace(self._learn(self._samples, factor), memory=None)
+            self._learnt = self._seen
         if self._fitted is None:
             return FrameDetections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32))
         return self._fitted(picture)
 
     def _learn(self, samples: PictureSamples, factor: int) -> "FittedBackgroundDetector":
         background = BackgroundModel.estimate(samples.pictures)
-        blobs = [
-            Blobs.find(background.compare(picture).mask, LEAST_AREA) for picture in samples.pictures
-        ]
+        memory = ForegroundMemory(background.compare)
+        blobs = [Blobs.find(memory(picture).mask, LEAST_AREA) for picture in samples.pictures]
         profile = fit_height_profile(blobs)
         print_of_scene = hash_parameters(
             "FittedBackgroundDetector",
@@ -131,7 +133,7 @@ class BackgroundDetector:
             profile=None if profile is None else profile.coefficients.tolist(),
         )
         return FittedBackgroundDetector(
-            background, profile, factor, self._confidence, print_of_scene
+            background, profile, factor, self._confidence, print_of_scene, memory
         )
 
 
@@ -146,6 +148,7 @@ class FittedBackgroundDetector:
         factor: original pixels a reduced pixel.
         confidence: weaker detections are dropped.
         fingerprint: content hash of parameters and learnt scene.
+        memory: foregrounds of pictures that may come again, or None to find them each time.
     """
 
     background: BackgroundModel
@@ -153,6 +156,7 @@ class FittedBackgroundDetector:
     factor: int
     confidence: float
     fingerprint: str
+    memory: ForegroundMemory | None = field(default=None, repr=False, compare=False)
 
     def __call__(self, image: Image) -> FrameDetections:
         """The people in one picture of this camera, best first."""
@@ -170,7 +174,8 @@ class FittedBackgroundDetector:
             expected: (n, 3) foot column, foot row and height of people in pixels of the picture.
         """
         picture = as_image(image)
-        foreground = self.background.compare(reduce_picture(picture, self.factor))
+        compare = self.background.compare if self.memory is None else self.memory
+        foreground = compare(reduce_picture(picture, self.factor))
         # The centre of pixel p is at (p + 0.5) / factor from the reduced picture's left edge.
         corner = np.array([[0.5, 0.5, 0.0]])
         hints = (np.asarray(expected, np.float64) + corner) / self.factor

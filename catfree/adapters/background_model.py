@@ -94,7 +94,8 @@ class BackgroundModel:
                 f"{len(pictures)}."
             )
         stack = np.stack(pictures)
-        scene = np.sort(stack, axis=0)[len(stack) // 2]
+        middle = len(stack) // 2
+        scene = np.partition(stack, middle, axis=0)[middle]
         return cls(scene.astype(np.float32), _noise(stack, scene))
 
     def compare(self, picture: Image) -> Foreground:
