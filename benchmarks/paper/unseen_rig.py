@@ -53,7 +53,7 @@ def rigs(first: Sequence, rounds: int = ROUNDS) -> dict[str, cf.Scene | None]:
     assert boxes.score is not None
     assert boxes.ankles_confirmed is not None
     confident = boxes[(boxes.score >= cf.Settings.paper().confidence) & boxes.ankles_confirmed]
-    refined = cf.refine(confident, first.scene, rounds=rounds).scene
+    refined = cf.refine(confident, first.scene, cf.Settings.paper(), rounds=rounds).scene
     try:
         alone = cf.calibrate(boxes, first.scene.rig.image_size).scene
         alone = dataclasses.replace(alone, metric=False)  # aligned like the others

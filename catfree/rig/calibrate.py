@@ -3,9 +3,6 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
-
-from catfree import evidence
 from catfree.errors import InsufficientDataError
 from catfree.rig.pedestrians import (
     Calibration,
@@ -15,6 +12,7 @@ from catfree.rig.pedestrians import (
     refine_with_correspondences,
     remove_offsets,
 )
+from catfree.rig.sure_people import sure_people
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections
 from catfree.types.validation import require_instance
@@ -108,15 +106,13 @@ def _refine_once(
 ) -> Calibration | None:
     """One turn of the loop; None where the evidence is too thin to refine with."""
     try:
-        solution = evidence.solve(detections, calibration.scene, settings.evidence)
-        clusters = evidence.clusters_of(solution)
-        strict = clusters.strict()
-        member, sigma = clusters.member[strict], clusters.sigma[strict]
-        deviation = np.full((len(detections), 3), np.nan)
-        present = member >= 0
-        deviation[member[present]] = sigma[present]
+        people = sure_people(detections, calibration.scene, settings.evidence)
         return refine_with_correspondences(
-            calibration, detections, member, settings.calibration, box_sd=deviation
+            calibration,
+            detections,
+            people.member,
+            settings.calibration,
+            box_sd=people.box_sd,
         )
     except InsufficientDataError:
         return None

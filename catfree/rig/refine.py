@@ -1,7 +1,7 @@
 """Refine a rig with the people that its cameras share, round after round."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -17,7 +17,12 @@ from catfree.association import (
     weigh_rays,
 )
 from catfree.errors import InsufficientDataError, InvalidInputError
-from catfree.rig.bundle_adjustment import HUBER, Cameras, CameraTie, Sightings, adjust
+from catfree.rig.bundle_adjustment import HUBER, Cameras, Sightings, adjust
+from catfree.rig.evidence_refinement import refine_by_evidence
+from catfree.rig.refinement import (
+    Refinement as Refinement,
+    RefinementSettings as RefinementSettings,
+)
 from catfree.settings import Settings
 from catfree.types import Detections, Plane, Rays, Rig, Scene
 from catfree.types.validation import require_instance
@@ -28,48 +33,6 @@ RESOLVED = 0.25  # the error of a box stops shrinking at this share of the media
 GROUND_ITERATIONS = 20  # reweighting settles to a thousandth of the noise
 MEDIAN_TO_DEVIATION = 1.4826  # of the absolute values of a normal variable
 FLATTEST = 1e-6  # shares of E: no ground is known better
-
-
-@dataclass(frozen=True)
-class RefinementSettings:
-    """How the rig is refined.
-
-    Attributes:
-        cameras: cameras that must see a person for it to be a reference point.
-        iterations: steps of the bundle adjustment in each round.
-        tie: how far the cameras may be from the rig that was given.
-        maximum_frames: at most so many frames, evenly spread, take part: a static rig needs people
-            in many places, not every frame.
-        refit_ground: move the ground to the feet of the people of the chosen round.
-        ground_tilt: standard deviation in radians of the given ground's tilt about each axis.
-        ground_offset: standard deviation of its offset as a share of E.
-    """
-
-    cameras: int = 3
-    iterations: int = 10
-    tie: CameraTie = field(default_factory=CameraTie)
-    maximum_frames: int = 200
-    refit_ground: bool = True
-    ground_tilt: float = np.deg2rad(2.0)
-    ground_offset: float = 0.03
-
-
-@dataclass(frozen=True)
-class Refinement:
-    """A refined scene and how it came about.
-
-    Attributes:
-        scene: the scene of the chosen round.
-        residuals: (rounds + 1,) median angle in radians between the rays of people seen by enough
-            cameras and their positions; the first is that of the scene that was given.
-        chosen: the round with the smallest one; 0 returns what was given.
-        people: (rounds + 1,) number of those people.
-    """
-
-    scene: Scene
-    residuals: Float[np.ndarray, " round"]
-    chosen: int
-    people: Int[np.ndarray, " round"]
 
 
 @dataclass(frozen=True)
@@ -104,16 +67,20 @@ def refine(
 ) -> Refinement:
     """Improve cameras and ground by the people that several cameras see.
 
-    Each round associates the detections with the cameras of the round before, takes the people
-    seen by at least three cameras as points, and adjusts cameras and points to the foot pixels
-    under a Huber loss. The round with the smallest median residual wins, the given scene included,
-    so the result is never worse than it by that measure.
+    By the paper's method each round associates the detections with the cameras of the round
+    before, takes the people seen by at least three cameras as points, and adjusts cameras and
+    points to the foot pixels under a Huber loss; all rounds are run. By the evidence method each
+    round takes the people of whom it is surest, adjusts cameras, people and their heights to whole
+    boxes on one ground, as `calibrate` does, and goes on until the residual stops falling. In
+    either case the round with the smallest median residual wins, the given scene included, so the
+    result is never worse than it by that measure.
 
     Args:
         detections: person boxes of all cameras and frames, in any order.
         scene: cameras, ground and extent in any units and frame of reference.
-        settings: of the association, as `localize` takes them; `Settings()` if None.
-        rounds: how often to associate and adjust.
+        settings: method and constants, as `localize` takes them; `Settings()`, the evidence
+            method, if None. `Settings.paper()` is exactly the paper's procedure.
+        rounds: how often to associate and adjust; by the evidence method at most.
         refinement: constants of the refinement.
         progress: called as `progress("refinement", done, rounds)`.
 
@@ -128,7 +95,7 @@ def refine(
             three.
 
     Source:
-        Sec. "Camera configuration and ground estimation" of the paper.
+        Sec. "Camera configuration and ground estimation" of the paper for `Settings.paper()`.
     """
     settings = Settings() if settings is None else settings
     refinement = RefinementSettings() if refinement is None else refinement
@@ -137,9 +104,26 @@ def refine(
     require_instance(settings, Settings, "settings")
     report = progress or (lambda stage, done, total: None)
     _require_cameras(detections, scene.rig, refinement.cameras)
+    keep = _confident(detections, scene.rig, settings)
+    if settings.method == "evidence":
+        boxes = detections[keep]
+        return refine_by_evidence(boxes, scene, settings, rounds, refinement, report)
+    keep = keep & _spread(detections.frame, keep, refinement.maximum_frames)
+    return _refine_by_paper(detections, scene, keep, settings, rounds, refinement, report)
+
+
+def _refine_by_paper(
+    detections: Detections,
+    scene: Scene,
+    keep: Bool[np.ndarray, " n"],
+    settings: Settings,
+    rounds: int,
+    refinement: RefinementSettings,
+    report: Progress,
+) -> Refinement:
+    """The paper's procedure: all rounds, with the people of the paper's association."""
     frame = CanonicalFrame.of(scene)
     rig = frame.rig(scene.rig)
-    keep = _usable(detections, scene.rig, settings, refinement.maximum_frames)
     observations = observe(detections, rig, keep=keep)
     start = Cameras.of(rig)
     # As in localization, an unweighted pass first, so that all rounds are judged alike.
@@ -184,18 +168,23 @@ def _require_cameras(detections: Detections, rig: Rig, needed: int) -> None:
         )
 
 
-def _usable(
-    detections: Detections, rig: Rig, settings: Settings, maximum_frames: int
-) -> Bool[np.ndarray, " n"]:
-    """Confident detections of registered cameras, in frames evenly spread over the sequence."""
+def _confident(detections: Detections, rig: Rig, settings: Settings) -> Bool[np.ndarray, " n"]:
+    """Confident detections of registered cameras."""
     keep = rig.registered[detections.camera]
     if detections.score is not None:
         keep = keep & (detections.score >= settings.confidence)
-    frames = np.unique(detections.frame[keep])
-    if len(frames) > maximum_frames:
-        spread = np.linspace(0, len(frames) - 1, maximum_frames).round().astype(int)
-        keep = keep & np.isin(detections.frame, frames[spread])
     return keep
+
+
+def _spread(
+    frame: Int[np.ndarray, " n"], keep: Bool[np.ndarray, " n"], maximum_frames: int
+) -> Bool[np.ndarray, " n"]:
+    """Rows of at most so many frames, evenly spread over those kept."""
+    frames = np.unique(frame[keep])
+    if len(frames) <= maximum_frames:
+        return np.ones(len(frame), bool)
+    chosen = np.linspace(0, len(frames) - 1, maximum_frames).round().astype(int)
+    return np.isin(frame, frames[chosen])
 
 
 def _associated(

@@ -12,10 +12,12 @@ from catfree.geometry import Similarity, transform_rig, transform_scene
 from catfree.rig import bundle_adjustment
 from catfree.rig.bundle_adjustment import Cameras, CameraTie, Sightings, adjust
 from catfree.rig.refine import RefinementSettings, ground_under_people, refine
+from catfree.settings import Settings
 from catfree.synthetic import RigError, make_layout, make_world
 from catfree.types import Rig, Scene
 
 seeds = st.integers(0, 2**31 - 1)
+PAPER = Settings.paper()
 
 
 def small_problem(seed: int, *, noise: float = 0.0, people: int = 12):
@@ -142,7 +144,7 @@ def centre_error(scene: Scene, world) -> float:
 def disturbed():
     """A crowded world whose cameras are off by 1 degree, 0.3 m and 2 %, and its refinement."""
     world = make_world("multiviewx", 1, frames=40, rig_error=RigError(1.0, 0.3, 0.02))
-    return world, refine(world.detections, world.scene, rounds=4)
+    return world, refine(world.detections, world.scene, PAPER, rounds=4)
 
 
 def test_halves_the_error_of_a_disturbed_rig(disturbed):
@@ -154,7 +156,7 @@ def test_trace_holds_every_round_and_the_best_one_wins(disturbed):
     world, found = disturbed
     assert found.residuals.shape == found.people.shape == (5,)
     assert found.chosen == np.argmin(found.residuals)
-    again = refine(world.detections, found.scene, rounds=0)
+    again = refine(world.detections, found.scene, PAPER, rounds=0)
     # The residual of the scene that comes back is the one that the trace promises.
     assert again.residuals[0] == pytest.approx(found.residuals[found.chosen], rel=0.02)
     assert again.chosen == 0
@@ -183,8 +185,8 @@ def test_similarity_of_the_scene_moves_the_result():
     world = make_world("gmvd6", 0, frames=6, rig_error=RigError(1.0, 0.3, 0.02))
     turn = Rotation.from_euler("xyz", [1.0, 2.0, 3.0]).as_matrix()
     moved = Similarity(7.0, turn, np.array([5.0, -3.0, 2.0]))
-    here = refine(world.detections, world.scene, rounds=1)
-    there = refine(world.detections, transform_scene(moved, world.scene), rounds=1)
+    here = refine(world.detections, world.scene, PAPER, rounds=1)
+    there = refine(world.detections, transform_scene(moved, world.scene), PAPER, rounds=1)
     np.testing.assert_allclose(there.residuals, here.residuals, rtol=1e-3)
     expected = np.asarray(moved(np.asarray(here.scene.rig.centers)))
     extent = float(here.scene.extent) * 7
@@ -199,19 +201,21 @@ def test_a_camera_that_is_not_registered_stays_out():
     known = np.arange(5) != 2
     partial = Rig(rig.K, rig.R, t, rig.image_size, registered=known)
     scene = Scene(partial, world.scene.ground, world.scene.extent)
-    found = refine(world.detections, scene, rounds=2, refinement=RefinementSettings(iterations=4))
+    quick = RefinementSettings(iterations=4)
+    found = refine(world.detections, scene, PAPER, rounds=2, refinement=quick)
     assert np.isnan(np.asarray(found.scene.rig.t)[2]).all()
     assert np.isfinite(np.asarray(found.scene.rig.t)[known]).all()
     np.testing.assert_array_equal(np.asarray(found.scene.rig.K)[2], np.asarray(rig.K)[2])
 
 
-def test_what_cannot_be_refined_is_refused():
+@pytest.mark.parametrize("method", [PAPER, Settings()], ids=["paper", "evidence"])
+def test_what_cannot_be_refined_is_refused(method):
     world = make_world("ring4", 0, frames=3, people=4)
     rig = world.scene.rig
     two = Rig(rig.K, rig.R, rig.t, rig.image_size, registered=np.arange(4) < 2)
     with pytest.raises(InsufficientDataError, match="only 2 of 4 cameras"):
-        refine(world.detections, Scene(two, world.scene.ground, world.scene.extent))
+        refine(world.detections, Scene(two, world.scene.ground, world.scene.extent), method)
     with pytest.raises(InvalidInputError, match="the rig has 3 cameras"):
-        refine(world.detections, Scene(rig.select([0, 1, 2]), world.scene.ground, 1.0))
+        refine(world.detections, Scene(rig.select([0, 1, 2]), world.scene.ground, 1.0), method)
     with pytest.raises(InsufficientDataError, match="No person is seen by 3 cameras"):
-        refine(world.detections[world.detections.camera < 2], world.scene)
+        refine(world.detections[world.detections.camera < 2], world.scene, method)

@@ -35,6 +35,19 @@ class BoxMeasurements:
 
 
 @dataclass(frozen=True)
+class KnownCameras:
+    """Cameras that are roughly known: a Gaussian prior, which fixes the gauge too.
+
+    Attributes:
+        parameters: (C, 7) its mean.
+        precision: (7,) inverse variances in the order of the parameters; 0 knows nothing.
+    """
+
+    parameters: np.ndarray
+    precision: np.ndarray
+
+
+@dataclass(frozen=True)
 class BundleResult:
     """An adjusted rig.
 
@@ -68,6 +81,7 @@ def adjust(
     *,
     shared_focal: bool,
     iterations: int = 15,
+    known: KnownCameras | None = None,
 ) -> BundleResult:
     """Adjust cameras, foot offset and people together.
 
@@ -81,9 +95,10 @@ def adjust(
         settings: constants.
         shared_focal: whether all cameras have one focal length.
         iterations: at most this many steps.
+        known: what is known of the cameras; without it heading and place of one camera are held.
     """
     problem = _Problem(
-        measurements, len(parameters), len(xy), log_focal_prior, settings, shared_focal
+        measurements, len(parameters), len(xy), log_focal_prior, settings, shared_focal, known
     )
     state = (parameters.copy(), foot_offset, xy.copy(), height.copy())
     linear = problem.linearise(*state)
@@ -138,6 +153,7 @@ class _Problem:
         log_focal_prior: np.ndarray,
         settings: CalibrationSettings,
         shared_focal: bool,
+        known: KnownCameras | None,
     ) -> None:
         self.data, self.settings, self.prior = measurements, settings, log_focal_prior
         self.people, self.cameras, self.shared = person_count, camera_count, shared_focal
@@ -145,8 +161,11 @@ class _Problem:
         self.rows = [np.flatnonzero(measurements.camera == c) for c in range(camera_count)]
         self.starts = np.searchsorted(measurements.person, np.arange(person_count))
         free = np.repeat(self.used, 7)
-        anchor = int(np.argmax(np.bincount(measurements.camera, minlength=camera_count)))
-        free[7 * anchor + PAN : 7 * anchor + Z] = False
+        if known is None:
+            anchor = int(np.argmax(np.bincount(measurements.camera, minlength=camera_count)))
+            free[7 * anchor + PAN : 7 * anchor + Z] = False
+            known = KnownCameras(np.zeros((camera_count, 7)), np.zeros(7))
+        self.known = known
         self.free = np.append(free, False)
 
     def linearise(
@@ -165,10 +184,17 @@ class _Problem:
         log_focal = known[:, LOG_FOCAL]
         cost += float((((log_focal - self.prior[self.used]) / s.focal_log_sd) ** 2).sum())
         cost += float(((known[:, ROLL] / s.roll_sd) ** 2).sum())
+        cost += float((self._away(parameters) ** 2 * self.known.precision).sum())
         if self.shared:
             cost += float((((log_focal - log_focal.mean()) / s.shared_focal_sd) ** 2).sum())
         common = np.concatenate([by_camera, by_offset[..., None]], -1) / data.sd[..., None]
         return _Linear(residual, 1 / (1 + scaled**2), common, by_person / data.sd[..., None], cost)
+
+    def _away(self, parameters: np.ndarray) -> np.ndarray:
+        """(C, 7) how far the cameras in use are from where they are known to be."""
+        away = parameters - self.known.parameters
+        away[:, ROLL : PAN + 1] = (away[:, ROLL : PAN + 1] + np.pi) % (2 * np.pi) - np.pi
+        return np.where(self.used[:, None], away, 0.0)
 
     def _reduce(
         self,
@@ -204,6 +230,10 @@ class _Problem:
             pull = (np.eye(len(at)) - 1 / len(at)) * s.shared_focal_sd**-2
             U[np.ix_(at, at)] += pull
             g[at] -= pull @ log_focal
+        precision = self.used[:, None] * self.known.precision
+        diagonal = np.arange(size - 1)
+        U[diagonal, diagonal] += precision.ravel()
+        g[:-1] -= (self._away(parameters) * precision).ravel()
         U[-1, -1] += s.foot_offset_sd**-2
         g[-1] -= (offset - s.foot_offset) * s.foot_offset_sd**-2
         turned = np.swapaxes(person, 1, 2)

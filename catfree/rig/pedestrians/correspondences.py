@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from catfree.errors import InsufficientDataError, InvalidInputError
-from catfree.rig.pedestrians.bundle import BoxMeasurements, adjust
+from catfree.rig.pedestrians.bundle import BoxMeasurements, BundleResult, KnownCameras, adjust
 from catfree.rig.pedestrians.calibrate import Calibration
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, from_matrices, to_matrices
 from catfree.rig.pedestrians.ground_map import map_ground
@@ -82,14 +82,10 @@ def refine_with_correspondences(
         sd = np.repeat(sd[:, None], 3, axis=1)
     else:
         sd = np.nan_to_num(np.asarray(box_sd, np.float64)[row], nan=1e6, posinf=1e6)
-    sd = np.maximum(sd, SMALLEST_SD)
     parameters = from_matrices(np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t))
-    xy = _start(parameters, box, sd, person, camera, settings, calibration.foot_offset)
-    found = adjust(
+    found = adjust_groups(
         BoxMeasurements(person, camera, box, sd),
         np.where(known[:, None], parameters, 0.0),
-        xy,
-        np.full(len(xy), settings.apparent_height),
         calibration.foot_offset,
         np.log(np.median(settings.focal_shares) * rig.image_size.max(1)),
         settings,
@@ -120,6 +116,46 @@ def refine_with_correspondences(
             settings,
         ),
         residual=found.residual,
+    )
+
+
+def adjust_groups(
+    measurements: BoxMeasurements,
+    parameters: np.ndarray,
+    foot_offset: float,
+    log_focal_prior: np.ndarray,
+    settings: CalibrationSettings,
+    *,
+    shared_focal: bool,
+    iterations: int,
+    known: KnownCameras | None = None,
+) -> BundleResult:
+    """Bundle adjustment of cameras with given groups of boxes, people started from single views.
+
+    Args:
+        measurements: the boxes of each group.
+        parameters: (C, 7) where the cameras start, in metres over the ground z = 0.
+        foot_offset: start of the foot offset in metres.
+        log_focal_prior: (C,) middle of the weak prior on log focal length.
+        settings: constants.
+        shared_focal: whether all cameras have one focal length.
+        iterations: at most this many steps.
+        known: what is known of the cameras beforehand.
+    """
+    person, camera, box = measurements.person, measurements.camera, measurements.box
+    sd = np.maximum(measurements.sd, SMALLEST_SD)
+    xy = _start(parameters, box, sd, person, camera, settings, foot_offset)
+    return adjust(
+        BoxMeasurements(person, camera, box, sd),
+        parameters,
+        xy,
+        np.full(len(xy), settings.apparent_height),
+        foot_offset,
+        log_focal_prior,
+        settings,
+        shared_focal=shared_focal,
+        iterations=iterations,
+        known=known,
     )
 
 
