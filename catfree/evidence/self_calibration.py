@@ -18,11 +18,11 @@ from catfree.types import Detections, Scene
 
 # By how much the angular noise is widened at the start (8 times the usual is 1.4 degrees), and
 # rounds: it can at most halve in each.
-START_SEARCHES = ((1.0, 3), (8.0, 5))
+START_SEARCHES = ((1.0, 2), (8.0, 4))
 # Where there are no camps the two searches differ by 1 or 2 % either way; where there are, by tens.
 FAR_MORE_EVIDENCE = 1.05
-START_BOXES = 2000  # teach which search is right; scenes with few people need frames as well
-FEWEST_START_FRAMES = 10
+START_BOXES = 1000  # teach which search is right; scenes with few people need frames as well
+FEWEST_START_FRAMES = 5
 
 
 def self_calibrate(
