@@ -76,7 +76,7 @@ def test_scenarios_reach_the_reference(shared, name):
     assert moda(sequence, found) >= expected(shared / "data", name)["full"]["moda"] - 1.0
 
 
-@pytest.mark.parametrize("name", ["uneven7", "ring5"])
+@pytest.mark.parametrize("name", SCENARIOS)
 @pytest.mark.parametrize(
     ("variant", "settings"),
     [
