@@ -1,7 +1,7 @@
 """The empty scene of a static camera, and what differs from it in a picture, shadows excepted."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
@@ -20,7 +20,13 @@ SMALLEST_NOISE = 1.0  # grey values: rounding and compression leave at least so 
 NOISE_WINDOW = 7  # pixels over which the noise is alike
 # Cast shadows keep between a third and nearly all of the light, alike in all channels, and keep
 # the ground's texture: the ratio of the picture to the background is smooth.
-DARKEST_SHADOW = np.log(0.3)
+DARKEST_SHADOW = float(np.log(0.3))
+# How dark they are is the same all over a scene, since the sky's light stays, and is learnt: levels
+# at least a tenth as common as the most common one are shadows. What is darker is grey clothes.
+LEVELS = 30  # of the logarithm of the light, between the darkest possible shadow and none
+COMMON_LEVEL = 0.1
+LEVEL_MARGIN = 0.08  # grain and coding, in the logarithm
+SHADOW_SAMPLES = 16  # pictures
 SHADOW_WINDOW = 5  # pixels
 SHADOW_COLOUR = 0.12  # largest difference of a channel's log ratio from their mean
 SHADOW_TEXTURE = 0.12  # largest spread of the log ratio besides the noise's own
@@ -76,10 +82,12 @@ class BackgroundModel:
     Attributes:
         scene: (h, w, 3) median colour of each pixel.
         noise: (h, w) standard deviation of an unchanged pixel in grey values.
+        darkest: logarithm of the share of the light that the darkest shadows leave.
     """
 
     scene: Float[np.ndarray, "h w 3"]
     noise: Float[np.ndarray, "h w"]
+    darkest: float = DARKEST_SHADOW
 
     @classmethod
     def estimate(cls, pictures: Sequence[Image]) -> "BackgroundModel":
@@ -96,7 +104,9 @@ class BackgroundModel:
         stack = np.stack(pictures)
         middle = len(stack) // 2
         scene = np.partition(stack, middle, axis=0)[middle]
-        return cls(scene.astype(np.float32), _noise(stack, scene))
+        model = cls(scene.astype(np.float32), _noise(stack, scene))
+        step = -(-len(stack) // SHADOW_SAMPLES)
+        return replace(model, darkest=model._learn_darkest(pictures[::step]))
 
     def compare(self, picture: Image) -> Foreground:
         """What stands before the background in a picture of the same camera."""
@@ -116,6 +126,22 @@ class BackgroundModel:
         mask = np.asarray(cv2.medianBlur(lit, 3), np.uint8)
         sure = _touching(mask, (difference > STRONG_DEVIATIONS * self.noise) & (mask > 0))
         return Foreground(sure, difference * sure)
+
+    def _learn_darkest(self, pictures: Sequence[Image]) -> float:
+        """The darkest of the common shadow levels, with a margin."""
+        edges = np.linspace(DARKEST_SHADOW, 0, LEVELS + 1)
+        counts = np.zeros(LEVELS, np.int64)
+        for picture in pictures:
+            seen = picture.astype(np.float32)
+            expected = self.scene * self._exposure(seen)
+            weak = _largest(np.abs(seen - expected)) > WEAK_DEVIATIONS * self.noise
+            shadow = self._shadow(seen, expected, weak.astype(np.uint8)) > 0
+            light = _mean(np.log((seen + 1) / (expected + 1)))[shadow]
+            counts += np.histogram(light, edges)[0]
+        if not counts.any():
+            return DARKEST_SHADOW
+        common = np.flatnonzero(counts >= COMMON_LEVEL * counts.max())
+        return max(float(edges[common[0]]) - LEVEL_MARGIN, DARKEST_SHADOW)
 
     def _exposure(self, seen: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "3"]:
         """Change of the camera's gain and white balance: the median ratio of each channel."""
@@ -140,7 +166,7 @@ class BackgroundModel:
         colour = cv2.blur(ratio, (3, 3))
         light = _mean(colour)
         neutral = _largest(np.abs(colour - light[..., None])) < SHADOW_COLOUR
-        candidate = weak[part] * (neutral & (light < 0) & (light > DARKEST_SHADOW))
+        candidate = weak[part] * (neutral & (light < 0) & (light > self.darkest))
         # Spread over the dimmed pixels alone: the lit ground and the shoe beside a shadow are no
         # part of it.
         dimmed = candidate.astype(np.float32)
