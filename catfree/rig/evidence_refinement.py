@@ -34,6 +34,7 @@ from catfree.types import Detections, Rig, Scene
 
 PATIENCE = 3  # rounds without a smaller residual: it has stopped falling
 LEAST_FALL = 0.01  # share of the residual; less is the same
+FEWEST_LEFT = 0.5  # of the people at the start: the few who are left may fit any rig
 RUN = 10  # consecutive frames that take part together: enough to see tracks
 
 
@@ -73,13 +74,18 @@ def refine_by_evidence(
     """
     detections = detections[in_runs(detections.frame, refinement.maximum_frames)]
 
-    def judged(candidate: Scene) -> _Judged:
-        return _judge(detections, candidate, settings, refinement.cameras)
+    def judged(candidate: Scene) -> _Judged | None:
+        """The scene judged, or None where the rig fell apart."""
+        try:
+            found = _judge(detections, candidate, settings, refinement.cameras)
+        except InsufficientDataError:
+            return None
+        return found if len(found.people.member) >= FEWEST_LEFT * people[0] else None
 
     def adjusted(at: _Judged, people: SurePeople) -> Scene:
         return _adjusted(detections, at.scene, people, scene, settings.calibration, refinement)
 
-    current = judged(scene)
+    current = _judge(detections, scene, settings, refinement.cameras)
     if len(current.people.member) == 0:
         raise InsufficientDataError(
             f"No person is seen by {refinement.cameras} cameras at once beyond doubt, in "
@@ -88,7 +94,7 @@ def refine_by_evidence(
         )
     best, chosen, fell = current, 0, 0
     residuals, people = [current.residual], [len(current.people.member)]
-    astray = True
+    astray = True  # until the evidence method's own people lead to the better rig
     for done in range(rounds):
         if done - fell >= PATIENCE:
             break
@@ -96,14 +102,14 @@ def refine_by_evidence(
         found = judged(adjusted(current, current.people))
         if astray:
             alike = _alike_people(detections, current, settings, refinement.cameras)
-            other = judged(adjusted(current, alike)) if len(alike.member) else found
-            astray = other.residual < found.residual
+            other = judged(adjusted(current, alike)) if len(alike.member) else None
+            astray = other is not None and (found is None or other.residual < found.residual)
             found = other if astray else found
+        if found is None:
+            break
         current = found
         residuals.append(current.residual)
         people.append(len(current.people.member))
-        if len(current.people.member) == 0:
-            break
         if current.residual < (1 - LEAST_FALL) * best.residual:
             fell = done + 1
         if current.residual < best.residual:
