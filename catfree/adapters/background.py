@@ -36,7 +36,7 @@ STAND_ALONE_SCORE = 0.95
 SPLIT_SCORE = 0.85
 UNSPLIT_SCORE = 0.4
 EDGE_REACH = 0.12  # of the expected height, around the expected crown and soles
-_VERSION = 2
+_VERSION = 3
 
 
 class BackgroundDetector:
