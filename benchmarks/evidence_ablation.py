@@ -18,6 +18,8 @@ true rig on the first two (the room with Faster R-CNN boxes) and a disturbed one
 | working area | 65.3 | 89.4 | 86.9 | 97.9 |
 | uneven ground | 67.8 | 91.5 | 87.5 | 97.9 |
 | hidden feet | 73.5 | 87.7 | 86.4 | 98.4 |
+| doubted feet | 68.8 | 90.8 | 85.6 | 98.2 |
+| sure positions | 67.8 | 91.5 | 87.5 | 97.9 |
 """
 
 import argparse
