@@ -30,7 +30,8 @@ class Clusters(eqx.Module):
         log_odds: (H,) of a person being there, from this frame alone.
         track: (H,) identity of the reported track that the cluster belongs to, or -1.
         kept: (H,) whether there is such a track.
-        sigma: (H, C, 3) noise of centre, top and bottom of each box in pixels, NaN without box.
+        sigma: (H, C, 3) noise of centre, top and bottom of each box in pixels, NaN without a box
+            and for edges that the image border cuts.
     """
 
     frame: Int[np.ndarray, " h"]
@@ -166,9 +167,10 @@ def clusters_of(solution: EvidenceSolution) -> Clusters:
     unit = float(s.views.unit)
     there = s.groups.member >= 0
     track = np.full(len(s.groups), -1)
-    rows = np.flatnonzero(s.kept & (s.trails.group >= 0))
-    track[s.trails.group[rows]] = s.trails.track[rows]
-    noise = np.asarray(s.measurements.noise)[np.maximum(s.groups.member, 0)]
+    kept = np.flatnonzero(s.kept & (s.trails.group >= 0))
+    track[s.trails.group[kept]] = s.trails.track[kept]
+    rows = np.maximum(s.groups.member, 0)
+    noise, used = (np.asarray(a)[rows] for a in (s.measurements.noise, s.measurements.used))
     return Clusters(
         frame=s.boxes.frames[s.groups.frame],
         member=np.where(there, s.boxes.row[s.groups.member], -1),
@@ -177,7 +179,7 @@ def clusters_of(solution: EvidenceSolution) -> Clusters:
         log_odds=s.existence.log_odds,
         track=track,
         kept=track >= 0,
-        sigma=np.where(there[..., None], noise, np.nan),
+        sigma=np.where(there[..., None] & used, noise, np.nan),
     )
 
 
