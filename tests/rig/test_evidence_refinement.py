@@ -1,5 +1,7 @@
 """The refinement's loop with the evidence method: what must hold, then what it gains."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -145,3 +147,14 @@ def test_a_camera_that_is_not_registered_stays_out_and_the_ground_may_stay(distu
     assert np.isfinite(np.asarray(found.scene.rig.t)[known]).all()
     np.testing.assert_array_equal(np.asarray(found.scene.rig.K)[2], np.asarray(rig.K)[2])
     np.testing.assert_array_equal(found.scene.ground.normal, scene.ground.normal)
+
+
+def test_edges_that_the_image_border_cuts_do_not_stop_it(disturbed):
+    world, _ = disturbed
+    boxes, rig = world.detections, world.scene.rig
+    box = np.array(boxes.box)
+    cut = np.random.default_rng(0).random(len(box)) < 0.05
+    box[cut, 3] = np.asarray(rig.image_size)[boxes.camera[cut], 1]
+    found = refine(replace(boxes, box=box), world.scene)
+    assert found.residuals[1] < 0.5 * found.residuals[0]
+    assert centre_error(found.scene, world) < 0.6 * centre_error(world.scene, world)

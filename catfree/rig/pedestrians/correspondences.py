@@ -19,6 +19,7 @@ from catfree.types import Detections, Rig, Scene
 
 FEWEST_PEOPLE = 20
 SMALLEST_SD = 2.0  # pixels; no box edge is known better
+SILENT_SD = 1e6  # pixels; an edge that says nothing
 
 
 def refine_with_correspondences(
@@ -81,7 +82,7 @@ def refine_with_correspondences(
         sd = np.hypot(settings.pixel_sd, settings.relative_sd * (box[:, 2] - box[:, 1]))
         sd = np.repeat(sd[:, None], 3, axis=1)
     else:
-        sd = np.nan_to_num(np.asarray(box_sd, np.float64)[row], nan=1e6, posinf=1e6)
+        sd = np.asarray(box_sd, np.float64)[row]
     parameters = from_matrices(np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t))
     found = adjust_groups(
         BoxMeasurements(person, camera, box, sd),
@@ -133,7 +134,7 @@ def adjust_groups(
     """Bundle adjustment of cameras with given groups of boxes, people started from single views.
 
     Args:
-        measurements: the boxes of each group.
+        measurements: the boxes of each group; an edge of deviation NaN or infinity says nothing.
         parameters: (C, 7) where the cameras start, in metres over the ground z = 0.
         foot_offset: start of the foot offset in metres.
         log_focal_prior: (C,) middle of the weak prior on log focal length.
@@ -143,7 +144,7 @@ def adjust_groups(
         known: what is known of the cameras beforehand.
     """
     person, camera, box = measurements.person, measurements.camera, measurements.box
-    sd = np.maximum(measurements.sd, SMALLEST_SD)
+    sd = np.maximum(np.nan_to_num(measurements.sd, nan=SILENT_SD, posinf=SILENT_SD), SMALLEST_SD)
     xy = _start(parameters, box, sd, person, camera, settings, foot_offset)
     return adjust(
         BoxMeasurements(person, camera, box, sd),
