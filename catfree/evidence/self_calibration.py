@@ -43,7 +43,8 @@ def self_calibrate(
     per_frame = len(boxes.row) / max(len(boxes.frames), 1)
     few = _subset(detections, max(FEWEST_START_FRAMES, int(START_BOXES / max(per_frame, 1))))
     start = _likeliest_start(prepare_boxes(few, scene.rig, settings), scene, start, settings)
-    learned = _learn(boxes, scene, start, settings, settings.calibration_rounds)
+    rounds = settings.calibration_rounds
+    learned = _learn(boxes, foot_cover(boxes), scene, start, settings, rounds)
     return ground_views(scene, learned.unit), learned.noise
 
 
@@ -55,10 +56,14 @@ class _Learned(NamedTuple):
 
 
 def _learn(
-    boxes: Boxes, scene: Scene, known: _Learned, settings: EvidenceSettings, rounds: int
+    boxes: Boxes,
+    covered: Float[np.ndarray, " box"],
+    scene: Scene,
+    known: _Learned,
+    settings: EvidenceSettings,
+    rounds: int,
 ) -> _Learned:
     """So many rounds of grouping and learning from the groups."""
-    covered = foot_cover(boxes)
     for _ in range(rounds):
         views = ground_views(scene, known.unit)
         measured = measure_boxes(boxes, covered, views, known.noise, settings)
@@ -83,7 +88,7 @@ def _likeliest_start(
     for widening, rounds in START_SEARCHES:
         angular = np.asarray(start.noise.angular * widening)
         begin = start._replace(noise=eqx.tree_at(lambda n: n.angular, start.noise, angular))
-        end = _learn(boxes, scene, begin, settings, rounds)
+        end = _learn(boxes, covered, scene, begin, settings, rounds)
         views = ground_views(scene, end.unit)
         measured = measure_boxes(boxes, covered, views, end.noise, settings)
         evidence.append(float(group(boxes, measured, end.noise).gain.sum()))

@@ -136,7 +136,7 @@ class _Problem(NamedTuple):
 
 
 def _iterate(rays: Rays, delta: Array, start: _Start) -> Vector:
-    """The minimizer of the loss from the least-squares start: steps until all have converged."""
+    """The minimizer of the loss from a start: steps until all have converged."""
     problem = _Problem(rays, delta, norm(entries(rays.origins)))
     state = _State(
         position=start.position,

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from catfree.association import (
     CanonicalFrame,
+    Observations,
     associate_in_two_passes,
     cast_rays,
     observe,
@@ -137,8 +138,7 @@ def in_runs(frame: np.ndarray, most: int) -> Bool[np.ndarray, " n"]:
 def _judge(detections: Detections, scene: Scene, settings: Settings, fewest: int) -> _Judged:
     """Who is there for sure, and the median angle between foot rays and where they meet."""
     people = sure_people(detections, scene, settings.evidence, fewest_views=fewest)
-    rig = CanonicalFrame.of(scene).rig(scene.rig)
-    observations = observe(detections, rig, keep=np.ones(len(detections), bool))
+    rig, observations = _observed(detections, scene)
     index = np.empty(len(detections), int)
     index[observations.row] = np.arange(len(detections))
     member = np.where(people.member >= 0, index[people.member], -1)
@@ -152,6 +152,12 @@ def _judge(detections: Detections, scene: Scene, settings: Settings, fewest: int
     return _Judged(scene, people, residual)
 
 
+def _observed(detections: Detections, scene: Scene) -> tuple[Rig, Observations]:
+    """The rig in the canonical frame, and all detections in canonical order."""
+    rig = CanonicalFrame.of(scene).rig(scene.rig)
+    return rig, observe(detections, rig, keep=np.ones(len(detections), bool))
+
+
 def _alike_people(
     detections: Detections, judged: _Judged, settings: Settings, fewest: int
 ) -> SurePeople:
@@ -160,13 +166,11 @@ def _alike_people(
     Where cameras are off by a degree the evidence method takes neighbours for one person: a wrong
     rig seems consistent to it. Looks do not depend on the rig.
     """
-    rig = CanonicalFrame.of(judged.scene).rig(judged.scene.rig)
-    observations = observe(detections, rig, keep=np.ones(len(detections), bool))
+    rig, observations = _observed(detections, judged.scene)
     groups, _, _ = associate_in_two_passes(observations, cast_rays(observations, rig), settings)
     member = np.where(groups.member >= 0, observations.row[groups.member], -1)
     fewest = max(fewest, -(-member.shape[1] // 2))
-    s = settings.calibration
-    sd = np.hypot(s.pixel_sd, s.relative_sd * detections.height)
+    sd = settings.calibration.edge_deviation(detections.height)
     return SurePeople(
         member[(member >= 0).sum(1) >= fewest],
         np.repeat(sd[:, None], 3, axis=1),

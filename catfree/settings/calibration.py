@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class CalibrationSettings:
@@ -111,3 +113,7 @@ class CalibrationSettings:
     def apparent_height(self) -> float:
         """Mean height that boxes show, slack included, in metres."""
         return self.person_height * (1 + self.box_slack)
+
+    def edge_deviation(self, height: np.ndarray) -> np.ndarray:
+        """Standard deviation in pixels of the edges of boxes of some heights in pixels."""
+        return np.hypot(self.pixel_sd, self.relative_sd * height)

@@ -79,7 +79,7 @@ def refine_with_correspondences(
         -1,
     )
     if box_sd is None:
-        sd = np.hypot(settings.pixel_sd, settings.relative_sd * (box[:, 2] - box[:, 1]))
+        sd = settings.edge_deviation(box[:, 2] - box[:, 1])
         sd = np.repeat(sd[:, None], 3, axis=1)
     else:
         sd = np.asarray(box_sd, np.float64)[row]

@@ -117,9 +117,7 @@ def grid_boxes(
         u=spread((box[row, 0] + box[row, 2]) / 2 - center[camera[row], 0]),
         top=spread(box[row, 1] - center[camera[row], 1]),
         bottom=spread(box[row, 3] - center[camera[row], 1]),
-        sd=np.where(
-            rows >= 0, spread(np.hypot(settings.pixel_sd, settings.relative_sd * tall)), 1.0
-        ),
+        sd=np.where(rows >= 0, spread(settings.edge_deviation(tall)), 1.0),
         valid=rows >= 0,
         row=rows,
         size=size,
