@@ -16,14 +16,14 @@ from catfree.association import (
     observe,
 )
 from catfree.compilation import start_compilation
-from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.errors import InsufficientDataError
 from catfree.expectation import with_expectation
 from catfree.filters.selection import select_positions
 from catfree.outcome import assemble, empty_localization
 from catfree.settings import Settings
 from catfree.trajectories import build_trajectories
 from catfree.types import Detections, Localization, Scene, Thresholds
-from catfree.types.validation import require_instance
+from catfree.types.validation import require_instance, require_known_cameras
 
 Progress = Callable[[str, int, int], None]
 
@@ -136,13 +136,7 @@ def usable(detections: Detections, scene: Scene, settings: Settings) -> np.ndarr
         InsufficientDataError: if fewer than two cameras are registered.
     """
     rig = scene.rig
-    unknown = detections.camera >= rig.camera_count
-    if unknown.any():
-        at = int(np.argmax(unknown))
-        raise InvalidInputError(
-            f"camera[{at}] is {detections.camera[at]}, but the rig has {rig.camera_count} cameras, "
-            f"0 to {rig.camera_count - 1}. Pass the rig that the detections were made with."
-        )
+    require_known_cameras(detections.camera, rig.camera_count)
     if rig.registered.sum() < 2:
         raise InsufficientDataError(
             f"Localization needs at least 2 registered cameras to intersect rays; this rig has "

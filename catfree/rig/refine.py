@@ -16,7 +16,7 @@ from catfree.association import (
     triangulate_groups,
     weigh_rays,
 )
-from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.errors import InsufficientDataError
 from catfree.rig.bundle_adjustment import HUBER, Cameras, Sightings, adjust
 from catfree.rig.evidence_refinement import refine_by_evidence
 from catfree.rig.refinement import (
@@ -25,7 +25,7 @@ from catfree.rig.refinement import (
 )
 from catfree.settings import Settings
 from catfree.types import Detections, Plane, Rays, Rig, Scene
-from catfree.types.validation import require_instance
+from catfree.types.validation import require_instance, require_known_cameras
 
 Progress = Callable[[str, int, int], None]
 
@@ -155,12 +155,7 @@ def _refine_by_paper(
 
 
 def _require_cameras(detections: Detections, rig: Rig, needed: int) -> None:
-    if (detections.camera >= rig.camera_count).any():
-        at = int(np.argmax(detections.camera >= rig.camera_count))
-        raise InvalidInputError(
-            f"camera[{at}] is {detections.camera[at]}, but the rig has {rig.camera_count} cameras, "
-            f"0 to {rig.camera_count - 1}. Pass the rig that the detections were made with."
-        )
+    require_known_cameras(detections.camera, rig.camera_count)
     if rig.registered.sum() < needed:
         raise InsufficientDataError(
             f"Refinement needs people seen by {needed} cameras, but only "

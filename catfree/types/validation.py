@@ -90,6 +90,17 @@ def require_shape(value: Any, shape: tuple[int | None, ...], name: str) -> None:
         raise InvalidInputError(f"{name} must have shape ({wanted}), got {got}.")
 
 
+def require_known_cameras(camera: np.ndarray, count: int) -> None:
+    """Raise at the first detection whose camera a rig of `count` cameras does not have."""
+    unknown = camera >= count
+    if unknown.any():
+        at = int(np.argmax(unknown))
+        raise InvalidInputError(
+            f"camera[{at}] is {camera[at]}, but the rig has {count} cameras, "
+            f"0 to {count - 1}. Pass the rig that the detections were made with."
+        )
+
+
 def require_finite(value: Any, name: str, where: np.ndarray | None = None) -> None:
     """Raise at the first NaN or infinity, looking only at rows where `where` is true."""
     bad = np.asarray(~np.isfinite(np.asarray(value)))

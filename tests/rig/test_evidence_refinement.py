@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from partial_scene import without_camera
 from scipy.spatial.transform import Rotation
 
 from catfree.evaluation import align_centres
@@ -12,7 +13,7 @@ from catfree.geometry import Similarity, transform_scene
 from catfree.rig.evidence_refinement import RUN, in_runs
 from catfree.rig.refine import Refinement, RefinementSettings, refine
 from catfree.synthetic import DetectorModel, RigError, World, make_world
-from catfree.types import Detections, Rig, Scene
+from catfree.types import Detections, Scene
 
 LOOKS = DetectorModel(embedding_size=16)
 DEGREE_OFF = RigError(1.0, 0.3, 0.02, 0.5, 0.05)
@@ -134,18 +135,13 @@ def test_similarity_of_the_scene_moves_the_result(disturbed):
 
 def test_a_camera_that_is_not_registered_stays_out_and_the_ground_may_stay(disturbed):
     world, _ = disturbed
-    rig = world.scene.rig
-    t = np.array(rig.t)
-    t[2] = np.nan
-    known = np.arange(5) != 2
-    partial = Rig(rig.K, rig.R, t, rig.image_size, registered=known)
-    scene = Scene(partial, world.scene.ground, world.scene.extent)
+    scene, known = without_camera(world.scene, 2)
     quick = RefinementSettings(iterations=4, refit_ground=False)
     found = refine(world.detections, scene, rounds=2, refinement=quick)
     assert found.chosen > 0
     assert np.isnan(np.asarray(found.scene.rig.t)[2]).all()
     assert np.isfinite(np.asarray(found.scene.rig.t)[known]).all()
-    np.testing.assert_array_equal(np.asarray(found.scene.rig.K)[2], np.asarray(rig.K)[2])
+    np.testing.assert_array_equal(np.asarray(found.scene.rig.K)[2], np.asarray(scene.rig.K)[2])
     np.testing.assert_array_equal(found.scene.ground.normal, scene.ground.normal)
 
 

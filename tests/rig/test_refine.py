@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from partial_scene import without_camera
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -195,17 +196,12 @@ def test_similarity_of_the_scene_moves_the_result():
 
 def test_a_camera_that_is_not_registered_stays_out():
     world = make_world("ring5", 0, frames=8, rig_error=RigError(1.0, 0.3, 0.02))
-    rig = world.scene.rig
-    t = np.array(rig.t)
-    t[2] = np.nan
-    known = np.arange(5) != 2
-    partial = Rig(rig.K, rig.R, t, rig.image_size, registered=known)
-    scene = Scene(partial, world.scene.ground, world.scene.extent)
+    scene, known = without_camera(world.scene, 2)
     quick = RefinementSettings(iterations=4)
     found = refine(world.detections, scene, PAPER, rounds=2, refinement=quick)
     assert np.isnan(np.asarray(found.scene.rig.t)[2]).all()
     assert np.isfinite(np.asarray(found.scene.rig.t)[known]).all()
-    np.testing.assert_array_equal(np.asarray(found.scene.rig.K)[2], np.asarray(rig.K)[2])
+    np.testing.assert_array_equal(np.asarray(found.scene.rig.K)[2], np.asarray(scene.rig.K)[2])
 
 
 @pytest.mark.parametrize("method", [PAPER, Settings()], ids=["paper", "evidence"])
