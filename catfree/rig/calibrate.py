@@ -3,15 +3,20 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from catfree.errors import InsufficientDataError
 from catfree.rig.pedestrians import (
     Calibration,
     calibrate as register,
     confirm,
+    places_for,
     reconsider,
     refine_with_correspondences,
     remove_offsets,
+    without_camera,
 )
+from catfree.rig.strain import most_strained
 from catfree.rig.sure_people import sure_people
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections
@@ -31,8 +36,9 @@ def calibrate(
 
     People are as tall as people are: that gives every camera its tilt, roll, height and a metric
     map of the ground; people seen by two cameras at the same time join the maps. Then the evidence
-    method groups the boxes, and its surest groups refine the rig. Against the refined rig every
-    camera's place is searched once more, and each must stand up to its evidence again.
+    method groups the boxes, and its surest groups refine the rig. A camera that fits far worse than
+    the others is taken out and tried in every place that its boxes allow. Against the refined rig
+    every camera's place is searched once more, and each must stand up to its evidence again.
 
     Args:
         detections: (N,) boxes of synchronized static cameras.
@@ -71,13 +77,14 @@ def calibrate(
         return best
     synchronized = remove_offsets(detections, best.frame_offset)
     report = progress or (lambda stage, done, total: None)
-    best = _refined(best, synchronized, settings, report)
+    best = _relieved(_refined(best, synchronized, settings, report), synchronized, settings, report)
     for _ in range(len(best.scene.rig.registered)):
         again = reconsider(best, synchronized, rules)
         if again is None:
             break
         grown = again.scene.rig.registered.sum() > best.scene.rig.registered.sum()
         best = _refined(again, synchronized, settings, report)
+        best = _relieved(best, synchronized, settings, report)
         if not grown:
             break
     return confirm(best, synchronized, rules)
@@ -98,6 +105,31 @@ def _refined(
             break
         calibration = refined
     report("refinement", rounds, rounds)
+    return calibration
+
+
+def _relieved(
+    calibration: Calibration,
+    detections: Detections,
+    settings: Settings,
+    report: Callable[[str, int, int], None],
+) -> Calibration:
+    """The rig with every strained camera where it fits, if there is such a place.
+
+    A camera beside its place matches the crowd well enough to stay there, and bends the others
+    towards it: only without it they show where it belongs.
+    """
+    rules = settings.calibration
+    tried: set[int] = set()
+    while (camera := most_strained(calibration.camera_residual, tried)) is not None:
+        tried.add(camera)
+        rest = without_camera(calibration, camera, rules)
+        rest = _refined(rest, detections, settings, report)
+        for place in places_for(rest, detections, camera, rules):
+            found = _refined(place, detections, settings, report)
+            fits = np.isfinite(found.camera_residual[camera])
+            if fits and found.residual < calibration.residual:
+                calibration = found
     return calibration
 
 

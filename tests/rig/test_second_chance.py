@@ -5,7 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from catfree.rig.pedestrians import calibrate, confirm, reconsider
+from catfree.rig.pedestrians import (
+    calibrate,
+    confirm,
+    places_for,
+    reconsider,
+    without_camera,
+)
 from catfree.settings import CalibrationSettings
 from catfree.synthetic import DetectorModel, make_world
 from catfree.types import Detections, Rig, Scene
@@ -79,3 +85,31 @@ def test_a_right_rig_is_confirmed_with_evidence(world, calibration) -> None:
     assert checked.scene.rig.registered.all()
     assert (checked.log_likelihood_ratio > RULES.minimum_margin).all()
     np.testing.assert_allclose(checked.scene.rig.centers, calibration.scene.rig.centers, atol=1e-6)
+
+
+def test_without_a_camera_the_others_stay(calibration) -> None:
+    rest = without_camera(calibration, CAMERA, RULES)
+    kept = np.arange(6) != CAMERA
+    np.testing.assert_array_equal(rest.scene.rig.registered, kept)
+    for name in ("camera_residual", "log_likelihood_ratio", "association_rate", "focal_sd"):
+        assert np.isnan(getattr(rest, name)[CAMERA])
+        np.testing.assert_array_equal(getattr(rest, name)[kept], getattr(calibration, name)[kept])
+    np.testing.assert_allclose(
+        np.asarray(rest.scene.rig.centers)[kept],
+        np.asarray(calibration.scene.rig.centers)[kept],
+        atol=1e-9,
+    )
+
+
+def test_places_for_a_missing_camera_hold_its_own(world, calibration) -> None:
+    rest = without_camera(calibration, CAMERA, RULES)
+    places = places_for(rest, world.detections, CAMERA, RULES)
+    true = np.asarray(calibration.scene.rig.centers)
+    assert all(place.scene.rig.registered.all() for place in places)
+    away = [np.linalg.norm(np.asarray(p.scene.rig.centers)[CAMERA] - true[CAMERA]) for p in places]
+    assert min(away) < 0.6
+    for place in places:
+        others = np.arange(6) != CAMERA
+        np.testing.assert_allclose(
+            np.asarray(place.scene.rig.centers)[others], true[others], atol=1e-9
+        )

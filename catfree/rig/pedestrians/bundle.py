@@ -58,6 +58,7 @@ class BundleResult:
         height: (P,) their heights.
         cost: robust cost.
         residual: median absolute standardised residual.
+        camera_residual: (C,) the same of each camera's boxes, NaN where no box was given.
         covariance: (7C+1, 7C+1) of cameras and foot offset; zero for what is held.
     """
 
@@ -67,6 +68,7 @@ class BundleResult:
     height: np.ndarray
     cost: float
     residual: float
+    camera_residual: np.ndarray
     covariance: np.ndarray
 
 
@@ -127,8 +129,13 @@ def adjust(
         state[3],
         linear.cost,
         float(np.median(np.abs(linear.residual))) if linear.residual.size else 0.0,
+        np.array([_median_size(linear.residual[rows]) for rows in problem.rows]),
         problem.covariance(linear, *state),
     )
+
+
+def _median_size(residual: np.ndarray) -> float:
+    return float(np.median(np.abs(residual))) if residual.size else np.nan
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,8 @@ class Calibration:
             the people, the slack of the boxes, and the foot offset, besides box noise.
         foot_offset: metres by which the bottom of a box is taken to be nearer than the body axis.
         residual: median absolute residual in standard deviations of the box edges.
+        camera_residual: (C,) the same of each camera's boxes. A camera with clearly more than the
+            others stands where its people are not.
         frame_offset: (C,) frames by which each camera's frame numbers were found to be too high; 0
             unless asked for.
     """
@@ -49,6 +51,7 @@ class Calibration:
     scale_sd: float
     foot_offset: float
     residual: float
+    camera_residual: np.ndarray
     frame_offset: np.ndarray
 
 
@@ -196,5 +199,6 @@ def describe(
         ),
         foot_offset=state.foot_offset,
         residual=bundle.residual,
+        camera_residual=np.where(trusted, bundle.camera_residual, np.nan),
         frame_offset=offset,
     )

@@ -117,6 +117,7 @@ def refine_with_correspondences(
             settings,
         ),
         residual=found.residual,
+        camera_residual=found.camera_residual,
     )
 
 

@@ -108,13 +108,25 @@ def best_candidate(
     shared_focal: bool,
 ) -> tuple[np.ndarray, Verdict] | None:
     """The accepted placement of a camera with the highest margin, refined, or None."""
+    found = accepted_candidates(work, state, camera, pairs, shared_focal)
+    return max(found, key=lambda placement: placement[1].margin, default=None)
+
+
+def accepted_candidates(
+    work: Workspace,
+    state: RigState,
+    camera: int,
+    pairs: list[PairHypothesis],
+    shared_focal: bool,
+) -> list[tuple[np.ndarray, Verdict]]:
+    """The placements of a camera that stand up to their evidence, refined."""
     settings = work.settings
     scoring = work.scoring
     people = group_people(scoring, state, settings).ground
     log_focals = state.parameters[state.placed, LOG_FOCAL]
     middle = float(np.median(log_focals))
     prior = (middle, 0.02 if shared_focal else settings.focal_log_sd)
-    best = None
+    found = []
     for start in _candidates(work, state, camera, pairs, middle, shared_focal):
         parameters = resect(
             scoring,
@@ -134,9 +146,9 @@ def best_candidate(
             grid=scoring,
             others=people,
         )
-        if verdict.accepted and (best is None or verdict.margin > best[1].margin):
-            best = parameters, verdict
-    return best
+        if verdict.accepted:
+            found.append((parameters, verdict))
+    return found
 
 
 def _candidates(

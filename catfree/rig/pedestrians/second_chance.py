@@ -11,7 +11,7 @@ import numpy as np
 
 from catfree.rig.pedestrians.calibrate import Calibration, prepare
 from catfree.rig.pedestrians.camera_model import from_matrices, to_matrices
-from catfree.rig.pedestrians.growth import best_candidate
+from catfree.rig.pedestrians.growth import accepted_candidates, best_candidate
 from catfree.rig.pedestrians.people import RigState, group_people
 from catfree.rig.pedestrians.verdict import Verdict, judge_camera
 from catfree.rig.pedestrians.workspace import Workspace
@@ -53,6 +53,29 @@ def reconsider(
     return _with_cameras(calibration, state, changed) if changed else None
 
 
+def without_camera(
+    calibration: Calibration, camera: int, settings: CalibrationSettings
+) -> Calibration:
+    """The calibration with a camera flagged as not to be trusted."""
+    return _with_cameras(calibration, _state(calibration, settings).without_camera(camera), {})
+
+
+def places_for(
+    calibration: Calibration, detections: Detections, camera: int, settings: CalibrationSettings
+) -> list[Calibration]:
+    """The rig with a camera that is missing in it, once for each place that its boxes allow."""
+    work, state = _resume(calibration, detections, settings)
+    tolerance = settings.fine_range_tolerance
+    return [
+        _with_cameras(
+            calibration, state.with_camera(camera, parameters, tolerance), {camera: verdict}
+        )
+        for parameters, verdict in accepted_candidates(
+            work, state, camera, [], calibration.shared_focal
+        )
+    ]
+
+
 def confirm(
     calibration: Calibration, detections: Detections, settings: CalibrationSettings
 ) -> Calibration:
@@ -75,13 +98,19 @@ def _resume(
 ) -> tuple[Workspace, RigState]:
     """A finished rig as a rig under construction."""
     rig = calibration.scene.rig
-    placed = np.asarray(rig.registered)
-    names = [str(c) for c in range(len(placed))]
+    names = [str(c) for c in range(rig.camera_count)]
     work = prepare(detections, np.asarray(rig.image_size), settings, names)
+    return work, _state(calibration, settings)
+
+
+def _state(calibration: Calibration, settings: CalibrationSettings) -> RigState:
+    """The cameras of a finished rig."""
+    rig = calibration.scene.rig
+    placed = np.asarray(rig.registered)
     parameters = from_matrices(np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t))
     tolerance = np.full(len(placed), settings.fine_range_tolerance)
     parameters = np.where(placed[:, None], parameters, np.nan)
-    return work, RigState(parameters, placed.copy(), calibration.foot_offset, tolerance)
+    return RigState(parameters, placed.copy(), calibration.foot_offset, tolerance)
 
 
 def _with_cameras(
@@ -106,4 +135,5 @@ def _with_cameras(
         log_likelihood_ratio=evidence,
         focal_sd=np.where(state.placed, calibration.focal_sd, np.nan),
         center_covariance=covariance,
+        camera_residual=np.where(state.placed, calibration.camera_residual, np.nan),
     )
