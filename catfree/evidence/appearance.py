@@ -1,5 +1,7 @@
 """How much two boxes look alike, as a log-likelihood ratio learned from the sequence."""
 
+from itertools import pairwise
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,14 +13,15 @@ from catfree.settings import EvidenceSettings
 
 SMALLEST_SAMPLE = 50  # pairs below which nothing is learned
 SMALLEST_SPREAD = 0.01  # cosine distance
-TABLE_ENTRIES = 1 << 24  # of pairwise ratios held at a time: 128 MB
+TABLE_ENTRIES = 1 << 24  # of pairwise ratios computed at a time: 64 MB
+KEPT_ENTRIES = 1 << 26  # of pairwise ratios kept from pass to pass: 256 MB
 
 
 class Appearance(eqx.Module):
     """Embeddings of all boxes, and where their frame's table of pairs holds them.
 
     Attributes:
-        embedding: (N, D) of unit length.
+        embedding: (N, D) of unit length, in single precision: looks are not that precise.
         slot: (N, 2) frame and row in that frame's table of each box.
         first: (F + 1,) first box of each frame.
         width: rows of a table.
@@ -31,7 +34,8 @@ class Appearance(eqx.Module):
 
     def distances(self, frames: Int[np.ndarray, " f"]) -> Float[np.ndarray, "f slot slot"]:
         """Cosine distance in [0, 2] of all pairs of boxes of some frames."""
-        block = np.zeros((len(frames), self.width, self.embedding.shape[1]))
+        shape = (len(frames), self.width, self.embedding.shape[1])
+        block = np.zeros(shape, self.embedding.dtype)
         for i, frame in enumerate(frames):
             own = slice(self.first[frame], self.first[frame + 1])
             block[i, : own.stop - own.start] = self.embedding[own]
@@ -54,7 +58,7 @@ def compare_frames(boxes: Boxes) -> Appearance | None:
     slot[:n, 0] = boxes.frame[:n]
     slot[:n, 1] = np.arange(n) - boxes.first[boxes.frame[:n]]
     width = fine_length(int(count.max(initial=1)), 8)
-    return Appearance(boxes.embedding, slot, boxes.first, width)
+    return Appearance(boxes.embedding.astype(np.float32), slot, boxes.first, width)
 
 
 class Likeness(eqx.Module):
@@ -92,19 +96,15 @@ def learn_ratio(
         spread = np.linspace(0, len(frames) - 1, settings.calibration_frames)
         frames = np.unique(spread.round().astype(int))
     strong = np.flatnonzero(((groups.member >= 0).sum(1) >= 3) & np.isin(groups.frame, frames))
-    label = np.full((len(frames), appearance.width), -1)
-    camera = np.full(label.shape, -1)
-    g, c = np.nonzero(groups.member[strong] >= 0)
-    slot = appearance.slot[groups.member[strong][g, c]]
-    place = np.searchsorted(frames, slot[:, 0]), slot[:, 1]
-    label[place], camera[place] = strong[g], c
+    g, camera = np.nonzero(groups.member[strong] >= 0)
+    label = strong[g]
+    looks = appearance.embedding[groups.member[strong][g, camera]]
+    bounds = np.searchsorted(groups.frame[label], np.append(frames, len(appearance.first)))
     within, between = [], []
-    for i, frame in enumerate(frames):
-        row, column = np.nonzero(
-            ((label[i] >= 0)[:, None] & (label[i] >= 0)) & (camera[i][:, None] < camera[i])
-        )
-        distance = appearance.distances(np.array([frame]))[0][row, column]
-        same = label[i][row] == label[i][column]
+    for begin, end in pairwise(bounds):
+        own = slice(begin, end)
+        distance = (1 - looks[own] @ looks[own].T)[camera[own][:, None] < camera[own]]
+        same = (label[own][:, None] == label[own])[camera[own][:, None] < camera[own]]
         within.append(distance[same])
         between.append(distance[~same])
     samples = [np.concatenate(values or [np.zeros(0)]) for values in (within, between)]
@@ -112,6 +112,33 @@ def learn_ratio(
         return None
     one, two = (_robust(values) for values in samples)
     return Likeness(one, two, settings.appearance_limit) if one[0] < two[0] else None
+
+
+class PairRatios:
+    """Weighted log-likelihood ratios of all pairs of boxes, a block of frames at a time.
+
+    All passes of the association ask for the same ones: those of a sequence of usual length are
+    kept.
+    """
+
+    def __init__(self, appearance: Appearance, likeness: Likeness, weight: float) -> None:
+        self.appearance, self.likeness, self.weight = appearance, likeness, weight
+        self.blocks = appearance.blocks()
+        self._keep = (len(appearance.first) - 1) * appearance.width**2 <= KEPT_ENTRIES
+        self._kept: dict[int, np.ndarray] = {}
+
+    def __getitem__(self, index: int) -> Float[np.ndarray, "f slot slot"]:
+        """Of the frames of one block; blocks at the end are padded to the length of the first."""
+        if index in self._kept:
+            return self._kept[index]
+        begin, end = self.blocks[index]
+        longest = self.blocks[0][1] - self.blocks[0][0]
+        distance = self.appearance.distances(np.arange(begin, end))
+        ratios = np.zeros((longest, *distance.shape[1:]), distance.dtype)
+        ratios[: end - begin] = self.weight * self.likeness(distance)
+        if self._keep:
+            self._kept[index] = ratios
+        return ratios
 
 
 def group_agreement(

@@ -43,28 +43,35 @@ def candidate_pairs(
     if len(items) < 2:
         return np.zeros((0, 2), np.int64)
     p, S = position[items], covariance[items]
-    trace, det = S[:, 0, 0] + S[:, 1, 1], np.linalg.det(S)
+    trace, det = S[:, 0, 0] + S[:, 1, 1], S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2
     largest = np.sqrt(trace / 2 + np.sqrt(np.maximum(trace**2 / 4 - det, 0)))
     reach = np.sqrt(2 * PAIR_GATE) * largest
     far = 4 * (np.abs(p).max() + reach.max()) + 1  # frames apart never meet
     place = np.column_stack([p, frame[items] * far])
     tree = KDTree(place)
-    near = tree.query_ball_point(place, reach, return_sorted=False)
-    count = np.array([len(n) for n in near])
-    i = np.repeat(np.arange(len(items)), count)
-    j = np.concatenate([np.asarray(n, np.int64) for n in near])
-    # Each pair once, found from its vaguer member.
-    once = (largest[i] > largest[j]) | ((largest[i] == largest[j]) & (i < j))
-    once &= camera[items][i] != camera[items][j]
-    i, j = i[once], j[once]
+    # One search for all items of about the same reach; each pair once, from its vaguer member.
+    octave = np.ceil(np.log2(reach / reach.min()))
+    found = []
+    for own in (np.flatnonzero(octave == k) for k in np.unique(octave)):
+        near = KDTree(place[own]).sparse_distance_matrix(
+            tree, reach[own].max(), output_type="ndarray"
+        )
+        i, j = own[near["i"]], near["j"]
+        once = (largest[i] > largest[j]) | ((largest[i] == largest[j]) & (i < j))
+        once &= (near["v"] <= reach[i]) & (camera[items[i]] != camera[items[j]])
+        found.append((i[once], j[once]))
+    i, j = (np.concatenate(side) for side in zip(*found, strict=True))
     d, T = p[i] - p[j], S[i] + S[j]
     det = T[:, 0, 0] * T[:, 1, 1] - T[:, 0, 1] ** 2
     m2 = (
         T[:, 1, 1] * d[:, 0] ** 2 - 2 * T[:, 0, 1] * d[:, 0] * d[:, 1] + T[:, 0, 0] * d[:, 1] ** 2
     ) / det
     close = m2 < PAIR_GATE
-    pairs = np.sort(np.column_stack([items[i[close]], items[j[close]]]), axis=1)
-    return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    one, two = items[i[close]], items[j[close]]
+    total = int(items.max()) + 1
+    return np.column_stack(
+        np.divmod(np.sort(np.minimum(one, two) * total + np.maximum(one, two)), total)
+    )
 
 
 @partial(jax.jit, static_argnames=("appearance",))
@@ -100,7 +107,7 @@ def merge_groups(info, camera, pairs, members, looks, slot, density, spread, app
             where = (left[:, :, None] >= 0) & (right[:, None, :] >= 0)
             at = slot[jnp.maximum(left, 0), 1][:, :, None]
             other = slot[jnp.maximum(right, 0), 1][:, None, :]
-            ratio = looks[slot[a, 0][:, None, None], at, other]
+            ratio = looks[slot[a, 0][:, None, None], at, other].astype(gain.dtype)
             gain = gain + jnp.where(where, ratio, 0.0).sum((1, 2))
         allowed = (a != b) & ((mask[a] & mask[b]) == 0)
         return a, b, jnp.where(allowed & (gain > 0), gain, -jnp.inf)

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from catfree.evidence.appearance import Appearance, Likeness, group_agreement
+from catfree.evidence.appearance import Appearance, Likeness, PairRatios, group_agreement
 from catfree.evidence.association import Groups, Priors, associate
 from catfree.evidence.boxes import Boxes
 from catfree.evidence.gaussian import Information
@@ -36,15 +36,11 @@ def group_by_looks(
     measured: Measurements,
     noise: Noise,
     priors: Priors | None,
-    appearance: Appearance,
-    likeness: Likeness,
-    weight: float,
+    ratios: PairRatios,
 ) -> Groups:
     """`associate` with appearance, a run of frames at a time: its tables grow with their number."""
     parts = []
-    blocks = appearance.blocks()
-    longest = blocks[0][1] - blocks[0][0]
-    for begin, end in blocks:
+    for index, (begin, end) in enumerate(ratios.blocks):
         low, high = int(boxes.first[begin]), int(boxes.first[end])
         length = fine_length(high - low)
 
@@ -53,9 +49,7 @@ def group_by_looks(
             out[: high - low] = values[low:high]
             return out
 
-        looks = np.zeros((longest, appearance.width, appearance.width))
-        looks[: end - begin] = weight * likeness(appearance.distances(np.arange(begin, end)))
-        slot = rows(appearance.slot)
+        slot = rows(ratios.appearance.slot)
         slot[: high - low, 0] -= begin
         info = measured.info
         own = None
@@ -72,7 +66,7 @@ def group_by_looks(
             boxes.table.shape[1],
             float(noise.density),
             float(noise.spread),
-            looks,
+            ratios[index],
             slot,
             own,
         )

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from catfree.evidence.appearance import compare_frames, learn_ratio
+from catfree.evidence.appearance import PairRatios, compare_frames, learn_ratio
 from catfree.evidence.association import Groups, Priors
 from catfree.evidence.boxes import Boxes, prepare_boxes
 from catfree.evidence.existence import Existence, judge_groups, misses, predict_views
@@ -112,6 +112,9 @@ def _solve(
     likeness = None
     if appearance is not None:
         likeness = learn_ratio(appearance, group(boxes, measured, noise), settings)
+    ratios = None
+    if appearance is not None and likeness is not None:
+        ratios = PairRatios(appearance, likeness, settings.appearance_weight)
     time = _steps(boxes.frames)
     # One instant has no tracks: every group speaks for itself.
     passes = settings.passes if settings.track and len(time) > 1 else 0
@@ -119,11 +122,10 @@ def _solve(
     found: _Pass | None = None
     for index in range(max(passes, 1)):
         report("association", index, max(passes, 1))
-        if appearance is None or likeness is None:
+        if ratios is None:
             groups = group(boxes, measured, noise, priors)
         else:
-            weight = settings.appearance_weight
-            groups = group_by_looks(boxes, measured, noise, priors, appearance, likeness, weight)
+            groups = group_by_looks(boxes, measured, noise, priors, ratios)
         state, covariance = mean_and_covariance(groups.info, spread)
         likely = agreement(groups, likeness, appearance, settings)
         seen = predict_views(state, groups.frame, groups.member, boxes, views)
