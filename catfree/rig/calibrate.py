@@ -3,21 +3,14 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
-
-from catfree.errors import InsufficientDataError
+from catfree.rig.evidence_loop import EvidenceLoop
 from catfree.rig.pedestrians import (
     Calibration,
     calibrate as register,
     confirm,
-    places_for,
-    reconsider,
-    refine_with_correspondences,
     remove_offsets,
-    without_camera,
+    without_vague_cameras,
 )
-from catfree.rig.strain import most_strained
-from catfree.rig.sure_people import sure_people
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections
 from catfree.types.validation import require_instance
@@ -74,77 +67,9 @@ def calibrate(
         progress=progress,
     )
     if rules.evidence_rounds == 0:
-        return best
+        return without_vague_cameras(best, rules, camera_names)
     synchronized = remove_offsets(detections, best.frame_offset)
     report = progress or (lambda stage, done, total: None)
-    best = _relieved(_refined(best, synchronized, settings, report), synchronized, settings, report)
-    for _ in range(len(best.scene.rig.registered)):
-        again = reconsider(best, synchronized, rules)
-        if again is None:
-            break
-        grown = again.scene.rig.registered.sum() > best.scene.rig.registered.sum()
-        best = _refined(again, synchronized, settings, report)
-        best = _relieved(best, synchronized, settings, report)
-        if not grown:
-            break
-    return confirm(best, synchronized, rules)
-
-
-def _refined(
-    calibration: Calibration,
-    detections: Detections,
-    settings: Settings,
-    report: Callable[[str, int, int], None],
-) -> Calibration:
-    """The rig after as many turns of the loop as there is evidence for."""
-    rounds = settings.calibration.evidence_rounds
-    for done in range(rounds):
-        report("refinement", done, rounds)
-        refined = _refine_once(calibration, detections, settings)
-        if refined is None:
-            break
-        calibration = refined
-    report("refinement", rounds, rounds)
-    return calibration
-
-
-def _relieved(
-    calibration: Calibration,
-    detections: Detections,
-    settings: Settings,
-    report: Callable[[str, int, int], None],
-) -> Calibration:
-    """The rig with every strained camera where it fits, if there is such a place.
-
-    A camera beside its place matches the crowd well enough to stay there, and bends the others
-    towards it: only without it they show where it belongs.
-    """
-    rules = settings.calibration
-    tried: set[int] = set()
-    while (camera := most_strained(calibration.camera_residual, tried)) is not None:
-        tried.add(camera)
-        rest = without_camera(calibration, camera, rules)
-        rest = _refined(rest, detections, settings, report)
-        for place in places_for(rest, detections, camera, rules):
-            found = _refined(place, detections, settings, report)
-            fits = np.isfinite(found.camera_residual[camera])
-            if fits and found.residual < calibration.residual:
-                calibration = found
-    return calibration
-
-
-def _refine_once(
-    calibration: Calibration, detections: Detections, settings: Settings
-) -> Calibration | None:
-    """One turn of the loop; None where the evidence is too thin to refine with."""
-    try:
-        people = sure_people(detections, calibration.scene, settings.evidence)
-        return refine_with_correspondences(
-            calibration,
-            detections,
-            people.member,
-            settings.calibration,
-            box_sd=people.box_sd,
-        )
-    except InsufficientDataError:
-        return None
+    best = EvidenceLoop(synchronized, settings, report).settle(best)
+    best = confirm(best, synchronized, rules)
+    return without_vague_cameras(best, rules, camera_names)

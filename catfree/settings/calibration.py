@@ -56,6 +56,8 @@ class CalibrationSettings:
         minimum_matches: matches that an accepted camera must reach.
         chance_shifts: circular time shifts, as shares of the sequence, whose evidence a camera must
             exceed.
+        largest_focal_sd: relative; a camera whose focal length is known worse than this puts a
+            person 20 m away wrong by a metre, and is not accepted.
         minimum_frames: fewer frames than this cannot be told from chance.
         evidence_rounds: so often the evidence method's surest groups refine the rig; 0 leaves it
             as it was registered.
@@ -106,6 +108,7 @@ class CalibrationSettings:
         0.92,
         0.96,
     )
+    largest_focal_sd: float = 0.05
     minimum_frames: int = 20
     evidence_rounds: int = 2
 

@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from catfree.errors import CalibrationError
 from catfree.rig.pedestrians import (
     calibrate,
     confirm,
     places_for,
     reconsider,
     without_camera,
+    without_vague_cameras,
 )
 from catfree.settings import CalibrationSettings
 from catfree.synthetic import DetectorModel, make_world
@@ -113,3 +115,21 @@ def test_places_for_a_missing_camera_hold_its_own(world, calibration) -> None:
         np.testing.assert_allclose(
             np.asarray(place.scene.rig.centers)[others], true[others], atol=1e-9
         )
+
+
+def test_a_camera_whose_focal_length_nobody_knows_is_flagged(calibration) -> None:
+    focal = np.asarray(calibration.scene.rig.K)[:, 0, 0]
+    deviation = np.full(6, 0.9 * RULES.largest_focal_sd)
+    known = replace(calibration, focal_sd=focal * deviation)
+    assert without_vague_cameras(known, RULES) is known
+    deviation[CAMERA] = 1.1 * RULES.largest_focal_sd
+    found = without_vague_cameras(replace(calibration, focal_sd=focal * deviation), RULES)
+    assert found.scene.rig.registered.tolist() == [c != CAMERA for c in range(6)]
+
+
+def test_a_rig_whose_focal_lengths_nobody_knows_is_refused(calibration) -> None:
+    focal = np.asarray(calibration.scene.rig.K)[:, 0, 0]
+    vague = replace(calibration, focal_sd=focal * [0.01, 0.1, 0.2, 0.1, np.nan, 0.1])
+    names = ["north", "east", "south", "west", "door", "roof"]
+    with pytest.raises(CalibrationError, match="camera south to 20 %"):
+        without_vague_cameras(vague, RULES, names)

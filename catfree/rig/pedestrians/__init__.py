@@ -13,5 +13,6 @@ from catfree.rig.pedestrians.second_chance import (
     places_for as places_for,
     reconsider as reconsider,
     without_camera as without_camera,
+    without_vague_cameras as without_vague_cameras,
 )
 from catfree.settings import CalibrationSettings as CalibrationSettings

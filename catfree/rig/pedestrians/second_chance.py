@@ -5,10 +5,12 @@ evidence method has refined the rest, the same search tells a right place from a
 better: a missing camera can be found, and one that settled beside its place can be moved.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from catfree.errors import CalibrationError
 from catfree.rig.pedestrians.calibrate import Calibration, prepare
 from catfree.rig.pedestrians.camera_model import from_matrices, to_matrices
 from catfree.rig.pedestrians.growth import accepted_candidates, best_candidate
@@ -91,6 +93,31 @@ def confirm(
         if not failing or len(cameras) <= 2:
             return _with_cameras(calibration, state, verdicts)
         state = state.without_camera(min(failing, key=lambda c: verdicts[c].margin))
+
+
+def without_vague_cameras(
+    calibration: Calibration, settings: CalibrationSettings, names: Sequence[str] | None = None
+) -> Calibration:
+    """The rig without cameras that few people, or people in few places, hardly pin down.
+
+    Raises:
+        CalibrationError: if fewer than two cameras are known well enough.
+    """
+    rig = calibration.scene.rig
+    deviation = calibration.focal_sd / np.asarray(rig.K)[:, 0, 0]
+    vague = np.flatnonzero(rig.registered & ~(deviation <= settings.largest_focal_sd))
+    if rig.registered.sum() - len(vague) < 2:
+        each = ", ".join(
+            f"camera {names[int(c)] if names else c} to {100 * deviation[c]:.0f} %" for c in vague
+        )
+        raise CalibrationError(
+            f"The focal lengths are known too badly to trust the rig ({each}; "
+            f"{100 * settings.largest_focal_sd:.0f} % needed). Record longer, or until people have "
+            "walked near and far."
+        )
+    for camera in vague:
+        calibration = without_camera(calibration, int(camera), settings)
+    return calibration
 
 
 def _resume(
