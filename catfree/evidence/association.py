@@ -18,6 +18,7 @@ from scipy.spatial import KDTree
 from catfree.evidence.gaussian import Information, log_evidence
 from catfree.geometry.buckets import fine_length
 
+FEWEST_PAIRS = 4096  # to which pairs are padded: so many cost less than compiling for fewer
 PAIR_GATE = 16.0  # squared Mahalanobis distance of two boxes that may start or join a group
 
 
@@ -230,23 +231,28 @@ def associate(
         One group a person, single boxes included, sorted by frame and first member.
     """
     if priors is not None and len(priors.frame):
-        count = len(frame) + len(priors.frame)
+        # The padding holds as many of them as it can.
+        begin = int(np.flatnonzero(valid).max(initial=-1)) + 1
+        count = begin + len(priors.frame)
+        length = max(len(frame), fine_length(count))
+        extend = partial(_extend, begin=begin, length=length)
         added = prior_information(priors, density, spread)
         info = Information(
-            _extend(info.matrix, added.matrix, count),
-            _extend(info.vector, added.vector, count),
-            _extend(info.constant, added.constant, count),
+            extend(info.matrix, added.matrix),
+            extend(info.vector, added.vector),
+            extend(info.constant, added.constant),
         )
-        position = _extend(position, priors.mean[:, :2], count)
-        covariance = _extend(covariance, priors.covariance[:, :2, :2], count)
-        extra = np.full(len(priors.frame), cameras)
-        frame, camera = _extend(frame, priors.frame, count), _extend(camera, extra, count)
-        valid = _extend(valid, np.ones(len(extra), bool), count)
-        slot = None if slot is None else _extend(slot, np.zeros((len(extra), 2), np.int64), count)
+        position = extend(position, priors.mean[:, :2])
+        covariance = extend(covariance, priors.covariance[:, :2, :2])
+        camera = extend(camera, np.full(len(priors.frame), cameras))
+        frame = extend(frame, priors.frame)
+        valid = extend(valid, np.ones(len(priors.frame), bool))
+        if slot is not None:
+            slot = extend(slot, np.zeros((len(priors.frame), 2), np.int64))
     total = len(frame)
     items = np.flatnonzero(valid)
     pairs = candidate_pairs(position, covariance, frame, camera, items)
-    padded = np.zeros((fine_length(len(pairs), 256), 2), np.int64)
+    padded = np.zeros((fine_length(len(pairs), FEWEST_PAIRS), 2), np.int64)
     padded[: len(pairs)] = pairs
     members = np.full((total, cameras), -1)
     boxes = items[camera[items] < cameras]
@@ -261,11 +267,11 @@ def associate(
     return _collect(root, items, boxes, info, frame, camera, cameras, density, spread)
 
 
-def _extend(values: Any, more: Any, count: int) -> np.ndarray:
-    """Rows followed by more rows, padded with zeros to one of few lengths."""
+def _extend(values: Any, more: Any, *, begin: int, length: int) -> np.ndarray:
+    """Rows up to `begin` followed by more rows, padded with zeros."""
     host = np.asarray(values)
-    out = np.zeros((fine_length(count), *host.shape[1:]), host.dtype)
-    out[: len(host)], out[len(host) : count] = host, more
+    out = np.zeros((length, *host.shape[1:]), host.dtype)
+    out[:begin], out[begin : begin + len(more)] = host[:begin], more
     return out
 
 

@@ -10,9 +10,10 @@ from catfree.evidence.boxes import Boxes
 from catfree.evidence.measurement import Measurements
 from catfree.evidence.views import GroundViews
 from catfree.evidence.visibility import Views, expected_views
-from catfree.geometry.buckets import fine_length
+from catfree.geometry.buckets import in_blocks
 from catfree.settings import EvidenceSettings
 
+SMALL_BLOCK, BLOCK = 64, 512  # people that are looked for together
 CELLS = 128  # a side of each camera's clutter map, in H0
 OUTAGE_EXPECTED = 3.0  # detections that a blind camera should have had before it counts as out
 
@@ -34,17 +35,12 @@ class Existence(eqx.Module):
 def predict_views(
     state: np.ndarray, frame: np.ndarray, member: np.ndarray, boxes: Boxes, views: GroundViews
 ) -> Views:
-    """`expected_views` on the host, padded to few lengths."""
-    H = len(state)
-    N = fine_length(H)
-
-    def pad(x: np.ndarray, fill: int) -> np.ndarray:
-        return np.concatenate([x, np.full((N - H, *x.shape[1:]), fill, x.dtype)])
-
-    seen = expected_views(
-        pad(state, 1), pad(frame, 0), pad(member, -1), boxes.box, boxes.table, views
+    """`expected_views` on the host."""
+    return in_blocks(
+        lambda *rows: expected_views(*rows, boxes.box, boxes.table, views),
+        (state, frame, member),
+        BLOCK if len(state) > SMALL_BLOCK else SMALL_BLOCK,
     )
-    return Views(*(np.asarray(x)[:H] for x in (seen.inside, seen.height, seen.cover, seen.share)))
 
 
 def looking(rate: np.ndarray, member: np.ndarray, frame: np.ndarray, boxes: Boxes) -> np.ndarray:

@@ -18,6 +18,7 @@ from catfree.evidence.views import (
     height_at,
     predict_edges,
 )
+from catfree.geometry.buckets import in_blocks
 from catfree.settings import EvidenceSettings
 
 
@@ -80,6 +81,7 @@ class BoxConstants(NamedTuple):
 
 
 NEAREST = 0.1  # H0; nobody's feet or head are closer to the plane of a lens
+SMALL_BLOCK, BLOCK = 256, 2048  # boxes that are measured together
 EXPLAINED = 6.0  # standard deviations; a wider miss is no Gaussian noise
 
 
@@ -252,8 +254,12 @@ def measure_boxes(
     boxes: Boxes, covered, views: GroundViews, noise: Noise, settings: EvidenceSettings
 ) -> Measurements:
     """All boxes of a sequence as likelihoods, on the host."""
-    result = measure_all(
+    constants = BoxConstants.of(settings)
+    rows = (
         boxes.edges, boxes.size, boxes.cut, boxes.ankles, covered, boxes.camera, boxes.valid,
-        views, noise, BoxConstants.of(settings), settings.newton_steps,
     )  # fmt: skip
-    return jax.tree.map(np.asarray, result)
+    return in_blocks(
+        lambda *part: measure_all(*part, views, noise, constants, settings.newton_steps),
+        rows,
+        BLOCK if len(boxes.size) > SMALL_BLOCK else SMALL_BLOCK,
+    )

@@ -9,12 +9,13 @@ from catfree.evidence.boxes import Boxes
 from catfree.evidence.gaussian import mean_and_covariance
 from catfree.evidence.measurement import Measurements, Noise, field_features
 from catfree.evidence.views import GroundViews, drop_to_height, edges_and_slopes, height_at
-from catfree.geometry.buckets import fine_length
+from catfree.geometry.buckets import in_blocks
 from catfree.settings import EvidenceSettings
 
 ENOUGH = 30  # residuals below which a camera keeps the noise that it had
 ENOUGH_FOR_FIELD = 10  # the same for its offset: four coefficients, held by their prior
 HUBER = 1.5
+BLOCK = 2048  # residuals that are computed together
 
 
 @jax.jit
@@ -90,18 +91,13 @@ def learn_noise(
 
     g, c = np.nonzero(there[strong])
     rows = groups.member[strong][g, c]
-    n, N = len(rows), fine_length(len(rows))
-    pad = np.concatenate([np.arange(n), np.zeros(N - n, int)])
-    info = measurements.info[rows[pad]]
-    total = groups.info[strong[g[pad]]]
-    raw = boxes.edges
-    residual, variance, features = (
-        np.asarray(x)[:n]
-        for x in _left_out(
-            raw[rows[pad]], boxes.size[rows[pad]], c[pad], info, total, views,
-            np.asarray(noise.spread),
-        )
-    )  # fmt: skip
+    spread_then = np.asarray(noise.spread)
+    own, total = measurements.info[rows], groups.info[strong[g]]
+    residual, variance, features = in_blocks(
+        lambda *part: _left_out(*part, views, spread_then),
+        (boxes.edges[rows], boxes.size[rows], c, own, total),
+        BLOCK,
+    )
     sd = np.sqrt(measurements.noise[rows] ** 2 + variance)
     used = measurements.used[rows] & np.isfinite(residual).all(1, keepdims=True)
     # A foot believed to be wrong, or a side that is cut, says nothing about the usual noise.

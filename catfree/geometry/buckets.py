@@ -1,5 +1,11 @@
 """Lengths to which arrays are padded, so that the next sequence finds its code compiled."""
 
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+
 SHORT = 2**15  # rows: computing twice as many takes less than the second that compiling takes
 
 
@@ -40,3 +46,28 @@ def fine_length(count: int, minimum: int = 64) -> int:
         short = length < SHORT
         length += length if short else 1 << max(length.bit_length() - 3, 0)
     return length
+
+
+def in_blocks(function: Callable[..., Any], rows: tuple[Any, ...], block: int) -> Any:
+    """Apply a compiled function of rows to any number of them, always at the same length.
+
+    For stages whose cost hardly depends on how many rows a call has: compiled once, and of the last
+    block alone some is wasted.
+
+    Args:
+        function: of arrays of `block` rows each, to arrays (or pytrees of them) of as many; every
+            row on its own.
+        rows: arrays (n, ...) or pytrees of them.
+        block: rows of a call.
+
+    Returns:
+        What the function returns for all n rows, on the host.
+    """
+    n = len(jax.tree.leaves(rows)[0])
+    if n == 0:
+        rows = jax.tree.map(lambda a: np.zeros((1, *a.shape[1:]), a.dtype), rows)
+    parts = []
+    for begin in range(0, max(n, 1), block):
+        index = np.clip(np.arange(begin, begin + block), 0, max(n - 1, 0))
+        parts.append(function(*jax.tree.map(lambda a, index=index: a[index], rows)))
+    return jax.tree.map(lambda *pieces: np.concatenate([np.asarray(p) for p in pieces])[:n], *parts)

@@ -1,8 +1,10 @@
 """Padded lengths: long enough, never longer than promised, and few."""
 
+import jax
+import numpy as np
 from hypothesis import given, strategies as st
 
-from catfree.geometry.buckets import SHORT, coarse_length, fine_length
+from catfree.geometry.buckets import SHORT, coarse_length, fine_length, in_blocks
 
 counts = st.integers(0, 10**6)
 blocks = st.integers(1, 10**4)
@@ -46,3 +48,32 @@ def test_few_lengths_serve_a_million_rows():
     assert {coarse_length(count, 16384) for count in range(1, 10**6, 37)} == {
         16384 * 4**power for power in range(4)
     }
+
+
+@given(st.integers(0, 40), st.sampled_from([1, 4, 16]))
+def test_blocks_give_what_one_call_gives(count, block):
+    rng = np.random.default_rng(count)
+    rows = (rng.standard_normal((count, 3)), {"weight": rng.random(count)})
+    lengths = []
+
+    def function(x, named):
+        lengths.append(len(x))
+        return x.sum(1) * named["weight"], (x * 2, named["weight"] > 0.5)
+
+    total, (double, heavy) = in_blocks(function, rows, block)
+    np.testing.assert_array_equal(total, rows[0].sum(1) * rows[1]["weight"])
+    np.testing.assert_array_equal(double, rows[0] * 2)
+    np.testing.assert_array_equal(heavy, rows[1]["weight"] > 0.5)
+    assert set(lengths) == {block}
+
+
+def test_blocks_compile_once_and_keep_shapes_without_rows():
+    @jax.jit
+    def function(x, y):
+        return x @ y.T, y
+
+    for count in (0, 1, 7, 8, 9, 30):
+        first, second = in_blocks(lambda x: function(x, x), (np.ones((count, 2)),), 8)
+        assert first.shape == (count, 8)
+        assert second.shape == (count, 2)
+    assert function._cache_size() == 1
