@@ -21,6 +21,7 @@ from catfree.adapters.video import SynchronizedVideos
 from catfree.errors import InsufficientDataError
 from catfree.geometry import project
 from catfree.geometry.buckets import fine_length
+from catfree.settings import CalibrationSettings
 from catfree.trajectories.identities import identify_detections
 from catfree.trajectories.stitch import RADIUS
 from catfree.types import Detections, Localization, Rig, Scene
@@ -32,6 +33,8 @@ BLOCK = 16384  # points are padded to this at least, so that few sizes compile
 FEWEST_HEIGHTS = 5  # boxes that a person's own height needs
 HEIGHT_ROUNDS = 4  # of a fixed point that gains two digits a round
 EDGE = 2.0  # pixels from the picture's edge within which a box is cut
+# The sole that a camera sees stands so much nearer than the body's axis, in heights.
+FOOT_AHEAD = CalibrationSettings.foot_offset / CalibrationSettings.person_height
 SAME = 0.01  # pixels: a box that the second look did not change
 
 
@@ -42,7 +45,8 @@ class ExpectedPeople:
     Attributes:
         frame: (K,) frame.
         camera: (K,) camera.
-        place: (K, 3) foot column, foot row and height in pixels.
+        place: (K, 3) foot column, foot row and height in pixels; the foot is the sole that the
+            camera sees, nearer than the body's axis.
     """
 
     frame: Int[np.ndarray, " k"]
@@ -74,7 +78,11 @@ def expected_people(
     height = track_heights(localization, detections, scene)[row]
     up = np.asarray(scene.ground.normal, np.float64)
     foot = tracks.position[row].astype(np.float64)
-    low, depth = _project(rig, camera, foot)
+    toward = np.asarray(rig.centers, np.float64)[camera] - foot
+    toward -= (toward @ up)[:, None] * up
+    distance = np.maximum(np.linalg.norm(toward, axis=-1, keepdims=True), height[:, None])
+    sole = foot + FOOT_AHEAD * height[:, None] * toward / np.maximum(distance, 1e-9)
+    low, depth = _project(rig, camera, sole)
     high, other = _project(rig, camera, foot + height[:, None] * up)
     size = low[:, 1] - high[:, 1]
     u = (low[:, 0] + high[:, 0]) / 2
