@@ -36,7 +36,9 @@ STAND_ALONE_SCORE = 0.95
 SPLIT_SCORE = 0.85
 UNSPLIT_SCORE = 0.4
 EDGE_REACH = 0.12  # of the expected height, around the expected crown and soles
-_VERSION = 3
+# Hair, in expected heights: it may be paler than the face and the shoulders below it.
+CROWN = 0.05
+_VERSION = 4
 
 
 class BackgroundDetector:
@@ -261,7 +263,8 @@ def _extent(
     """First and last row of a person, found near where crown and soles are expected.
 
     An edge blurred by optics and coding lies where the difference to the background has fallen to
-    half of what it is inside: at the hair above, at the shoes below.
+    half of what it is inside: of the hair above; of the legs below, because a shadow's rim may be
+    all that the last rows hold.
     """
     rows, columns = blob.shape
     height = expected[1] - expected[0]
@@ -275,8 +278,15 @@ def _extent(
         if x1 >= x2:
             continue
         level = (foreground.difference[line, x1:x2] * blob[line, x1:x2]).max(axis=1)
-        inside = np.flatnonzero(level >= 0.5 * level[: count // 2 + 1].max())
+        if not level.any():
+            continue
+        strength = level[: count // 2 + 1].max()
+        outermost = int(np.flatnonzero(level)[-1])
+        if end == 0 and outermost < count - 1:
+            crown = max(2, round(CROWN * height))
+            strength = level[max(0, outermost + 1 - crown) : outermost + 1].max()
+        inside = np.flatnonzero(level >= 0.5 * strength)
         # Foreground that goes on past the search belongs to somebody else as well.
-        if level.any() and inside[-1] < count - 1:
+        if inside[-1] < count - 1:
             found[end] = float(line[inside[-1]] + (1 if end else 0))
     return found[0], found[1]

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import pairwise
 
 import cv2
@@ -7,7 +8,7 @@ from hypothesis import given, strategies as st
 from scipy.optimize import linear_sum_assignment
 
 from catfree.adapters import BackgroundDetector, Detector, FittedToCamera, GuidedDetector
-from catfree.adapters.background_model import MAXIMUM_SAMPLES, PictureSamples
+from catfree.adapters.background_model import MAXIMUM_SAMPLES, Foreground, PictureSamples
 from catfree.adapters.blob_grouping import group_blobs
 from catfree.adapters.blob_splitting import Expected, split_blob
 from catfree.adapters.height_profile import Blobs, HeightProfile, fit_height_profile
@@ -251,6 +252,17 @@ def test_shadows_towards_the_camera_do_not_lower_feet(street, blur):
         height = boxes[rows, 3] - boxes[rows, 1]
         below.append((found.box[columns, 3] - boxes[rows, 3]) / height)
     assert np.median(np.abs(np.concatenate(below))) < 0.02
+
+
+def test_hair_paler_than_the_face_belongs_to_the_person(street):
+    """An edge is where the difference falls to half of what it is next to that edge."""
+    _, detector = street
+    difference = np.zeros((120, 100), np.float32)
+    difference[30:90, 40:60] = 100.0
+    difference[30:34, 40:60] = 30.0
+    foreground = Foreground((difference > 0).astype(np.uint8), difference)
+    sixty = replace(detector, profile=HeightProfile(np.array([0.0, 0.0, 60.0])))
+    np.testing.assert_array_equal(sixty.find_people(foreground)[:, :4], [[40, 30, 60, 90]])
 
 
 def test_how_dark_shadows_are_is_learnt(street):
