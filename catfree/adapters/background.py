@@ -36,7 +36,7 @@ STAND_ALONE_SCORE = 0.95
 SPLIT_SCORE = 0.85
 UNSPLIT_SCORE = 0.4
 EDGE_REACH = 0.12  # of the expected height, around the expected crown and soles
-# Hair, in expected heights: it may be paler than the face and the shoulders below it.
+# Hair, in expected heights: it may differ less from the background than face and shoulders do.
 CROWN = 0.05
 _VERSION = 4
 
@@ -263,7 +263,7 @@ def _extent(
     """First and last row of a person, found near where crown and soles are expected.
 
     An edge blurred by optics and coding lies where the difference to the background has fallen to
-    half of what it is inside: of the hair above; of the legs below, because a shadow's rim may be
+    half of what it is inside: of the outermost rows above, the hair; of the legs below, because a shadow's rim may be
     all that the last rows hold.
     """
     rows, columns = blob.shape

@@ -13,7 +13,7 @@ from catfree.evidence.visibility import Views, expected_views
 from catfree.geometry.buckets import in_blocks
 from catfree.settings import EvidenceSettings
 
-SMALL_BLOCK, BLOCK = 64, 512  # people that are looked for together
+BLOCKS = (64, 512)  # people that are looked for together
 CELLS = 128  # a side of each camera's clutter map, in H0
 OUTAGE_EXPECTED = 3.0  # detections that a blind camera should have had before it counts as out
 
@@ -39,7 +39,7 @@ def predict_views(
     return in_blocks(
         lambda *rows: expected_views(*rows, boxes.box, boxes.table, views),
         (state, frame, member),
-        BLOCK if len(state) > SMALL_BLOCK else SMALL_BLOCK,
+        *BLOCKS,
     )
 
 

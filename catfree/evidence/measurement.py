@@ -81,7 +81,7 @@ class BoxConstants(NamedTuple):
 
 
 NEAREST = 0.1  # H0; nobody's feet or head are closer to the plane of a lens
-SMALL_BLOCK, BLOCK = 256, 2048  # boxes that are measured together
+BLOCKS = (256, 2048)  # boxes that are measured together
 EXPLAINED = 6.0  # standard deviations; a wider miss is no Gaussian noise
 
 
@@ -261,5 +261,5 @@ def measure_boxes(
     return in_blocks(
         lambda *part: measure_all(*part, views, noise, constants, settings.newton_steps),
         rows,
-        BLOCK if len(boxes.size) > SMALL_BLOCK else SMALL_BLOCK,
+        *BLOCKS,
     )

@@ -48,22 +48,23 @@ def fine_length(count: int, minimum: int = 64) -> int:
     return length
 
 
-def in_blocks(function: Callable[..., Any], rows: tuple[Any, ...], block: int) -> Any:
-    """Apply a compiled function of rows to any number of them, always at the same length.
+def in_blocks(function: Callable[..., Any], rows: tuple[Any, ...], *blocks: int) -> Any:
+    """Apply a compiled function of rows to any number of them, at one of few lengths.
 
-    For stages whose cost hardly depends on how many rows a call has: compiled once, and of the last
-    block alone some is wasted.
+    For stages whose cost hardly depends on how many rows a call has: compiled once for each length,
+    and of the last block alone some is wasted.
 
     Args:
         function: of arrays of `block` rows each, to arrays (or pytrees of them) of as many; every
             row on its own.
         rows: arrays (n, ...) or pytrees of them.
-        block: rows of a call.
+        blocks: rows of a call, ascending: the shortest that holds all rows, else the longest.
 
     Returns:
         What the function returns for all n rows, on the host.
     """
     n = len(jax.tree.leaves(rows)[0])
+    block = next((length for length in blocks if length >= n), blocks[-1])
     if n == 0:
         rows = jax.tree.map(lambda a: np.zeros((1, *a.shape[1:]), a.dtype), rows)
     parts = []

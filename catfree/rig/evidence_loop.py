@@ -17,14 +17,10 @@ from catfree.rig.pedestrians import (
     refine_with_correspondences,
     without_camera,
 )
-from catfree.rig.strain import FEWEST_TO_COMPARE, most_strained
+from catfree.rig.strain import most_strained
 from catfree.rig.sure_people import sure_people
 from catfree.settings import Settings
 from catfree.types import Detections
-
-# Of the residual: cameras in their places hardly differ in what the rest gains without them, one
-# that keeps others out costs the rest a third.
-BLOCKING = 0.9
 
 
 @dataclass(frozen=True)
@@ -43,9 +39,9 @@ class EvidenceLoop:
 
     def settle(self, calibration: Calibration) -> Calibration:
         """The rig refined, with every camera where it fits best and missing ones added."""
-        best = self._grow(self.relieve(self.refine(calibration)))
-        freed = self.free(best)
-        return best if freed is None else self._grow(self.relieve(freed))
+        best = self._grow(self.replace_strained(self.refine(calibration)))
+        freed = self.replace_blocking(best)
+        return best if freed is None else self._grow(self.replace_strained(freed))
 
     def _grow(self, best: Calibration) -> Calibration:
         """Search every camera's place anew until nothing is gained."""
@@ -54,25 +50,25 @@ class EvidenceLoop:
             if again is None:
                 break
             grown = again.scene.rig.registered.sum() > best.scene.rig.registered.sum()
-            best = self.relieve(self.refine(again))
+            best = self.replace_strained(self.refine(again))
             if not grown:
                 break
         return best
 
     def refine(self, calibration: Calibration) -> Calibration:
-        """The rig after as many turns as the settings ask for and there is evidence for."""
+        """The rig after as many rounds as the settings ask for and there is evidence for."""
         rounds = self.settings.calibration.evidence_rounds
         for done in range(rounds):
             self.report("refinement", done, rounds)
-            refined = self.turn(calibration)
+            refined = self.refine_once(calibration)
             if refined is None:
                 break
             calibration = refined
         self.report("refinement", rounds, rounds)
         return calibration
 
-    def turn(self, calibration: Calibration) -> Calibration | None:
-        """One turn; None where the evidence is too thin to refine with."""
+    def refine_once(self, calibration: Calibration) -> Calibration | None:
+        """One round; None where the evidence is too thin to refine with."""
         try:
             people = sure_people(self.detections, calibration.scene, self.settings.evidence)
             return refine_with_correspondences(
@@ -85,44 +81,58 @@ class EvidenceLoop:
         except InsufficientDataError:
             return None
 
-    def relieve(self, calibration: Calibration) -> Calibration:
-        """The rig with every strained camera where it fits, if there is such a place."""
+    def replace_strained(self, calibration: Calibration) -> Calibration:
+        """The rig with every strained camera where more of its boxes fit, if there is a place."""
         tried: set[int] = set()
-        while (camera := most_strained(calibration.camera_residual, tried)) is not None:
+        while (camera := self._most_strained(calibration, tried)) is not None:
             tried.add(camera)
             rest = without_camera(calibration, camera, self.settings.calibration)
             found = self._placed_best(self.refine(rest), camera)
-            if found is not None and found.residual < calibration.residual:
+            if found is not None and found.sightings.sum() > calibration.sightings.sum():
                 calibration = found
         return calibration
 
-    def free(self, calibration: Calibration) -> Calibration | None:
-        """The rig without the knot that keeps a camera out of it, if there is one.
+    def replace_blocking(self, calibration: Calibration) -> Calibration | None:
+        """The rig with a camera moved that keeps another one out of it, if there is such a one.
 
         Where several cameras share an error, none of them stands out, and a camera that is right
         fits none of them. Each is taken out in turn; of one without which the rest fits far
         better, the place is searched anew.
         """
+        rules = self.settings.calibration
         registered = np.asarray(calibration.scene.rig.registered)
-        missing = np.setdiff1d(self.detections.camera, np.flatnonzero(registered))
-        if len(missing) == 0 or registered.sum() < FEWEST_TO_COMPARE:
+        missing = ~registered & (self._boxes(len(registered)) > rules.minimum_matches)
+        if not missing.any() or registered.sum() < rules.fewest_to_compare:
             return None
-        limit = BLOCKING * calibration.residual
         rests: list[tuple[Calibration, int]] = []
         for camera in np.flatnonzero(registered):
-            rest = without_camera(calibration, int(camera), self.settings.calibration)
-            turned = self.turn(rest)
-            if turned is not None and turned.residual < limit:
-                rests.append((turned, int(camera)))
+            rest = self.refine_once(without_camera(calibration, int(camera), rules))
+            if rest is not None and rest.residual < rules.blocking_share * calibration.residual:
+                rests.append((rest, int(camera)))
         for rest, camera in sorted(rests, key=lambda item: item[0].residual):
             found = self._placed_best(self.refine(rest), camera)
-            if found is not None and found.residual < limit:
+            if found is not None and found.sightings.sum() > calibration.sightings.sum():
                 return found
         return None
 
     def _placed_best(self, rest: Calibration, camera: int) -> Calibration | None:
-        """The rig with a missing camera in the place that leaves the smallest residual."""
+        """The rig with a missing camera in the place where most boxes belong to sure people.
+
+        Residuals would prefer a camera that lost all of its people.
+        """
         places = places_for(rest, self.detections, camera, self.settings.calibration)
         refined = [self.refine(place) for place in places]
-        fitting = [found for found in refined if np.isfinite(found.camera_residual[camera])]
-        return min(fitting, key=lambda found: found.residual, default=None)
+        return max(
+            (found for found in refined if found.sightings[camera] > 0),
+            key=lambda found: (found.sightings.sum(), -found.residual),
+            default=None,
+        )
+
+    def _most_strained(self, calibration: Calibration, tried: set[int]) -> int | None:
+        registered = np.asarray(calibration.scene.rig.registered)
+        boxes = np.maximum(self._boxes(len(registered)), 1)
+        support = np.where(registered, calibration.sightings / boxes, np.nan)
+        return most_strained(calibration.camera_residual, support, self.settings.calibration, tried)
+
+    def _boxes(self, cameras: int) -> np.ndarray:
+        return np.bincount(self.detections.camera, minlength=cameras)[:cameras]

@@ -5,29 +5,42 @@ from collections.abc import Collection
 import numpy as np
 from jaxtyping import Float
 
-# Times the usual residual of a camera. With everybody in place cameras differ by up to 1.3: lenses,
-# distances. A camera beside its place by a tenth of its range has twice the usual.
-STRAINED = 1.5
-FEWEST_TO_COMPARE = 4  # cameras; of fewer each bends the others as much as itself
+from catfree.settings import CalibrationSettings
 
 
-def most_strained(residual: Float[np.ndarray, " cam"], tried: Collection[int] = ()) -> int | None:
+def most_strained(
+    residual: Float[np.ndarray, " cam"],
+    support: Float[np.ndarray, " cam"],
+    settings: CalibrationSettings,
+    tried: Collection[int] = (),
+) -> int | None:
     """The camera whose boxes fit worst, if clearly worse than the others'.
 
     A camera that settled beside its place matches enough of a crowd to stay there, in every
-    criterion that counts matches. What gives it away is that nothing quite fits.
+    criterion that counts matches. What gives it away is that nothing quite fits, or that hardly any
+    of its boxes belong to people of whom the others are sure.
 
     Args:
-        residual: (C,) median residual of each camera in standard deviations, NaN of those that are
-            not in the rig (`Calibration.camera_residual`).
+        residual: (C,) median residual of each camera in standard deviations, NaN where no box took
+            part (`Calibration.camera_residual`).
+        support: (C,) share of each camera's boxes that sure people hold, NaN of cameras that are
+            not in the rig.
+        settings: constants.
         tried: cameras that are left as they are.
 
     Returns:
-        Its index, or None if no camera stands out or there are too few to tell.
+        Its index, or None if no camera stands out or there are too few to tell. Cameras without
+        support come first.
     """
-    cameras = np.flatnonzero(np.isfinite(residual))
-    if len(cameras) < FEWEST_TO_COMPARE:
+    cameras = [int(c) for c in np.flatnonzero(np.isfinite(support))]
+    if len(cameras) < settings.fewest_to_compare:
         return None
-    limit = STRAINED * np.median(residual[cameras])
-    left = [int(c) for c in cameras if c not in tried and residual[c] > limit]
-    return max(left, key=lambda c: residual[c], default=None)
+    left = [c for c in cameras if c not in tried]
+    least = settings.unsupported_share * np.median(support[cameras])
+    alone = [c for c in left if support[c] < least]
+    if alone:
+        return min(alone, key=lambda c: support[c])
+    if np.isnan(residual[cameras]).all():
+        return None
+    limit = settings.strained_residual * np.nanmedian(residual[cameras])
+    return max((c for c in left if residual[c] > limit), key=lambda c: residual[c], default=None)

@@ -2,7 +2,7 @@ import jax
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
-from catfree.evidence.association import associate
+from catfree.evidence.association import PAIR_GATE, Priors, associate, candidate_pairs
 from catfree.evidence.gaussian import Information, log_evidence
 
 DENSITY, SPREAD = 0.2, 0.05
@@ -87,3 +87,47 @@ def test_every_box_is_in_exactly_one_group_and_cameras_exclude_themselves(seed, 
     single = (groups.member >= 0).sum(1) == 1
     np.testing.assert_allclose(groups.gain[single], 0, atol=1e-9)
     assert (groups.gain[~single] > 0).all()
+
+
+@given(st.integers(0, 10**6), st.integers(0, 40), st.floats(-2.0, 1.0))
+def test_close_pairs_are_those_of_all_pairs(seed, count, spread):
+    rng = np.random.default_rng(seed)
+    position = rng.normal(0, 5, (count, 2))
+    root = rng.normal(0, 1, (count, 2, 2)) * 10 ** rng.uniform(-2, spread, (count, 1, 1))
+    covariance = root @ root.transpose(0, 2, 1) + 1e-4 * np.eye(2)
+    frame, camera = rng.integers(0, 3, count), rng.integers(0, 4, count)
+    items = np.flatnonzero(rng.random(count) < 0.8)
+    i, j = (a.ravel() for a in np.meshgrid(items, items, indexing="ij"))
+    apart = position[i] - position[j]
+    total = np.linalg.inv(covariance[i] + covariance[j])
+    m2 = np.einsum("ni,nij,nj->n", apart, total, apart)
+    close = (i < j) & (frame[i] == frame[j]) & (camera[i] != camera[j]) & (m2 < PAIR_GATE)
+    found = candidate_pairs(position, covariance, frame, camera, items)
+    np.testing.assert_array_equal(found, np.column_stack([i[close], j[close]]))
+
+
+@given(st.integers(0, 10**6), st.integers(1, 6), st.integers(0, 70))
+def test_padding_holds_priors_and_changes_no_group(seed, people, tracks):
+    info, position, covariance, camera, valid = boxes_near(seed, people, 4, 0.05)
+    rng = np.random.default_rng(seed + 1)
+    near = rng.integers(0, max(int(valid.sum()), 1), tracks)
+    priors = Priors(
+        np.zeros(tracks, int),
+        np.column_stack([position[near], np.ones(tracks)]),
+        np.tile(0.01 * np.eye(3), (tracks, 1, 1)),
+    )
+
+    def groups(extra):
+        pad = lambda a: np.concatenate([a, np.zeros((extra, *a.shape[1:]), a.dtype)])  # noqa: E731
+        padded = Information(pad(info.matrix), pad(info.vector), pad(info.constant))
+        with jax.enable_x64(True):
+            return associate(
+                padded, pad(position), pad(covariance), pad(np.zeros(64, int)), pad(camera),
+                pad(valid), 4, DENSITY, SPREAD, priors=priors,
+            )  # fmt: skip
+
+    tight, wide = groups(0), groups(192)
+    np.testing.assert_array_equal(tight.member, wide.member)
+    np.testing.assert_allclose(tight.full.matrix, wide.full.matrix, rtol=1e-12)
+    np.testing.assert_allclose(tight.gain, wide.gain, rtol=1e-9, atol=1e-9)
+    assert (tight.prior >= 0).sum() <= min(tracks, len(tight))

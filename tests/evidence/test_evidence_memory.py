@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pytest
 
 from catfree.evidence import EvidenceSettings, appearance, locate
 from catfree.evidence.measurement import measure_all
@@ -11,7 +12,8 @@ from catfree.synthetic import make_world
 WORLD = make_world("ring4", 7, frames=10, people=6)
 
 
-def test_tables_of_pairs_a_few_frames_at_a_time_give_the_same_people(monkeypatch):
+@pytest.mark.parametrize("kept", [0, 1 << 26], ids=["computed each pass", "kept"])
+def test_tables_of_pairs_a_few_frames_at_a_time_give_the_same_people(monkeypatch, kept):
     whole = locate(WORLD.detections, WORLD.scene).tracks
     assert len(np.unique(whole.track_id)) > 3
     largest = []
@@ -23,6 +25,7 @@ def test_tables_of_pairs_a_few_frames_at_a_time_give_the_same_people(monkeypatch
 
     monkeypatch.setattr(appearance.Appearance, "distances", spy)
     monkeypatch.setattr(appearance, "TABLE_ENTRIES", 3 * 32**2)
+    monkeypatch.setattr(appearance, "KEPT_ENTRIES", kept)
     parts = locate(WORLD.detections, WORLD.scene).tracks
     assert 0 < max(largest) <= appearance.TABLE_ENTRIES
     np.testing.assert_array_equal(parts.track_id, whole.track_id)

@@ -59,6 +59,7 @@ class BundleResult:
         cost: robust cost.
         residual: median absolute standardised residual.
         camera_residual: (C,) the same of each camera's boxes, NaN where no box was given.
+        sightings: (C,) boxes of each camera that took part.
         covariance: (7C+1, 7C+1) of cameras and foot offset; zero for what is held.
     """
 
@@ -69,6 +70,7 @@ class BundleResult:
     cost: float
     residual: float
     camera_residual: np.ndarray
+    sightings: np.ndarray
     covariance: np.ndarray
 
 
@@ -130,6 +132,7 @@ def adjust(
         linear.cost,
         float(np.median(np.abs(linear.residual))) if linear.residual.size else 0.0,
         np.array([_median_size(linear.residual[rows]) for rows in problem.rows]),
+        np.array([len(rows) for rows in problem.rows]),
         problem.covariance(linear, *state),
     )
 

@@ -36,8 +36,9 @@ class Calibration:
             the people, the slack of the boxes, and the foot offset, besides box noise.
         foot_offset: metres by which the bottom of a box is taken to be nearer than the body axis.
         residual: median absolute residual in standard deviations of the box edges.
-        camera_residual: (C,) the same of each camera's boxes. A camera with clearly more than the
-            others stands where its people are not.
+        camera_residual: (C,) the same of each camera's boxes, NaN where there are none. A camera
+            with clearly more than the others stands where its people are not.
+        sightings: (C,) boxes of each camera that held the rig in its last adjustment.
         frame_offset: (C,) frames by which each camera's frame numbers were found to be too high; 0
             unless asked for.
     """
@@ -52,6 +53,7 @@ class Calibration:
     foot_offset: float
     residual: float
     camera_residual: np.ndarray
+    sightings: np.ndarray
     frame_offset: np.ndarray
 
 
@@ -200,5 +202,6 @@ def describe(
         foot_offset=state.foot_offset,
         residual=bundle.residual,
         camera_residual=np.where(trusted, bundle.camera_residual, np.nan),
+        sightings=np.where(trusted, bundle.sightings, 0),
         frame_offset=offset,
     )

@@ -118,6 +118,7 @@ def refine_with_correspondences(
         ),
         residual=found.residual,
         camera_residual=found.camera_residual,
+        sightings=found.sightings,
     )
 
 

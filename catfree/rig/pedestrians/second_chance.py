@@ -1,4 +1,4 @@
-"""Cameras that are missing or misplaced get another chance against a rig that has become sharp.
+"""Cameras of a finished rig: taken out, placed anew, or confirmed, given the others.
 
 Registration judges a camera against maps that are good to several percent of the range. Once the
 evidence method has refined the rest, the same search tells a right place from a wrong one far
@@ -52,7 +52,7 @@ def reconsider(
                 continue
         state = state.with_camera(camera, parameters, settings.fine_range_tolerance)
         changed[camera] = verdict
-    return _with_cameras(calibration, state, changed) if changed else None
+    return _with_cameras(calibration, state, changed, anew=list(changed)) if changed else None
 
 
 def without_camera(
@@ -70,7 +70,10 @@ def places_for(
     tolerance = settings.fine_range_tolerance
     return [
         _with_cameras(
-            calibration, state.with_camera(camera, parameters, tolerance), {camera: verdict}
+            calibration,
+            state.with_camera(camera, parameters, tolerance),
+            {camera: verdict},
+            anew=[camera],
         )
         for parameters, verdict in accepted_candidates(
             work, state, camera, [], calibration.shared_focal
@@ -100,12 +103,17 @@ def without_vague_cameras(
 ) -> Calibration:
     """The rig without cameras that few people, or people in few places, hardly pin down.
 
+    Args:
+        calibration: the rig; a focal length of unknown deviation (NaN) is let pass.
+        settings: constants.
+        names: of all cameras, for messages.
+
     Raises:
         CalibrationError: if fewer than two cameras are known well enough.
     """
     rig = calibration.scene.rig
     deviation = calibration.focal_sd / np.asarray(rig.K)[:, 0, 0]
-    vague = np.flatnonzero(rig.registered & ~(deviation <= settings.largest_focal_sd))
+    vague = np.flatnonzero(rig.registered & (deviation > settings.largest_focal_sd))
     if rig.registered.sum() - len(vague) < 2:
         each = ", ".join(
             f"camera {names[int(c)] if names else c} to {100 * deviation[c]:.0f} %" for c in vague
@@ -141,9 +149,16 @@ def _state(calibration: Calibration, settings: CalibrationSettings) -> RigState:
 
 
 def _with_cameras(
-    calibration: Calibration, state: RigState, verdicts: dict[int, Verdict]
+    calibration: Calibration,
+    state: RigState,
+    verdicts: dict[int, Verdict],
+    *,
+    anew: Sequence[int] = (),
 ) -> Calibration:
-    """The calibration with the cameras of a state, and the evidence of some of them."""
+    """The calibration with the cameras of a state, and the evidence of some of them.
+
+    What was known of the precision of cameras that are placed anew holds no longer.
+    """
     size = np.asarray(calibration.scene.rig.image_size)
     K, R, t = to_matrices(state.parameters, size)
     K[~state.placed] = np.nan
@@ -152,7 +167,8 @@ def _with_cameras(
     for camera, verdict in verdicts.items():
         association[camera] = verdict.judgement.association
         evidence[camera] = verdict.margin
-    covariance = np.where(state.placed[:, None, None], calibration.center_covariance, np.nan)
+    kept = state.placed & ~np.isin(np.arange(len(state.placed)), anew)
+    covariance = np.where(kept[:, None, None], calibration.center_covariance, np.nan)
     return replace(
         calibration,
         scene=Scene.from_rig(
@@ -160,7 +176,8 @@ def _with_cameras(
         ),
         association_rate=association,
         log_likelihood_ratio=evidence,
-        focal_sd=np.where(state.placed, calibration.focal_sd, np.nan),
+        focal_sd=np.where(kept, calibration.focal_sd, np.nan),
         center_covariance=covariance,
-        camera_residual=np.where(state.placed, calibration.camera_residual, np.nan),
+        camera_residual=np.where(kept, calibration.camera_residual, np.nan),
+        sightings=np.where(kept, calibration.sightings, 0),
     )
