@@ -263,8 +263,8 @@ def _extent(
     """First and last row of a person, found near where crown and soles are expected.
 
     An edge blurred by optics and coding lies where the difference to the background has fallen to
-    half of what it is inside: of the outermost rows above, the hair; of the legs below, because a shadow's rim may be
-    all that the last rows hold.
+    half of what it is inside: of the outermost rows above, the hair; of the legs below, because a
+    shadow's rim may be all that the last rows hold.
     """
     rows, columns = blob.shape
     height = expected[1] - expected[0]
