@@ -20,7 +20,7 @@ from catfree.adapters.protocols import Embedder, FrameDetections, GuidedDetector
 from catfree.adapters.video import SynchronizedVideos
 from catfree.errors import InsufficientDataError
 from catfree.geometry import project
-from catfree.geometry.buckets import fine_length
+from catfree.geometry.buckets import in_blocks
 from catfree.settings import CalibrationSettings
 from catfree.trajectories.identities import identify_detections
 from catfree.trajectories.stitch import RADIUS
@@ -29,7 +29,7 @@ from catfree.types import Detections, Localization, Rig, Scene
 Progress = Callable[[str, int, int], None]
 
 STAGE = "second look"
-BLOCK = 16384  # points are padded to this at least, so that few sizes compile
+BLOCK = 16384  # points that are projected together
 FEWEST_HEIGHTS = 5  # boxes that a person's own height needs
 HEIGHT_ROUNDS = 4  # of a fixed point that gains two digits a round
 EDGE = 2.0  # pixels from the picture's edge within which a box is cut
@@ -208,18 +208,10 @@ def _project(
     rig: Rig, camera: Int[np.ndarray, " n"], points: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
     """Pixels and depths of points, each in a camera of its own."""
-    padding = fine_length(len(points), BLOCK) - len(points)
-    at = np.pad(camera, (0, padding), mode="edge") if len(camera) else camera
-    lens = None if rig.distortion is None else np.asarray(rig.distortion)[at]
-    pixel, depth = _project_all(
-        np.asarray(rig.K)[at],
-        np.asarray(rig.R)[at],
-        np.asarray(rig.t)[at],
-        np.pad(points, ((0, padding if len(camera) else 0), (0, 0))),
-        lens,
-    )
-    n = len(points)
-    return np.asarray(pixel, np.float64)[:n], np.asarray(depth, np.float64)[:n]
+    lens = None if rig.distortion is None else np.asarray(rig.distortion)[camera]
+    K, R, t = (np.asarray(values)[camera] for values in (rig.K, rig.R, rig.t))
+    pixel, depth = in_blocks(_project_all, (K, R, t, points, lens), BLOCK)
+    return pixel.astype(np.float64), depth.astype(np.float64)
 
 
 @jax.jit

@@ -103,10 +103,11 @@ def learn_ratio(
     within, between = [], []
     for begin, end in pairwise(bounds):
         own = slice(begin, end)
-        distance = (1 - looks[own] @ looks[own].T)[camera[own][:, None] < camera[own]]
-        same = (label[own][:, None] == label[own])[camera[own][:, None] < camera[own]]
-        within.append(distance[same])
-        between.append(distance[~same])
+        once = camera[own][:, None] < camera[own]
+        distance = 1 - looks[own] @ looks[own].T
+        same = label[own][:, None] == label[own]
+        within.append(distance[once & same])
+        between.append(distance[once & ~same])
     samples = [np.concatenate(values or [np.zeros(0)]) for values in (within, between)]
     if min(map(len, samples)) < SMALLEST_SAMPLE:
         return None

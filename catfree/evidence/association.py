@@ -153,7 +153,7 @@ class Groups(eqx.Module):
     Attributes:
         frame: (H,) frame index.
         member: (H, C) row of `Boxes` or -1.
-        prior: (H,) row of the track prior that joined, or -1.
+        prior: (H,) row of the track prior that joined, among the rows behind the boxes, or -1.
         info: (H) information of the boxes alone, without priors.
         full: (H) the same with the track prior.
         gain: (H,) log evidence of one person over that of as many separate ones, appearance aside.

@@ -8,12 +8,11 @@ from scipy.ndimage import uniform_filter
 from catfree.evidence.association import Groups
 from catfree.evidence.boxes import Boxes
 from catfree.evidence.measurement import Measurements
-from catfree.evidence.views import GroundViews
+from catfree.evidence.views import PEOPLE_BLOCKS, GroundViews
 from catfree.evidence.visibility import Views, expected_views
 from catfree.geometry.buckets import in_blocks
 from catfree.settings import EvidenceSettings
 
-BLOCKS = (64, 512)  # people that are looked for together
 CELLS = 128  # a side of each camera's clutter map, in H0
 OUTAGE_EXPECTED = 3.0  # detections that a blind camera should have had before it counts as out
 
@@ -39,7 +38,7 @@ def predict_views(
     return in_blocks(
         lambda *rows: expected_views(*rows, boxes.box, boxes.table, views),
         (state, frame, member),
-        *BLOCKS,
+        *PEOPLE_BLOCKS,
     )
 
 

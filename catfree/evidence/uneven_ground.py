@@ -18,8 +18,8 @@ from jaxtyping import Float
 from catfree.evidence.association import Groups
 from catfree.evidence.measurement import Measurements, Noise
 from catfree.evidence.tracking import Trails
-from catfree.evidence.views import GroundViews, predict_edges
-from catfree.geometry.buckets import fine_length
+from catfree.evidence.views import PEOPLE_BLOCKS, GroundViews, predict_edges
+from catfree.geometry.buckets import in_blocks
 from catfree.settings import EvidenceSettings
 
 
@@ -68,18 +68,14 @@ def ground_shift(
     M = len(trails)
     if M == 0:
         return np.zeros((0, 2))
-    extra = fine_length(M) - M
     seen = trails.group >= 0
     member = np.where(seen[:, None], groups.member[trails.group], -1)
-    normal, cross = (
-        np.array(x)[:M]
-        for x in _sums(
-            np.pad(trails.mean[:, :3], ((0, extra), (0, 0)), constant_values=1.0),
-            np.pad(member, ((0, extra), (0, 0)), constant_values=-1),
-            np.asarray(measurements.noise),
-            np.asarray(measurements.used),
-            np.asarray(views.matrix),
-        )
+    noise_and_used = np.asarray(measurements.noise), np.asarray(measurements.used)
+    matrix = np.asarray(views.matrix)
+    normal, cross = in_blocks(
+        lambda *rows: _sums(*rows, *noise_and_used, matrix),
+        (trails.mean[:, :3], member),
+        *PEOPLE_BLOCKS,
     )
     normal[:, 2, 2] += 1 / float(noise.spread) ** 2
     scale = np.trace(normal, axis1=1, axis2=2)[:, None, None]

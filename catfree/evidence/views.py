@@ -10,6 +10,8 @@ from jaxtyping import Array, Bool, Float
 
 from catfree.types import Scene
 
+PEOPLE_BLOCKS = (64, 512)  # people that are looked at together in all cameras
+
 
 class GroundViews(eqx.Module):
     """The cameras of a scene, seen from its ground plane.

@@ -9,9 +9,9 @@ from jaxtyping import Bool, Float
 
 from catfree.evidence.gaussian import Information, mean_and_covariance
 from catfree.evidence.measurement import Noise
-from catfree.evidence.views import GroundViews, edges_and_slopes
+from catfree.evidence.views import PEOPLE_BLOCKS, GroundViews, edges_and_slopes
 from catfree.evidence.visibility import Views
-from catfree.geometry.buckets import fine_length
+from catfree.geometry.buckets import in_blocks
 from catfree.settings import EvidenceSettings
 
 WHOLE_BODY = 0.95  # share of the body inside an image: a hand or a hat may be outside
@@ -42,10 +42,11 @@ def design_sigma(
     state: np.ndarray, seen: Views, views: GroundViews, noise: Noise
 ) -> Float[np.ndarray, " person"]:
     """Ground uncertainty that a person there would have if nobody stood in the way, in H0."""
-    H = len(state)
-    extra = fine_length(H) - H
-    pad = lambda x: np.pad(x, ((0, extra), (0, 0)), constant_values=1.0)  # noqa: E731
-    return np.asarray(_design(pad(state), pad(seen.inside), pad(seen.height), views, noise))[:H]
+    return in_blocks(
+        lambda *rows: _design(*rows, views, noise),
+        (state, seen.inside, seen.height),
+        *PEOPLE_BLOCKS,
+    )
 
 
 def in_working_area(
