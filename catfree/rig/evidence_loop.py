@@ -87,9 +87,7 @@ class EvidenceLoop:
         while (camera := self._most_strained(calibration, tried)) is not None:
             tried.add(camera)
             rest = without_camera(calibration, camera, self.settings.calibration)
-            found = self._placed_best(self.refine(rest), camera)
-            if found is not None and found.sightings.sum() > calibration.sightings.sum():
-                calibration = found
+            calibration = self._better_placed(self.refine(rest), camera, calibration) or calibration
         return calibration
 
     def replace_blocking(self, calibration: Calibration) -> Calibration | None:
@@ -110,23 +108,26 @@ class EvidenceLoop:
             if rest is not None and rest.residual < rules.blocking_share * calibration.residual:
                 rests.append((rest, int(camera)))
         for rest, camera in sorted(rests, key=lambda item: item[0].residual):
-            found = self._placed_best(self.refine(rest), camera)
-            if found is not None and found.sightings.sum() > calibration.sightings.sum():
+            found = self._better_placed(self.refine(rest), camera, calibration)
+            if found is not None:
                 return found
         return None
 
-    def _placed_best(self, rest: Calibration, camera: int) -> Calibration | None:
-        """The rig with a missing camera in the place where most boxes belong to sure people.
+    def _better_placed(
+        self, rest: Calibration, camera: int, present: Calibration
+    ) -> Calibration | None:
+        """The rig with a missing camera where more boxes belong to sure people than at present.
 
         Residuals would prefer a camera that lost all of its people.
         """
         places = places_for(rest, self.detections, camera, self.settings.calibration)
         refined = [self.refine(place) for place in places]
-        return max(
-            (found for found in refined if found.sightings[camera] > 0),
-            key=lambda found: (found.sightings.sum(), -found.residual),
-            default=None,
-        )
+        more = [
+            found
+            for found in refined
+            if found.sightings[camera] > 0 and found.sightings.sum() > present.sightings.sum()
+        ]
+        return max(more, key=lambda found: (found.sightings.sum(), -found.residual), default=None)
 
     def _most_strained(self, calibration: Calibration, tried: set[int]) -> int | None:
         registered = np.asarray(calibration.scene.rig.registered)

@@ -1,15 +1,12 @@
 """Cameras beside their places are found and moved, and no longer keep others out."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from ring_world import moved, ring_of_six
 
 from catfree.rig.evidence_loop import EvidenceLoop
 from catfree.rig.pedestrians import calibrate, without_camera
 from catfree.settings import Settings
-from catfree.synthetic import DetectorModel, make_world
-from catfree.types import Rig, Scene
 
 SETTINGS = Settings()
 WRONG, MISSING = 2, 5
@@ -17,8 +14,7 @@ WRONG, MISSING = 2, 5
 
 @pytest.fixture(scope="module")
 def world():
-    detector = DetectorModel(pixel_noise=2.0, embedding_size=0, false_positives=0.3)
-    return make_world("ring6", 3, frames=60, people=8, background=1, detector=detector)
+    return ring_of_six()
 
 
 @pytest.fixture(scope="module")
@@ -31,15 +27,6 @@ def right(world, loop):
     found = loop.refine(calibrate(world.detections, world.true_rig.image_size))
     assert found.scene.rig.registered.all()
     return found
-
-
-def moved(right, *step):
-    """The rig with one camera away from its place, in metres along its own axes, not refined."""
-    rig = right.scene.rig
-    t = np.array(rig.t)
-    t[WRONG] -= np.asarray(rig.R)[WRONG] @ np.array([*step, 0.0])
-    rig = Rig(rig.K, rig.R, t, rig.image_size, registered=rig.registered)
-    return replace(right, scene=Scene.from_rig(rig, right.scene.ground, metric=True))
 
 
 def furthest(found, right):
@@ -55,13 +42,13 @@ def test_a_rig_in_order_stays_as_it_is(loop, right):
 
 @pytest.mark.parametrize("step", [(1.5, -1.0), (2.5, -1.7), (-2.0, 2.0)])
 def test_a_camera_beside_its_place_is_taken_to_it(loop, right, step):
-    found = loop.settle(moved(right, *step))
+    found = loop.settle(moved(right, WRONG, *step))
     assert found.scene.rig.registered.all()
     assert furthest(found, right) < 0.3
 
 
 def test_a_camera_without_people_is_strained_and_placed_anew(loop, right):
-    away = loop.refine(moved(right, 2.5, -1.7))
+    away = loop.refine(moved(right, WRONG, 2.5, -1.7))
     assert furthest(away, right) > 1.0
     found = loop.replace_strained(away)
     assert found.sightings.sum() > away.sightings.sum()
@@ -69,14 +56,14 @@ def test_a_camera_without_people_is_strained_and_placed_anew(loop, right):
 
 
 def test_a_rig_that_lacks_a_camera_and_has_another_beside_its_place(loop, right):
-    lacking = without_camera(moved(right, 1.5, -1.0), MISSING, SETTINGS.calibration)
+    lacking = without_camera(moved(right, WRONG, 1.5, -1.0), MISSING, SETTINGS.calibration)
     found = loop.settle(lacking)
     assert found.scene.rig.registered.all()
     assert furthest(found, right) < 0.3
 
 
 def test_three_cameras_do_not_tell_which_of_them_is_wrong(loop, right):
-    few = moved(right, 1.5, -1.0)
+    few = moved(right, WRONG, 1.5, -1.0)
     for camera in (0, 1, MISSING):
         few = without_camera(few, camera, SETTINGS.calibration)
     assert loop.replace_blocking(few) is None

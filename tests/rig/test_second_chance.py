@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ring_world import moved, ring_of_six
 
 from catfree.errors import CalibrationError
 from catfree.rig.pedestrians import (
@@ -15,8 +16,7 @@ from catfree.rig.pedestrians import (
     without_vague_cameras,
 )
 from catfree.settings import CalibrationSettings
-from catfree.synthetic import DetectorModel, make_world
-from catfree.types import Detections, Rig, Scene
+from catfree.types import Detections
 
 RULES = CalibrationSettings()
 CAMERA = 2
@@ -24,8 +24,7 @@ CAMERA = 2
 
 @pytest.fixture(scope="module")
 def world():
-    detector = DetectorModel(pixel_noise=2.0, embedding_size=0, false_positives=0.3)
-    return make_world("ring6", 3, frames=60, people=8, background=1, detector=detector)
+    return ring_of_six()
 
 
 @pytest.fixture(scope="module")
@@ -35,19 +34,9 @@ def calibration(world):
     return found
 
 
-def with_rig(calibration, R, t, registered):
-    rig = calibration.scene.rig
-    K = np.where(registered[:, None, None], np.asarray(rig.K), np.nan)
-    changed = Rig(K, R, t, np.asarray(rig.image_size), registered=registered)
-    return replace(calibration, scene=Scene.from_rig(changed, calibration.scene.ground, True))
-
-
 def test_a_missing_camera_is_found(world, calibration) -> None:
     rig = calibration.scene.rig
-    registered = np.arange(6) != CAMERA
-    R, t = np.asarray(rig.R).copy(), np.asarray(rig.t).copy()
-    R[CAMERA], t[CAMERA] = np.nan, np.nan
-    missing = with_rig(calibration, R, t, registered)
+    missing = without_camera(calibration, CAMERA, RULES)
     found = reconsider(missing, world.detections, RULES)
     assert found is not None
     assert found.scene.rig.registered.all()
@@ -58,9 +47,7 @@ def test_a_missing_camera_is_found(world, calibration) -> None:
 
 def test_a_misplaced_camera_is_moved_back(world, calibration) -> None:
     rig = calibration.scene.rig
-    R, t = np.asarray(rig.R).copy(), np.asarray(rig.t).copy()
-    t[CAMERA] = t[CAMERA] - R[CAMERA] @ np.array([0.9, -0.9, 0.0])
-    beside = with_rig(calibration, R, t, np.ones(6, bool))
+    beside = moved(calibration, CAMERA, 0.9, -0.9)
     found = reconsider(beside, world.detections, RULES)
     assert found is not None
     distance = np.asarray(found.scene.rig.centers) - np.asarray(rig.centers)
