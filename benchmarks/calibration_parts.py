@@ -54,18 +54,21 @@ def row(sequence: Sequence) -> str:
     known = np.asarray(rig.registered)
     centers, true_centers = np.asarray(rig.centers), np.asarray(true_rig.centers)
     tracks = cf.localize(sequence.detections, found.scene).tracks
-    moda, scale, errors = [], np.nan, np.zeros(1)
-    for fixed in (False, True):
-        align = align_centres(centers, true_centers, registered=known, fixed_scale=fixed)
-        rows = tracks.to_rows(np.asarray(align(tracks.position))[:, :2])
-        moda.append(score_rows(rows, sequence, tracking=False).moda)
-        if not fixed:
-            scale = 1 / float(align.scale)
-            errors = np.linalg.norm(np.asarray(align(centers))[known] - true_centers[known], axis=1)
+    similarity, rigid = (
+        align_centres(centers, true_centers, registered=known, fixed_scale=fixed)
+        for fixed in (False, True)
+    )
+    moda = [
+        score_rows(
+            tracks.to_rows(np.asarray(align(tracks.position))[:, :2]), sequence, tracking=False
+        ).moda
+        for align in (similarity, rigid)
+    ]
+    errors = np.linalg.norm(np.asarray(similarity(centers)) - true_centers, axis=1)[known]
     return (
         f"{head} {known.sum()}/{len(known)} | {errors.mean():.2f} ({errors.max():.2f}) | "
-        f"{scale:.3f}, {100 * found.scale_sd:.0f} % | {moda[0]:.1f} / {moda[1]:.1f} | "
-        f"{given:.1f} | {seconds:.0f} |"
+        f"{1 / float(similarity.scale):.3f}, {100 * found.scale_sd:.0f} % | "
+        f"{moda[0]:.1f} / {moda[1]:.1f} | {given:.1f} | {seconds:.0f} |"
     )
 
 
