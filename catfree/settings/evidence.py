@@ -70,8 +70,9 @@ class EvidenceSettings:
         report_radius: a position is reported if it is right within this many H0 (half a metre for
             adults) more likely than not.
         working_sigma: largest uncertainty by design, relative to well-seen people.
-        working_views: a whole body must be in more images than this share of the median number:
-            the majority of the cameras that usually see people.
+        working_views: where as many images cut a body as hold it whole, those that hold it must be
+            more than this share of the median number: the majority of the cameras that usually see
+            people.
         unevenness: how far off the plane people stand: paving, slopes and kerbs are level to about
             ten centimetres over a square, and walking feet are lifted by as much.
         sway: how far the body's centre strays from the point called its position; common to all

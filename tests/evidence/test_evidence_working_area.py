@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+from evidence_worlds import HEIGHT, make_rig, make_scene
+from hypothesis import given, settings, strategies as st
+
+from catfree.evidence import EvidenceSettings
+from catfree.evidence.measurement import start_noise
+from catfree.evidence.views import GroundViews, ground_views
+from catfree.evidence.visibility import Views
+from catfree.evidence.working_area import in_working_area
+
+SETTINGS = EvidenceSettings()
+CAMERAS = 6
+
+
+def within(share, away=None):
+    """Whether people are in the working area who have these shares of their body in the images.
+
+    They all stand in the middle, equally well seen otherwise, or (n,) H0 `away` from it.
+    """
+    share = np.asarray(share, float)
+    views = ground_views(make_scene(make_rig(CAMERAS)), HEIGHT)
+    return judge(share, views, np.zeros(len(share)) if away is None else np.asarray(away))
+
+
+def judge(share, views: GroundViews, away):
+    state = np.column_stack([away, np.zeros(len(away)), np.ones(len(away))])
+    seen = Views(np.ones_like(share), np.full_like(share, 100.0), 0 * share, share)
+    noise = start_noise(share.shape[1], SETTINGS)
+    return in_working_area(state, seen, views, noise, SETTINGS)
+
+
+def shares(people):
+    """Shares of the body in the images: none, cut, whole."""
+    one = st.lists(st.sampled_from([0.0, 0.5, 1.0]), min_size=CAMERAS, max_size=CAMERAS)
+    return st.lists(one, min_size=people[0], max_size=people[1]).map(np.array)
+
+
+@pytest.mark.usefixtures("x64")
+@settings(max_examples=20, deadline=None)
+@given(shares((1, 12)), st.permutations(range(CAMERAS)))
+def test_the_order_of_the_cameras_says_nothing(share, order):
+    np.testing.assert_array_equal(within(share), within(share[:, order]))
+
+
+@pytest.mark.usefixtures("x64")
+@settings(max_examples=30, deadline=None)
+@given(shares((1, 12)), st.data())
+def test_another_image_of_the_whole_body_takes_nobody_out(share, data):
+    person = data.draw(st.integers(0, len(share) - 1))
+    camera = data.draw(st.integers(0, CAMERAS - 1))
+    before = within(share)[person]
+    share[person, camera] = 1.0
+    assert within(share)[person] >= before
+
+
+def test_where_few_cameras_look_their_word_counts():
+    everywhere = [[1.0] * 6] * 5
+    assert within([*everywhere, [1, 1, 0, 0, 0, 0]]).all()
+    assert within([*everywhere, [1, 0, 0, 0, 0, 0]]).all()
+
+
+def test_the_fringe_is_where_as_many_images_cut_the_body_as_hold_it():
+    everywhere = [[1.0] * 6] * 5
+    np.testing.assert_array_equal(
+        within([*everywhere, [1, 1, 0.4, 0.4, 0, 0], [1, 1, 1, 0.4, 0.4, 0.4]]),
+        [True] * 5 + [False, False],
+    )
+    # Four of a usual six are the majority, whoever else is cut.
+    assert within([*everywhere, [1, 1, 1, 1, 0.4, 0.4]]).all()
+
+
+def test_a_hand_outside_cuts_nobody_and_a_hand_inside_neither():
+    everywhere = [[1.0] * 6] * 5
+    assert within([*everywhere, [0.97, 0.97, 0.03, 0.03, 0.03, 0]]).all()
+
+
+def test_a_place_far_off_is_vague():
+    found = within([[1.0] * 6] * 8, away=[0, 0.5, 1, -0.5, -1, 0.2, 300, 310])
+    np.testing.assert_array_equal(found, [True] * 6 + [False] * 2)
+
+
+def test_nobody_is_nowhere():
+    assert within(np.zeros((0, 6))).shape == (0,)
