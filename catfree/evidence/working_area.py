@@ -54,19 +54,19 @@ def in_working_area(
 ) -> Bool[np.ndarray, " person"]:
     """Which positions lie where the rig can be trusted, judged by the sequence's own people.
 
-    Two signs. The design uncertainty is not far above that of the well-seen people (the lower class
-    of a log-Otsu split). And the place is not the fringe of the views: more images hold the whole
-    body than cut it, or more than half as many hold it as hold the typical person's.
+    Two signs, both relative to the typical person: the design uncertainty is not far above that of
+    the well-seen people (the lower class of a log-Otsu split), and of the images that hold the
+    whole body, fewer are missing than half of the rig has.
     """
     if len(state) == 0:
         return np.zeros(0, bool)
     sigma = np.log(design_sigma(state, seen, views, noise))
     lower = sigma[sigma <= _otsu(sigma)]
-    whole = (seen.share >= WHOLE_BODY).sum(1)
-    cut = ((seen.share < WHOLE_BODY) & (seen.share > 1 - WHOLE_BODY)).sum(1)
-    typical = np.median(whole)
-    within = (whole > cut) | (whole > settings.working_views * typical) | (typical == 0)
-    return within & (sigma <= lower.mean() + np.log(settings.working_sigma))
+    cameras = (seen.share >= WHOLE_BODY).sum(1)
+    missing = np.median(cameras) - cameras
+    return (sigma <= lower.mean() + np.log(settings.working_sigma)) & (
+        missing < settings.missing_views * np.sum(views.registered)
+    )
 
 
 def _otsu(values: np.ndarray) -> float:

@@ -70,9 +70,9 @@ class EvidenceSettings:
         report_radius: a position is reported if it is right within this many H0 (half a metre for
             adults) more likely than not.
         working_sigma: largest uncertainty by design, relative to well-seen people.
-        working_views: where as many images cut a body as hold it whole, those that hold it must be
-            more than this share of the median number: the majority of the cameras that usually see
-            people.
+        missing_views: a place from which the whole body is in fewer images than usual, by this
+            share of all cameras, is beyond the ground that the rig was built to cover: half of it
+            has turned away.
         unevenness: how far off the plane people stand: paving, slopes and kerbs are level to about
             ten centimetres over a square, and walking feet are lifted by as much.
         sway: how far the body's centre strays from the point called its position; common to all
@@ -132,6 +132,6 @@ class EvidenceSettings:
 
     report_radius: float = 0.3
     working_sigma: float = 3.0
-    working_views: float = 0.5
+    missing_views: float = 0.5
     unevenness: float = 0.07
     sway: float = 0.04
