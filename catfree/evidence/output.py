@@ -110,8 +110,9 @@ def describe(
         existence=s.probability[rows],
     )
     fate = np.where(s.existence.log_odds > 0, Fate.TRACKING, Fate.EXISTENCE).astype(np.int64)
-    rejected = s.trails.group[~s.kept & (s.probability > 0.5)]
-    fate[rejected[rejected >= 0]] = Fate.UNCERTAINTY_FILTER
+    likely = (s.probability > 0.5) & (s.trails.group >= 0)
+    fate[s.trails.group[likely & s.alone & ~s.kept]] = Fate.UNCERTAINTY_FILTER
+    fate[s.trails.group[likely & ~s.alone]] = Fate.SUPPRESSED
     fate[trails.group[seen]] = Fate.ACCEPTED
     support = np.where(s.groups.member >= 0, s.boxes.row[s.groups.member], -1)
     sigma = np.sqrt((s.covariance[:, 0, 0] + s.covariance[:, 1, 1]) / 2) * unit
@@ -152,7 +153,7 @@ def _expected_rates(
     s = solution
     within = probability_within(s.position_covariance[rows], radius)
     right = float((s.probability[rows] * within).sum())
-    left_out = s.existence.log_odds[fate != Fate.ACCEPTED]
+    left_out = s.existence.log_odds[(fate != Fate.ACCEPTED) & (fate != Fate.SUPPRESSED)]
     missed = float((1 / (1 + np.exp(-np.clip(left_out, -50, 50)))).sum())
     people = right + missed
     return (

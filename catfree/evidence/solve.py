@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from catfree.evidence.appearance import PairRatios, compare_frames, learn_ratio
 from catfree.evidence.association import Groups, Priors
 from catfree.evidence.boxes import Boxes, prepare_boxes
+from catfree.evidence.exclusion import alone_in_place
 from catfree.evidence.existence import Existence, judge_groups, misses, predict_views
 from catfree.evidence.gaussian import mean_and_covariance
 from catfree.evidence.grouping import agreement, group, group_by_looks
@@ -37,7 +38,9 @@ class EvidenceSolution(eqx.Module):
         groups: who was seen together; `existence`: what speaks for each of them.
         state: (H, 3) position and height of each group; `covariance`: (H, 3, 3).
         trails: the tracks; `evidence`: (M,) log-odds of each of their rows;
-        probability: (M,) that the person was there; `kept`: (M,) whether it is reported.
+        probability: (M,) that the person was there.
+        alone: (M,) those more likely there than not, and not in the place of a better supported
+            one; `kept`: (M,) whether it is reported.
         position_covariance: (M, 2, 2) with sway, uneven ground and pose errors, as reported.
     """
 
@@ -52,6 +55,7 @@ class EvidenceSolution(eqx.Module):
     trails: Trails
     evidence: Float[np.ndarray, " node"]
     probability: Float[np.ndarray, " node"]
+    alone: Bool[np.ndarray, " node"]
     kept: Bool[np.ndarray, " node"]
     position_covariance: Float[np.ndarray, "node 2 2"]
 
@@ -144,12 +148,14 @@ def _solve(
         trails = follow(groups, existence.log_odds, time, motion, density, spread, settings)
         evidence = _row_evidence(trails, existence, boxes, views, rate, settings)
         probability = presence(trails, evidence, settings.appear_evidence, settings.leave_evidence)
-        priors = _track_priors(trails[probability > 0.5], groups)
+        alone = alone_in_place(trails, evidence, probability > 0.5, settings.personal_space)
+        priors = _track_priors(trails[alone], groups)
         found = _Pass(groups, existence, state, covariance, trails, evidence, probability)
     report("association", max(passes, 1), max(passes, 1))
     assert found is not None
     trails = found.trails
-    kept = found.probability > 0.5
+    alone = alone_in_place(trails, found.evidence, found.probability > 0.5, settings.personal_space)
+    kept = alone.copy()
     position_covariance = trails.covariance[:, :2, :2] + settings.sway**2 * np.eye(2)
     if settings.uneven_ground:
         shift = ground_shift(trails, found.groups, measured, views, noise, settings)
@@ -168,7 +174,7 @@ def _solve(
             trails, kept, found.groups, measured, boxes, views, noise
         )
     return EvidenceSolution(
-        boxes=boxes, views=views, noise=noise, measurements=measured, kept=kept,
+        boxes=boxes, views=views, noise=noise, measurements=measured, alone=alone, kept=kept,
         position_covariance=position_covariance, **found._asdict(),
     )  # fmt: skip
 

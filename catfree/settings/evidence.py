@@ -67,6 +67,7 @@ class EvidenceSettings:
         appear_evidence: summed log-odds that a track must bring.
         leave_evidence: log-odds against vanishing and coming back within a track.
 
+        personal_space: two people are farther apart than this: the depth of a body.
         report_radius: a position is reported if it is right within this many H0 (half a metre for
             adults) more likely than not.
         working_sigma: largest uncertainty by design, relative to well-seen people.
@@ -130,6 +131,7 @@ class EvidenceSettings:
     appear_evidence: float = 8.0
     leave_evidence: float = 8.0
 
+    personal_space: float = 0.15
     report_radius: float = 0.3
     working_sigma: float = 3.0
     missing_views: float = 0.5
