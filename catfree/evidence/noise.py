@@ -64,7 +64,7 @@ def learn_noise(
     views: GroundViews,
     settings: EvidenceSettings,
 ) -> tuple[Noise, float]:
-    """One round of self-calibration from groups of at least three cameras.
+    """One round of self-calibration from groups of three cameras, or of two where those are few.
 
     Args:
         noise: what was assumed.
@@ -78,8 +78,11 @@ def learn_noise(
         What the residuals say, and the median height in units of the present H0.
     """
     there = groups.member >= 0
-    strong = np.flatnonzero(there.sum(1) >= 3)
-    C = groups.member.shape[1]
+    cameras, C = there.sum(1), groups.member.shape[1]
+    strong = np.flatnonzero(cameras >= 3)
+    if len(strong) < ENOUGH_FOR_FIELD:
+        # Pairs are chosen for agreeing, so they flatter the noise; not to learn at all is worse.
+        strong = np.flatnonzero(cameras >= 2)
     if len(strong) < ENOUGH_FOR_FIELD:
         return noise, 1.0
     state, _ = mean_and_covariance(groups.info[strong], noise.spread)
