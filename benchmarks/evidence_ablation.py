@@ -43,6 +43,7 @@ WITHOUT: dict[str, dict[str, float | bool]] = {
     "appearance": {"use_appearance": False},
     "working area": {"working_area": False},
     "uneven ground": {"uneven_ground": False},
+    "one person a place": {"personal_space": 0.0},
     "hidden feet": {"cover_slope": 0.0},
     "doubted feet": {"foot_outlier": 1e-9},
     "sure positions": {"report_radius": 1e9},

@@ -20,18 +20,21 @@ def alone_in_place(
 ) -> Bool[np.ndarray, " node"]:
     """Which people are there without a better supported one in the same place.
 
+    Somebody who was seen in a frame stays before somebody in a gap between sightings; among those,
+    the one whose track has more evidence in all; among equals, the one whose place is sharper.
+
     Args:
         trails: the tracks.
         evidence: (M,) log-odds of each of their rows.
         present: (M,) which rows are people; the others take no part.
-        radius: smallest distance of two people in H0.
+        radius: distance in H0 up to which two are in one place; 0 keeps everybody.
 
     Returns:
-        (M,) bool, false where `present` is; a track is supported by its rows together.
+        (M,) bool, false where `present` is.
     """
-    if not present.any():
+    if radius <= 0 or not present.any():
         return present
-    support = np.bincount(trails.track, np.where(present, evidence, 0.0))
-    return suppress_by_frame(
-        trails.frame, trails.mean[:, :2], support[trails.track][:, None], present, radius
-    )
+    support = np.bincount(trails.track, np.where(present, evidence, 0.0))[trails.track]
+    vagueness = np.trace(trails.covariance[:, :2, :2], axis1=1, axis2=2)
+    priority = np.column_stack([trails.group >= 0, support, -vagueness])
+    return suppress_by_frame(trails.frame, trails.mean[:, :2], priority, present, radius)

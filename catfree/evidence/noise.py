@@ -14,6 +14,7 @@ from catfree.settings import EvidenceSettings
 
 ENOUGH = 30  # residuals below which a camera keeps the noise that it had
 ENOUGH_FOR_FIELD = 10  # the same for its offset: four coefficients, held by their prior
+FEWEST_GROUPS = 10  # people below which nothing is learned
 HUBER = 1.5
 BLOCK = 2048  # residuals that are computed together
 
@@ -64,7 +65,7 @@ def learn_noise(
     views: GroundViews,
     settings: EvidenceSettings,
 ) -> tuple[Noise, float]:
-    """One round of self-calibration from groups of three cameras, or of two where those are few.
+    """One round of self-calibration from groups of at least three cameras, or two if those are few.
 
     Args:
         noise: what was assumed.
@@ -79,11 +80,12 @@ def learn_noise(
     """
     there = groups.member >= 0
     cameras, C = there.sum(1), groups.member.shape[1]
-    strong = np.flatnonzero(cameras >= 3)
-    if len(strong) < ENOUGH_FOR_FIELD:
+    strong, share = np.flatnonzero(cameras >= 3), 1.0
+    if len(strong) < FEWEST_GROUPS:
         # Pairs are chosen for agreeing, so they flatter the noise; not to learn at all is worse.
-        strong = np.flatnonzero(cameras >= 2)
-    if len(strong) < ENOUGH_FOR_FIELD:
+        # Either of two cameras shows the whole of what separates them, and takes half of it.
+        strong, share = np.flatnonzero(cameras >= 2), 0.5
+    if len(strong) < FEWEST_GROUPS:
         return noise, 1.0
     state, _ = mean_and_covariance(groups.info[strong], noise.spread)
     heights = state[:, 2]
@@ -111,10 +113,11 @@ def learn_noise(
             for k in range(3):
                 own = used[:, k] & (c == camera)
                 if own.sum() >= ENOUGH_FOR_FIELD:
-                    field[camera, k] = _robust_ridge(
+                    seen = _robust_ridge(
                         features[own, k], residual[own, k], sd[own, k],
                         np.array(settings.field_prior), k,
                     )  # fmt: skip
+                    field[camera, k] += share * (seen - field[camera, k])
     left = residual - np.einsum("nkf,nkf->nk", features, field[c])
     z = left / sd
     pool = []

@@ -111,8 +111,8 @@ def describe(
     )
     fate = np.where(s.existence.log_odds > 0, Fate.TRACKING, Fate.EXISTENCE).astype(np.int64)
     likely = (s.probability > 0.5) & (s.trails.group >= 0)
-    fate[s.trails.group[likely & s.alone & ~s.kept]] = Fate.UNCERTAINTY_FILTER
-    fate[s.trails.group[likely & ~s.alone]] = Fate.SUPPRESSED
+    fate[s.trails.group[likely & ~s.kept]] = Fate.UNCERTAINTY_FILTER
+    fate[s.trails.group[likely & s.suppressed]] = Fate.SUPPRESSED
     fate[trails.group[seen]] = Fate.ACCEPTED
     support = np.where(s.groups.member >= 0, s.boxes.row[s.groups.member], -1)
     sigma = np.sqrt((s.covariance[:, 0, 0] + s.covariance[:, 1, 1]) / 2) * unit
@@ -149,7 +149,10 @@ def describe(
 def _expected_rates(
     solution: EvidenceSolution, rows: np.ndarray, fate: np.ndarray, radius: float
 ) -> tuple[float, float]:
-    """Precision and recall by the probabilities of what is reported and of what is not."""
+    """Precision and recall by the probabilities of what is reported and of what is not.
+
+    Who was suppressed is not missed: it was the same person a second time.
+    """
     s = solution
     within = probability_within(s.position_covariance[rows], radius)
     right = float((s.probability[rows] * within).sum())

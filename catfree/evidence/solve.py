@@ -1,4 +1,4 @@
-"""The evidence method, stage by stage: measure, self-calibrate, associate, exist, track."""
+"""The evidence method, stage by stage: measure, self-calibrate, associate, exist, track, report."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -39,8 +39,8 @@ class EvidenceSolution(eqx.Module):
         state: (H, 3) position and height of each group; `covariance`: (H, 3, 3).
         trails: the tracks; `evidence`: (M,) log-odds of each of their rows;
         probability: (M,) that the person was there.
-        alone: (M,) those more likely there than not, and not in the place of a better supported
-            one; `kept`: (M,) whether it is reported.
+        suppressed: (M,) people in the place of a better supported one.
+        kept: (M,) whether it is reported.
         position_covariance: (M, 2, 2) with sway, uneven ground and pose errors, as reported.
     """
 
@@ -55,7 +55,7 @@ class EvidenceSolution(eqx.Module):
     trails: Trails
     evidence: Float[np.ndarray, " node"]
     probability: Float[np.ndarray, " node"]
-    alone: Bool[np.ndarray, " node"]
+    suppressed: Bool[np.ndarray, " node"]
     kept: Bool[np.ndarray, " node"]
     position_covariance: Float[np.ndarray, "node 2 2"]
 
@@ -154,14 +154,14 @@ def _solve(
     report("association", max(passes, 1), max(passes, 1))
     assert found is not None
     trails = found.trails
-    alone = alone_in_place(trails, found.evidence, found.probability > 0.5, settings.personal_space)
-    kept = alone.copy()
     position_covariance = trails.covariance[:, :2, :2] + settings.sway**2 * np.eye(2)
     if settings.uneven_ground:
         shift = ground_shift(trails, found.groups, measured, views, noise, settings)
         position_covariance = with_uneven_ground(position_covariance, shift, settings.unevenness)
     within = probability_within(position_covariance, settings.report_radius)
-    kept &= within > 0.5
+    sharp = (found.probability > 0.5) & (within > 0.5)
+    kept = alone_in_place(trails, found.evidence, sharp, settings.personal_space)
+    suppressed = sharp & ~kept
     if settings.working_area:
         rows = np.flatnonzero(kept)
         member = np.full((len(rows), boxes.table.shape[1]), -1)
@@ -174,8 +174,8 @@ def _solve(
             trails, kept, found.groups, measured, boxes, views, noise
         )
     return EvidenceSolution(
-        boxes=boxes, views=views, noise=noise, measurements=measured, alone=alone, kept=kept,
-        position_covariance=position_covariance, **found._asdict(),
+        boxes=boxes, views=views, noise=noise, measurements=measured, kept=kept,
+        suppressed=suppressed, position_covariance=position_covariance, **found._asdict(),
     )  # fmt: skip
 
 

@@ -55,8 +55,8 @@ def in_working_area(
     """Which positions lie where the rig can be trusted, judged by the sequence's own people.
 
     Two signs, both relative to the typical person: the design uncertainty is not far above that of
-    the well-seen people (the lower class of a log-Otsu split), and of the images that hold the
-    whole body, fewer are missing than half of the rig has.
+    the well-seen people (the lower class of a log-Otsu split), and the number of images that hold
+    the whole body is not below the typical one by half of the rig (`missing_views`) or more.
     """
     if len(state) == 0:
         return np.zeros(0, bool)

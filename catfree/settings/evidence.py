@@ -67,13 +67,14 @@ class EvidenceSettings:
         appear_evidence: summed log-odds that a track must bring.
         leave_evidence: log-odds against vanishing and coming back within a track.
 
-        personal_space: two people are farther apart than this: the depth of a body.
+        personal_space: tracks closer than this in a frame, the depth of a body, are one person, and
+            the better supported one stays; 0 switches it off.
         report_radius: a position is reported if it is right within this many H0 (half a metre for
             adults) more likely than not.
         working_sigma: largest uncertainty by design, relative to well-seen people.
-        missing_views: a place from which the whole body is in fewer images than usual, by this
-            share of all cameras, is beyond the ground that the rig was built to cover: half of it
-            has turned away.
+        missing_views: a place where the whole body is in fewer images than the typical person's, by
+            at least this share of the registered cameras, is beyond the ground that the rig was
+            built to cover. Where the typical person is in fewer images than that, it excludes none.
         unevenness: how far off the plane people stand: paving, slopes and kerbs are level to about
             ten centimetres over a square, and walking feet are lifted by as much.
         sway: how far the body's centre strays from the point called its position; common to all

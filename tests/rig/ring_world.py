@@ -12,13 +12,13 @@ from catfree.types import Rig, Scene
 
 @cache
 def ring_of_six() -> World:
-    """Eight people for a minute: enough to calibrate from, and quickly done."""
+    """Eight people for twelve seconds: enough to calibrate from, and quickly done."""
     detector = DetectorModel(pixel_noise=2.0, embedding_size=0, false_positives=0.3)
     return make_world("ring6", 3, frames=60, people=8, background=1, detector=detector)
 
 
 def moved(calibration: Calibration, camera: int, *step: float) -> Calibration:
-    """The rig with a camera moved right and down by a step in metres along its own axes."""
+    """The rig with a camera moved by a step (x, y) in metres of the world, not refined."""
     rig = calibration.scene.rig
     t = np.array(rig.t)
     t[camera] -= np.asarray(rig.R)[camera] @ np.array([*step, 0.0])
