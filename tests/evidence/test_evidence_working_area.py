@@ -70,6 +70,10 @@ def test_where_people_are_usually_in_few_images_two_are_enough():
     )
 
 
+def test_where_people_are_in_half_of_the_images_nobody_is_excluded():
+    assert within([[1, 1, 1, 0, 0, 0], [0, 0, 1, 1, 0, 0], [1, 1, 0, 0, 0, 0], [0] * 6]).all()
+
+
 def test_cameras_that_are_not_registered_do_not_count():
     share = np.array([[1.0] * 4 + [0.0] * 2] * 5 + [[1.0] * 2 + [0.0] * 4])
     views = ground_views(make_scene(make_rig(CAMERAS)), HEIGHT)
