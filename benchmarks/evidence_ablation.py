@@ -7,19 +7,20 @@ true rig on the first two (the room with Faster R-CNN boxes) and a disturbed one
 
 | without | WildTrack 0-715 | room, 15 people | uneven7 | gmvd8 |
 |---|---|---|---|---|
-| (all on) | 73.3 | 91.5 | 86.2 | 97.9 |
-| misses | 49.6 | 87.1 | 87.6 | 98.5 |
-| self-calibration | 69.6 | 85.2 | 80.6 | 57.9 |
-| residual field | 70.8 | 86.6 | 83.8 | 81.7 |
-| local clutter | 71.3 | 84.8 | 86.2 | 95.3 |
-| head and height | 64.7 | 88.5 | 85.3 | 87.5 |
-| tracking | 67.9 | 80.4 | 84.1 | 92.9 |
-| appearance | 73.3 | 91.5 | 86.0 | 96.2 |
-| working area | 65.3 | 89.4 | 86.9 | 97.9 |
-| uneven ground | 67.8 | 91.5 | 87.5 | 97.9 |
-| hidden feet | 73.5 | 87.7 | 86.4 | 98.4 |
-| doubted feet | 68.8 | 90.8 | 85.6 | 98.2 |
-| sure positions | 67.8 | 91.5 | 87.5 | 97.9 |
+| (all on) | 74.3 | 92.4 | 87.2 | 97.9 |
+| misses | 51.8 | 90.7 | 88.1 | 99.0 |
+| self-calibration | 70.4 | 87.6 | 80.1 | 57.9 |
+| residual field | 72.2 | 87.5 | 83.7 | 81.8 |
+| local clutter | 72.3 | 84.3 | 86.5 | 95.3 |
+| head and height | 65.2 | 88.7 | 85.2 | 87.7 |
+| tracking | 68.8 | 81.5 | 85.1 | 93.0 |
+| appearance | 74.3 | 92.4 | 86.7 | 96.7 |
+| working area | 65.5 | 90.1 | 86.5 | 97.9 |
+| uneven ground | 68.9 | 92.4 | 87.2 | 97.9 |
+| one person a place | 74.1 | 91.5 | 87.5 | 97.9 |
+| hidden feet | 74.3 | 88.6 | 87.3 | 98.1 |
+| doubted feet | 69.7 | 91.3 | 86.1 | 98.2 |
+| sure positions | 69.0 | 92.4 | 87.2 | 97.9 |
 """
 
 import argparse
