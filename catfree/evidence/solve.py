@@ -126,6 +126,10 @@ def _solve(
     found: _Pass | None = None
     for index in range(max(passes, 1)):
         report("association", index, max(passes, 1))
+        if found is not None:
+            present = found.probability > 0.5
+            alone = alone_in_place(found.trails, found.evidence, present, settings.personal_space)
+            priors = _track_priors(found.trails[alone], found.groups)
         if ratios is None:
             groups = group(boxes, measured, noise, priors)
         else:
@@ -148,8 +152,6 @@ def _solve(
         trails = follow(groups, existence.log_odds, time, motion, density, spread, settings)
         evidence = _row_evidence(trails, existence, boxes, views, rate, settings)
         probability = presence(trails, evidence, settings.appear_evidence, settings.leave_evidence)
-        alone = alone_in_place(trails, evidence, probability > 0.5, settings.personal_space)
-        priors = _track_priors(trails[alone], groups)
         found = _Pass(groups, existence, state, covariance, trails, evidence, probability)
     report("association", max(passes, 1), max(passes, 1))
     assert found is not None
