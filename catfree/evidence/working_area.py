@@ -56,7 +56,8 @@ def in_working_area(
 
     Two signs, both relative to the typical person: the design uncertainty is not far above that of
     the well-seen people (the lower class of a log-Otsu split), and the number of images that hold
-    the whole body is not below the typical one by half of the rig (`missing_views`) or more.
+    the whole body is not below the typical one by half of the rig (`missing_views`) or more,
+    unless there are so many (`enough_views`) that they check each other wherever it is.
     """
     if len(state) == 0:
         return np.zeros(0, bool)
@@ -64,9 +65,9 @@ def in_working_area(
     lower = sigma[sigma <= _otsu(sigma)]
     cameras = (seen.share >= WHOLE_BODY).sum(1)
     missing = np.median(cameras) - cameras
-    return (sigma <= lower.mean() + np.log(settings.working_sigma)) & (
-        missing < settings.missing_views * np.sum(views.registered)
-    )
+    enough = missing < settings.missing_views * np.sum(views.registered)
+    enough |= cameras >= settings.enough_views
+    return (sigma <= lower.mean() + np.log(settings.working_sigma)) & enough
 
 
 def _otsu(values: np.ndarray) -> float:

@@ -75,6 +75,8 @@ class EvidenceSettings:
         missing_views: a place where the whole body is in fewer images than the typical person's, by
             at least this share of the registered cameras, is beyond the ground that the rig was
             built to cover. Where the typical person is in fewer images than that, it excludes none.
+        enough_views: with the whole body in this many images a place is never too far out for
+            that: two cameras make a position of any two boxes, a third one contradicts.
         unevenness: how far off the plane people stand: paving, slopes and kerbs are level to about
             ten centimetres over a square, and walking feet are lifted by as much.
         sway: how far the body's centre strays from the point called its position; common to all
@@ -136,5 +138,6 @@ class EvidenceSettings:
     report_radius: float = 0.3
     working_sigma: float = 3.0
     missing_views: float = 0.5
+    enough_views: int = 3
     unevenness: float = 0.07
     sway: float = 0.04

@@ -58,9 +58,15 @@ def test_another_image_of_the_whole_body_takes_nobody_out(share, data):
 def test_a_place_is_left_when_half_of_the_rig_has_turned_away():
     everywhere = [[1.0] * 6] * 5
     np.testing.assert_array_equal(
-        within([*everywhere, [1, 1, 1, 1, 0, 0], [1, 1, 1, 0, 0, 0], [1, 0, 0, 0, 0, 0]]),
+        within([*everywhere, [1, 1, 1, 1, 0, 0], [1, 1, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0]]),
         [True] * 6 + [False, False],
     )
+
+
+def test_three_images_of_the_whole_body_are_enough_anywhere():
+    everywhere = [[1.0] * 6] * 5
+    few = [[1, 1, 1, 0, 0, 0], [1, 0, 0, 1, 0, 1], [1, 1, 0.5, 0.5, 0.5, 0.5]]
+    np.testing.assert_array_equal(within([*everywhere, *few]), [True] * 7 + [False])
 
 
 def test_where_people_are_usually_in_few_images_two_are_enough():
@@ -85,7 +91,7 @@ def test_cameras_that_are_not_registered_do_not_count():
 def test_a_cut_body_is_not_seen_but_a_hand_outside_cuts_nobody():
     everywhere = [[1.0] * 6] * 5
     np.testing.assert_array_equal(
-        within([*everywhere, [0.97] * 6, [1, 1, 1, 0.6, 0.6, 0.6]]), [True] * 6 + [False]
+        within([*everywhere, [0.97] * 6, [1, 1, 0.6, 0.6, 0.6, 0.6]]), [True] * 6 + [False]
     )
 
 

@@ -46,6 +46,16 @@ def test_a_real_square_by_registration_alone(shared):
 
 
 @pytest.mark.slow
+def test_a_short_recording_of_a_real_square_by_registration_alone(shared):
+    path = shared / "data" / "real" / "wildtrack_0_715.json"
+    count, error, scale, deviation = compare(path, slice(72), register)
+    assert count == 7
+    assert error <= 0.30
+    assert abs(scale - 1) < 0.04
+    assert deviation < 0.06
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [slice(None), slice(72)], ids=str)
 def test_a_real_square_with_the_evidence_method(shared, frames):
     path = shared / "data" / "real" / "wildtrack_0_715.json"

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from catfree.errors import CalibrationError
 from catfree.rig.pedestrians.adjustment import AdjustedRig, alternate
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL
+from catfree.rig.pedestrians.completion import complete_rig
 from catfree.rig.pedestrians.growth import drop_harmful, grow_rig, prune_rig
 from catfree.rig.pedestrians.pairs import PairHypothesis, search_pair, seed_rig
 from catfree.rig.pedestrians.verdict import Verdict, judge_camera
@@ -18,7 +20,7 @@ from catfree.rig.pedestrians.workspace import Workspace
 Progress = Callable[[str, int, int], None]
 
 THREADS = 2  # array operations release the interpreter lock only in part
-GROWN_SEEDS = 2
+GROWN_SEEDS = 2  # at least; more only where cameras are still missing
 FINAL_TOLERANCES = (0.03, 0.02, 0.01)  # range tolerances of the last adjustment
 FINAL_PEOPLE = 4000
 FINAL_ITERATIONS = 15
@@ -54,12 +56,16 @@ def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
     seeds = _adjust_seeds(work, pairs, report)
     shared = _focal_seems_shared(work, seeds)
     best = None
-    for done, (_, seed, _) in enumerate(seeds[:GROWN_SEEDS]):
+    useful = int((work.grid.valid.sum((1, 2)) > work.settings.minimum_matches).sum())
+    for done, (_, seed, _) in enumerate(seeds):
+        if best is not None and done >= GROWN_SEEDS and best[0][0] >= useful:
+            break
         rig, verdicts = grow_rig(work, seed, pairs, shared_focal=shared)
         quality = int(rig.state.placed.sum()), sum(v.margin for v in verdicts.values())
-        report("growth", done + 1, min(len(seeds), GROWN_SEEDS))
+        report("growth", done + 1, len(seeds))
         if best is None or quality > best[0]:
             best = quality, rig
+    report("growth", len(seeds), len(seeds))
     if best is None:
         raise CalibrationError(
             "No two cameras see the same people: of "
@@ -69,11 +75,12 @@ def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
         )
     rig, shared = _choose_focal(work, best[1])
     rig, verdicts = prune_rig(work, rig, shared_focal=shared)
-    kept = rig.state.placed.sum()
-    rig, verdicts = drop_harmful(work, rig, verdicts, shared_focal=shared)
-    if rig.state.placed.sum() < kept:
-        rig, shared = _choose_focal(work, rig)
-        rig, verdicts = prune_rig(work, rig, shared_focal=shared)
+    for reconsider in (drop_harmful, partial(complete_rig, pairs=pairs)):
+        cameras = rig.state.placed.sum()
+        rig, verdicts = reconsider(work, rig, verdicts, shared_focal=shared)
+        if rig.state.placed.sum() != cameras:
+            rig, shared = _choose_focal(work, rig)
+            rig, verdicts = prune_rig(work, rig, shared_focal=shared)
     return RegisteredRig(rig, verdicts, shared)
 
 
