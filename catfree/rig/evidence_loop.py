@@ -22,6 +22,8 @@ from catfree.rig.sure_people import sure_people
 from catfree.settings import Settings
 from catfree.types import Detections
 
+FEWEST_TO_FLAG = 3  # of three cameras, two that agree tell that the third does not
+
 
 @dataclass(frozen=True)
 class EvidenceLoop:
@@ -38,10 +40,30 @@ class EvidenceLoop:
     report: Callable[[str, int, int], None]
 
     def settle(self, calibration: Calibration) -> Calibration:
-        """The rig refined, with every camera where it fits best and missing ones added."""
+        """The rig refined, with every camera where it fits best and missing ones added.
+
+        A camera that fits nowhere as the others do is flagged: its boxes may be of another time.
+        """
         best = self._grow(self.replace_strained(self.refine(calibration)))
         freed = self.replace_blocking(best)
-        return best if freed is None else self._grow(self.replace_strained(freed))
+        if freed is not None:
+            best = self._grow(self.replace_strained(freed))
+        return self.without_strained(best)
+
+    def without_strained(self, calibration: Calibration) -> Calibration:
+        """The rig without cameras whose boxes fit far worse than the others' do, refined."""
+        while True:
+            registered = np.asarray(calibration.scene.rig.registered)
+            camera = most_strained(
+                calibration.camera_residual,
+                np.where(registered, 1.0, np.nan),  # few sure people are no sign of a wrong place
+                self.settings.calibration,
+                fewest=FEWEST_TO_FLAG,
+            )
+            if camera is None:
+                return calibration
+            rest = without_camera(calibration, camera, self.settings.calibration)
+            calibration = self.refine(rest)
 
     def _grow(self, best: Calibration) -> Calibration:
         """Search every camera's place anew until nothing is gained."""

@@ -13,6 +13,7 @@ def most_strained(
     support: Float[np.ndarray, " cam"],
     settings: CalibrationSettings,
     tried: Collection[int] = (),
+    fewest: int | None = None,
 ) -> int | None:
     """The camera whose boxes fit worst, if clearly worse than the others'.
 
@@ -27,13 +28,14 @@ def most_strained(
             not in the rig.
         settings: constants.
         tried: cameras that are left as they are.
+        fewest: cameras that can be compared; the settings' by default.
 
     Returns:
         Its index, or None if no camera stands out or there are too few to tell. Cameras without
         support come first.
     """
     cameras = [int(c) for c in np.flatnonzero(np.isfinite(support))]
-    if len(cameras) < settings.fewest_to_compare:
+    if len(cameras) < (settings.fewest_to_compare if fewest is None else fewest):
         return None
     left = [c for c in cameras if c not in tried]
     least = settings.unsupported_share * np.median(support[cameras])

@@ -56,14 +56,15 @@ class CalibrationSettings:
         minimum_matches: matches that an accepted camera must reach.
         chance_shifts: circular time shifts, as shares of the sequence, whose evidence a camera must
             exceed.
-        strained_residual: times the usual residual of a camera, above which it is tried elsewhere.
-            With everybody in place cameras differ by up to 1.3 (lenses, distances); one beside its
-            place by a tenth of its range has twice the usual.
+        strained_residual: times the usual residual of a camera, above which it is tried elsewhere,
+            and in the end flagged. With everybody in place cameras differ by up to 1.3 (lenses,
+            distances); one beside its place by a tenth of its range has twice the usual.
         unsupported_share: of the usual share of boxes that sure people hold, below which a camera
             is tried elsewhere: so few fit anywhere.
         blocking_share: a camera without which the others' residual falls below this share of the
             rig's is tried elsewhere where cameras are missing.
-        fewest_to_compare: with fewer cameras each bends the others as much as itself.
+        fewest_to_compare: with fewer cameras each bends the others as much as itself, and none is
+            tried elsewhere.
         largest_focal_sd: relative; a camera whose focal length is known worse than this puts a
             person 20 m away wrong by a metre, and is not accepted.
         minimum_frames: fewer frames than this cannot be told from chance.

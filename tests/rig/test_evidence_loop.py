@@ -1,5 +1,7 @@
 """Cameras beside their places are found and moved, and no longer keep others out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from ring_world import moved, ring_of_six
@@ -68,6 +70,16 @@ def test_three_cameras_do_not_tell_which_of_them_is_wrong(loop, right):
         few = without_camera(few, camera, SETTINGS.calibration)
     assert loop.replace_blocking(few) is None
     assert loop.replace_strained(few) is few
+
+
+def test_a_camera_that_fits_nowhere_is_flagged_in_the_end(world, loop, right):
+    assert loop.without_strained(right) is right
+    beside = moved(right, WRONG, 2.5, -1.7)
+    residual = right.camera_residual.copy()
+    residual[WRONG] *= 1.1 * SETTINGS.calibration.strained_residual
+    found = loop.without_strained(replace(beside, camera_residual=residual))
+    assert found.scene.rig.registered.tolist() == [camera != WRONG for camera in range(6)]
+    assert furthest(found, right) < 0.3
 
 
 def test_where_nobody_is_sure_nothing_moves(world, right):

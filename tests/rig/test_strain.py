@@ -55,7 +55,9 @@ def test_cameras_outside_the_rig_are_no_measure(values, missing):
 
 
 def test_few_cameras_bend_each_other():
-    assert strained(np.array([1.0, 1.0, 9.0])) is None
+    three = np.array([1.0, 1.0, 9.0])
+    assert strained(three) is None
+    assert most_strained(three, np.full(3, 0.2), RULES, fewest=3) == 2
     assert strained(np.zeros(0)) is None
 
 
