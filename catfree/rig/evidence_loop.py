@@ -22,6 +22,7 @@ from catfree.rig.sure_people import sure_people
 from catfree.settings import Settings
 from catfree.types import Detections
 
+LEAST_FALL = 0.01  # share of the residual; less is the same
 FEWEST_TO_FLAG = 3  # of three cameras, two that agree tell that the third does not
 
 
@@ -78,16 +79,24 @@ class EvidenceLoop:
         return best
 
     def refine(self, calibration: Calibration) -> Calibration:
-        """The rig after as many rounds as the settings ask for and there is evidence for."""
+        """The rig of the round with the smallest residual, until it stops falling.
+
+        The residual of the given rig is no measure: other boxes had other deviations there.
+        """
         rounds = self.settings.calibration.evidence_rounds
+        best = None
         for done in range(rounds):
             self.report("refinement", done, rounds)
-            refined = self.refine_once(calibration)
+            refined = self.refine_once(calibration if best is None else best)
             if refined is None:
                 break
-            calibration = refined
+            fell = best is None or refined.residual < (1 - LEAST_FALL) * best.residual
+            if best is None or refined.residual < best.residual:
+                best = refined
+            if not fell:
+                break
         self.report("refinement", rounds, rounds)
-        return calibration
+        return calibration if best is None else best
 
     def refine_once(self, calibration: Calibration) -> Calibration | None:
         """One round; None where the evidence is too thin to refine with."""

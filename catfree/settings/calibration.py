@@ -68,8 +68,8 @@ class CalibrationSettings:
         largest_focal_sd: relative; a camera whose focal length is known worse than this puts a
             person 20 m away wrong by a metre, and is not accepted.
         minimum_frames: fewer frames than this cannot be told from chance.
-        evidence_rounds: so often the evidence method's surest groups refine the rig; 0 leaves it
-            as it was registered.
+        evidence_rounds: at most so often the evidence method's surest groups refine the rig, until
+            the residual stops falling; 0 leaves it as it was registered.
     """
 
     person_height: float = 1.70
@@ -123,7 +123,7 @@ class CalibrationSettings:
     fewest_to_compare: int = 4
     largest_focal_sd: float = 0.05
     minimum_frames: int = 20
-    evidence_rounds: int = 2
+    evidence_rounds: int = 5
 
     @property
     def apparent_height(self) -> float:

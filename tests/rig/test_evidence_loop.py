@@ -87,3 +87,25 @@ def test_where_nobody_is_sure_nothing_moves(world, right):
     loop = EvidenceLoop(empty, SETTINGS, lambda *_: None)
     assert loop.refine_once(right) is None
     assert loop.refine(right) is right
+
+
+@pytest.mark.parametrize(
+    ("residuals", "chosen", "done"),
+    [
+        ([9.0, 3.0, 2.0, 2.5], 2.0, 4),  # the given rig's own residual is no measure
+        ([3.0, 2.99, 1.0], 2.99, 2),  # less than a percent: it has stopped falling
+        ([3.0, None], 3.0, 2),
+        ([5.0, 4.0, 3.0, 2.0, 1.5, 1.0], 1.5, 5),
+    ],
+)
+def test_the_round_with_the_smallest_residual_is_kept(world, right, residuals, chosen, done):
+    left = list(residuals)
+
+    class Scripted(EvidenceLoop):
+        def refine_once(self, calibration):
+            residual = left.pop(0)
+            return None if residual is None else replace(right, residual=residual)
+
+    found = Scripted(world.detections, SETTINGS, lambda *_: None).refine(right)
+    assert found.residual == chosen
+    assert len(residuals) - len(left) == done
