@@ -22,7 +22,7 @@ from catfree.rig.sure_people import sure_people
 from catfree.settings import Settings
 from catfree.types import Detections
 
-LEAST_FALL = 0.01  # share of the residual; less is the same
+SAME_RESIDUAL = 0.01  # share; residuals that differ by less are the same
 FEWEST_TO_FLAG = 3  # of three cameras, two that agree tell that the third does not
 
 
@@ -79,8 +79,9 @@ class EvidenceLoop:
         return best
 
     def refine(self, calibration: Calibration) -> Calibration:
-        """The rig of the round with the smallest residual, until it stops falling.
+        """The rig after rounds that go on while the residual falls, without one in which it rises.
 
+        Less than a percent is the same, and then the later round is kept: its people are surer.
         The residual of the given rig is no measure: other boxes had other deviations there.
         """
         rounds = self.settings.calibration.evidence_rounds
@@ -90,10 +91,10 @@ class EvidenceLoop:
             refined = self.refine_once(calibration if best is None else best)
             if refined is None:
                 break
-            fell = best is None or refined.residual < (1 - LEAST_FALL) * best.residual
-            if best is None or refined.residual < best.residual:
+            change = -1.0 if best is None else refined.residual / best.residual - 1
+            if change <= SAME_RESIDUAL:
                 best = refined
-            if not fell:
+            if change >= -SAME_RESIDUAL:
                 break
         self.report("refinement", rounds, rounds)
         return calibration if best is None else best

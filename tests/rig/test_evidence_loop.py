@@ -94,11 +94,12 @@ def test_where_nobody_is_sure_nothing_moves(world, right):
     [
         ([9.0, 3.0, 2.0, 2.5], 2.0, 4),  # the given rig's own residual is no measure
         ([3.0, 2.99, 1.0], 2.99, 2),  # less than a percent: it has stopped falling
+        ([3.0, 3.01, 1.0], 3.01, 2),  # and the later round counts
         ([3.0, None], 3.0, 2),
         ([5.0, 4.0, 3.0, 2.0, 1.5, 1.0], 1.5, 5),
     ],
 )
-def test_the_round_with_the_smallest_residual_is_kept(world, right, residuals, chosen, done):
+def test_rounds_go_on_while_the_residual_falls(world, right, residuals, chosen, done):
     left = list(residuals)
 
     class Scripted(EvidenceLoop):
