@@ -17,12 +17,12 @@ from catfree.rig.pedestrians import (
     refine_with_correspondences,
     without_camera,
 )
-from catfree.rig.strain import most_strained
+from catfree.rig.refinement import SAME_RESIDUAL
+from catfree.rig.strain import most_strained, strained_cameras
 from catfree.rig.sure_people import sure_people
 from catfree.settings import Settings
 from catfree.types import Detections
 
-SAME_RESIDUAL = 0.01  # share; residuals that differ by less are the same
 FEWEST_TO_FLAG = 3  # of three cameras, two that agree tell that the third does not
 
 
@@ -53,18 +53,14 @@ class EvidenceLoop:
 
     def without_strained(self, calibration: Calibration) -> Calibration:
         """The rig without cameras whose boxes fit far worse than the others' do, refined."""
-        while True:
-            registered = np.asarray(calibration.scene.rig.registered)
-            camera = most_strained(
-                calibration.camera_residual,
-                np.where(registered, 1.0, np.nan),  # few sure people are no sign of a wrong place
-                self.settings.calibration,
-                fewest=FEWEST_TO_FLAG,
-            )
-            if camera is None:
-                return calibration
-            rest = without_camera(calibration, camera, self.settings.calibration)
-            calibration = self.refine(rest)
+        rules = self.settings.calibration
+        while (
+            calibration.scene.rig.registered.sum() >= FEWEST_TO_FLAG
+            and strained_cameras(calibration.camera_residual, rules).any()
+        ):
+            worst = int(np.nanargmax(calibration.camera_residual))
+            calibration = self.refine(without_camera(calibration, worst, rules))
+        return calibration
 
     def _grow(self, best: Calibration) -> Calibration:
         """Search every camera's place anew until nothing is gained."""
@@ -85,19 +81,18 @@ class EvidenceLoop:
         The residual of the given rig is no measure: other boxes had other deviations there.
         """
         rounds = self.settings.calibration.evidence_rounds
-        best = None
+        best, residual = calibration, np.inf
         for done in range(rounds):
             self.report("refinement", done, rounds)
-            refined = self.refine_once(calibration if best is None else best)
-            if refined is None:
+            refined = self.refine_once(best)
+            if refined is None or refined.residual > (1 + SAME_RESIDUAL) * residual:
                 break
-            change = -1.0 if best is None else refined.residual / best.residual - 1
-            if change <= SAME_RESIDUAL:
-                best = refined
-            if change >= -SAME_RESIDUAL:
+            falling = refined.residual < (1 - SAME_RESIDUAL) * residual
+            best, residual = refined, refined.residual
+            if not falling:
                 break
         self.report("refinement", rounds, rounds)
-        return calibration if best is None else best
+        return best
 
     def refine_once(self, calibration: Calibration) -> Calibration | None:
         """One round; None where the evidence is too thin to refine with."""

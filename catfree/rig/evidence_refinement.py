@@ -28,13 +28,12 @@ from catfree.rig.bundle_adjustment import CameraTie
 from catfree.rig.pedestrians.bundle import BoxMeasurements, KnownCameras
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, from_matrices, rotation
 from catfree.rig.pedestrians.correspondences import adjust_groups
-from catfree.rig.refinement import Refinement, RefinementSettings
+from catfree.rig.refinement import SAME_RESIDUAL, Refinement, RefinementSettings
 from catfree.rig.sure_people import SurePeople, sure_people
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Rig, Scene
 
 PATIENCE = 3  # rounds without a smaller residual: it has stopped falling
-LEAST_FALL = 0.01  # share of the residual; less is the same
 FEWEST_LEFT = 0.5  # of the people at the start: the few who are left may fit any rig
 RUN = 10  # consecutive frames that take part together: enough to see tracks
 
@@ -111,7 +110,7 @@ def refine_by_evidence(
         current = found
         residuals.append(current.residual)
         people.append(len(current.people.member))
-        if current.residual < (1 - LEAST_FALL) * best.residual:
+        if current.residual < (1 - SAME_RESIDUAL) * best.residual:
             fell = done + 1
         if current.residual < best.residual:
             best, chosen = current, done + 1

@@ -8,6 +8,8 @@ from jaxtyping import Float, Int
 from catfree.rig.bundle_adjustment import CameraTie
 from catfree.types import Scene
 
+SAME_RESIDUAL = 0.01  # share; rounds whose residuals differ by less are as good
+
 
 @dataclass(frozen=True)
 class RefinementSettings:

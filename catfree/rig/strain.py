@@ -3,9 +3,24 @@
 from collections.abc import Collection
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from catfree.settings import CalibrationSettings
+
+
+def strained_cameras(
+    residual: Float[np.ndarray, " cam"], settings: CalibrationSettings
+) -> Bool[np.ndarray, " cam"]:
+    """Whose boxes fit clearly worse than the others' do (`strained_residual`).
+
+    Args:
+        residual: (C,) median residual of each camera in standard deviations, NaN where no box took
+            part (`Calibration.camera_residual`).
+        settings: constants.
+    """
+    if np.isnan(residual).all():
+        return np.zeros(len(residual), bool)
+    return residual > settings.strained_residual * np.nanmedian(residual)
 
 
 def most_strained(
@@ -13,7 +28,6 @@ def most_strained(
     support: Float[np.ndarray, " cam"],
     settings: CalibrationSettings,
     tried: Collection[int] = (),
-    fewest: int | None = None,
 ) -> int | None:
     """The camera whose boxes fit worst, if clearly worse than the others'.
 
@@ -28,21 +42,18 @@ def most_strained(
             not in the rig.
         settings: constants.
         tried: cameras that are left as they are.
-        fewest: cameras that can be compared; the settings' by default.
 
     Returns:
         Its index, or None if no camera stands out or there are too few to tell. Cameras without
         support come first.
     """
     cameras = [int(c) for c in np.flatnonzero(np.isfinite(support))]
-    if len(cameras) < (settings.fewest_to_compare if fewest is None else fewest):
+    if len(cameras) < settings.fewest_to_compare:
         return None
     left = [c for c in cameras if c not in tried]
     least = settings.unsupported_share * np.median(support[cameras])
     alone = [c for c in left if support[c] < least]
     if alone:
         return min(alone, key=lambda c: support[c])
-    if np.isnan(residual[cameras]).all():
-        return None
-    limit = settings.strained_residual * np.nanmedian(residual[cameras])
-    return max((c for c in left if residual[c] > limit), key=lambda c: residual[c], default=None)
+    strained = strained_cameras(np.where(np.isfinite(support), residual, np.nan), settings)
+    return max((c for c in left if strained[c]), key=lambda c: residual[c], default=None)

@@ -6,6 +6,8 @@ adjusted together, so each place is tried to the end, and the places are compare
 residual of the whole rig, since a camera that bends the others may well match more than they did.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from catfree.rig.pedestrians.adjustment import AdjustedRig, alternate
@@ -14,12 +16,12 @@ from catfree.rig.pedestrians.growth import (
     RESECTED_TOLERANCE,
     accepted_candidates,
     drop_harmful,
-    prune_rig,
 )
 from catfree.rig.pedestrians.pairs import PairHypothesis
 from catfree.rig.pedestrians.people import RigState
-from catfree.rig.pedestrians.verdict import Verdict
+from catfree.rig.pedestrians.verdict import Verdict, judge_cameras
 from catfree.rig.pedestrians.workspace import Workspace
+from catfree.rig.strain import strained_cameras
 
 Judged = tuple[AdjustedRig, dict[int, Verdict]]
 
@@ -74,12 +76,7 @@ def _places(
     """Distinct places (7,) in which a camera stands up to its evidence before all are adjusted."""
     places: list[np.ndarray] = []
     for tolerance in MAP_TOLERANCES:
-        loose = RigState(
-            state.parameters,
-            state.placed,
-            state.foot_offset,
-            np.full(len(state.placed), tolerance),
-        )
+        loose = replace(state, range_tolerance=np.full(len(state.placed), tolerance))
         for start, _ in accepted_candidates(work, loose, camera, pairs, shared_focal):
             if all(np.linalg.norm(start[X:] - other[X:]) > SAME_PLACE for other in places):
                 places.append(start)
@@ -94,10 +91,10 @@ def _tried(
     rig = alternate(
         work.grid, larger, work.settings, shared_focal=shared_focal, tolerances=ADJUSTMENTS
     )
-    rig, verdicts = prune_rig(work, rig, shared_focal=shared_focal)
-    rig, verdicts = drop_harmful(work, rig, verdicts, shared_focal=shared_focal)
-    if rig.state.placed.sum() < larger.placed.sum():
+    if strained_cameras(rig.bundle.camera_residual, work.settings)[camera]:
         return None
-    residual = rig.bundle.camera_residual
-    strained = residual[camera] > work.settings.strained_residual * np.nanmedian(residual)
-    return None if strained else (rig, verdicts)
+    verdicts = judge_cameras(work, rig.state)
+    if not all(verdict.accepted for verdict in verdicts.values()):
+        return None
+    rig, verdicts = drop_harmful(work, rig, verdicts, shared_focal=shared_focal)
+    return (rig, verdicts) if len(verdicts) == larger.placed.sum() else None

@@ -8,7 +8,7 @@ from catfree.rig.pedestrians.pairs import PairHypothesis
 from catfree.rig.pedestrians.people import RigState, group_people
 from catfree.rig.pedestrians.registration import Placement, vote
 from catfree.rig.pedestrians.resection import resect
-from catfree.rig.pedestrians.verdict import Verdict, judge_camera
+from catfree.rig.pedestrians.verdict import Verdict, judge_camera, judge_cameras
 from catfree.rig.pedestrians.workspace import Workspace
 
 RESECTED_TOLERANCE = 0.05  # share of the range by which a resected camera may be wrong
@@ -65,10 +65,9 @@ def prune_rig(
 ) -> tuple[AdjustedRig, dict[int, Verdict]]:
     """Take out, worst first, every camera that the others do not support."""
     while True:
-        cameras = np.flatnonzero(rig.state.placed)
-        verdicts = {int(c): judge_camera(work, rig.state, int(c)) for c in cameras}
+        verdicts = judge_cameras(work, rig.state)
         failing = [c for c, verdict in verdicts.items() if not verdict.accepted]
-        if not failing or len(cameras) <= 2:
+        if not failing or len(verdicts) <= 2:
             return rig, verdicts
         worst = min(failing, key=lambda c: verdicts[c].margin)
         rig = _refined(work, rig.state.without_camera(worst), shared_focal)
@@ -90,7 +89,7 @@ def drop_harmful(
         for camera in sorted(suspects, key=lambda c: per_match[c]):
             others = [c for c in verdicts if c != camera]
             less = _refined(work, rig.state.without_camera(camera), shared_focal)
-            found = {c: judge_camera(work, less.state, c) for c in others}
+            found = judge_cameras(work, less.state)
             without = sum(verdict.margin for verdict in found.values())
             if without > HARMFUL_GAIN * sum(verdicts[c].margin for c in others):
                 rig, verdicts = less, found

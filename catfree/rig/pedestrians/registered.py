@@ -55,25 +55,15 @@ def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
     pairs = _search_pairs(work, report)
     seeds = _adjust_seeds(work, pairs, report)
     shared = _focal_seems_shared(work, seeds)
-    best = None
-    useful = int((work.grid.valid.sum((1, 2)) > work.settings.minimum_matches).sum())
-    for done, (_, seed, _) in enumerate(seeds):
-        if best is not None and done >= GROWN_SEEDS and best[0][0] >= useful:
-            break
-        rig, verdicts = grow_rig(work, seed, pairs, shared_focal=shared)
-        quality = int(rig.state.placed.sum()), sum(v.margin for v in verdicts.values())
-        report("growth", done + 1, len(seeds))
-        if best is None or quality > best[0]:
-            best = quality, rig
-    report("growth", len(seeds), len(seeds))
-    if best is None:
+    if not seeds:
         raise CalibrationError(
             "No two cameras see the same people: of "
             f"{work.grid.camera_count * (work.grid.camera_count - 1) // 2} pairs, none matches at "
             "its own time better than at shifted times. Check that the cameras are synchronized, "
             "that their views overlap, and that several people walk through the overlap."
         )
-    rig, shared = _choose_focal(work, best[1])
+    grown = _grow_seeds(work, seeds, pairs, report, shared_focal=shared)
+    rig, shared = _choose_focal(work, grown)
     rig, verdicts = prune_rig(work, rig, shared_focal=shared)
     for reconsider in (drop_harmful, partial(complete_rig, pairs=pairs)):
         cameras = rig.state.placed.sum()
@@ -126,6 +116,28 @@ def _focal_seems_shared(work: Workspace, seeds: list[Seed]) -> bool:
         if verdict.judgement.association > association and verdict.judgement.matches > matches
     ]
     return bool(ratios) and float(np.median(ratios)) < work.settings.shared_focal_spread
+
+
+def _grow_seeds(
+    work: Workspace,
+    seeds: list[Seed],
+    pairs: list[PairHypothesis],
+    report: Progress,
+    *,
+    shared_focal: bool,
+) -> AdjustedRig:
+    """The rig with most cameras, then most evidence, of those that grow from the seeds."""
+    useful = (work.grid.valid.sum((1, 2)) > work.settings.minimum_matches).sum()
+    grown: list[tuple[tuple[int, float], AdjustedRig]] = []
+    for done, (_, seed, _) in enumerate(seeds):
+        if done >= GROWN_SEEDS and max(cameras for (cameras, _), _ in grown) >= useful:
+            break
+        report("growth", done, len(seeds))
+        rig, verdicts = grow_rig(work, seed, pairs, shared_focal=shared_focal)
+        quality = int(rig.state.placed.sum()), sum(v.margin for v in verdicts.values())
+        grown.append((quality, rig))
+    report("growth", len(seeds), len(seeds))
+    return max(grown, key=lambda item: item[0])[1]
 
 
 def _choose_focal(work: Workspace, rig: AdjustedRig) -> tuple[AdjustedRig, bool]:

@@ -15,7 +15,7 @@ from catfree.rig.pedestrians.calibrate import Calibration, prepare
 from catfree.rig.pedestrians.camera_model import from_matrices, to_matrices
 from catfree.rig.pedestrians.growth import accepted_candidates, best_candidate
 from catfree.rig.pedestrians.people import RigState, group_people
-from catfree.rig.pedestrians.verdict import Verdict, judge_camera
+from catfree.rig.pedestrians.verdict import Verdict, judge_camera, judge_cameras
 from catfree.rig.pedestrians.workspace import Workspace
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Rig, Scene
@@ -90,10 +90,9 @@ def confirm(
     """
     work, state = _resume(calibration, detections, settings)
     while True:
-        cameras = [int(c) for c in np.flatnonzero(state.placed)]
-        verdicts = {c: judge_camera(work, state, c) for c in cameras}
-        failing = [c for c in cameras if not verdicts[c].accepted]
-        if not failing or len(cameras) <= 2:
+        verdicts = judge_cameras(work, state)
+        failing = [c for c, verdict in verdicts.items() if not verdict.accepted]
+        if not failing or len(verdicts) <= 2:
             return _with_cameras(calibration, state, verdicts)
         state = state.without_camera(min(failing, key=lambda c: verdicts[c].margin))
 

@@ -120,6 +120,11 @@ def judge_camera(
     )
 
 
+def judge_cameras(work: Workspace, state: RigState) -> dict[int, Verdict]:
+    """Evidence of every placed camera against the map of the others, on all frames."""
+    return {int(c): judge_camera(work, state, int(c)) for c in np.flatnonzero(state.placed)}
+
+
 def _shortcomings(
     judgement: Judgement, margin: float, settings: CalibrationSettings
 ) -> tuple[str, ...]:
