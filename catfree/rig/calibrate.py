@@ -47,7 +47,7 @@ def calibrate(
         cannot be trusted has `scene.rig.registered` False and NaN parameters.
 
     Raises:
-        CalibrationError: if fewer than two cameras can be registered.
+        CalibrationError: if fewer than two cameras can be registered, or those that can disagree.
         InvalidInputError: if shapes do not fit.
     """
     require_instance(detections, Detections, "detections")
@@ -70,6 +70,6 @@ def calibrate(
         return without_vague_cameras(best, rules, camera_names)
     synchronized = remove_offsets(detections, best.frame_offset)
     report = progress or (lambda stage, done, total: None)
-    best = EvidenceLoop(synchronized, settings, report).settle(best)
+    best = EvidenceLoop(synchronized, settings, report, camera_names).settle(best)
     best = confirm(best, synchronized, rules)
     return without_vague_cameras(best, rules, camera_names)

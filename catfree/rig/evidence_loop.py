@@ -4,12 +4,12 @@ Refinement alone only polishes: a camera that settled beside its place matches e
 stay there, and bends the others towards it. Only without it they show where it belongs.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from catfree.errors import InsufficientDataError
+from catfree.errors import CalibrationError, InsufficientDataError
 from catfree.rig.pedestrians import (
     Calibration,
     places_for,
@@ -24,6 +24,7 @@ from catfree.settings import Settings
 from catfree.types import Detections
 
 FEWEST_TO_FLAG = 3  # of three cameras, two that agree tell that the third does not
+RESTING = 0.2  # standard deviations; a move by less adds two per cent to the error of a camera
 
 
 @dataclass(frozen=True)
@@ -34,16 +35,21 @@ class EvidenceLoop:
         detections: (N,) boxes of synchronized cameras.
         settings: of the evidence method and of the calibration.
         report: called as `report("refinement", done, rounds)`.
+        names: of all cameras, for messages.
     """
 
     detections: Detections
     settings: Settings
     report: Callable[[str, int, int], None]
+    names: Sequence[str] | None = None
 
     def settle(self, calibration: Calibration) -> Calibration:
         """The rig refined, with every camera where it fits best and missing ones added.
 
         A camera that fits nowhere as the others do is flagged: its boxes may be of another time.
+
+        Raises:
+            CalibrationError: if the cameras contradict each other and too few people tell why.
         """
         best = self._grow(self.replace_strained(self.refine(calibration)))
         freed = self.replace_blocking(best)
@@ -52,14 +58,26 @@ class EvidenceLoop:
         return self.without_strained(best)
 
     def without_strained(self, calibration: Calibration) -> Calibration:
-        """The rig without cameras whose boxes fit far worse than the others' do, refined."""
+        """The rig without cameras whose boxes fit far worse than the others' do, refined.
+
+        Raises:
+            CalibrationError: if those that remain do not agree on enough people to stand alone.
+        """
         rules = self.settings.calibration
         while (
             calibration.scene.rig.registered.sum() >= FEWEST_TO_FLAG
             and strained_cameras(calibration.camera_residual, rules).any()
         ):
             worst = int(np.nanargmax(calibration.camera_residual))
-            calibration = self.refine(without_camera(calibration, worst, rules))
+            rest = without_camera(calibration, worst, rules)
+            calibration = self.refine(rest)
+            # Two cameras never share sure people; more that do not were held by the one that left.
+            if calibration is rest and rest.scene.rig.registered.sum() >= FEWEST_TO_FLAG:
+                raise CalibrationError(
+                    f"Camera {self.names[worst] if self.names else worst} contradicts the others, "
+                    "and they agree on too few people to tell who is right. Record longer, and "
+                    "check that the frames of all cameras show the same instants."
+                )
         return calibration
 
     def _grow(self, best: Calibration) -> Calibration:
@@ -75,10 +93,11 @@ class EvidenceLoop:
         return best
 
     def refine(self, calibration: Calibration) -> Calibration:
-        """The rig after rounds that go on while the residual falls, without one in which it rises.
+        """The rig after rounds that go on until it rests, without one in which the residual rises.
 
-        Less than a percent is the same, and then the later round is kept: its people are surer.
-        The residual of the given rig is no measure: other boxes had other deviations there.
+        The residual alone is no sign of rest: with people who are surer cameras still move by most
+        of their standard deviation while it hardly falls. That of the given rig is no measure at
+        all, since other boxes had other deviations there.
         """
         rounds = self.settings.calibration.evidence_rounds
         best, residual = calibration, np.inf
@@ -87,9 +106,9 @@ class EvidenceLoop:
             refined = self.refine_once(best)
             if refined is None or refined.residual > (1 + SAME_RESIDUAL) * residual:
                 break
-            falling = refined.residual < (1 - SAME_RESIDUAL) * residual
+            moved = largest_move(best, refined)
             best, residual = refined, refined.residual
-            if not falling:
+            if moved < RESTING:
                 break
         self.report("refinement", rounds, rounds)
         return best
@@ -164,3 +183,11 @@ class EvidenceLoop:
 
     def _boxes(self, cameras: int) -> np.ndarray:
         return np.bincount(self.detections.camera, minlength=cameras)[:cameras]
+
+
+def largest_move(before: Calibration, after: Calibration) -> float:
+    """Largest way of a camera centre between two rigs, in its standard deviations in the second."""
+    known = np.asarray(after.scene.rig.registered)
+    way = np.asarray(after.scene.rig.centers) - np.asarray(before.scene.rig.centers)
+    variance = np.trace(after.center_covariance, axis1=1, axis2=2) / 3
+    return float((np.linalg.norm(way, axis=1) / np.sqrt(np.maximum(variance, 1e-12)))[known].max())

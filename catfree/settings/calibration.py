@@ -69,7 +69,7 @@ class CalibrationSettings:
             person 20 m away wrong by a metre, and is not accepted.
         minimum_frames: fewer frames than this cannot be told from chance.
         evidence_rounds: at most so often the evidence method's surest groups refine the rig, until
-            the residual stops falling; 0 leaves it as it was registered.
+            it rests; 0 leaves it as it was registered.
     """
 
     person_height: float = 1.70

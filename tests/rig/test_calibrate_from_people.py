@@ -1,5 +1,7 @@
 """A rig from simulated people, and sequences that must not yield a confident wrong one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from catfree.geometry import fit_similarity
 from catfree.rig.pedestrians import calibrate, refine_with_correspondences, remove_offsets
 from catfree.settings import CalibrationSettings
 from catfree.synthetic import DetectorModel, make_world
-from catfree.types import Detections
+from catfree.types import Detections, Rig, Scene
 
 DETECTOR = DetectorModel(pixel_noise=3.0, embedding_size=0, false_positives=0.5)
 SIZE = (1920, 1080)
@@ -90,8 +92,8 @@ def test_the_order_of_boxes_does_not_matter(world, recovered):
     np.testing.assert_array_equal(one.scene.rig.t, two.scene.rig.t)
 
 
-def test_true_correspondences_do_not_harm_a_rig(world, recovered):
-    found, _ = recovered
+def true_members(world):
+    """(P, C) rows of the boxes of each person in each frame."""
     real = np.flatnonzero(world.identities >= 0)
     keys, group = np.unique(
         np.stack([world.detections.frame[real], world.identities[real]], -1),
@@ -100,6 +102,12 @@ def test_true_correspondences_do_not_harm_a_rig(world, recovered):
     )
     members = np.full((len(keys), 4), -1)
     members[group.reshape(-1), world.detections.camera[real]] = real
+    return members
+
+
+def test_true_correspondences_do_not_harm_a_rig(world, recovered):
+    found, _ = recovered
+    members = true_members(world)
     refined = refine_with_correspondences(found, world.detections, members)
     before, _ = center_errors(found, world.true_centres)
     after, _ = center_errors(refined, world.true_centres)
@@ -107,6 +115,29 @@ def test_true_correspondences_do_not_harm_a_rig(world, recovered):
     assert refined.scene.rig.registered.all()
     with pytest.raises(InvalidInputError, match="members must have shape"):
         refine_with_correspondences(found, world.detections, members[:, :3])
+
+
+@pytest.mark.parametrize("believed", [True, False])
+@pytest.mark.parametrize(("zoomed", "shared"), [(1.0, True), (1.25, False)])
+def test_people_tell_whether_one_focal_length_serves_all(
+    world, recovered, zoomed, shared, believed
+):
+    found, _ = recovered
+    # Images enlarged about their middle until all focal lengths are one, but for that of camera 0.
+    focal = np.asarray(world.true_rig.K)[:, 0, 0]
+    zoom = focal.mean() / focal * np.array([zoomed, 1.0, 1.0, 1.0])
+    boxes = world.detections
+    middle = np.tile((np.array(SIZE) - 1) / 2, 2)
+    enlarged = replace(boxes, box=middle + (boxes.box - middle) * zoom[boxes.camera, None])
+    rig = found.scene.rig
+    K = np.array(rig.K)
+    K[:, [0, 1], [0, 1]] *= zoom[:, None]
+    scene = Scene.from_rig(Rig(K, rig.R, rig.t, rig.image_size), found.scene.ground, metric=True)
+    start = replace(found, scene=scene, shared_focal=believed)
+    refined = refine_with_correspondences(start, enlarged, true_members(world))
+    assert refined.shared_focal == shared
+    ratio = np.asarray(refined.scene.rig.K)[:, 0, 0] / (focal * zoom)
+    np.testing.assert_allclose(ratio / np.median(ratio), 1, atol=0.05)
 
 
 def test_a_shuffled_camera_is_flagged(world):

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, strategies as st
 from ring_world import moved, ring_of_six
 
-from catfree.rig.evidence_loop import EvidenceLoop
+from catfree.errors import CalibrationError
+from catfree.rig.evidence_loop import EvidenceLoop, largest_move
 from catfree.rig.pedestrians import calibrate, without_camera
 from catfree.settings import Settings
 
@@ -82,6 +84,23 @@ def test_a_camera_that_fits_nowhere_is_flagged_in_the_end(world, loop, right):
     assert furthest(found, right) < 0.3
 
 
+def test_cameras_that_agree_on_nobody_do_not_outvote_one(world, right):
+    class Thin(EvidenceLoop):
+        def refine_once(self, calibration):
+            return None
+
+    loop = Thin(world.detections, SETTINGS, lambda *_: None, [f"gate {c}" for c in range(6)])
+    residual = right.camera_residual.copy()
+    residual[WRONG] *= 2 * SETTINGS.calibration.strained_residual
+    strained = replace(right, camera_residual=residual)
+    with pytest.raises(CalibrationError, match="Camera gate 2 contradicts the others"):
+        loop.without_strained(strained)
+    for camera in (0, 1, MISSING):
+        strained = without_camera(strained, camera, SETTINGS.calibration)
+    pair = loop.without_strained(strained)  # two cameras never share sure people
+    assert pair.scene.rig.registered.tolist() == [c in (3, 4) for c in range(6)]
+
+
 def test_where_nobody_is_sure_nothing_moves(world, right):
     empty = world.detections[:0]
     loop = EvidenceLoop(empty, SETTINGS, lambda *_: None)
@@ -90,23 +109,44 @@ def test_where_nobody_is_sure_nothing_moves(world, right):
 
 
 @pytest.mark.parametrize(
-    ("residuals", "chosen", "done"),
+    ("rounds", "chosen", "done"),
     [
-        ([9.0, 3.0, 2.0, 2.5], 2.0, 4),  # the given rig's own residual is no measure
-        ([3.0, 2.99, 1.0], 2.99, 2),  # less than a percent: it has stopped falling
-        ([3.0, 3.01, 1.0], 3.01, 2),  # and the later round counts
-        ([3.0, None], 3.0, 2),
-        ([5.0, 4.0, 3.0, 2.0, 1.5, 1.0], 1.5, 5),
+        # (residual, how far a camera has gone from the start in its standard deviations)
+        ([(9.0, 5.0), (3.0, 9.0), (3.0, 9.1)], (3.0, 9.1), 3),  # it rests
+        ([(3.0, 5.0), (3.03, 9.0), (3.0, 9.1)], (3.0, 9.1), 3),  # a percent is the same
+        ([(3.0, 5.0), (3.1, 9.0), (2.0, 9.1)], (3.0, 5.0), 2),  # more is not, and is taken back
+        ([(3.0, 0.1), (2.0, 0.1)], (3.0, 0.1), 1),
+        ([(3.0, 5.0), None], (3.0, 5.0), 2),
+        ([(9.0, float(k)) for k in range(1, 8)], (9.0, 5.0), 5),  # at most evidence_rounds
     ],
 )
-def test_rounds_go_on_while_the_residual_falls(world, right, residuals, chosen, done):
-    left = list(residuals)
+def test_rounds_go_on_until_the_rig_rests(world, right, rounds, chosen, done):
+    left = list(rounds)
+    variance = np.trace(right.center_covariance[WRONG]) / 3
+
+    def after(residual, way):
+        return replace(moved(right, WRONG, way * np.sqrt(variance), 0.0), residual=residual)
 
     class Scripted(EvidenceLoop):
         def refine_once(self, calibration):
-            residual = left.pop(0)
-            return None if residual is None else replace(right, residual=residual)
+            step = left.pop(0)
+            return step and after(*step)
 
     found = Scripted(world.detections, SETTINGS, lambda *_: None).refine(right)
-    assert found.residual == chosen
-    assert len(residuals) - len(left) == done
+    assert found.residual == chosen[0]
+    np.testing.assert_allclose(found.scene.rig.centers, after(*chosen).scene.rig.centers)
+    assert len(rounds) - len(left) == done
+
+
+@given(
+    step=st.tuples(*[st.floats(-3, 3)] * 2),
+    camera=st.integers(0, 5),
+    scale=st.floats(0.1, 10),
+)
+def test_a_move_is_measured_in_deviations_of_the_camera_that_moved_most(right, step, camera, scale):
+    there = moved(right, camera, *step)
+    expected = np.hypot(*step) / np.sqrt(np.trace(right.center_covariance[camera]) / 3)
+    assert largest_move(right, there) == pytest.approx(expected, rel=1e-3, abs=1e-3)
+    wider = replace(there, center_covariance=right.center_covariance * scale**2)
+    assert largest_move(right, wider) == pytest.approx(largest_move(right, there) / scale)
+    assert largest_move(right, right) == 0

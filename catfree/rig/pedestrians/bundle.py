@@ -137,6 +137,20 @@ def adjust(
     )
 
 
+def focal_lengths_differ(
+    together: BundleResult, apart: BundleResult, settings: CalibrationSettings
+) -> bool:
+    """Whether a focal length for each camera saves enough of the cost per person to be believed.
+
+    Args:
+        together: the rig adjusted with one focal length.
+        apart: the same with one each.
+        settings: constants; see `free_focal_gain`.
+    """
+    costs = [found.cost / max(len(found.xy), 1) for found in (together, apart)]
+    return costs[1] <= (1 - settings.free_focal_gain) * costs[0]
+
+
 def _median_size(residual: np.ndarray) -> float:
     return float(np.median(np.abs(residual))) if residual.size else np.nan
 

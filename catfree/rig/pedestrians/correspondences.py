@@ -9,7 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from catfree.errors import InsufficientDataError, InvalidInputError
-from catfree.rig.pedestrians.bundle import BoxMeasurements, BundleResult, KnownCameras, adjust
+from catfree.rig.pedestrians.bundle import (
+    BoxMeasurements,
+    BundleResult,
+    KnownCameras,
+    adjust,
+    focal_lengths_differ,
+)
 from catfree.rig.pedestrians.calibrate import Calibration
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, from_matrices, to_matrices
 from catfree.rig.pedestrians.ground_map import map_ground
@@ -45,7 +51,8 @@ def refine_with_correspondences(
         iterations: at most this many steps.
 
     Returns:
-        The refined rig with new focal and centre uncertainty; the evidence is the old one's.
+        The refined rig with new focal and centre uncertainty, and one focal length or one each as
+        these people tell; the evidence is the old one's.
 
     Raises:
         InvalidInputError: if shapes do not fit.
@@ -84,15 +91,21 @@ def refine_with_correspondences(
     else:
         sd = np.asarray(box_sd, np.float64)[row]
     parameters = from_matrices(np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t))
-    found = adjust_groups(
-        BoxMeasurements(person, camera, box, sd),
-        np.where(known[:, None], parameters, 0.0),
-        calibration.foot_offset,
-        np.log(np.median(settings.focal_shares) * rig.image_size.max(1)),
-        settings,
-        shared_focal=calibration.shared_focal,
-        iterations=iterations,
+    together, apart = (
+        adjust_groups(
+            BoxMeasurements(person, camera, box, sd),
+            np.where(known[:, None], parameters, 0.0),
+            calibration.foot_offset,
+            np.log(np.median(settings.focal_shares) * rig.image_size.max(1)),
+            settings,
+            shared_focal=shared,
+            iterations=iterations,
+        )
+        for shared in (True, False)
     )
+    # The registered rig may have had a camera beside its place, which asks for a focal length.
+    shared_focal = not focal_lengths_differ(together, apart, settings)
+    found = together if shared_focal else apart
     seen = np.isfinite(found.parameters[:, LOG_FOCAL])
     parameters = np.where(seen[:, None], found.parameters, parameters)
     K, R, t = to_matrices(parameters, rig.image_size)
@@ -107,6 +120,7 @@ def refine_with_correspondences(
     return replace(
         calibration,
         scene=scene,
+        shared_focal=shared_focal,
         focal_sd=np.where(seen, K[:, 0, 0] * focal_sd, calibration.focal_sd),
         center_covariance=np.where(seen[:, None, None], centers, calibration.center_covariance),
         scale_sd=scale_deviation(

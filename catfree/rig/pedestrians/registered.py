@@ -10,6 +10,7 @@ import numpy as np
 
 from catfree.errors import CalibrationError
 from catfree.rig.pedestrians.adjustment import AdjustedRig, alternate
+from catfree.rig.pedestrians.bundle import focal_lengths_differ
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL
 from catfree.rig.pedestrians.completion import complete_rig
 from catfree.rig.pedestrians.growth import drop_harmful, grow_rig, prune_rig
@@ -154,6 +155,5 @@ def _choose_focal(work: Workspace, rig: AdjustedRig) -> tuple[AdjustedRig, bool]
         )
         for shared in (True, False)
     )
-    costs = [found.bundle.cost / len(found.bundle.xy) for found in (together, apart)]
-    shared = costs[1] > (1 - work.settings.free_focal_gain) * costs[0]
+    shared = not focal_lengths_differ(together.bundle, apart.bundle, work.settings)
     return (together if shared else apart), shared
