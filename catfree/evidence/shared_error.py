@@ -11,12 +11,19 @@ so that, with offsets of variance B drawn once a camera, Cov(g) = T^-1 (sum_c M_
 cluster-robust covariance of Liang and Zeger (1986) with the cameras as clusters. B is the scatter
 between cameras of the offsets that self-calibration found; what they have in common is the
 detector's habit and no error of a pose.
+
+A scatter of few cameras is itself uncertain. It counts as much as it has degrees of freedom, one
+less than there are cameras, beside one for what is assumed of a rig before anything is known; then
+g over its stated deviation follows Student's t with as many degrees of freedom as there are
+cameras, and B is widened until the 95 % ellipse is as wide as that asks for: the usual correction
+for few clusters (Cameron and Miller, 2015), with a prior, without which two cameras say nothing.
 """
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
+from scipy.special import ndtri, stdtrit
 
 from catfree.evidence.association import Groups
 from catfree.evidence.boxes import Boxes
@@ -24,8 +31,10 @@ from catfree.evidence.measurement import Measurements, Noise, field_features
 from catfree.evidence.tracking import Trails
 from catfree.evidence.views import GroundViews, edges_and_slopes
 from catfree.geometry.buckets import fine_length
+from catfree.settings import EvidenceSettings
 
 MODES = 4  # shift along both axes, turn, scale
+UPPER = 0.975  # quantile at which both tails together hold 5 %
 
 
 def shared_covariance(
@@ -36,6 +45,7 @@ def shared_covariance(
     boxes: Boxes,
     views: GroundViews,
     noise: Noise,
+    settings: EvidenceSettings,
 ) -> Float[np.ndarray, "node 2 2"]:
     """What the errors of the cameras' poses add to the covariance of each position, in H0².
 
@@ -47,19 +57,21 @@ def shared_covariance(
         boxes: the boxes.
         views: the cameras.
         noise: the offsets that self-calibration found.
+        settings: for the calibration error to assume.
 
     Returns:
         (M, 2, 2), zero where fewer than two cameras have known offsets.
 
     Source:
-        Liang and Zeger, "Longitudinal data analysis using generalized linear models" (1986).
+        Liang and Zeger, "Longitudinal data analysis using generalized linear models" (1986);
+        Cameron and Miller, "A practitioner's guide to cluster-robust inference" (2015), section VI.
     """
     rows = np.flatnonzero(kept & (trails.group >= 0))
     none = np.zeros((len(trails), 2, 2))
     if len(rows) == 0:
         return none
     member = groups.member[trails.group[rows]]
-    scatter = offset_scatter(member, measurements, boxes, views, noise)
+    scatter = offset_scatter(member, measurements, boxes, views, noise, settings)
     if scatter is None:
         return none
     middle = trails.mean[rows, :2].mean(0)
@@ -97,14 +109,30 @@ def map_modes(state: np.ndarray, middle: np.ndarray) -> Float[np.ndarray, "node 
     return modes
 
 
+def scatter_between(
+    offsets: Float[np.ndarray, "cam 3"], assumed: float
+) -> Float[np.ndarray, "3 3"]:
+    """Variance between cameras, such that a Gaussian with it holds 95 % of their common offset.
+
+    Args:
+        offsets: (C, 3) mean offset of each camera, at least one.
+        assumed: standard deviation that offsets usually have; it counts as one degree of freedom.
+    """
+    count = len(offsets)
+    away = offsets - offsets.mean(0)
+    widening = (stdtrit(count, UPPER) / ndtri(UPPER)) ** 2
+    return widening * (away.T @ away + assumed**2 * np.eye(3)) / count
+
+
 def offset_scatter(
     member: np.ndarray,
     measurements: Measurements,
     boxes: Boxes,
     views: GroundViews,
     noise: Noise,
+    settings: EvidenceSettings,
 ) -> Float[np.ndarray, "3 3"] | None:
-    """Scatter between cameras of their mean offset of (column, top, bottom) in radians squared.
+    """Variance between cameras of their mean offset of (column, top, bottom) in radians squared.
 
     Args:
         member: (n, C) boxes of people, -1 for none.
@@ -112,6 +140,7 @@ def offset_scatter(
         boxes: the boxes.
         views: the cameras.
         noise: the offsets.
+        settings: for the calibration error to assume.
 
     Returns:
         (3, 3), or None where fewer than two cameras have offsets.
@@ -129,8 +158,7 @@ def offset_scatter(
             means.append(offset[own].mean(0))
     if len(means) < 2:
         return None
-    away = np.array(means) - np.mean(means, axis=0)
-    return away.T @ away / (len(means) - 1)
+    return scatter_between(np.array(means), settings.angular_noise)
 
 
 @jax.jit

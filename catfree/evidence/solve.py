@@ -173,7 +173,7 @@ def _solve(
     # reported and does not decide who is.
     if settings.pose_errors:
         position_covariance = position_covariance + shared_covariance(
-            trails, kept, found.groups, measured, boxes, views, noise
+            trails, kept, found.groups, measured, boxes, views, noise, settings
         )
     return EvidenceSolution(
         boxes=boxes, views=views, noise=noise, measurements=measured, kept=kept,

@@ -7,11 +7,21 @@ import numpy as np
 import pytest
 from evidence_worlds import HEIGHT, make_rig, make_scene, walk
 from hypothesis import given, strategies as st
+from hypothesis.extra.numpy import arrays
 
 from catfree.evidence import solve
-from catfree.evidence.shared_error import _sums, map_modes, offset_scatter, shared_covariance
+from catfree.evidence.shared_error import (
+    _sums,
+    map_modes,
+    offset_scatter,
+    scatter_between,
+    shared_covariance,
+)
 from catfree.evidence.views import ground_views, predict_edges
+from catfree.settings import EvidenceSettings
 from catfree.synthetic import RigError, make_world
+
+SETTINGS = EvidenceSettings()
 
 
 @given(st.floats(-3, 3), st.floats(-3, 3), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01))
@@ -61,7 +71,7 @@ def solved(error):
 def added(s):
     with jax.enable_x64(True):
         covariance = shared_covariance(
-            s.trails, s.kept, s.groups, s.measurements, s.boxes, s.views, s.noise
+            s.trails, s.kept, s.groups, s.measurements, s.boxes, s.views, s.noise, SETTINGS
         )
     return covariance
 
@@ -86,10 +96,44 @@ def test_what_all_cameras_have_in_common_is_no_error_of_a_pose():
         scatter, nothing = (
             offset_scatter(
                 member, s.measurements, s.boxes, s.views,
-                eqx.tree_at(lambda noise: noise.field, s.noise, value),
+                eqx.tree_at(lambda noise: noise.field, s.noise, value), SETTINGS,
             )
             for value in (field, 0 * field)
         )  # fmt: skip
     assert scatter is not None
-    np.testing.assert_allclose(scatter, 0, atol=1e-12)
+    none = scatter_between(np.zeros((len(field), 3)), SETTINGS.angular_noise)
+    np.testing.assert_allclose(scatter, none, atol=1e-12)
     assert nothing is None
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 7, 12])
+def test_what_few_cameras_have_in_common_strays_as_often_as_stated(count):
+    rng = np.random.default_rng(count)
+    # The prior: variances about the assumed one, known as well as from a single draw.
+    spread = 0.003 / np.sqrt(rng.chisquare(1, 10_000))
+    offsets = spread[:, None, None] * rng.standard_normal((10_000, count, 3))
+    stated = [np.diag(scatter_between(each, 0.003)) / count for each in offsets]
+    inside = np.abs(offsets.mean(1)) < 1.96 * np.sqrt(stated)
+    assert inside.mean() == pytest.approx(0.95, abs=0.006)
+
+
+@given(
+    offsets=arrays(
+        np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=st.floats(-1, 1)
+    ),
+    common=st.floats(-1, 1),
+    factor=st.floats(0.1, 10),
+)
+def test_scatter_ignores_what_is_common_and_follows_the_unit(offsets, common, factor):
+    scatter = scatter_between(offsets, 0.01)
+    np.testing.assert_allclose(scatter_between(offsets + common, 0.01), scatter, atol=1e-12)
+    np.testing.assert_allclose(
+        scatter_between(offsets * factor, 0.01 * factor), scatter * factor**2, rtol=1e-6, atol=1e-15
+    )
+    np.testing.assert_allclose(scatter_between(offsets[::-1], 0.01), scatter, atol=1e-12)
+    assert (np.linalg.eigvalsh(scatter) > 0).all()
+
+
+def test_scatter_of_many_cameras_is_their_variance():
+    offsets = np.random.default_rng(0).normal(0, [0.01, 0.02, 0.03], (4000, 3))
+    np.testing.assert_allclose(np.diag(scatter_between(offsets, 0.003)), offsets.var(0), rtol=2e-3)

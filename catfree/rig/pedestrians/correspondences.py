@@ -103,15 +103,17 @@ def refine_with_correspondences(
         )
         for shared in (True, False)
     )
-    # The registered rig may have had a camera beside its place, which asks for a focal length.
+    # What is known of the focal lengths grows with the people. A few of them, or a camera beside
+    # its place, may ask for one each that nobody can know.
     shared_focal = not focal_lengths_differ(together, apart, settings)
+    if calibration.shared_focal and (_focal_deviation(apart) > settings.largest_focal_sd).any():
+        shared_focal = True
     found = together if shared_focal else apart
     seen = np.isfinite(found.parameters[:, LOG_FOCAL])
     parameters = np.where(seen[:, None], found.parameters, parameters)
     K, R, t = to_matrices(parameters, rig.image_size)
     K[~known] = np.nan
     index = 7 * np.arange(len(known))[:, None] + np.arange(X, X + 3)
-    focal_sd = np.sqrt(np.diag(found.covariance)[7 * np.arange(len(known)) + LOG_FOCAL])
     scene = Scene.from_rig(
         Rig(K, R, t, rig.image_size, registered=known), calibration.scene.ground, metric=True
     )
@@ -121,7 +123,7 @@ def refine_with_correspondences(
         calibration,
         scene=scene,
         shared_focal=shared_focal,
-        focal_sd=np.where(seen, K[:, 0, 0] * focal_sd, calibration.focal_sd),
+        focal_sd=np.where(seen, K[:, 0, 0] * _focal_deviation(found), calibration.focal_sd),
         center_covariance=np.where(seen[:, None, None], centers, calibration.center_covariance),
         scale_sd=scale_deviation(
             found.parameters,
@@ -134,6 +136,11 @@ def refine_with_correspondences(
         camera_residual=found.camera_residual,
         sightings=found.sightings,
     )
+
+
+def _focal_deviation(found: BundleResult) -> np.ndarray:
+    """(C,) relative standard deviation of each focal length, 0 of cameras without boxes."""
+    return np.sqrt(np.diag(found.covariance)[LOG_FOCAL:-1:7])
 
 
 def adjust_groups(
