@@ -87,16 +87,16 @@ FITS: tuple[Fit, ...] = (
     ),
     Fit(
         settings=Settings(),
-        intercept=-30.05,
+        intercept=-18.48,
         terms=(
-            Term("expected_recall", False, 76.88, 0.100, 0.992),
-            Term("sigma_over_radius", True, -22.62, 0.145, 1.017),
-            Term("mean_supporting_cameras", True, 14.51, 1.492, 5.676),
+            Term("expected_recall", False, 77.13, 0.086, 0.991),
+            Term("sigma_over_radius", True, -16.67, 0.146, 1.556),
+            Term("mean_supporting_cameras", True, 13.80, 1.492, 5.676),
         ),
-        below=21.7,
-        above=21.9,
+        below=21.5,
+        above=22.9,
         worlds=178,
-        error=14.1,
+        error=14.2,
         correlation=0.79,
     ),
 )
