@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from catfree.rig.pedestrians.camera_model import LOG_FOCAL, PAN, ROLL, TILT, Z, box_jacobian
+from catfree.rig.pedestrians.camera_model import LOG_FOCAL, PAN, ROLL, TILT, X, Z, box_jacobian
 from catfree.settings import CalibrationSettings
 
 CAUCHY = 2.0  # standard deviations at which a residual counts half
@@ -72,6 +72,17 @@ class BundleResult:
     camera_residual: np.ndarray
     sightings: np.ndarray
     covariance: np.ndarray
+
+    @property
+    def focal_deviation(self) -> np.ndarray:
+        """(C,) relative standard deviation of each focal length, 0 of cameras without boxes."""
+        return np.sqrt(np.diag(self.covariance)[LOG_FOCAL:-1:7])
+
+    @property
+    def center_covariance(self) -> np.ndarray:
+        """(C, 3, 3) covariance of each camera centre in square metres."""
+        index = 7 * np.arange(len(self.parameters))[:, None] + np.arange(X, Z + 1)
+        return self.covariance[index[:, :, None], index[:, None, :]]
 
 
 def adjust(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from catfree.errors import CalibrationError, InvalidInputError
-from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, to_matrices
+from catfree.rig.pedestrians.camera_model import LOG_FOCAL, to_matrices
 from catfree.rig.pedestrians.observations import grid_boxes
 from catfree.rig.pedestrians.registered import Progress, RegisteredRig, register_cameras
 from catfree.rig.pedestrians.scale import scale_deviation
@@ -178,9 +178,6 @@ def describe(
     parameters = np.where(trusted[:, None], state.parameters, np.nan)
     K, R, t = to_matrices(parameters, work.grid.size)
     K[~trusted] = np.nan
-    index = 7 * np.arange(count)[:, None] + np.arange(X, X + 3)
-    center = bundle.covariance[index[:, :, None], index[:, None, :]]
-    focal_sd = np.sqrt(np.diag(bundle.covariance)[7 * np.arange(count) + LOG_FOCAL])
     return Calibration(
         scene=Scene.from_rig(
             Rig(K, R, t, work.grid.size, registered=trusted),
@@ -189,8 +186,8 @@ def describe(
         ),
         association_rate=association,
         log_likelihood_ratio=evidence,
-        focal_sd=np.exp(parameters[:, LOG_FOCAL]) * focal_sd,
-        center_covariance=np.where(trusted[:, None, None], center, np.nan),
+        focal_sd=np.exp(parameters[:, LOG_FOCAL]) * bundle.focal_deviation,
+        center_covariance=np.where(trusted[:, None, None], bundle.center_covariance, np.nan),
         shared_focal=registered.shared_focal,
         scale_sd=scale_deviation(
             parameters,

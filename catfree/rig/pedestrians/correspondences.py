@@ -17,7 +17,7 @@ from catfree.rig.pedestrians.bundle import (
     focal_lengths_differ,
 )
 from catfree.rig.pedestrians.calibrate import Calibration
-from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, from_matrices, to_matrices
+from catfree.rig.pedestrians.camera_model import LOG_FOCAL, from_matrices, to_matrices
 from catfree.rig.pedestrians.ground_map import map_ground
 from catfree.rig.pedestrians.scale import scale_deviation
 from catfree.settings import CalibrationSettings
@@ -106,25 +106,25 @@ def refine_with_correspondences(
     # What is known of the focal lengths grows with the people. A few of them, or a camera beside
     # its place, may ask for one each that nobody can know.
     shared_focal = not focal_lengths_differ(together, apart, settings)
-    if calibration.shared_focal and (_focal_deviation(apart) > settings.largest_focal_sd).any():
+    if calibration.shared_focal and (apart.focal_deviation > settings.largest_focal_sd).any():
         shared_focal = True
     found = together if shared_focal else apart
     seen = np.isfinite(found.parameters[:, LOG_FOCAL])
     parameters = np.where(seen[:, None], found.parameters, parameters)
     K, R, t = to_matrices(parameters, rig.image_size)
     K[~known] = np.nan
-    index = 7 * np.arange(len(known))[:, None] + np.arange(X, X + 3)
     scene = Scene.from_rig(
         Rig(K, R, t, rig.image_size, registered=known), calibration.scene.ground, metric=True
     )
     instants = len(np.unique(np.asarray(detections.frame)[row]))
-    centers = found.covariance[index[:, :, None], index[:, None, :]]
     return replace(
         calibration,
         scene=scene,
         shared_focal=shared_focal,
-        focal_sd=np.where(seen, K[:, 0, 0] * _focal_deviation(found), calibration.focal_sd),
-        center_covariance=np.where(seen[:, None, None], centers, calibration.center_covariance),
+        focal_sd=np.where(seen, K[:, 0, 0] * found.focal_deviation, calibration.focal_sd),
+        center_covariance=np.where(
+            seen[:, None, None], found.center_covariance, calibration.center_covariance
+        ),
         scale_sd=scale_deviation(
             found.parameters,
             found.covariance,
@@ -136,11 +136,6 @@ def refine_with_correspondences(
         camera_residual=found.camera_residual,
         sightings=found.sightings,
     )
-
-
-def _focal_deviation(found: BundleResult) -> np.ndarray:
-    """(C,) relative standard deviation of each focal length, 0 of cameras without boxes."""
-    return np.sqrt(np.diag(found.covariance)[LOG_FOCAL:-1:7])
 
 
 def adjust_groups(
