@@ -11,10 +11,14 @@ from catfree.evidence.gaussian import Information, mean_and_covariance
 from catfree.evidence.measurement import Noise
 from catfree.evidence.views import PEOPLE_BLOCKS, GroundViews, edges_and_slopes
 from catfree.evidence.visibility import Views
-from catfree.geometry.buckets import in_blocks
+from catfree.filters import log_otsu
+from catfree.geometry.buckets import coarse_length, in_blocks
 from catfree.settings import EvidenceSettings
 
 WHOLE_BODY = 0.95  # share of the body inside an image: a hand or a hat may be outside
+SAMPLE_BLOCK = 4096  # positions are padded to this times a power of four
+
+_log_otsu = jax.jit(log_otsu)
 
 
 @partial(jax.jit)
@@ -61,22 +65,12 @@ def in_working_area(
     """
     if len(state) == 0:
         return np.zeros(0, bool)
-    sigma = np.log(design_sigma(state, seen, views, noise))
-    lower = sigma[sigma <= _otsu(sigma)]
+    sigma = design_sigma(state, seen, views, noise)
+    sample = np.pad(sigma, (0, coarse_length(len(sigma), SAMPLE_BLOCK) - len(sigma)))
+    present = np.arange(len(sample)) < len(sigma)
+    typical = np.log(sigma[sigma <= float(_log_otsu(sample, present))]).mean()
     cameras = (seen.share >= WHOLE_BODY).sum(1)
     missing = np.median(cameras) - cameras
     enough = missing < settings.missing_views * np.sum(views.registered)
     enough |= cameras >= settings.enough_views
-    return (sigma <= lower.mean() + np.log(settings.working_sigma)) & enough
-
-
-def _otsu(values: np.ndarray) -> float:
-    ordered = np.sort(values)
-    if len(ordered) < 2:
-        return float(ordered[-1])
-    total = np.cumsum(ordered)
-    low = np.arange(1, len(ordered))
-    high = len(ordered) - low
-    gap = total[:-1] / low - (total[-1] - total[:-1]) / high
-    at = int(np.argmax(low * high * gap**2))
-    return float((ordered[at] + ordered[at + 1]) / 2)
+    return (np.log(sigma) <= typical + np.log(settings.working_sigma)) & enough
