@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from catfree.rig.pedestrians.bundle import _gram
+from catfree.rig.pedestrians.normal_equations import _gram
 from catfree.rig.pedestrians.scale import scale_deviation
 from catfree.settings import CalibrationSettings
 

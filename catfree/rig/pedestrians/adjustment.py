@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from catfree.errors import CalibrationError
-from catfree.rig.pedestrians.bundle import BoxMeasurements, BundleResult, adjust
+from catfree.rig.pedestrians.bundle import BundleResult, adjust
+from catfree.rig.pedestrians.normal_equations import BoxMeasurements
 from catfree.rig.pedestrians.observations import BoxGrid
 from catfree.rig.pedestrians.people import People, RigState, group_people
 from catfree.settings import CalibrationSettings

@@ -9,13 +9,13 @@ import numpy as np
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, ROLL, TILT, Z, box_jacobian
 from catfree.rig.pedestrians.ground_map import GroundMap, map_ground
 from catfree.rig.pedestrians.matching import mutual_nearest, squared_distances
+from catfree.rig.pedestrians.normal_equations import CAUCHY
 from catfree.rig.pedestrians.observations import BoxGrid
 from catfree.settings import CalibrationSettings
 
 TOLERANCES = (0.10, 0.06, 0.03)  # share of the range, narrowing as the camera settles
 PASSES = 2
 FEWEST_MATCHES = 6
-CAUCHY = 2.0  # standard deviations at which a residual counts half
 
 
 def resect(
