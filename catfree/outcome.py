@@ -111,8 +111,13 @@ def summarize(
     )
 
 
-def empty_localization(camera_count: int) -> Localization:
-    """The result of a sequence in which no detection takes part."""
+def empty_localization(camera_count: int, *, existence: bool = False) -> Localization:
+    """The result of a sequence in which no detection takes part.
+
+    Args:
+        camera_count: C.
+        existence: whether the method gives probabilities of existence.
+    """
     integers, numbers = np.zeros(0, np.int64), np.zeros(0)
     tracks = Tracks(
         frame=integers,
@@ -123,6 +128,7 @@ def empty_localization(camera_count: int) -> Localization:
         covariance=np.zeros((0, 2, 2)),
         supporting_cameras=integers,
         origin=integers,
+        existence=numbers if existence else None,
     )
     candidates = Candidates(
         frame=integers,

@@ -61,7 +61,7 @@ def localize(
     report = progress or (lambda stage, done, total: None)
     keep = usable(detections, scene, settings)
     if not keep.any():
-        found = empty_localization(scene.rig.camera_count)
+        found = empty_localization(scene.rig.camera_count, existence=settings.method == "evidence")
     elif settings.method == "evidence":
         found = _localize_by_evidence(detections, scene, keep, settings, report)
     else:
@@ -80,7 +80,7 @@ def _localize_by_evidence(
     try:
         found = evidence.locate(detections[keep], scene, settings.evidence, progress=report)
     except InsufficientDataError:  # boxes, but none of a person who stands on the ground
-        return empty_localization(scene.rig.camera_count)
+        return empty_localization(scene.rig.camera_count, existence=True)
     support = found.candidates.support
     original = np.where(support >= 0, np.flatnonzero(keep)[support], -1)
     return eqx.tree_at(lambda result: result.candidates.support, found, original)

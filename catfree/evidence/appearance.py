@@ -41,10 +41,15 @@ class Appearance(eqx.Module):
             block[i, : own.stop - own.start] = self.embedding[own]
         return 1 - block @ block.transpose(0, 2, 1)
 
+    @property
+    def frames_at_a_time(self) -> int:
+        """Frames whose tables fit into memory together."""
+        return max(1, TABLE_ENTRIES // self.width**2)
+
     def blocks(self) -> list[tuple[int, int]]:
         """Runs of frames, first and end, whose tables fit into memory together."""
         frames = len(self.first) - 1
-        step = max(1, TABLE_ENTRIES // self.width**2)
+        step = self.frames_at_a_time
         return [(i, min(i + step, frames)) for i in range(0, frames, step)]
 
 
@@ -129,11 +134,12 @@ class PairRatios:
         self._kept: dict[int, np.ndarray] = {}
 
     def __getitem__(self, index: int) -> Float[np.ndarray, "f slot slot"]:
-        """Of the frames of one block; blocks at the end are padded to the length of the first."""
+        """Of the frames of one block, padded to one of few lengths."""
         if index in self._kept:
             return self._kept[index]
         begin, end = self.blocks[index]
         longest = self.blocks[0][1] - self.blocks[0][0]
+        longest = min(fine_length(longest), self.appearance.frames_at_a_time)
         distance = self.appearance.distances(np.arange(begin, end))
         ratios = np.zeros((longest, *distance.shape[1:]), distance.dtype)
         ratios[: end - begin] = self.weight * self.likeness(distance)

@@ -19,6 +19,7 @@ from catfree.evidence.gaussian import Information, log_evidence
 from catfree.geometry.buckets import fine_length
 
 FEWEST_PAIRS = 4096  # to which pairs are padded: so many cost less than compiling for fewer
+BITS = 31  # cameras to a word, with or without 64-bit integers
 PAIR_GATE = 16.0  # squared Mahalanobis distance of two boxes that may start or join a group
 
 
@@ -110,7 +111,7 @@ def merge_groups(info, camera, pairs, members, looks, slot, density, spread, app
             other = slot[jnp.maximum(right, 0), 1][:, None, :]
             ratio = looks[slot[a, 0][:, None, None], at, other].astype(gain.dtype)
             gain = gain + jnp.where(where, ratio, 0.0).sum((1, 2))
-        allowed = (a != b) & ((mask[a] & mask[b]) == 0)
+        allowed = (a != b) & ((mask[a] & mask[b]) == 0).all(-1)
         return a, b, jnp.where(allowed & (gain > 0), gain, -jnp.inf)
 
     def step(carry):
@@ -132,16 +133,19 @@ def merge_groups(info, camera, pairs, members, looks, slot, density, spread, app
             absorbs.reshape(-1, *(1,) * (x.ndim - 1)), x + x[safe], x
         )
         matrix, vector, constant = add(matrix), add(vector), add(constant)
-        mask = jnp.where(absorbs, mask | mask[safe], mask)
+        mask = jnp.where(absorbs[:, None], mask | mask[safe], mask)
         members = jnp.where(absorbs[:, None], jnp.maximum(members, members[safe]), members)
         evidence = jnp.where(
             absorbs, log_evidence(Information(matrix, vector, constant), density, spread), evidence
         )
         return target[root], matrix, vector, constant, evidence, mask, members, mutual.any()
 
+    # A bit a camera, and one for track priors, in as many words as they fill.
+    words = members.shape[1] // BITS + 1
+    bits = jnp.left_shift(1, camera % BITS)[:, None]
+    mask = jnp.where(camera[:, None] // BITS == jnp.arange(words), bits, 0)
     start = (
-        rows, info.matrix, info.vector, info.constant, own, jnp.left_shift(1, camera), members,
-        jnp.array(True),
+        rows, info.matrix, info.vector, info.constant, own, mask, members, jnp.array(True),
     )  # fmt: skip
     end = jax.lax.while_loop(lambda carry: carry[-1], step, start)
     return end[0], Information(*end[1:4]), end[6]

@@ -85,9 +85,15 @@ def prepare_boxes(detections: Detections, rig: Rig, settings: EvidenceSettings) 
     )
     box = np.asarray(detections.box, np.float64)
     keys = [box[rows, i] for i in (3, 2, 1, 0)] + [detections.camera[rows], detections.frame[rows]]
-    if detections.embedding is not None and detections.embedding.shape[1] > 0:
-        keys.insert(0, detections.embedding[rows, 0])  # only ties of identical boxes
-    rows = rows[np.lexsort(keys)]
+    order = np.lexsort(keys)
+    place = np.column_stack(keys)[order]
+    if (place[1:] == place[:-1]).all(1).any():  # identical boxes: by what else is known of them
+        if detections.ankles_confirmed is not None:
+            keys.insert(0, detections.ankles_confirmed[rows])
+        if detections.embedding is not None:
+            keys = [*detections.embedding[rows].T, *keys]
+        order = np.lexsort(keys)
+    rows = rows[order]
     n = len(rows)
     frames, frame = np.unique(detections.frame[rows], return_inverse=True)
     N = fine_length(n)

@@ -3,6 +3,8 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
 
 from catfree.evidence.association import Groups
 from catfree.evidence.boxes import Boxes
@@ -16,6 +18,8 @@ ENOUGH = 30  # residuals below which a camera keeps the noise that it had
 ENOUGH_FOR_FIELD = 10  # the same for its offset: four coefficients, held by their prior
 FEWEST_GROUPS = 10  # people below which nothing is learned
 HUBER = 1.5
+USED_GROUND = 4.0  # H0²: whoever stands somewhere uses the ground a step or two around
+DENSITY_RANGE = (0.003, 1.0)  # people per H0²: one in a big square, shoulder to shoulder
 BLOCK = 2048  # residuals that are computed together
 
 
@@ -143,11 +147,23 @@ def learn_noise(
     )
 
 
-def crowding(position: np.ndarray, frame: np.ndarray) -> float:
-    """People per H0² of the ground that people use: cells of 2 H0 that anyone visits."""
-    cells = np.unique(np.floor(position / 2).astype(int), axis=0)
+def crowding(position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"]) -> float:
+    """People per H0² of the ground that people use.
+
+    Of n_i positions in a disc of area A around position i each stands for a share 1 / n_i of it, so
+    that the ground in use is the sum of A / n_i: as many cells as anyone visits, but of no grid
+    that would have to lie somewhere.
+
+    Args:
+        position: in H0, of everybody in all frames.
+        frame: of each.
+    """
+    around = KDTree(position).query_ball_point(
+        position, np.sqrt(USED_GROUND / np.pi), return_length=True
+    )
+    area = (USED_GROUND / np.sort(around)).sum()  # sorted, so that no order rounds otherwise
     people = len(position) / max(len(np.unique(frame)), 1)
-    return float(np.clip(people / (4 * len(cells)), 0.003, 1.0))
+    return float(np.clip(people / area, *DENSITY_RANGE))
 
 
 def _robust_ridge(X, y, sd, prior, component) -> np.ndarray:

@@ -44,9 +44,13 @@ class Clusters(eqx.Module):
     sigma: Float[np.ndarray, "h cam 3"]
 
     def strict(self, minimum_log_odds: float = 3.0) -> Bool[np.ndarray, " h"]:
-        """(H,) those to trust as correspondences: in a track, and seen by half the cameras."""
-        views = (self.member >= 0).sum(1)
-        enough = max(3, -(-self.member.shape[1] // 2))
+        """(H,) those to trust as correspondences: in a track, and seen by half the cameras.
+
+        Cameras that see nobody at all do not count.
+        """
+        seen = self.member >= 0
+        views, cameras = seen.sum(1), int(seen.any(0).sum())
+        enough = max(3, -(-cameras // 2))
         return self.kept & (views >= enough) & (self.log_odds > minimum_log_odds)
 
 

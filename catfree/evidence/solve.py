@@ -146,8 +146,9 @@ def _solve(
             probability = 1 / (1 + np.exp(-np.clip(evidence, -50, 50)))
             found = _Pass(groups, existence, state, covariance, trails, evidence, probability)
             break
-        count = (groups.member >= 0).sum(1)
-        sure = (count >= min(3, groups.member.shape[1])) & (existence.log_odds > SURE_LOG_ODDS)
+        there = groups.member >= 0
+        fewest = min(3, there.any(0).sum())  # of the cameras that see anybody
+        sure = (there.sum(1) >= fewest) & (existence.log_odds > SURE_LOG_ODDS)
         motion = estimate_motion(state[sure, :2], groups.frame[sure], time)
         trails = follow(groups, existence.log_odds, time, motion, density, spread, settings)
         evidence = _row_evidence(trails, existence, boxes, views, rate, settings)
@@ -168,7 +169,8 @@ def _solve(
         rows = np.flatnonzero(kept)
         member = np.full((len(rows), boxes.table.shape[1]), -1)
         seen = predict_views(trails.mean[rows, :3], trails.frame[rows], member, boxes, views)
-        kept[rows] = in_working_area(trails.mean[rows, :3], seen, views, noise, settings)
+        cameras = len(np.unique(boxes.camera[: len(boxes.row)]))
+        kept[rows] = in_working_area(trails.mean[rows, :3], seen, views, noise, cameras, settings)
     # An error of the whole map leaves everybody where they are among the others: it widens what is
     # reported and does not decide who is.
     if settings.pose_errors:
@@ -192,8 +194,10 @@ def probability_within(covariance: np.ndarray, radius: float) -> np.ndarray:
 
 def _steps(frames: np.ndarray) -> np.ndarray:
     """Time of each frame in units of the sequence's usual step."""
-    time = frames.astype(float)
-    return (time - time[:1]) / np.median(np.diff(time)) if len(time) > 1 else np.zeros(len(time))
+    if len(frames) < 2:
+        return np.zeros(len(frames))
+    time = (frames - frames[0]).astype(float)  # as integers: they may be nanoseconds since 1970
+    return time / np.median(np.diff(time))
 
 
 def _row_evidence(

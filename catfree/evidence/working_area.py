@@ -54,7 +54,12 @@ def design_sigma(
 
 
 def in_working_area(
-    state: np.ndarray, seen: Views, views: GroundViews, noise: Noise, settings: EvidenceSettings
+    state: np.ndarray,
+    seen: Views,
+    views: GroundViews,
+    noise: Noise,
+    cameras: int,
+    settings: EvidenceSettings,
 ) -> Bool[np.ndarray, " person"]:
     """Which positions lie where the rig can be trusted, judged by the sequence's own people.
 
@@ -62,6 +67,17 @@ def in_working_area(
     the well-seen people (the lower class of a log-Otsu split), and the number of images that hold
     the whole body is not below the typical one by half of the rig (`missing_views`) or more,
     unless there are so many (`enough_views`) that they check each other wherever it is.
+
+    Args:
+        state: (n, 3) positions and heights in H0.
+        seen: how each camera would see them if nobody stood in the way.
+        views: the cameras.
+        noise: of their edges.
+        cameras: how many of them see anybody at all: what the rig is.
+        settings: constants.
+
+    Returns:
+        (n,) whether each lies in the area.
     """
     if len(state) == 0:
         return np.zeros(0, bool)
@@ -69,8 +85,8 @@ def in_working_area(
     sample = np.pad(sigma, (0, coarse_length(len(sigma), SAMPLE_BLOCK) - len(sigma)))
     present = np.arange(len(sample)) < len(sigma)
     typical = np.log(sigma[sigma <= float(_log_otsu(sample, present))]).mean()
-    cameras = (seen.share >= WHOLE_BODY).sum(1)
-    missing = np.median(cameras) - cameras
-    enough = missing < settings.missing_views * np.sum(views.registered)
-    enough |= cameras >= settings.enough_views
+    whole = (seen.share >= WHOLE_BODY).sum(1)
+    missing = np.median(whole) - whole
+    enough = missing < settings.missing_views * cameras
+    enough |= whole >= settings.enough_views
     return (np.log(sigma) <= typical + np.log(settings.working_sigma)) & enough

@@ -168,7 +168,8 @@ def _alike_people(
     rig, observations = _observed(detections, judged.scene)
     groups, _, _ = associate_in_two_passes(observations, cast_rays(observations, rig), settings)
     member = np.where(groups.member >= 0, observations.row[groups.member], -1)
-    fewest = max(fewest, -(-member.shape[1] // 2))
+    cameras = int((member >= 0).any(0).sum())
+    fewest = max(fewest, -(-cameras // 2))
     sd = settings.calibration.edge_deviation(detections.height)
     return SurePeople(
         member[(member >= 0).sum(1) >= fewest],
