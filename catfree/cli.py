@@ -1,37 +1,33 @@
 """The command line: a thin shell over the functions of the library."""
 
-import contextlib
-import csv
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from catfree.errors import CatFreeError, FileFormatError, InvalidInputError, MissingDependencyError
-
-Progress = Callable[[str, int, int], None]
-
-FAILURE, INTERRUPTED = 1, 130
-TRUTH_COLUMNS = ("frame", "id", "x", "y")
-
-_STAGES = {
-    "render": "rendering the world",
-    "fit": "learning the background",
-    "detect": "detecting people",
-    "pairs": "calibrating: pairs of cameras",
-    "seeds": "calibrating: first rigs",
-    "growth": "calibrating: all cameras",
-    "evidence": "weighing the evidence",
-    "tracklets": "linking tracklets",
-    "association": "associating views",
-    "positions": "locating people",
-    "selection": "selecting positions",
-    "overlay": "drawing the overlay",
-    "trajectories": "building trajectories",
-}
+from catfree.cli_inputs import (
+    open_detector,
+    open_embedder,
+    open_reconstructor,
+    open_scene,
+    open_videos,
+    read_truth,
+    settings_of,
+)
+from catfree.cli_terminal import (
+    INTERRUPTED,
+    Progress,
+    fail,
+    print_result,
+    print_table,
+    print_text,
+    progress_bars,
+    require_tyro,
+)
+from catfree.errors import CatFreeError
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -45,7 +41,7 @@ def main(arguments: list[str] | None = None) -> int:
         make no sense exit with 2.
     """
     try:
-        tyro = _require_tyro()
+        tyro = require_tyro()
         tyro.extras.subcommand_cli_from_dict(
             _commands(tyro),
             prog="catfree",
@@ -53,11 +49,11 @@ def main(arguments: list[str] | None = None) -> int:
             args=arguments,
         )
     except CatFreeError as error:
-        return _fail(str(error))
+        return fail(str(error))
     except OSError as error:
-        return _fail(f"{error.filename or 'A file'}: {error.strerror or error}.")
+        return fail(f"{error.filename or 'A file'}: {error.strerror or error}.")
     except KeyboardInterrupt:
-        _fail("Interrupted. Run it again to go on with the stages that are finished.")
+        fail("Interrupted. Run it again to go on with the stages that are finished.")
         return INTERRUPTED
     return 0
 
@@ -109,8 +105,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree.output import write_results
         from catfree.run import run_stages
 
-        settings = _settings(method)
-        footage = _open_videos(
+        settings = settings_of(method)
+        footage = open_videos(
             videos,
             stride=stride,
             start=start,
@@ -119,24 +115,24 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             frame_rate=frame_rate,
             on_error="keep" if keep_before_damage else "raise",
         )
-        with _progress_bars() as progress:
+        with progress_bars() as progress:
             outcome = run_stages(
                 footage,
-                _open_detector(detector),
-                _open_embedder(embedder),
-                _open_reconstructor(reconstructor),
-                _open_scene(scene),
+                open_detector(detector),
+                open_embedder(embedder),
+                open_reconstructor(reconstructor),
+                open_scene(scene),
                 settings,
                 cache_dir=out / "cache" if cache is None else cache,
                 progress=progress,
             )
             if footage.interruption is not None:
-                _fail(f"Used what came before the damage: {footage.interruption}")
+                fail(f"Used what came before the damage: {footage.interruption}")
             if overlay:
                 _write_overlay(out, footage, outcome, progress)
         drawn = None if pictures else False
         write_results(out, outcome, settings, videos=footage, pictures=drawn)
-        _print_result(outcome, out)
+        print_result(outcome, out)
 
     def demo(
         out: Path = Path("catfree_demo"),
@@ -164,7 +160,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         """
         from catfree.demo import EASY, run_demo, score_table
 
-        with _progress_bars() as progress:
+        with progress_bars() as progress:
             done = run_demo(
                 out,
                 seed,
@@ -172,14 +168,14 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 people=people,
                 frames=frames,
                 image_size=size,
-                settings=None if method == "default" else _settings(method),
+                settings=None if method == "default" else settings_of(method),
                 workers=workers,
                 pictures=None if pictures else False,
                 progress=progress,
             )
-        _print_table(score_table(done.scores))
-        _print_result(done.outcome, out)
-        _print(EASY)
+        print_table(score_table(done.scores))
+        print_result(done.outcome, out)
+        print_text(EASY)
 
     def calibrate(
         videos: Annotated[tuple[Path, ...], positional],
@@ -205,15 +201,15 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree.report import camera_table
         from catfree.stages import calibrate_cameras, detect
 
-        footage = _open_videos(videos, stride=stride, offsets=offsets)
+        footage = open_videos(videos, stride=stride, offsets=offsets)
         stages = StageCache(out / "cache" if cache is None else cache)
-        finder = _open_detector(detector) or BackgroundDetector()
-        with _progress_bars() as progress:
+        finder = open_detector(detector) or BackgroundDetector()
+        with progress_bars() as progress:
             seen = detect(footage, finder, cache=stages, progress=progress)
             found = calibrate_cameras(footage, finder, seen, cache=stages, progress=progress)
         write_rig(out, found.scene, footage.camera_names)
-        _print_table(camera_table(found.scene, footage.camera_names, found))
-        _print(f"The rig is in {out}.")
+        print_table(camera_table(found.scene, footage.camera_names, found))
+        print_text(f"The rig is in {out}.")
 
     def evaluate(
         tracks: Annotated[Path, positional],
@@ -235,7 +231,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree.evaluation import crop, detection_metrics, hota, tracking_metrics
         from catfree.report import Table
 
-        truth, found = _read_truth(ground_truth), read_tracks_csv(tracks).to_rows()
+        truth, found = read_truth(ground_truth), read_tracks_csv(tracks).to_rows()
         frames = np.unique(np.concatenate([truth[:, 0], found[:, 0]]))
         if area is not None:
             truth, found = crop(truth, area), crop(found, area)
@@ -251,7 +247,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             ("identity switches", str(paths.id_switches)),
             ("HOTA", f"{hota(truth, found, frames).hota:.2f}"),
         )
-        _print_table(Table(("measure", "value"), rows))
+        print_table(Table(("measure", "value"), rows))
 
     def plot(
         results: Annotated[Path, positional],
@@ -268,7 +264,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         localization, scene, names = read_results(results)
         folder = results / "pictures" if out is None else out
         for path in draw_pictures(folder, localization, scene, camera_names=names):
-            _print(str(path))
+            print_text(str(path))
 
     return {
         "run": run,
@@ -277,64 +273,6 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         "evaluate": evaluate,
         "plot": plot,
     }
-
-
-def _require_tyro() -> Any:
-    try:
-        import rich
-        import tyro
-    except ImportError as error:
-        raise MissingDependencyError(
-            "The command line needs tyro and rich: pip install 'catfree[cli]'."
-        ) from error
-    del rich
-    return tyro
-
-
-@contextlib.contextmanager
-def _progress_bars() -> Iterator[Progress]:
-    """A bar a stage on standard error, with rate and time left."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress as Bars,
-        ProgressColumn,
-        Task,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-    from rich.text import Text
-
-    class RateColumn(ProgressColumn):
-        """Steps a second."""
-
-        def render(self, task: Task) -> Text:
-            speed = task.finished_speed or task.speed
-            return Text("" if speed is None else f"{speed:.1f}/s")
-
-    columns = (
-        TextColumn("{task.description:30}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        RateColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    tasks: dict[str, Any] = {}
-    with Bars(*columns, console=Console(stderr=True)) as bars:
-
-        def progress(stage: str, done: int, total: int) -> None:
-            if stage not in tasks:
-                # A stage that begins says that those before it are over.
-                for earlier in bars.tasks:
-                    bars.update(earlier.id, completed=earlier.total)
-                tasks[stage] = bars.add_task(_STAGES.get(stage, stage), total=total)
-            bars.update(tasks[stage], completed=done, total=total)
-
-        yield progress
 
 
 def _write_overlay(out: Path, footage: Any, outcome: Any, progress: Progress) -> None:
@@ -350,113 +288,6 @@ def _write_overlay(out: Path, footage: Any, outcome: Any, progress: Progress) ->
         camera_names=outcome.camera_names,
         progress=progress,
     )
-
-
-def _settings(method: str) -> Any:
-    from catfree.settings import Settings
-
-    if method == "default":
-        return Settings()
-    return Settings.paper() if method == "paper" else Settings(method="evidence")
-
-
-def _open_videos(paths: tuple[Path, ...], **options: Any) -> Any:
-    from catfree.adapters.video import SynchronizedVideos
-
-    if len(paths) < 2:
-        raise InvalidInputError(
-            f"People are located where views meet: name at least 2 videos, got {len(paths)}."
-        )
-    return SynchronizedVideos(paths, **options)
-
-
-def _open_detector(path: Path | None) -> Any:
-    """The network of an ONNX file, whichever known detector it is."""
-    from catfree.adapters.yolo_pose import YoloPoseOnnx
-    from catfree.adapters.yolox import YoloxOnnx
-
-    if path is None:
-        return None
-    try:
-        return YoloPoseOnnx(path)
-    except FileFormatError as not_pose:
-        try:
-            return YoloxOnnx(path)
-        except FileFormatError:
-            raise not_pose from None
-
-
-def _open_embedder(path: Path | None) -> Any:
-    from catfree.adapters.reid import ReIdOnnx
-
-    return None if path is None else ReIdOnnx(path)
-
-
-def _open_reconstructor(path: Path | None) -> Any:
-    from catfree.adapters.vggt import VggtOnnx
-
-    return None if path is None else VggtOnnx(path)
-
-
-def _open_scene(path: Path | None) -> Any:
-    from catfree.adapters.rig_json import read_scene_json
-    from catfree.types import Scene
-
-    if path is None:
-        return None
-    return Scene.load(path) if path.suffix == ".npz" else read_scene_json(path)[0]
-
-
-def _read_truth(path: Path) -> np.ndarray:
-    """(N, 4) rows of a CSV file with the columns frame, id (or track_id), x and y."""
-    from catfree.adapters.documents import read_text
-
-    lines = list(csv.DictReader(read_text(path, "ground truth").splitlines()))
-    header = list(lines[0]) if lines else []
-    # Tracks of catfree can be the truth of another run.
-    identity = "track_id" if "track_id" in header else "id"
-    names = [identity if name == "id" else name for name in TRUTH_COLUMNS]
-    missing = [name for name in names if name not in header]
-    if missing:
-        raise FileFormatError(
-            f"{path} has no column {missing[0]!r}; ground truth is a CSV file with a header and "
-            f"the columns {', '.join(TRUTH_COLUMNS)}."
-        )
-    try:
-        return np.array([[float(line[name]) for name in names] for line in lines])
-    except (TypeError, ValueError) as error:
-        raise FileFormatError(f"{path}: {error}.") from error
-
-
-def _print(text: str) -> None:
-    print(text)
-
-
-def _print_result(outcome: Any, out: Path) -> None:
-    tracks = outcome.localization.tracks
-    people = len(np.unique(tracks.track_id))
-    registered = int(outcome.scene.rig.registered.sum())
-    _print(
-        f"{people} tracks with {len(tracks)} positions in {len(outcome.frames)} frames, from "
-        f"{registered} of {len(outcome.camera_names)} cameras. Start with {out / 'report.html'}."
-    )
-
-
-def _print_table(table: Any) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    drawn = Table()
-    for at, name in enumerate(table.header):
-        drawn.add_column(name, justify="left" if at == 0 else "right")
-    for row in table.rows:
-        drawn.add_row(*row)
-    Console().print(drawn)
-
-
-def _fail(sentence: str) -> int:
-    print(f"catfree: {sentence}", file=sys.stderr)
-    return FAILURE
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ ALLOWED = {
     "evaluation": {"geometry"},
 }
 # What only other folders of this kind may import.
-TOP_ONLY = {"viz", "cli", "output", "demo"}
+TOP_ONLY = {"viz", "cli", "cli_inputs", "cli_terminal", "output", "demo"}
 
 
 def modules():

@@ -1,0 +1,103 @@
+"""From the words of the command line to what the library takes: settings, videos, networks, truth.
+
+The adapters are imported where a file is opened, so that `catfree --help` loads no video library.
+"""
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from catfree.errors import FileFormatError, InvalidInputError
+
+TRUTH_COLUMNS = ("frame", "id", "x", "y")
+
+
+def settings_of(method: str) -> Any:
+    """The settings that a method is named for."""
+    from catfree.settings import Settings
+
+    if method == "default":
+        return Settings()
+    return Settings.paper() if method == "paper" else Settings(method="evidence")
+
+
+def open_videos(paths: tuple[Path, ...], **options: Any) -> Any:
+    """The cameras' videos on one clock.
+
+    Raises:
+        InvalidInputError: if there are fewer than two.
+    """
+    from catfree.adapters.video import SynchronizedVideos
+
+    if len(paths) < 2:
+        raise InvalidInputError(
+            f"People are located where views meet: name at least 2 videos, got {len(paths)}."
+        )
+    return SynchronizedVideos(paths, **options)
+
+
+def open_detector(path: Path | None) -> Any:
+    """The network of an ONNX file, whichever known detector it is."""
+    from catfree.adapters.yolo_pose import YoloPoseOnnx
+    from catfree.adapters.yolox import YoloxOnnx
+
+    if path is None:
+        return None
+    try:
+        return YoloPoseOnnx(path)
+    except FileFormatError as not_pose:
+        try:
+            return YoloxOnnx(path)
+        except FileFormatError:
+            raise not_pose from None
+
+
+def open_embedder(path: Path | None) -> Any:
+    """The re-identification network of an ONNX file."""
+    from catfree.adapters.reid import ReIdOnnx
+
+    return None if path is None else ReIdOnnx(path)
+
+
+def open_reconstructor(path: Path | None) -> Any:
+    """VGGT of an ONNX file."""
+    from catfree.adapters.vggt import VggtOnnx
+
+    return None if path is None else VggtOnnx(path)
+
+
+def open_scene(path: Path | None) -> Any:
+    """Cameras and ground of a saved scene, `.npz` or JSON."""
+    from catfree.adapters.rig_json import read_scene_json
+    from catfree.types import Scene
+
+    if path is None:
+        return None
+    return Scene.load(path) if path.suffix == ".npz" else read_scene_json(path)[0]
+
+
+def read_truth(path: Path) -> np.ndarray:
+    """(N, 4) rows of a CSV file with the columns frame, id (or track_id), x and y.
+
+    Raises:
+        FileFormatError: if a column is missing or a value is no number.
+    """
+    from catfree.adapters.documents import read_text
+
+    lines = list(csv.DictReader(read_text(path, "ground truth").splitlines()))
+    header = list(lines[0]) if lines else []
+    # Tracks of catfree can be the truth of another run.
+    identity = "track_id" if "track_id" in header else "id"
+    names = [identity if name == "id" else name for name in TRUTH_COLUMNS]
+    missing = [name for name in names if name not in header]
+    if missing:
+        raise FileFormatError(
+            f"{path} has no column {missing[0]!r}; ground truth is a CSV file with a header and "
+            f"the columns {', '.join(TRUTH_COLUMNS)}."
+        )
+    try:
+        return np.array([[float(line[name]) for name in names] for line in lines])
+    except (TypeError, ValueError) as error:
+        raise FileFormatError(f"{path}: {error}.") from error

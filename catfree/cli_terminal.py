@@ -1,0 +1,133 @@
+"""What the command line shows: progress on standard error, results on standard output.
+
+Only here are stages named for people and is anything printed, so that the commands read as what
+they do.
+"""
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from catfree.errors import MissingDependencyError
+
+Progress = Callable[[str, int, int], None]
+
+FAILURE, INTERRUPTED = 1, 130
+
+STAGE_LABELS = {
+    "render": "rendering the world",
+    "fit": "learning the background",
+    "detect": "detecting people",
+    "pairs": "calibrating: pairs of cameras",
+    "seeds": "calibrating: first rigs",
+    "growth": "calibrating: all cameras",
+    "evidence": "weighing the evidence",
+    "tracklets": "linking tracklets",
+    "association": "associating views",
+    "positions": "locating people",
+    "selection": "selecting positions",
+    "overlay": "drawing the overlay",
+    "trajectories": "building trajectories",
+}
+
+
+def require_tyro() -> Any:
+    """The module that reads the words, once everything that the terminal needs is there.
+
+    Raises:
+        MissingDependencyError: if tyro or rich is not installed.
+    """
+    try:
+        import rich
+        import tyro
+    except ImportError as error:
+        raise MissingDependencyError(
+            "The command line needs tyro and rich: pip install 'catfree[cli]'."
+        ) from error
+    del rich
+    return tyro
+
+
+@contextlib.contextmanager
+def progress_bars() -> Iterator[Progress]:
+    """A bar a stage on standard error, with rate and time left."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress as Bars,
+        ProgressColumn,
+        Task,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+    from rich.text import Text
+
+    class RateColumn(ProgressColumn):
+        """Steps a second."""
+
+        def render(self, task: Task) -> Text:
+            speed = task.finished_speed or task.speed
+            return Text("" if speed is None else f"{speed:.1f}/s")
+
+    columns = (
+        TextColumn("{task.description:30}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        RateColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    tasks: dict[str, Any] = {}
+    with Bars(*columns, console=Console(stderr=True)) as bars:
+
+        def progress(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                # A stage that begins says that those before it are over.
+                for earlier in bars.tasks:
+                    bars.update(earlier.id, completed=earlier.total)
+                tasks[stage] = bars.add_task(STAGE_LABELS.get(stage, stage), total=total)
+            bars.update(tasks[stage], completed=done, total=total)
+
+        yield progress
+
+
+def print_text(text: str) -> None:
+    """A line on standard output."""
+    print(text)
+
+
+def print_result(outcome: Any, out: Path) -> None:
+    """What a run found, in one sentence, and where to read on."""
+    tracks = outcome.localization.tracks
+    people = len(np.unique(tracks.track_id))
+    registered = int(outcome.scene.rig.registered.sum())
+    print_text(
+        f"{people} tracks with {len(tracks)} positions in {len(outcome.frames)} frames, from "
+        f"{registered} of {len(outcome.camera_names)} cameras. Start with {out / 'report.html'}."
+    )
+
+
+def print_table(table: Any) -> None:
+    """A table of `catfree.report`, numbers to the right."""
+    from rich.console import Console
+    from rich.table import Table
+
+    drawn = Table()
+    for at, name in enumerate(table.header):
+        drawn.add_column(name, justify="left" if at == 0 else "right")
+    for row in table.rows:
+        drawn.add_row(*row)
+    Console().print(drawn)
+
+
+def fail(sentence: str) -> int:
+    """Say on standard error what went wrong; the exit code for it."""
+    print(f"catfree: {sentence}", file=sys.stderr)
+    return FAILURE
