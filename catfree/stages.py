@@ -17,6 +17,7 @@ from catfree.adapters.video import SynchronizedVideos
 from catfree.cache import StageCache, code_hash, content_hash
 from catfree.cached_detection import detect_with_cache, fingerprint_of
 from catfree.pipeline import localize
+from catfree.reconstruction import scene_from_videos
 from catfree.rig import Calibration, calibrate
 from catfree.second_look import expected_people, look_again
 from catfree.settings import CalibrationSettings, Settings
@@ -100,8 +101,6 @@ def reconstruct(
     progress: Progress | None = None,
 ) -> Scene:
     """The second stage with a reconstructor: some instants, aggregated to one static rig."""
-    from catfree.rig.aggregate import scene_from_videos
-
     keys = ()
     if cache is not None:
         weights = fingerprint_of(reconstructor, "reconstructor")

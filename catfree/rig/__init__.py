@@ -1,10 +1,11 @@
 """Where the cameras stand: from pedestrians alone, from reconstructions, refined with people."""
 
+# From above: it opens videos, but callers know it by this name.
+from catfree.reconstruction import scene_from_videos as scene_from_videos
 from catfree.rig.aggregate import (
     Aggregate as Aggregate,
     Spread as Spread,
     aggregate as aggregate,
-    scene_from_videos as scene_from_videos,
 )
 from catfree.rig.calibrate import calibrate as calibrate
 from catfree.rig.ground import (

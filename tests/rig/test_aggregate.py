@@ -1,49 +1,21 @@
 """Averaging cameras of several instants: exactness, invariance, resistance to garbage."""
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from noisy_reconstruction import reconstruct
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from catfree.adapters.protocols import Reconstruction
-from catfree.adapters.video import SynchronizedVideos
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry import fit_similarity
-from catfree.rig.aggregate import aggregate, scene_from_videos
+from catfree.rig.aggregate import aggregate
 from catfree.rig.robust_mean import angle, geometric_median, median_rotation
 from catfree.synthetic import make_layout
 from catfree.types import Rig
 
 seeds = st.integers(0, 2**31 - 1)
-
-
-def reconstruct(
-    rig: Rig,
-    rng: np.random.Generator,
-    *,
-    rotation: float = 0.0,
-    center: float = 0.0,
-    focal: float = 0.0,
-    points: np.ndarray | None = None,
-    **fields: object,
-) -> Reconstruction:
-    """The rig with normal errors (radians, scene units, relative), in a frame of its own."""
-    cameras = rig.camera_count
-    turn = Rotation.from_rotvec(rotation * rng.standard_normal((cameras, 3))).as_matrix()
-    R = turn @ np.asarray(rig.R)
-    centers = np.asarray(rig.centers) + center * rng.standard_normal((cameras, 3))
-    K = np.array(rig.K)
-    K[:, [0, 1], [0, 1]] *= np.exp(focal * rng.standard_normal(cameras))[:, None]
-    scale = np.exp(rng.uniform(-3, 3))
-    gauge = Rotation.random(random_state=rng).as_matrix()
-    shift = rng.normal(0, 10, 3)
-    centers = scale * centers @ gauge.T + shift
-    R = R @ gauge.T
-    cloud = np.zeros((0, 3)) if points is None else scale * points @ gauge.T + shift
-    confidence = np.ones(len(cloud))
-    return Reconstruction(K, R, -np.einsum("cij,cj->ci", R, centers), cloud, confidence, **fields)
 
 
 def garbage(rig: Rig, rng: np.random.Generator) -> Reconstruction:
@@ -218,35 +190,3 @@ def test_absent_values_never_count():
     present = np.array([True, True, False, True])
     np.testing.assert_allclose(geometric_median(points, present), [0.2, 0, 0], atol=1e-6)
     assert np.isnan(geometric_median(points, np.zeros(4, bool))).all()
-
-
-class _Reconstructor:
-    """Noisy reconstructions of a rig and some points, with the pictures that it was asked for."""
-
-    fingerprint = "none"
-
-    def __init__(self, rig, rng, points):
-        self.rig, self.rng, self.points, self.seen = rig, rng, points, []
-
-    def __call__(self, images):
-        self.seen.append([int(image.flat[0]) for image in images])
-        return reconstruct(self.rig, self.rng, rotation=0.002, center=0.02, points=self.points)
-
-
-def test_scene_from_videos_finds_rig_and_floor(tmp_path):
-    folders = [tmp_path / f"camera{camera}" for camera in range(6)]
-    for camera, folder in enumerate(folders):
-        folder.mkdir()
-        for frame in range(20):
-            picture = np.full((108, 192, 3), 10 * frame + camera, np.uint8)
-            cv2.imwrite(str(folder / f"{frame:03d}.png"), picture)
-    rig, rng = make_layout("ring6", 0).rig, np.random.default_rng(7)
-    floor = np.column_stack([rng.uniform(-8, 8, (800, 2)), rng.normal(0, 0.02, 800)])
-    reconstructor = _Reconstructor(rig, rng, floor)
-    scene = scene_from_videos(SynchronizedVideos(folders), reconstructor, instants=5)
-    # Synchronous pictures of all cameras, spread over the sequence.
-    assert reconstructor.seen == [[10 * f + c for c in range(6)] for f in (2, 6, 10, 14, 18)]
-    centers = np.asarray(scene.rig.centers)
-    similarity = fit_similarity(centers, np.asarray(rig.centers))
-    height = np.asarray(scene.ground.signed_distance(centers)) * float(similarity.scale)
-    np.testing.assert_allclose(height, np.asarray(rig.centers)[:, 2], atol=0.15)
