@@ -8,11 +8,8 @@ from catfree.rig.aggregate import (
     aggregate as aggregate,
 )
 from catfree.rig.calibrate import calibrate as calibrate
-from catfree.rig.ground import (
-    Ground as Ground,
-    GroundCandidate as GroundCandidate,
-    find_ground as find_ground,
-)
+from catfree.rig.ground import Ground as Ground, find_ground as find_ground
+from catfree.rig.ground_evidence import GroundCandidate as GroundCandidate
 from catfree.rig.pedestrians import (
     Calibration as Calibration,
     refine_with_correspondences as refine_with_correspondences,
