@@ -10,4 +10,5 @@ from catfree.types.results import (
     Thresholds as Thresholds,
     Tracks as Tracks,
 )
-from catfree.types.scene import Plane as Plane, Rays as Rays, Rig as Rig, Scene as Scene
+from catfree.types.rig import Rig as Rig
+from catfree.types.scene import Plane as Plane, Rays as Rays, Scene as Scene
