@@ -6,19 +6,17 @@ which focal length and height of a camera are hardly told apart, so the cameras 
 where they started, within errors that a reconstruction has. That tie fixes frame and scale too.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial.transform import Rotation
 
-from catfree.types import Rig
+from catfree.rig.adjusted_cameras import NEAREST_DEPTH, Cameras
 
 PARAMETERS = 7  # rotation vector, centre, log focal length
 HUBER = 1.345  # standard deviations; 95 % efficient where all errors are normal
 RAYLEIGH_MEDIAN = 1.1774  # median length of a 2-D normal vector, in standard deviations
 SMALLEST_NOISE = 0.1  # px: boxes are not more exact, and exact data must not divide by zero
-NEAREST_DEPTH = 1e-6  # shares of E: closer, or behind the camera, a point has no pixel
 FIRST_DAMPING = 1e-4
 LARGEST_DAMPING = 1e8
 CONVERGED = 1e-6  # relative fall of the cost that ends the iteration
@@ -61,74 +59,6 @@ class Sightings:
     def present(self) -> Bool[np.ndarray, "person cam"]:
         """(P, C) who is seen by whom."""
         return self.weight > 0
-
-
-@dataclass(frozen=True)
-class Cameras:
-    """What the adjustment changes: `pixel = focal_scale A (x, y) / z + principal point`.
-
-    Attributes:
-        R: (C, 3, 3) world-to-camera rotations.
-        center: (C, 3) centres.
-        log_scale: (C,) logarithm of the focal length over the one in K.
-        K: (C, 3, 3) intrinsics at the start.
-    """
-
-    R: Float[np.ndarray, "cam 3 3"]
-    center: Float[np.ndarray, "cam 3"]
-    log_scale: Float[np.ndarray, " cam"]
-    K: Float[np.ndarray, "cam 3 3"]
-
-    @classmethod
-    def of(cls, rig: Rig) -> "Cameras":
-        """The cameras of a rig; those that are not registered stand still at the origin."""
-        known = rig.registered[:, None]
-        return cls(
-            np.where(known[..., None], np.asarray(rig.R, np.float64), np.eye(3)),
-            np.where(known, np.asarray(rig.centers, np.float64), 0.0),
-            np.zeros(rig.camera_count),
-            np.where(known[..., None], np.asarray(rig.K, np.float64), np.eye(3)),
-        )
-
-    def rig(self, like: Rig) -> Rig:
-        """A rig of these cameras with the sizes, lenses and unregistered cameras of another."""
-        known = like.registered[:, None, None]
-        K = self.K.copy()
-        K[:, :2, :2] *= np.exp(self.log_scale)[:, None, None]
-        t = -np.einsum("cij,cj->ci", self.R, self.center)
-        return Rig(
-            np.where(known, K, np.asarray(like.K, np.float64)),
-            np.where(known, self.R, np.asarray(like.R, np.float64)),
-            np.where(known[:, 0], t, np.asarray(like.t, np.float64)),
-            like.image_size,
-            like.distortion,
-            like.registered,
-        )
-
-    def project_directions(
-        self, direction: Float[np.ndarray, "person cam 3"]
-    ) -> Float[np.ndarray, "person cam 2"]:
-        """Pixels of world directions, one a person and camera; anything for those behind."""
-        local = np.einsum("cij,pcj->pci", self.R, direction)
-        depth = np.where(local[..., 2] > NEAREST_DEPTH, local[..., 2], 1.0)
-        focal = self.K[:, :2, :2] * np.exp(self.log_scale)[:, None, None]
-        offset = np.einsum("cij,pcj->pci", focal, local[..., :2] / depth[..., None])
-        return offset + self.K[:, :2, 2]
-
-    def moved(self, step: Float[np.ndarray, "cam 7"]) -> "Cameras":
-        """The cameras after a step; rotations turn in their own camera frame."""
-        turn = Rotation.from_rotvec(step[:, :3]).as_matrix()
-        return replace(
-            self,
-            R=turn @ self.R,
-            center=self.center + step[:, 3:6],
-            log_scale=self.log_scale + step[:, 6],
-        )
-
-    def away_from(self, start: "Cameras") -> Float[np.ndarray, "cam 7"]:
-        """(C, 7) the step that leads here from `start`."""
-        turn = Rotation.from_matrix(self.R @ start.R.transpose(0, 2, 1)).as_rotvec()
-        return np.column_stack([turn, self.center - start.center, self.log_scale - start.log_scale])
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ from catfree.association import (
     weigh_rays,
 )
 from catfree.errors import InsufficientDataError
-from catfree.rig.bundle_adjustment import HUBER, Cameras, Sightings, adjust
+from catfree.rig.adjusted_cameras import Cameras
+from catfree.rig.bundle_adjustment import HUBER, Sightings, adjust
 from catfree.rig.evidence_refinement import refine_by_evidence
 from catfree.rig.refinement import (
     Refinement as Refinement,

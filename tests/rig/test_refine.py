@@ -11,7 +11,8 @@ from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.evaluation import align_centres
 from catfree.geometry import Similarity, transform_rig, transform_scene
 from catfree.rig import bundle_adjustment
-from catfree.rig.bundle_adjustment import Cameras, CameraTie, Sightings, adjust
+from catfree.rig.adjusted_cameras import Cameras
+from catfree.rig.bundle_adjustment import CameraTie, Sightings, adjust
 from catfree.rig.refine import RefinementSettings, ground_under_people, refine
 from catfree.settings import Settings
 from catfree.synthetic import RigError, make_layout, make_world
