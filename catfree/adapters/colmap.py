@@ -1,43 +1,31 @@
 """COLMAP reconstructions: text and binary in, text out."""
 
-import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from catfree.adapters.distortion import five_coefficients
+from catfree.adapters.colmap_binary import binary_cameras, binary_images, binary_points
+from catfree.adapters.colmap_models import (
+    PARAMETERS,
+    PIXEL_CENTRE,
+    ColmapCamera,
+    ColmapImage,
+    intrinsics,
+    supported_model,
+)
 from catfree.adapters.documents import (
     StrPath,
     naming_file,
     numbers,
     read_text,
-    require_file,
     require_folder,
     write_text_atomically,
 )
 from catfree.adapters.named_rig import NamedRig, registered_cameras
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Rig
-
-# Number, name and parameters of the supported models; coefficients are OpenCV's.
-_MODELS = {
-    0: ("SIMPLE_PINHOLE", "f cx cy"),
-    1: ("PINHOLE", "fx fy cx cy"),
-    2: ("SIMPLE_RADIAL", "f cx cy k1"),
-    3: ("RADIAL", "f cx cy k1 k2"),
-    4: ("OPENCV", "fx fy cx cy k1 k2 p1 p2"),
-    6: ("FULL_OPENCV", "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"),
-}
-_PARAMETERS = {name: parameters.split() for name, parameters in _MODELS.values()}
-_COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-
-# COLMAP puts the centre of the top-left pixel at (0.5, 0.5), catfree and OpenCV at (0, 0).
-_PIXEL_CENTRE = 0.5
-
-_Camera = tuple[str, int, int, np.ndarray]  # model, width, height, parameters
-_Image = tuple[str, int, np.ndarray, np.ndarray]  # name, camera id, quaternion wxyz, translation
 
 
 def read_colmap(folder: StrPath) -> NamedRig:
@@ -61,9 +49,9 @@ def read_colmap(folder: StrPath) -> NamedRig:
     root = require_folder(folder, "COLMAP model")
     binary = (root / "cameras.bin").is_file() or not (root / "cameras.txt").is_file()
     if binary:
-        cameras = _binary_cameras(root / "cameras.bin")
-        images = _binary_images(root / "images.bin")
-        points = _binary_points(root / "points3D.bin")
+        cameras = binary_cameras(root / "cameras.bin")
+        images = binary_images(root / "images.bin")
+        points = binary_points(root / "points3D.bin")
     else:
         cameras = _text_cameras(root / "cameras.txt")
         images = _text_images(root / "images.txt")
@@ -77,7 +65,7 @@ def read_colmap(folder: StrPath) -> NamedRig:
         if camera_id not in cameras:
             raise FileFormatError(f"{source}: image {name} has camera {camera_id}, not in cameras.")
         model, width, height, parameters = cameras[camera_id]
-        matrix, coefficients = _intrinsics(model, parameters, root, name)
+        matrix, coefficients = intrinsics(model, parameters, root, name)
         with np.errstate(over="ignore"):
             norm = np.linalg.norm(quaternion)
         if not (np.isfinite(norm) and norm > 0):
@@ -135,7 +123,7 @@ def write_colmap_text(
                 "model knows."
             )
         focal = [K[at, 0, 0], K[at, 1, 1]]
-        centre = [K[at, 0, 2] + _PIXEL_CENTRE, K[at, 1, 2] + _PIXEL_CENTRE]
+        centre = [K[at, 0, 2] + PIXEL_CENTRE, K[at, 1, 2] + PIXEL_CENTRE]
         lens = np.zeros(5) if rig.distortion is None else np.asarray(rig.distortion)[at]
         if not lens.any():
             model, coefficients = "PINHOLE", []
@@ -160,31 +148,6 @@ def _row(*parts: Sequence[float] | np.ndarray) -> str:
     return " ".join(repr(float(value)) for part in parts for value in part)
 
 
-def _intrinsics(
-    model: str, parameters: np.ndarray, source: Path, image: str
-) -> tuple[np.ndarray, np.ndarray]:
-    """(3, 3) K with catfree's pixel centre, and (5,) OpenCV coefficients."""
-    value = dict(zip(_PARAMETERS[model], parameters.tolist(), strict=True))
-    K = np.array(
-        [
-            [value.get("fx", value.get("f")), 0.0, value["cx"] - _PIXEL_CENTRE],
-            [0.0, value.get("fy", value.get("f")), value["cy"] - _PIXEL_CENTRE],
-            [0.0, 0.0, 1.0],
-        ]
-    )
-    lens = np.array([value.get(name, 0.0) for name in _COEFFICIENTS])
-    return K, five_coefficients(lens, source, f"image {image}")
-
-
-def _supported(model: str, source: Path, camera_id: int) -> str:
-    if model not in _PARAMETERS:
-        raise FileFormatError(
-            f"{source}: camera {camera_id} has the model {model}; supported are "
-            f"{', '.join(_PARAMETERS)}. Undistort the images with COLMAP first."
-        )
-    return model
-
-
 def _lines(path: Path, meaning: str) -> list[str]:
     text = read_text(path, meaning)
     return [line.strip() for line in text.splitlines() if not line.lstrip().startswith("#")]
@@ -197,7 +160,7 @@ def _integer(word: str, source: Path, where: str) -> int:
         raise FileFormatError(f"{source}: {where} has {word!r} instead of a number.") from error
 
 
-def _text_cameras(path: Path) -> dict[int, _Camera]:
+def _text_cameras(path: Path) -> dict[int, ColmapCamera]:
     cameras = {}
     for line in filter(None, _lines(path, "COLMAP cameras")):
         words = line.split()
@@ -205,14 +168,14 @@ def _text_cameras(path: Path) -> dict[int, _Camera]:
         where = f"camera {camera_id}"
         if len(words) < 4:
             raise FileFormatError(f"{path}: {where} is incomplete.")
-        model = _supported(words[1], path, camera_id)
+        model = supported_model(words[1], path, camera_id)
         width, height = (_integer(word, path, where) for word in words[2:4])
-        parameters = numbers(words[4:], (len(_PARAMETERS[model]),), path, f"{where} ({model})")
+        parameters = numbers(words[4:], (len(PARAMETERS[model]),), path, f"{where} ({model})")
         cameras[camera_id] = (model, width, height, parameters)
     return cameras
 
 
-def _text_images(path: Path) -> list[_Image]:
+def _text_images(path: Path) -> list[ColmapImage]:
     lines = iter(_lines(path, "COLMAP images"))
     images = []
     for line in lines:
@@ -234,68 +197,4 @@ def _text_points(path: Path) -> np.ndarray | None:
         return None
     rows = [line.split() for line in filter(None, _lines(path, "COLMAP points"))]
     points = [numbers(row[1:4], (3,), path, f"point {row[0]}") for row in rows]
-    return np.array(points).reshape(-1, 3)
-
-
-class _Bytes:
-    """A binary file read front to back, with a clear error where it ends too early."""
-
-    def __init__(self, path: Path, meaning: str) -> None:
-        self.path = require_file(path, meaning)
-        self.data, self.at = self.path.read_bytes(), 0
-
-    def take(self, layout: str) -> tuple:
-        size = struct.calcsize("<" + layout)
-        self.skip(size)
-        return struct.unpack_from("<" + layout, self.data, self.at - size)
-
-    def skip(self, size: int) -> None:
-        if self.at + size > len(self.data):
-            raise FileFormatError(f"{self.path} is truncated or no COLMAP file.")
-        self.at += size
-
-    def name(self) -> str:
-        end = self.data.find(b"\0", self.at)
-        start, self.at = self.at, end + 1
-        try:
-            return self.data[start : end if end >= 0 else start].decode("utf-8")
-        except UnicodeDecodeError as error:
-            raise FileFormatError(f"{self.path} has an image name that is no text.") from error
-
-    def records(self) -> Iterator[int]:
-        """Count off the records that the file announces, then check that nothing follows."""
-        yield from range(self.take("Q")[0])
-        if self.at != len(self.data):
-            raise FileFormatError(f"{self.path} goes on after its last record.")
-
-
-def _binary_cameras(path: Path) -> dict[int, _Camera]:
-    stream = _Bytes(path, "COLMAP cameras")
-    cameras = {}
-    for _ in stream.records():
-        camera_id, number, width, height = stream.take("iiQQ")
-        model = _supported(_MODELS.get(number, (f"number {number}",))[0], path, camera_id)
-        parameters = np.array(stream.take(f"{len(_PARAMETERS[model])}d"))
-        cameras[camera_id] = (model, width, height, parameters)
-    return cameras
-
-
-def _binary_images(path: Path) -> list[_Image]:
-    stream = _Bytes(path, "COLMAP images")
-    images = []
-    for _ in stream.records():
-        _, *pose, camera_id = stream.take("i7di")
-        images.append((stream.name(), camera_id, np.array(pose[:4]), np.array(pose[4:])))
-        stream.skip(24 * stream.take("Q")[0])  # x, y, point id of each image point
-    return images
-
-
-def _binary_points(path: Path) -> np.ndarray | None:
-    if not path.is_file():
-        return None
-    stream = _Bytes(path, "COLMAP points")
-    points = []
-    for _ in stream.records():
-        points.append(stream.take("Q3d3Bd")[1:4])
-        stream.skip(8 * stream.take("Q")[0])  # image id and point index of each observation
     return np.array(points).reshape(-1, 3)
