@@ -18,20 +18,25 @@ Progress = Callable[[str, int, int], None]
 
 FAILURE, INTERRUPTED = 1, 130
 
+# In the order of a run.
 STAGE_LABELS = {
     "render": "rendering the world",
     "fit": "learning the background",
     "detect": "detecting people",
+    "reconstruction": "reconstructing instants",
     "pairs": "calibrating: pairs of cameras",
     "seeds": "calibrating: first rigs",
     "growth": "calibrating: all cameras",
-    "evidence": "weighing the evidence",
+    "offsets": "calibrating: clocks of cameras",
+    "refinement": "refining the cameras",
+    "second look": "looking again",
+    "self-calibration": "learning the noise of boxes",
     "tracklets": "linking tracklets",
     "association": "associating views",
     "positions": "locating people",
     "selection": "selecting positions",
-    "overlay": "drawing the overlay",
     "trajectories": "building trajectories",
+    "overlay": "drawing the overlay",
 }
 
 
