@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from catfree.adapters.protocols import Reconstruction
 from catfree.types import Rig
+from catfree.types.reconstruction import Reconstruction
 
 
 def reconstruct(

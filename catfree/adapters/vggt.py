@@ -10,8 +10,9 @@ from jaxtyping import Bool, Float
 from catfree.adapters.fingerprint import hash_parameters
 from catfree.adapters.letterbox import Letterbox
 from catfree.adapters.onnx_session import OnnxGraph
-from catfree.adapters.protocols import Image, Reconstruction, as_image
+from catfree.adapters.protocols import Image, as_image
 from catfree.errors import InvalidInputError
+from catfree.types.reconstruction import Reconstruction
 
 _NEEDED = (
     "a VGGT export (input [1, views, 3, H, W]; outputs pose_enc [1, views, 9], world_points "

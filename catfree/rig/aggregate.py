@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from catfree.adapters.protocols import Reconstruction
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.rig.gauges import (
     MEDIAN_TO_DEVIATION,
@@ -23,6 +22,7 @@ from catfree.rig.gauges import (
 )
 from catfree.rig.robust_mean import angle
 from catfree.types import Rig
+from catfree.types.reconstruction import Reconstruction
 
 REALIGNMENTS = 5  # aligning to the average and averaging again; it settles after two or three
 MAXIMUM_POINTS = 200_000  # kept of the merged cloud, evenly

@@ -7,13 +7,13 @@ from noisy_reconstruction import reconstruct
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from catfree.adapters.protocols import Reconstruction
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry import fit_similarity
 from catfree.rig.aggregate import aggregate
 from catfree.rig.robust_mean import angle, geometric_median, median_rotation
 from catfree.synthetic import make_layout
 from catfree.types import Rig
+from catfree.types.reconstruction import Reconstruction
 
 seeds = st.integers(0, 2**31 - 1)
 
