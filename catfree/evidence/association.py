@@ -143,7 +143,7 @@ def merge_groups(info, camera, pairs, members, looks, slot, density, spread, app
     # A bit a camera, and one for track priors, in as many words as they fill.
     words = members.shape[1] // BITS + 1
     bits = jnp.left_shift(1, camera % BITS)[:, None]
-    mask = jnp.where(camera[:, None] // BITS == jnp.arange(words), bits, 0)
+    mask = jnp.where(camera[:, None] // BITS == jnp.arange(words)[None], bits, 0)
     start = (
         rows, info.matrix, info.vector, info.constant, own, mask, members, jnp.array(True),
     )  # fmt: skip

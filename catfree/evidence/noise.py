@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial import KDTree
 
 from catfree.evidence.association import Groups
 from catfree.evidence.boxes import Boxes
@@ -18,7 +17,8 @@ ENOUGH = 30  # residuals below which a camera keeps the noise that it had
 ENOUGH_FOR_FIELD = 10  # the same for its offset: four coefficients, held by their prior
 FEWEST_GROUPS = 10  # people below which nothing is learned
 HUBER = 1.5
-USED_GROUND = 4.0  # H0²: whoever stands somewhere uses the ground a step or two around
+STEP = 2 / np.pi**0.5  # H0: around everybody, 4 H0² of ground are in use
+SPACING = STEP / 6  # of the points that count it: to a few per cent for one person alone
 DENSITY_RANGE = (0.003, 1.0)  # people per H0²: one in a big square, shoulder to shoulder
 BLOCK = 2048  # residuals that are computed together
 
@@ -148,20 +148,24 @@ def learn_noise(
 
 
 def crowding(position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"]) -> float:
-    """People per H0² of the ground that people use.
+    """People per H0² of the ground that people use, all that is within `STEP` of a position.
 
-    Of n_i positions in a disc of area A around position i each stands for a share 1 / n_i of it, so
-    that the ground in use is the sum of A / n_i: as many cells as anyone visits, but of no grid
-    that would have to lie somewhere.
+    The area is counted on a lattice along the principal axes of the positions, so that it does not
+    depend on how the scene lies.
 
     Args:
         position: in H0, of everybody in all frames.
         frame: of each.
     """
-    around = KDTree(position).query_ball_point(
-        position, np.sqrt(USED_GROUND / np.pi), return_length=True
-    )
-    area = (USED_GROUND / np.sort(around)).sum()  # sorted, so that no order rounds otherwise
+    away = position - position.mean(0)
+    _, axes = np.linalg.eigh(away.T @ away)
+    place = away @ axes / SPACING
+    reach = STEP / SPACING
+    near = np.arange(-np.ceil(reach), np.ceil(reach) + 1)
+    # Points lie half a step off the axes: of which sign these are makes no difference.
+    point = np.floor(place)[:, None] + np.stack(np.meshgrid(near, near), -1).reshape(-1, 2)
+    used = np.hypot(*np.moveaxis(point + 0.5 - place[:, None], -1, 0)) <= reach
+    area = len(np.unique(point[used] @ np.array([1.0, 1j]))) * SPACING**2
     people = len(position) / max(len(np.unique(frame)), 1)
     return float(np.clip(people / area, *DENSITY_RANGE))
 
