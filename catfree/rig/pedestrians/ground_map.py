@@ -74,10 +74,9 @@ def map_ground(
     R = rotation(parameters)
     mean_height = settings.apparent_height
     # The body axis leans in the image of a tilted or rolled camera: find its slope once.
-    first, _ = _ground_range(parameters, R, u, bottom, 0.0)
+    first, heading = _ground_range(parameters, R, u, bottom, 0.0)
     usable = valid & (first > 0.3) & (first < FARTHEST)
     half = (bottom - top) / 2
-    _, heading = _ground_range(parameters, R, u, bottom, 0.0)
     rough = parameters[X:Z] + heading * np.where(usable, first, 5.0)[..., None]
     flat = rough - parameters[X:Z]
     focal = np.exp(parameters[LOG_FOCAL])
