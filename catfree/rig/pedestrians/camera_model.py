@@ -7,11 +7,12 @@ bend.
 """
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 LOG_FOCAL, TILT, ROLL, PAN, X, Y, Z = range(7)
 
 
-def rotation(parameters: np.ndarray) -> np.ndarray:
+def rotation(parameters: Float[np.ndarray, "*n 7"]) -> Float[np.ndarray, "*n 3 3"]:
     """World-to-camera rotations (..., 3, 3) of parameters (..., 7)."""
     tilt, roll, pan = (parameters[..., i] for i in (TILT, ROLL, PAN))
     st, ct, sr, cr, sp, cp = (g(a) for a in (tilt, roll, pan) for g in (np.sin, np.cos))
@@ -26,7 +27,9 @@ def rotation(parameters: np.ndarray) -> np.ndarray:
     return R
 
 
-def project(parameters: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def project(
+    parameters: Float[np.ndarray, "7"], points: Float[np.ndarray, "*n 3"]
+) -> tuple[Float[np.ndarray, "*n 2"], Float[np.ndarray, "*n"]]:
     """Pixels (..., 2) and depths (...) of world points (..., 3) in one camera (7,)."""
     local = (points - parameters[X:]) @ rotation(parameters).T
     depth = local[..., 2]
@@ -35,8 +38,11 @@ def project(parameters: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def predict_boxes(
-    parameters: np.ndarray, xy: np.ndarray, height: np.ndarray, foot_offset: float
-) -> tuple[np.ndarray, np.ndarray]:
+    parameters: Float[np.ndarray, "7"],
+    xy: Float[np.ndarray, "*n 2"],
+    height: Float[np.ndarray, "*n"],
+    foot_offset: float,
+) -> tuple[Float[np.ndarray, "*n 3"], Bool[np.ndarray, "*n"]]:
     """Boxes of standing people in one camera.
 
     Args:
@@ -46,7 +52,8 @@ def predict_boxes(
         foot_offset: metres by which the visible foot is nearer to the camera.
 
     Returns:
-        (..., 3) horizontal centre, top row and bottom row, and whether the person is in front.
+        (..., 3) horizontal centre, top row and bottom row in pixels from the image centre, and
+        (...) whether the person is in front.
     """
     toward = xy - parameters[X:Z]
     distance = np.maximum(np.linalg.norm(toward, axis=-1, keepdims=True), 1e-6)
@@ -67,19 +74,27 @@ def predict_boxes(
 
 
 def box_jacobian(
-    parameters: np.ndarray, xy: np.ndarray, height: np.ndarray, foot_offset: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    parameters: Float[np.ndarray, "n 7"],
+    xy: Float[np.ndarray, "n 2"],
+    height: Float[np.ndarray, " n"],
+    foot_offset: float,
+) -> tuple[
+    Float[np.ndarray, "n 3"],
+    Float[np.ndarray, "n 3 7"],
+    Float[np.ndarray, "n 3 3"],
+    Float[np.ndarray, "n 3"],
+]:
     """Predicted boxes and their derivatives, one camera per row.
 
     Args:
         parameters: (n, 7) the camera of each row.
-        xy: (n, 2) ground positions.
-        height: (n,) person heights.
-        foot_offset: metres.
+        xy: (n, 2) ground positions in metres.
+        height: (n,) person heights in metres.
+        foot_offset: metres by which the visible foot is nearer to the camera.
 
     Returns:
-        box (n, 3); its derivatives by the camera (n, 3, 7), by the person x, y, height (n, 3, 3)
-        and by the foot offset (n, 3).
+        box (n, 3) in pixels from the image centre; its derivatives by the camera (n, 3, 7), by the
+        person x, y, height (n, 3, 3) and by the foot offset (n, 3).
     """
     n = len(xy)
     R = rotation(parameters)
@@ -141,7 +156,9 @@ def box_jacobian(
     return box, by_camera, by_person, by_offset
 
 
-def to_matrices(parameters: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, ...]:
+def to_matrices(
+    parameters: Float[np.ndarray, "cam 7"], size: Int[np.ndarray, "cam 2"]
+) -> tuple[Float[np.ndarray, "cam 3 3"], Float[np.ndarray, "cam 3 3"], Float[np.ndarray, "cam 3"]]:
     """K (C, 3, 3), R (C, 3, 3) and t (C, 3) of parameters (C, 7) and image sizes (C, 2)."""
     R = rotation(parameters)
     K = np.zeros((len(parameters), 3, 3))
@@ -151,8 +168,21 @@ def to_matrices(parameters: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, .
     return K, R, -np.einsum("cij,cj->ci", R, parameters[:, X:])
 
 
-def from_matrices(K: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Parameters (C, 7) of cameras over the ground z = 0; the inverse of `to_matrices`."""
+def from_matrices(
+    K: Float[np.ndarray, "cam 3 3"],
+    R: Float[np.ndarray, "cam 3 3"],
+    t: Float[np.ndarray, "cam 3"],
+) -> Float[np.ndarray, "cam 7"]:
+    """Parameters of cameras over the ground z = 0; the inverse of `to_matrices`.
+
+    Args:
+        K: (C, 3, 3) intrinsics in pixels, of which the focal length is read.
+        R: (C, 3, 3) world-to-camera rotations.
+        t: (C, 3) world-to-camera translations in metres.
+
+    Returns:
+        (C, 7) parameters.
+    """
     out = np.empty((len(K), 7))
     out[:, LOG_FOCAL] = np.log(K[:, 0, 0])
     out[:, TILT] = np.arcsin(np.clip(-R[:, 2, 2], -1, 1))

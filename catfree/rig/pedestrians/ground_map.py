@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, Z, predict_boxes, rotation
 from catfree.settings import CalibrationSettings
@@ -16,22 +17,26 @@ class GroundMap:
 
     Attributes:
         xy: (T, N, 2) ground positions in metres.
-        covariance: (T, N, 2, 2) of the positions.
+        covariance: (T, N, 2, 2) of the positions in square metres.
         height: (T, N) person heights in metres.
-        height_sd: (T, N).
-        valid: (T, N).
+        height_sd: (T, N) standard deviations of the heights in metres.
+        valid: (T, N) whether the slot holds a person.
     """
 
-    xy: np.ndarray
-    covariance: np.ndarray
-    height: np.ndarray
-    height_sd: np.ndarray
-    valid: np.ndarray
+    xy: Float[np.ndarray, "frame slot 2"]
+    covariance: Float[np.ndarray, "frame slot 2 2"]
+    height: Float[np.ndarray, "frame slot"]
+    height_sd: Float[np.ndarray, "frame slot"]
+    valid: Bool[np.ndarray, "frame slot"]
 
 
 def _ground_range(
-    parameters: np.ndarray, R: np.ndarray, u: np.ndarray, v: np.ndarray, level: float
-) -> tuple[np.ndarray, np.ndarray]:
+    parameters: Float[np.ndarray, "7"],
+    R: Float[np.ndarray, "3 3"],
+    u: Float[np.ndarray, "frame slot"],
+    v: Float[np.ndarray, "frame slot"],
+    level: float,
+) -> tuple[Float[np.ndarray, "frame slot"], Float[np.ndarray, "frame slot 2"]]:
     """Horizontal distance at which the ray of a pixel reaches a height, and its heading vector."""
     focal = np.exp(parameters[LOG_FOCAL])
     direction = (u / focal)[..., None] * R[0] + (v / focal)[..., None] * R[1] + R[2]
@@ -41,12 +46,12 @@ def _ground_range(
 
 
 def map_ground(
-    parameters: np.ndarray,
-    u: np.ndarray,
-    top: np.ndarray,
-    bottom: np.ndarray,
-    sd: np.ndarray,
-    valid: np.ndarray,
+    parameters: Float[np.ndarray, "7"],
+    u: Float[np.ndarray, "frame slot"],
+    top: Float[np.ndarray, "frame slot"],
+    bottom: Float[np.ndarray, "frame slot"],
+    sd: Float[np.ndarray, "frame slot"],
+    valid: Bool[np.ndarray, "frame slot"],
     settings: CalibrationSettings,
     *,
     foot_offset: float,
@@ -59,11 +64,11 @@ def map_ground(
 
     Args:
         parameters: (7,) the camera.
-        u: (T, N) box centres, pixels from the image centre; `top`, `bottom`, `sd`, `valid` alike.
-        top: top rows.
-        bottom: bottom rows.
-        sd: standard deviations of the edges.
-        valid: which slots hold a box.
+        u: (T, N) box centres in pixels from the image centre.
+        top: (T, N) top rows in pixels from the image centre.
+        bottom: (T, N) bottom rows in pixels from the image centre.
+        sd: (T, N) standard deviations of the edges in pixels.
+        valid: (T, N) which slots hold a box.
         settings: constants.
         foot_offset: metres by which the visible foot is nearer.
         range_tolerance: share of the range by which this camera's map may be wrong.
@@ -136,9 +141,22 @@ def map_ground(
 
 
 def implied_height(
-    parameters: np.ndarray, xy: np.ndarray, top: np.ndarray, sd: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Height at which people at known positions reach their top row, and its spread by the edge."""
+    parameters: Float[np.ndarray, "7"],
+    xy: Float[np.ndarray, "*n 2"],
+    top: Float[np.ndarray, "*n"],
+    sd: Float[np.ndarray, "*n"],
+) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
+    """Height at which people at known positions reach their top row, and its spread by the edge.
+
+    Args:
+        parameters: (7,) the camera.
+        xy: (..., 2) ground positions in metres.
+        top: (...) top rows in pixels from the image centre.
+        sd: (...) standard deviations of the top rows in pixels.
+
+    Returns:
+        (...) heights and (...) their standard deviations in metres.
+    """
     R = rotation(parameters)
     focal = np.exp(parameters[LOG_FOCAL])
     base = (xy - parameters[X:Z]) @ R[:, :2].T - parameters[Z] * R[:, 2]
@@ -151,14 +169,26 @@ def implied_height(
 
 
 def visible(
-    parameters: np.ndarray,
-    size: np.ndarray,
+    parameters: Float[np.ndarray, "7"],
+    size: Int[np.ndarray, "2"],
     smallest: float,
-    xy: np.ndarray,
-    height: np.ndarray,
+    xy: Float[np.ndarray, "*n 2"],
+    height: Float[np.ndarray, "*n"],
     foot_offset: float,
-) -> np.ndarray:
-    """Whether whole people at (..., 2) are inside a camera's image and not too small for it."""
+) -> Bool[np.ndarray, "*n"]:
+    """Whether whole people are inside a camera's image and not too small for it.
+
+    Args:
+        parameters: (7,) the camera.
+        size: (2,) image width and height in pixels.
+        smallest: box height in pixels below which the camera hardly detects anybody.
+        xy: (..., 2) ground positions in metres.
+        height: (...) person heights in metres.
+        foot_offset: metres by which the visible foot is nearer to the camera.
+
+    Returns:
+        (...) bool.
+    """
     box, front = predict_boxes(parameters, xy, height, foot_offset)
     limit = (size - 1) / 2 - 0.01 * size
     half_width = 0.2 * (box[..., 2] - box[..., 1])  # a person is about 0.4 as wide as tall

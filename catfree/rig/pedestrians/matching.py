@@ -3,12 +3,18 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
 from scipy.ndimage import gaussian_filter
 
 from catfree.rig.pedestrians.ground_map import GroundMap
 
 
-def squared_distances(one: GroundMap, other: GroundMap) -> tuple[np.ndarray, np.ndarray]:
+def squared_distances(
+    one: GroundMap, other: GroundMap
+) -> tuple[
+    Float[np.ndarray, "frame slot partner"],
+    Float[np.ndarray, "frame slot partner"],
+]:
     """Squared Mahalanobis distances and log determinants (T, N, M) between people of one frame."""
     x, y = (_pair_sums(one.xy[..., i], -other.xy[..., i]) for i in (0, 1))
     a, b, d = (
@@ -21,15 +27,28 @@ def squared_distances(one: GroundMap, other: GroundMap) -> tuple[np.ndarray, np.
     return np.where(both, distance, np.inf), np.log(determinant)
 
 
-def _pair_sums(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def _pair_sums(
+    one: Float[np.ndarray, "frame slot"], other: Float[np.ndarray, "frame partner"]
+) -> Float32[np.ndarray, "frame slot partner"]:
     """Sums (T, N, M) of all pairs; single precision holds a millimetre in a kilometre."""
     return one.astype(np.float32)[:, :, None] + other.astype(np.float32)[:, None, :]
 
 
 def mutual_nearest(
-    distance: np.ndarray, log_determinant: np.ndarray, gate: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Frame, slot and slot of pairs that are each other's best and lie within the gate."""
+    distance: Float[np.ndarray, "frame slot partner"],
+    log_determinant: Float[np.ndarray, "frame slot partner"],
+    gate: float,
+) -> tuple[Int[np.ndarray, " match"], Int[np.ndarray, " match"], Int[np.ndarray, " match"]]:
+    """Pairs of people that are each other's best and lie within the gate.
+
+    Args:
+        distance: (T, N, M) squared Mahalanobis distances of the people of two maps.
+        log_determinant: (T, N, M) log determinants of the covariances of their differences.
+        gate: largest squared Mahalanobis distance of a pair.
+
+    Returns:
+        Frame, slot in the first map and slot in the second, each (pairs,).
+    """
     cost = np.where(distance < gate, distance + log_determinant, np.inf)
     if cost.shape[1] == 0 or cost.shape[2] == 0:
         none = np.zeros(0, np.int64)
@@ -43,13 +62,19 @@ def mutual_nearest(
 
 @dataclass(frozen=True)
 class ChanceDensity:
-    """How densely a camera's own boxes fall on the ground, per square metre and frame."""
+    """How densely a camera's own boxes fall on the ground, per square metre and frame.
 
-    values: np.ndarray
-    origin: np.ndarray
+    Attributes:
+        values: (X, Y) density of each cell.
+        origin: (2,) corner of the first cell in metres.
+        cell: side of a cell in metres.
+    """
+
+    values: Float[np.ndarray, "x y"]
+    origin: Float[np.ndarray, "2"]
     cell: float
 
-    def __call__(self, xy: np.ndarray) -> np.ndarray:
+    def __call__(self, xy: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n"]:
         """Density at points (..., 2)."""
         index = np.floor((xy - self.origin) / self.cell).astype(int)
         limit = np.array(self.values.shape) - 1
@@ -96,15 +121,15 @@ class Judgement:
     evidence: float
     association: float
     matches: int
-    pairs: np.ndarray
+    pairs: Int[np.ndarray, "match 3"]
 
 
 def judge(
     own: GroundMap,
     others: GroundMap,
     density: ChanceDensity,
-    others_expected: np.ndarray,
-    own_expected: np.ndarray,
+    others_expected: Bool[np.ndarray, "frame partner"],
+    own_expected: Bool[np.ndarray, "frame slot"],
     *,
     gate: float,
     detection_rates: tuple[float, float],

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
@@ -18,21 +19,21 @@ class BoxGrid:
         u: (C, T, N) horizontal box centre.
         top: (C, T, N) top row.
         bottom: (C, T, N) bottom row.
-        sd: (C, T, N) standard deviation of an edge.
+        sd: (C, T, N) standard deviation of an edge in pixels.
         valid: (C, T, N) whether the slot holds a box that lies inside the image.
         row: (C, T, N) row in the detections, or -1.
         size: (C, 2) image width and height.
         frames: (T,) frame numbers.
     """
 
-    u: np.ndarray
-    top: np.ndarray
-    bottom: np.ndarray
-    sd: np.ndarray
-    valid: np.ndarray
-    row: np.ndarray
-    size: np.ndarray
-    frames: np.ndarray
+    u: Float[np.ndarray, "cam frame slot"]
+    top: Float[np.ndarray, "cam frame slot"]
+    bottom: Float[np.ndarray, "cam frame slot"]
+    sd: Float[np.ndarray, "cam frame slot"]
+    valid: Bool[np.ndarray, "cam frame slot"]
+    row: Int[np.ndarray, "cam frame slot"]
+    size: Int[np.ndarray, "cam 2"]
+    frames: Int[np.ndarray, " frame"]
 
     @property
     def camera_count(self) -> int:
@@ -44,7 +45,7 @@ class BoxGrid:
         """Number of frames."""
         return self.u.shape[1]
 
-    def at_frames(self, index: np.ndarray) -> "BoxGrid":
+    def at_frames(self, index: Int[np.ndarray, " chosen"]) -> "BoxGrid":
         """The grid of some frames only."""
         picked = {k: getattr(self, k)[:, index] for k in _PER_BOX}
         return BoxGrid(**picked, size=self.size, frames=self.frames[index])
@@ -63,7 +64,7 @@ _PER_BOX = ("u", "top", "bottom", "sd", "valid", "row")
 
 
 def grid_boxes(
-    detections: Detections, image_size: np.ndarray, settings: CalibrationSettings
+    detections: Detections, image_size: Int[np.ndarray, "cam 2"], settings: CalibrationSettings
 ) -> BoxGrid:
     """Sort person boxes into a padded grid.
 
@@ -104,7 +105,7 @@ def grid_boxes(
     shape = (camera_count, len(frames), max(1, int(counts.max(initial=1))))
     at = (camera[row], time, slot)
 
-    def spread(values: np.ndarray) -> np.ndarray:
+    def spread(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, "cam frame slot"]:
         grid = np.zeros(shape)
         grid[at] = values
         return grid

@@ -8,6 +8,7 @@ whom both cameras see, chance spreads its votes thinly.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from catfree.rig.pedestrians.camera_model import PAN, X, Z
 from catfree.rig.pedestrians.ground_map import GroundMap
@@ -27,10 +28,10 @@ class Placement:
     """
 
     angle: float
-    translation: np.ndarray
+    translation: Float[np.ndarray, "2"]
     score: float
 
-    def place(self, parameters: np.ndarray) -> np.ndarray:
+    def place(self, parameters: Float[np.ndarray, "7"]) -> Float[np.ndarray, "7"]:
         """A camera of the local frame moved into the world frame."""
         placed = parameters.copy()
         placed[PAN] += self.angle
@@ -38,8 +39,8 @@ class Placement:
         return placed
 
 
-def turn(xy: np.ndarray, angle: float) -> np.ndarray:
-    """Points (..., 2) turned about the origin."""
+def turn(xy: Float[np.ndarray, "*n 2"], angle: float) -> Float[np.ndarray, "*n 2"]:
+    """Points (..., 2) turned about the origin by an angle in radians."""
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([c * xy[..., 0] - s * xy[..., 1], s * xy[..., 0] + c * xy[..., 1]], -1)
 
@@ -129,10 +130,10 @@ def _nearest(people: GroundMap) -> GroundMap:
 def _count(
     target: GroundMap,
     source: GroundMap,
-    source_frames: np.ndarray,
+    source_frames: Int[np.ndarray, " frame"],
     bins: int,
     settings: CalibrationSettings,
-) -> np.ndarray:
+) -> Float[np.ndarray, "{bins} x y"]:
     """Blurred vote counts (angle, x, y) of all pairs of target frame and given source frame."""
     both = target.valid[:, :, None] & source.valid[source_frames][:, None, :]
     time, slot, other = np.nonzero(both)
@@ -164,9 +165,22 @@ def _count(
 
 
 def align_rigidly(
-    target: np.ndarray, source: np.ndarray, weight: np.ndarray
-) -> tuple[float, np.ndarray]:
-    """Heading and translation (2,) that bring points (n, 2) onto others, least squares."""
+    target: Float[np.ndarray, "n 2"],
+    source: Float[np.ndarray, "n 2"],
+    weight: Float[np.ndarray, " n"],
+) -> tuple[float, Float[np.ndarray, "2"]]:
+    """The rigid motion of the ground that brings points onto others, by least squares.
+
+    Args:
+        target: (n, 2) points in metres.
+        source: (n, 2) the points that move, in metres.
+        weight: (n,) of each pair.
+
+    Returns:
+        Heading in radians and translation (2,) in metres, as in `Placement`.
+
+    Source: Umeyama (1991), in the plane and without scale.
+    """
     total = weight.sum()
     mt, ms = weight @ target / total, weight @ source / total
     a, b = target - mt, source - ms

@@ -5,6 +5,7 @@ range). Judged like that, right placements look wrong; so every candidate is fir
 """
 
 import numpy as np
+from jaxtyping import Float
 
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, ROLL, TILT, Z, box_jacobian
 from catfree.rig.pedestrians.ground_map import GroundMap, map_ground
@@ -21,13 +22,13 @@ FEWEST_MATCHES = 6
 def resect(
     grid: BoxGrid,
     camera: int,
-    start: np.ndarray,
+    start: Float[np.ndarray, "7"],
     people: GroundMap,
     settings: CalibrationSettings,
     *,
     foot_offset: float,
     log_focal: tuple[float, float],
-) -> np.ndarray | None:
+) -> Float[np.ndarray, "7"] | None:
     """Refine one camera against a fixed map of people.
 
     Args:
@@ -36,7 +37,7 @@ def resect(
         start: (7,) its parameters in world coordinates.
         people: map of the other cameras, same frames.
         settings: constants.
-        foot_offset: metres.
+        foot_offset: metres by which the visible foot is nearer to the camera.
         log_focal: mean and spread of the prior on log focal length.
 
     Returns:
@@ -89,31 +90,34 @@ def resect(
 
 
 def fit_camera(
-    start: np.ndarray,
-    measured: np.ndarray,
-    sd: np.ndarray,
-    xy: np.ndarray,
-    height: np.ndarray,
-    covariance: np.ndarray,
+    start: Float[np.ndarray, "7"],
+    measured: Float[np.ndarray, "n 3"],
+    sd: Float[np.ndarray, " n"],
+    xy: Float[np.ndarray, "n 2"],
+    height: Float[np.ndarray, " n"],
+    covariance: Float[np.ndarray, "n 3 3"],
     settings: CalibrationSettings,
     *,
     foot_offset: float,
     log_focal: tuple[float, float],
     iterations: int = 8,
-) -> np.ndarray:
+) -> Float[np.ndarray, "7"]:
     """Cauchy Levenberg-Marquardt on the seven parameters of a camera.
 
     Args:
         start: (7,) parameters.
-        measured: (n, 3) box centre, top row, bottom row.
-        sd: (n,) of the edges.
-        xy: (n, 2) people.
-        height: (n,) their heights.
-        covariance: (n, 3, 3) of (x, y, height).
+        measured: (n, 3) box centre, top row, bottom row in pixels from the image centre.
+        sd: (n,) standard deviations of the edges in pixels.
+        xy: (n, 2) people in metres.
+        height: (n,) their heights in metres.
+        covariance: (n, 3, 3) of (x, y, height) in square metres.
         settings: constants.
-        foot_offset: metres.
+        foot_offset: metres by which the visible foot is nearer to the camera.
         log_focal: mean and spread of the prior on log focal length.
         iterations: at most this many steps.
+
+    Returns:
+        (7,) the parameters with the smallest cost.
     """
     mean = np.zeros(7)
     mean[LOG_FOCAL] = log_focal[0]
@@ -128,7 +132,7 @@ def fit_camera(
         sd[:, None] ** 2 + np.einsum("nij,njk,nik->ni", by_person, covariance, by_person)
     )
 
-    def cost_of(box: np.ndarray, parameters: np.ndarray) -> float:
+    def cost_of(box: Float[np.ndarray, "n 3"], parameters: Float[np.ndarray, "7"]) -> float:
         residual = (measured - box) / noise / CAUCHY
         prior = float(precision @ (parameters - mean) ** 2)
         return CAUCHY**2 * float(np.log1p(residual**2).sum()) + prior

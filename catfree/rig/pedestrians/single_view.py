@@ -6,6 +6,7 @@ as tall as people are.
 """
 
 import numpy as np
+from jaxtyping import Float
 
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, ROLL, TILT, Z, rotation
 from catfree.rig.pedestrians.observations import BoxGrid
@@ -19,7 +20,7 @@ FEWEST_BOXES = 12
 
 def fit_planes(
     grid: BoxGrid, camera: int, focal: float, settings: CalibrationSettings
-) -> np.ndarray:
+) -> Float[np.ndarray, "plane 7"]:
     """Ground planes under one camera that make its boxes people-sized.
 
     People on stairs, ramps or behind railings obey another plane than the ground, so up to three
@@ -74,8 +75,11 @@ def fit_planes(
 
 
 def _sample_plane(
-    boxes: np.ndarray, focal: float, settings: CalibrationSettings, generator: np.random.Generator
-) -> np.ndarray | None:
+    boxes: Float[np.ndarray, "n 3"],
+    focal: float,
+    settings: CalibrationSettings,
+    generator: np.random.Generator,
+) -> Float[np.ndarray, "7"] | None:
     """RANSAC on box height as a linear function of the foot pixel; its zero is the horizon."""
     if len(boxes) < FEWEST_BOXES:
         return None
@@ -109,7 +113,9 @@ def _sample_plane(
     return plane
 
 
-def _heights(plane: np.ndarray, boxes: np.ndarray, foot_offset: float) -> np.ndarray:
+def _heights(
+    plane: Float[np.ndarray, "7"], boxes: Float[np.ndarray, "n 3"], foot_offset: float
+) -> Float[np.ndarray, " n"]:
     """Person heights (n,) that boxes (n, 3) imply over a plane; NaN above the horizon."""
     R, focal = rotation(plane), np.exp(plane[LOG_FOCAL])
     foot = (boxes[:, :1] / focal) * R[0] + (boxes[:, 2:] / focal) * R[1] + R[2]
@@ -124,8 +130,11 @@ def _heights(plane: np.ndarray, boxes: np.ndarray, foot_offset: float) -> np.nda
 
 
 def _misfit(
-    plane: np.ndarray, boxes: np.ndarray, sd: np.ndarray, settings: CalibrationSettings
-) -> np.ndarray:
+    plane: Float[np.ndarray, "7"],
+    boxes: Float[np.ndarray, "n 3"],
+    sd: Float[np.ndarray, " n"],
+    settings: CalibrationSettings,
+) -> Float[np.ndarray, " n"]:
     """Standardised deviation of implied from expected person heights; large where undefined."""
     height = _heights(plane, boxes, settings.foot_offset)
     tall = np.maximum(boxes[:, 2] - boxes[:, 1], 1.0)
@@ -136,13 +145,16 @@ def _misfit(
 
 
 def _polish(
-    start: np.ndarray, boxes: np.ndarray, sd: np.ndarray, settings: CalibrationSettings
-) -> np.ndarray | None:
+    start: Float[np.ndarray, "7"],
+    boxes: Float[np.ndarray, "n 3"],
+    sd: Float[np.ndarray, " n"],
+    settings: CalibrationSettings,
+) -> Float[np.ndarray, "7"] | None:
     """Cauchy least squares on implied person heights over tilt, roll and log camera height."""
     plane = start.copy()
     steps = np.array([1e-4, 1e-4, 1e-4])
 
-    def moved(change: np.ndarray) -> np.ndarray:
+    def moved(change: Float[np.ndarray, "3"]) -> Float[np.ndarray, "7"]:
         out = plane.copy()
         out[[TILT, ROLL]] += change[:2]
         out[Z] *= np.exp(change[2])
@@ -167,7 +179,7 @@ def _polish(
     return plane if sensible else None
 
 
-def _same_plane(one: np.ndarray, other: np.ndarray) -> bool:
+def _same_plane(one: Float[np.ndarray, "7"], other: Float[np.ndarray, "7"]) -> bool:
     return bool(
         abs(one[TILT] - other[TILT]) < 0.009
         and abs(one[ROLL] - other[ROLL]) < 0.009
