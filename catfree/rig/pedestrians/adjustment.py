@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from catfree.errors import CalibrationError
 from catfree.rig.pedestrians.bundle import BundleResult, adjust
@@ -29,8 +30,17 @@ class AdjustedRig:
 
 def measure_people(
     grid: BoxGrid, people: People, most: int
-) -> tuple[BoxMeasurements, np.ndarray, np.ndarray] | None:
-    """The boxes of people with several views, with starts (P, 2) and (P,), or None without any."""
+) -> tuple[BoxMeasurements, Float[np.ndarray, "person 2"], Float[np.ndarray, " person"]] | None:
+    """The boxes of people with several views, and where to start.
+
+    Args:
+        grid: all boxes.
+        people: how they are grouped.
+        most: at most this many people, spread evenly over the frames.
+
+    Returns:
+        The boxes, (P, 2) ground positions and (P,) heights in metres; None without any people.
+    """
     time, slot = np.nonzero(people.views >= 2)
     if not len(time):
         return None

@@ -9,6 +9,7 @@ fix the rest of the gauge.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, Z
 from catfree.rig.pedestrians.normal_equations import (
@@ -26,8 +27,8 @@ class BundleResult:
     Attributes:
         parameters: (C, 7) cameras, NaN where no box was given.
         foot_offset: metres.
-        xy: (P, 2) people.
-        height: (P,) their heights.
+        xy: (P, 2) people in metres.
+        height: (P,) their heights in metres.
         cost: robust cost.
         residual: median absolute standardised residual.
         camera_residual: (C,) the same of each camera's boxes, NaN where no box was given.
@@ -35,23 +36,23 @@ class BundleResult:
         covariance: (7C+1, 7C+1) of cameras and foot offset; zero for what is held.
     """
 
-    parameters: np.ndarray
+    parameters: Float[np.ndarray, "cam 7"]
     foot_offset: float
-    xy: np.ndarray
-    height: np.ndarray
+    xy: Float[np.ndarray, "person 2"]
+    height: Float[np.ndarray, " person"]
     cost: float
     residual: float
-    camera_residual: np.ndarray
-    sightings: np.ndarray
-    covariance: np.ndarray
+    camera_residual: Float[np.ndarray, " cam"]
+    sightings: Int[np.ndarray, " cam"]
+    covariance: Float[np.ndarray, "common common"]
 
     @property
-    def focal_deviation(self) -> np.ndarray:
+    def focal_deviation(self) -> Float[np.ndarray, " cam"]:
         """(C,) relative standard deviation of each focal length, 0 of cameras without boxes."""
         return np.sqrt(np.diag(self.covariance)[LOG_FOCAL:-1:7])
 
     @property
-    def center_covariance(self) -> np.ndarray:
+    def center_covariance(self) -> Float[np.ndarray, "cam 3 3"]:
         """(C, 3, 3) covariance of each camera centre in square metres."""
         index = 7 * np.arange(len(self.parameters))[:, None] + np.arange(X, Z + 1)
         return self.covariance[index[:, :, None], index[:, None, :]]
@@ -59,11 +60,11 @@ class BundleResult:
 
 def adjust(
     measurements: BoxMeasurements,
-    parameters: np.ndarray,
-    xy: np.ndarray,
-    height: np.ndarray,
+    parameters: Float[np.ndarray, "cam 7"],
+    xy: Float[np.ndarray, "person 2"],
+    height: Float[np.ndarray, " person"],
     foot_offset: float,
-    log_focal_prior: np.ndarray,
+    log_focal_prior: Float[np.ndarray, " cam"],
     settings: CalibrationSettings,
     *,
     shared_focal: bool,
@@ -75,9 +76,9 @@ def adjust(
     Args:
         measurements: the boxes.
         parameters: (C, 7) start of the cameras.
-        xy: (P, 2) start of the people.
-        height: (P,) start of their heights.
-        foot_offset: start of the foot offset.
+        xy: (P, 2) start of the people in metres.
+        height: (P,) start of their heights in metres.
+        foot_offset: start of the foot offset in metres.
         log_focal_prior: (C,) middle of the weak prior on log focal length.
         settings: constants.
         shared_focal: whether all cameras have one focal length.
@@ -134,5 +135,5 @@ def focal_lengths_differ(
     return costs[1] <= (1 - settings.free_focal_gain) * costs[0]
 
 
-def _median_size(residual: np.ndarray) -> float:
+def _median_size(residual: Float[np.ndarray, "n 3"]) -> float:
     return float(np.median(np.abs(residual))) if residual.size else np.nan

@@ -9,6 +9,7 @@ residual of the whole rig, since a camera that bends the others may well match m
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from catfree.rig.pedestrians.adjustment import AdjustedRig, alternate
 from catfree.rig.pedestrians.camera_model import X
@@ -72,7 +73,7 @@ def _places(
     camera: int,
     pairs: list[PairHypothesis],
     shared_focal: bool,
-) -> list[np.ndarray]:
+) -> list[Float[np.ndarray, "7"]]:
     """Distinct places (7,) in which a camera stands up to its evidence before all are adjusted."""
     places: list[np.ndarray] = []
     for tolerance in MAP_TOLERANCES:
@@ -84,7 +85,11 @@ def _places(
 
 
 def _tried(
-    work: Workspace, state: RigState, camera: int, start: np.ndarray, shared_focal: bool
+    work: Workspace,
+    state: RigState,
+    camera: int,
+    start: Float[np.ndarray, "7"],
+    shared_focal: bool,
 ) -> Judged | None:
     """The rig with a camera from a start, or None if it does not hold all of its cameras."""
     larger = state.with_camera(camera, start, RESECTED_TOLERANCE)

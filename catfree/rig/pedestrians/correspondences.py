@@ -7,6 +7,7 @@ Its surest groups, fed back here, make the rig sharper; then it can be run again
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.rig.pedestrians.bundle import BundleResult, adjust, focal_lengths_differ
@@ -26,10 +27,10 @@ SILENT_SD = 1e6  # pixels; an edge that says nothing
 def refine_with_correspondences(
     calibration: Calibration,
     detections: Detections,
-    members: np.ndarray,
+    members: Int[np.ndarray, "person cam"],
     settings: CalibrationSettings | None = None,
     *,
-    box_sd: np.ndarray | None = None,
+    box_sd: Float[np.ndarray, "box 3"] | None = None,
     iterations: int = 20,
 ) -> Calibration:
     """Bundle adjustment of a pedestrian rig with given groups of boxes.
@@ -135,9 +136,9 @@ def refine_with_correspondences(
 
 def adjust_groups(
     measurements: BoxMeasurements,
-    parameters: np.ndarray,
+    parameters: Float[np.ndarray, "cam 7"],
     foot_offset: float,
-    log_focal_prior: np.ndarray,
+    log_focal_prior: Float[np.ndarray, " cam"],
     settings: CalibrationSettings,
     *,
     shared_focal: bool,
@@ -174,14 +175,14 @@ def adjust_groups(
 
 
 def _start(
-    parameters: np.ndarray,
-    box: np.ndarray,
-    sd: np.ndarray,
-    person: np.ndarray,
-    camera: np.ndarray,
+    parameters: Float[np.ndarray, "cam 7"],
+    box: Float[np.ndarray, "n 3"],
+    sd: Float[np.ndarray, "n 3"],
+    person: Int[np.ndarray, " n"],
+    camera: Int[np.ndarray, " n"],
     settings: CalibrationSettings,
     foot_offset: float,
-) -> np.ndarray:
+) -> Float[np.ndarray, "person 2"]:
     """(P, 2) where each person stands, from the single views together."""
     count = int(person.max()) + 1
     total, weights = np.zeros((count, 2)), np.full(count, 1e-9)

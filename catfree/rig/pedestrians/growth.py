@@ -1,6 +1,7 @@
 """From a pair to a rig: candidates for each further camera, acceptance, and second thoughts."""
 
 import numpy as np
+from jaxtyping import Float
 
 from catfree.rig.pedestrians.adjustment import AdjustedRig, alternate
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, PAN, X, Z
@@ -63,7 +64,16 @@ def _refined(work: Workspace, state: RigState, shared_focal: bool) -> AdjustedRi
 def prune_rig(
     work: Workspace, rig: AdjustedRig, *, shared_focal: bool
 ) -> tuple[AdjustedRig, dict[int, Verdict]]:
-    """Take out, worst first, every camera that the others do not support."""
+    """Take out, worst first, every camera that the others do not support.
+
+    Args:
+        work: the sequence.
+        rig: the rig after adjustment.
+        shared_focal: whether all cameras have one focal length.
+
+    Returns:
+        The rig and the verdict of each camera that is left; two are always left.
+    """
     while True:
         verdicts = judge_cameras(work, rig.state)
         failing = [c for c, verdict in verdicts.items() if not verdict.accepted]
@@ -81,6 +91,15 @@ def drop_harmful(
     A camera with a wrong clock can find a place where habits of the crowd (a path, a queue) match
     often enough to beat chance. It stands out twice: each of its matches says little, and it bends
     the rest of the rig.
+
+    Args:
+        work: the sequence.
+        rig: the rig after adjustment.
+        verdicts: of each placed camera.
+        shared_focal: whether all cameras have one focal length.
+
+    Returns:
+        The rig and the verdict of each camera that is left.
     """
     while len(verdicts) > 2:
         per_match = {c: v.margin / max(1, v.judgement.matches) for c, v in verdicts.items()}
@@ -105,8 +124,16 @@ def best_candidate(
     camera: int,
     pairs: list[PairHypothesis],
     shared_focal: bool,
-) -> tuple[np.ndarray, Verdict] | None:
-    """The accepted placement of a camera with the highest margin, refined, or None."""
+) -> tuple[Float[np.ndarray, "7"], Verdict] | None:
+    """The accepted placement of a camera with the highest margin, refined, or None.
+
+    Args:
+        work: the sequence.
+        state: the rig without the camera.
+        camera: which camera.
+        pairs: pair hypotheses, for candidates composed through placed cameras.
+        shared_focal: whether all cameras have one focal length.
+    """
     found = accepted_candidates(work, state, camera, pairs, shared_focal)
     return max(found, key=lambda placement: placement[1].margin, default=None)
 
@@ -117,8 +144,19 @@ def accepted_candidates(
     camera: int,
     pairs: list[PairHypothesis],
     shared_focal: bool,
-) -> list[tuple[np.ndarray, Verdict]]:
-    """The placements of a camera that stand up to their evidence, refined."""
+) -> list[tuple[Float[np.ndarray, "7"], Verdict]]:
+    """The placements of a camera that stand up to their evidence, refined.
+
+    Args:
+        work: the sequence.
+        state: the rig without the camera.
+        camera: which camera.
+        pairs: pair hypotheses, for candidates composed through placed cameras.
+        shared_focal: whether all cameras have one focal length.
+
+    Returns:
+        (7,) parameters and verdict of each.
+    """
     settings = work.settings
     scoring = work.scoring
     people = group_people(scoring, state, settings).ground
@@ -157,7 +195,7 @@ def _candidates(
     pairs: list[PairHypothesis],
     middle: float,
     shared_focal: bool,
-) -> list[np.ndarray]:
+) -> list[Float[np.ndarray, "7"]]:
     """Distinct placements of a camera: votes against the rig's people, and pair edges."""
     settings = work.settings
     people = group_people(work.voting, state, settings).ground
@@ -183,7 +221,7 @@ def _candidates(
     return kept[:CANDIDATES]
 
 
-def _compose(state: RigState, pair: PairHypothesis, camera: int) -> np.ndarray:
+def _compose(state: RigState, pair: PairHypothesis, camera: int) -> Float[np.ndarray, "7"]:
     """A camera placed through its pair with a placed one."""
     index = pair.cameras.index(camera)
     own, anchor = pair.parameters[index], pair.parameters[1 - index]

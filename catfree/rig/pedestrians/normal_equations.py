@@ -7,6 +7,7 @@ fall out in blocks of three and a system of seven numbers a camera is left.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, PAN, ROLL, TILT, Z, box_jacobian
 from catfree.settings import CalibrationSettings
@@ -26,10 +27,10 @@ class BoxMeasurements:
         sd: (n, 3) standard deviations in pixels.
     """
 
-    person: np.ndarray
-    camera: np.ndarray
-    box: np.ndarray
-    sd: np.ndarray
+    person: Int[np.ndarray, " n"]
+    camera: Int[np.ndarray, " n"]
+    box: Float[np.ndarray, "n 3"]
+    sd: Float[np.ndarray, "n 3"]
 
 
 @dataclass(frozen=True)
@@ -41,8 +42,8 @@ class KnownCameras:
         precision: (7,) inverse variances in the order of the parameters; 0 knows nothing.
     """
 
-    parameters: np.ndarray
-    precision: np.ndarray
+    parameters: Float[np.ndarray, "cam 7"]
+    precision: Float[np.ndarray, "7"]
 
 
 @dataclass(frozen=True)
@@ -57,27 +58,39 @@ class Linearised:
         cost: robust cost with all priors.
     """
 
-    residual: np.ndarray
-    weight: np.ndarray
-    by_common: np.ndarray
-    by_person: np.ndarray
+    residual: Float[np.ndarray, "n 3"]
+    weight: Float[np.ndarray, "n 3"]
+    by_common: Float[np.ndarray, "n 3 8"]
+    by_person: Float[np.ndarray, "n 3 3"]
     cost: float
 
 
 class NormalEquations:
-    """The normal equations of one adjustment; arguments as those of `bundle.adjust`.
+    """The normal equations of one adjustment.
+
+    Args:
+        measurements: the boxes.
+        camera_count: number C of cameras, with boxes or without.
+        person_count: number P of people.
+        log_focal_prior: (C,) middle of the weak prior on log focal length.
+        settings: constants.
+        shared_focal: whether all cameras have one focal length.
+        known: what is known of the cameras; without it heading and place of one camera are held.
 
     Attributes:
         used: (C,) cameras that have boxes.
         rows: for each camera, its rows of the measurements.
     """
 
+    used: Bool[np.ndarray, " cam"]
+    rows: list[Int[np.ndarray, " row"]]
+
     def __init__(
         self,
         measurements: BoxMeasurements,
         camera_count: int,
         person_count: int,
-        log_focal_prior: np.ndarray,
+        log_focal_prior: Float[np.ndarray, " cam"],
         settings: CalibrationSettings,
         shared_focal: bool,
         known: KnownCameras | None,
@@ -96,9 +109,20 @@ class NormalEquations:
         self.free = np.append(free, False)
 
     def linearise(
-        self, parameters: np.ndarray, offset: float, xy: np.ndarray, height: np.ndarray
+        self,
+        parameters: Float[np.ndarray, "cam 7"],
+        offset: float,
+        xy: Float[np.ndarray, "person 2"],
+        height: Float[np.ndarray, " person"],
     ) -> Linearised:
-        """Residuals, weights and derivatives at cameras (C, 7), offset, people (P, 2) and (P,)."""
+        """Residuals, weights and derivatives at a state.
+
+        Args:
+            parameters: (C, 7) cameras.
+            offset: foot offset in metres.
+            xy: (P, 2) people in metres.
+            height: (P,) their heights in metres.
+        """
         data, s = self.data, self.settings
         box, by_camera, by_person, by_offset = box_jacobian(
             parameters[data.camera], xy[data.person], height[data.person], offset
@@ -120,7 +144,7 @@ class NormalEquations:
             residual, 1 / (1 + scaled**2), common, by_person / data.sd[..., None], cost
         )
 
-    def _away(self, parameters: np.ndarray) -> np.ndarray:
+    def _away(self, parameters: Float[np.ndarray, "cam 7"]) -> Float[np.ndarray, "cam 7"]:
         """(C, 7) how far the cameras in use are from where they are known to be."""
         away = parameters - self.known.parameters
         away[:, ROLL : PAN + 1] = (away[:, ROLL : PAN + 1] + np.pi) % (2 * np.pi) - np.pi
@@ -129,11 +153,17 @@ class NormalEquations:
     def _reduce(
         self,
         linear: Linearised,
-        parameters: np.ndarray,
+        parameters: Float[np.ndarray, "cam 7"],
         offset: float,
-        height: np.ndarray,
+        height: Float[np.ndarray, " person"],
         damping: float,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    ) -> tuple[
+        Float[np.ndarray, "common common"],
+        Float[np.ndarray, " common"],
+        Float[np.ndarray, "person 3 common"],
+        Float[np.ndarray, "person 3 3"],
+        Float[np.ndarray, "person 3"],
+    ]:
         """Reduced normal equations of the cameras, and what gives the people back."""
         s, data = self.settings, self.data
         size = 7 * self.cameras + 1
@@ -190,13 +220,33 @@ class NormalEquations:
     def step(
         self,
         linear: Linearised,
-        parameters: np.ndarray,
+        parameters: Float[np.ndarray, "cam 7"],
         offset: float,
-        xy: np.ndarray,
-        height: np.ndarray,
+        xy: Float[np.ndarray, "person 2"],
+        height: Float[np.ndarray, " person"],
         damping: float,
-    ) -> tuple[np.ndarray, float, np.ndarray, np.ndarray] | None:
-        """The state after one damped step, or None if the step is not usable."""
+    ) -> (
+        tuple[
+            Float[np.ndarray, "cam 7"],
+            float,
+            Float[np.ndarray, "person 2"],
+            Float[np.ndarray, " person"],
+        ]
+        | None
+    ):
+        """The state after one damped step, or None if the step is not usable.
+
+        Args:
+            linear: the boxes linearised at the state.
+            parameters: (C, 7) cameras.
+            offset: foot offset in metres.
+            xy: (P, 2) people in metres.
+            height: (P,) their heights in metres.
+            damping: share by which the diagonal is enlarged.
+
+        Returns:
+            Cameras, foot offset, people and their heights, shaped as those given.
+        """
         S, r, E, inverse, b = self._reduce(linear, parameters, offset, height, damping)
         free = self.free
         common = np.zeros(len(free))
@@ -221,15 +271,25 @@ class NormalEquations:
     def covariance(
         self,
         linear: Linearised,
-        parameters: np.ndarray,
+        parameters: Float[np.ndarray, "cam 7"],
         offset: float,
-        xy: np.ndarray,
-        height: np.ndarray,
-    ) -> np.ndarray:
+        xy: Float[np.ndarray, "person 2"],
+        height: Float[np.ndarray, " person"],
+    ) -> Float[np.ndarray, "common common"]:
         """Of what is free, plus what the uncertainty of the held foot offset does to it.
 
         Boxes seem to tell the offset to centimetres, but lens, occlusion and slack bias what they
         tell by more: it keeps its prior uncertainty (a consider covariance).
+
+        Args:
+            linear: the boxes linearised at the state.
+            parameters: (C, 7) cameras.
+            offset: foot offset in metres.
+            xy: (P, 2) people in metres.
+            height: (P,) their heights in metres.
+
+        Returns:
+            (7C+1, 7C+1) of cameras and foot offset.
         """
         S = self._reduce(linear, parameters, offset, height, 0.0)[0]
         free = self.free
@@ -240,7 +300,9 @@ class NormalEquations:
         return out + self.settings.foot_offset_sd**2 * np.outer(by_offset, by_offset)
 
 
-def _gram(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _gram(
+    first: Float[np.ndarray, "n row"], second: Float[np.ndarray, "n column"]
+) -> Float[np.ndarray, "row column"]:
     """first.T @ second in blocks: threads for so small a product cost far more than they save."""
     length, (rows, columns) = len(first), (first.shape[1], second.shape[1])
     size = max(1, SMALL_PRODUCT // (rows * columns))

@@ -7,6 +7,7 @@ one that is off by many is not placed at all until the right shift is tried.
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Int
 
 from catfree.errors import CalibrationError
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL
@@ -32,6 +33,9 @@ def remove_offsets(detections: Detections, frame_offset: np.ndarray) -> Detectio
     Args:
         detections: (N,) boxes.
         frame_offset: (C,) frames by which each camera's numbers are too high.
+
+    Returns:
+        (N,) the same boxes with corrected frame numbers.
     """
     frame = detections.frame - np.asarray(frame_offset, np.int64)[detections.camera]
     return Detections(**(vars(detections) | {"frame": frame}))
@@ -39,7 +43,7 @@ def remove_offsets(detections: Detections, frame_offset: np.ndarray) -> Detectio
 
 def find_offsets(
     work: Workspace, registered: RegisteredRig, maximum: int, report: Progress
-) -> tuple[Workspace, RegisteredRig, np.ndarray]:
+) -> tuple[Workspace, RegisteredRig, Int[np.ndarray, " cam"]]:
     """Estimate an integer offset of each camera, correct it, and register again.
 
     Args:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from catfree.rig.pedestrians.adjustment import AdjustedRig, alternate
 from catfree.rig.pedestrians.ground_map import visible
@@ -31,13 +32,22 @@ class PairHypothesis:
     """
 
     cameras: tuple[int, int]
-    parameters: np.ndarray
+    parameters: Float[np.ndarray, "2 7"]
     judgement: Judgement
     margin: float
 
 
 def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
-    """The best relative placement of two cameras over focal lengths and plane hypotheses."""
+    """The best relative placement of two cameras over focal lengths and plane hypotheses.
+
+    Args:
+        work: the sequence.
+        one: the camera that stays.
+        two: the camera that is placed.
+
+    Returns:
+        The pair, or None if no placement has any votes.
+    """
     settings = work.settings
     longest = work.grid.size.max(1)
     found: list[tuple[Placement, np.ndarray, np.ndarray]] = []
@@ -74,8 +84,8 @@ def _settle(
     grid: BoxGrid,
     one: int,
     two: int,
-    p: np.ndarray,
-    q: np.ndarray,
+    p: Float[np.ndarray, "7"],
+    q: Float[np.ndarray, "7"],
     placement: Placement,
 ) -> Placement:
     """Iterated closest people: slide the second map onto the first."""
@@ -99,8 +109,8 @@ def _judge_pair(
     grid: BoxGrid,
     one: int,
     two: int,
-    p: np.ndarray,
-    q: np.ndarray,
+    p: Float[np.ndarray, "7"],
+    q: Float[np.ndarray, "7"],
     shifts: tuple[float, ...],
 ) -> tuple[Judgement, float]:
     """Evidence that two placed cameras see the same people, and its margin over chance."""

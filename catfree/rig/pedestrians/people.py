@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
 
 from catfree.rig.pedestrians.ground_map import GroundMap, map_ground, visible
 from catfree.rig.pedestrians.matching import mutual_nearest, squared_distances
@@ -16,18 +17,26 @@ class RigState:
 
     Attributes:
         parameters: (C, 7) cameras; NaN where not placed.
-        placed: (C,) bool.
+        placed: (C,) which cameras have a place.
         foot_offset: metres.
         range_tolerance: (C,) share of the range by which each camera's map may still be wrong.
     """
 
-    parameters: np.ndarray
-    placed: np.ndarray
+    parameters: Float[np.ndarray, "cam 7"]
+    placed: Bool[np.ndarray, " cam"]
     foot_offset: float
-    range_tolerance: np.ndarray
+    range_tolerance: Float[np.ndarray, " cam"]
 
-    def with_camera(self, camera: int, parameters: np.ndarray, tolerance: float) -> "RigState":
-        """The rig with one more camera."""
+    def with_camera(
+        self, camera: int, parameters: Float[np.ndarray, "7"], tolerance: float
+    ) -> "RigState":
+        """The rig with one more camera.
+
+        Args:
+            camera: which camera.
+            parameters: (7,) where it stands.
+            tolerance: share of the range by which its map may be wrong.
+        """
         all_parameters, placed = self.parameters.copy(), self.placed.copy()
         tolerances = self.range_tolerance.copy()
         all_parameters[camera], placed[camera], tolerances[camera] = parameters, True, tolerance
@@ -50,10 +59,10 @@ class People:
     """
 
     ground: GroundMap
-    members: np.ndarray
+    members: Int[np.ndarray, "frame person cam"]
 
     @property
-    def views(self) -> np.ndarray:
+    def views(self) -> Int[np.ndarray, "frame person"]:
         """(T, M) number of cameras that see each person."""
         return (self.members >= 0).sum(-1)
 
@@ -61,7 +70,14 @@ class People:
 def camera_map(
     grid: BoxGrid, camera: int, state: RigState, settings: CalibrationSettings
 ) -> GroundMap:
-    """One placed camera's map of the ground in world coordinates."""
+    """One placed camera's map of the ground in world coordinates.
+
+    Args:
+        grid: all boxes.
+        camera: which camera.
+        state: the rig.
+        settings: constants.
+    """
     return map_ground(
         state.parameters[camera],
         grid.u[camera],
@@ -108,8 +124,12 @@ def group_people(
 
 
 def _merge(
-    people: GroundMap, members: np.ndarray, own: GroundMap, camera: int, gate: float
-) -> tuple[GroundMap, np.ndarray]:
+    people: GroundMap,
+    members: Int[np.ndarray, "frame person cam"],
+    own: GroundMap,
+    camera: int,
+    gate: float,
+) -> tuple[GroundMap, Int[np.ndarray, "frame merged cam"]]:
     """Add one camera's people to a map."""
     time, slot, partner = mutual_nearest(*squared_distances(people, own), gate)
     members = members.copy()
@@ -132,7 +152,9 @@ def _merge(
     # Pack the people of each frame to the front and cut the empty rest.
     order = np.argsort(~valid, axis=1, kind="stable")[:, : max(1, int(valid.sum(1).max()))]
 
-    def packed(one: np.ndarray, two: np.ndarray) -> np.ndarray:
+    def packed(
+        one: Shaped[np.ndarray, "frame person *of"], two: Shaped[np.ndarray, "frame own *of"]
+    ) -> Shaped[np.ndarray, "frame merged *of"]:
         joined = np.concatenate([one, two], 1)
         return joined[np.arange(len(joined))[:, None], order]
 
@@ -146,7 +168,7 @@ def _merge(
     return merged, packed(members, fresh)
 
 
-def smallest_boxes(grid: BoxGrid) -> np.ndarray:
+def smallest_boxes(grid: BoxGrid) -> Float[np.ndarray, " cam"]:
     """(C,) box height in pixels below which a camera hardly detects anybody (5 % quantile)."""
     tall = grid.bottom - grid.top
     return np.array(
@@ -158,9 +180,25 @@ def smallest_boxes(grid: BoxGrid) -> np.ndarray:
 
 
 def seen_by_any(
-    grid: BoxGrid, state: RigState, people: GroundMap, smallest: np.ndarray, *, without: int
-) -> np.ndarray:
-    """(T, N) whether a placed camera other than `without` should see each person."""
+    grid: BoxGrid,
+    state: RigState,
+    people: GroundMap,
+    smallest: Float[np.ndarray, " cam"],
+    *,
+    without: int,
+) -> Bool[np.ndarray, "frame person"]:
+    """Whether a placed camera other than one should see each person.
+
+    Args:
+        grid: all boxes, for the image sizes.
+        state: the rig.
+        people: (T, N) map of people.
+        smallest: (C,) box height in pixels below which a camera hardly detects anybody.
+        without: the camera that does not count.
+
+    Returns:
+        (T, N) bool.
+    """
     seen = np.zeros(people.valid.shape, bool)
     for camera in np.flatnonzero(state.placed):
         if camera != without:

@@ -7,6 +7,7 @@ matches them at any time: the same boxes, shifted in time, do as well. A right c
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool
 
 from catfree.rig.pedestrians.ground_map import GroundMap, visible
 from catfree.rig.pedestrians.matching import Judgement, chance_density, judge
@@ -44,12 +45,24 @@ class Verdict:
 def judge_with_chance(
     own: GroundMap,
     others: GroundMap,
-    others_expected: np.ndarray,
-    own_expected: np.ndarray,
+    others_expected: Bool[np.ndarray, "frame partner"],
+    own_expected: Bool[np.ndarray, "frame slot"],
     settings: CalibrationSettings,
     shifts: tuple[float, ...],
 ) -> tuple[Judgement, float]:
-    """The judgement of a camera and how far it exceeds the best at circularly shifted times."""
+    """The judgement of a camera and how far it exceeds the best at circularly shifted times.
+
+    Args:
+        own: (T, N) the camera's map in world coordinates.
+        others: (T, M) the map of the other cameras, same frames.
+        others_expected: (T, M) whether the camera should see this person of the map.
+        own_expected: (T, N) whether some other camera should see this person of the camera.
+        settings: constants.
+        shifts: by which shares of the sequence its time is shifted for comparison.
+
+    Returns:
+        The judgement at the true time, and its evidence above the highest at the shifted times.
+    """
     density = chance_density(own)
 
     def at_shift(shift: int) -> Judgement:
