@@ -5,9 +5,13 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Real
+from numpy.typing import ArrayLike
 
 HostOrDevice = np.ndarray | Array
 Scalar = float | int | np.number | Real[HostOrDevice, ""]
+# What NumPy makes an array of: arrays and nested sequences. To type checkers `ArrayLike` alone says
+# so; at run time it leaves tuples out.
+ArrayInput = ArrayLike | tuple[Any, ...]
 
 
 def float_arrays(*values: Any) -> tuple[Any, ...]:

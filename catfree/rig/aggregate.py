@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.geometry.arrays import ArrayInput
 from catfree.rig.gauges import (
     MEDIAN_TO_DEVIATION,
     Gauges,
@@ -66,7 +66,7 @@ class Aggregate:
     metric: bool
 
 
-def aggregate(reconstructions: Sequence[Reconstruction], image_size: Any) -> Aggregate:
+def aggregate(reconstructions: Sequence[Reconstruction], image_size: ArrayInput) -> Aggregate:
     """Average the cameras of several instants, each in its own frame and scale.
 
     The instants are aligned to the one that agrees best with the others, then to their average.

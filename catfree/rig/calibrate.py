@@ -1,8 +1,8 @@
 """`calibrate`: a metric rig from boxes alone, registration first, then evidence and adjustment."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
+from catfree.geometry.arrays import ArrayInput
 from catfree.rig.evidence_loop import EvidenceLoop
 from catfree.rig.pedestrians import (
     Calibration,
@@ -18,7 +18,7 @@ from catfree.types.validation import require_instance
 
 def calibrate(
     detections: Detections,
-    image_size: Any,
+    image_size: ArrayInput,
     settings: Settings | CalibrationSettings | None = None,
     *,
     camera_names: Sequence[str] | None = None,

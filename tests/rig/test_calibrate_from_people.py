@@ -240,7 +240,7 @@ def test_wrong_sizes_and_names_are_named(world):
     with pytest.raises(InvalidInputError, match="image_size has 2 rows"):
         calibrate(world.detections, np.tile(SIZE, (2, 1)))
     with pytest.raises(InvalidInputError, match="image_size must be"):
-        calibrate(world.detections, 1920)
+        calibrate(world.detections, [1920])
     with pytest.raises(InvalidInputError, match="camera_names has 1"):
         calibrate(world.detections, SIZE, camera_names=["left"])
 

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from catfree.errors import CalibrationError, InvalidInputError
+from catfree.geometry.arrays import ArrayInput
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, to_matrices
 from catfree.rig.pedestrians.observations import grid_boxes
 from catfree.rig.pedestrians.registered import Progress, RegisteredRig, register_cameras
@@ -44,22 +45,22 @@ class Calibration:
     """
 
     scene: Scene
-    association_rate: np.ndarray
-    log_likelihood_ratio: np.ndarray
-    focal_sd: np.ndarray
-    center_covariance: np.ndarray
+    association_rate: Float[np.ndarray, " cam"]
+    log_likelihood_ratio: Float[np.ndarray, " cam"]
+    focal_sd: Float[np.ndarray, " cam"]
+    center_covariance: Float[np.ndarray, "cam 3 3"]
     shared_focal: bool
     scale_sd: float
     foot_offset: float
     residual: float
-    camera_residual: np.ndarray
-    sightings: np.ndarray
-    frame_offset: np.ndarray
+    camera_residual: Float[np.ndarray, " cam"]
+    sightings: Int[np.ndarray, " cam"]
+    frame_offset: Int[np.ndarray, " cam"]
 
 
 def calibrate(
     detections: Detections,
-    image_size: Any,
+    image_size: ArrayInput,
     settings: CalibrationSettings | None = None,
     *,
     camera_names: Sequence[str] | None = None,
@@ -107,9 +108,18 @@ def calibrate(
 
 
 def prepare(
-    detections: Detections, size: np.ndarray, settings: CalibrationSettings, names: Sequence[str]
+    detections: Detections,
+    size: Int[np.ndarray, "cam 2"],
+    settings: CalibrationSettings,
+    names: Sequence[str],
 ) -> Workspace:
     """Boxes on a grid, checked to be enough to begin with.
+
+    Args:
+        detections: (N,) boxes of all cameras.
+        size: (C, 2) image widths and heights in pixels.
+        settings: constants.
+        names: of the cameras, for messages.
 
     Raises:
         CalibrationError: if there are too few cameras, frames or boxes.
@@ -131,7 +141,7 @@ def prepare(
     return Workspace(grid, settings)
 
 
-def _sizes(detections: Detections, image_size: Any) -> np.ndarray:
+def _sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarray, "cam 2"]:
     """(C, 2) image sizes, one for each camera."""
     size = np.asarray(image_size)
     count = int(detections.camera.max(initial=-1)) + 1
@@ -151,9 +161,18 @@ def _sizes(detections: Detections, image_size: Any) -> np.ndarray:
 
 
 def describe(
-    work: Workspace, registered: RegisteredRig, names: Sequence[str], offset: np.ndarray
+    work: Workspace,
+    registered: RegisteredRig,
+    names: Sequence[str],
+    offset: Int[np.ndarray, " cam"],
 ) -> Calibration:
     """A registered rig as a scene with its evidence.
+
+    Args:
+        work: the sequence.
+        registered: its cameras.
+        names: of the cameras, for messages.
+        offset: (C,) frames by which each camera's frame numbers are too high.
 
     Raises:
         CalibrationError: if fewer than two cameras can be trusted.

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.geometry.arrays import ArrayInput
 from catfree.rig.pedestrians.bundle import BundleResult, adjust, focal_lengths_differ
 from catfree.rig.pedestrians.calibrate import Calibration
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, from_matrices, to_matrices
@@ -27,10 +28,10 @@ SILENT_SD = 1e6  # pixels; an edge that says nothing
 def refine_with_correspondences(
     calibration: Calibration,
     detections: Detections,
-    members: Int[np.ndarray, "person cam"],
+    members: ArrayInput,
     settings: CalibrationSettings | None = None,
     *,
-    box_sd: Float[np.ndarray, "box 3"] | None = None,
+    box_sd: ArrayInput | None = None,
     iterations: int = 20,
 ) -> Calibration:
     """Bundle adjustment of a pedestrian rig with given groups of boxes.

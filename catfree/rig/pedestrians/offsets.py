@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree.errors import CalibrationError
+from catfree.geometry.arrays import ArrayInput
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL
 from catfree.rig.pedestrians.observations import BoxGrid
 from catfree.rig.pedestrians.people import RigState, group_people
@@ -27,7 +28,7 @@ CLIMB = 2  # shifts to either side that are tried from the best
 KNOWN_FOCAL_SD = 0.05  # of log focal: the rig has fixed it already
 
 
-def remove_offsets(detections: Detections, frame_offset: np.ndarray) -> Detections:
+def remove_offsets(detections: Detections, frame_offset: ArrayInput) -> Detections:
     """Detections on a common clock: each camera's frame numbers less its offset.
 
     Args:

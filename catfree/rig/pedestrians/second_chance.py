@@ -58,14 +58,33 @@ def reconsider(
 def without_camera(
     calibration: Calibration, camera: int, settings: CalibrationSettings
 ) -> Calibration:
-    """The calibration with a camera flagged as not to be trusted."""
+    """The calibration with a camera flagged as not to be trusted.
+
+    Args:
+        calibration: a rig.
+        camera: which camera.
+        settings: constants.
+
+    Returns:
+        The rig in which the camera is not registered and holds NaN.
+    """
     return _with_cameras(calibration, _state(calibration, settings).without_camera(camera), {})
 
 
 def places_for(
     calibration: Calibration, detections: Detections, camera: int, settings: CalibrationSettings
 ) -> list[Calibration]:
-    """The rig with a camera that is missing in it, once for each place that its boxes allow."""
+    """The rig with a camera that is missing in it, once for each place that its boxes allow.
+
+    Args:
+        calibration: a rig without the camera.
+        detections: (N,) the boxes that it came from.
+        camera: which camera.
+        settings: constants.
+
+    Returns:
+        A rig for each place; none if the boxes allow no place.
+    """
     work, state = _resume(calibration, detections, settings)
     tolerance = settings.fine_range_tolerance
     return [
@@ -87,6 +106,14 @@ def confirm(
     """The rig with fresh evidence for every camera, and without those that do not stand up to it.
 
     Fewer than two cameras never remain: the best two stay as they are.
+
+    Args:
+        calibration: a rig.
+        detections: (N,) the boxes that it came from.
+        settings: constants.
+
+    Returns:
+        The rig; cameras that fail are not registered and hold NaN.
     """
     work, state = _resume(calibration, detections, settings)
     while True:
@@ -106,6 +133,9 @@ def without_vague_cameras(
         calibration: the rig; a focal length of unknown deviation (NaN) is let pass.
         settings: constants.
         names: of all cameras, for messages.
+
+    Returns:
+        The rig; vague cameras are not registered and hold NaN.
 
     Raises:
         CalibrationError: if fewer than two cameras are known well enough.
