@@ -6,13 +6,14 @@ positions that they were made from. These strategies draw the worlds to state th
 shrinks towards a plain case: cameras evenly around the origin, people near it, the identity.
 """
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from catfree.errors import InvalidInputError, MissingDependencyError
 from catfree.geometry import Similarity
+from catfree.geometry.arrays import ArrayInput
 from catfree.types import Detections, Plane, Rig, Scene
 
 try:
@@ -123,7 +124,7 @@ def observed(draw: "DrawFn", cameras: int | None = None, people: int | None = No
     return Observed(scene, positions, boxes_of(scene, positions))
 
 
-def boxes_of(scene: Scene, positions: Any) -> Detections:
+def boxes_of(scene: Scene, positions: ArrayInput) -> Detections:
     """Exact boxes of upright people of 1.7 m in every camera, nobody hidden, frame 0.
 
     Args:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,12 +11,17 @@ from catfree.evaluation.detection import GATE_TOLERANCE
 from catfree.evaluation.matching import matched_rows
 from catfree.evaluation.rows import Number, as_positive, read_sequence
 from catfree.geometry import Similarity, fit_similarity
+from catfree.geometry.arrays import ArrayInput
 
 MINIMUM_CENTRES = 3
 
 
 def align_centres(
-    estimated_centres: Any, true_centres: Any, *, registered: Any = None, fixed_scale: bool = False
+    estimated_centres: ArrayInput,
+    true_centres: ArrayInput,
+    *,
+    registered: ArrayInput | None = None,
+    fixed_scale: bool = False,
 ) -> Similarity:
     """The similarity that moves estimated camera centres onto the annotated ones.
 
@@ -49,7 +53,9 @@ def align_centres(
     return fit_similarity(estimated[used], true[used], fixed_scale=fixed_scale)
 
 
-def _centres(estimated: Any, true: Any, registered: Any) -> tuple[np.ndarray, np.ndarray, Any]:
+def _centres(
+    estimated: ArrayInput, true: ArrayInput, registered: ArrayInput | None
+) -> tuple[Float[np.ndarray, "cam 3"], Float[np.ndarray, "cam 3"], Int[np.ndarray, " used"]]:
     """Both arrays in float64 and the indices of the cameras that are used."""
     estimated = np.asarray(estimated, dtype=np.float64)
     true = np.asarray(true, dtype=np.float64)
@@ -113,12 +119,12 @@ class LeaveOneOut:
 
 
 def leave_one_camera_out(
-    estimated_centres: Any,
-    true_centres: Any,
-    positions: Any,
+    estimated_centres: ArrayInput,
+    true_centres: ArrayInput,
+    positions: ArrayInput,
     score_function: Callable[[Float[np.ndarray, "m 3"]], float],
     *,
-    registered: Any = None,
+    registered: ArrayInput | None = None,
     fixed_scale: bool = False,
 ) -> LeaveOneOut:
     """How much of a score depends on the alignment: refit without each camera and score again.
@@ -194,8 +200,8 @@ class PositionAlignment:
 
 
 def align_positions(
-    ground_truth: Any,
-    predictions: Any,
+    ground_truth: ArrayInput,
+    predictions: ArrayInput,
     threshold: Number = 1.0,
     *,
     fixed_scale: bool = False,

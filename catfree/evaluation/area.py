@@ -9,10 +9,11 @@ from jaxtyping import Bool, Float
 
 from catfree.errors import InvalidInputError
 from catfree.evaluation.detection import DetectionMetrics, detection_metrics
-from catfree.evaluation.rows import Number, as_rows, read_sequence
+from catfree.evaluation.rows import Frames, Number, as_rows, read_sequence
+from catfree.geometry.arrays import ArrayInput
 
 
-def crop(rows: Any, area: Any) -> Float[np.ndarray, "n 4"]:
+def crop(rows: ArrayInput, area: Any) -> Float[np.ndarray, "n 4"]:
     """The rows whose position lies in a rectangle, its border included.
 
     Args:
@@ -80,10 +81,10 @@ class AreaMetrics:
 
 
 def detection_metrics_in_area(
-    ground_truth: Any,
-    predictions: Any,
+    ground_truth: ArrayInput,
+    predictions: ArrayInput,
     area: Any,
-    frames: Any = None,
+    frames: Frames | None = None,
     threshold: Number = 0.5,
     *,
     outside: str = "ignore",

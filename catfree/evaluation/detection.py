@@ -9,7 +9,8 @@ from jaxtyping import Float, Int
 
 from catfree.errors import InvalidInputError
 from catfree.evaluation.matching import match
-from catfree.evaluation.rows import Number, Sequence, as_positive, read_sequence
+from catfree.evaluation.rows import Frames, Number, Sequence, as_positive, read_sequence
+from catfree.geometry.arrays import ArrayInput
 
 # Positions of the public data sets lie on grids of 2.5 cm, so distances of exactly 0.5 m are
 # common; the tolerance keeps them inside the gate after the conversion from cells to metres.
@@ -134,9 +135,9 @@ class DetectionMetrics:
 
 
 def detection_metrics(
-    ground_truth: Any,
-    predictions: Any,
-    frames: Any = None,
+    ground_truth: ArrayInput,
+    predictions: ArrayInput,
+    frames: Frames | None = None,
     threshold: Number = 0.5,
     *,
     compat: str | None = None,

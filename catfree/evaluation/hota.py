@@ -2,14 +2,14 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
 from catfree.errors import InvalidInputError
-from catfree.evaluation.rows import Number, Sequence, as_positive, read_sequence
+from catfree.evaluation.rows import Frames, Number, Sequence, as_positive, read_sequence
+from catfree.geometry.arrays import ArrayInput
 
 # Written as the reference evaluator does: similarities on a grid fall exactly on these values,
 # and another expression for them differs in the last bit.
@@ -139,7 +139,11 @@ class HotaMetrics:
 
 
 def hota(
-    ground_truth: Any, predictions: Any, frames: Any = None, *, zero_distance: Number = 1.0
+    ground_truth: ArrayInput,
+    predictions: ArrayInput,
+    frames: Frames | None = None,
+    *,
+    zero_distance: Number = 1.0,
 ) -> HotaMetrics:
     """Compare predicted with true trajectories by HOTA.
 

@@ -1,7 +1,6 @@
 """Whether reported uncertainties are honest: covariance ellipses and existence probabilities."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -9,11 +8,12 @@ from jaxtyping import Bool, Float, Int
 from catfree.errors import InvalidInputError
 from catfree.evaluation.detection import GATE_TOLERANCE
 from catfree.evaluation.matching import matched_rows
-from catfree.evaluation.rows import Number, as_positive, read_sequence
+from catfree.evaluation.rows import Frames, Number, as_positive, read_sequence
+from catfree.geometry.arrays import ArrayInput
 
 
 def matched_predictions(
-    ground_truth: Any, predictions: Any, threshold: Number = 0.5
+    ground_truth: ArrayInput, predictions: ArrayInput, threshold: Number = 0.5
 ) -> Bool[np.ndarray, " p"]:
     """Which predictions are true positives, in the sense of `detection_metrics`.
 
@@ -80,10 +80,10 @@ class EllipseCoverage:
 
 
 def ellipse_coverage(
-    ground_truth: Any,
-    predictions: Any,
-    covariance: Any,
-    frames: Any = None,
+    ground_truth: ArrayInput,
+    predictions: ArrayInput,
+    covariance: ArrayInput,
+    frames: Frames | None = None,
     threshold: Number = 1.0,
     *,
     level: Number = 0.95,
@@ -167,7 +167,9 @@ class CalibrationCurve:
         )
 
 
-def calibration_curve(probability: Any, correct: Any, bins: int = 10) -> CalibrationCurve:
+def calibration_curve(
+    probability: ArrayInput, correct: ArrayInput, bins: int = 10
+) -> CalibrationCurve:
     """Compare claimed probabilities with how often they came true.
 
     Args:

@@ -1,6 +1,6 @@
 """Ground truth and predictions as rows [frame, id, x, y]: checked once, read frame by frame."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,13 +8,15 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.errors import InvalidInputError
+from catfree.geometry.arrays import ArrayInput
 from catfree.types.validation import as_integer
 
 Number = float | int | np.number
 Rows = Float[np.ndarray, "n 4"]
+Frames = ArrayInput | Set[int | np.integer]
 
 
-def as_rows(rows: Any, name: str, *, identified: bool = False) -> Rows:
+def as_rows(rows: ArrayInput, name: str, *, identified: bool = False) -> Rows:
     """Rows as a (N, 4) float64 array, or a sentence about the first bad one.
 
     Args:
@@ -93,14 +95,20 @@ class Sequence:
         """The indices of the true and of the predicted rows, frame by frame."""
         return zip(self.truth_rows, self.predicted_rows, strict=True)
 
-    def distances(self, truth: np.ndarray, predicted: np.ndarray) -> np.ndarray:
+    def distances(
+        self, truth: Int[np.ndarray, " g"], predicted: Int[np.ndarray, " p"]
+    ) -> Float[np.ndarray, "g p"]:
         """(g, p) Euclidean distances in metres between the rows with these indices."""
         difference = self.truth[truth, None, 2:] - self.predicted[None, predicted, 2:]
         return np.linalg.norm(difference, axis=-1)
 
 
 def read_sequence(
-    ground_truth: Any, predictions: Any, frames: Any = None, *, identified: bool = False
+    ground_truth: ArrayInput,
+    predictions: ArrayInput,
+    frames: Frames | None = None,
+    *,
+    identified: bool = False,
 ) -> Sequence:
     """Check both row arrays and sort them into frames.
 

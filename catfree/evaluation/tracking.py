@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -10,7 +10,8 @@ from scipy.optimize import linear_sum_assignment
 
 from catfree.errors import InvalidInputError
 from catfree.evaluation.matching import match
-from catfree.evaluation.rows import Number, Sequence, as_positive, read_sequence
+from catfree.evaluation.rows import Frames, Number, Sequence, as_positive, read_sequence
+from catfree.geometry.arrays import ArrayInput
 
 MOSTLY_TRACKED = 0.8  # shares of a person's annotated frames, as in the MOT benchmarks
 MOSTLY_LOST = 0.2
@@ -121,7 +122,10 @@ class TrackingMetrics:
 
 
 def tracking_metrics(
-    ground_truth: Any, predictions: Any, frames: Any = None, threshold: Number = 1.0
+    ground_truth: ArrayInput,
+    predictions: ArrayInput,
+    frames: Frames | None = None,
+    threshold: Number = 1.0,
 ) -> TrackingMetrics:
     """Compare predicted with true trajectories.
 
