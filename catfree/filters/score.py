@@ -56,6 +56,8 @@ def auxiliary_score(
 
     Returns:
         Score, weights and threshold. Shifting or scaling a signal changes nothing.
+
+    Source: paper, Sec. "The Scoring Stage".
     """
     signals = as_floating(signals)
     present = as_mask(where, signals.shape[:1])
@@ -82,6 +84,8 @@ def view_support_ratio(
 
     Returns:
         () in [0, 1]; 0 where no camera sees the position.
+
+    Source: paper, Sec. "The Scoring Stage", which names the signal but gives no formula.
     """
     supporting = jnp.asarray(supporting)
     seen = jnp.sum(supporting | jnp.asarray(seeing))
@@ -100,6 +104,8 @@ def median_residual(
 
     Returns:
         () in radians; NaN (a missing signal) without any supporting ray.
+
+    Source: paper, Sec. "The Scoring Stage", of the angles of Eq. theta.
     """
     residuals, where = as_floating(residuals), jnp.asarray(where)
     return jnp.nanmedian(jnp.where(where, residuals, jnp.nan))
@@ -131,6 +137,9 @@ def implied_height(
     Returns:
         () in scene units. Always finite: for a ray along the vertical, which meets it everywhere,
         the height of the camera.
+
+    Source: paper, Sec. "The Scoring Stage", which names implied heights but gives no formula; the
+        nearest points of two lines are elementary.
     """
     K, R, t, box, position, normal, offset = map(
         as_floating, (K, R, t, box, position, normal, offset)
@@ -163,6 +172,8 @@ def height_consistency(
     Returns:
         () minus standard deviation over mean magnitude, 0 at best; NaN (a missing signal) where
         fewer than two cameras can be compared.
+
+    Source: paper, Sec. "The Scoring Stage", which names the signal but gives no formula.
     """
     heights, where = as_floating(heights), jnp.asarray(where)
     values = jnp.where(where, heights, 0)

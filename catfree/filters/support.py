@@ -29,6 +29,8 @@ def support(
     Returns:
         (C,) int32 index of the supporting ray, -1 where the camera has none. Of equal weights the
         ray with the smaller angle wins, then the lower index.
+
+    Source: paper, Sec. "Selecting pedestrian positions", recount of the supporting cameras.
     """
     position, origins, directions = map(as_floating, (position, origins, directions))
     weights = as_floating(weights)
@@ -60,6 +62,9 @@ def weighted_support(
 
     Returns:
         () sum of the reliabilities.
+
+    Source: paper, Sec. "Selecting pedestrian positions", where candidates with "stronger camera
+        support" come first; Fig. "reliability" for the weights.
     """
     index, weights = jnp.asarray(index), as_floating(weights)
     if weights.shape[1] == 0:

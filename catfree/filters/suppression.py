@@ -35,6 +35,8 @@ def suppress(
 
     Raises:
         InvalidInputError: if there are not as many priorities as positions, or not 2 coordinates.
+
+    Source: paper, Sec. "Selecting pedestrian positions", duplicate removal.
     """
     positions, priority = as_floating(positions), as_floating(priority)
     count = positions.shape[0]
@@ -70,6 +72,8 @@ def outside(
 
     Returns:
         (H,) bool; false where `where` is, and for accepted positions.
+
+    Source: paper, Sec. "Selecting pedestrian positions", recovery.
     """
     positions, accepted = as_floating(positions), jnp.asarray(accepted)
     asked = as_mask(where, accepted.shape) & ~accepted

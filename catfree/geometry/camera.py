@@ -58,6 +58,8 @@ def undistort(
 
     Returns:
         (2,) ideal normalized coordinates; finite but arbitrary where no ideal point maps there.
+
+    Source: the model of Brown (1971) as in `distort`, inverted by Newton's method.
     """
     return _undistort(*float_arrays(point, distortion))
 

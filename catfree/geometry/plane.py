@@ -55,6 +55,9 @@ def intersect_ray(
         position: (3,) the intersection in scene units; the foot of the origin's perpendicular
             where there is none.
         valid: () whether the ray meets the plane, ahead of its origin.
+
+    Source: Hartley and Zisserman, "Multiple View Geometry" (2004), Sec. 3.2.2, meet of a line and a
+        plane.
     """
     origin, direction, normal, offset = float_arrays(origin, direction, plane.normal, plane.offset)
     height = jnp.sum(normal * origin) + offset
@@ -82,6 +85,8 @@ def fit_plane(
     Returns:
         Plane. Points that leave it undetermined (fewer than three, collinear) give one of the
         planes through them, with finite derivatives.
+
+    Source: Pearson (1901), "On lines and planes of closest fit to systems of points in space".
     """
     given = np.ones(points.shape[0], np.float32) if weights is None else weights
     points, given, toward = float_arrays(points, given, toward)

@@ -30,7 +30,8 @@ def pixel_to_ray(
         origin: (3,) camera centre `-Rᵀ t` in the world frame, scene units.
         direction: (3,) unit vector in the world frame.
 
-    Source: paper, Sec. "Ray reliability", back-projection of the bottom centre of a box.
+    Source: paper, Sec. "Pedestrian observations and ray reliability", back-projection of the
+        bottom centre of a box.
     """
     intrinsics, rotation, translation, pixel, distortion = float_arrays(K, R, t, pixel, distortion)
     normalized = back_project(intrinsics, pixel, distortion)

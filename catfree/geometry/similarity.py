@@ -154,6 +154,9 @@ def nearest_rotation(matrix: Float[Array, "dim dim"]) -> Float[Array, "dim dim"]
         (D, D) rotation of determinant 1. Its derivative is exact wherever R is unique, equal
         singular values included (there the derivative of the SVD itself is infinite), and finite
         elsewhere.
+
+    Source: Umeyama (1991), "Least-squares estimation of transformation parameters between two
+        point patterns", the lemma.
     """
     fixed = jax.lax.stop_gradient(matrix)
     left, values, right = jnp.linalg.svd(fixed)

@@ -126,6 +126,8 @@ def triangulate_least_squares(
 
     Returns:
         (3,) position in scene units; degenerate rays are treated as in `triangulate`.
+
+    Source: paper, Sec. "Robust 3D position estimation", with the square for rho.
     """
     return _triangulate_least_squares(*float_arrays(origins, directions, weights))
 
