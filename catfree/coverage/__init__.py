@@ -15,6 +15,7 @@ from catfree.coverage.cameras import (
 )
 from catfree.coverage.expected import (
     Coverage as Coverage,
+    CoverageOptions as CoverageOptions,
     coverage as coverage,
     visible_area as visible_area,
 )

@@ -1,6 +1,6 @@
 """What single cameras are worth: without one, with one more, and which matters least."""
 
-from typing import Any
+from typing import Any, Unpack
 
 import equinox as eqx
 import numpy as np
@@ -10,11 +10,13 @@ from catfree.coverage.expected import (
     SIGMA_THETA,
     Area,
     Coverage,
+    CoverageOptions,
     coverage,
     coverage_of,
     visible_area,
 )
 from catfree.errors import DegenerateGeometryError, InvalidInputError
+from catfree.geometry.arrays import ArrayInput
 from catfree.types import Plane, Rig, Scene
 from catfree.types.validation import require_instance
 
@@ -75,7 +77,7 @@ class CameraGain(eqx.Module):
 
 
 def coverage_without(
-    scene: Scene, camera: int, area: Area | None = None, **options: Any
+    scene: Scene, camera: int, area: Area | None = None, **options: Unpack[CoverageOptions]
 ) -> Coverage:
     """The coverage that is left if one camera fails.
 
@@ -84,6 +86,9 @@ def coverage_without(
         camera: index of the camera to leave out.
         area: as in `coverage`; None for the area of the whole rig, so that maps can be compared.
         **options: the other options of `coverage`.
+
+    Returns:
+        Coverage of the cameras that are left; `visible` is false for the one left out.
 
     Raises:
         InvalidInputError: if there is no such camera.
@@ -94,7 +99,12 @@ def coverage_without(
             f"There is no camera {camera}; the rig has cameras 0 to {count - 1}."
         )
     active = np.asarray(scene.rig.registered) & (np.arange(count) != camera)
-    filled = {"resolution": None, "sigma_theta": SIGMA_THETA, "person_height": None} | options
+    filled: CoverageOptions = {
+        "resolution": None,
+        "sigma_theta": SIGMA_THETA,
+        "person_height": None,
+        **options,
+    }
     return coverage_of(scene, active, area, **filled)
 
 
@@ -103,9 +113,9 @@ def coverage_with(
     K: Float[np.ndarray | Array, "3 3"],
     R: Float[np.ndarray | Array, "3 3"],
     t: Float[np.ndarray | Array, "3"],
-    image_size: Any,
+    image_size: ArrayInput,
     area: Area | None = None,
-    **options: Any,
+    **options: Unpack[CoverageOptions],
 ) -> Coverage:
     """The coverage with one camera more, which stands nowhere yet.
 
@@ -147,7 +157,7 @@ def camera_gain(
     area: Area | None = None,
     *,
     like: int | None = None,
-    **options: Any,
+    **options: Unpack[CoverageOptions],
 ) -> CameraGain:
     """What one more camera at a place would give.
 
@@ -191,7 +201,9 @@ def camera_gain(
     return CameraGain(before=coverage(scene, area, **options), after=after)
 
 
-def rank_cameras(scene: Scene, area: Area | None = None, **options: Any) -> CameraRanking:
+def rank_cameras(
+    scene: Scene, area: Area | None = None, **options: Unpack[CoverageOptions]
+) -> CameraRanking:
     """Which camera matters least, and what each one is worth.
 
     Args:

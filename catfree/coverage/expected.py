@@ -1,6 +1,7 @@
 """Coverage: expected uncertainty and number of cameras over a rectangle of the ground."""
 
 from collections.abc import Sequence
+from typing import TypedDict
 
 import equinox as eqx
 import numpy as np
@@ -17,6 +18,21 @@ Area = Sequence[float | int] | Float[np.ndarray, "4"]
 SIGMA_THETA = RaySettings().sigma_theta
 SUPPRESSION_RADIUS = SelectionSettings().suppression_radius
 CELLS_PER_EXTENT = 100  # default resolution: a cell of E / 100 is half the suppression radius
+
+
+class CoverageOptions(TypedDict, total=False):
+    """The options of `coverage`, which other functions pass on to it.
+
+    Attributes:
+        resolution: side of a cell in scene units; None for E / 100.
+        sigma_theta: angular noise of a foot ray in radians.
+        person_height: height in scene units up to which a person must be in the picture; None
+            looks at the feet alone.
+    """
+
+    resolution: float | int | None
+    sigma_theta: float | int
+    person_height: float | int | None
 
 
 class Coverage(eqx.Module):
