@@ -77,7 +77,18 @@ def disturb_ground(
     about: Float[np.ndarray, "3"],
     seed: int = 0,
 ) -> Plane:
-    """The plane tilted by exactly `tilt_deg` and moved by exactly `offset` below a point on it."""
+    """The plane tilted and moved by exactly the stated amounts, in random directions.
+
+    Args:
+        ground: the true plane.
+        tilt_deg: angle between the two normals in degrees; the direction of the tilt is drawn.
+        offset: distance between the two planes at `about` in scene units; the sign is drawn.
+        about: (3,) the point whose projection on the true plane is moved, scene units.
+        seed: the same directions for the same seed, whatever the amounts.
+
+    Returns:
+        The disturbed plane.
+    """
     rng = np.random.default_rng([seed, 1])
     bearing, sign = rng.uniform(0, 2 * np.pi), rng.choice([-1.0, 1.0])
     basis = np.asarray(ground.basis)

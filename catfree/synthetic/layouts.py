@@ -89,6 +89,14 @@ def wildtrack_like(seed: int = 0) -> Layout:
 
     Cameras stand 1 to 5 m outside the border at heights of 2.2 to 3.5 m; five look into the
     near half, two look along the whole length.
+
+    Args:
+        seed: everything random follows from it.
+
+    Returns:
+        The layout in metres.
+
+    Source: extent, number of cameras and frame rate of WildTrack (Chavdarova et al. 2018).
     """
     rng = np.random.default_rng([seed, 7])
     area = (-6.0, 6.0, -18.0, 18.0)
@@ -107,7 +115,16 @@ def wildtrack_like(seed: int = 0) -> Layout:
 
 
 def multiviewx_like(seed: int = 0) -> Layout:
-    """Six cameras around 16 x 25 m, 2 fps, crowded, 2 to 3 m high, aimed at the middle."""
+    """Six cameras around 16 x 25 m, 2 fps, crowded, 2 to 3 m high, aimed at the middle.
+
+    Args:
+        seed: everything random follows from it.
+
+    Returns:
+        The layout in metres.
+
+    Source: extent, number of cameras and frame rate of MultiviewX (Hou et al. 2020).
+    """
     rng = np.random.default_rng([seed, 16])
     return _around(
         "multiviewx", rng, (-8.0, 8.0, -12.5, 12.5), 6, height=(2.0, 3.0), fps=2.0, people=37
@@ -115,7 +132,17 @@ def multiviewx_like(seed: int = 0) -> Layout:
 
 
 def gmvd_like(seed: int = 0, *, cameras: int = 6) -> Layout:
-    """Six or eight cameras around a 20 x 24 m courtyard, 4 to 6 m high, 2 fps."""
+    """Six or eight cameras around a 20 x 24 m courtyard, 4 to 6 m high, 2 fps.
+
+    Args:
+        seed: everything random follows from it.
+        cameras: number of cameras.
+
+    Returns:
+        The layout in metres.
+
+    Source: numbers of cameras of scene 5 of GMVD (Vora et al. 2023), configurations 1 and 2.
+    """
     rng = np.random.default_rng([seed, 5, cameras])
     area = (-10.0, 10.0, -12.0, 12.0)
     return _around(f"gmvd{cameras}", rng, area, cameras, height=(4.0, 6.0), fps=2.0, people=33)
@@ -130,7 +157,14 @@ LAYOUTS: dict[str, Callable[[int], Layout]] = {
 
 
 def make_layout(name: str, seed: int = 0) -> Layout:
-    """A layout by name: `wildtrack`, `multiviewx`, `gmvd6`, `gmvd8`, or `ringN` with N cameras.
+    """A layout by name.
+
+    Args:
+        name: `wildtrack`, `multiviewx`, `gmvd6`, `gmvd8`, or `ringN` with N cameras.
+        seed: everything random follows from it.
+
+    Returns:
+        The layout in metres.
 
     Raises:
         InvalidInputError: if there is no layout of that name.
