@@ -50,7 +50,11 @@ class Observed(NamedTuple):
 
 
 def rotations() -> "st.SearchStrategy[np.ndarray]":
-    """(3, 3) rotation matrices, float64, from quaternions; shrinks to the identity."""
+    """Rotations, drawn as quaternions.
+
+    Returns:
+        A strategy of (3, 3) float64 matrices, which shrinks to the identity.
+    """
     part = st.floats(-1, 1)
     return st.tuples(part, part, part).map(_rotation)
 

@@ -1,6 +1,7 @@
 """The package as a whole: what importing it costs, which way imports point, what is documented."""
 
 import ast
+import importlib
 import inspect
 import subprocess
 import sys
@@ -135,23 +136,30 @@ def test_the_version_is_that_of_the_distribution():
     assert cf.__version__ == version("catfree")
 
 
+# Where users find what the library offers.
+FOLDERS = ("adapters", "coverage", "evaluation", "filters", "geometry", "rig", "synthetic")
+FOLDERS += ("testing", "viz")
+PLACES = (cf, *(importlib.import_module(f"catfree.{folder}") for folder in FOLDERS))
+
+
+def public(wanted):
+    """Everything public of a kind in the package and its sub-packages, by its public name."""
+    return {
+        f"{place.__name__}.{name}": thing
+        for place in PLACES
+        for name, thing in vars(place).items()
+        if not name.startswith("_")
+        and wanted(inspect.unwrap(thing))
+        and thing.__module__.startswith("catfree")
+    }
+
+
 def public_functions():
-    """Every public function of the package and its sub-packages, by its public name."""
-    found = {}
-    for place in (cf, cf.geometry, cf.filters, cf.evaluation, cf.adapters):
-        for name, thing in vars(place).items():
-            if not name.startswith("_") and inspect.isfunction(inspect.unwrap(thing)):
-                found[f"{place.__name__}.{name}"] = thing
-    return found
+    return public(inspect.isfunction)
 
 
 def public_classes():
-    found = {}
-    for place in (cf, cf.geometry, cf.filters, cf.evaluation, cf.adapters):
-        for name, thing in vars(place).items():
-            if not name.startswith("_") and inspect.isclass(thing):
-                found[f"{place.__name__}.{name}"] = thing
-    return found
+    return public(inspect.isclass)
 
 
 @pytest.mark.parametrize("name", sorted(public_functions()))

@@ -137,6 +137,9 @@ def coverage(
 def visible_area(scene: Scene) -> tuple[float, float, float, float]:
     """The rectangle around the ground that at least two cameras see, not beyond E from the rig.
 
+    Args:
+        scene: cameras, ground and extent.
+
     Returns:
         x_min, x_max, y_min, y_max in ground coordinates, scene units; the square of side 2 E
         around the cameras' middle if no two of them see any common ground.
