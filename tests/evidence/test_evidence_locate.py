@@ -1,4 +1,5 @@
-import dataclasses
+from dataclasses import fields, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import catfree as cf
 from catfree.errors import InsufficientDataError
 from catfree.evaluation import detection_metrics
 from catfree.evidence import EvidenceSettings, clusters_of, locate, solve
+from catfree.synthetic import DetectorModel, make_world
 from catfree.types import Fate, Origin
 
 
@@ -134,15 +136,82 @@ def test_clusters_are_right_correspondences():
     assert np.isnan(clusters.sigma[clusters.member < 0]).all()
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["use_misses", "self_calibrate", "residual_field", "local_clutter", "use_height", "track"],
-)
+@cache
+def poorly_seen():
+    """Nearly every third box is missing, and almost half of the others show nobody."""
+    _, detections, scene = walk(frames=6, seed=12, recall=0.7, clutter=3.0)
+    return detections, scene, locate(detections, scene)
+
+
+@cache
+def crowd_beyond():
+    """A crowd with looks that walks farther than the rig was built to cover."""
+    detector = DetectorModel(false_positives=3.0)
+    world = make_world("gmvd6", 0, frames=8, people=10, detector=detector)
+    return world.detections, world.scene, locate(world.detections, world.scene)
+
+
+# Each ingredient, a world in which it matters, and what it decides there.
+INGREDIENTS = {
+    "use_misses": (poorly_seen, "who"),
+    "self_calibrate": (poorly_seen, "position"),
+    "residual_field": (poorly_seen, "position"),
+    "local_clutter": (poorly_seen, "existence"),
+    "use_height": (poorly_seen, "who"),
+    "track": (poorly_seen, "who"),
+    "use_appearance": (crowd_beyond, "position"),
+    "working_area": (crowd_beyond, "who"),
+    "uneven_ground": (poorly_seen, "covariance"),
+    "pose_errors": (poorly_seen, "covariance"),
+}
+
+
+def without(name):
+    """The tracks of the ingredient's world with it and without it."""
+    detections, scene, plain = INGREDIENTS[name][0]()
+    other = locate(detections, scene, replace(EvidenceSettings(), **{name: False}))
+    assert np.isfinite(other.tracks.position).all()
+    return plain.tracks, other.tracks
+
+
+def changes(plain, other):
+    """What differs by more than a hundredth: of the usual deviation, or of certainty."""
+    if len(plain) != len(other) or (plain.frame != other.frame).any():
+        return {"who"}
+    sigma = np.median(plain.sigma)
+    sizes = {"position": sigma, "covariance": sigma**2, "existence": 1.0}
+    return {
+        name
+        for name, size in sizes.items()
+        if np.abs(getattr(plain, name) - getattr(other, name)).max() > 0.01 * size
+    }
+
+
+def test_every_switch_is_an_ingredient():
+    switches = [f.name for f in fields(EvidenceSettings) if isinstance(f.default, bool)]
+    assert switches == list(INGREDIENTS)
+
+
+@pytest.mark.parametrize("name", INGREDIENTS)
 def test_every_ingredient_can_be_switched_off(name):
-    _, detections, scene = walk(frames=4, seed=12)
-    result = locate(detections, scene, dataclasses.replace(EvidenceSettings(), **{name: False}))
-    assert len(result.candidates) > 0
-    assert np.isfinite(result.tracks.position).all()
+    assert INGREDIENTS[name][1] in changes(*without(name))
+
+
+@pytest.mark.parametrize("name", ["uneven_ground", "pose_errors"])
+def test_doubts_about_ground_and_poses_widen_ellipses_and_nothing_else(name):
+    plain, other = without(name)
+    np.testing.assert_array_equal(plain.track_id, other.track_id)
+    np.testing.assert_array_equal(plain.position, other.position)
+    np.testing.assert_array_equal(plain.existence, other.existence)
+    added = np.linalg.eigvalsh(plain.covariance - other.covariance)
+    assert added.min() > -1e-12  # both are squares of floats of the size of one
+    assert added.max(1).min() > 0
+
+
+def test_outside_the_working_area_people_are_found_but_not_reported():
+    plain, other = without("working_area")
+    there = {tuple(row) for row in np.column_stack([other.frame, other.ground_xy])}
+    assert {tuple(row) for row in np.column_stack([plain.frame, plain.ground_xy])} < there
 
 
 def test_looks_tell_people_apart():
