@@ -7,7 +7,12 @@ import pytest
 
 from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry import fit_similarity
-from catfree.rig.pedestrians import calibrate, refine_with_correspondences, remove_offsets
+from catfree.rig.pedestrians import (
+    calibrate,
+    refine_with_correspondences,
+    remove_offsets,
+    without_vague_cameras,
+)
 from catfree.settings import CalibrationSettings
 from catfree.synthetic import DetectorModel, make_world
 from catfree.types import Detections, Rig, Scene
@@ -52,16 +57,13 @@ def replaced(detections, camera, box=None, frame=None):
 
 
 def assert_without(detections, camera, centers):
-    """The camera is flagged, or nothing at all is claimed; the others stay right."""
-    try:
-        found = calibrate(detections, SIZE)
-    except CalibrationError:
-        return
-    assert not found.scene.rig.registered[camera]
+    """That camera alone is flagged, and the others are as right as without it."""
+    found = calibrate(detections, SIZE)
+    assert found.scene.rig.registered.tolist() == [c != camera for c in range(4)]
     assert np.isnan(np.asarray(found.scene.rig.K)[camera]).all()
     assert np.isnan(found.log_likelihood_ratio[camera])
-    if found.scene.rig.registered.sum() >= 3:
-        assert center_errors(found, centers)[0].max() < 0.6
+    # As for the whole rig: a decimetre or two.
+    assert center_errors(found, centers)[0].mean() < 0.3
 
 
 def test_a_small_world_is_recovered_in_metres(world, recovered):
@@ -198,7 +200,7 @@ def test_people_who_stand_still_prove_nothing(world):
         np.tile(first.camera, 60),
         box + rng.normal(0, 1, box.shape),
     )
-    with pytest.raises(CalibrationError):
+    with pytest.raises(CalibrationError, match="No two cameras see the same people: of 6 pairs"):
         calibrate(still, SIZE)
 
 
@@ -209,11 +211,11 @@ def test_ten_frames_are_too_few(world):
 
 def test_identical_boxes_prove_nothing(world):
     box = np.tile([900.0, 400.0, 1000.0, 650.0], (len(world.detections), 1))
-    with pytest.raises(CalibrationError):
+    with pytest.raises(CalibrationError, match="No two cameras see the same people: of 6 pairs"):
         calibrate(Detections(world.detections.frame, world.detections.camera, box), SIZE)
 
 
-def test_one_person_is_a_right_rig_or_none():
+def test_one_person_makes_no_rig_to_be_trusted():
     world = make_world(
         "ring4",
         5,
@@ -223,12 +225,12 @@ def test_one_person_is_a_right_rig_or_none():
         standing=0.0,
         detector=DetectorModel(pixel_noise=3.0, embedding_size=0, false_positives=0.0),
     )
-    try:
-        found = calibrate(world.detections, SIZE)
-    except CalibrationError:
-        return
-    if found.scene.rig.registered.sum() >= 3:
-        assert center_errors(found, world.true_centres)[0].max() < 1.0
+    found = calibrate(world.detections, SIZE)
+    # Two cameras agree on the one person, but a single path can be seen through any lens: one focal
+    # length comes out at less than a third of the truth, and its stated deviation tells.
+    assert found.scene.rig.registered.tolist() == [False, False, True, True]
+    with pytest.raises(CalibrationError, match=r"too badly.*camera 2 to \d+ %, camera 3 to \d+ %"):
+        without_vague_cameras(found, CalibrationSettings())
 
 
 def test_no_boxes_at_all():
