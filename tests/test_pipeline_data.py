@@ -3,23 +3,25 @@
 import dataclasses
 import json
 import re
-from functools import cache
 from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
+from known_sequences import (
+    PAPER,
+    SCENARIOS,
+    localize,
+    moda,
+    of_the_paper,
+    real_path,
+    sequence_of,
+)
 from scipy.spatial.transform import Rotation
 
 import catfree as cf
 from catfree import Settings
-from catfree.adapters import MultiViewSequence, read_scenario, read_uniform_json
-from catfree.evaluation import detection_metrics_in_area
-from catfree.geometry import fit_similarity
 from catfree.geometry.similarity import Similarity, transform_scene
-
-PAPER = Settings.paper()
-SCENARIOS = ("uneven7", "mvx6", "gmvd8", "ring5")
 
 pytestmark = pytest.mark.slow
 
@@ -28,16 +30,6 @@ def changed(stage: str, **fields) -> Settings:
     return dataclasses.replace(
         PAPER, **{stage: dataclasses.replace(getattr(PAPER, stage), **fields)}
     )
-
-
-def localize(sequence: MultiViewSequence, settings: Settings = PAPER) -> cf.Localization:
-    assert sequence.scene is not None
-    return cf.localize(sequence.detections, sequence.scene, settings)
-
-
-@cache
-def scenario(data: Path, name: str) -> MultiViewSequence:
-    return read_scenario(data / "scenarios" / f"public_{name}")
 
 
 def expected(data: Path, name: str) -> dict:
@@ -59,25 +51,10 @@ def tracked_area(path: Path) -> tuple[float, float, float, float] | None:
     return (left, right, bottom, top)
 
 
-def moda(sequence: MultiViewSequence, found: cf.Localization, area=None) -> float:
-    """MODA inside the area, after aligning the rig's centres with the true ones if not metric."""
-    assert sequence.scene is not None
-    position = found.tracks.position
-    if sequence.true_centres is not None and not sequence.scene.metric:
-        align = fit_similarity(np.asarray(sequence.scene.rig.centers), sequence.true_centres)
-        position = np.asarray(align(position))
-    rows = found.tracks.to_rows(position[:, :2])
-    area = sequence.evaluation_area if area is None else area
-    if area is None:
-        area = (-np.inf, np.inf, -np.inf, np.inf)
-    frames = sequence.frames
-    return detection_metrics_in_area(sequence.ground_truth, rows, area, frames).metrics.moda
-
-
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_scenarios_reach_the_reference(shared, name):
-    sequence = scenario(shared / "data", name)
-    found = localize(sequence)
+    sequence = sequence_of(shared / "data", name)
+    found = of_the_paper(shared / "data", name)
     assert moda(sequence, found) >= expected(shared / "data", name)["full"]["moda"] - 1.0
 
 
@@ -96,7 +73,7 @@ def test_scenarios_reach_the_reference(shared, name):
     ],
 )
 def test_ablations_land_where_the_reference_does(shared, name, variant, settings):
-    sequence = scenario(shared / "data", name)
+    sequence = sequence_of(shared / "data", name)
     found = localize(sequence, settings)
     wanted = expected(shared / "data", name)[variant]["moda"]
     assert abs(moda(sequence, found) - wanted) <= 3.0
@@ -115,15 +92,14 @@ def test_ablations_land_where_the_reference_does(shared, name, variant, settings
     ],
 )
 def test_real_detections(shared, name, options, least):
-    path = shared / "data" / "real" / f"{name}.json"
-    sequence = read_uniform_json(path, **options)
-    area = tracked_area(path)
+    sequence = sequence_of(shared / "data", name, **options)
+    area = tracked_area(real_path(shared / "data", name))
     assert area is not None or not name.startswith("cmc")
-    assert moda(sequence, localize(sequence), area) >= least
+    assert moda(sequence, of_the_paper(shared / "data", name, **options), area) >= least
 
 
 def test_a_whole_scenario_moves_with_its_scene(shared, x64):
-    sequence = scenario(shared / "data", "ring5")
+    sequence = sequence_of(shared / "data", "ring5")
     assert sequence.scene is not None
     extent = float(sequence.scene.extent)
     rng = np.random.default_rng(0)
@@ -153,7 +129,7 @@ def test_a_whole_scenario_moves_with_its_scene(shared, x64):
 
 
 def test_float32_and_float64_agree_on_a_scenario(shared):
-    sequence = scenario(shared / "data", "ring5")
+    sequence = sequence_of(shared / "data", "ring5")
     narrow = moda(sequence, localize(sequence))
     with jax.enable_x64(True):
         wide = moda(sequence, localize(sequence))
