@@ -91,10 +91,12 @@ def learn_noise(
         strong, share = np.flatnonzero(cameras >= 2), 0.5
     if len(strong) < FEWEST_GROUPS:
         return noise, 1.0
-    state, _ = mean_and_covariance(groups.info[strong], noise.spread)
+    state, covariance = mean_and_covariance(groups.info[strong], noise.spread)
     heights = state[:, 2]
     center = float(np.median(heights))
-    spread = 1.4826 * float(np.median(np.abs(heights - center))) / center
+    # What is estimated with a prior is drawn to it; what that hides is its own variance.
+    shown = 1.4826 * float(np.median(np.abs(heights - center)))
+    spread = float(np.hypot(shown, np.sqrt(np.median(covariance[:, 2, 2])))) / center
     spread = float(np.clip(spread, *settings.height_spread_range))
     density = crowding(state[:, :2], groups.frame[strong])
 

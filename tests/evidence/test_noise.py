@@ -166,6 +166,21 @@ def test_a_wrong_unit_is_set_right_by_the_median_height(unit):
     assert np.isnan(median_height(cut, views))
 
 
+@settings(max_examples=6)
+@given(st.integers(0, 1000), st.sampled_from([0.05, 0.0625, 0.08, 0.1]), st.floats(0.75, 1.5))
+def test_the_spread_of_heights_is_found(seed, spread, factor):
+    # Heights that are estimated with a prior lie closer together than people do, the more the
+    # noisier the boxes. Where all stand equally far, an offset by box height would explain heights.
+    rules = dataclasses.replace(RULES, residual_field=False)
+    edges = exact(spread)
+    found = noisy(seed, factor * np.array(RULES.edge_noise), edges).learned(rules=rules)[0]
+    rng = np.random.default_rng(0)
+    rng.uniform(size=(PEOPLE, 2))
+    height = spread * rng.standard_normal(PEOPLE)  # as drawn
+    drawn = 1.4826 * np.median(np.abs(height - np.median(height)))
+    assert float(found.spread) == pytest.approx(drawn, rel=0.08)
+
+
 def test_from_few_people_nothing_is_learned():
     few = Crowd(exact()[:9])
     noise, ratio = few.learned(rounds=1)
@@ -191,7 +206,11 @@ def test_crowding_is_people_over_the_ground_that_they_use(seed, people, frames):
     rng = np.random.default_rng(seed)
     place = rng.uniform(-9, 9, (people, 2))
     found = crowding(np.tile(place, (frames, 1)), np.repeat(np.arange(frames), people))
-    cells = {(int(x // 2), int(y // 2)) for x, y in place}
-    assert found == pytest.approx(min(people / (4 * len(cells)), 1.0))
+    # The ground within a step of anybody, by Monte Carlo.
+    points = rng.uniform(-11, 11, (40000, 2))
+    distance = np.hypot(*np.moveaxis(points[:, None] - place, -1, 0)).min(1)
+    used = (distance < 2 / np.sqrt(np.pi)).mean()
+    noise = 4 * np.sqrt((1 - used) / used / len(points))  # deviations of the Monte Carlo
+    assert found == pytest.approx(min(people / (used * 22**2), 1.0), rel=noise + 0.04)
     order = rng.permutation(people)
-    assert crowding(place[order], np.zeros(people, int)) == found
+    assert crowding(place[order], np.zeros(people, int)) == pytest.approx(found, rel=1e-9)
