@@ -14,7 +14,7 @@ from catfree.adapters.video import SynchronizedVideos
 from catfree.cache import StageCache
 from catfree.errors import InvalidInputError
 from catfree.rig import Calibration
-from catfree.settings import CalibrationSettings, Settings
+from catfree.settings import Settings
 from catfree.stages import calibrate_cameras, detect, detect_again, localize_people, reconstruct
 from catfree.types import Detections, Localization, Scene
 from catfree.types.validation import require_instance
@@ -67,13 +67,18 @@ def run(
         reconstructor: finds the cameras from the pictures of one instant.
         scene: known cameras and ground. Without scene and reconstructor both are found from the
             people who walk through the pictures (`calibrate`), in metres.
-        settings: of the localization, `Settings()` if None.
+        settings: of calibration and localization, `Settings()` if None. The calibration takes the
+            detector's `box_slack`, if it states one, unless the settings say another than usual,
+            and boxes of a score of at least `calibration_confidence`.
         cache_dir: folder in which finished stages are kept. A run that was killed goes on from
             there with an identical result; other videos, weights, settings or code never reuse it.
         progress: called as `progress(stage, done, total)`.
 
     Returns:
-        What `localize` gives for the scene.
+        What `localize` gives for the scene. With the default method, and a detector that learns
+        each camera's background, after a second look at the pictures where the tracks of the first
+        say that people should stand; and with the pieces of one person's track joined by their
+        looks (`catfree.trajectories.stitch`).
 
     Raises:
         InvalidInputError: if a video does not exist or the scene has other cameras.
@@ -102,7 +107,6 @@ def run_stages(
     scene: Scene | None = None,
     settings: Settings | None = None,
     *,
-    calibration_settings: CalibrationSettings | None = None,
     cache_dir: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
 ) -> RunOutcome:
@@ -115,7 +119,6 @@ def run_stages(
         reconstructor: as `run`.
         scene: as `run`.
         settings: as `run`.
-        calibration_settings: of the calibration from people, its defaults if None.
         cache_dir: as `run`.
         progress: as `run`.
 
@@ -160,7 +163,7 @@ def run_stages(
         scene = reconstruct(videos, reconstructor, detections, cache=cache, progress=progress)
     elif scene is None:
         calibration = calibrate_cameras(
-            videos, detector, detections, calibration_settings, cache=cache, progress=progress
+            videos, detector, detections, settings, cache=cache, progress=progress
         )
         scene = calibration.scene
     if settings.method != "paper" and isinstance(detector, FittedToCamera):

@@ -27,10 +27,6 @@ from catfree.types import Detections, Localization, Scene
 Progress = Callable[[str, int, int], None]
 T = TypeVar("T")
 
-# A rig needs boxes whose edges are right more than it needs everybody: half-hidden people and
-# doubtful splits of groups score lower than this.
-CALIBRATION_CONFIDENCE = 0.55
-
 
 def detect(
     videos: SynchronizedVideos,
@@ -51,7 +47,7 @@ def calibrate_cameras(
     videos: SynchronizedVideos,
     detector: Detector | FittedToCamera,
     detections: Detections,
-    settings: CalibrationSettings | None = None,
+    settings: Settings | None = None,
     *,
     cache: StageCache | None = None,
     progress: Progress | None = None,
@@ -60,21 +56,27 @@ def calibrate_cameras(
 
     Args:
         videos: whose picture sizes and names count.
-        detector: whose boxes they are; its `box_slack`, if it states one, replaces the default's.
-        detections: everybody whom the cameras saw.
-        settings: of the calibration, its defaults if None.
+        detector: whose boxes they are; its `box_slack`, if it states one, replaces the default.
+        detections: everybody whom the cameras saw; those of a score below
+            `settings.calibration_confidence` do not take part.
+        settings: of the run; its `calibration`, `evidence` and confidences count.
         cache: where a finished calibration is.
         progress: called as `progress(stage, done, total)`.
 
     Raises:
         CalibrationError: if no rig can be found from the people.
     """
-    if settings is None:
-        settings = CalibrationSettings()
-        slack = getattr(detector, "box_slack", settings.box_slack)
-        settings = dataclasses.replace(settings, box_slack=slack)
-    if detections.score is not None:
-        detections = detections[detections.score >= CALIBRATION_CONFIDENCE]
+    given = Settings() if settings is None else settings
+    rules, usual = given.calibration, CalibrationSettings.box_slack
+    if rules.box_slack == usual:
+        rules = dataclasses.replace(rules, box_slack=getattr(detector, "box_slack", usual))
+    # Nothing else of the settings counts: changing it leaves a finished calibration as it is.
+    settings = Settings(
+        confidence=max(given.confidence, given.calibration_confidence),
+        calibration_confidence=given.calibration_confidence,
+        evidence=given.evidence,
+        calibration=rules,
+    )
     return _cached(
         cache,
         "calibration",

@@ -3,13 +3,14 @@
 import multiprocessing
 import os
 import signal
+from dataclasses import replace
 from functools import cache
 
 import cv2
 import numpy as np
 import pytest
 
-from catfree import cache as cache_module
+from catfree import cache as cache_module, stages as stages_module
 from catfree.adapters import ColorEmbedder, FrameDetections, SynchronizedVideos
 from catfree.cache import StageCache, content_hash
 from catfree.cached_detection import PIECE
@@ -21,7 +22,7 @@ from catfree.errors import (
 )
 from catfree.pipeline import localize
 from catfree.run import run, run_stages
-from catfree.settings import Settings
+from catfree.settings import CalibrationSettings, EvidenceSettings, Settings
 from catfree.stages import detect
 from catfree.synthetic import make_world
 from catfree.synthetic.layouts import ring
@@ -240,6 +241,37 @@ def test_doubtful_boxes_do_not_calibrate(pictures):
     doubtful = ReadsItsPicture(small_world().detections, score=0.5)
     with pytest.raises((CalibrationError, InsufficientDataError)):
         run(pictures, doubtful)
+
+
+def test_the_calibration_gets_the_settings_of_the_run(pictures, monkeypatch):
+    given = []
+
+    def pretend(detections, image_size, settings, **options):
+        given.append((detections, settings))
+        raise CalibrationError("pretended")
+
+    monkeypatch.setattr(stages_module, "calibrate", pretend)
+    detector = ReadsItsPicture(small_world().detections, score=0.5)
+    rules = Settings(
+        calibration_confidence=0.4,
+        calibration=CalibrationSettings(person_height=1.2, maximum_frames=7),
+        evidence=EvidenceSettings(passes=2),
+    )
+    drawn_tight = replace(rules, calibration=replace(rules.calibration, box_slack=0.01))
+    for settings, slack, states in (
+        (rules, CalibrationSettings.box_slack, False),
+        (rules, 0.0, True),
+        (drawn_tight, 0.01, True),
+    ):
+        if states:
+            detector.box_slack = 0.0
+        with pytest.raises(CalibrationError, match="pretended"):
+            run(pictures, detector, settings=settings)
+        detections, found = given[-1]
+        assert len(detections) == len(small_world().detections)
+        assert found.confidence == 0.4  # which `calibrate` drops boxes below
+        assert found.evidence == rules.evidence
+        assert found.calibration == replace(settings.calibration, box_slack=slack)
 
 
 def test_a_full_disk_stops_the_run_with_a_sentence(pictures, tmp_path, monkeypatch):

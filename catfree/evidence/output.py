@@ -117,6 +117,7 @@ def describe(
     likely = (s.probability > 0.5) & (s.trails.group >= 0)
     fate[s.trails.group[likely & ~s.kept]] = Fate.UNCERTAINTY_FILTER
     fate[s.trails.group[likely & s.suppressed]] = Fate.SUPPRESSED
+    fate[s.trails.group[likely & s.outside]] = Fate.WORKING_AREA
     fate[trails.group[seen]] = Fate.ACCEPTED
     support = np.where(s.groups.member >= 0, s.boxes.row[s.groups.member], -1)
     sigma = np.sqrt((s.covariance[:, 0, 0] + s.covariance[:, 1, 1]) / 2) * unit
@@ -125,7 +126,7 @@ def describe(
         position=_on_plane(s.state[:, :2] * unit + s.views.origin, scene),
         sigma=sigma,
         ground_distance=np.zeros(len(sigma)),  # the state lives on the ground
-        rms_angle=np.zeros(len(sigma)),
+        rms_angle=np.full(len(sigma), np.nan),
         support=support,
         score=s.existence.log_odds,
         fate=fate,

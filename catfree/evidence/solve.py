@@ -28,6 +28,7 @@ from catfree.types import Detections, Scene
 
 Progress = Callable[[str, int, int], None]
 SURE_LOG_ODDS = 3.0  # groups that teach how fast people move
+VAGUEST_PRIOR = 0.05  # per H0²: a tracked person is somewhere within a few metres
 
 
 class EvidenceSolution(eqx.Module):
@@ -40,6 +41,7 @@ class EvidenceSolution(eqx.Module):
         trails: the tracks; `evidence`: (M,) log-odds of each of their rows;
         probability: (M,) that the person was there.
         suppressed: (M,) people in the place of a better supported one.
+        outside: (M,) people beyond the ground that the rig covers.
         kept: (M,) whether it is reported.
         position_covariance: (M, 2, 2) with sway, uneven ground and pose errors, as reported.
     """
@@ -56,6 +58,7 @@ class EvidenceSolution(eqx.Module):
     evidence: Float[np.ndarray, " node"]
     probability: Float[np.ndarray, " node"]
     suppressed: Bool[np.ndarray, " node"]
+    outside: Bool[np.ndarray, " node"]
     kept: Bool[np.ndarray, " node"]
     position_covariance: Float[np.ndarray, "node 2 2"]
 
@@ -164,13 +167,14 @@ def _solve(
     within = probability_within(position_covariance, settings.report_radius)
     sharp = (found.probability > 0.5) & (within > 0.5)
     kept = alone_in_place(trails, found.evidence, sharp, settings.personal_space)
-    suppressed = sharp & ~kept
+    suppressed, outside = sharp & ~kept, np.zeros_like(kept)
     if settings.working_area:
         rows = np.flatnonzero(kept)
         member = np.full((len(rows), boxes.table.shape[1]), -1)
         seen = predict_views(trails.mean[rows, :3], trails.frame[rows], member, boxes, views)
         cameras = len(np.unique(boxes.camera[: len(boxes.row)]))
         kept[rows] = in_working_area(trails.mean[rows, :3], seen, views, noise, cameras, settings)
+        outside[rows] = ~kept[rows]
     # An error of the whole map leaves everybody where they are among the others: it widens what is
     # reported and does not decide who is.
     if settings.pose_errors:
@@ -179,7 +183,8 @@ def _solve(
         )
     return EvidenceSolution(
         boxes=boxes, views=views, noise=noise, measurements=measured, kept=kept,
-        suppressed=suppressed, position_covariance=position_covariance, **found._asdict(),
+        suppressed=suppressed, outside=outside, position_covariance=position_covariance,
+        **found._asdict(),
     )  # fmt: skip
 
 
@@ -234,6 +239,3 @@ def _track_priors(trails: Trails, groups: Groups) -> Priors:
     mean = np.einsum("nij,nj->ni", covariance, vector)
     order = np.lexsort((trails.track, trails.frame))
     return Priors(trails.frame[order], mean[order], covariance[order])
-
-
-VAGUEST_PRIOR = 0.05  # per H0²: a tracked person is somewhere within a few metres

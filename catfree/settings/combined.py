@@ -24,6 +24,9 @@ class Settings:
 
     Attributes:
         confidence: detections below this score are ignored, where scores exist.
+        calibration_confidence: the same for a rig that `run` finds from people, which needs boxes
+            whose edges are right more than it needs everybody: half-hidden people and doubtful
+            splits of groups score lower.
         method: "evidence" for catfree's own method, "paper" for CAT-Free as published.
         rays: the paper's ray reliability.
         tracklets: the paper's per-camera tracks.
@@ -36,6 +39,7 @@ class Settings:
     """
 
     confidence: float = 0.30
+    calibration_confidence: float = 0.55
     method: Method = "evidence"
     rays: RaySettings = field(default_factory=RaySettings)
     tracklets: TrackletSettings = field(default_factory=TrackletSettings)

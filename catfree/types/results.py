@@ -12,7 +12,22 @@ from catfree.types.archive import load_arrays, save_arrays
 
 
 class Fate(IntEnum):
-    """What became of a candidate: accepted, recovered, or the first filter that removed it."""
+    """What became of a candidate: accepted, recovered, or the first filter that removed it.
+
+    Attributes:
+        ACCEPTED: a position of a track, both methods.
+        RECOVERED: brought back by the paper's recovery.
+        RMS_GATE: the paper's angular consistency.
+        UNCERTAINTY_FILTER: too uncertain: the paper's threshold on sigma; in the evidence method
+            less likely than not to be right within `report_radius`.
+        GROUND_FILTER: the paper's ground-distance threshold.
+        SUPPORT_FILTER: too little weighted support, the paper's method.
+        TEMPORAL_FILTER: no partner in neighbouring frames, the paper's method.
+        SUPPRESSED: a better position stands in the same place, both methods.
+        EXISTENCE: more speaks against a person than for one, evidence method.
+        TRACKING: in no track that lasts, evidence method.
+        WORKING_AREA: beyond the ground that the rig covers, evidence method.
+    """
 
     ACCEPTED = 0
     RECOVERED = 1
@@ -24,10 +39,17 @@ class Fate(IntEnum):
     SUPPRESSED = 7
     EXISTENCE = 8
     TRACKING = 9
+    WORKING_AREA = 10
 
 
 class Origin(IntEnum):
-    """Where a track's position comes from."""
+    """Where a track's position comes from.
+
+    Attributes:
+        DETECTED: boxes of this frame.
+        EXTENDED: the paper's extension of a track beyond its ends.
+        INTERPOLATED: the frames before and after.
+    """
 
     DETECTED = 0
     EXTENDED = 1
@@ -39,12 +61,15 @@ class Candidates(eqx.Module):
 
     Attributes:
         frame: (H,) frame of each hypothesis.
-        position: (H, 3) free 3-D position in scene units.
-        sigma: (H,) ground uncertainty of Eq. sigma in scene units, inf below two cameras.
-        ground_distance: (H,) unsigned distance g to the ground in scene units.
-        rms_angle: (H,) RMS angular residual of its own rays in radians.
+        position: (H, 3) in scene units; the paper's method: free in 3-D; evidence: on the ground.
+        sigma: (H,) ground uncertainty in scene units; the paper's method: Eq. sigma, inf below two
+            cameras; evidence: of this frame's boxes alone, finite for one camera too.
+        ground_distance: (H,) unsigned distance g of the position to the ground in scene units.
+        rms_angle: (H,) RMS angular residual of its own rays in radians; NaN with the evidence
+            method, which compares boxes, not rays.
         support: (H, C) index of the supporting detection of each camera, or -1.
-        score: (H,) auxiliary score that breaks ties of suppression.
+        score: (H,) the paper's method: auxiliary score that breaks ties of suppression; evidence:
+            log-odds that a person is there, from this frame alone.
         fate: (H,) `Fate` values.
     """
 
@@ -74,8 +99,9 @@ class Tracks(eqx.Module):
         position: (M, 3) on the ground plane, scene units.
         ground_xy: (M, 2) coordinates along the plane's basis P (`Pᵀ position`): x, y in metres
             for a metric scene with z up.
-        sigma: (M,) ground uncertainty (Eq. sigma) in scene units.
-        covariance: (M, 2, 2) of `ground_xy`, scene units squared (`Pᵀ Λ⁻¹ P`).
+        sigma: (M,) ground uncertainty sqrt(trace(covariance) / 2) in scene units (Eq. sigma).
+        covariance: (M, 2, 2) of `ground_xy`, scene units squared; the paper's method: `Pᵀ Λ⁻¹ P`;
+            evidence: smoothed over time, with sway, uneven ground and the error of the whole map.
         supporting_cameras: (M,) number of cameras that support the position.
         origin: (M,) `Origin` values.
         existence: (M,) probability that a person is there, or None where the method gives none.
@@ -151,9 +177,11 @@ class Reliability(eqx.Module):
 
     Attributes:
         median_sigma: median sigma of the tracks in scene units (NaN without tracks).
-        sigma_over_radius: the same over the suppression radius.
+        sigma_over_radius: the same over the paper's suppression radius, or over the radius within
+            which the evidence method calls a position right (`report_radius`).
         fraction_recovered: share of the accepted candidates that the recovery brought back.
-        fraction_extended: share of the track positions that are extensions.
+        fraction_extended: share of the track positions that no box of their frame supports: the
+            paper's extensions, the evidence method's gaps.
         mean_supporting_cameras: cameras a position, on average.
         detections_used: share of the detections that support an accepted position.
         expected_precision: share of the reported positions that are right, by the method's own

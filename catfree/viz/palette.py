@@ -35,6 +35,7 @@ FATE_COLORS: dict[Fate, Color] = {
     Fate.SUPPORT_FILTER: (120, 60, 130),
     Fate.EXISTENCE: (140, 100, 40),
     Fate.TRACKING: (90, 90, 90),
+    Fate.WORKING_AREA: (150, 150, 60),
     Fate.GROUND_FILTER: (230, 159, 0),
     Fate.UNCERTAINTY_FILTER: (213, 94, 0),
     Fate.RMS_GATE: (190, 190, 190),
