@@ -2,7 +2,6 @@
 
 import json
 import os
-import tempfile
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from catfree.errors import FileFormatError, InvalidInputError
+from catfree.types.archive import replacing
 
 StrPath = str | os.PathLike[str]
 T = TypeVar("T")
@@ -148,25 +148,25 @@ def write_bytes_atomically(path: StrPath, content: bytes) -> Path:
     """Write a file so that a reader never sees half of it.
 
     Raises:
-        InvalidInputError: if the folder does not exist.
+        InvalidInputError: if the folder does not exist, or the path is one itself.
         OSError: if the disk is full or not writable; no partial file is left behind.
     """
-    target = Path(path)
-    if not target.parent.is_dir():
-        raise InvalidInputError(
-            f"Cannot write {target}: the folder {target.parent} does not exist. Create it first."
-        )
-    descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-    try:
-        with os.fdopen(descriptor, "wb") as stream:
-            stream.write(content)
-        os.replace(temporary, target)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-    return target
+    with replacing(path) as stream:
+        stream.write(content)
+    return Path(path)
 
 
 def write_text_atomically(path: StrPath, content: str) -> Path:
-    """Write UTF-8 text so that a reader never sees half of it; see `write_bytes_atomically`."""
-    return write_bytes_atomically(path, content.encode("utf-8"))
+    """Write UTF-8 text so that a reader never sees half of it; see `write_bytes_atomically`.
+
+    Raises:
+        InvalidInputError: if the text holds what UTF-8 cannot, such as a name in another encoding.
+    """
+    try:
+        encoded = content.encode("utf-8")
+    except UnicodeEncodeError as error:
+        part = ascii(content[max(error.start - 20, 0) : error.end + 20])
+        raise InvalidInputError(
+            f"Cannot write {path}: {part} is not valid UTF-8. Rename what it names."
+        ) from error
+    return write_bytes_atomically(path, encoded)

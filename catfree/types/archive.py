@@ -1,11 +1,13 @@
 """Arrays to and from one `.npz` file: no pickle, atomic, bit for bit."""
 
+import contextlib
 import os
 import uuid
 import zipfile
 import zlib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -41,6 +43,20 @@ def save_arrays(path: str | os.PathLike[str], kind: str, arrays: Mapping[str, ob
         InvalidInputError: if the folder does not exist, or the path is one itself.
         OSError: if the disk is full or not writable; no partial file is left behind.
     """
+    present = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
+    with replacing(path) as stream:
+        np.savez_compressed(stream, allow_pickle=False, **{_KIND: np.array(kind)}, **present)
+    return Path(path)
+
+
+@contextlib.contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """A stream whose content takes the place of a file once all of it is written.
+
+    Raises:
+        InvalidInputError: if the folder does not exist, or the path is one itself.
+        OSError: if the disk is full or not writable; no partial file is left behind.
+    """
     target = Path(path)
     if not target.parent.is_dir():
         raise InvalidInputError(
@@ -48,17 +64,15 @@ def save_arrays(path: str | os.PathLike[str], kind: str, arrays: Mapping[str, ob
         )
     if target.is_dir():
         raise InvalidInputError(f"Cannot write {target}: it is a folder. Name a file in it.")
-    present = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
     # Not a file of `tempfile`, which only its owner may read.
     temporary = target.with_name(f".{target.name}.{uuid.uuid4().hex}")
     try:
         with temporary.open("xb") as stream:
-            np.savez_compressed(stream, allow_pickle=False, **{_KIND: np.array(kind)}, **present)
+            yield stream
         os.replace(temporary, target)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-    return target
 
 
 def load_arrays(
