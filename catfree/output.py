@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.adapters.anipose_toml import write_anipose_toml
+from catfree.adapters.camera_names import distinct_names, file_names
 from catfree.adapters.colmap import write_colmap_text
 from catfree.adapters.documents import write_bytes_atomically
 from catfree.adapters.motchallenge import write_mot_boxes, write_mot_ground
@@ -110,7 +111,7 @@ def write_rig(
     root = Path(folder)
     (root / "rig").mkdir(parents=True, exist_ok=True)
     # COLMAP separates its columns by spaces.
-    joined = ["_".join(name.split()) for name in camera_names]
+    joined = distinct_names(["_".join(name.split()) for name in camera_names])
     colmap = write_colmap_text(root / "rig" / "colmap", scene.rig, joined)
     return [
         write_scene_json(root / SCENE_FILE, scene, camera_names),
@@ -256,8 +257,8 @@ def _write_boxes(root: Path, outcome: RunOutcome, identity: Int[np.ndarray, " n"
     root.mkdir(exist_ok=True)
     detections: Detections = outcome.detections
     files = []
-    for camera, name in enumerate(outcome.camera_names):
+    for camera, name in enumerate(file_names(outcome.camera_names)):
         rows = detections.camera == camera
-        path = root / f"{name.replace('/', '_')}.txt"
+        path = root / f"{name}.txt"
         files.append(write_mot_boxes(path, detections[rows], outcome.frames, identity[rows]))
     return files

@@ -103,8 +103,8 @@ def write_colmap_text(
         The folder.
 
     Raises:
-        InvalidInputError: if no camera is registered, a name has a space, or a K has skew, which
-            COLMAP's models do not know.
+        InvalidInputError: if the folder cannot be made, no camera is registered, a name has a
+            space, or a K has skew, which COLMAP's models do not know.
     """
     root = Path(folder)
     rig, labels = registered_cameras(rig, names, root)
@@ -138,6 +138,12 @@ def write_colmap_text(
     cloud = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
     scene = np.empty((0, 3)) if points is None else np.asarray(points, np.float64)
     cloud += [f"{at + 1} {_row(point)} 128 128 128 0" for at, point in enumerate(scene)]
+    if not root.parent.is_dir():
+        raise InvalidInputError(
+            f"Cannot write {root}: the folder {root.parent} does not exist. Create it first."
+        )
+    if root.exists() and not root.is_dir():
+        raise InvalidInputError(f"Cannot write {root}: the path {root.name} is not a folder.")
     root.mkdir(exist_ok=True)
     for file, lines in (("cameras", cameras), ("images", images), ("points3D", cloud)):
         write_text_atomically(root / f"{file}.txt", "\n".join(lines) + "\n")

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from catfree.adapters.camera_names import is_text
 from catfree.adapters.documents import StrPath
 from catfree.errors import InvalidInputError
 from catfree.types import Rig
@@ -30,12 +31,18 @@ def default_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
     """The given names, or C1, C2, ...
 
     Raises:
-        InvalidInputError: if there are not as many names as cameras, or two are alike.
+        InvalidInputError: if there are not as many names as cameras, two are alike, or one is no
+            text.
     """
     if names is None:
         return tuple(f"C{camera + 1}" for camera in range(rig.camera_count))
     if len(names) != rig.camera_count:
         raise InvalidInputError(f"Got {len(names)} names for {rig.camera_count} cameras.")
+    for camera, name in enumerate(names):
+        if not (isinstance(name, str) and is_text(name)):
+            raise InvalidInputError(
+                f"The name of camera {camera} is {name!a}; it must be text that UTF-8 can hold."
+            )
     if len(set(names)) < len(names):
         raise InvalidInputError(f"Two cameras have the same name: {', '.join(names)}.")
     return tuple(names)

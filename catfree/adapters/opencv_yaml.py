@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from catfree.adapters.camera_names import file_names
 from catfree.adapters.distortion import five_coefficients
 from catfree.adapters.documents import (
     StrPath,
@@ -103,7 +104,8 @@ def write_opencv_yaml(
     Args:
         folder: must exist.
         rig: the cameras.
-        names: (C,) file names without suffix; C1, C2, ... if None.
+        names: (C,) file names without suffix, in which `_` takes the place of `/`; C1, C2, ... if
+            None.
 
     Returns:
         The paths, in the order of the rig.
@@ -115,7 +117,7 @@ def write_opencv_yaml(
     rig, labels = registered_cameras(rig, names, folder)
     lens = np.zeros((rig.camera_count, 5)) if rig.distortion is None else rig.distortion
     paths = []
-    for at, name in enumerate(labels):
+    for at, name in enumerate(file_names(labels)):
         width, height = rig.image_size[at]
         matrices = {
             "camera_matrix": np.asarray(rig.K)[at],

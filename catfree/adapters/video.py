@@ -3,13 +3,13 @@
 import contextlib
 import math
 import os
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Int
 
+from catfree.adapters.camera_names import names_of_files
 from catfree.adapters.fingerprint import hash_parameters
 from catfree.adapters.protocols import Image
 from catfree.adapters.video_sources import FrameReader, VideoSource, open_source
@@ -60,7 +60,8 @@ class SynchronizedVideos:
                 damage come too early; "raise" refuses such a file.
 
         Raises:
-            InvalidInputError: if a path does not exist or a parameter is impossible.
+            InvalidInputError: if a path does not exist or is given twice, or a parameter is
+                impossible.
             FileFormatError: if a file cannot be decoded at all.
             InsufficientDataError: if the cameras share no tick.
         """
@@ -79,7 +80,7 @@ class SynchronizedVideos:
             )
         self._sources = [_open_camera(camera, path) for camera, path in enumerate(paths)]
         self._offsets, self._keep = shifts, on_error == "keep"
-        self.camera_names: list[str] = _camera_names(self._sources)
+        self.camera_names: list[str] = names_of_files([s.path for s in self._sources])
         self._rate = self._common_rate(frame_rate)
         self._ticks = self._shared_ticks(start, end, stride)
         self._stride = stride
@@ -258,16 +259,3 @@ def _open_camera(camera: int, path: str | os.PathLike[str]) -> VideoSource:
         return open_source(path)
     except CatFreeError as error:
         raise type(error)(f"Camera {camera}: {error}") from error
-
-
-def _camera_names(sources: Sequence[VideoSource]) -> list[str]:
-    """Names of files or folders, with so many parents that no two are equal."""
-    places = [s.path.resolve() for s in sources]
-    bare = [p.with_suffix("") if p.is_file() else p for p in places]
-    names = [p.name for p in bare]
-    depth = 1
-    deepest = max(len(p.parts) for p in bare)
-    while depth < deepest and max(Counter(names).values()) > 1:
-        depth += 1
-        names = ["/".join(p.parts[-depth:]) for p in bare]
-    return names

@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from catfree.adapters.camera_names import require_readable_name
 from catfree.adapters.fingerprint import hash_file
 from catfree.adapters.protocols import Image
 from catfree.errors import FileFormatError, InvalidInputError
@@ -62,10 +63,12 @@ def open_source(path: str | os.PathLike[str]) -> VideoSource:
     """A folder of images or a video file.
 
     Raises:
-        InvalidInputError: if there is nothing at that path, or a folder without images.
+        InvalidInputError: if there is nothing at that path, it is not UTF-8, or a folder without
+            images.
         FileFormatError: if its first picture cannot be decoded.
     """
     place = Path(path)
+    require_readable_name(place)
     if place.is_dir():
         return ImageFolder(place)
     if not place.is_file():

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -410,6 +411,29 @@ def test_unsupported_lenses_are_refused(tmp_path):
     cameras.write_text(cameras.read_text().replace("PINHOLE", "OPENCV_FISHEYE"))
     with pytest.raises(FileFormatError, match="OPENCV_FISHEYE"):
         read_colmap(tmp_path / "sparse")
+
+
+def test_opencv_files_stay_in_their_folder(tmp_path):
+    (tmp_path / "rigs").mkdir()
+    files = write_opencv_yaml(tmp_path / "rigs", _ring(3), ["../evil", "a/b", "a_b"])
+    assert [file.name for file in files] == ["_evil.yml", "a_b.yml", "a_b_C3.yml"]
+    assert {file.parent for file in files} == {tmp_path / "rigs"}
+    assert os.listdir(tmp_path) == ["rigs"]
+
+
+def test_names_of_cameras_are_text(tmp_path):
+    for write in (write_colmap_text, write_anipose_toml, write_opencv_yaml, write_rig_json):
+        with pytest.raises(InvalidInputError, match="name of camera 1 is"):
+            write(tmp_path / "file", _ring(2), ["a", "gr\udcf6"])
+    assert os.listdir(tmp_path) == []
+
+
+def test_colmap_needs_the_folder_above(tmp_path):
+    with pytest.raises(InvalidInputError, match="nowhere does not exist"):
+        write_colmap_text(tmp_path / "nowhere" / "colmap", _ring(2))
+    (tmp_path / "file").touch()
+    with pytest.raises(InvalidInputError, match="file is not a folder"):
+        write_colmap_text(tmp_path / "file", _ring(2))
 
 
 def test_colmap_refuses_what_it_cannot_say(tmp_path):

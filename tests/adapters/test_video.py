@@ -1,3 +1,5 @@
+import os
+
 import cv2
 import numpy as np
 import pytest
@@ -190,7 +192,24 @@ def test_names_tell_cameras_apart(tmp_path):
     assert SynchronizedVideos(paths[:1]).camera_names == ["video"]
 
 
+def test_videos_that_differ_in_suffix_only(tmp_path):
+    paths = [write_video(tmp_path / f"cam{suffix}", 2) for suffix in (".mp4", ".avi")]
+    assert SynchronizedVideos(paths).camera_names == ["cam.mp4", "cam.avi"]
+    with pytest.raises(InvalidInputError, match="Cameras 0 and 1 are the same video"):
+        SynchronizedVideos([paths[0], paths[0]])
+
+
 # What can be wrong.
+
+
+def test_a_path_that_is_no_text_is_refused_when_opened(tmp_path):
+    name = os.fsdecode(b"gr\xf6\xdfe")
+    video = tmp_path / f"{name}.avi"
+    video.write_bytes(write_video(tmp_path / "a.avi", 2).read_bytes())
+    folder = write_folder(tmp_path / "f", range(2)).rename(tmp_path / name)
+    for path in (video, folder):
+        with pytest.raises(InvalidInputError, match=r"Camera 0: The path .*gr\\udcf6.*Rename it"):
+            SynchronizedVideos([path])
 
 
 def truncate(path, share=0.5):
