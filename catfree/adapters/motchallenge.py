@@ -16,6 +16,9 @@ from catfree.types import Detections, Tracks
 # axis by d overlap by (s - d) / (s + d), which is 0.5 at d = s / 3.
 _SIDES_PER_THRESHOLD = 3.0
 
+# Beyond it, not every whole number is a float.
+_LARGEST = 2.0**53
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MotTable:
@@ -101,6 +104,11 @@ def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
             raise InvalidInputError(f"{source}: line {line} has a number that is not finite.")
         if rows[-1][0] != int(rows[-1][0]) or rows[-1][1] != int(rows[-1][1]):
             raise FileFormatError(f"{source}: frame and id of line {line} must be whole numbers.")
+        if max(abs(rows[-1][0]), abs(rows[-1][1])) >= _LARGEST:
+            raise FileFormatError(
+                f"{source}: frame or id of line {line} is too large to be counted exactly; they "
+                "must stay below 2^53."
+            )
     table = np.array(rows, np.float64).reshape(-1, columns or 6)
     frame = table[:, 0].astype(np.int64)
     if frames is not None:

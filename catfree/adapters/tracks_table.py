@@ -67,7 +67,10 @@ def read_tracks_csv(path: StrPath) -> Tracks:
         FileFormatError: naming the column or line that is not of this form.
     """
     source = Path(path)
-    lines = list(csv.reader(io.StringIO(read_text(source, "tracks"))))
+    try:
+        lines = list(csv.reader(io.StringIO(read_text(source, "tracks"))))
+    except csv.Error as error:
+        raise FileFormatError(f"{source} is not valid CSV: {error}.") from error
     header, rows = (lines[0], lines[1:]) if lines else ([], [])
     missing = [name for name in _COLUMNS if name not in header]
     if missing:
@@ -86,7 +89,7 @@ def read_tracks_csv(path: StrPath) -> Tracks:
                 column[name] = np.array([Origin[value.upper()] for value in values], np.int64)
             else:
                 column[name] = np.array(values, np.int64 if name in _WHOLE else np.float64)
-        except (ValueError, KeyError) as error:
+        except (ValueError, KeyError, OverflowError) as error:
             raise FileFormatError(f"{source}: column {name!r} is invalid: {error}.") from error
     cross = column["covariance_xy"]
     covariance = [[column["covariance_xx"], cross], [cross, column["covariance_yy"]]]
@@ -126,7 +129,12 @@ def write_tracks_parquet(path: StrPath, tracks: Tracks) -> Path:
             "Writing Parquet needs pyarrow: pip install 'catfree[parquet]'."
         ) from error
     sink = pyarrow.BufferOutputStream()
-    table = pyarrow.table({name: column.tolist() for name, column in _columns(tracks).items()})
+    # Named, because columns without rows say nothing about their types.
+    kinds = {name: pyarrow.int64() for name in _WHOLE} | {"origin": pyarrow.string()}
+    columns = _columns(tracks)
+    schema = pyarrow.schema([(name, kinds.get(name, pyarrow.float64())) for name in columns])
+    rows = {name: column.tolist() for name, column in columns.items()}
+    table = pyarrow.table(rows, schema=schema)
     pyarrow.parquet.write_table(table, sink)
     return write_bytes_atomically(path, sink.getvalue().to_pybytes())
 

@@ -101,6 +101,11 @@ class Detections(eqx.Module):
             require_shape(self.ankles_confirmed, (n,), "ankles_confirmed")
         if self.embedding is not None:
             require_shape(self.embedding, (n, None), "embedding")
+            if n and self.embedding.shape[1] == 0:
+                raise InvalidInputError(
+                    f"embedding has shape ({n}, 0): it says nothing about what people look like. "
+                    "Pass None if there is none."
+                )
             require_finite(self.embedding, "embedding")
         if self.keypoints is not None:
             require_shape(self.keypoints, (n, 17, 3), "keypoints")

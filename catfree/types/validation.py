@@ -35,14 +35,22 @@ def _as_array(value: Any) -> np.ndarray:
         ) from error
 
 
+def _require_real(dtype: Any) -> None:
+    """Raise for complex numbers, which would lose their imaginary part, and for dates."""
+    if np.dtype(dtype).kind in "cmM":
+        raise InvalidInputError(f"Expected real numbers, got {dtype} values.")
+
+
 def as_float(value: Any) -> Any:
     """Float arrays keep their dtype, JAX arrays stay JAX arrays, other numbers become float64.
 
     JAX arrays of whole numbers become JAX's default float.
     """
     if isinstance(value, jax.Array):
+        _require_real(value.dtype)
         return value if value.dtype in (jnp.float32, jnp.float64) else value.astype(float)
     array = _as_array(value)
+    _require_real(array.dtype)
     if array.dtype not in (np.float32, np.float64):
         try:
             array = array.astype(np.float64)
@@ -56,16 +64,18 @@ def as_integer(value: Any, name: str) -> np.ndarray:
     array = _as_array(value)
     if array.size == 0:
         return array.astype(np.int64)
-    if array.dtype == bool or not np.issubdtype(array.dtype, np.number):
+    if array.dtype.kind not in "iuf":
         raise InvalidInputError(f"{name} must hold whole numbers, got dtype {array.dtype}.")
-    if not np.issubdtype(array.dtype, np.integer):
-        # 2^63 and beyond would wrap around in int64.
-        fraction = ~(np.abs(array) < 2.0**63) | (array != np.round(array))
-        if fraction.any():
-            at = first_index(fraction)
-            raise InvalidInputError(
-                f"{name}[{at}] is {array[np.argwhere(fraction)[0][0]]}; it must be a whole number."
-            )
+    # 2^63 and beyond would wrap around in int64.
+    if array.dtype.kind == "f":
+        bad = ~(np.abs(array) < 2.0**63) | (array != np.round(array))
+    else:
+        bad = array > np.iinfo(np.int64).max
+    if bad.any():
+        entry = f"{name}[{first_index(bad)}]" if bad.ndim else name
+        raise InvalidInputError(
+            f"{entry} is {array[bad][0]}; it must be a whole number of at most 63 bits."
+        )
     return array.astype(np.int64)
 
 

@@ -17,6 +17,7 @@ from catfree.adapters import (
     write_tracks_parquet,
 )
 from catfree.errors import CatFreeError, FileFormatError, InvalidInputError, MissingDependencyError
+from catfree.outcome import empty_localization
 from catfree.types import Detections, Tracks
 
 FINITE = st.floats(-1e6, 1e6, allow_nan=False)
@@ -103,6 +104,15 @@ def test_parquet_without_pyarrow(tmp_path, monkeypatch):
         write_tracks_parquet(tmp_path / "t.parquet", one_track())
 
 
+def test_parquet_without_rows_has_the_columns_of_one_with_rows(tmp_path):
+    nobody = empty_localization(2).tracks
+    schemas = [
+        pyarrow.parquet.read_schema(write_tracks_parquet(tmp_path / "t.parquet", tracks))
+        for tracks in (one_track(), nobody)
+    ]
+    assert schemas[0].equals(schemas[1])
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -110,6 +120,8 @@ def test_parquet_without_pyarrow(tmp_path, monkeypatch):
         (lambda text: text.replace("sigma", "spread"), "no column 'sigma'"),
         (lambda text: text.replace("detected", "guessed"), "column 'origin'"),
         (lambda text: text[:-30], "line 4 has"),
+        (lambda text: text.replace("\n0,", "\n99999999999999999999,"), "column 'frame'"),
+        (lambda text: text + "x" * 200_000, "is not valid CSV"),
         (lambda text: text.replace("0.1", "wide"), "column 'sigma'"),
     ],
 )
@@ -186,6 +198,8 @@ def test_unknown_confidences_are_no_scores(tmp_path):
         ("1,2,3,4,5,six\n", "line 1 holds no number"),
         ("1,2,3,4,5,nan\n", "line 1 has a number that is not finite"),
         ("1.5,2,3,4,5,6\n", "frame and id of line 1"),
+        ("1e23,2,3,4,5,6\n", "frame or id of line 1 is too large"),
+        ("1,2,3,4,5,6\n1,-9007199254740993,3,4,5,6\n", "frame or id of line 2 is too large"),
         ("1,2,3,4,0,6\n", r"box\[0\]"),
     ],
 )

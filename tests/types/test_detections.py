@@ -85,6 +85,7 @@ def test_an_error_names_the_first_bad_entry(count, data):
         ({"score": np.zeros(3)}, r"score must have shape \(4\)"),
         ({"score": [0, 0, np.nan, 0]}, r"score\[2\] is not finite"),
         ({"ankles_confirmed": np.zeros(3)}, "ankles_confirmed must have shape"),
+        ({"embedding": np.zeros((4, 0))}, r"embedding has shape \(4, 0\).*Pass None"),
         ({"embedding": np.zeros(4)}, r"embedding must have shape \(4, n\)"),
         ({"embedding": [[0.0], [np.inf], [0.0], [0.0]]}, r"embedding\[1, 0\] is not finite"),
         ({"keypoints": np.zeros((4, 16, 3))}, r"keypoints must have shape \(4, 17, 3\)"),

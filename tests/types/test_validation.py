@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import jax.numpy as jnp
+import numpy as np
 import pytest
 
 from catfree.errors import InvalidInputError
@@ -64,6 +66,31 @@ def test_instances_are_named_by_argument_and_type():
 def test_lists_of_different_lengths_are_no_array(read):
     with pytest.raises(InvalidInputError, match="different lengths"):
         read([[0, 1], [1]])
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (np.array([3, 2**64 - 1], np.uint64), r"frame\[1\] is 18446744073709551615"),
+        (np.array(2**63, np.uint64), "frame is 9223372036854775808"),
+        ([[0.0, 1.5]], r"frame\[0, 1\] is 1.5; it must be a whole number"),
+        (np.array([1 + 2j]), "frame must hold whole numbers, got dtype complex128"),
+    ],
+)
+def test_whole_numbers_that_int64_cannot_hold_are_refused(value, message):
+    with pytest.raises(InvalidInputError, match=message):
+        as_integer(value, "frame")
+
+
+def test_numbers_up_to_63_bits_stay_what_they_are():
+    for value in (2**63 - 1, np.uint64(2**63 - 1), -(2**63)):
+        assert as_integer([value], "frame")[0] == value
+
+
+def test_imaginary_parts_are_not_dropped():
+    for value in ([1j], np.array([1 + 0j]), jnp.array([1j]), np.array(["2020"], "datetime64[Y]")):
+        with pytest.raises(InvalidInputError, match="Expected real numbers"):
+            as_float(value)
 
 
 def test_empty_lists_are_detections_without_rows():
