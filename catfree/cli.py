@@ -27,7 +27,7 @@ from catfree.cli_terminal import (
     progress_bars,
     require_tyro,
 )
-from catfree.errors import CatFreeError
+from catfree.errors import CatFreeError, InsufficientDataError
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -235,6 +235,11 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         frames = np.unique(np.concatenate([truth[:, 0], found[:, 0]]))
         if area is not None:
             truth, found = crop(truth, area), crop(found, area)
+        if not len(truth):
+            raise InsufficientDataError(
+                f"No position of {ground_truth} lies in the area {area}, so nothing can be scored. "
+                "Check that area and positions have the same coordinates."
+            )
         people = detection_metrics(truth, found, frames, threshold)
         paths = tracking_metrics(truth, found, frames, track_threshold)
         rows = (

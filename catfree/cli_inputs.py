@@ -4,6 +4,8 @@ The adapters are imported where a file is opened, so that `catfree --help` loads
 """
 
 import csv
+import io
+import math
 from pathlib import Path
 from typing import Any
 
@@ -82,12 +84,17 @@ def read_truth(path: Path) -> np.ndarray:
     """(N, 4) rows of a CSV file with the columns frame, id (or track_id), x and y.
 
     Raises:
-        FileFormatError: if a column is missing or a value is no number.
+        FileFormatError: if a column is missing, or naming the first line that is too short or too
+            long, or holds no numbers.
     """
     from catfree.adapters.documents import read_text
 
-    lines = list(csv.DictReader(read_text(path, "ground truth").splitlines()))
-    header = list(lines[0]) if lines else []
+    reader = csv.reader(io.StringIO(read_text(path, "ground truth")))
+    try:
+        lines = [(reader.line_num, [word.strip() for word in row]) for row in reader if row]
+    except csv.Error as error:
+        raise FileFormatError(f"{path}: line {reader.line_num} is not CSV: {error}.") from error
+    header = lines[0][1] if lines else []
     # Tracks of catfree can be the truth of another run.
     identity = "track_id" if "track_id" in header else "id"
     names = [identity if name == "id" else name for name in TRUTH_COLUMNS]
@@ -97,7 +104,30 @@ def read_truth(path: Path) -> np.ndarray:
             f"{path} has no column {missing[0]!r}; ground truth is a CSV file with a header and "
             f"the columns {', '.join(TRUTH_COLUMNS)}."
         )
-    try:
-        return np.array([[float(line[name]) for name in names] for line in lines])
-    except (TypeError, ValueError) as error:
-        raise FileFormatError(f"{path}: {error}.") from error
+    if len(lines) == 1:
+        raise FileFormatError(f"{path} has a header but no rows: there is no truth to compare to.")
+    columns = [header.index(name) for name in names]
+    rows = []
+    for line, words in lines[1:]:
+        if len(words) != len(header):
+            raise FileFormatError(
+                f"{path}: line {line} has {len(words)} columns instead of {len(header)}. Separate "
+                "columns by commas and write decimals with a point."
+            )
+        rows.append(_truth_row([words[at] for at in columns], names, path, line))
+    return np.array(rows)
+
+
+def _truth_row(words: list[str], names: list[str], path: Path, line: int) -> list[float]:
+    row = []
+    for name, word in zip(names, words, strict=True):
+        try:
+            value = float(word)
+        except ValueError:
+            value = math.nan
+        whole = name not in ("x", "y")
+        if not math.isfinite(value) or (whole and (value != round(value) or abs(value) >= 2**53)):
+            kind = "a whole number" if whole else "a finite number"
+            raise FileFormatError(f"{path}: {name} in line {line} is {word!r}, not {kind}.")
+        row.append(value)
+    return row

@@ -29,6 +29,7 @@ from catfree.types import Scene
 
 Progress = Callable[[str, int, int], None]
 
+SMALLEST_PICTURE = 32  # pixels; people in smaller ones are dots
 FEWEST_CAMERAS = 3  # two centres leave the alignment with the truth undetermined
 
 # The default holds back people where a rig pins them down badly. The demo scores the square alone
@@ -122,11 +123,24 @@ def run_demo(
         Truth, outcome and scores.
 
     Raises:
-        InvalidInputError: if there are fewer than three cameras.
+        InvalidInputError: if there are fewer than three cameras, or nobody to see.
         CatFreeError: whatever the pipeline meets, for instance a rig that cannot be found.
     """
     if cameras < FEWEST_CAMERAS:
         raise InvalidInputError(f"The demo needs at least {FEWEST_CAMERAS} cameras, got {cameras}.")
+    for name, value, least in (
+        ("seed", seed, 0),
+        ("people", people, 1),
+        ("frames", frames, 1),
+        ("workers", 1 if workers is None else workers, 1),
+    ):
+        if value < least:
+            raise InvalidInputError(f"{name} is {value}; the demo needs at least {least}.")
+    if min(image_size) < SMALLEST_PICTURE:
+        raise InvalidInputError(
+            f"The image size is {image_size[0]} x {image_size[1]} pixels; the demo needs at least "
+            f"{SMALLEST_PICTURE} each way."
+        )
     root = Path(folder)
     settings = settings or DEMO_SETTINGS
     world = make_demo_world(

@@ -164,6 +164,27 @@ def test_evaluate_says_what_is_wrong_with_the_truth(results, tmp_path, capsys):
     assert "here" in one_sentence(capsys)
 
 
+def test_evaluate_needs_somebody_in_the_area(results, tmp_path, capsys):
+    truth = tmp_path / "truth.csv"
+    truth.write_text("frame,id,x,y\n0,1,2,3\n")
+    words = ["evaluate", str(results / "tracks.csv"), str(truth)]
+    assert cli.main([*words, "--area", "50", "51", "50", "51"]) == 1
+    assert "No position of" in one_sentence(capsys)
+    # Nobody found is a score, not a mistake.
+    assert cli.main([*words, "--area", "1.9", "2", "2.9", "3"]) == 0
+    assert "nan" not in capsys.readouterr().out
+
+
+def test_evaluate_names_frames_that_are_no_numbers(results, tmp_path, capsys):
+    text = (results / "tracks.csv").read_text().splitlines()
+    text[1] = "99999999999999999999" + text[1][text[1].index(",") :]
+    (tmp_path / "tracks.csv").write_text("\n".join(text))
+    (tmp_path / "truth.csv").write_text("frame,id,x,y\n0,1,2,3\n")
+    words = ["evaluate", str(tmp_path / "tracks.csv"), str(tmp_path / "truth.csv")]
+    assert cli.main(words) == 1
+    assert "column 'frame'" in one_sentence(capsys)
+
+
 def test_plot_draws_again(results, tmp_path, capsys):
     pytest.importorskip("matplotlib")
     assert cli.main(["plot", str(results), "--out", str(tmp_path / "p")]) == 0
@@ -181,6 +202,11 @@ def test_plot_draws_again(results, tmp_path, capsys):
         (["plot", "nowhere"], "There is no file nowhere/scene.json"),
         (["evaluate", "a.csv", "b.csv"], "There is no file b.csv"),
         (["demo", "--cameras", "2"], "at least 3 cameras, got 2"),
+        (["demo", "--seed", "-1"], "seed is -1"),
+        (["demo", "--people", "0"], "people is 0"),
+        (["demo", "--frames", "0"], "frames is 0"),
+        (["demo", "--workers", "0"], "workers is 0"),
+        (["demo", "--size", "0", "720"], "size is 0 x 720"),
     ],
 )
 def test_failures_are_one_sentence(words, sentence, tmp_path, monkeypatch, capsys):

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from catfree.adapters.documents import StrPath, read_text, write_text_atomically
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Detections, Tracks
+from catfree.types.validation import as_integer
 
 # TrackEval matches two boxes at an overlap of 0.5. Squares of side s that are shifted along one
 # axis by d overlap by (s - d) / (s + d), which is 0.5 at d = s / 3.
@@ -158,7 +159,7 @@ def write_mot_boxes(
             "write one file a camera."
         )
     count = len(detections)
-    person = np.full(count, -1) if identity is None else np.asarray(identity, np.int64)
+    person = np.full(count, -1) if identity is None else as_integer(identity, "identity")
     if person.shape != (count,):
         raise InvalidInputError(f"identity must have shape ({count},), got {person.shape}.")
     person = np.where(person < 0, -1, person + 1)
@@ -187,10 +188,10 @@ def write_mot_ground(
         The path.
 
     Raises:
-        InvalidInputError: if a frame is not among `frames`, the threshold is not positive, or the
-            folder does not exist.
+        InvalidInputError: if a frame is not among `frames`, a position is not finite, the threshold
+            is not positive, or the folder does not exist.
     """
-    if not threshold > 0:
+    if not 0 < threshold < np.inf:
         raise InvalidInputError(f"threshold is {threshold}; it must be a positive length.")
     side = np.full((len(tracks), 2), _SIDES_PER_THRESHOLD * threshold)
     corner = np.asarray(tracks.ground_xy, np.float64) - side / 2
@@ -199,7 +200,7 @@ def write_mot_ground(
 
 
 def _ascending(frames: ArrayLike) -> np.ndarray:
-    return np.unique(np.asarray(frames, np.int64))
+    return np.unique(as_integer(frames, "frames"))
 
 
 def _write(
@@ -212,6 +213,15 @@ def _write(
     score: np.ndarray,
     rest: str,
 ) -> Path:
+    for name, values in (("position", corner), ("size", size), ("score", score)):
+        bad = ~np.isfinite(values)
+        bad = bad.any(axis=tuple(range(1, bad.ndim)))
+        if bad.any():
+            at = int(np.argmax(bad))
+            raise InvalidInputError(
+                f"Cannot write {path}: the {name} in row {at} (frame {frame[at]}) is not finite. "
+                "Leave that row out."
+            )
     numbers = _ascending(frames)
     unknown = ~np.isin(frame, numbers)
     if unknown.any():

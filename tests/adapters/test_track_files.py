@@ -221,6 +221,26 @@ def test_frames_outside_the_sequence(tmp_path):
         write_mot_boxes(path, Detections([0, 0], [0, 1], [[0, 0, 1, 1]] * 2), [0])
 
 
+def test_numbers_that_no_reader_takes_are_not_written(tmp_path):
+    path, boxes = tmp_path / "gt.txt", Detections([0, 5], [0, 0], [[0, 0, 1, 1]] * 2)
+    lost = one_track(ground_xy=np.array([[1.0, 2], [np.nan, 2], [2, 2]]))
+    with pytest.raises(InvalidInputError, match=r"position in row 1 \(frame 5\) is not finite"):
+        write_mot_ground(path, lost, [0, 5, 15])
+    unsure = one_track(existence=np.array([1.0, 0.5, np.nan]))
+    with pytest.raises(InvalidInputError, match=r"score in row 2 \(frame 15\) is not finite"):
+        write_mot_ground(path, unsure, [0, 5, 15])
+    with pytest.raises(InvalidInputError, match="threshold is inf"):
+        write_mot_ground(path, one_track(), [0, 5, 15], threshold=np.inf)
+    for frames in ([0, np.nan], ["first", "second"], [0.5, 5]):
+        with pytest.raises(InvalidInputError, match="frames"):
+            write_mot_ground(path, one_track(), frames)
+        with pytest.raises(InvalidInputError, match="frames"):
+            write_mot_boxes(path, boxes, frames)
+    with pytest.raises(InvalidInputError, match=r"identity\[1\] is nan"):
+        write_mot_boxes(path, boxes, [0, 5], [0, np.nan])
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_ground_squares_overlap_by_half_at_the_threshold(tmp_path):
     frames = [0, 5, 10, 15]
     shifted = one_track(ground_xy=np.array([[1.6, 2], [2.1, 2], [2.6, 2]]))

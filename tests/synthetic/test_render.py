@@ -76,6 +76,12 @@ def test_bodies_appear_where_the_truth_projects(world, stage, backgrounds):
     assert checked >= 3
 
 
+def test_nobody_leaves_the_background(world, stage, backgrounds):
+    nobody = replace(world.walkers, present=np.zeros_like(world.walkers.present))
+    artist = painter(replace(world, walkers=nobody), stage, backgrounds, 0, sunlight=1.0)
+    assert not changes(artist.paint(0), backgrounds[0]).any()
+
+
 def test_shadows_darken_the_ground_and_soft_ones_do_so_less(world, stage, backgrounds):
     camera, frame = 0, 2
     without = painter(world, stage, backgrounds, camera, sunlight=0.0).paint(frame)

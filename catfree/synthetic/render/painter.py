@@ -69,6 +69,8 @@ class Painter:
         distance = np.linalg.norm(middle - self.center, axis=-1)
         order = np.argsort(-distance)
         people = people[order[near[order]]]
+        if not len(people):
+            return people, np.zeros((0, 0, 3))
         speed = np.linalg.norm(walkers.velocity[frame, people], axis=-1)
         local = body_vertices(walkers.stride[frame, people], speed)
         local = local * walkers.height[people, None, None]
