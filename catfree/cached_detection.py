@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from catfree.adapters.answers import Describer, join_descriptions
 from catfree.adapters.detect import collect_detections, detect_instant, fit_to_cameras
 from catfree.adapters.fingerprint import hash_parameters
 from catfree.adapters.protocols import (
@@ -169,20 +170,21 @@ def _complete(
 ) -> None:
     """Find what the piece lacks; store it unless the videos broke off in the middle."""
     known = piece.boxes
+    describe = None if embedder is None else Describer(embedder)
     frame, camera, found, embedding = [], [], [], []
     seen = 0
     for tick, images in instants:
         seen += 1
         if known is None:
-            instant = detect_instant(images, detectors, shared)
+            instant = detect_instant(images, detectors, shared, tick)
         else:
             instant = [_stored(known, tick, index) for index in range(len(images))]
         for index, (image, people) in enumerate(zip(images, instant, strict=True)):
             frame.append(np.full(len(people), tick))
             camera.append(np.full(len(people), index))
             found.append(people)
-            if embedder is not None:
-                embedding.append(embedder(image, people.box))
+            if describe is not None:
+                embedding.append(describe(image, people.box, index, tick))
     if not found:
         return
     whole = seen == piece.count
@@ -191,7 +193,7 @@ def _complete(
         if whole:
             cache.store("boxes", piece.box_key, piece.boxes)
     if piece.look_key is not None:
-        piece.looks = Appearance(np.concatenate(embedding))
+        piece.looks = Appearance(join_descriptions(embedding))
         if whole:
             cache.store("looks", piece.look_key, piece.looks)
 

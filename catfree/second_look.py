@@ -15,6 +15,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from catfree.adapters.answers import Describer, ask_for_people
 from catfree.adapters.detect import collect_detections
 from catfree.adapters.protocols import Embedder, FrameDetections, GuidedDetector, Image
 from catfree.adapters.video import SynchronizedVideos
@@ -119,9 +120,13 @@ def look_again(
         InsufficientDataError: as `detect_videos`.
     """
     frame, camera, found, embedding = [], [], [], []
+    describe = None
+    if embedder is not None:
+        known = first.embedding
+        describe = Describer(embedder, known.shape[1] if known is not None and len(known) else None)
     with ThreadPoolExecutor(min(len(detectors), os.cpu_count() or 1)) as pool:
         for done, (tick, images) in enumerate(videos, start=1):
-            look = partial(_look, tick, detectors, embedder, expected, first)
+            look = partial(_look, tick, detectors, describe, expected, first)
             for index, (people, vectors) in enumerate(pool.map(look, enumerate(images))):
                 frame.append(np.full(len(people), tick))
                 camera.append(np.full(len(people), index))
@@ -137,24 +142,25 @@ def look_again(
 def _look(
     frame: int,
     detectors: Sequence[GuidedDetector],
-    embedder: Embedder | None,
+    describe: Describer | None,
     expected: ExpectedPeople,
     first: Detections,
     numbered: tuple[int, Image],
 ) -> tuple[FrameDetections, Float[np.ndarray, "n d"]]:
     """One camera's people of one instant and what they look like."""
     camera, image = numbered
-    people = detectors[camera].look_again(image, expected.in_picture(frame, camera))
-    if embedder is None:
+    detector, places = detectors[camera], expected.in_picture(frame, camera)
+    people = ask_for_people(lambda: detector.look_again(image, places), detector, camera, frame)
+    if describe is None:
         return people, np.zeros((len(people), 0))
     before = first[(first.frame == frame) & (first.camera == camera)]
     if before.embedding is None or not len(before):
-        return people, embedder(image, people.box)
+        return people, describe(image, people.box, camera, frame)
     offset = np.abs(people.box[:, None] - before.box[None]).max(-1)
     same = offset.argmin(1)
     changed = offset.min(1) > SAME
     vectors = before.embedding[same].copy()
-    vectors[changed] = embedder(image, people.box[changed])
+    vectors[changed] = describe(image, people.box[changed], camera, frame)
     return people, vectors
 
 

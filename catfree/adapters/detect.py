@@ -8,6 +8,12 @@ from threading import Lock
 
 import numpy as np
 
+from catfree.adapters.answers import (
+    Describer,
+    ask_for_people,
+    join_descriptions,
+    require_people,
+)
 from catfree.adapters.protocols import (
     BatchDetector,
     Detector,
@@ -18,7 +24,7 @@ from catfree.adapters.protocols import (
     ankles_confirmed,
 )
 from catfree.adapters.video import SynchronizedVideos
-from catfree.errors import InsufficientDataError
+from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.types import Detections
 
 Progress = Callable[[str, int, int], None]
@@ -50,6 +56,8 @@ def detect_videos(
         detector estimates poses.
 
     Raises:
+        InvalidInputError: naming camera and frame of the first picture for which detector or
+            embedder answer something else than they must.
         FileFormatError: if a picture cannot be decoded and `videos` does not keep what came before.
         InsufficientDataError: if the footage is too short to fit the detector to, or nothing of it
             can be decoded.
@@ -57,15 +65,16 @@ def detect_videos(
     detectors = fit_to_cameras(videos, detector, progress) if fitted is None else fitted
     # One common detector may see all cameras at once.
     shared = detector if isinstance(detector, BatchDetector) else None
+    describe = None if embedder is None else Describer(embedder)
     frame, camera, found, embedding = [], [], [], []
     for done, (tick, images) in enumerate(videos, start=1):
-        instant = detect_instant(images, detectors, shared)
+        instant = detect_instant(images, detectors, shared, tick)
         for index, (image, people) in enumerate(zip(images, instant, strict=True)):
             frame.append(np.full(len(people), tick))
             camera.append(np.full(len(people), index))
             found.append(people)
-            if embedder is not None:
-                embedding.append(embedder(image, people.box))
+            if describe is not None:
+                embedding.append(describe(image, people.box, index, tick))
         if progress is not None:
             progress("detect", done, videos.frame_count)
     if not found:
@@ -104,7 +113,10 @@ def fit_to_cameras(
 
 
 def detect_instant(
-    images: Sequence[Image], detectors: Sequence[Detector], shared: BatchDetector | None
+    images: Sequence[Image],
+    detectors: Sequence[Detector],
+    shared: BatchDetector | None,
+    frame: int,
 ) -> list[FrameDetections]:
     """The people in each camera's picture of one instant.
 
@@ -112,16 +124,30 @@ def detect_instant(
         images: one picture a camera.
         detectors: one detector a camera.
         shared: the common detector that sees all pictures at once, or None.
+        frame: the frame of the instant, for messages.
+
+    Raises:
+        InvalidInputError: naming camera and frame, if a detector gives anything but
+            `FrameDetections`.
     """
     if shared is not None:
-        return shared.detect_batch(images)
+        answers = shared.detect_batch(images)
+        if not isinstance(answers, list | tuple) or len(answers) != len(images):
+            raise InvalidInputError(
+                f"{type(shared).__name__}.detect_batch, asked about {len(images)} pictures of "
+                f"frame {frame}, must return {len(images)} FrameDetections in a list."
+            )
+        return [require_people(people, shared, c, frame) for c, people in enumerate(answers)]
+
+    def ask(camera: int) -> FrameDetections:
+        detector = detectors[camera]
+        return ask_for_people(lambda: detector(images[camera]), detector, camera, frame)
+
     if len({id(detect) for detect in detectors}) == len(images) > 1:
         # Detectors that were fitted to their cameras share nothing: one thread each.
         with ThreadPoolExecutor(min(len(images), os.cpu_count() or 1)) as pool:
-            return list(
-                pool.map(lambda pair: pair[0](pair[1]), zip(detectors, images, strict=True))
-            )
-    return [detect(image) for detect, image in zip(detectors, images, strict=True)]
+            return list(pool.map(ask, range(len(images))))
+    return [ask(camera) for camera in range(len(images))]
 
 
 def collect_detections(
@@ -147,6 +173,6 @@ def collect_detections(
         np.concatenate([people.box for people in found]),
         score=np.concatenate([people.score for people in found]),
         ankles_confirmed=None if keypoints is None else ankles_confirmed(keypoints),
-        embedding=None if embedding is None else np.concatenate(embedding),
+        embedding=None if embedding is None else join_descriptions(embedding),
         keypoints=keypoints,
     )

@@ -10,7 +10,8 @@ from catfree.adapters import (
     YoloPoseOnnx,
     detect_videos,
 )
-from catfree.errors import InsufficientDataError
+from catfree.adapters.answers import Describer
+from catfree.errors import InsufficientDataError, InvalidInputError
 
 
 class BrightSpot:
@@ -93,6 +94,99 @@ def test_a_background_detector_is_fitted_to_each_camera(tmp_path):
     short = write_folders(tmp_path / "short", frames=4)
     with pytest.raises(InsufficientDataError, match="at least 8"):
         detect_videos(short, detector)
+
+
+class Answers:
+    """A detector and embedder that answers well until it sees the bright block."""
+
+    fingerprint = "answers"
+
+    def __init__(self, people=None, vectors=None):
+        self.people, self.vectors = people, vectors
+
+    def __call__(self, image, box=None):
+        if box is None:
+            return self.people if (image[:, :, 0] > 200).any() else BrightSpot()(image)
+        return self.vectors if len(box) else np.zeros((0, 3))
+
+
+class Batch(Answers):
+    def detect_batch(self, images):
+        return self.people
+
+
+@pytest.mark.parametrize(
+    ("people", "message"),
+    [
+        ([[0, 0, 1, 1]], "returned a list; it must return FrameDetections"),
+        (None, "returned nothing; it must return FrameDetections"),
+        (np.zeros((1, 4)), r"returned an array of shape \(1, 4\)"),
+    ],
+)
+def test_detectors_that_answer_something_else_are_named(people, message, tmp_path):
+    videos = write_folders(tmp_path)
+    with pytest.raises(
+        InvalidInputError, match="Answers, asked about camera 0 at frame 1, " + message
+    ):
+        detect_videos(videos, Answers(people))
+    with pytest.raises(
+        InvalidInputError, match="Answers, asked about camera 1 at frame 1, " + message
+    ):
+        detect_videos(videos, BrightSpot(), fitted=[BrightSpot(), Answers(people)])
+
+
+def test_boxes_that_are_none_name_their_picture(tmp_path):
+    class Upside(BrightSpot):
+        def __call__(self, image):
+            found = super().__call__(image)
+            return FrameDetections(found.box[:, [2, 3, 0, 1]], found.score)
+
+    message = r"Upside, asked about camera 0 at frame 1, failed: box\[0\] is"
+    with pytest.raises(InvalidInputError, match=message):
+        detect_videos(write_folders(tmp_path), Upside())
+
+
+def test_batches_have_an_answer_a_picture(tmp_path):
+    videos, nobody = write_folders(tmp_path), FrameDetections(np.zeros((0, 4)), np.zeros(0))
+    for answers in ([nobody], None):
+        with pytest.raises(InvalidInputError, match=r"2 pictures of frame 0, must return 2"):
+            detect_videos(videos, Batch(answers))
+    with pytest.raises(InvalidInputError, match="camera 1 at frame 0, returned a dict"):
+        detect_videos(videos, Batch([nobody, {}]))
+
+
+@pytest.mark.parametrize(
+    ("vectors", "message"),
+    [
+        (None, "returned nothing for 1 boxes"),
+        ([], "returned a list for 1 boxes"),
+        (np.zeros((2, 3)), r"returned an array of shape \(2, 3\) for 1 boxes.*\(1, D\)"),
+        (np.zeros((1, 0)), r"shape \(1, 0\)"),
+        ([["a"]], "failed: Expected numbers"),
+        ([[np.nan]], "returned numbers that are not finite"),
+    ],
+)
+def test_embedders_that_answer_something_else_are_named(vectors, message, tmp_path):
+    videos = write_folders(tmp_path)
+    with pytest.raises(
+        InvalidInputError, match="Answers, asked about camera 0 at frame 1.*" + message
+    ):
+        detect_videos(videos, BrightSpot(), Answers(vectors=vectors))
+
+
+def test_all_rows_of_an_embedder_are_of_one_length():
+    embedder = Answers(vectors=np.ones((1, 3)))
+    describe, picture = Describer(embedder), np.zeros((4, 4, 3), np.uint8)
+    box = np.array([[0.0, 0, 1, 1]])
+    assert describe(picture, box[:0], 0, 0).shape == (0, 3)
+    assert describe(picture, box, 0, 1).shape == (1, 3)
+    assert describe(picture, box[:0], 0, 2).shape == (0, 3)
+    embedder.vectors = None
+    with pytest.raises(InvalidInputError, match="returned nothing"):
+        describe(picture, box, 0, 2)
+    embedder.vectors = np.ones((1, 4))
+    with pytest.raises(InvalidInputError, match=r"\(1, 4\) for 1 boxes; .* \(1, 3\)"):
+        describe(picture, box, 5, 3)
 
 
 def test_real_clips_give_real_people(shared):
