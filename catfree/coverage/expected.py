@@ -17,6 +17,7 @@ Area = Sequence[float | int] | Float[np.ndarray, "4"]
 
 SIGMA_THETA = RaySettings().sigma_theta
 SUPPRESSION_RADIUS = SelectionSettings().suppression_radius
+MOST_CELLS = 4_000_000  # a hundred times those of the default resolution
 CELLS_PER_EXTENT = 100  # default resolution: a cell of E / 100 is half the suppression radius
 
 
@@ -124,7 +125,8 @@ def coverage(
 
     Raises:
         InsufficientDataError: if fewer than two cameras are registered.
-        InvalidInputError: if the area is empty, or resolution or sigma_theta is not positive.
+        InvalidInputError: if the area is empty, a length or sigma_theta is not positive, or the
+            area has too many cells.
 
     Source:
         paper, Eq. sigma, with the true directions and weight 1.
@@ -175,12 +177,16 @@ def coverage_of(
     cell = extent / CELLS_PER_EXTENT if resolution is None else float(resolution)
     if not (np.isfinite(cell) and cell > 0):
         raise InvalidInputError(f"resolution is {cell}; it must be a positive length.")
-    if not sigma_theta > 0:
+    if not 0 < sigma_theta < np.inf:
         raise InvalidInputError(f"sigma_theta is {sigma_theta}; it must be a positive angle.")
-    bounds = visible_area(scene) if area is None else tuple(float(edge) for edge in area)
-    if len(bounds) != 4 or not (bounds[0] < bounds[1] and bounds[2] < bounds[3]):
+    if person_height is not None and not 0 < person_height < np.inf:
+        raise InvalidInputError(f"person_height is {person_height}; it must be a positive length.")
+    bounds = visible_area(scene) if area is None else _bounds(area)
+    sides = (bounds[1] - bounds[0], bounds[3] - bounds[2])
+    if (sides[0] / cell + 1) * (sides[1] / cell + 1) > MOST_CELLS:
         raise InvalidInputError(
-            f"area is {bounds}; it must be (x_min, x_max, y_min, y_max) with min < max."
+            f"A resolution of {cell:.3g} over an area of {sides[0]:.3g} x {sides[1]:.3g} gives "
+            f"more than {MOST_CELLS} cells. Choose larger cells or a smaller area."
         )
     x, y = _cell_centres(bounds[0], bounds[1], cell), _cell_centres(bounds[2], bounds[3], cell)
     places = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
@@ -189,6 +195,21 @@ def coverage_of(
     return Coverage(
         x, y, visible.reshape(-1, *shape), sigma.reshape(shape), SUPPRESSION_RADIUS * extent
     )
+
+
+def _bounds(area: Area) -> tuple[float, float, float, float]:
+    try:
+        x_min, x_max, y_min, y_max = (float(edge) for edge in area)
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(
+            f"area is {area!r}; it must be (x_min, x_max, y_min, y_max)."
+        ) from error
+    bounds = (x_min, x_max, y_min, y_max)
+    if not (np.isfinite(bounds).all() and x_min < x_max and y_min < y_max):
+        raise InvalidInputError(
+            f"area is {bounds}; it must be (x_min, x_max, y_min, y_max) with min < max, all finite."
+        )
+    return bounds
 
 
 def _cell_centres(low: float, high: float, cell: float) -> np.ndarray:

@@ -45,9 +45,15 @@ class Plane(eqx.Module):
         else:
             require_finite(normal, "normal")
             require_finite(offset, "offset")
-            length = np.linalg.norm(np.asarray(normal, np.float64)).astype(normal.dtype)
-            if length == 0:
+            largest = np.abs(normal).max()
+            if largest == 0:
                 raise InvalidInputError("A plane needs a non-zero normal.")
+            # The squares of very long or short normals leave the range of floats.
+            if not 1e-15 < largest < 1e15:
+                with np.errstate(over="ignore"):
+                    normal, offset = normal / largest, offset / largest
+                require_finite(offset, "The offset of a plane in units of its normal")
+            length = np.linalg.norm(np.asarray(normal, np.float64)).astype(normal.dtype)
             # A unit normal stays bit for bit what it was.
             length = normal.dtype.type(1) if abs(length - 1) < 1e-6 else length
         self.normal = normal / length

@@ -32,6 +32,17 @@ def test_the_basis_of_a_level_plane_is_world_x_and_y():
     np.testing.assert_array_equal(Plane(jnp.array([0.0, 0.0, 1.0]), 0).basis, np.eye(3)[:, :2])
 
 
+@pytest.mark.parametrize("length", [1e308, 1e160, 1e-160, 5e-324])
+def test_very_long_and_short_normals_have_a_direction(length):
+    plane = Plane(np.full(3, length), length)
+    np.testing.assert_allclose(plane.normal, np.full(3, 3**-0.5), rtol=1e-15)
+    np.testing.assert_allclose(plane.offset, 3**-0.5, rtol=1e-15)
+    short = Plane(np.full(3, 1e-30, np.float32), np.float32(1e-30))
+    np.testing.assert_allclose(short.normal, np.full(3, 3**-0.5), rtol=1e-6)
+    with pytest.raises(InvalidInputError, match="offset of a plane in units of its normal"):
+        Plane(np.full(3, 1e-160), 1e160)
+
+
 @given(UNIT, UNIT, UNIT, UNIT, UNIT, UNIT, st.floats(-10, 10), st.floats(1e-3, 1e3))
 def test_distances_do_not_depend_on_the_length_of_the_normal(x, y, z, a, b, c, offset, scale):
     normal, point = np.array([x, y, z]), np.array([a, b, c])

@@ -290,6 +290,13 @@ def test_unregistered_cameras_see_nothing_and_may_hold_nan():
         ({"area": (1.0, 0.0, 0.0, 1.0)}, "area"),
         ({"area": AREA, "resolution": 0.0}, "resolution"),
         ({"area": AREA, "sigma_theta": 0.0}, "sigma_theta"),
+        ({"area": AREA, "sigma_theta": np.nan}, "sigma_theta"),
+        ({"area": (0.0, np.inf, 0.0, 1.0)}, "area.*finite"),
+        ({"area": AREA, "resolution": 1e-9}, "resolution of 1e-09 over an area of .* x .* cells"),
+        ({"resolution": 1e-9}, "resolution of 1e-09 over an area"),
+        ({"area": AREA, "resolution": 1e-320}, "resolution of"),
+        ({"area": AREA, "person_height": np.nan}, "person_height is nan"),
+        ({"area": AREA, "person_height": -5}, "person_height is -5"),
     ],
 )
 def test_impossible_arguments_are_named(arguments, message):
