@@ -19,7 +19,6 @@ from catfree.cli_inputs import (
 )
 from catfree.cli_terminal import (
     INTERRUPTED,
-    Progress,
     fail,
     print_result,
     print_table,
@@ -102,7 +101,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             pictures: draw plots.
             overlay: write a video of all cameras with the tracks.
         """
-        from catfree.output import write_results
+        from catfree.output import write_overlay, write_results
         from catfree.run import run_stages
 
         settings = settings_of(method)
@@ -126,12 +125,13 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 cache_dir=out / "cache" if cache is None else cache,
                 progress=progress,
             )
-            if footage.interruption is not None:
-                fail(f"Used what came before the damage: {footage.interruption}")
-            if overlay:
-                _write_overlay(out, footage, outcome, progress)
+        if footage.interruption is not None:
+            fail(f"Used what came before the damage: {footage.interruption}")
         drawn = None if pictures else False
         write_results(out, outcome, settings, videos=footage, pictures=drawn)
+        if overlay:
+            with progress_bars() as progress:
+                write_overlay(out, footage, outcome, progress)
         print_result(outcome, out)
 
     def demo(
@@ -184,6 +184,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         cache: Path | None = None,
         stride: int = 1,
         offsets: tuple[int, ...] | None = None,
+        keep_before_damage: bool = False,
     ) -> None:
         """Find cameras and ground in metres from the people in the videos.
 
@@ -194,6 +195,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             cache: folder for finished stages; `cache` in the output folder if not given.
             stride: use every so-many-th frame.
             offsets: the frame of each camera that shows the first common instant.
+            keep_before_damage: go on with what comes before a frame that cannot be decoded.
         """
         from catfree.adapters.background import BackgroundDetector
         from catfree.cache import StageCache
@@ -201,7 +203,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree.report import camera_table
         from catfree.stages import calibrate_cameras, detect
 
-        footage = open_videos(videos, stride=stride, offsets=offsets)
+        on_error = "keep" if keep_before_damage else "raise"
+        footage = open_videos(videos, stride=stride, offsets=offsets, on_error=on_error)
         stages = StageCache(out / "cache" if cache is None else cache)
         finder = open_detector(detector) or BackgroundDetector()
         with progress_bars() as progress:
@@ -278,21 +281,6 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         "evaluate": evaluate,
         "plot": plot,
     }
-
-
-def _write_overlay(out: Path, footage: Any, outcome: Any, progress: Progress) -> None:
-    from catfree.viz.overlay import write_overlay_video
-
-    out.mkdir(parents=True, exist_ok=True)
-    write_overlay_video(
-        out / "overlay.mp4",
-        footage,
-        outcome.detections,
-        outcome.localization,
-        outcome.scene,
-        camera_names=outcome.camera_names,
-        progress=progress,
-    )
 
 
 if __name__ == "__main__":

@@ -18,6 +18,11 @@ Progress = Callable[[str, int, int], None]
 
 FAILURE, INTERRUPTED = 1, 130
 
+# What the library calls its arguments when it gives advice, and what the command line does.
+OPTIONS = {
+    "pass on_error='keep'": "give --keep-before-damage",
+}
+
 # In the order of a run.
 STAGE_LABELS = {
     "render": "rendering the world",
@@ -90,17 +95,25 @@ def progress_bars() -> Iterator[Progress]:
         TimeRemainingColumn(),
     )
     tasks: dict[str, Any] = {}
+    current = ""
     with Bars(*columns, console=Console(stderr=True)) as bars:
 
+        def finish() -> None:
+            for task in bars.tasks:
+                bars.update(task.id, completed=task.total)
+
         def progress(stage: str, done: int, total: int) -> None:
+            nonlocal current
+            if stage != current:
+                # A stage that begins, or begins again, says that those before it are over.
+                finish()
+                current = stage
             if stage not in tasks:
-                # A stage that begins says that those before it are over.
-                for earlier in bars.tasks:
-                    bars.update(earlier.id, completed=earlier.total)
                 tasks[stage] = bars.add_task(STAGE_LABELS.get(stage, stage), total=total)
             bars.update(tasks[stage], completed=done, total=total)
 
         yield progress
+        finish()
 
 
 def print_text(text: str) -> None:
@@ -133,6 +146,8 @@ def print_table(table: Any) -> None:
 
 
 def fail(sentence: str) -> int:
-    """Say on standard error what went wrong; the exit code for it."""
-    print(f"catfree: {sentence}", file=sys.stderr)
+    """Say on standard error what went wrong, in one line; the exit code for it."""
+    for argument, option in OPTIONS.items():
+        sentence = sentence.replace(argument, option)
+    print(f"catfree: {' '.join(sentence.split())}", file=sys.stderr)
     return FAILURE

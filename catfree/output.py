@@ -3,7 +3,7 @@
 import importlib.util
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,13 +19,15 @@ from catfree.adapters.tracks_table import write_tracks_csv, write_tracks_parquet
 from catfree.adapters.video import SynchronizedVideos
 from catfree.cache import from_arrays, to_arrays
 from catfree.coverage import coverage
-from catfree.errors import WriteError
+from catfree.errors import FileFormatError, WriteError
 from catfree.report import write_report
 from catfree.run import RunOutcome
 from catfree.settings import Settings
 from catfree.trajectories.identities import identify_detections
 from catfree.types import Detections, Localization, Scene
 from catfree.types.archive import load_arrays, save_arrays
+
+Progress = Callable[[str, int, int], None]
 
 # TrackEval matches two squares at an IoU of one half; in a scene without metres the matching
 # distance is the farthest that a track steps between frames.
@@ -125,12 +127,19 @@ def read_results(folder: str | os.PathLike[str]) -> tuple[Localization, Scene, t
 
     Raises:
         InvalidInputError: if a file is not there.
-        FileFormatError: if a file holds something else.
+        FileFormatError: if a file holds something else, or the files are of two runs.
     """
     root = Path(folder)
     scene, names = read_scene_json(root / SCENE_FILE)
     arrays = load_arrays(root / LOCALIZATION_FILE, Localization.__name__, required=None)
-    return from_arrays(Localization, arrays), scene, names
+    localization = from_arrays(Localization, arrays)
+    cameras = localization.candidates.support.shape[-1]
+    if cameras != scene.rig.camera_count:
+        raise FileFormatError(
+            f"{root / SCENE_FILE} has {scene.rig.camera_count} cameras, but "
+            f"{root / LOCALIZATION_FILE} was made with {cameras}. Take both from one run."
+        )
+    return localization, scene, names
 
 
 def draw_pictures(
@@ -228,6 +237,29 @@ def draw_views(
         sheet[top : top + size[1], left : left + size[0]] = small
     _, encoded = cv2.imencode(".jpg", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))
     return write_bytes_atomically(root / "views.jpg", encoded.tobytes())
+
+
+def write_overlay(
+    folder: str | os.PathLike[str],
+    videos: SynchronizedVideos,
+    outcome: RunOutcome,
+    progress: Progress | None = None,
+) -> Path:
+    """Write `overlay.mp4`, the pictures of all cameras with the tracks, to a folder."""
+    from catfree.viz.overlay import write_overlay_video
+
+    root = Path(folder)
+    root.mkdir(parents=True, exist_ok=True)
+    write_overlay_video(
+        root / "overlay.mp4",
+        videos,
+        outcome.detections,
+        outcome.localization,
+        outcome.scene,
+        camera_names=outcome.camera_names,
+        progress=progress,
+    )
+    return root / "overlay.mp4"
 
 
 def _write_tables(root: Path, outcome: RunOutcome, settings: Settings) -> list[Path]:

@@ -168,9 +168,9 @@ def describe_reliability(localization: Localization, scene: Scene) -> list[Block
     extended = float((tracks.origin != Origin.DETECTED).mean()) if len(tracks) else 0.0
     rows = [
         *_expected_rows(reliability),
-        ("median sigma of a position", f"{reliability.median_sigma:.3f}{unit}"),
-        ("sigma over suppression radius", f"{reliability.sigma_over_radius:.2f}"),
-        ("cameras that support a position", f"{reliability.mean_supporting_cameras:.2f}"),
+        ("median sigma of a position", _shown(reliability.median_sigma, ".3f", unit)),
+        ("sigma over suppression radius", _shown(reliability.sigma_over_radius, ".2f")),
+        ("cameras that support a position", _shown(reliability.mean_supporting_cameras, ".2f")),
         ("detections that support a position", f"{100 * reliability.detections_used:.0f} %"),
         ("positions added by the trajectories", f"{100 * extended:.1f} %"),
         ("accepted positions that were recovered", f"{100 * reliability.fraction_recovered:.1f} %"),
@@ -194,6 +194,11 @@ def describe_reliability(localization: Localization, scene: Scene) -> list[Block
         Heading("Candidates", 3),
         Table(("fate", "number"), counted),
     ]
+
+
+def _shown(value: float, form: str, unit: str = "") -> str:
+    """A number about positions, which is none where there are no positions."""
+    return f"{value:{form}}{unit}" if np.isfinite(value) else "nobody found"
 
 
 def _expected_rows(reliability: Reliability) -> list[tuple[str, str]]:

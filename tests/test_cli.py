@@ -23,13 +23,21 @@ from catfree.errors import CatFreeError
 from catfree.outcome import empty_localization
 from catfree.output import read_results, write_results
 from catfree.pipeline import localize
-from catfree.report import Heading, Paragraph, Picture, Table, to_html, to_markdown
+from catfree.report import (
+    Heading,
+    Paragraph,
+    Picture,
+    Table,
+    describe_reliability,
+    to_html,
+    to_markdown,
+)
 from catfree.run import RunOutcome
 from catfree.settings import Settings
 from catfree.synthetic import make_world
 from catfree.synthetic.layouts import ring
 from catfree.trajectories.identities import identify_detections
-from catfree.types import Origin
+from catfree.types import Origin, Scene
 
 pytest.importorskip("tyro")
 
@@ -185,6 +193,23 @@ def test_evaluate_names_frames_that_are_no_numbers(results, tmp_path, capsys):
     assert "column 'frame'" in one_sentence(capsys)
 
 
+def test_plot_refuses_files_of_two_runs(results, outcome, tmp_path, capsys):
+    for name in ("localization.npz", "scene.json"):
+        (tmp_path / name).write_bytes((results / name).read_bytes())
+    rig = outcome.scene.rig.select([0, 1])
+    write_scene_json(tmp_path / "scene.json", Scene(rig, outcome.scene.ground, 10.0))
+    assert cli.main(["plot", str(tmp_path)]) == 1
+    assert "has 2 cameras, but" in one_sentence(capsys)
+    assert not (tmp_path / "pictures").exists()
+
+
+def test_a_report_about_nobody_says_so(outcome):
+    nobody = empty_localization(3)
+    (_, table, *_) = describe_reliability(nobody, outcome.scene)
+    assert dict(table.rows)["median sigma of a position"] == "nobody found"
+    assert not any("nan" in cell for row in table.rows for cell in row)
+
+
 def test_plot_draws_again(results, tmp_path, capsys):
     pytest.importorskip("matplotlib")
     assert cli.main(["plot", str(results), "--out", str(tmp_path / "p")]) == 0
@@ -267,6 +292,28 @@ def test_run_with_a_known_scene(world, tmp_path, capsys):
     assert json.loads((out / "scene.json").read_text())["cameras"][0]["name"] == "c0"
     assert len(read_tracks_csv(out / "tracks.csv")) == 0
     assert list((out / "cache").glob("boxes-*.npz"))
+
+
+def test_results_are_written_before_the_overlay(world, tmp_path, monkeypatch, capsys):
+    videos = []
+    for camera in range(3):
+        folder = tmp_path / f"c{camera}"
+        folder.mkdir()
+        for frame in range(10):
+            picture = np.full((SIZE[1], SIZE[0], 3), 100, np.uint8)
+            cv2.imwrite(str(folder / f"{frame}.png"), picture)
+        videos.append(str(folder))
+    scene, out = tmp_path / "scene.json", tmp_path / "out"
+    write_scene_json(scene, world.scene)
+
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("catfree.viz.overlay.write_overlay_video", full)
+    words = ["run", *videos, "--scene", str(scene), "--out", str(out), "--no-pictures"]
+    assert cli.main([*words, "--overlay"]) == 1
+    assert "No space left on device" in capsys.readouterr().err
+    assert (out / "report.html").is_file()
 
 
 def test_help_needs_no_video_library():

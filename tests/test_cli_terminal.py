@@ -64,6 +64,22 @@ def test_bars_show_the_label_of_a_stage(capsys):
     assert "2/2" in shown
 
 
+def test_stages_that_begin_again_finish_those_before_them(capsys):
+    pytest.importorskip("rich")
+    with cli_terminal.progress_bars() as progress:
+        for stage in ("self-calibration", "association") * 2:
+            progress(stage, 0, 1)
+    shown = capsys.readouterr().err
+    assert "0/1" not in shown.splitlines()[-1]
+    assert shown.count("1/1") == 2
+
+
+def test_advice_names_the_options_of_the_command_line(capsys):
+    fail("It is damaged. Repair it, or pass on_error='keep' to use what\ncame before it.")
+    error = capsys.readouterr().err
+    assert error.endswith("Repair it, or give --keep-before-damage to use what came before it.\n")
+
+
 def test_tables_are_printed_whole(capsys):
     pytest.importorskip("rich")
     print_table(Table(("measure", "value"), (("MODA", "97.10"),)))

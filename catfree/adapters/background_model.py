@@ -99,7 +99,8 @@ class BackgroundModel:
         if len(pictures) < MINIMUM_SAMPLES:
             raise InsufficientDataError(
                 f"A background needs at least {MINIMUM_SAMPLES} pictures of the static camera, got "
-                f"{len(pictures)}."
+                f"{len(pictures)}. Use longer footage, a smaller stride, or a detector that needs "
+                "no background."
             )
         stack = np.stack(pictures)
         middle = len(stack) // 2

@@ -95,6 +95,9 @@ def fit_to_cameras(
         videos: the cameras' pictures.
         detector: as `detect_videos` takes it.
         progress: called as progress("fit", done, total) after each picture of each camera.
+
+    Raises:
+        InsufficientDataError: naming the camera whose footage is too short.
     """
     if not isinstance(detector, FittedToCamera):
         return [detector] * videos.camera_count
@@ -108,8 +111,15 @@ def fit_to_cameras(
                 with one_at_a_time:
                     progress("fit", next(seen), total)
 
+    def fit(camera: int) -> Detector:
+        try:
+            return detector.fit(pictures(camera))
+        except (InsufficientDataError, InvalidInputError) as error:
+            name = f"Camera {camera} ({videos.camera_names[camera]!r})"
+            raise type(error)(f"{name}: {error}") from error
+
     with ThreadPoolExecutor(min(videos.camera_count, os.cpu_count() or 1)) as pool:
-        return list(pool.map(lambda c: detector.fit(pictures(c)), range(videos.camera_count)))
+        return list(pool.map(fit, range(videos.camera_count)))
 
 
 def detect_instant(

@@ -185,7 +185,9 @@ class SynchronizedVideos:
         frame = self._source_frame(camera, tick)
         image = reader.read(frame)
         name = f"Camera {camera} ({self.camera_names[camera]!r})"
-        advice = f"Repair the file, or pass on_error='keep' to use the {done} instants before it."
+        advice = "Repair the file."
+        if not self._keep:
+            advice = f"Repair it, or pass on_error='keep' to use the {done} instants before it."
         if image is None:
             raise FileFormatError(
                 f"{name}: {source.describe(frame)} cannot be decoded; the file is truncated or "

@@ -92,7 +92,9 @@ def test_a_background_detector_is_fitted_to_each_camera(tmp_path):
     assert len(found) >= 0.8 * 2 * 18
     (tmp_path / "short").mkdir()
     short = write_folders(tmp_path / "short", frames=4)
-    with pytest.raises(InsufficientDataError, match="at least 8"):
+    with pytest.raises(
+        InsufficientDataError, match=r"Camera 0 \('c0'\): .*at least 8.*longer footage"
+    ):
         detect_videos(short, detector)
 
 
