@@ -4,6 +4,7 @@ import contextlib
 import math
 import os
 from collections.abc import Iterator, Sequence
+from numbers import Real
 from typing import Literal
 
 import numpy as np
@@ -14,6 +15,7 @@ from catfree.adapters.fingerprint import hash_parameters
 from catfree.adapters.protocols import Image
 from catfree.adapters.video_sources import FrameReader, VideoSource, open_source
 from catfree.errors import CatFreeError, FileFormatError, InsufficientDataError, InvalidInputError
+from catfree.types.validation import as_count, as_integer
 
 # Nominal rates such as 30 and 29.97 name the same clock.
 _RATE_TOLERANCE = 0.01
@@ -65,18 +67,22 @@ class SynchronizedVideos:
             FileFormatError: if a file cannot be decoded at all.
             InsufficientDataError: if the cameras share no tick.
         """
-        if isinstance(paths, str | os.PathLike):
-            raise InvalidInputError(f"paths must list one video a camera, got only {paths}.")
+        if isinstance(paths, str | os.PathLike) or not isinstance(paths, Sequence | None):
+            raise InvalidInputError(f"paths must list one video a camera, got only {paths!s}.")
         if not paths:
             raise InvalidInputError("paths must name at least one video or image folder.")
+        stride = as_count(stride, "stride")
+        start = None if start is None else as_count(start, "start")
+        end = None if end is None else as_count(end, "end")
         if stride < 1:
             raise InvalidInputError(f"stride must be at least 1, got {stride}.")
         if on_error not in ("raise", "keep"):
             raise InvalidInputError(f"on_error must be 'raise' or 'keep', got {on_error!r}.")
-        shifts = [0] * len(paths) if offsets is None else [int(offset) for offset in offsets]
-        if len(shifts) != len(paths):
+        listed = np.zeros(len(paths)) if offsets is None else offsets
+        shifts = as_integer(listed, "offsets").tolist()
+        if np.shape(shifts) != (len(paths),):
             raise InvalidInputError(
-                f"offsets must give one number a camera ({len(paths)}), got {len(shifts)}."
+                f"offsets must give one number a camera ({len(paths)}), got {offsets}."
             )
         self._sources = [_open_camera(camera, path) for camera, path in enumerate(paths)]
         self._offsets, self._keep = shifts, on_error == "keep"
@@ -145,8 +151,11 @@ class SynchronizedVideos:
             first: position among the instants, 0-based; `frames[first]` is the first delivered.
 
         Raises:
+            InvalidInputError: if the position is negative.
             FileFormatError: as iterating over all instants does.
         """
+        if first < 0:
+            raise InvalidInputError(f"first is {first}; positions among the instants start at 0.")
         yield from self._instants(range(self.camera_count), first)
 
     def pictures_of(self, camera: int) -> Iterator[Image]:
@@ -156,8 +165,14 @@ class SynchronizedVideos:
             camera: its index, 0-based.
 
         Raises:
+            InvalidInputError: if there is no such camera.
             FileFormatError: as iterating over the instants does.
         """
+        if not 0 <= camera < self.camera_count:
+            raise InvalidInputError(
+                f"There is no camera {camera}; the videos are of cameras 0 to "
+                f"{self.camera_count - 1}."
+            )
         for _, images in self._instants([camera]):
             yield images[0]
 
@@ -209,8 +224,8 @@ class SynchronizedVideos:
         }
         if asked is None:
             return min(known.values(), default=None)
-        if not (math.isfinite(asked) and asked > 0):
-            raise InvalidInputError(f"frame_rate must be positive, got {asked}.")
+        if not isinstance(asked, Real) or not (math.isfinite(asked) and asked > 0):
+            raise InvalidInputError(f"frame_rate must be a positive number, got {asked!r}.")
         for name, rate in known.items():
             if asked > rate * (1 + _RATE_TOLERANCE):
                 raise InvalidInputError(
@@ -257,6 +272,8 @@ class SynchronizedVideos:
 
 
 def _open_camera(camera: int, path: str | os.PathLike[str]) -> VideoSource:
+    if not isinstance(path, str | os.PathLike):
+        raise InvalidInputError(f"Camera {camera} must be a path, got a {type(path).__name__}.")
     try:
         return open_source(path)
     except CatFreeError as error:

@@ -18,7 +18,7 @@ from catfree.coverage.expected import (
 from catfree.errors import DegenerateGeometryError, InvalidInputError
 from catfree.geometry.arrays import ArrayInput
 from catfree.types import Plane, Rig, Scene
-from catfree.types.validation import require_instance
+from catfree.types.validation import as_point, require_instance
 
 PARALLEL = 1e-6  # sine of the angle to the ground's normal below which "upright" means nothing
 
@@ -176,7 +176,7 @@ def camera_gain(
 
     Raises:
         InsufficientDataError: if fewer than two cameras are registered.
-        InvalidInputError: if the camera to copy is not registered.
+        InvalidInputError: if the camera to copy is not registered, or a point is none.
         DegenerateGeometryError: if the camera would look along the ground's normal.
     """
     require_instance(scene, Scene, "scene")
@@ -188,6 +188,7 @@ def camera_gain(
             f"like is {like}, which is no registered camera; the rig has {len(known)}, registered "
             f"are {np.flatnonzero(known).tolist()}."
         )
+    center, target = as_point(center, "center"), as_point(target, "target")
     rotation = _upright(center, target, np.asarray(scene.ground.normal, np.float64))
     after = coverage_with(
         scene,

@@ -12,6 +12,7 @@ from catfree.evaluation.matching import matched_rows
 from catfree.evaluation.rows import Number, as_positive, read_sequence
 from catfree.geometry import Similarity, fit_similarity
 from catfree.geometry.arrays import ArrayInput
+from catfree.types.validation import as_boolean, as_float
 
 MINIMUM_CENTRES = 3
 
@@ -57,13 +58,17 @@ def _centres(
     estimated: ArrayInput, true: ArrayInput, registered: ArrayInput | None
 ) -> tuple[Float[np.ndarray, "cam 3"], Float[np.ndarray, "cam 3"], Int[np.ndarray, " used"]]:
     """Both arrays in float64 and the indices of the cameras that are used."""
-    estimated = np.asarray(estimated, dtype=np.float64)
-    true = np.asarray(true, dtype=np.float64)
+    estimated = np.asarray(as_float(estimated), np.float64)
+    true = np.asarray(as_float(true), np.float64)
     if estimated.ndim != 2 or estimated.shape[1] != 3 or true.shape != estimated.shape:
         raise InvalidInputError(
             f"Camera centres must be two (C, 3) arrays, got {estimated.shape} and {true.shape}."
         )
-    chosen = np.ones(len(true), dtype=bool) if registered is None else np.asarray(registered, bool)
+    chosen = (
+        np.ones(len(true), dtype=bool)
+        if registered is None
+        else as_boolean(registered, "registered")
+    )
     if chosen.shape != (len(true),):
         raise InvalidInputError(
             f"registered must have shape ({len(true)},), one a camera, got {chosen.shape}."
@@ -150,7 +155,7 @@ def leave_one_camera_out(
         CAT-Free, appendix "Effect of evaluation alignment" (Table gauge).
     """
     estimated, true, used = _centres(estimated_centres, true_centres, registered)
-    points = np.asarray(positions, dtype=np.float64)
+    points = np.asarray(as_float(positions), np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InvalidInputError(f"positions must have shape (M, 3), got {points.shape}.")
     if len(used) <= MINIMUM_CENTRES:

@@ -79,6 +79,22 @@ def as_integer(value: Any, name: str) -> np.ndarray:
     return array.astype(np.int64)
 
 
+def as_count(value: Any, name: str) -> int:
+    """One whole number, such as a position or a stride."""
+    array = as_integer(value, name)
+    if array.shape != ():
+        raise InvalidInputError(f"{name} must be one whole number, got shape {array.shape}.")
+    return int(array)
+
+
+def as_point(value: Any, name: str) -> np.ndarray:
+    """One finite point in space, (3,) float64."""
+    point = np.asarray(as_float(value), np.float64)
+    require_shape(point, (3,), name)
+    require_finite(point, name)
+    return point
+
+
 def as_boolean(value: Any, name: str) -> np.ndarray:
     """A bool array from booleans or from 0 and 1."""
     array = _as_array(value)

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import cv2
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -52,6 +53,70 @@ for name, call in calls.items():
 def test_public_functions_name_arguments_of_another_type():
     done = subprocess.run([sys.executable, "-c", SWAPPED], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+# As above: what of each call must be in its one sentence.
+MISTAKEN = """
+import sys
+import numpy as np
+import catfree as cf
+from catfree.adapters import SynchronizedVideos, write_anipose_toml, write_colmap_text
+from catfree.adapters import write_scene_json
+from catfree.evaluation import align_centres
+from catfree.synthetic import make_layout
+
+scene = make_layout("ring4", 0).scene
+folder, videos = sys.argv[1], sys.argv[2:]
+footage = SynchronizedVideos(videos)
+open_ = lambda **options: SynchronizedVideos(videos, **options)
+names = [1, 2, 3, 4]
+calls = {
+    "stride[0] is": lambda: open_(stride=[1.5]),
+    "stride is 1.5": lambda: open_(stride=1.5),
+    "stride must be one whole number": lambda: open_(stride=[1]),
+    "start is 1.5": lambda: open_(start=1.5),
+    "end must hold whole numbers": lambda: open_(end="9"),
+    "offsets[0] is nan": lambda: open_(offsets=[float("nan"), 0]),
+    "offsets[1] is 1.7": lambda: open_(offsets=[0, 1.7]),
+    "one number a camera (2), got 3": lambda: open_(offsets=3),
+    "frame_rate must be a positive number, got '2'": lambda: open_(frame_rate="2"),
+    "paths must list one video a camera": lambda: SynchronizedVideos(5),
+    "at least one video": lambda: SynchronizedVideos(None),
+    "Camera 0 must be a path, got a NoneType": lambda: SynchronizedVideos([None]),
+    "no camera 9; the videos are of cameras 0 to 1": lambda: next(footage.pictures_of(9)),
+    "no camera -1": lambda: next(footage.pictures_of(-1)),
+    "first is -1": lambda: next(footage.instants_from(-1)),
+    "center must have shape (3), got (2,)": lambda: cf.camera_gain(scene, [0, 1], [1, 2, 3]),
+    "target[1] is not finite": lambda: cf.camera_gain(scene, [0, 1, 5], [1, np.nan, 3]),
+    "area is 'abc'": lambda: cf.coverage(scene, "abc"),
+    "area is 7": lambda: cf.coverage(scene, 7),
+    "Expected numbers": lambda: align_centres("a", "b"),
+    "must be two (C, 3) arrays": lambda: align_centres(1, 2),
+    "registered[0] is neither": lambda: align_centres(np.eye(3), np.eye(3), registered=[3, 1, 1]),
+    "name of camera 0 is 1": lambda: write_anipose_toml(f"{folder}/a.toml", scene.rig, names),
+    "of camera 0 is 1": lambda: write_colmap_text(f"{folder}/colmap", scene.rig, names),
+    "camera 0 is 1": lambda: write_scene_json(f"{folder}/scene.json", scene, names),
+}
+for needle, call in calls.items():
+    try:
+        call()
+    except cf.CatFreeError as error:
+        assert needle in str(error), f"{needle}: {error}"
+    else:
+        raise AssertionError(needle)
+"""
+
+
+def test_mistaken_arguments_are_one_sentence(tmp_path):
+    videos = [tmp_path / "videos" / name for name in ("a", "b")]
+    for folder in videos:
+        folder.mkdir(parents=True)
+        for number in range(3):
+            cv2.imwrite(str(folder / f"{number}.png"), np.zeros((4, 4, 3), np.uint8))
+    command = [sys.executable, "-c", MISTAKEN, str(tmp_path), *map(str, videos)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["videos"]
 
 
 def test_instances_are_named_by_argument_and_type():
