@@ -210,6 +210,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         with progress_bars() as progress:
             seen = detect(footage, finder, cache=stages, progress=progress)
             found = calibrate_cameras(footage, finder, seen, cache=stages, progress=progress)
+        if footage.interruption is not None:
+            fail(f"Used what came before the damage: {footage.interruption}")
         write_rig(out, found.scene, footage.camera_names)
         print_table(camera_table(found.scene, footage.camera_names, found))
         print_text(f"The rig is in {out}.")

@@ -117,8 +117,9 @@ def progress_bars() -> Iterator[Progress]:
 
 
 def print_text(text: str) -> None:
-    """A line on standard output."""
-    print(text)
+    """A line on standard output; what its encoding cannot show is escaped."""
+    encoding = sys.stdout.encoding or "utf-8"
+    print(text.encode(encoding, "backslashreplace").decode(encoding))
 
 
 def print_result(outcome: Any, out: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 import catfree
 from catfree import cli_terminal
-from catfree.cli_terminal import FAILURE, STAGE_LABELS, fail, print_table
+from catfree.cli_terminal import FAILURE, STAGE_LABELS, fail, print_table, print_text
 from catfree.report import Table
 
 ROOT = Path(catfree.__file__).parent
@@ -78,6 +78,11 @@ def test_advice_names_the_options_of_the_command_line(capsys):
     fail("It is damaged. Repair it, or pass on_error='keep' to use what\ncame before it.")
     error = capsys.readouterr().err
     assert error.endswith("Repair it, or give --keep-before-damage to use what came before it.\n")
+
+
+def test_paths_that_are_no_text_are_escaped(capsys):
+    print_text("pictures in gr\udcf6\udcdfe")
+    assert capsys.readouterr().out == "pictures in gr\\udcf6\\udcdfe\n"
 
 
 def test_tables_are_printed_whole(capsys):
