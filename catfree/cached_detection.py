@@ -90,6 +90,7 @@ def detect_with_cache(
         if any(piece.boxes is None for piece in span):
             detectors = fit_to_cameras(videos, detector, progress)
         shared = detector if isinstance(detector, BatchDetector) else None
+        describe = None if embedder is None else Describer(embedder)
         stream = videos.instants_from(span[0].first)
         for piece in span:
             instants = islice(stream, piece.count)
@@ -97,7 +98,7 @@ def detect_with_cache(
                 deque(instants, maxlen=0)  # decoded, not looked at
             else:
                 counted = _counted(instants, piece.first, videos.frame_count, progress)
-                _complete(piece, counted, detectors, shared, embedder, cache)
+                _complete(piece, counted, detectors, shared, describe, cache)
             if videos.interruption is not None:
                 break
     elif progress is not None:
@@ -165,12 +166,11 @@ def _complete(
     instants: Iterator[tuple[int, list[Image]]],
     detectors: Sequence[Detector],
     shared: BatchDetector | None,
-    embedder: Embedder | None,
+    describe: Describer | None,
     cache: StageCache,
 ) -> None:
     """Find what the piece lacks; store it unless the videos broke off in the middle."""
     known = piece.boxes
-    describe = None if embedder is None else Describer(embedder)
     frame, camera, found, embedding = [], [], [], []
     seen = 0
     for tick, images in instants:

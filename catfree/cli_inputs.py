@@ -91,7 +91,8 @@ def read_truth(path: Path) -> np.ndarray:
 
     reader = csv.reader(io.StringIO(read_text(path, "ground truth")))
     try:
-        lines = [(reader.line_num, [word.strip() for word in row]) for row in reader if row]
+        words = ((reader.line_num, [word.strip() for word in row]) for row in reader)
+        lines = [(line, row) for line, row in words if row not in ([], [""])]
     except csv.Error as error:
         raise FileFormatError(f"{path}: line {reader.line_num} is not CSV: {error}.") from error
     header = lines[0][1] if lines else []

@@ -45,7 +45,7 @@ def test_scenes_of_both_formats(tmp_path):
 @pytest.mark.parametrize("identity", ["id", "track_id"])
 def test_truth_and_tracks_are_read_alike(identity, tmp_path):
     truth = tmp_path / "truth.csv"
-    truth.write_text(f"x,frame,y,{identity}\n1.5,0,2.5,7\n3,1,4,8\n")
+    truth.write_text(f"x,frame,y,{identity}\n \n1.5,0,2.5,7\n3,1,4,8\n")
     np.testing.assert_array_equal(read_truth(truth), [[0, 7, 1.5, 2.5], [1, 8, 3, 4]])
 
 

@@ -135,6 +135,24 @@ def test_pieces_from_the_cache_are_what_one_pass_gives(pictures, tmp_path):
     np.testing.assert_array_equal(bare.box, whole.box)
 
 
+class Grows(ColorEmbedder):
+    """Rows of another length after the first piece."""
+
+    def __init__(self):
+        self.calls = 0
+
+    def __call__(self, image, box):
+        self.calls += 1
+        return np.ones((len(box), 3 if self.calls <= PIECE * CAMERAS else 4))
+
+
+def test_answers_are_checked_over_all_pieces(pictures, tmp_path):
+    world, videos = small_world(), SynchronizedVideos(pictures)
+    for options in ({}, {"cache": StageCache(tmp_path)}):
+        with pytest.raises(InvalidInputError, match=r"Grows, asked about camera .*\(\d+, 3\)"):
+            detect(videos, ReadsItsPicture(world.detections), Grows(), **options)
+
+
 def test_other_content_is_never_reused(pictures, tmp_path):
     world, stages = small_world(), StageCache(tmp_path)
     videos = SynchronizedVideos(pictures)

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from catfree.errors import InvalidInputError
 from catfree.geometry.arrays import ArrayInput
-from catfree.types.validation import as_integer
+from catfree.types.validation import as_float, as_integer
 
 Number = float | int | np.number
 Rows = Float[np.ndarray, "n 4"]
@@ -32,7 +32,7 @@ def as_rows(rows: ArrayInput, name: str, *, identified: bool = False) -> Rows:
         InvalidInputError: naming the first row that breaks the above.
     """
     try:
-        array = np.asarray(rows, dtype=np.float64)
+        array = np.asarray(as_float(rows), np.float64)
     except (TypeError, ValueError) as error:
         raise InvalidInputError(
             f"{name} must be an (N, 4) array of numbers [frame, id, x, y]: {error}."

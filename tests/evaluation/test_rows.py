@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree import evaluation
+from catfree.errors import InvalidInputError
 
 AREA = (-10.0, 10.0, -10.0, 10.0)
 cells = st.integers(-8, 8).map(lambda cell: cell / 8)
@@ -66,6 +67,11 @@ def test_a_frame_with_rows_on_one_side_counts_them_as_errors():
     metrics = evaluation.detection_metrics(one, other, [0, 1, 2, 3])
     assert (metrics.tp, metrics.fp, metrics.fn) == (1, 1, 1)
     assert metrics.moda == pytest.approx(0)
+
+
+def test_imaginary_parts_are_not_dropped():
+    with pytest.raises(InvalidInputError, match=r"ground_truth must be .* got complex128"):
+        evaluation.detection_metrics(np.ones((1, 4)) * 1j, np.zeros((0, 4)))
 
 
 def test_frames_that_share_nothing_with_the_rows_leave_nothing_to_score():
