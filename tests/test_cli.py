@@ -1,6 +1,7 @@
 """The command line: every command does its work, and every failure is one sentence."""
 
 import csv
+import dataclasses
 import json
 import re
 import subprocess
@@ -89,6 +90,15 @@ def test_every_file_of_the_results_can_be_read_again(results, outcome):
     )
     leftovers = [path for path in results.rglob(".*") if path.is_file()]
     assert leftovers == []
+
+
+def test_every_camera_has_files_of_its_own(outcome, tmp_path):
+    alike = dataclasses.replace(outcome, camera_names=("a/b", "a_b", "a b"))
+    write_results(tmp_path, alike, pictures=False)
+    files = {path.name for path in (tmp_path / "boxes").iterdir()}
+    assert files == {"a_b.txt", "a_b_C2.txt", "a b.txt"}
+    names = read_colmap(tmp_path / "rig" / "colmap").names
+    assert set(names) == {"a/b", "a_b", "a_b_C3"}
 
 
 def test_report_shows_pictures_cameras_and_settings(results, outcome):
