@@ -12,7 +12,7 @@ from catfree.geometry.buckets import fine_length
 from catfree.settings import EvidenceSettings
 
 SMALLEST_SAMPLE = 50  # pairs below which nothing is learned
-SMALLEST_SPREAD = 0.01  # cosine distance
+SMALLEST_SPREAD = 0.01  # cosine distance: narrower samples are copies
 TABLE_ENTRIES = 1 << 24  # of pairwise ratios computed at a time: 64 MB
 KEPT_ENTRIES = 1 << 26  # of pairwise ratios kept from pass to pass: 256 MB
 

@@ -8,6 +8,9 @@ from catfree.geometry.buckets import fine_length
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Rig
 
+UNDISTORTION_STEPS = 30  # of a fixed point that gains a digit or more in each
+LEAST_RADIAL = 0.2  # of the lens's radial factor: beyond it the model folds the image over
+
 
 class Boxes(eqx.Module):
     """Boxes sorted by frame, camera and edges, padded to N rows.
@@ -56,9 +59,9 @@ def undistort(rig: Rig, camera: np.ndarray, pixel: np.ndarray) -> np.ndarray:
     y = (pixel[:, 1] - K[:, 1, 2]) / K[:, 1, 1]
     x = (pixel[:, 0] - K[:, 0, 2] - K[:, 0, 1] * y) / K[:, 0, 0]
     px, py = x.copy(), y.copy()
-    for _ in range(30):
+    for _ in range(UNDISTORTION_STEPS):
         r2 = px * px + py * py
-        radial = np.maximum(1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 0.2)
+        radial = np.maximum(1 + r2 * (k1 + r2 * (k2 + r2 * k3)), LEAST_RADIAL)
         dx = 2 * p1 * px * py + p2 * (r2 + 2 * px * px)
         dy = p1 * (r2 + 2 * py * py) + 2 * p2 * px * py
         px, py = (x - dx) / radial, (y - dy) / radial

@@ -14,6 +14,8 @@ from catfree.geometry.buckets import in_blocks
 from catfree.settings import EvidenceSettings
 
 CELLS = 128  # a side of each camera's clutter map, in H0
+BEHIND = 8  # of these cells behind the camera, where errors of the rig may put somebody
+SUREST = 0.99  # largest probability of a detection: a miss never rules anybody out
 OUTAGE_EXPECTED = 3.0  # detections that a blind camera should have had before it counts as out
 
 
@@ -54,7 +56,7 @@ def looking(rate: np.ndarray, member: np.ndarray, frame: np.ndarray, boxes: Boxe
 
 def misses(rate: np.ndarray, member: np.ndarray) -> np.ndarray:
     """(H,) sum of log(1 - Pd) over the cameras without a detection."""
-    return np.where(member < 0, np.log1p(-np.minimum(rate, 0.99)), 0.0).sum(1)
+    return np.where(member < 0, np.log1p(-np.minimum(rate, SUREST)), 0.0).sum(1)
 
 
 def clutter_cells(state: np.ndarray, camera: np.ndarray, views: GroundViews) -> np.ndarray:
@@ -63,7 +65,7 @@ def clutter_cells(state: np.ndarray, camera: np.ndarray, views: GroundViews) -> 
     ahead = views.heading[camera]
     forward = (away * ahead).sum(1)
     aside = away[:, 0] * ahead[:, 1] - away[:, 1] * ahead[:, 0]
-    i = np.clip(np.floor(forward) + 8, 0, CELLS - 1).astype(int)
+    i = np.clip(np.floor(forward) + BEHIND, 0, CELLS - 1).astype(int)
     j = np.clip(np.floor(aside) + CELLS // 2, 0, CELLS - 1).astype(int)
     return (camera * CELLS + i) * CELLS + j
 

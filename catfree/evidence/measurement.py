@@ -83,6 +83,12 @@ class BoxConstants(NamedTuple):
 NEAREST = 0.1  # H0; nobody's feet or head are closer to the plane of a lens
 BLOCKS = (256, 2048)  # boxes that are measured together
 EXPLAINED = 6.0  # standard deviations; a wider miss is no Gaussian noise
+FOOT_ROUNDS = 2  # of the foot's column: the second changes it by the roll squared
+HEIGHT_BOUNDS = (0.1, 4.0)  # H0, of what may stand on a foot while its column is sought
+LARGEST_LEAN = 0.5  # box heights by which one round moves the foot's column
+LEAST_TRUST = 1e-4  # in a bottom edge: a hundred times its noise says nothing
+DOUBTFUL = 0.5  # trust below which a bottom edge is more likely wrong than right
+JOINED_TOP = 3.0  # times the top's noise in a box taller than people: it may hold two of them
 
 
 def start_noise(cameras: int, settings: EvidenceSettings) -> Noise:
@@ -110,11 +116,12 @@ def field_features(edges: Array, size: Array, focal: Array, center: Array) -> Fl
 def implied_height(matrix, ground_inverse, edges):
     """Foot position and height of a person whose box has exactly these edges."""
     column = edges[0]
-    for _ in range(2):  # in a rolled camera the foot is not below the box centre
+    for _ in range(FOOT_ROUNDS):  # in a rolled camera the foot is not below the box centre
         position = drop_to_height(ground_inverse, jnp.stack([column, edges[2]]))
-        height = jnp.clip(height_at(matrix, position, edges[1]), 0.1, 4.0)
+        height = jnp.clip(height_at(matrix, position, edges[1]), *HEIGHT_BOUNDS)
         predicted = predict_edges(matrix, jnp.append(position, height))
-        column = column + jnp.clip(edges[0] - predicted[0], -0.5, 0.5) * (edges[2] - edges[1])
+        limit = LARGEST_LEAN * (edges[2] - edges[1])
+        column = column + jnp.clip(edges[0] - predicted[0], -limit, limit)
     position = drop_to_height(ground_inverse, jnp.stack([column, edges[2]]))
     return position, height_at(matrix, position, edges[1])
 
@@ -158,7 +165,9 @@ def measure(
         steps: of Gauss-Newton.
 
     Returns:
-        (matrix, vector, constant), state, covariance, noise, corrected edges, used, valid.
+        Information (matrix (3, 3), vector (3,), constant ()) about (x, y, height) in H0; the state
+        (3,) that it is taken at; noise (3,) in pixels; corrected edges (3,); used (3,) bool; valid
+        () bool, whether the state explains the box.
     """
     dtype = edges.dtype
     edges = edges - (field_features(edges, size, focal, center) * field).sum(-1)
@@ -177,16 +186,16 @@ def measure(
     good = (1 - constants.foot_outlier) * density
     trust = good / (good + constants.foot_outlier)
     whole = ~cut[1] & ~cut[2]
-    trust = jnp.where(whole & constants.use_height, jnp.clip(trust, 1e-4, 1.0), 1.0)
+    trust = jnp.where(whole & constants.use_height, jnp.clip(trust, LEAST_TRUST, 1.0), 1.0)
     noise = noise.at[2].multiply(1 / jnp.sqrt(trust))
-    noise = noise.at[1].multiply(jnp.where((trust < 0.5) & (height > 1), 3.0, 1.0))
+    noise = noise.at[1].multiply(jnp.where((trust < DOUBTFUL) & (height > 1), JOINED_TOP, 1.0))
     noise = jnp.sqrt(noise**2 + (angular * focal) ** 2)
 
     used = jnp.stack([jnp.ones((), bool), ~cut[1] & constants.use_height, ~cut[2]])
     precision = jnp.where(used, 1 / noise**2, 0.0)
 
     head = drop_to_height(head_inverse, edges[:2])
-    by_head = (cut[2] | (trust < 0.5)) & ~cut[1]
+    by_head = (cut[2] | (trust < DOUBTFUL)) & ~cut[1]
     start = jnp.append(jnp.where(by_head, head, position), jnp.ones((), dtype))
     prior = jnp.array([0.0, 0.0, 1.0], dtype) / spread**2
 

@@ -16,7 +16,8 @@ from catfree.settings import EvidenceSettings
 ENOUGH = 30  # residuals below which a camera keeps the noise that it had
 ENOUGH_FOR_FIELD = 10  # the same for its offset: four coefficients, held by their prior
 FEWEST_GROUPS = 10  # people below which nothing is learned
-HUBER = 1.5
+HUBER = 1.5  # deviations beyond which a residual counts less than its square (Huber 1981)
+LARGEST_CHANGE = 2.0  # factor by which a round changes a noise: groups were made under the old one
 STEP = 2 / np.pi**0.5  # H0: around everybody, 4 H0² of ground are in use
 SPACING = STEP / 6  # of the points that count it: to a few per cent for one person alone
 DENSITY_RANGE = (0.003, 1.0)  # people per H0²: one in a big square, shoulder to shoulder
@@ -135,13 +136,14 @@ def learn_noise(
                 pool.append(factor)
                 start = settings.edge_noise[k]
                 edge[camera, k] = np.clip(
-                    edge[camera, k] * np.clip(factor, 0.5, 2.0),
+                    edge[camera, k] * np.clip(factor, 1 / LARGEST_CHANGE, LARGEST_CHANGE),
                     settings.noise_factor_range[0] * start,
                     settings.noise_factor_range[1] * start,
                 )
     if pool:
         angular = np.clip(
-            angular * np.clip(np.median(pool), 0.5, 2.0), *settings.angular_noise_range
+            angular * np.clip(np.median(pool), 1 / LARGEST_CHANGE, LARGEST_CHANGE),
+            *settings.angular_noise_range,
         )
     return (
         Noise(edge, np.asarray(angular), field, np.asarray(spread), np.asarray(density)),

@@ -16,7 +16,12 @@ from catfree.evidence.gaussian import (
 from catfree.settings import EvidenceSettings
 
 JITTER = 0.03  # H0 a frame: steps and sway that no velocity explains
-HEIGHT_JITTER = 0.005  # H0 a frame
+HEIGHT_JITTER = 0.005  # H0 a frame: people bow and straighten
+USUAL_SPEED = 0.4  # H0 a frame and axis, where too few steps tell: strolling at two frames a second
+MEMORY = 0.85  # correlation of the velocity over one frame: people turn within a few steps
+SPEED_RANGE = (0.05, 1.0)  # H0 a frame: standing at video rate, walking fast at two a second
+CONSECUTIVE = 1.5  # usual steps: frames farther apart do not tell the speed
+FEWEST_STEPS = 10  # below which the usual speed is assumed
 
 
 class Motion(eqx.Module):
@@ -70,17 +75,17 @@ def estimate_motion(position: np.ndarray, frame: np.ndarray, time: np.ndarray) -
     bounds = np.searchsorted(frame, np.arange(len(time) + 1))
     for t in range(len(time) - 1):
         a, b = position[bounds[t] : bounds[t + 1]], position[bounds[t + 1] : bounds[t + 2]]
-        if len(a) == 0 or len(b) == 0 or time[t + 1] - time[t] > 1.5:
+        if len(a) == 0 or len(b) == 0 or time[t + 1] - time[t] > CONSECUTIVE:
             continue
         _, ab = KDTree(b).query(a)
         _, ba = KDTree(a).query(b)
         mutual = np.asarray(ba)[ab] == np.arange(len(a))
         steps.append((b[ab] - a)[mutual])
-    if not steps or sum(map(len, steps)) < 10:
-        return Motion(0.4, 0.85)
+    if not steps or sum(map(len, steps)) < FEWEST_STEPS:
+        return Motion(USUAL_SPEED, MEMORY)
     step = np.concatenate(steps)
-    speed = np.sqrt(np.mean(np.minimum(step**2, 1.0)))
-    return Motion(float(np.clip(speed, 0.05, 1.0)), 0.85)
+    speed = np.sqrt(np.mean(np.minimum(step**2, SPEED_RANGE[1] ** 2)))
+    return Motion(float(np.clip(speed, *SPEED_RANGE)), MEMORY)
 
 
 def _transition(motion: Motion, dt: float) -> tuple[np.ndarray, np.ndarray]:

@@ -11,9 +11,13 @@ from catfree.settings import EvidenceSettings
 
 COLUMNS = 8  # sampled columns of a box; its rows are integrated exactly
 ASPECT = 0.4  # width of a standing person over the height
-COVER_EDGES = (0.15, 0.4, 0.7, 0.95)
-HEIGHT_QUANTILES = (0.15, 0.5)
+COVER_EDGES = (0.15, 0.4, 0.7, 0.95)  # between classes of hidden share, each its own rate
+HEIGHT_QUANTILES = (0.15, 0.5)  # of a camera's boxes, between small, usual and large people
 WITNESSES = 3  # other cameras that must see a person before a miss counts
+LOWER_BODY = 0.3  # share of a box that holds the legs from the knees down
+WHOLE = 0.99  # weight inside the image from which a sighting teaches the detection rate
+PRIOR_RANGE = (0.02, 0.98)  # of what a detection rate is drawn to
+RATE_RANGE = (0.01, 0.99)  # of a detection rate: nothing is impossible or certain
 BODY_RAMP = (0.3, 0.7)  # shares of the body inside the image between "cut off" and "in view"
 
 
@@ -43,13 +47,13 @@ def covered_share(region: Array, floor: Array, others: Array, active: Array) -> 
 
 @jax.jit
 def covered_feet(box, frame, camera, table) -> Float[Array, " box"]:
-    """Share of the lower 30 % of each box that is hidden by boxes in front of it."""
+    """Share of the lower part of each box that is hidden by boxes in front of it."""
     rows = jnp.arange(box.shape[0])
 
     def one(row, box_, f, c):
         others = jnp.asarray(table)[jnp.minimum(f, table.shape[0] - 1), c]
         active = (others >= 0) & (others != row) & (f < table.shape[0])
-        low = jnp.stack([box_[0], box_[3] - 0.3 * (box_[3] - box_[1]), box_[2], box_[3]])
+        low = jnp.stack([box_[0], box_[3] - LOWER_BODY * (box_[3] - box_[1]), box_[2], box_[3]])
         return covered_share(low, box_[3], box[jnp.maximum(others, 0)], active)
 
     return jax.vmap(one)(rows, box, frame, camera)
@@ -168,7 +172,7 @@ def learn_detection_rate(
     height, cover = rate._bins(seen)
     hit = member >= 0
     others = hit.sum(1, keepdims=True) - hit
-    trial = (others >= WITNESSES) & (seen.inside > 0.99)
+    trial = (others >= WITNESSES) & (seen.inside > WHOLE)
     w = trial.astype(float)
     index = (np.broadcast_to(np.arange(C), w.shape), height, cover)
     trials, hits = np.zeros((C, 3, 5)), np.zeros((C, 3, 5))
@@ -179,6 +183,6 @@ def learn_detection_rate(
     overall = (hits.sum() + pseudo * settings.detection_rate_start) / (trials.sum() + pseudo)
     by_cover = (hits.sum((0, 1)) + pseudo * overall) / (trials.sum((0, 1)) + pseudo)
     by_camera = (hits.sum((1, 2)) + pseudo * overall) / (trials.sum((1, 2)) + pseudo)
-    prior = np.clip(by_camera[:, None, None] * (by_cover / overall)[None, None], 0.02, 0.98)
+    prior = np.clip(by_camera[:, None, None] * (by_cover / overall)[None, None], *PRIOR_RANGE)
     shrunk = (hits + pseudo * prior) / (trials + pseudo)
-    return DetectionRate(heights, np.clip(shrunk, 0.01, 0.99))
+    return DetectionRate(heights, np.clip(shrunk, *RATE_RANGE))

@@ -10,7 +10,13 @@ import pytest
 from evidence_worlds import HEIGHT, make_rig, make_scene
 from hypothesis import given, settings, strategies as st
 
-from catfree.evidence.measurement import BoxConstants, Measurements, measure_all, start_noise
+from catfree.evidence.measurement import (
+    BoxConstants,
+    Measurements,
+    implied_height,
+    measure_all,
+    start_noise,
+)
 from catfree.evidence.views import ground_views, predict_edges
 from catfree.settings import EvidenceSettings
 
@@ -70,6 +76,17 @@ def disturbed(seed):
 
 
 seeds = st.integers(0, 10**6)
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 10**6))
+def test_feet_and_height_that_a_box_in_a_rolled_camera_implies(seed):
+    # The foot is a sixth of the height beside the box centre there; two rounds leave the square.
+    state, rows = people(seed)
+    matrix, inverse = (np.asarray(a)[rows.camera] for a in (VIEWS.matrix, VIEWS.ground_inverse))
+    position, height = jax.vmap(implied_height)(matrix, inverse, rows.edges)
+    np.testing.assert_allclose(height, state[:, 2], atol=0.02)
+    np.testing.assert_allclose(position, state[:, :2], atol=0.02)
 
 
 @given(seeds)
