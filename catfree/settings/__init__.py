@@ -1,4 +1,4 @@
-"""Every constant, frozen, one dataclass a stage; nothing is tunable elsewhere."""
+"""The constants of a run that may be set, frozen, one dataclass a stage."""
 
 from catfree.settings.calibration import CalibrationSettings as CalibrationSettings
 from catfree.settings.combined import Settings as Settings

@@ -1,4 +1,6 @@
-"""Every constant of the evidence method, each with its reason; the same for all data.
+"""The constants of the evidence method that may be set; the same for all data.
+
+`docs/evidence_constants.md` lists them with their reasons, and those that stand in its modules.
 
 Lengths are in units of H0, the sequence's own median person height, so that nothing depends on the
 scale of the scene; pixels are shares of the box height or of the focal length.
