@@ -9,7 +9,6 @@ the boxes of a detector; any other sequence with cameras and true positions work
 import argparse
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -62,7 +61,7 @@ def main() -> None:
     """Read, localize, report, draw."""
     parser = argparse.ArgumentParser(description="Localize people in a sequence with known truth.")
     parser.add_argument("json", type=Path, help="uniform JSON file with cameras, boxes and truth")
-    parser.add_argument("--method", choices=["paper", "evidence"], default="paper")
+    parser.add_argument("--method", choices=["paper", "evidence"], default="evidence")
     parser.add_argument("--out", type=Path, default=Path("output"), help="folder for the pictures")
     options = parser.parse_args()
     if not options.json.is_file():
@@ -83,9 +82,8 @@ def run(path: Path, method: str, out: Path) -> None:
     read = time.perf_counter()
     if sequence.scene is None:
         sys.exit(f"{path} has no calibrated cameras; calibrate them first (see cf.calibrate).")
-    localization = cf.localize(
-        sequence.detections, sequence.scene, replace(cf.Settings.paper(), method=method)
-    )
+    settings = cf.Settings.paper() if method == "paper" else cf.Settings()
+    localization = cf.localize(sequence.detections, sequence.scene, settings)
     done = time.perf_counter()
     tracks = localization.tracks
     print(

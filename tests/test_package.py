@@ -137,8 +137,8 @@ def test_the_version_is_that_of_the_distribution():
 
 
 # Where users find what the library offers.
-FOLDERS = ("adapters", "coverage", "evaluation", "filters", "geometry", "rig", "synthetic")
-FOLDERS += ("testing", "viz")
+FOLDERS = ("adapters", "coverage", "evaluation", "evidence", "filters", "geometry", "rig")
+FOLDERS += ("synthetic", "testing", "viz")
 PLACES = (cf, *(importlib.import_module(f"catfree.{folder}") for folder in FOLDERS))
 
 

@@ -171,7 +171,14 @@ def _expected_rates(
 
 
 def clusters_of(solution: EvidenceSolution) -> Clusters:
-    """The groups of a solution as correspondences between cameras, in scene units."""
+    """The groups of a solution as correspondences between cameras.
+
+    Args:
+        solution: what `solve` found.
+
+    Returns:
+        All groups, single boxes included, in scene units; `Clusters.strict` says which to trust.
+    """
     s = solution
     unit = float(s.views.unit)
     there = s.groups.member >= 0

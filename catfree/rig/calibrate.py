@@ -34,7 +34,8 @@ def calibrate(
     every camera's place is searched once more, and each must stand up to its evidence again.
 
     Args:
-        detections: (N,) boxes of synchronized static cameras.
+        detections: (N,) boxes of synchronized static cameras; those of a score below
+            `settings.confidence` do not take part.
         image_size: (2,) width and height in pixels for all cameras, or (C, 2).
         settings: settings of a run or of the calibration alone; the defaults if None.
         camera_names: names for messages.
@@ -44,7 +45,8 @@ def calibrate(
 
     Returns:
         The scene in metres, z up, ground z = 0, with the evidence for each camera. A camera that
-        cannot be trusted has `scene.rig.registered` False and NaN parameters.
+        cannot be trusted has `scene.rig.registered` False and NaN parameters. With clock offsets,
+        `catfree.rig.remove_offsets(detections, result.frame_offset)` is what fits the rig.
 
     Raises:
         CalibrationError: if fewer than two cameras can be registered, or those that can disagree.

@@ -15,7 +15,6 @@ from catfree.synthetic.walkers import Walkers
 from catfree.types import Detections, Rig
 
 FALSE_POSITIVE = -1  # identity of a detection that is nobody
-LEG_ROWS = ROWS - ROWS // 3  # rows from here to the feet show knees, shins and shoes
 SMALLEST_BOX = 8.0  # pixels of height; detectors report nothing smaller
 STATIC_SHARE = 0.5  # of the false positives stay at one place (signs, bins, reflections)
 STATIC_PLACES = 3  # such places a camera

@@ -67,7 +67,7 @@ def calibrate(
     maximum_offset: int = 0,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Find cameras and ground in metres from nothing but boxes of walking people.
+    """Register cameras over a metric ground by boxes of walking people: how `calibrate` begins.
 
     People are as tall as people are: that gives every camera its tilt, roll, height and a metric
     map of the ground. People seen by two cameras at the same time join their maps. Cameras are
