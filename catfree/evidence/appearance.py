@@ -6,8 +6,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.evidence.association import Groups
 from catfree.evidence.boxes import Boxes
+from catfree.evidence.groups import Groups
 from catfree.geometry.buckets import fine_length
 from catfree.settings import EvidenceSettings
 

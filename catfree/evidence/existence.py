@@ -5,8 +5,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import uniform_filter
 
-from catfree.evidence.association import Groups
 from catfree.evidence.boxes import Boxes
+from catfree.evidence.groups import Groups
 from catfree.evidence.measurement import Measurements
 from catfree.evidence.views import PEOPLE_BLOCKS, GroundViews
 from catfree.evidence.visibility import Views, expected_views

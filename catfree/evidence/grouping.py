@@ -5,9 +5,10 @@ import jax
 import numpy as np
 
 from catfree.evidence.appearance import Appearance, Likeness, PairRatios, group_agreement
-from catfree.evidence.association import Groups, Priors, associate
+from catfree.evidence.association import associate
 from catfree.evidence.boxes import Boxes
 from catfree.evidence.gaussian import Information
+from catfree.evidence.groups import Groups, Priors
 from catfree.evidence.measurement import Measurements, Noise
 from catfree.geometry.buckets import fine_length
 from catfree.settings import EvidenceSettings

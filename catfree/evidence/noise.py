@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.evidence.association import Groups
 from catfree.evidence.boxes import Boxes
 from catfree.evidence.gaussian import mean_and_covariance
+from catfree.evidence.groups import Groups
 from catfree.evidence.measurement import Measurements, Noise, field_features
 from catfree.evidence.views import GroundViews, drop_to_height, edges_and_slopes, height_at
 from catfree.geometry.buckets import in_blocks

@@ -25,8 +25,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtri, stdtrit
 
-from catfree.evidence.association import Groups
 from catfree.evidence.boxes import Boxes
+from catfree.evidence.groups import Groups
 from catfree.evidence.measurement import Measurements, Noise, field_features
 from catfree.evidence.tracking import Trails
 from catfree.evidence.views import GroundViews, edges_and_slopes

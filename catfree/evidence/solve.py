@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from catfree.evidence.appearance import PairRatios, compare_frames, learn_ratio
-from catfree.evidence.association import Groups, Priors
 from catfree.evidence.boxes import Boxes, prepare_boxes
 from catfree.evidence.exclusion import alone_in_place
 from catfree.evidence.existence import Existence, judge_groups, misses, predict_views
 from catfree.evidence.gaussian import mean_and_covariance
 from catfree.evidence.grouping import agreement, group, group_by_looks
+from catfree.evidence.groups import Groups, Priors
 from catfree.evidence.measurement import Measurements, Noise, measure_boxes
 from catfree.evidence.self_calibration import foot_cover, self_calibrate
 from catfree.evidence.shared_error import shared_covariance

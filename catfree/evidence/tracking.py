@@ -6,13 +6,13 @@ from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
 
-from catfree.evidence.association import Groups
 from catfree.evidence.gaussian import (
     Information,
     determinant_and_form,
     log_evidence,
     mean_and_covariance,
 )
+from catfree.evidence.groups import Groups
 from catfree.settings import EvidenceSettings
 
 JITTER = 0.03  # H0 a frame: steps and sway that no velocity explains

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from catfree.evidence.association import Groups
+from catfree.evidence.groups import Groups
 from catfree.evidence.measurement import Measurements, Noise
 from catfree.evidence.tracking import Trails
 from catfree.evidence.views import PEOPLE_BLOCKS, GroundViews, predict_edges

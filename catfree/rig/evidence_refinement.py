@@ -25,9 +25,9 @@ from catfree.errors import InsufficientDataError
 from catfree.evidence.boxes import undistort
 from catfree.geometry import Similarity, transform_scene
 from catfree.rig.bundle_adjustment import CameraTie
+from catfree.rig.pedestrians.box_measurements import BoxMeasurements, KnownCameras
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, from_matrices, rotation
 from catfree.rig.pedestrians.correspondences import adjust_groups
-from catfree.rig.pedestrians.normal_equations import BoxMeasurements, KnownCameras
 from catfree.rig.refinement import SAME_RESIDUAL, Refinement, RefinementSettings
 from catfree.rig.sure_people import SurePeople, sure_people
 from catfree.settings import CalibrationSettings, Settings

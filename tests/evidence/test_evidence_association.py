@@ -2,8 +2,9 @@ import jax
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
-from catfree.evidence.association import PAIR_GATE, Priors, associate, candidate_pairs
+from catfree.evidence.association import PAIR_GATE, associate, candidate_pairs
 from catfree.evidence.gaussian import Information, log_evidence
+from catfree.evidence.groups import Priors
 
 DENSITY, SPREAD = 0.2, 0.05
 

@@ -3,8 +3,8 @@ import pytest
 from evidence_worlds import HEIGHT, make_rig, make_scene, walk
 
 from catfree.evidence import EvidenceSettings, solve
-from catfree.evidence.association import Groups
 from catfree.evidence.gaussian import Information
+from catfree.evidence.groups import Groups
 from catfree.evidence.measurement import Measurements, start_noise
 from catfree.evidence.tracking import Trails
 from catfree.evidence.uneven_ground import ground_shift, with_uneven_ground

@@ -5,10 +5,10 @@ import pytest
 from evidence_worlds import HEIGHT, make_rig, make_scene
 from hypothesis import given, settings, strategies as st
 
-from catfree.evidence.association import Groups
 from catfree.evidence.boxes import Boxes
 from catfree.evidence.existence import CELLS, clutter_cells, judge_groups, looking, misses
 from catfree.evidence.gaussian import Information
+from catfree.evidence.groups import Groups
 from catfree.evidence.measurement import Measurements
 from catfree.evidence.views import ground_views
 from catfree.settings import EvidenceSettings

@@ -11,9 +11,9 @@ import pytest
 from evidence_worlds import HEIGHT, make_rig, make_scene
 from hypothesis import given, settings, strategies as st
 
-from catfree.evidence.association import Groups
 from catfree.evidence.boxes import Boxes
 from catfree.evidence.gaussian import Information
+from catfree.evidence.groups import Groups
 from catfree.evidence.measurement import measure_boxes, start_noise
 from catfree.evidence.noise import crowding, learn_noise, median_height
 from catfree.evidence.views import ground_views, predict_edges

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from catfree.evidence.association import Groups
 from catfree.evidence.gaussian import Information, mean_and_covariance
+from catfree.evidence.groups import Groups
 from catfree.evidence.tracking import Motion, _transition, estimate_motion, follow, unlinked
 from catfree.settings import EvidenceSettings
 

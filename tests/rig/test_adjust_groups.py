@@ -3,9 +3,9 @@
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
+from catfree.rig.pedestrians.box_measurements import BoxMeasurements
 from catfree.rig.pedestrians.camera_model import box_jacobian
 from catfree.rig.pedestrians.correspondences import adjust_groups
-from catfree.rig.pedestrians.normal_equations import BoxMeasurements
 from catfree.settings import CalibrationSettings
 
 SETTINGS = CalibrationSettings()

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.rig.pedestrians import CalibrationSettings
+from catfree.rig.pedestrians.box_measurements import BoxMeasurements
 from catfree.rig.pedestrians.bundle import adjust
 from catfree.rig.pedestrians.camera_model import (
     box_jacobian,
@@ -15,7 +16,6 @@ from catfree.rig.pedestrians.camera_model import (
 )
 from catfree.rig.pedestrians.ground_map import GroundMap, implied_height, map_ground
 from catfree.rig.pedestrians.matching import mutual_nearest, squared_distances
-from catfree.rig.pedestrians.normal_equations import BoxMeasurements
 from catfree.rig.pedestrians.registration import Placement, align_rigidly, turn, vote
 from catfree.rig.pedestrians.resection import fit_camera
 

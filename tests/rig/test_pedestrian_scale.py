@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from catfree.rig.pedestrians.normal_equations import _gram
 from catfree.rig.pedestrians.scale import scale_deviation
 from catfree.settings import CalibrationSettings
 
@@ -60,10 +59,3 @@ def test_cameras_that_are_not_known_say_nothing() -> None:
 def test_boxes_show_people_taller_than_they_are() -> None:
     rules = replace(RULES, person_height=1.6, box_slack=0.05)
     assert rules.apparent_height == pytest.approx(1.68)
-
-
-@pytest.mark.parametrize("length", [1, 7, 300, 20_000])
-def test_products_in_blocks_are_products(length: int) -> None:
-    rng = np.random.default_rng(length)
-    first, second = rng.normal(size=(length, 29)), rng.normal(size=(length, 29))
-    np.testing.assert_allclose(_gram(first, second), first.T @ second, rtol=1e-10, atol=1e-9)

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.errors import CalibrationError
+from catfree.rig.pedestrians.box_measurements import BoxMeasurements
 from catfree.rig.pedestrians.bundle import BundleResult, adjust
-from catfree.rig.pedestrians.normal_equations import BoxMeasurements
 from catfree.rig.pedestrians.observations import BoxGrid
 from catfree.rig.pedestrians.people import People, RigState, group_people
 from catfree.settings import CalibrationSettings

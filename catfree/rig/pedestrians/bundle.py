@@ -11,12 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from catfree.rig.pedestrians.box_measurements import BoxMeasurements, KnownCameras
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, X, Z
-from catfree.rig.pedestrians.normal_equations import (
-    BoxMeasurements,
-    KnownCameras,
-    NormalEquations,
-)
+from catfree.rig.pedestrians.normal_equations import NormalEquations
 from catfree.settings import CalibrationSettings
 
 

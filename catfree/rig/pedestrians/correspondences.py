@@ -11,11 +11,11 @@ from jaxtyping import Float, Int
 
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry.arrays import ArrayInput
+from catfree.rig.pedestrians.box_measurements import BoxMeasurements, KnownCameras
 from catfree.rig.pedestrians.bundle import BundleResult, adjust, focal_lengths_differ
 from catfree.rig.pedestrians.calibrate import Calibration
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, from_matrices, to_matrices
 from catfree.rig.pedestrians.ground_map import map_ground
-from catfree.rig.pedestrians.normal_equations import BoxMeasurements, KnownCameras
 from catfree.rig.pedestrians.scale import scale_deviation
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Rig, Scene

@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from catfree.rig.pedestrians.box_measurements import BoxMeasurements, KnownCameras
 from catfree.rig.pedestrians.camera_model import LOG_FOCAL, ROLL, box_jacobian
-from catfree.rig.pedestrians.normal_equations import (
-    CAUCHY,
-    BoxMeasurements,
-    KnownCameras,
-    NormalEquations,
-    _gram,
-)
+from catfree.rig.pedestrians.normal_equations import CAUCHY, NormalEquations, _gram
 from catfree.settings import CalibrationSettings
 
 RULES = CalibrationSettings()
