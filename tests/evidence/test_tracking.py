@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import scipy.linalg
 from hypothesis import given, settings, strategies as st
 
 from catfree.evidence.gaussian import Information, mean_and_covariance
@@ -30,6 +31,26 @@ def groups_at(frame, state, deviation):
 def tracked(groups, time, log_odds=3.0, rules=RULES):
     odds = np.full(len(groups), log_odds)
     return follow(groups, odds, np.asarray(time, float), MOTION, DENSITY, SPREAD, rules)
+
+
+@pytest.mark.parametrize("dt", [0.5, 1.0, 3.0])
+def test_a_step_is_that_of_a_velocity_that_fades_and_is_renewed(dt):
+    # Van Loan's integral of dv = -rate v dt + noise, for a memory so long that the position takes
+    # the velocity of the step's beginning along, as the filter does.
+    motion = Motion(0.2, 0.9999)
+    rate = -np.log(motion.memory)
+    F = np.array([[0.0, 1.0], [0.0, -rate]])
+    G = np.diag([0.0, 2 * rate * motion.speed**2])
+    block = scipy.linalg.expm(np.block([[-F, G], [np.zeros((2, 2)), F.T]]) * dt)
+    exact_A = block[2:, 2:].T
+    exact_Q = exact_A @ block[:2, 2:]
+    A, Q = _transition(motion, dt)
+    jitter = _transition(Motion(0.0, motion.memory), dt)[1]
+    for axis in (0, 1):
+        both = np.ix_([axis, axis + 3], [axis, axis + 3])
+        np.testing.assert_allclose(A[both], exact_A, rtol=1e-3)
+        np.testing.assert_allclose((Q - jitter)[both], exact_Q, rtol=1e-3)
+    assert (np.linalg.eigvalsh(Q) > -1e-15).all()
 
 
 def dense_solution(observed, time):
