@@ -1,15 +1,14 @@
 """Detections as padded arrays in a canonical order, and the tables that group them."""
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from catfree.geometry import back_project
 from catfree.geometry.buckets import fine_length
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Rig
-
-UNDISTORTION_STEPS = 30  # of a fixed point that gains a digit or more in each
-LEAST_RADIAL = 0.2  # of the lens's radial factor: beyond it the model folds the image over
 
 
 class Boxes(eqx.Module):
@@ -46,28 +45,36 @@ class Boxes(eqx.Module):
     first: Int[np.ndarray, " bounds"]
 
 
-def undistort(rig: Rig, camera: np.ndarray, pixel: np.ndarray) -> np.ndarray:
-    """Pixels as an ideal pinhole of the same K would see them; (n, 2) -> (n, 2).
+def undistort(
+    rig: Rig, camera: Int[np.ndarray, " n"], pixel: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, "n 2"]:
+    """Pixels as an ideal pinhole of the same K would see them.
 
-    Fixed-point iteration on the five-parameter model of OpenCV.
+    Args:
+        rig: the cameras.
+        camera: (n,) camera of each pixel.
+        pixel: (n, 2) as observed.
+
+    Returns:
+        (n, 2) in float64; the pixels themselves if the rig has no distortion.
     """
-    if rig.distortion is None:
+    n = len(pixel)
+    if rig.distortion is None or n == 0:
         return pixel
-    K = np.asarray(rig.K, np.float64)[camera]
-    d = np.nan_to_num(np.asarray(rig.distortion, np.float64))[camera]
-    k1, k2, p1, p2, k3 = d.T
-    y = (pixel[:, 1] - K[:, 1, 2]) / K[:, 1, 1]
-    x = (pixel[:, 0] - K[:, 0, 2] - K[:, 0, 1] * y) / K[:, 0, 0]
-    px, py = x.copy(), y.copy()
-    for _ in range(UNDISTORTION_STEPS):
-        r2 = px * px + py * py
-        radial = np.maximum(1 + r2 * (k1 + r2 * (k2 + r2 * k3)), LEAST_RADIAL)
-        dx = 2 * p1 * px * py + p2 * (r2 + 2 * px * px)
-        dy = p1 * (r2 + 2 * py * py) + 2 * p2 * px * py
-        px, py = (x - dx) / radial, (y - dy) / radial
-    return np.stack(
-        [K[:, 0, 0] * px + K[:, 0, 1] * py + K[:, 0, 2], K[:, 1, 1] * py + K[:, 1, 2]], axis=-1
-    )
+    rows = np.pad(camera, (0, fine_length(n) - n))
+    with jax.enable_x64(True):
+        ideal = _undistort_pixels(
+            np.asarray(rig.K, np.float64)[rows],
+            np.pad(np.asarray(pixel, np.float64), ((0, len(rows) - n), (0, 0))),
+            np.nan_to_num(np.asarray(rig.distortion, np.float64))[rows],
+        )
+    return np.asarray(ideal)[:n]
+
+
+@jax.jit
+@jax.vmap
+def _undistort_pixels(K, pixel, distortion):
+    return K[:2, :2] @ back_project(K, pixel, distortion) + K[:2, 2]
 
 
 def prepare_boxes(detections: Detections, rig: Rig, settings: EvidenceSettings) -> Boxes:
