@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from catfree.evidence.boxes import Boxes
 from catfree.evidence.groups import Groups
+from catfree.geometry.arrays import MEDIAN_TO_DEVIATION
 from catfree.geometry.buckets import fine_length
 from catfree.settings import EvidenceSettings
 
@@ -164,5 +165,5 @@ def group_agreement(
 
 def _robust(values: np.ndarray) -> tuple[float, float]:
     middle = float(np.median(values))
-    spread = 1.4826 * float(np.median(np.abs(values - middle)))
+    spread = MEDIAN_TO_DEVIATION * float(np.median(np.abs(values - middle)))
     return middle, max(spread, SMALLEST_SPREAD)

@@ -4,6 +4,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import uniform_filter
+from scipy.special import expit
 
 from catfree.evidence.boxes import Boxes
 from catfree.evidence.groups import Groups
@@ -109,7 +110,7 @@ def judge_groups(
         log_odds = base - np.bincount(g, np.log(clutter), len(member))
         if round_ == settings.clutter_rounds or not settings.local_clutter:
             break
-        p = 1 / (1 + np.exp(-np.clip(log_odds, -30, 30)))[g]
+        p = expit(log_odds)[g]
         shape = (C, CELLS, CELLS)
         person = np.bincount(cell, p, C * CELLS * CELLS).reshape(shape)
         other = np.bincount(cell, 1 - p, C * CELLS * CELLS).reshape(shape)

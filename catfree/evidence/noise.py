@@ -10,6 +10,7 @@ from catfree.evidence.gaussian import mean_and_covariance
 from catfree.evidence.groups import Groups
 from catfree.evidence.measurement import Measurements, Noise, field_features
 from catfree.evidence.views import GroundViews, drop_to_height, edges_and_slopes, height_at
+from catfree.geometry.arrays import MEDIAN_TO_DEVIATION
 from catfree.geometry.buckets import in_blocks
 from catfree.settings import EvidenceSettings
 
@@ -96,7 +97,7 @@ def learn_noise(
     heights = state[:, 2]
     center = float(np.median(heights))
     # What is estimated with a prior is drawn to it; what that hides is its own variance.
-    shown = 1.4826 * float(np.median(np.abs(heights - center)))
+    shown = MEDIAN_TO_DEVIATION * float(np.median(np.abs(heights - center)))
     spread = float(np.hypot(shown, np.sqrt(np.median(covariance[:, 2, 2])))) / center
     spread = float(np.clip(spread, *settings.height_spread_range))
     density = crowding(state[:, :2], groups.frame[strong])
@@ -132,7 +133,7 @@ def learn_noise(
         for k in range(3):
             own = used[:, k] & (c == camera)
             if own.sum() >= ENOUGH:
-                factor = 1.4826 * float(np.median(np.abs(z[own, k])))
+                factor = MEDIAN_TO_DEVIATION * float(np.median(np.abs(z[own, k])))
                 pool.append(factor)
                 start = settings.edge_noise[k]
                 edge[camera, k] = np.clip(
@@ -184,6 +185,6 @@ def _robust_ridge(X, y, sd, prior, component) -> np.ndarray:
         A = (X * weight[:, None]).T @ X + np.diag(1 / prior**2)
         coefficients = np.linalg.solve(A, (X * weight[:, None]).T @ y)
         error = np.abs(y - X @ coefficients)
-        scale = max(1.4826 * float(np.median(error)), 1e-6)
+        scale = max(MEDIAN_TO_DEVIATION * float(np.median(error)), 1e-6)
         weight = np.minimum(1, HUBER * scale / np.maximum(error, 1e-12))
     return coefficients

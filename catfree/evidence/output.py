@@ -3,6 +3,7 @@
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.special import expit
 
 from catfree.evidence.solve import EvidenceSolution, Progress, probability_within, solve
 from catfree.settings import EvidenceSettings
@@ -162,7 +163,7 @@ def _expected_rates(
     within = probability_within(s.position_covariance[rows], radius)
     right = float((s.probability[rows] * within).sum())
     left_out = s.existence.log_odds[(fate != Fate.ACCEPTED) & (fate != Fate.SUPPRESSED)]
-    missed = float((1 / (1 + np.exp(-np.clip(left_out, -50, 50)))).sum())
+    missed = float(expit(left_out).sum())
     people = right + missed
     return (
         right / len(rows) if len(rows) else float("nan"),

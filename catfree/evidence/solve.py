@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.special import expit
 
 from catfree.evidence.appearance import PairRatios, compare_frames, learn_ratio
 from catfree.evidence.boxes import Boxes, prepare_boxes
@@ -146,7 +147,7 @@ def _solve(
         if passes == 0:
             trails = unlinked(groups.frame, state, covariance)
             evidence = existence.log_odds
-            probability = 1 / (1 + np.exp(-np.clip(evidence, -50, 50)))
+            probability = expit(evidence)
             found = _Pass(groups, existence, state, covariance, trails, evidence, probability)
             break
         there = groups.member >= 0

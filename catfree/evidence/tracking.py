@@ -5,6 +5,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
+from scipy.special import expit
 
 from catfree.evidence.gaussian import (
     Information,
@@ -273,7 +274,7 @@ def presence(trails: Trails, evidence: np.ndarray, entry: float, leave: float) -
     backward = _chain(table[:, ::-1], real[:, ::-1], leave, entry, last=True)[:, ::-1]
     on = forward[..., 0] + backward[..., 0] - table
     off = forward[..., 1] + backward[..., 1]
-    return (1 / (1 + np.exp(np.clip(off - on, -50, 50))))[track, column]
+    return expit(on - off)[track, column]
 
 
 def _chain(table, real, enter, leave, last=False):

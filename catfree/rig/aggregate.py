@@ -7,9 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from catfree.errors import InsufficientDataError, InvalidInputError
-from catfree.geometry.arrays import ArrayInput
+from catfree.geometry.arrays import MEDIAN_TO_DEVIATION, ArrayInput
 from catfree.rig.gauges import (
-    MEDIAN_TO_DEVIATION,
     Gauges,
     Poses,
     agreeing,

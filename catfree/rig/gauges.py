@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from catfree.geometry.arrays import MEDIAN_TO_DEVIATION
 from catfree.rig.robust_mean import angle, geometric_median, median_rotation
 
 OUTLIER_FACTOR = 3.0  # in robust standard deviations of the instants' disagreement
 # Instants that agree this well (radians, or shares of the rig's extent) are never outliers.
 AGREEMENT = 0.01
-MEDIAN_TO_DEVIATION = 1.4826  # of absolute deviations of a normal variable
 
 
 @dataclass(frozen=True)

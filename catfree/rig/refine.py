@@ -17,6 +17,7 @@ from catfree.association import (
     weigh_rays,
 )
 from catfree.errors import InsufficientDataError
+from catfree.geometry.arrays import MEDIAN_TO_DEVIATION
 from catfree.rig.adjusted_cameras import Cameras
 from catfree.rig.bundle_adjustment import HUBER, Sightings, adjust
 from catfree.rig.evidence_refinement import refine_by_evidence
@@ -32,7 +33,6 @@ Progress = Callable[[str, int, int], None]
 
 RESOLVED = 0.25  # the error of a box stops shrinking at this share of the median height
 GROUND_ITERATIONS = 20  # reweighting settles to a thousandth of the noise
-MEDIAN_TO_DEVIATION = 1.4826  # of the absolute values of a normal variable
 FLATTEST = 1e-6  # shares of E: no ground is known better
 
 
