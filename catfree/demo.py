@@ -30,6 +30,7 @@ from catfree.types import Scene
 Progress = Callable[[str, int, int], None]
 
 SMALLEST_PICTURE = 32  # pixels; people in smaller ones are dots
+LARGEST_PICTURE = 4096  # pixels; larger ones are beyond common decoders and fill the memory
 FEWEST_CAMERAS = 3  # two centres leave the alignment with the truth undetermined
 
 # The default holds back people where a rig pins them down badly. The demo scores the square alone
@@ -123,7 +124,8 @@ def run_demo(
         Truth, outcome and scores.
 
     Raises:
-        InvalidInputError: if there are fewer than three cameras, or nobody to see.
+        InvalidInputError: if there are fewer than three cameras, nobody to see, or pictures of a
+            size that no video should have.
         CatFreeError: whatever the pipeline meets, for instance a rig that cannot be found.
     """
     if cameras < FEWEST_CAMERAS:
@@ -140,6 +142,11 @@ def run_demo(
         raise InvalidInputError(
             f"The image size is {image_size[0]} x {image_size[1]} pixels; the demo needs at least "
             f"{SMALLEST_PICTURE} each way."
+        )
+    if max(image_size) > LARGEST_PICTURE:
+        raise InvalidInputError(
+            f"The image size is {image_size[0]} x {image_size[1]} pixels; the demo renders at most "
+            f"{LARGEST_PICTURE} each way."
         )
     root = Path(folder)
     settings = settings or DEMO_SETTINGS

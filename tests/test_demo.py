@@ -128,3 +128,12 @@ def test_the_pipeline_gets_the_files_and_nothing_else(tmp_path, monkeypatch):
 def test_too_few_cameras_to_align(tmp_path):
     with pytest.raises(InvalidInputError, match="at least 3 cameras, got 2"):
         run_demo(tmp_path, cameras=2)
+
+
+@pytest.mark.parametrize(
+    ("size", "said"), [((20, 720), "at least 32 each way"), ((1280, 100_000), "at most 4096")]
+)
+def test_pictures_that_are_no_videos(tmp_path, size, said):
+    with pytest.raises(InvalidInputError, match=f"{size[0]} x {size[1]} pixels.*{said}"):
+        run_demo(tmp_path / "new", image_size=size)
+    assert not (tmp_path / "new").exists()
