@@ -1,7 +1,5 @@
 """The command line: a thin shell over the functions of the library."""
 
-import os
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -283,8 +281,3 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         "evaluate": evaluate,
         "plot": plot,
     }
-
-
-if __name__ == "__main__":
-    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
-    sys.exit(main())

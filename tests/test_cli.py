@@ -329,3 +329,20 @@ def test_results_are_written_before_the_overlay(world, tmp_path, monkeypatch, ca
 def test_help_needs_no_video_library():
     script = "import sys, catfree.cli; sys.exit(int('cv2' in sys.modules))"
     assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
+
+
+def test_a_process_says_one_sentence_about_a_video_that_is_none(tmp_path):
+    for name in ("a.mp4", "b.mp4"):
+        (tmp_path / name).write_bytes(b"no video" * 100)
+    words = ["run", "a.mp4", "b.mp4", "--out", "out"]
+    done = subprocess.run(
+        [sys.executable, "-m", "catfree", *words],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("catfree: Camera 0: a.mp4 cannot be decoded")
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,17 @@
+"""`catfree` and `python -m catfree`: the command line in a process of its own."""
+
+import os
+import sys
+
+from catfree.cli import main as command_line
+
+
+def main() -> int:
+    """Run the command line; what OpenCV and FFmpeg would say is said in its own sentences."""
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet
+    return command_line()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
