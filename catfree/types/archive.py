@@ -100,6 +100,11 @@ def load_arrays(
     source = Path(path)
     if not source.is_file():
         raise InvalidInputError(f"Cannot load {kind}: there is no file {source}.")
+    if not zipfile.is_zipfile(source):
+        raise FileFormatError(
+            f"{source} is not a readable catfree archive: it is no .npz file, or damaged. Give a "
+            f"file that {kind}.save() wrote."
+        )
     try:
         # Opened here, because NumPy leaves a file that it cannot read open.
         with source.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
