@@ -163,6 +163,69 @@ def group_agreement(
     return total
 
 
+class Looks(eqx.Module):
+    """What each group looks like, to be compared with what a track looked like so far.
+
+    The mean distance of all pairs of two sets of boxes follows from the sums of their embeddings.
+
+    Attributes:
+        total: (H, D) sum of the embeddings of each group's boxes.
+        count: (H,) number of boxes that have one.
+        likeness: log-likelihood ratio of a distance.
+        weight: of a box.
+    """
+
+    total: Float[np.ndarray, "group dim"]
+    count: Int[np.ndarray, " group"]
+    likeness: Likeness
+    weight: float
+
+    def ratio(
+        self,
+        total: Float[np.ndarray, "track dim"],
+        count: Int[np.ndarray, " track"],
+        groups: Int[np.ndarray, " k"],
+    ) -> Float[np.ndarray, "track k"]:
+        """Log-likelihood ratio that a group is a track's person rather than somebody else.
+
+        All boxes of the group are new to the track, and count as new boxes of a group do.
+
+        Args:
+            total: (T, D) sum of the embeddings of each track's boxes.
+            count: (T,) their number.
+            groups: (K,) the groups to compare with.
+
+        Returns:
+            (T, K), zero where either has no embedding.
+        """
+        new = self.count[groups]
+        track = total / np.maximum(count, 1)[:, None]
+        group = self.total[groups] / np.maximum(new, 1)[:, None]
+        known = (count > 0)[:, None] & (new > 0)[None]
+        ratio = self.weight * new[None] * self.likeness(1 - track @ group.T)
+        return np.where(known, ratio, 0.0)
+
+
+def looks_of(
+    likeness: Likeness, appearance: Appearance, member: Int[np.ndarray, "group cam"], weight: float
+) -> Looks:
+    """What groups look like.
+
+    Args:
+        likeness: learned ratio.
+        appearance: the embeddings.
+        member: (H, C) boxes of each group, -1 for none.
+        weight: of a box.
+    """
+    known = np.asarray(appearance.embedding.any(axis=1))
+    there = (member >= 0) & known[np.maximum(member, 0)]
+    total = np.zeros((len(member), appearance.embedding.shape[1]), appearance.embedding.dtype)
+    for camera in range(member.shape[1]):
+        rows = np.flatnonzero(there[:, camera])
+        total[rows] += appearance.embedding[member[rows, camera]]
+    return Looks(total, there.sum(1), likeness, weight)
+
+
 def _robust(values: np.ndarray) -> tuple[float, float]:
     middle = float(np.median(values))
     spread = MEDIAN_TO_DEVIATION * float(np.median(np.abs(values - middle)))

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import expit
 
-from catfree.evidence.appearance import PairRatios, compare_frames, learn_ratio
+from catfree.evidence.appearance import PairRatios, compare_frames, learn_ratio, looks_of
 from catfree.evidence.boxes import Boxes, prepare_boxes
 from catfree.evidence.exclusion import alone_in_place
 from catfree.evidence.existence import Existence, judge_groups, misses, predict_views
@@ -17,9 +17,10 @@ from catfree.evidence.gaussian import mean_and_covariance
 from catfree.evidence.grouping import agreement, group, group_by_looks
 from catfree.evidence.groups import Groups, Priors
 from catfree.evidence.measurement import Measurements, Noise, measure_boxes
+from catfree.evidence.presence import presence
 from catfree.evidence.self_calibration import foot_cover, self_calibrate
 from catfree.evidence.shared_error import shared_covariance
-from catfree.evidence.tracking import Trails, estimate_motion, follow, presence, unlinked
+from catfree.evidence.tracking import Trails, estimate_motion, follow, unlinked
 from catfree.evidence.uneven_ground import ground_shift, with_uneven_ground
 from catfree.evidence.views import GroundViews
 from catfree.evidence.visibility import DetectionRate, learn_detection_rate
@@ -154,7 +155,10 @@ def _solve(
         fewest = min(3, there.any(0).sum())  # of the cameras that see anybody
         sure = (there.sum(1) >= fewest) & (existence.log_odds > SURE_LOG_ODDS)
         motion = estimate_motion(state[sure, :2], groups.frame[sure], time)
-        trails = follow(groups, existence.log_odds, time, motion, density, spread, settings)
+        looks = None
+        if appearance is not None and likeness is not None and settings.link_by_looks:
+            looks = looks_of(likeness, appearance, groups.member, settings.appearance_weight)
+        trails = follow(groups, existence.log_odds, time, motion, density, spread, settings, looks)
         evidence = _row_evidence(trails, existence, boxes, views, rate, settings)
         probability = presence(trails, evidence, settings.appear_evidence, settings.leave_evidence)
         found = _Pass(groups, existence, state, covariance, trails, evidence, probability)

@@ -5,8 +5,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
-from scipy.special import expit
 
+from catfree.evidence.appearance import Looks
 from catfree.evidence.gaussian import (
     Information,
     determinant_and_form,
@@ -137,6 +137,7 @@ def follow(
     density: float,
     spread: float,
     settings: EvidenceSettings,
+    looks: Looks | None = None,
 ) -> Trails:
     """Link groups into tracks and smooth them.
 
@@ -148,6 +149,7 @@ def follow(
         density: people per H0².
         spread: of heights in H0.
         settings: constants.
+        looks: what the groups look like, if anybody knows.
 
     Returns:
         All tracks, gaps included, ends trimmed.
@@ -155,6 +157,7 @@ def follow(
     bounds = np.searchsorted(groups.frame, np.arange(len(time) + 1))
     mean, cov = np.zeros((0, 5)), np.zeros((0, 5, 5))
     track, gap = np.zeros(0, int), np.zeros(0, int)
+    look = None if looks is None else (looks.total[:0], looks.count[:0])
     count = 0
     history = []
     for t in range(len(time)):
@@ -169,6 +172,8 @@ def follow(
         if len(track) and len(here):
             gain = _link_gain(mean[:, :3], cov[:, :3, :3], info, density, spread, settings.gate)
             gain = gain - settings.gap_penalty * gap[:, None]
+            if looks is not None and look is not None:
+                gain = gain + looks.ratio(*look, here)
             rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
             good = gain[rows, columns] > 0
             seen[rows[good]] = columns[good]
@@ -194,6 +199,14 @@ def follow(
         track = np.concatenate([track, count + np.arange(len(fresh))])
         gap = np.concatenate([gap, np.zeros(len(fresh), int)])
         count += len(fresh)
+        if looks is not None and look is not None:
+            now = here[seen[hit]]
+            look[0][hit] += looks.total[now]
+            look[1][hit] += looks.count[now]
+            look = (
+                np.concatenate([look[0], looks.total[here[fresh]]]),
+                np.concatenate([look[1], looks.count[here[fresh]]]),
+            )
         predicted = (
             np.concatenate([predicted[0], new_mean]),
             np.concatenate([predicted[1], new_cov]),
@@ -201,6 +214,7 @@ def follow(
         history.append((track, group, mean, cov, *predicted))
         alive = gap <= settings.gap
         mean, cov, track, gap = mean[alive], cov[alive], track[alive], gap[alive]
+        look = None if look is None else (look[0][alive], look[1][alive])
     return _smooth(history, time, motion)
 
 
@@ -243,56 +257,3 @@ def unlinked(frame: np.ndarray, state: np.ndarray, covariance: np.ndarray) -> Tr
         np.pad(state, ((0, 0), (0, 2))),
         np.pad(covariance, ((0, 0), (0, 2), (0, 2))),
     )
-
-
-def presence(trails: Trails, evidence: np.ndarray, entry: float, leave: float) -> np.ndarray:
-    """Posterior probability that the person of each row is there: a chain that is on or off.
-
-    While on, a frame adds its evidence; switching on costs `entry`, switching off `leave` (both
-    log-odds). A track whose evidence never adds up to the entry cost is never on.
-
-    Args:
-        trails: rows sorted by track and frame.
-        evidence: (M,) log-odds of each row.
-        entry: cost of appearing.
-        leave: cost of disappearing before the track ends.
-
-    Returns:
-        (M,) probability.
-    """
-    if len(trails) == 0:
-        return np.zeros(0)
-    new = np.r_[True, np.diff(trails.track) != 0]
-    track = np.cumsum(new) - 1
-    start = np.flatnonzero(new)
-    column = np.arange(len(trails)) - start[track]
-    table = np.zeros((len(start), column.max() + 1))
-    real = np.zeros(table.shape, bool)
-    table[track, column], real[track, column] = evidence, True
-    forward = _chain(table, real, entry, leave)
-    # Backwards in time switching on is leaving: the two costs change places.
-    backward = _chain(table[:, ::-1], real[:, ::-1], leave, entry, last=True)[:, ::-1]
-    on = forward[..., 0] + backward[..., 0] - table
-    off = forward[..., 1] + backward[..., 1]
-    return expit(on - off)[track, column]
-
-
-def _chain(table, real, enter, leave, last=False):
-    """Log weights (on, off) of all histories up to each column; rows may start late.
-
-    A track is born off and may end on: at its first row the on state costs `enter`, in the
-    backward pass (`last`) nothing.
-    """
-    out = np.zeros((*table.shape, 2))
-    on = np.full(len(table), 0.0 if last else -enter)
-    off = np.zeros(len(table))
-    begun = np.zeros(len(table), bool)
-    for i in range(table.shape[1]):
-        here = real[:, i]
-        stay_on = np.where(begun, np.logaddexp(on, off - enter), on)
-        stay_off = np.where(begun, np.logaddexp(off, on - leave), off)
-        on = np.where(here, stay_on + table[:, i], on)
-        off = np.where(here, stay_off, off)
-        begun |= here
-        out[:, i, 0], out[:, i, 1] = on, off
-    return out

@@ -23,6 +23,7 @@ class EvidenceSettings:
         use_height: the top edge and the height prior take part, not the foot alone.
         track: link over time, smooth, and associate again with the tracks as priors.
         use_appearance: use embeddings where present.
+        link_by_looks: tracks go on by looks, too, not by motion and height alone.
         working_area: report only positions where the rig's geometry pins people down.
         uneven_ground: people may stand off the plane, by `unevenness`.
         pose_errors: ellipses hold the error of the whole map; no position depends on it.
@@ -50,7 +51,7 @@ class EvidenceSettings:
         height_spread_range: bounds of it.
         density_start: people per H0² at the start: one in ten square metres.
 
-        appearance_weight: discount of pairwise ratios, which are not independent.
+        appearance_weight: discount of ratios between boxes of one person: they are not independent.
         appearance_limit: largest ratio of one pair.
 
         detection_rate_pseudo_counts: strength of the prior of a detection rate.
@@ -92,6 +93,7 @@ class EvidenceSettings:
     use_height: bool = True
     track: bool = True
     use_appearance: bool = True
+    link_by_looks: bool = True
     working_area: bool = True
     uneven_ground: bool = True
     pose_errors: bool = True

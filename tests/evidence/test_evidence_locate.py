@@ -144,11 +144,16 @@ def poorly_seen():
 
 
 @cache
-def crowd_beyond():
+def crowd_beyond(people=10):
     """A crowd with looks that walks farther than the rig was built to cover."""
     detector = DetectorModel(false_positives=3.0)
-    world = make_world("gmvd6", 0, frames=8, people=10, detector=detector)
+    world = make_world("gmvd6", 0, frames=8, people=people, detector=detector)
     return world.detections, world.scene, locate(world.detections, world.scene)
+
+
+def dense_crowd():
+    """People with looks who pass so close that motion alone takes some for others."""
+    return crowd_beyond(30)
 
 
 # Each ingredient, a world in which it matters, and what it decides there.
@@ -160,6 +165,7 @@ INGREDIENTS = {
     "use_height": (poorly_seen, "who"),
     "track": (poorly_seen, "who"),
     "use_appearance": (crowd_beyond, "position"),
+    "link_by_looks": (dense_crowd, "position"),
     "working_area": (crowd_beyond, "who"),
     "uneven_ground": (poorly_seen, "covariance"),
     "pose_errors": (poorly_seen, "covariance"),

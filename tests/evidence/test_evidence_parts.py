@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from catfree.evidence.boxes import undistort
+from catfree.evidence.presence import presence
 from catfree.evidence.solve import probability_within
-from catfree.evidence.tracking import Trails, presence
+from catfree.evidence.tracking import Trails
 from catfree.evidence.visibility import COLUMNS, covered_share
 from catfree.types import Rig
 
