@@ -5,9 +5,9 @@ In the order of the data: boxes become likelihoods of place and height (`boxes`,
 teaches their noise (`self_calibration`, `noise`); boxes that are likelier one person than two are
 grouped (`association`, `appearance`), each group is weighed against clutter and misses
 (`existence`), linked over time by motion, height and looks (`tracking`), there while the evidence
-lasts (`presence`), and reported once in its place (`exclusion`,
-`working_area`) with what else may be wrong (`uneven_ground`, `shared_error`). Every constant and
-its reason: `docs/evidence_constants.md`.
+lasts (`presence`), and reported once in its place (`exclusion`, `working_area`) with what else may
+be wrong (`uneven_ground`, `shared_error`). Every constant and its reason:
+`docs/evidence_constants.md`.
 """
 
 from catfree.evidence.output import (

@@ -206,24 +206,21 @@ class Looks(eqx.Module):
         return np.where(known, ratio, 0.0)
 
 
-def looks_of(
-    likeness: Likeness, appearance: Appearance, member: Int[np.ndarray, "group cam"], weight: float
-) -> Looks:
+def looks_of(ratios: PairRatios, member: Int[np.ndarray, "group cam"]) -> Looks:
     """What groups look like.
 
     Args:
-        likeness: learned ratio.
-        appearance: the embeddings.
+        ratios: the embeddings, and what their distances say.
         member: (H, C) boxes of each group, -1 for none.
-        weight: of a box.
     """
-    known = np.asarray(appearance.embedding.any(axis=1))
+    embedding = ratios.appearance.embedding
+    known = np.asarray(embedding.any(axis=1))
     there = (member >= 0) & known[np.maximum(member, 0)]
-    total = np.zeros((len(member), appearance.embedding.shape[1]), appearance.embedding.dtype)
+    total = np.zeros((len(member), embedding.shape[1]), embedding.dtype)
     for camera in range(member.shape[1]):
         rows = np.flatnonzero(there[:, camera])
-        total[rows] += appearance.embedding[member[rows, camera]]
-    return Looks(total, there.sum(1), likeness, weight)
+        total[rows] += embedding[member[rows, camera]]
+    return Looks(total, there.sum(1), ratios.likeness, ratios.weight)
 
 
 def _robust(values: np.ndarray) -> tuple[float, float]:

@@ -156,8 +156,8 @@ def _solve(
         sure = (there.sum(1) >= fewest) & (existence.log_odds > SURE_LOG_ODDS)
         motion = estimate_motion(state[sure, :2], groups.frame[sure], time)
         looks = None
-        if appearance is not None and likeness is not None and settings.link_by_looks:
-            looks = looks_of(likeness, appearance, groups.member, settings.appearance_weight)
+        if ratios is not None and settings.link_by_looks:
+            looks = looks_of(ratios, groups.member)
         trails = follow(groups, existence.log_odds, time, motion, density, spread, settings, looks)
         evidence = _row_evidence(trails, existence, boxes, views, rate, settings)
         probability = presence(trails, evidence, settings.appear_evidence, settings.leave_evidence)

@@ -157,7 +157,9 @@ def follow(
     bounds = np.searchsorted(groups.frame, np.arange(len(time) + 1))
     mean, cov = np.zeros((0, 5)), np.zeros((0, 5, 5))
     track, gap = np.zeros(0, int), np.zeros(0, int)
-    look = None if looks is None else (looks.total[:0], looks.count[:0])
+    look, boxes = np.zeros((0, 0)), np.zeros(0, int)  # sum and number of each track's embeddings
+    if looks is not None:
+        look, boxes = looks.total[:0], looks.count[:0]
     count = 0
     history = []
     for t in range(len(time)):
@@ -172,8 +174,8 @@ def follow(
         if len(track) and len(here):
             gain = _link_gain(mean[:, :3], cov[:, :3, :3], info, density, spread, settings.gate)
             gain = gain - settings.gap_penalty * gap[:, None]
-            if looks is not None and look is not None:
-                gain = gain + looks.ratio(*look, here)
+            if looks is not None:
+                gain = gain + looks.ratio(look, boxes, here)
             rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
             good = gain[rows, columns] > 0
             seen[rows[good]] = columns[good]
@@ -199,22 +201,18 @@ def follow(
         track = np.concatenate([track, count + np.arange(len(fresh))])
         gap = np.concatenate([gap, np.zeros(len(fresh), int)])
         count += len(fresh)
-        if looks is not None and look is not None:
-            now = here[seen[hit]]
-            look[0][hit] += looks.total[now]
-            look[1][hit] += looks.count[now]
-            look = (
-                np.concatenate([look[0], looks.total[here[fresh]]]),
-                np.concatenate([look[1], looks.count[here[fresh]]]),
-            )
+        alive = gap <= settings.gap
+        if looks is not None:
+            look[hit] += looks.total[here[seen[hit]]]
+            boxes[hit] += looks.count[here[seen[hit]]]
+            look = np.concatenate([look, looks.total[here[fresh]]])[alive]
+            boxes = np.concatenate([boxes, looks.count[here[fresh]]])[alive]
         predicted = (
             np.concatenate([predicted[0], new_mean]),
             np.concatenate([predicted[1], new_cov]),
         )
         history.append((track, group, mean, cov, *predicted))
-        alive = gap <= settings.gap
         mean, cov, track, gap = mean[alive], cov[alive], track[alive], gap[alive]
-        look = None if look is None else (look[0][alive], look[1][alive])
     return _smooth(history, time, motion)
 
 

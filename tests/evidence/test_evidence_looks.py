@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree.evidence.appearance import Appearance, Likeness, Looks, looks_of
+from catfree.evidence.appearance import Appearance, Likeness, Looks, PairRatios, looks_of
 from catfree.evidence.gaussian import Information
 from catfree.evidence.groups import Groups
 from catfree.evidence.tracking import Motion, follow
@@ -30,7 +30,7 @@ def test_the_ratio_is_that_of_the_mean_distance_of_all_pairs(seed, groups, camer
     embedding[blank] = 0
     member = np.where(rng.random((groups, cameras)) < 0.7, np.arange(n).reshape(groups, -1), -1)
     appearance = Appearance(embedding, np.zeros((n, 2), int), np.array([0, n]), n)
-    looks = looks_of(LIKENESS, appearance, member, WEIGHT)
+    looks = looks_of(PairRatios(appearance, LIKENESS, WEIGHT), member)
     found = looks.ratio(looks.total, looks.count, np.arange(groups))
     for a in range(groups):
         for b in range(groups):

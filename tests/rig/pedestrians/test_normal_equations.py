@@ -181,3 +181,10 @@ def test_products_in_blocks_are_products(length):
     rng = np.random.default_rng(length)
     first, second = rng.standard_normal((length, 2)), rng.standard_normal((length, 3))
     np.testing.assert_allclose(_gram(first, second), first.T @ second, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("length", [1, 7, 300, 20_000])
+def test_products_of_as_many_columns_as_four_cameras_have(length):
+    rng = np.random.default_rng(length)
+    first, second = rng.normal(size=(length, 29)), rng.normal(size=(length, 29))
+    np.testing.assert_allclose(_gram(first, second), first.T @ second, rtol=1e-10, atol=1e-9)
