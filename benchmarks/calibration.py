@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from catfree.calibration import calibrate
 from catfree.errors import CalibrationError
 from catfree.geometry import fit_similarity
-from catfree.rig import calibrate
 from catfree.settings import CalibrationSettings
 from catfree.synthetic import DetectorModel, make_world
 

@@ -33,7 +33,7 @@ import numpy as np
 
 from catfree.adapters import read_scenario, read_uniform_json
 from catfree.evaluation import align_centres, crop, detection_metrics, tracking_metrics
-from catfree.evidence import EvidenceSettings, locate
+from catfree.methods.evidence import EvidenceSettings, localize_by_evidence
 
 WITHOUT: dict[str, dict[str, float | bool]] = {
     "(all on)": {},
@@ -59,7 +59,7 @@ def scores(sequence, settings: EvidenceSettings) -> str:
     detections = sequence.detections
     if detections.score is not None:
         detections = detections[detections.score >= 0.3]
-    tracks = locate(detections, sequence.scene, settings).tracks
+    tracks = localize_by_evidence(detections, sequence.scene, settings).tracks
     position = tracks.position
     if sequence.true_centres is not None:
         alignment = align_centres(np.asarray(sequence.scene.rig.centers), sequence.true_centres)

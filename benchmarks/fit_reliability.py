@@ -3,7 +3,7 @@
 Both methods run on the simulated worlds of `reliability_worlds`; a linear function of the numbers
 in `Reliability` is fitted to their MODA. What it is worth is measured on worlds that took no part:
 ten folds, and each layout left out. `--check` predicts real recordings and scenarios, which never
-take part in a fit. `--write` puts the coefficients into `catfree/expectation_fits.py`.
+take part in a fit. `--write` puts the coefficients into `catfree/methods/_expectation_fits.py`.
 
 A world takes one to three seconds; `--rows FILE` keeps what was measured, and resumes.
 """
@@ -21,8 +21,8 @@ import numpy as np
 
 import catfree as cf
 from benchmarks.reliability_worlds import LAYOUTS, draw, moda
-from catfree.expectation import expect_moda
-from catfree.expectation_fits import Fit, Term
+from catfree.methods._expectation import expect_moda
+from catfree.methods._expectation_fits import Fit, Term
 from catfree.types import Reliability
 
 METHODS = {"paper": cf.Settings.paper(), "evidence": cf.Settings()}
@@ -51,7 +51,7 @@ NUMBERS = tuple(
     field.name for field in dataclasses.fields(Reliability) if field.name not in ANSWERS
 )
 Row = dict[str, float]
-FILE = Path(__file__).parents[1] / "catfree" / "expectation_fits.py"
+FILE = Path(__file__).parents[1] / "catfree" / "methods" / "_expectation_fits.py"
 
 
 def measure(number: int, method: str) -> Row:

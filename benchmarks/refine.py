@@ -12,8 +12,8 @@ import time
 import numpy as np
 
 import catfree as cf
+from catfree.calibration import refine
 from catfree.evaluation import align_centres, detection_metrics
-from catfree.rig import refine
 from catfree.synthetic import RigError, World, make_world
 
 LAYOUTS = ("wildtrack", "multiviewx", "gmvd6", "gmvd8", "ring4", "ring5", "ring6", "ring8")

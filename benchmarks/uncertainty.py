@@ -27,9 +27,9 @@ from catfree.evaluation import (
     inside,
     matched_predictions,
 )
-from catfree.evidence import describe, solve
+from catfree.methods.evidence import describe, solve
 from catfree.synthetic import RigError, make_world
-from catfree.viz.reliability import plot_ellipse_coverage, plot_reliability
+from catfree.viz.plots._reliability_plot import plot_ellipse_coverage, plot_reliability
 
 FRAMES = 40
 WORSE, TRUE = RigError(rotation_deg=1.0), RigError(0, 0, 0, 0, 0)

@@ -3,27 +3,33 @@
 No supplied calibration, no position labels, no training on the scene.
 """
 
+from importlib import import_module as _import_module
+from types import ModuleType as _ModuleType
+
 from catfree import (
     adapters as adapters,
+    calibration as calibration,
     evaluation as evaluation,
     filters as filters,
     geometry as geometry,
+    methods as methods,
 )
-from catfree.coverage import (
+from catfree._coverage import (
     Coverage as Coverage,
+    CoverageOptions as CoverageOptions,
     camera_gain as camera_gain,
     coverage as coverage,
     rank_cameras as rank_cameras,
 )
-from catfree.errors import CatFreeError as CatFreeError
-from catfree.pipeline import localize as localize
-from catfree.rig import (
+from catfree._run import run as run
+from catfree.calibration import (
     Calibration as Calibration,
     Refinement as Refinement,
     calibrate as calibrate,
     refine as refine,
 )
-from catfree.run import run as run
+from catfree.errors import CatFreeError as CatFreeError
+from catfree.methods import localize as localize
 from catfree.settings import Settings as Settings
 from catfree.types import (
     Candidates as Candidates,
@@ -39,3 +45,17 @@ from catfree.types import (
 )
 
 __version__ = "0.1.0"
+
+_LAZY = ("synthetic", "testing", "viz")  # imported at first use: they need extras, or time
+
+_LISTED = {name for name in globals() if name[0] != "_"}
+
+
+def __getattr__(name: str) -> _ModuleType:
+    if name in _LAZY:
+        return _import_module(f"catfree.{name}")
+    raise AttributeError(f"module 'catfree' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*_LAZY, *_LISTED})

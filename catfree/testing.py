@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from catfree.errors import InvalidInputError, MissingDependencyError
 from catfree.geometry import Similarity
-from catfree.geometry.arrays import ArrayInput
+from catfree.geometry._arrays import ArrayInput
 from catfree.types import Detections, Plane, Rig, Scene
 
 try:

@@ -18,6 +18,9 @@ import cv2
 import numpy as np
 
 import catfree as cf
+from catfree._run._result_folder import write_results
+from catfree._run._run import RunOutcome, run_stages
+from catfree._run._second_look import track_heights
 from catfree.adapters import (
     ReIdOnnx,
     SynchronizedVideos,
@@ -25,10 +28,7 @@ from catfree.adapters import (
     YoloPoseOnnx,
     read_multiviewx,
 )
-from catfree.adapters.suppression import box_overlap
-from catfree.output import write_results
-from catfree.run import RunOutcome, run_stages
-from catfree.second_look import track_heights
+from catfree.adapters.detectors._box_suppression import box_overlap
 from catfree.viz import draw_frame
 
 PICTURES = 4  # instants that are drawn

@@ -3,6 +3,7 @@
 import ast
 import importlib
 import inspect
+import pkgutil
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -14,7 +15,8 @@ import catfree as cf
 
 ROOT = Path(cf.__file__).parent
 
-# Each folder or module, and what it may import; `errors`, `types`, `settings` are free to all.
+# Each room of the house, from the bottom up, and what it may import; `errors`, `types` and
+# `settings` are free to all.
 FOUNDATION = {"errors", "types", "settings"}
 ALLOWED = {
     "errors": set(),
@@ -22,93 +24,117 @@ ALLOWED = {
     "settings": set(),
     "geometry": set(),
     "filters": {"geometry"},
-    "association": {"geometry", "filters"},
-    "trajectories": {"geometry", "filters", "association"},
-    "evidence": {"geometry", "filters"},
-    "rig": {"geometry", "association", "evidence"},
-    "coverage": {"geometry", "association"},
-    "evaluation": {"geometry"},
     "adapters": set(),
     "synthetic": {"geometry"},
-    "viz": {"geometry", "association", "coverage", "evaluation", "adapters"},
     "testing": {"geometry"},
-    "compilation": {"filters", "association"},
-    "outcome": {"filters", "association", "trajectories"},
-    "expectation_fits": set(),
-    "expectation": {"expectation_fits"},
-    "pipeline": {"filters", "association", "trajectories", "evidence"}
-    | {"compilation", "outcome", "expectation"},
-    "cache": set(),
-    "cached_detection": {"adapters", "cache"},
-    "reconstruction": {"adapters", "rig"},
-    "second_look": {"geometry", "trajectories", "adapters"},
-    "stages": {"trajectories", "rig", "adapters", "cache", "cached_detection"}
-    | {"reconstruction", "second_look", "pipeline"},
-    "run": {"rig", "adapters", "cache", "stages"},
-    "report": {"rig", "adapters", "run"},
-    "output": {"trajectories", "coverage", "adapters", "viz", "cache", "run", "report"},
-    "demo": {"geometry", "evidence", "evaluation", "adapters", "synthetic"}
-    | {"run", "report", "output"},
-    "cli_inputs": {"adapters"},
-    "cli_terminal": set(),
-    "cli": {"evaluation", "adapters", "viz", "cache", "stages", "run", "report", "output"}
-    | {"demo", "cli_inputs", "cli_terminal"},
+    "evaluation": {"geometry"},
+    "_coverage": {"geometry"},
+    "methods": {"geometry", "filters"},
+    "calibration": {"geometry", "methods", "adapters"},
+    "viz": {"geometry", "_coverage", "evaluation", "adapters"},
+    "_run": {"geometry", "adapters", "methods", "calibration", "_coverage", "viz"},
+    "cli": {"geometry", "adapters", "synthetic", "evaluation", "methods", "viz", "_run"},
     "__main__": {"cli"},
 }
-# Names that live further up and are found here too, because callers know them from here.
-EXPORTED_FROM_ABOVE = {Path("rig/__init__.py"): {"reconstruction"}}
-# What only other folders of this kind may import.
-TOP_ONLY = {"viz", "cli", "cli_inputs", "cli_terminal", "output", "demo"}
+MOST_ENTRIES = 12  # in one folder, `__init__.py` aside
 
 
-def modules():
+def source_files() -> list[Path]:
     return sorted(path.relative_to(ROOT) for path in ROOT.rglob("*.py"))
 
 
-def imported(path: Path) -> set[str]:
-    """First component below `catfree` of everything that a module imports from the package."""
-    found = set()
+def imported(path: Path) -> set[tuple[str, ...]]:
+    """Paths below `catfree` of everything that a module imports from the package."""
+    names = set()
     for node in ast.walk(ast.parse((ROOT / path).read_text())):
-        names = []
         if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
-            names = [node.module]
-            if node.module == "catfree":
-                names = [f"catfree.{alias.name}" for alias in node.names]
-        found |= {name.split(".")[1] for name in names if name.startswith("catfree.")}
-    return found
+            for alias in node.names:
+                inside = ROOT.parent.joinpath(*node.module.split("."), alias.name)
+                is_module = inside.with_suffix(".py").exists() or inside.is_dir()
+                names.add(f"{node.module}.{alias.name}" if is_module else node.module)
+    return {tuple(name.split(".")[1:]) for name in names if name.startswith("catfree.")}
 
 
-def folder_of(path: Path) -> str:
-    return path.parts[0].removesuffix(".py")
+def place_of(path: Path) -> tuple[str, ...]:
+    return path.with_suffix("").parts
 
 
-def test_every_folder_and_module_has_its_place():
-    assert {folder_of(path) for path in modules()} - {"__init__"} == set(ALLOWED)
+def test_every_room_has_its_place():
+    rooms = {place_of(path)[0] for path in source_files()} - {"__init__"}
+    assert rooms == set(ALLOWED)
 
 
-def test_the_places_have_an_order():
-    assert list(TopologicalSorter(ALLOWED).static_order())  # raises where imports go in a circle
-
-
-@pytest.mark.parametrize("name", sorted(ALLOWED))
-def test_imports_point_one_way(name):
-    for path in modules():
-        if folder_of(path) == name:
-            beyond = imported(path) - FOUNDATION - ALLOWED[name] - {name}
-            beyond -= EXPORTED_FROM_ABOVE.get(path, set())
+@pytest.mark.parametrize("room", sorted(ALLOWED))
+def test_imports_point_one_way(room):
+    for path in source_files():
+        if place_of(path)[0] == room:
+            beyond = {target[0] for target in imported(path)} - FOUNDATION - ALLOWED[room] - {room}
             assert beyond == set(), f"{path} imports {sorted(beyond)}"
 
 
-def test_nothing_imports_what_stands_on_top():
-    for path in modules():
-        if folder_of(path) not in TOP_ONLY and path.name != "__main__.py":
-            assert not imported(path) & TOP_ONLY, path
+@pytest.mark.parametrize(
+    "folder", sorted(str(path.parent) for path in source_files() if path.name == "__init__.py")
+)
+def test_the_entries_of_a_folder_have_an_order(folder):
+    above = () if folder == "." else Path(folder).parts
+    needs: dict[str, set[str]] = {}
+    for path in source_files():
+        place = place_of(path)
+        if place[: len(above)] == above and place[len(above)] != "__init__":
+            own = place[len(above)]
+            beside = {
+                target[len(above)]
+                for target in imported(path)
+                if target[: len(above)] == above and len(target) > len(above)
+            }
+            needs[own] = needs.get(own, set()) | beside - {own}
+    assert list(TopologicalSorter(needs).static_order())  # raises where imports go in a circle
+
+
+def test_folders_are_short_and_modules_are_private_or_meant_to_be_imported():
+    public_modules = {"errors.py", "testing.py", "__main__.py", "adapters/protocols.py"}
+    for folder in {path.parent for path in source_files()}:
+        entries = {
+            path.relative_to(folder).parts[0]
+            for path in source_files()
+            if path.is_relative_to(folder)
+        }
+        if folder != Path("."):
+            assert len(entries - {"__init__.py"}) <= MOST_ENTRIES, folder
+    for path in source_files():
+        private = path.name.startswith("_")
+        assert private or str(path) in public_modules, path
+
+
+def test_module_names_are_unique():
+    names = [path.name for path in source_files() if path.name != "__init__.py"]
+    assert sorted(names) == sorted(set(names))
+
+
+def test_no_public_name_is_shadowed_by_a_module():
+    for path in source_files():
+        if path.name == "__init__.py":
+            package = importlib.import_module(".".join(["catfree", *path.parent.parts]))
+            for module in pkgutil.iter_modules(package.__path__):
+                found = vars(package).get(module.name)
+                assert found is None or inspect.ismodule(found), f"{path.parent}/{module.name}"
+
+
+def test_the_package_lists_its_curated_names_only():
+    modules = {"adapters", "calibration", "errors", "evaluation", "filters", "geometry", "methods"}
+    modules |= {"settings", "synthetic", "testing", "types", "viz"}
+    code = "import catfree as cf, inspect; names = dir(cf); print(*names); "
+    listed, found = fresh(
+        code + "print(*(name for name in names if inspect.ismodule(getattr(cf, name))))"
+    ).splitlines()
+    assert set(found.split()) == modules
+    assert not any(name.startswith("_") for name in listed.split())
 
 
 def test_imports_are_absolute():
-    for path in modules():
+    for path in source_files():
         for node in ast.walk(ast.parse((ROOT / path).read_text())):
             assert not (isinstance(node, ast.ImportFrom) and node.level), path
 
@@ -138,8 +164,8 @@ def test_the_version_is_that_of_the_distribution():
 
 
 # Where users find what the library offers.
-FOLDERS = ("adapters", "coverage", "evaluation", "evidence", "filters", "geometry", "rig")
-FOLDERS += ("synthetic", "testing", "viz")
+FOLDERS = ("adapters", "calibration", "evaluation", "filters", "geometry", "methods")
+FOLDERS += ("methods.evidence", "synthetic", "testing", "viz")
 PLACES = (cf, *(importlib.import_module(f"catfree.{folder}") for folder in FOLDERS))
 
 

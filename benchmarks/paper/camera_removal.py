@@ -17,7 +17,7 @@ from benchmarks.paper.command import Options, main
 from benchmarks.paper.scoring import Score, localize, pool, score
 from benchmarks.paper.sequences import Sequence, real, twin
 from benchmarks.paper.table import Cell, Table
-from catfree.coverage.sight import look
+from catfree._coverage._sight import look
 from catfree.evaluation import align_centres, crop
 from catfree.types import Scene
 

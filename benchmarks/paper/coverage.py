@@ -21,7 +21,7 @@ from benchmarks.paper.sequences import DEVELOPMENT, Sequence, scenarios, twin
 from benchmarks.paper.table import Cell, Table
 from benchmarks.paper.variants import BK, BT, changed
 from catfree.evaluation import align_centres, crop
-from catfree.evaluation.matching import match
+from catfree.evaluation._position_matching import match
 from catfree.types import Fate
 
 RADIUS, NEAR = 0.5, 1.0  # metres

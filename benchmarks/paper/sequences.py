@@ -4,7 +4,7 @@ A twin is a simulated world in the manner of one of the paper's data sets. It wa
 what the paper prints and from the library's defaults, before any table was made, and is never
 changed so that a claim holds:
 
-- cameras, area, frame rate and crowd are the library's layouts (`catfree.synthetic.layouts`):
+- cameras, area, frame rate and crowd are the library's layouts (`catfree.synthetic._layouts`):
   seven uneven cameras (WildTrack), six around a dense crowd (MultiviewX), six and eight around a
   courtyard (GMVD configurations 1 and 2);
 - the numbers of frames (40, 40, 105 and 105) and of people in the area (24, 37, 39 and 33 a frame)

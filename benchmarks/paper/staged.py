@@ -13,8 +13,11 @@ from jaxtyping import Int
 
 import catfree as cf
 from benchmarks.paper.sequences import Sequence
-from catfree.association import (
-    CanonicalFrame,
+from catfree.geometry import CanonicalFrame
+from catfree.methods._localize import usable
+from catfree.methods.paper._assemble import assemble
+from catfree.methods.paper._select import select_positions
+from catfree.methods.paper.association import (
     Groups,
     Observations,
     associate_in_two_passes,
@@ -23,11 +26,8 @@ from catfree.association import (
     locate,
     observe,
 )
-from catfree.filters.selection import select_positions
-from catfree.outcome import assemble
-from catfree.pipeline import usable
+from catfree.methods.paper.trajectories import build_trajectories
 from catfree.settings import SelectionSettings, TrajectorySettings
-from catfree.trajectories import build_trajectories
 from catfree.types import Rays, Rig, Thresholds
 
 
@@ -89,7 +89,7 @@ def localize_staged(sequence: Sequence, scene: cf.Scene, settings: cf.Settings) 
 
 @cache
 def _associate(sequence: Sequence, true_rig: bool, settings: cf.Settings) -> Associated | None:
-    """The stages of `catfree.pipeline` up to the cross-view groups; None without any boxes."""
+    """The stages of the paper up to the cross-view groups; None without any boxes."""
     scene = sequence.true_scene if true_rig else sequence.scene
     assert scene is not None
     detections = sequence.detections

@@ -20,8 +20,8 @@ import catfree as cf
 from benchmarks.paper.scoring import ground_rows, score_rows, world_covariance
 from benchmarks.paper.sequences import Sequence
 from catfree.evaluation import ellipse_coverage
-from catfree.evaluation.matching import matched_rows
-from catfree.evaluation.rows import read_sequence
+from catfree.evaluation._position_matching import matched_rows
+from catfree.evaluation._rows import read_sequence
 from catfree.synthetic import DetectorModel, RigError, make_world
 
 LAYOUT = "gmvd6"  # six cameras around a courtyard of 20 x 24 m, 33 people, 2 frames a second

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from catfree.errors import InvalidInputError
-from catfree.types.reconstruction import Reconstruction as Reconstruction
-from catfree.types.validation import as_float, require_finite, require_shape
+from catfree.types._reconstruction import Reconstruction as Reconstruction
+from catfree.types._validation import as_float, require_finite, require_shape
 
 Image = UInt8[np.ndarray, "_ _ 3"]
 

@@ -1,12 +1,12 @@
 """Which hypotheses are people: thresholds, gates, support, persistence, suppression, score."""
 
-from catfree.filters.gates import Gates as Gates, select as select
-from catfree.filters.otsu import (
+from catfree.filters._gates import Gates as Gates, select as select
+from catfree.filters._otsu import (
     log_otsu as log_otsu,
     otsu as otsu,
     otsu_separability as otsu_separability,
 )
-from catfree.filters.score import (
+from catfree.filters._score import (
     AuxiliaryScore as AuxiliaryScore,
     Signal as Signal,
     auxiliary_score as auxiliary_score,
@@ -15,9 +15,9 @@ from catfree.filters.score import (
     median_residual as median_residual,
     view_support_ratio as view_support_ratio,
 )
-from catfree.filters.support import support as support, weighted_support as weighted_support
-from catfree.filters.suppression import outside as outside, suppress as suppress
-from catfree.filters.temporal import (
+from catfree.filters._support import support as support, weighted_support as weighted_support
+from catfree.filters._suppression import outside as outside, suppress as suppress
+from catfree.filters._temporal import (
     frames_of_pairs as frames_of_pairs,
     temporally_consistent as temporally_consistent,
 )

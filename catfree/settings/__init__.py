@@ -1,9 +1,8 @@
 """The constants of a run that may be set, frozen, one dataclass a stage."""
 
-from catfree.settings.calibration import CalibrationSettings as CalibrationSettings
-from catfree.settings.combined import Settings as Settings
-from catfree.settings.evidence import EvidenceSettings as EvidenceSettings
-from catfree.settings.paper import (
+from catfree.settings._calibration_settings import CalibrationSettings as CalibrationSettings
+from catfree.settings._evidence_settings import EvidenceSettings as EvidenceSettings
+from catfree.settings._paper_settings import (
     AssociationSettings as AssociationSettings,
     RaySettings as RaySettings,
     Selection as Selection,
@@ -12,3 +11,4 @@ from catfree.settings.paper import (
     TrajectorySettings as TrajectorySettings,
     TriangulationSettings as TriangulationSettings,
 )
+from catfree.settings._settings import Settings as Settings

@@ -1,13 +1,12 @@
 """Seeded worlds with known truth: people, cameras, detections, rendered video."""
 
-from catfree.synthetic.detector import DetectorModel as DetectorModel, detect as detect
-from catfree.synthetic.disturbance import (
+from catfree.synthetic._disturbance import (
     RigError as RigError,
     arbitrary_gauge as arbitrary_gauge,
     disturb as disturb,
     disturb_ground as disturb_ground,
 )
-from catfree.synthetic.layouts import (
+from catfree.synthetic._layouts import (
     Layout as Layout,
     gmvd_like as gmvd_like,
     make_layout as make_layout,
@@ -15,8 +14,9 @@ from catfree.synthetic.layouts import (
     ring as ring,
     wildtrack_like as wildtrack_like,
 )
-from catfree.synthetic.walkers import Walkers as Walkers, simulate_walkers as simulate_walkers
-from catfree.synthetic.world import (
+from catfree.synthetic._simulated_detector import DetectorModel as DetectorModel, detect as detect
+from catfree.synthetic._walkers import Walkers as Walkers, simulate_walkers as simulate_walkers
+from catfree.synthetic._world import (
     World as World,
     angular_residuals as angular_residuals,
     make_world as make_world,

@@ -1,7 +1,7 @@
 """Frozen struct-of-arrays types: what flows between the stages."""
 
-from catfree.types.detections import Detections as Detections
-from catfree.types.results import (
+from catfree.types._detections import Detections as Detections
+from catfree.types._results import (
     Candidates as Candidates,
     Fate as Fate,
     Localization as Localization,
@@ -10,5 +10,5 @@ from catfree.types.results import (
     Thresholds as Thresholds,
     Tracks as Tracks,
 )
-from catfree.types.rig import Rig as Rig
-from catfree.types.scene import Plane as Plane, Rays as Rays, Scene as Scene
+from catfree.types._rig import Rig as Rig
+from catfree.types._scene import Plane as Plane, Rays as Rays, Scene as Scene

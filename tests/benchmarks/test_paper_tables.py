@@ -18,7 +18,7 @@ from benchmarks.paper.staged import localize_staged
 from benchmarks.paper.table import Table
 from benchmarks.paper.variants import BF, BK, BS, BT, I, K, Q, changed
 from catfree.evaluation import Interval, detection_metrics
-from catfree.geometry.similarity import transform_scene
+from catfree.geometry._similarity import transform_scene
 
 # One worker compiles for all.
 pytestmark = pytest.mark.xdist_group("paper_tables")

@@ -4,8 +4,6 @@ import csv
 import dataclasses
 import io
 import itertools
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +11,6 @@ import scipy.stats
 from hypothesis import given, strategies as st
 
 import catfree as cf
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
-
 from benchmarks.paper import camera_removal, heldout, leave_one_out, sigma_curve, unseen_rig
 from benchmarks.paper.command import Options
 from benchmarks.paper.scoring import Score, localize, score

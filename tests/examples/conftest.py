@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from catfree.synthetic import make_world
-from catfree.synthetic.layouts import ring
+from catfree.synthetic._layouts import ring
 from catfree.synthetic.render import render_videos
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

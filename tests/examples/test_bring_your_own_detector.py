@@ -3,7 +3,7 @@ import sys
 import numpy as np
 
 from catfree.adapters import Detector, FittedToCamera, SynchronizedVideos, write_scene_json
-from catfree.synthetic.silhouettes import observe
+from catfree.synthetic._silhouettes import observe
 
 
 def test_its_boxes_lie_on_people(load_example, rendered):

@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 
 import catfree.filters as filters
 from catfree.errors import InvalidInputError
-from catfree.filters.gates import quantile
+from catfree.filters._gates import quantile
 from catfree.settings import Selection
 
 SIZE = 10

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 import catfree.filters as filters
 from catfree.errors import InvalidInputError
-from catfree.filters.arrays import as_mask, as_sample
+from catfree.filters._sample_arrays import as_mask, as_sample
 
 SIZE = 12  # one shape, so that everything compiles once
 

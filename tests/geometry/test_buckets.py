@@ -4,7 +4,7 @@ import jax
 import numpy as np
 from hypothesis import given, strategies as st
 
-from catfree.geometry.buckets import SHORT, coarse_length, fine_length, in_blocks
+from catfree.geometry._buckets import SHORT, coarse_length, fine_length, in_blocks
 
 counts = st.integers(0, 10**6)
 blocks = st.integers(1, 10**4)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
-from catfree.geometry import symmetric3
+from catfree.geometry import _symmetric3 as symmetric3
 
 solve = jax.jit(symmetric3.solve)
 solve_jacobian = jax.jit(jax.jacrev(symmetric3.solve))

@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.spatial.transform import Rotation
 
-from catfree.geometry.similarity import transform_scene
-from catfree.synthetic.disturbance import arbitrary_gauge, disturb, disturb_ground
-from catfree.synthetic.layouts import make_layout
-from catfree.synthetic.silhouettes import project
+from catfree.geometry._similarity import transform_scene
+from catfree.synthetic._disturbance import arbitrary_gauge, disturb, disturb_ground
+from catfree.synthetic._layouts import make_layout
+from catfree.synthetic._silhouettes import project
 
 SCENE = make_layout("ring5", 4).scene
 POINTS = np.array([[0.0, 0.0, 0.0], [2.0, -3.0, 1.7], [-5.0, 4.0, 0.3]])

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.errors import InvalidInputError
-from catfree.synthetic.layouts import (
+from catfree.synthetic._layouts import (
     ASSUMED_FOCALS,
     FOCAL_CLEARANCE,
     LAYOUTS,
@@ -11,7 +11,7 @@ from catfree.synthetic.layouts import (
     make_layout,
     ring,
 )
-from catfree.synthetic.silhouettes import project
+from catfree.synthetic._silhouettes import project
 
 NAMES = [*LAYOUTS, "ring4", "ring9"]
 

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.errors import InvalidInputError
-from catfree.synthetic.crowd_motion import TOP_ACCELERATION, TOP_SPEED
-from catfree.synthetic.walkers import (
+from catfree.synthetic._crowd_motion import TOP_ACCELERATION, TOP_SPEED
+from catfree.synthetic._walkers import (
     ASSUMED_HEIGHT,
     BACKGROUND_BAND,
     ENTRY_MARGIN,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree.geometry.similarity import transform_scene
+from catfree.geometry._similarity import transform_scene
 from catfree.synthetic import RigError, angular_residuals, make_world
 
 NO_ERROR = RigError(0.0, 0.0, 0.0, 0.0, 0.0)

@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 
 from catfree import Detections, Rig, Scene, Tracks
 from catfree.errors import FileFormatError, InvalidInputError
-from catfree.types.archive import load_arrays, save_arrays
+from catfree.types._archive import load_arrays, save_arrays
 
 VALUES = {"x": np.arange(6.0), "y": np.array(3, np.int8)}
 NAMES = tuple(VALUES)

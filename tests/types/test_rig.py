@@ -4,11 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from camera_parameters import K, parameters
 from hypothesis import given, strategies as st
 
 from catfree import Rig
 from catfree.errors import InvalidInputError
+from tests.types.camera_parameters import K, parameters
 
 
 @given(st.integers(1, 6), st.data())

@@ -4,12 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from camera_parameters import K, parameters
 from hypothesis import assume, given, strategies as st
 
 from catfree import Plane, Rig, Scene
 from catfree.errors import InvalidInputError
 from catfree.synthetic import make_layout
+from tests.types.camera_parameters import K, parameters
 
 UNIT = st.floats(-1, 1)
 

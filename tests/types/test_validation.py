@@ -10,7 +10,7 @@ import pytest
 
 from catfree.errors import InvalidInputError
 from catfree.types import Detections
-from catfree.types.validation import as_boolean, as_float, as_integer, require_instance
+from catfree.types._validation import as_boolean, as_float, as_integer, require_instance
 
 # Without the import hook of these tests, which would object to the types first.
 SWAPPED = """

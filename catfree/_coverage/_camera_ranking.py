@@ -1,0 +1,242 @@
+"""What single cameras are worth: without one, with one more, and which matters least."""
+
+from typing import Any, Unpack
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from catfree._coverage._expected_sigma import (
+    SIGMA_THETA,
+    Area,
+    Coverage,
+    CoverageOptions,
+    coverage,
+    coverage_of,
+    visible_area,
+)
+from catfree.errors import DegenerateGeometryError, InvalidInputError
+from catfree.geometry._arrays import ArrayInput
+from catfree.types import Plane, Rig, Scene
+from catfree.types._validation import as_point, require_instance
+
+PARALLEL = 1e-6  # sine of the angle to the ground's normal below which "upright" means nothing
+
+
+class CameraRanking(eqx.Module):
+    """What the rig would lose with each of its cameras.
+
+    Attributes:
+        order: (K,) the registered cameras, the one that matters least first.
+        accuracy: `Coverage.accuracy` of the whole rig.
+        accuracy_without: (K,) the same without each camera of `order`.
+        covered_without: (K,) share of the area then seen by two cameras.
+        median_sigma_without: (K,) median sigma then, scene units.
+    """
+
+    order: Int[np.ndarray, " k"]
+    accuracy: float
+    accuracy_without: Float[np.ndarray, " k"]
+    covered_without: Float[np.ndarray, " k"]
+    median_sigma_without: Float[np.ndarray, " k"]
+
+
+class CameraGain(eqx.Module):
+    """What one more camera would give.
+
+    Attributes:
+        before: coverage of the rig as it is.
+        after: coverage with the new camera, the last one, over the same cells.
+    """
+
+    before: Coverage
+    after: Coverage
+
+    @property
+    def accuracy(self) -> float:
+        """Gain in `Coverage.accuracy`, never below 0 but for rounding."""
+        return self.after.accuracy - self.before.accuracy
+
+    @property
+    def covered(self) -> float:
+        """Gain in the share of the area that at least two cameras see."""
+        return self.after.covered - self.before.covered
+
+    @property
+    def sigma_ratio(self) -> Float[np.ndarray, "height width"]:
+        """(H, W) sigma after over before: at most 1, 0 where only the new camera makes two."""
+        known = np.isfinite(self.before.sigma)
+        ratio = self.after.sigma / np.where(known, self.before.sigma, 1)
+        return np.where(known, ratio, np.where(np.isfinite(self.after.sigma), 0.0, 1.0))
+
+    def __str__(self) -> str:
+        return (
+            f"{100 * self.accuracy:+.1f} % of positions within {self.before.radius:.3g}, "
+            f"{100 * self.covered:+.1f} % of the area seen by two cameras"
+        )
+
+
+def coverage_without(
+    scene: Scene, camera: int, area: Area | None = None, **options: Unpack[CoverageOptions]
+) -> Coverage:
+    """The coverage that is left if one camera fails.
+
+    Args:
+        scene: cameras, ground and extent.
+        camera: index of the camera to leave out.
+        area: as in `coverage`; None for the area of the whole rig, so that maps can be compared.
+        **options: the other options of `coverage`.
+
+    Returns:
+        Coverage of the cameras that are left; `visible` is false for the one left out.
+
+    Raises:
+        InvalidInputError: if there is no such camera.
+    """
+    count = scene.rig.camera_count
+    if not 0 <= camera < count:
+        raise InvalidInputError(
+            f"There is no camera {camera}; the rig has cameras 0 to {count - 1}."
+        )
+    active = np.asarray(scene.rig.registered) & (np.arange(count) != camera)
+    filled: CoverageOptions = {
+        "resolution": None,
+        "sigma_theta": SIGMA_THETA,
+        "person_height": None,
+        **options,
+    }
+    return coverage_of(scene, active, area, **filled)
+
+
+def coverage_with(
+    scene: Scene,
+    K: Float[np.ndarray | Array, "3 3"],
+    R: Float[np.ndarray | Array, "3 3"],
+    t: Float[np.ndarray | Array, "3"],
+    image_size: ArrayInput,
+    area: Area | None = None,
+    **options: Unpack[CoverageOptions],
+) -> Coverage:
+    """The coverage with one camera more, which stands nowhere yet.
+
+    Args:
+        scene: cameras, ground and extent.
+        K: (3, 3) intrinsics of the new camera in pixels.
+        R: (3, 3) its world-to-camera rotation.
+        t: (3,) its world-to-camera translation in scene units.
+        image_size: (2,) its width and height in pixels.
+        area: as in `coverage`; None for the area of the present rig, so that maps can be compared.
+        **options: the other options of `coverage`.
+
+    Returns:
+        Coverage whose last camera is the new one.
+    """
+    rig = scene.rig
+
+    def append(values: Any, more: Any) -> np.ndarray:
+        return np.concatenate([np.asarray(values, np.float64), np.asarray(more, np.float64)[None]])
+
+    larger = Rig(
+        append(rig.K, K),
+        append(rig.R, R),
+        append(rig.t, t),
+        append(rig.image_size, image_size),
+        None if rig.distortion is None else append(rig.distortion, np.zeros(5)),
+        np.append(rig.registered, True),
+    )
+    area = visible_area(scene) if area is None else area
+    ground = Plane(np.asarray(scene.ground.normal, np.float64), np.float64(scene.ground.offset))
+    extent = np.float64(scene.extent)
+    return coverage(Scene(larger, ground, extent, scene.metric), area, **options)
+
+
+def camera_gain(
+    scene: Scene,
+    center: Float[np.ndarray | Array, "3"],
+    target: Float[np.ndarray | Array, "3"],
+    area: Area | None = None,
+    *,
+    like: int | None = None,
+    **options: Unpack[CoverageOptions],
+) -> CameraGain:
+    """What one more camera at a place would give.
+
+    Args:
+        scene: cameras, ground and extent.
+        center: (3,) where it would hang, scene units.
+        target: (3,) the point that it would look at, scene units; the camera is held upright.
+        area: as in `coverage`; None for the area of the present rig.
+        like: the camera of the rig that it would be a copy of (focal length, image size, lens
+            distortion left out); None for the first registered one.
+        **options: the other options of `coverage`.
+
+    Returns:
+        Coverage before and after. It moves with the scene under similarity transforms, and a
+        camera never makes any place worse.
+
+    Raises:
+        InsufficientDataError: if fewer than two cameras are registered.
+        InvalidInputError: if the camera to copy is not registered, or a point is none.
+        DegenerateGeometryError: if the camera would look along the ground's normal.
+    """
+    require_instance(scene, Scene, "scene")
+    known = np.asarray(scene.rig.registered)
+    area = visible_area(scene) if area is None else area
+    like = int(np.argmax(known)) if like is None else like
+    if not (0 <= like < len(known) and known[like]):
+        raise InvalidInputError(
+            f"like is {like}, which is no registered camera; the rig has {len(known)}, registered "
+            f"are {np.flatnonzero(known).tolist()}."
+        )
+    center, target = as_point(center, "center"), as_point(target, "target")
+    rotation = _upright(center, target, np.asarray(scene.ground.normal, np.float64))
+    after = coverage_with(
+        scene,
+        np.asarray(scene.rig.K, np.float64)[like],
+        rotation,
+        -rotation @ np.asarray(center, np.float64),
+        scene.rig.image_size[like],
+        area,
+        **options,
+    )
+    return CameraGain(before=coverage(scene, area, **options), after=after)
+
+
+def rank_cameras(
+    scene: Scene, area: Area | None = None, **options: Unpack[CoverageOptions]
+) -> CameraRanking:
+    """Which camera matters least, and what each one is worth.
+
+    Args:
+        scene: cameras, ground and extent.
+        area: as in `coverage`.
+        **options: the other options of `coverage`.
+
+    Returns:
+        Cameras sorted by the accuracy that is left without them, the most dispensable first.
+    """
+    area = visible_area(scene) if area is None else area
+    cameras = np.flatnonzero(scene.rig.registered)
+    rest = [coverage_without(scene, int(camera), area, **options) for camera in cameras]
+    left = np.array([one.accuracy for one in rest])
+    order = np.argsort(-left, kind="stable")
+    return CameraRanking(
+        order=cameras[order],
+        accuracy=coverage(scene, area, **options).accuracy,
+        accuracy_without=left[order],
+        covered_without=np.array([one.covered for one in rest])[order],
+        median_sigma_without=np.array([one.median_sigma for one in rest])[order],
+    )
+
+
+def _upright(center: Any, target: Any, up: np.ndarray) -> Float[np.ndarray, "3 3"]:
+    """World-to-camera rotation of a camera that looks at the target with its rows level."""
+    sight = np.asarray(target, np.float64) - np.asarray(center, np.float64)
+    right = np.cross(sight, up)
+    if not np.linalg.norm(right) > PARALLEL * np.linalg.norm(sight):
+        raise DegenerateGeometryError(
+            f"A camera at {np.asarray(center)} that looks at {np.asarray(target)} looks straight "
+            "up or down, so upright means nothing; move one of the two points aside."
+        )
+    forward, right = sight / np.linalg.norm(sight), right / np.linalg.norm(right)
+    return np.stack([right, np.cross(forward, right), forward])

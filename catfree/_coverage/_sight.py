@@ -1,0 +1,127 @@
+"""Who sees a place of the ground, and how precisely the cameras together pin it down."""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from catfree.geometry import (
+    CanonicalFrame,
+    angular_residual,
+    ground_sigma,
+    information,
+    pixel_to_ray,
+    project,
+)
+from catfree.types import Plane, Scene
+
+PLACES_BLOCK = 4096  # places evaluated together; grids are padded to it, so that few sizes compile
+# A lens polynomial can fold what lies far outside the picture back into it; the ray of such a pixel
+# misses the place by far more than this angle in radians.
+FOLD_TOLERANCE = 1e-2
+
+
+def look(
+    scene: Scene,
+    active: Bool[np.ndarray, " cam"],
+    places: Float[np.ndarray, "n 2"],
+    sigma_theta: float | int,
+    person_height: float | int | None,
+) -> tuple[Bool[np.ndarray, "cam n"], Float[np.ndarray, " n"]]:
+    """Who sees each place of the ground, and the sigma in scene units.
+
+    Args:
+        scene: cameras, ground and extent.
+        active: (C,) cameras that take part.
+        places: (N, 2) ground coordinates in scene units.
+        sigma_theta: angular noise of a foot ray in radians.
+        person_height: the head, so far above (scene units), must be in the picture too; or None.
+
+    Returns:
+        (C, N) who sees each place, and (N,) its sigma, inf below two cameras.
+    """
+    frame = CanonicalFrame.of(scene)
+    rig = frame.rig(scene.rig)
+    normal = np.asarray(scene.ground.normal, np.float64)
+    on_plane = -np.asarray(scene.ground.offset, np.float64) * normal
+    world = places @ np.asarray(scene.ground.basis, np.float64).T + on_plane
+    count = len(places)
+    points = np.pad(frame.to_canonical(world), ((0, -count % PLACES_BLOCK), (0, 0)))
+    points[:, 2] = 0
+    height = None if person_height is None else jnp.asarray(person_height / frame.extent)
+    # A camera that is not registered may hold NaN.
+    K, R, t = (
+        jnp.asarray(np.where(np.reshape(active, (-1,) + (1,) * (a.ndim - 1)), a, b))
+        for a, b in ((rig.K, np.eye(3)), (rig.R, np.eye(3)), (rig.t, np.zeros(3)))
+    )
+    distortion = None
+    if rig.distortion is not None:
+        distortion = jnp.asarray(np.where(active[:, None], rig.distortion, 0))
+    visible, sigma = _look_everywhere(
+        jnp.asarray(points),
+        K,
+        R,
+        t,
+        jnp.asarray(rig.image_size, K.dtype),
+        distortion,
+        jnp.asarray(active),
+        jnp.asarray(sigma_theta, K.dtype),
+        height,
+    )
+    return np.asarray(visible)[:count].T, np.asarray(sigma, np.float64)[:count] * frame.extent
+
+
+@jax.jit
+def _look_everywhere(points: Array, *rig: Any) -> tuple[Array, Array]:
+    blocks = points.reshape(-1, PLACES_BLOCK, 3)
+    visible, sigma = jax.lax.map(jax.vmap(lambda point: _look_at(point, *rig)), blocks)
+    return visible.reshape(len(points), -1), sigma.reshape(-1)
+
+
+def _look_at(
+    point: Array,
+    K: Array,
+    R: Array,
+    t: Array,
+    size: Array,
+    distortion: Array | None,
+    active: Array,
+    sigma_theta: Array,
+    height: Array | None,
+) -> tuple[Array, Array]:
+    """(C,) who sees a canonical ground point, and its sigma as a share of E."""
+    inside = partial(_inside, distorted=distortion is not None)
+    see = jax.vmap(inside, (0, 0, 0, 0, None if distortion is None else 0, None))
+    visible = active & see(K, R, t, size, distortion, point)
+    if height is not None:
+        head = point + jnp.array([0, 0, 1], point.dtype) * height.astype(point.dtype)
+        visible = visible & see(K, R, t, size, distortion, head)
+    origins = -jnp.einsum("cji,cj->ci", R, t)
+    sight = point[None, :] - origins
+    length = jnp.sqrt(jnp.sum(sight * sight, axis=-1))
+    directions = sight / jnp.where(length > 0, length, 1)[:, None]
+    matrix = information(point, origins, directions, visible.astype(point.dtype), sigma_theta)
+    ground = Plane(jnp.array([0, 0, 1], point.dtype), jnp.zeros((), point.dtype))
+    return visible, ground_sigma(matrix, ground)
+
+
+def _inside(
+    K: Array,
+    R: Array,
+    t: Array,
+    size: Array,
+    distortion: Array | None,
+    point: Array,
+    *,
+    distorted: bool,
+) -> Array:
+    """Whether a camera has a point in its picture (whose border is half a pixel out)."""
+    pixel, depth = project(K, R, t, point, distortion)
+    inside = (depth > 0) & jnp.all((pixel >= -0.5) & (pixel <= size - 0.5))
+    if distorted:
+        origin, direction = pixel_to_ray(K, R, t, pixel, distortion)
+        inside = inside & (angular_residual(point, origin, direction) < FOLD_TOLERANCE)
+    return inside

@@ -1,0 +1,186 @@
+"""Results of finished stages on disk, found again by the content that they follow from."""
+
+import dataclasses
+import functools
+import hashlib
+import os
+import time
+import types
+import typing
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from catfree.errors import FileFormatError, InvalidInputError, WriteError
+from catfree.types._archive import load_arrays, save_arrays
+
+T = TypeVar("T")
+Arrays = dict[str, Any]
+
+# A file under a temporary name is seconds old while its writer lives; older than an hour it was
+# left by a killed run.
+ABANDONED_AFTER = 3600.0
+SEPARATOR = "."
+
+
+class StageCache:
+    """A folder of results, one file a result, named by stage and content key.
+
+    Files appear complete or not at all, under names that only equal content gives: a run that was
+    killed leaves what it had finished, two runs at once write the same files twice, and other
+    videos, weights, settings or code never find them. A damaged file counts as absent.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
+        """Make the folder if it does not exist, and sweep out what killed runs left half-written.
+
+        Raises:
+            WriteError: if the folder cannot be made.
+        """
+        self.folder = Path(folder)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise WriteError(
+                f"Cannot make the cache folder {self.folder} ({_reason(error)}). Name another one."
+            ) from error
+        for leftover in self.folder.glob(".*.npz.*"):
+            try:
+                if time.time() - leftover.stat().st_mtime > ABANDONED_AFTER:
+                    leftover.unlink()
+            except OSError:  # another run was faster
+                continue
+
+    def path(self, stage: str, key: str) -> Path:
+        """Where the result of a stage with this content key is or would be."""
+        return self.folder / f"{stage}-{key[:40]}.npz"
+
+    def has(self, stage: str, key: str) -> bool:
+        """Whether a file of that name exists."""
+        return self.path(stage, key).is_file()
+
+    def load(self, stage: str, key: str, kind: type[T]) -> T | None:
+        """A stored result, or None if there is none that can be read.
+
+        Args:
+            stage: the stage's name.
+            key: content key of everything that the result follows from.
+            kind: the dataclass that was stored.
+        """
+        try:
+            arrays = load_arrays(self.path(stage, key), kind.__name__, required=None)
+            return from_arrays(kind, arrays)
+        except (FileFormatError, InvalidInputError):
+            return None
+
+    def store(self, stage: str, key: str, value: Any) -> None:
+        """Store a dataclass of arrays, numbers and further dataclasses.
+
+        Raises:
+            WriteError: if the disk is full or not writable; no half file is left behind.
+        """
+        path = self.path(stage, key)
+        try:
+            save_arrays(path, type(value).__name__, to_arrays(value))
+        except (OSError, InvalidInputError) as error:
+            raise WriteError(
+                f"Cannot write {path} ({_reason(error)}). Free some space or name another cache "
+                "folder; stages that are already there will be found again."
+            ) from error
+
+    def result(self, stage: str, key: str, kind: type[T], compute: Callable[[], T]) -> T:
+        """What `compute()` returns, from the cache if an earlier run stored it.
+
+        Args:
+            stage: the stage's name.
+            key: content key of everything that the result follows from.
+            kind: the dataclass that `compute` returns.
+            compute: called only if there is no stored result.
+
+        Raises:
+            WriteError: if the result cannot be stored.
+        """
+        stored = self.load(stage, key, kind)
+        if stored is not None:
+            return stored
+        value = compute()
+        self.store(stage, key, value)
+        return value
+
+
+def to_arrays(value: Any) -> Arrays:
+    """Name to array for the fields of a dataclass; those of a nested one are `outer.inner`."""
+    arrays: Arrays = {}
+    for field in dataclasses.fields(value):
+        item = getattr(value, field.name)
+        if dataclasses.is_dataclass(item):
+            nested = to_arrays(item)
+            arrays |= {f"{field.name}{SEPARATOR}{name}": array for name, array in nested.items()}
+        elif item is not None:
+            arrays[field.name] = np.asarray(item)
+    return arrays
+
+
+def from_arrays(kind: type[T], arrays: Arrays) -> T:
+    """The dataclass that `to_arrays` took apart.
+
+    Raises:
+        FileFormatError: if a field that cannot be None is missing.
+    """
+    values: dict[str, Any] = {}
+    hints = _field_types(kind)
+    for name, hint in hints.items():
+        options = _options(hint)
+        prefix = name + SEPARATOR
+        inner = {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
+        nested = next((o for o in options if dataclasses.is_dataclass(o)), None)
+        if isinstance(nested, type) and (inner or types.NoneType not in options):
+            values[name] = from_arrays(nested, inner)
+        elif name in arrays:
+            array = arrays[name]
+            scalar = array.ndim == 0 and any(o in (bool, int, float, str) for o in options)
+            values[name] = array.item() if scalar else array
+        elif types.NoneType in options:
+            values[name] = None
+        else:
+            raise FileFormatError(f"A stored {kind.__name__} lacks {name!r}.")
+    return kind(**values)
+
+
+def content_hash(value: Any) -> str:
+    """SHA-256 of a dataclass of arrays: equal content, equal hash."""
+    digest = hashlib.sha256(type(value).__name__.encode())
+    for name, array in sorted(to_arrays(value).items()):
+        digest.update(f"{name} {array.dtype} {array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+@functools.cache
+def code_hash(*packages: str) -> str:
+    """SHA-256 of the source of sub-packages of catfree; of all of it if none is named."""
+    root = Path(__file__).parents[1]
+    folders = [root / package for package in packages] or [root]
+    digest = hashlib.sha256()
+    for source in sorted(path for folder in folders for path in folder.rglob("*.py")):
+        digest.update(str(source.relative_to(root)).encode())
+        digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+@functools.cache
+def _field_types(kind: type[Any]) -> dict[str, Any]:
+    hints = typing.get_type_hints(kind)
+    return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
+
+
+def _options(hint: Any) -> tuple[Any, ...]:
+    """The members of a union, or the type itself."""
+    union = typing.get_origin(hint) in (typing.Union, types.UnionType)
+    return typing.get_args(hint) if union else (hint,)
+
+
+def _reason(error: BaseException) -> str:
+    return getattr(error, "strerror", None) or str(error)

@@ -1,0 +1,220 @@
+"""Detection in pieces that are kept: a killed run goes on where it was, not from the start."""
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree._run._cache import StageCache, code_hash
+from catfree.adapters._validate_plugin_output import Describer, join_descriptions
+from catfree.adapters.files._fingerprint import hash_parameters
+from catfree.adapters.protocols import (
+    BatchDetector,
+    Detector,
+    Embedder,
+    FittedToCamera,
+    FrameDetections,
+    Image,
+)
+from catfree.adapters.video._detect_videos import collect_detections, detect_instant, fit_to_cameras
+from catfree.adapters.video._synchronized_videos import SynchronizedVideos
+from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.types import Detections
+
+Progress = Callable[[str, int, int], None]
+
+# Instants a piece: a network on a processor needs about a minute for six cameras, which is what a
+# kill may cost.
+PIECE = 20
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """What the people of a piece look like: (n, D), row for row as its boxes."""
+
+    embedding: Float[np.ndarray, "n d"]
+
+
+@dataclass
+class _Piece:
+    """Some instants in a row, and what is known about them."""
+
+    first: int
+    count: int
+    box_key: str
+    look_key: str | None
+    boxes: Detections | None
+    looks: Appearance | None
+
+    @property
+    def complete(self) -> bool:
+        return self.boxes is not None and (self.look_key is None or self.looks is not None)
+
+
+def detect_with_cache(
+    videos: SynchronizedVideos,
+    detector: Detector | FittedToCamera,
+    embedder: Embedder | None,
+    cache: StageCache,
+    progress: Progress | None = None,
+) -> Detections:
+    """What `detect_videos` gives, in pieces of a few instants that later runs find again.
+
+    Boxes and embeddings are kept apart: another embedder does not repeat the detection.
+
+    Args:
+        videos: the cameras' pictures, instant by instant.
+        detector: finds people in one picture.
+        embedder: describes what they look like, or None.
+        cache: where finished pieces are.
+        progress: called as progress(stage, done, total) after each instant.
+
+    Returns:
+        One row a person, sorted by frame and camera.
+
+    Raises:
+        InvalidInputError: if detector or embedder say nothing about their content.
+        InsufficientDataError: as `detect_videos`.
+        FileFormatError: as `detect_videos`.
+        WriteError: if a finished piece cannot be stored.
+    """
+    pieces = _pieces(videos, detector, embedder, cache)
+    missing = [at for at, piece in enumerate(pieces) if not piece.complete]
+    if missing:
+        span = pieces[missing[0] : missing[-1] + 1]
+        detectors: list[Detector] = []
+        if any(piece.boxes is None for piece in span):
+            detectors = fit_to_cameras(videos, detector, progress)
+        shared = detector if isinstance(detector, BatchDetector) else None
+        describe = None if embedder is None else Describer(embedder)
+        stream = videos.instants_from(span[0].first)
+        for piece in span:
+            instants = islice(stream, piece.count)
+            if piece.complete:
+                deque(instants, maxlen=0)  # decoded, not looked at
+            else:
+                counted = _counted(instants, piece.first, videos.frame_count, progress)
+                _complete(piece, counted, detectors, shared, describe, cache)
+            if videos.interruption is not None:
+                break
+    elif progress is not None:
+        progress("detect", videos.frame_count, videos.frame_count)
+    return _join([piece for piece in pieces if piece.complete], videos)
+
+
+def fingerprint_of(part: Any, role: str) -> str:
+    """The content hash of a detector, embedder or reconstructor.
+
+    Args:
+        part: the detector, embedder or reconstructor.
+        role: what it is, for the message.
+
+    Raises:
+        InvalidInputError: if it has none, so that its results cannot be told from another's.
+    """
+    fingerprint = getattr(part, "fingerprint", None)
+    if not isinstance(fingerprint, str) or not fingerprint:
+        raise InvalidInputError(
+            f"The {role} {type(part).__name__} has no fingerprint, so its results cannot be "
+            "cached. Give it a property `fingerprint` that names weights and parameters, or run "
+            "without cache_dir."
+        )
+    return fingerprint
+
+
+def _pieces(
+    videos: SynchronizedVideos,
+    detector: Detector | FittedToCamera,
+    embedder: Embedder | None,
+    cache: StageCache,
+) -> list[_Piece]:
+    common = (code_hash("adapters", "types"), videos.fingerprint)
+    finder = fingerprint_of(detector, "detector")
+    pieces = []
+    for first in range(0, videos.frame_count, PIECE):
+        count = min(PIECE, videos.frame_count - first)
+        box_key = hash_parameters("boxes", *common, finder, first=first, count=count)
+        look_key = None
+        if embedder is not None:
+            look_key = hash_parameters("looks", box_key, fingerprint_of(embedder, "embedder"))
+        boxes = cache.load("boxes", box_key, Detections)
+        looks = None if look_key is None else cache.load("looks", look_key, Appearance)
+        if boxes is not None and looks is not None and len(looks.embedding) != len(boxes):
+            looks = None
+        pieces.append(_Piece(first, count, box_key, look_key, boxes, looks))
+    return pieces
+
+
+def _counted(
+    instants: Iterator[tuple[int, list[Image]]],
+    first: int,
+    total: int,
+    progress: Progress | None,
+) -> Iterator[tuple[int, list[Image]]]:
+    for done, instant in enumerate(instants, start=first + 1):
+        yield instant
+        if progress is not None:
+            progress("detect", done, total)
+
+
+def _complete(
+    piece: _Piece,
+    instants: Iterator[tuple[int, list[Image]]],
+    detectors: Sequence[Detector],
+    shared: BatchDetector | None,
+    describe: Describer | None,
+    cache: StageCache,
+) -> None:
+    """Find what the piece lacks; store it unless the videos broke off in the middle."""
+    known = piece.boxes
+    frame, camera, found, embedding = [], [], [], []
+    seen = 0
+    for tick, images in instants:
+        seen += 1
+        if known is None:
+            instant = detect_instant(images, detectors, shared, tick)
+        else:
+            instant = [_stored(known, tick, index) for index in range(len(images))]
+        for index, (image, people) in enumerate(zip(images, instant, strict=True)):
+            frame.append(np.full(len(people), tick))
+            camera.append(np.full(len(people), index))
+            found.append(people)
+            if describe is not None:
+                embedding.append(describe(image, people.box, index, tick))
+    if not found:
+        return
+    whole = seen == piece.count
+    if known is None:
+        piece.boxes = collect_detections(frame, camera, found, None)
+        if whole:
+            cache.store("boxes", piece.box_key, piece.boxes)
+    if piece.look_key is not None:
+        piece.looks = Appearance(join_descriptions(embedding))
+        if whole:
+            cache.store("looks", piece.look_key, piece.looks)
+
+
+def _stored(boxes: Detections, tick: int, camera: int) -> FrameDetections:
+    rows = (boxes.frame == tick) & (boxes.camera == camera)
+    score = np.ones(len(boxes)) if boxes.score is None else boxes.score
+    return FrameDetections(boxes.box[rows], score[rows])
+
+
+def _join(pieces: Sequence[_Piece], videos: SynchronizedVideos) -> Detections:
+    if not pieces:
+        raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
+    # Pieces without people say nothing about poses or the length of embeddings.
+    peopled = [piece for piece in pieces if piece.boxes is not None and len(piece.boxes)]
+    peopled = peopled or list(pieces[:1])
+    columns: dict[str, Any] = {}
+    for name in ("frame", "camera", "box", "score", "ankles_confirmed", "keypoints"):
+        values = [getattr(piece.boxes, name) for piece in peopled]
+        complete = all(value is not None for value in values)
+        columns[name] = np.concatenate(values) if complete else None
+    looks = [piece.looks.embedding for piece in peopled if piece.looks is not None]
+    columns["embedding"] = np.concatenate(looks) if len(looks) == len(peopled) else None
+    return Detections(**columns)

@@ -1,0 +1,289 @@
+"""The report of a run: what came out, how far to trust it, and with which settings."""
+
+import dataclasses
+import html
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from catfree._run._run import RunOutcome
+from catfree.adapters.files._documents import write_text_atomically
+from catfree.calibration.people import Calibration
+from catfree.settings import Settings
+from catfree.types import Localization, Origin, Reliability, Scene
+
+_STYLE = (
+    "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}"
+    "table{border-collapse:collapse;margin:1rem 0}th,td{border-bottom:1px solid #ddd;"
+    "padding:.3rem .8rem;text-align:left}img{max-width:100%}code{background:#f4f4f4}"
+)
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A heading; level 1 is the title."""
+
+    text: str
+    level: int = 2
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """Some sentences."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text under a header."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An image file, by its path relative to the report."""
+
+    path: str
+    caption: str
+
+
+Block = Heading | Paragraph | Table | Picture
+
+
+def write_report(
+    folder: str | os.PathLike[str],
+    outcome: RunOutcome,
+    settings: Settings,
+    files: Sequence[Path] = (),
+    pictures: Sequence[Path] = (),
+    *,
+    extra: Sequence[Block] = (),
+) -> list[Path]:
+    """Write `report.md` and `report.html`.
+
+    Args:
+        folder: where they go; it must exist.
+        outcome: what `run_stages` returned.
+        settings: the settings that it ran with.
+        files: the other files of the folder, to be listed.
+        pictures: pictures in the folder, to be shown.
+        extra: further blocks, shown first.
+
+    Returns:
+        The two files.
+    """
+    root = Path(folder)
+    blocks = [Heading("catfree report", 1), *extra, *describe_result(outcome)]
+    blocks += [Picture(_relative(path, root), _caption(path)) for path in pictures]
+    blocks += describe_cameras(outcome)
+    blocks += describe_reliability(outcome.localization, outcome.scene)
+    blocks += describe_settings(settings)
+    if files:
+        listed = (f"`{_relative(path, root)}`" for path in files)
+        blocks += [Heading("Files"), Paragraph(", ".join(listed) + ".")]
+    return [
+        write_text_atomically(root / "report.md", to_markdown(blocks)),
+        write_text_atomically(root / "report.html", to_html(blocks)),
+    ]
+
+
+def describe_result(outcome: RunOutcome) -> list[Block]:
+    """How many people were found, when and from what."""
+    tracks, frames = outcome.localization.tracks, outcome.frames
+    people = len(np.unique(tracks.track_id[tracks.track_id >= 0]))
+    a_frame = len(tracks) / len(frames) if len(frames) else 0.0
+    unit = "metres" if outcome.scene.metric else "scene units of unknown size"
+    rows = (
+        ("cameras", f"{int(outcome.scene.rig.registered.sum())} of {len(outcome.camera_names)}"),
+        ("frames", str(len(frames))),
+        ("detections", str(len(outcome.detections))),
+        ("tracks", str(people)),
+        ("positions", f"{len(tracks)} ({a_frame:.1f} a frame)"),
+        ("unit of length", unit),
+    )
+    return [Heading("Result"), Table(("", ""), rows)]
+
+
+def describe_cameras(outcome: RunOutcome) -> list[Block]:
+    """Where the cameras are and how well that is known."""
+    rig, calibration = outcome.scene.rig, outcome.calibration
+    table = camera_table(outcome.scene, outcome.camera_names, calibration)
+    blocks: list[Block] = [Heading("Cameras"), table]
+    lost = [n for n, known in zip(outcome.camera_names, rig.registered, strict=True) if not known]
+    if lost:
+        blocks.append(
+            Paragraph(
+                f"Not registered, and ignored: {', '.join(lost)}. The evidence for a place of "
+                "these cameras was too weak: too few people seen together with the others."
+            )
+        )
+    if calibration is not None:
+        blocks.append(
+            Paragraph(
+                "Cameras and ground were found from the people alone. Their heights are taken to "
+                "be 1.70 m on average: if yours are 5 % taller, all lengths are 5 % too short. "
+                f"One standard deviation of all lengths is {100 * calibration.scale_sd:.0f} %."
+            )
+        )
+    return blocks
+
+
+def camera_table(
+    scene: Scene, camera_names: Sequence[str], calibration: Calibration | None = None
+) -> Table:
+    """Height, focal length and, where found from people, the trust in each camera."""
+    rig = scene.rig
+    height = np.asarray(scene.ground.signed_distance(np.asarray(rig.centers, np.float64)))
+    header = ["camera", "height above ground", "focal length (px)"]
+    if calibration is not None:
+        header += ["agrees with the others (%)", "evidence", "centre uncertain by (m)"]
+    rows = []
+    for camera, name in enumerate(camera_names):
+        if not rig.registered[camera]:
+            rows.append((name, "not registered", *[""] * (len(header) - 2)))
+            continue
+        row = [name, f"{height[camera]:.2f}", f"{float(rig.K[camera, 0, 0]):.0f}"]
+        if calibration is not None:
+            variance = np.trace(calibration.center_covariance[camera])
+            row += [
+                f"{100 * calibration.association_rate[camera]:.0f}",
+                f"{calibration.log_likelihood_ratio[camera]:.0f}",
+                f"{np.sqrt(max(variance, 0.0)):.2f}",
+            ]
+        rows.append(tuple(row))
+    return Table(tuple(header), tuple(rows))
+
+
+def describe_reliability(localization: Localization, scene: Scene) -> list[Block]:
+    """The label-free summary, the thresholds and what became of the candidates."""
+    reliability, tracks = localization.reliability, localization.tracks
+    unit = " m" if scene.metric else ""
+    extended = float((tracks.origin != Origin.DETECTED).mean()) if len(tracks) else 0.0
+    rows = [
+        *_expected_rows(reliability),
+        ("median sigma of a position", _shown(reliability.median_sigma, ".3f", unit)),
+        ("sigma over suppression radius", _shown(reliability.sigma_over_radius, ".2f")),
+        ("cameras that support a position", _shown(reliability.mean_supporting_cameras, ".2f")),
+        ("detections that support a position", f"{100 * reliability.detections_used:.0f} %"),
+        ("positions added by the trajectories", f"{100 * extended:.1f} %"),
+        ("accepted positions that were recovered", f"{100 * reliability.fraction_recovered:.1f} %"),
+    ]
+    for name, value in vars(localization.thresholds).items():
+        if value is not None:
+            rows.append((name, f"{value:.4g}"))
+    fates = localization.candidates.count_by_fate()
+    counted = tuple((n.replace("_", " "), str(c)) for n, c in fates.items() if c)
+    blocks = [Heading("Reliability, without labels"), Table(("measure", "value"), tuple(rows))]
+    if reliability.expected_moda is not None:
+        blocks.append(
+            Paragraph(
+                "The expected MODA (at half a metre) is predicted from rows of this table by a fit "
+                "to simulated worlds. It knows nothing of people whom no box shows and of errors "
+                "that all cameras share, such as a wrong scale."
+            )
+        )
+    return [
+        *blocks,
+        Heading("Candidates", 3),
+        Table(("fate", "number"), counted),
+    ]
+
+
+def _shown(value: float, form: str, unit: str = "") -> str:
+    """A number about positions, which is none where there are no positions."""
+    return f"{value:{form}}{unit}" if np.isfinite(value) else "nobody found"
+
+
+def _expected_rows(reliability: Reliability) -> list[tuple[str, str]]:
+    """What the run expects of itself, as far as it does."""
+    rows = []
+    expected, low, high = reliability.expected_moda, reliability.moda_low, reliability.moda_high
+    if expected is not None and low is not None and high is not None:
+        said = f"{expected:.0f} (90 % interval {low:.0f} to {high:.0f})"
+        note = reliability.expectation_note
+        rows.append(("expected MODA", said if np.isfinite(expected) else f"unknown: {note}"))
+    for name, value in (
+        ("expected precision", reliability.expected_precision),
+        ("expected recall", reliability.expected_recall),
+    ):
+        if value is not None and np.isfinite(value):
+            rows.append((name, f"{100 * value:.0f} %"))
+    return rows
+
+
+def describe_settings(settings: Settings) -> list[Block]:
+    """Every setting of the run."""
+    rows = tuple((name, str(value)) for name, value in _flat(dataclasses.asdict(settings)))
+    return [Heading("Settings"), Table(("setting", "value"), rows)]
+
+
+def to_markdown(blocks: Iterable[Block]) -> str:
+    """Blocks as Markdown."""
+    parts = []
+    for block in blocks:
+        match block:
+            case Heading(text, level):
+                parts.append(f"{'#' * level} {text}")
+            case Paragraph(text):
+                parts.append(text)
+            case Picture(path, caption):
+                parts.append(f"![{caption}]({path})")
+            case Table(header, rows):
+                lines = [header, ("---",) * len(header), *rows]
+                cells = ([cell.replace("|", "\\|") for cell in line] for line in lines)
+                parts.append("\n".join(f"| {' | '.join(line)} |" for line in cells))
+    return "\n\n".join(parts) + "\n"
+
+
+def to_html(blocks: Iterable[Block]) -> str:
+    """Blocks as one HTML page."""
+    parts = []
+    for block in blocks:
+        match block:
+            case Heading(text, level):
+                parts.append(f"<h{level}>{html.escape(text)}</h{level}>")
+            case Paragraph(text):
+                # The one mark that paragraphs use is the back quote around file names.
+                pieces = html.escape(text).split("`")
+                marked = (f"<code>{p}</code>" if at % 2 else p for at, p in enumerate(pieces))
+                parts.append(f"<p>{''.join(marked)}</p>")
+            case Picture(path, caption):
+                path, caption = html.escape(path), html.escape(caption)
+                parts.append(f'<p><img src="{path}" alt="{caption}"></p>')
+            case Table(header, rows):
+                lines = [_html_row(header, "th"), *(_html_row(row, "td") for row in rows)]
+                parts.append(f"<table>{''.join(lines)}</table>")
+    title = next((b.text for b in blocks if isinstance(b, Heading)), "catfree")
+    return (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}'
+        f"</title><style>{_STYLE}</style></head><body>{''.join(parts)}</body></html>\n"
+    )
+
+
+def _html_row(cells: Iterable[str], tag: str) -> str:
+    return f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in cells)}</tr>"
+
+
+def _flat(settings: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    rows: list[tuple[str, Any]] = []
+    for name, value in settings.items():
+        if isinstance(value, dict):
+            rows += _flat(value, f"{prefix}{name}.")
+        else:
+            rows.append((prefix + name, value))
+    return rows
+
+
+def _relative(path: Path, root: Path) -> str:
+    return path.relative_to(root).as_posix() if path.is_relative_to(root) else str(path)
+
+
+def _caption(path: Path) -> str:
+    return path.stem.replace("_", " ")

@@ -1,0 +1,296 @@
+"""The result folder: tracks, cameras and pictures in the formats that other tools read."""
+
+import importlib.util
+import math
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree._coverage import coverage
+from catfree._run._cache import from_arrays, to_arrays
+from catfree._run._identities import identify_detections
+from catfree._run._report import write_report
+from catfree._run._run import RunOutcome
+from catfree.adapters.calibration_files._anipose_toml import write_anipose_toml
+from catfree.adapters.calibration_files._colmap import write_colmap_text
+from catfree.adapters.calibration_files._rig_json import read_scene_json, write_scene_json
+from catfree.adapters.files._camera_names import distinct_names, file_names
+from catfree.adapters.files._documents import write_bytes_atomically
+from catfree.adapters.tables._motchallenge import write_mot_boxes, write_mot_ground
+from catfree.adapters.tables._tracks_table import write_tracks_csv, write_tracks_parquet
+from catfree.adapters.video._synchronized_videos import SynchronizedVideos
+from catfree.errors import FileFormatError, WriteError
+from catfree.settings import Settings
+from catfree.types import Detections, Localization, Scene
+from catfree.types._archive import load_arrays, save_arrays
+
+Progress = Callable[[str, int, int], None]
+
+# TrackEval matches two squares at an IoU of one half; in a scene without metres the matching
+# distance is the farthest that a track steps between frames.
+MATCHING_METRES = 1.0
+VIEW_WIDTH = 640  # pixels a camera in the picture of all views
+LOCALIZATION_FILE, SCENE_FILE = "localization.npz", "scene.json"
+
+
+def write_results(
+    folder: str | os.PathLike[str],
+    outcome: RunOutcome,
+    settings: Settings | None = None,
+    *,
+    videos: SynchronizedVideos | None = None,
+    pictures: bool | None = None,
+    area: Sequence[float | int] | None = None,
+    ground_truth: Float[np.ndarray, "n 4"] | None = None,
+) -> list[Path]:
+    """Write everything that a run found.
+
+    Args:
+        folder: made if it does not exist; files of an earlier run are replaced.
+        outcome: what `run_stages` returned.
+        settings: the settings that it ran with, for the report.
+        videos: the footage, to show one instant of it with what was found; None for no such
+            picture.
+        pictures: draw plots; None: if matplotlib is installed.
+        area: x_min, x_max, y_min, y_max of an area to frame in the plots, in ground coordinates.
+        ground_truth: (N, 4) rows [frame, id, x, y] in ground coordinates to draw, or None.
+
+    Returns:
+        The files: `tracks.csv`, `tracks.parquet` where pyarrow is installed, `tracks_mot.txt` for
+        TrackEval, `boxes/CAMERA.txt` in MOTChallenge form with identities, `detections.npz`,
+        `localization.npz`, the scene as `scene.json`, `rig/colmap` and `rig/calibration.toml`,
+        `pictures/*.png`, `report.md` and `report.html`.
+
+    Raises:
+        WriteError: if the disk is full or not writable; no file is left half-written.
+        MissingDependencyError: if pictures are asked for and matplotlib is not installed.
+    """
+    root = Path(folder)
+    settings = settings or Settings()
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        files = _write_tables(root, outcome, settings) + write_rig(
+            root, outcome.scene, outcome.camera_names
+        )
+        drawn = []
+        if pictures or (pictures is None and importlib.util.find_spec("matplotlib") is not None):
+            drawn = draw_pictures(
+                root / "pictures",
+                outcome.localization,
+                outcome.scene,
+                camera_names=outcome.camera_names,
+                area=area,
+                ground_truth=ground_truth,
+            )
+        if videos is not None and pictures is not False:
+            drawn.append(draw_views(root / "pictures", videos, outcome))
+        files += drawn
+        files += write_report(root, outcome, settings, files, drawn)
+    except OSError as error:
+        raise WriteError(
+            f"Cannot write the results to {root}: {error.strerror or error}. Free some space or "
+            "name another folder."
+        ) from error
+    return files
+
+
+def write_rig(
+    folder: str | os.PathLike[str], scene: Scene, camera_names: Sequence[str]
+) -> list[Path]:
+    """Write cameras and ground as `scene.json`, for COLMAP and for anipose.
+
+    Args:
+        folder: made if it does not exist.
+        scene: cameras and ground; those not registered are only in `scene.json`.
+        camera_names: (C,) names.
+
+    Returns:
+        The files.
+    """
+    root = Path(folder)
+    (root / "rig").mkdir(parents=True, exist_ok=True)
+    # COLMAP separates its columns by spaces.
+    joined = distinct_names(["_".join(name.split()) for name in camera_names])
+    colmap = write_colmap_text(root / "rig" / "colmap", scene.rig, joined)
+    return [
+        write_scene_json(root / SCENE_FILE, scene, camera_names),
+        write_anipose_toml(root / "rig" / "calibration.toml", scene.rig, camera_names),
+        *(colmap / f"{part}.txt" for part in ("cameras", "images", "points3D")),
+    ]
+
+
+def read_results(folder: str | os.PathLike[str]) -> tuple[Localization, Scene, tuple[str, ...]]:
+    """Localization, scene and camera names of a folder that `write_results` wrote.
+
+    Raises:
+        InvalidInputError: if a file is not there.
+        FileFormatError: if a file holds something else, or the files are of two runs.
+    """
+    root = Path(folder)
+    scene, names = read_scene_json(root / SCENE_FILE)
+    arrays = load_arrays(root / LOCALIZATION_FILE, Localization.__name__, required=None)
+    localization = from_arrays(Localization, arrays)
+    cameras = localization.candidates.support.shape[-1]
+    if cameras != scene.rig.camera_count:
+        raise FileFormatError(
+            f"{root / SCENE_FILE} has {scene.rig.camera_count} cameras, but "
+            f"{root / LOCALIZATION_FILE} was made with {cameras}. Take both from one run."
+        )
+    return localization, scene, names
+
+
+def draw_pictures(
+    folder: str | os.PathLike[str],
+    localization: Localization,
+    scene: Scene,
+    *,
+    camera_names: Sequence[str] | None = None,
+    area: Sequence[float | int] | None = None,
+    ground_truth: Float[np.ndarray, "n 4"] | None = None,
+) -> list[Path]:
+    """Draw the bird's-eye view, the expected uncertainty and, where there are any, the gates.
+
+    Args:
+        folder: made if it does not exist.
+        localization: what `localize` returned.
+        scene: the scene it was made with.
+        camera_names: (C,) labels of the cameras.
+        area: x_min, x_max, y_min, y_max of an area to frame.
+        ground_truth: (N, 4) rows [frame, id, x, y] to draw, or None.
+
+    Returns:
+        The pictures.
+
+    Raises:
+        MissingDependencyError: if matplotlib is not installed.
+    """
+    from catfree.viz.plots._axes import require_pyplot
+    from catfree.viz.plots._bird_eye import plot_bird_eye
+    from catfree.viz.plots._coverage_map import plot_coverage
+    from catfree.viz.plots._threshold_plot import plot_gates
+
+    pyplot = require_pyplot()
+    root = Path(folder)
+    root.mkdir(parents=True, exist_ok=True)
+    figures = {}
+    view = plot_bird_eye(
+        localization, scene, camera_names=camera_names, area=area, ground_truth=ground_truth
+    )
+    figures["bird_eye.png"] = view.figure
+    if scene.rig.registered.sum() >= 2:
+        expected = coverage(scene, area)
+        seen = plot_coverage(expected, scene, localization=localization, camera_names=camera_names)
+        figures["coverage.png"] = seen.figure
+    if localization.thresholds.tau_sigma is not None:
+        figures["gates.png"] = plot_gates(localization, scene)[0].figure
+    written = []
+    for name, figure in figures.items():
+        partial = root / f".partial_{os.getpid()}_{name}"
+        try:
+            figure.savefig(partial, dpi=130)
+            os.replace(partial, root / name)
+        finally:
+            partial.unlink(missing_ok=True)
+            pyplot.close(figure)
+        written.append(root / name)
+    return written
+
+
+def draw_views(
+    folder: str | os.PathLike[str], videos: SynchronizedVideos, outcome: RunOutcome
+) -> Path:
+    """Draw what all cameras saw in the middle of the footage, with boxes and tracks.
+
+    Args:
+        folder: made if it does not exist.
+        videos: the footage.
+        outcome: what was found in it.
+
+    Returns:
+        `views.jpg`: the cameras' pictures side by side.
+    """
+    import cv2
+
+    from catfree.viz.footage._overlay import draw_frame
+
+    root = Path(folder)
+    root.mkdir(parents=True, exist_ok=True)
+    middle = videos.frame_count // 2
+    # Footage that broke off has no middle.
+    instant = next(videos.instants_from(middle), None) or next(iter(videos))
+    frame, images = instant
+    columns = math.ceil(math.sqrt(len(images)))
+    height = round(VIEW_WIDTH * images[0].shape[0] / images[0].shape[1])
+    rows = math.ceil(len(images) / columns)
+    sheet = np.full((rows * height, columns * VIEW_WIDTH, 3), 255, np.uint8)
+    for camera, image in enumerate(images):
+        drawn = draw_frame(
+            image, camera, frame, outcome.detections, outcome.localization, outcome.scene
+        )
+        scale = min(VIEW_WIDTH / image.shape[1], height / image.shape[0])
+        size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
+        small = cv2.resize(drawn, size, interpolation=cv2.INTER_AREA)
+        top, left = height * (camera // columns), VIEW_WIDTH * (camera % columns)
+        sheet[top : top + size[1], left : left + size[0]] = small
+    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))
+    return write_bytes_atomically(root / "views.jpg", encoded.tobytes())
+
+
+def write_overlay(
+    folder: str | os.PathLike[str],
+    videos: SynchronizedVideos,
+    outcome: RunOutcome,
+    progress: Progress | None = None,
+) -> Path:
+    """Write `overlay.mp4`, the pictures of all cameras with the tracks, to a folder."""
+    from catfree.viz.footage._overlay import write_overlay_video
+
+    root = Path(folder)
+    root.mkdir(parents=True, exist_ok=True)
+    write_overlay_video(
+        root / "overlay.mp4",
+        videos,
+        outcome.detections,
+        outcome.localization,
+        outcome.scene,
+        camera_names=outcome.camera_names,
+        progress=progress,
+    )
+    return root / "overlay.mp4"
+
+
+def _write_tables(root: Path, outcome: RunOutcome, settings: Settings) -> list[Path]:
+    tracks, scene = outcome.localization.tracks, outcome.scene
+    extent = float(scene.extent)
+    reach = MATCHING_METRES if scene.metric else settings.trajectories.link_radius * extent
+    files = [
+        write_tracks_csv(root / "tracks.csv", tracks),
+        write_mot_ground(root / "tracks_mot.txt", tracks, outcome.frames, threshold=reach),
+    ]
+    if importlib.util.find_spec("pyarrow") is not None:
+        files.append(write_tracks_parquet(root / "tracks.parquet", tracks))
+    identity = identify_detections(
+        outcome.localization,
+        scene,
+        len(outcome.detections),
+        radius=settings.selection.suppression_radius * extent,
+    )
+    files += _write_boxes(root / "boxes", outcome, identity)
+    outcome.detections.save(root / "detections.npz")
+    arrays = to_arrays(outcome.localization)
+    save_arrays(root / LOCALIZATION_FILE, Localization.__name__, arrays)
+    return [*files, root / "detections.npz", root / LOCALIZATION_FILE]
+
+
+def _write_boxes(root: Path, outcome: RunOutcome, identity: Int[np.ndarray, " n"]) -> list[Path]:
+    root.mkdir(exist_ok=True)
+    detections: Detections = outcome.detections
+    files = []
+    for camera, name in enumerate(file_names(outcome.camera_names)):
+        rows = detections.camera == camera
+        path = root / f"{name}.txt"
+        files.append(write_mot_boxes(path, detections[rows], outcome.frames, identity[rows]))
+    return files

@@ -1,0 +1,227 @@
+"""A second look at the videos by a detector that is told where people should stand.
+
+Once cameras and tracks are known, everybody's place in every picture is: what other cameras and
+moments saw of somebody helps where silhouettes merge. The detector still reports only what its own
+picture shows.
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from catfree._run._identities import identify_detections
+from catfree._run._stitch import RADIUS
+from catfree.adapters._validate_plugin_output import Describer, ask_for_people
+from catfree.adapters.protocols import Embedder, FrameDetections, GuidedDetector, Image
+from catfree.adapters.video._detect_videos import collect_detections
+from catfree.adapters.video._synchronized_videos import SynchronizedVideos
+from catfree.errors import InsufficientDataError
+from catfree.geometry import project
+from catfree.geometry._buckets import in_blocks
+from catfree.settings import CalibrationSettings
+from catfree.types import Detections, Localization, Rig, Scene
+
+Progress = Callable[[str, int, int], None]
+
+STAGE = "second look"
+BLOCK = 16384  # points that are projected together
+FEWEST_HEIGHTS = 5  # boxes that a person's own height needs
+HEIGHT_ROUNDS = 4  # of a fixed point that gains two digits a round
+EDGE = 2.0  # pixels from the picture's edge within which a box is cut
+# The sole that a camera sees stands so much nearer than the body's axis, in heights.
+FOOT_AHEAD = CalibrationSettings.foot_offset / CalibrationSettings.person_height
+SAME = 0.01  # pixels: a box that the second look did not change
+
+
+@dataclass(frozen=True)
+class ExpectedPeople:
+    """Where tracked people should stand in the pictures, one row a person and picture.
+
+    Attributes:
+        frame: (K,) frame.
+        camera: (K,) camera.
+        place: (K, 3) foot column, foot row and height in pixels; the foot is the sole that the
+            camera sees, nearer than the body's axis.
+    """
+
+    frame: Int[np.ndarray, " k"]
+    camera: Int[np.ndarray, " k"]
+    place: Float[np.ndarray, "k 3"]
+
+    def in_picture(self, frame: int, camera: int) -> Float[np.ndarray, "n 3"]:
+        """The places in one picture."""
+        return self.place[(self.frame == frame) & (self.camera == camera)]
+
+
+def expected_people(
+    localization: Localization, detections: Detections, scene: Scene
+) -> ExpectedPeople:
+    """Project every position of every track, as tall as its boxes say, into every camera.
+
+    Args:
+        localization: what a method returned.
+        detections: what it was made from.
+        scene: the scene it was made with.
+
+    Returns:
+        People of whom a part is inside the picture, sorted by frame.
+    """
+    tracks, rig = localization.tracks, scene.rig
+    cameras = np.flatnonzero(rig.registered)
+    row = np.repeat(np.arange(len(tracks)), len(cameras))
+    camera = np.tile(cameras, len(tracks))
+    height = track_heights(localization, detections, scene)[row]
+    up = np.asarray(scene.ground.normal, np.float64)
+    foot = tracks.position[row].astype(np.float64)
+    toward = np.asarray(rig.centers, np.float64)[camera] - foot
+    toward -= (toward @ up)[:, None] * up
+    distance = np.maximum(np.linalg.norm(toward, axis=-1, keepdims=True), height[:, None])
+    sole = foot + FOOT_AHEAD * height[:, None] * toward / np.maximum(distance, 1e-9)
+    low, depth = _project(rig, camera, sole)
+    high, other = _project(rig, camera, foot + height[:, None] * up)
+    size = low[:, 1] - high[:, 1]
+    u = (low[:, 0] + high[:, 0]) / 2
+    width, rows = np.asarray(rig.image_size, np.float64)[camera].T
+    seen = (np.minimum(depth, other) > 0.5 * height) & (size > 1)
+    seen &= (u > 0) & (u < width) & (high[:, 1] < rows) & (low[:, 1] > 0)
+    place = np.stack([u, low[:, 1], size], -1)
+    return ExpectedPeople(tracks.frame[row][seen], camera[seen], place[seen])
+
+
+def look_again(
+    videos: SynchronizedVideos,
+    detectors: Sequence[GuidedDetector],
+    embedder: Embedder | None,
+    expected: ExpectedPeople,
+    first: Detections,
+    progress: Progress | None = None,
+) -> Detections:
+    """Everybody whom the cameras see, now that it is known where to look.
+
+    Args:
+        videos: the pictures of the first look.
+        detectors: one a camera.
+        embedder: describes what people look like, or None.
+        expected: where people should stand.
+        first: what the first look found; boxes that stay keep their embedding.
+        progress: called as `progress("second look", done, total)`.
+
+    Returns:
+        One row a person, sorted by frame and camera.
+
+    Raises:
+        FileFormatError: as `detect_videos`.
+        InsufficientDataError: as `detect_videos`.
+    """
+    frame, camera, found, embedding = [], [], [], []
+    describe = None
+    if embedder is not None:
+        known = first.embedding
+        describe = Describer(embedder, known.shape[1] if known is not None and len(known) else None)
+    with ThreadPoolExecutor(min(len(detectors), os.cpu_count() or 1)) as pool:
+        for done, (tick, images) in enumerate(videos, start=1):
+            look = partial(_look, tick, detectors, describe, expected, first)
+            for index, (people, vectors) in enumerate(pool.map(look, enumerate(images))):
+                frame.append(np.full(len(people), tick))
+                camera.append(np.full(len(people), index))
+                found.append(people)
+                embedding.append(vectors)
+            if progress is not None:
+                progress(STAGE, done, videos.frame_count)
+    if not found:
+        raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
+    return collect_detections(frame, camera, found, embedding if embedder is not None else None)
+
+
+def _look(
+    frame: int,
+    detectors: Sequence[GuidedDetector],
+    describe: Describer | None,
+    expected: ExpectedPeople,
+    first: Detections,
+    numbered: tuple[int, Image],
+) -> tuple[FrameDetections, Float[np.ndarray, "n d"]]:
+    """One camera's people of one instant and what they look like."""
+    camera, image = numbered
+    detector, places = detectors[camera], expected.in_picture(frame, camera)
+    people = ask_for_people(lambda: detector.look_again(image, places), detector, camera, frame)
+    if describe is None:
+        return people, np.zeros((len(people), 0))
+    before = first[(first.frame == frame) & (first.camera == camera)]
+    if before.embedding is None or not len(before):
+        return people, describe(image, people.box, camera, frame)
+    offset = np.abs(people.box[:, None] - before.box[None]).max(-1)
+    same = offset.argmin(1)
+    changed = offset.min(1) > SAME
+    vectors = before.embedding[same].copy()
+    vectors[changed] = describe(image, people.box[changed], camera, frame)
+    return people, vectors
+
+
+def track_heights(
+    localization: Localization, detections: Detections, scene: Scene
+) -> Float[np.ndarray, " m"]:
+    """How tall the person of each track position is.
+
+    The median over the person's boxes of the height at which the vertical above the position meets
+    the box's upper edge; that of all people where too few boxes show somebody's head.
+
+    Args:
+        localization: what a method returned.
+        detections: what it was made from.
+        scene: the scene it was made with.
+
+    Returns:
+        (M,) scene units, one value a person; 0 where no box shows anybody.
+    """
+    tracks = localization.tracks
+    identity = identify_detections(
+        localization, scene, len(detections), radius=RADIUS * float(scene.extent)
+    )
+    places = {
+        (f, k): at for at, (f, k) in enumerate(zip(tracks.frame, tracks.track_id, strict=True))
+    }
+    keys = zip(detections.frame, identity, strict=True)
+    row = np.array([places.get(key, -1) for key in keys], np.int64)
+    use = np.flatnonzero((row >= 0) & (detections.box[:, 1] > EDGE))
+    if not len(use):
+        return np.zeros(len(tracks))
+    row, camera, top = row[use], detections.camera[use], detections.box[use, 1].astype(np.float64)
+    up = np.asarray(scene.ground.normal, np.float64)
+    foot = tracks.position[row].astype(np.float64)
+    low, _ = _project(scene.rig, camera, foot)
+    height = np.full(len(use), 0.01 * float(scene.extent))
+    for _ in range(HEIGHT_ROUNDS):
+        high, _ = _project(scene.rig, camera, foot + height[:, None] * up)
+        span = low[:, 1] - high[:, 1]
+        height = height * np.clip((low[:, 1] - top) / np.where(span > 0, span, np.inf), 0, 100)
+    usual = float(np.median(height))
+    own = {
+        one: np.median(height[tracks.track_id[row] == one])
+        for one, count in zip(*np.unique(tracks.track_id[row], return_counts=True), strict=True)
+        if count >= FEWEST_HEIGHTS
+    }
+    return np.array([own.get(one, usual) for one in tracks.track_id])
+
+
+def _project(
+    rig: Rig, camera: Int[np.ndarray, " n"], points: Float[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
+    """Pixels and depths of points, each in a camera of its own."""
+    lens = None if rig.distortion is None else np.asarray(rig.distortion)[camera]
+    K, R, t = (np.asarray(values)[camera] for values in (rig.K, rig.R, rig.t))
+    pixel, depth = in_blocks(_project_all, (K, R, t, points, lens), BLOCK)
+    return pixel.astype(np.float64), depth.astype(np.float64)
+
+
+@jax.jit
+def _project_all(
+    K: Array, R: Array, t: Array, points: Array, distortion: Array | None
+) -> tuple[Array, Array]:
+    return jax.vmap(project)(K, R, t, points, distortion)

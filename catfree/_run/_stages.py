@@ -1,0 +1,218 @@
+"""The stages of a run, each from the cache if an earlier run finished it."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+from catfree._run._cache import StageCache, code_hash, content_hash
+from catfree._run._cached_detection import detect_with_cache, fingerprint_of
+from catfree._run._second_look import expected_people, look_again
+from catfree._run._stitch import stitch_tracks
+from catfree.adapters.files._fingerprint import hash_parameters
+from catfree.adapters.protocols import (
+    Detector,
+    Embedder,
+    FittedToCamera,
+    GuidedDetector,
+    Reconstructor,
+)
+from catfree.adapters.video._detect_videos import detect_videos, fit_to_cameras
+from catfree.adapters.video._synchronized_videos import SynchronizedVideos
+from catfree.calibration import Calibration, calibrate
+from catfree.calibration.reconstructions._scene_from_videos import scene_from_videos
+from catfree.methods._localize import localize
+from catfree.settings import CalibrationSettings, Settings
+from catfree.types import Detections, Localization, Scene
+
+Progress = Callable[[str, int, int], None]
+T = TypeVar("T")
+
+
+def detect(
+    videos: SynchronizedVideos,
+    detector: Detector | FittedToCamera,
+    embedder: Embedder | None = None,
+    *,
+    fitted: Sequence[Detector] | None = None,
+    cache: StageCache | None = None,
+    progress: Progress | None = None,
+) -> Detections:
+    """The first stage: everybody whom the cameras saw; see `detect_videos`."""
+    if cache is None:
+        return detect_videos(videos, detector, embedder, progress, fitted=fitted)
+    return detect_with_cache(videos, detector, embedder, cache, progress)
+
+
+def calibrate_cameras(
+    videos: SynchronizedVideos,
+    detector: Detector | FittedToCamera,
+    detections: Detections,
+    settings: Settings | None = None,
+    *,
+    cache: StageCache | None = None,
+    progress: Progress | None = None,
+) -> Calibration:
+    """The second stage without a known scene: cameras and ground from confident boxes of people.
+
+    Args:
+        videos: whose picture sizes and names count.
+        detector: whose boxes they are; its `box_slack`, if it states one, replaces the default.
+        detections: everybody whom the cameras saw; those of a score below
+            `settings.calibration_confidence` do not take part.
+        settings: of the run; its `calibration`, `evidence` and confidences count.
+        cache: where a finished calibration is.
+        progress: called as `progress(stage, done, total)`.
+
+    Raises:
+        CalibrationError: if no rig can be found from the people.
+    """
+    given = Settings() if settings is None else settings
+    rules, usual = given.calibration, CalibrationSettings.box_slack
+    if rules.box_slack == usual:
+        rules = dataclasses.replace(rules, box_slack=getattr(detector, "box_slack", usual))
+    # Nothing else of the settings counts: changing it leaves a finished calibration as it is.
+    settings = Settings(
+        confidence=max(given.confidence, given.calibration_confidence),
+        calibration_confidence=given.calibration_confidence,
+        evidence=given.evidence,
+        calibration=rules,
+    )
+    return _cached(
+        cache,
+        "calibration",
+        Calibration,
+        lambda: calibrate(
+            detections,
+            videos.image_size,
+            settings,
+            camera_names=videos.camera_names,
+            progress=progress,
+        ),
+        (content_hash(detections), *videos.camera_names),
+        settings,
+        image_size=videos.image_size.tolist(),
+    )
+
+
+def reconstruct(
+    videos: SynchronizedVideos,
+    reconstructor: Reconstructor,
+    detections: Detections,
+    *,
+    cache: StageCache | None = None,
+    progress: Progress | None = None,
+) -> Scene:
+    """The second stage with a reconstructor: some instants, aggregated to one static rig."""
+    keys = ()
+    if cache is not None:
+        weights = fingerprint_of(reconstructor, "reconstructor")
+        keys = (videos.fingerprint, weights, content_hash(detections))
+    return _cached(
+        cache,
+        "scene",
+        Scene,
+        lambda: scene_from_videos(videos, reconstructor, detections, progress),
+        keys,
+    )
+
+
+def detect_again(
+    videos: SynchronizedVideos,
+    detector: FittedToCamera,
+    embedder: Embedder | None,
+    detections: Detections,
+    scene: Scene,
+    settings: Settings,
+    *,
+    fitted: Sequence[Detector] | None = None,
+    cache: StageCache | None = None,
+    progress: Progress | None = None,
+) -> Detections:
+    """The third stage: a second look where the tracks of the first say that people should stand.
+
+    Args:
+        videos: the pictures.
+        detector: as `run`.
+        embedder: as `run`.
+        detections: what the first look found.
+        scene: cameras and ground.
+        settings: of the localization.
+        fitted: what `fit_to_cameras` gave where that was done before.
+        cache: where a finished second look is.
+        progress: called as `progress(stage, done, total)`.
+
+    Returns:
+        What `look_again` gives, or the detections as they are if the detector takes no hints.
+    """
+    # Hints may be vague: places that are too uncertain to report are good enough.
+    vague = dataclasses.replace(settings.evidence, working_area=False)
+    settings = dataclasses.replace(settings, evidence=vague)
+
+    def look() -> Detections:
+        cameras = fit_to_cameras(videos, detector, progress) if fitted is None else fitted
+        guided = [one for one in cameras if isinstance(one, GuidedDetector)]
+        if len(guided) < len(cameras):
+            return detections
+        first = _localize(detections, scene, settings, progress)
+        expected = expected_people(first, detections, scene)
+        return look_again(videos, guided, embedder, expected, detections, progress)
+
+    keys = (content_hash(detections), content_hash(scene))
+    if cache is not None:
+        parts = {"detector": detector, "embedder": embedder}
+        names = (fingerprint_of(part, role) for role, part in parts.items() if part is not None)
+        keys = (videos.fingerprint, *names, *keys)
+    return _cached(cache, "second-look", Detections, look, keys, settings)
+
+
+def localize_people(
+    detections: Detections,
+    scene: Scene,
+    settings: Settings,
+    *,
+    cache: StageCache | None = None,
+    progress: Progress | None = None,
+) -> Localization:
+    """The last stage: tracks on the ground, pieces of one person joined by their looks.
+
+    Args:
+        detections: everybody whom the cameras saw.
+        scene: cameras and ground.
+        settings: of the localization.
+        cache: where a finished localization is.
+        progress: called as `progress(stage, done, total)`.
+    """
+    return _cached(
+        cache,
+        "localization",
+        Localization,
+        lambda: _localize(detections, scene, settings, progress),
+        (content_hash(detections), content_hash(scene)),
+        settings,
+    )
+
+
+def _localize(
+    detections: Detections, scene: Scene, settings: Settings, progress: Progress | None
+) -> Localization:
+    localization = localize(detections, scene, settings, progress)
+    if settings.method == "paper":
+        return localization
+    return stitch_tracks(localization, detections, scene)
+
+
+def _cached(
+    cache: StageCache | None,
+    stage: str,
+    kind: type[T],
+    compute: Callable[[], T],
+    follows_from: tuple[str, ...],
+    settings: object = None,
+    **parameters: object,
+) -> T:
+    """The result of a stage, from the cache if it is there."""
+    if cache is None:
+        return compute()
+    asked = dataclasses.asdict(settings) if dataclasses.is_dataclass(settings) else settings  # type: ignore[arg-type]
+    key = hash_parameters(stage, code_hash(), *follows_from, settings=asked, **parameters)
+    return cache.result(stage, key, kind, compute)

@@ -1,0 +1,230 @@
+"""Pieces of one person's track joined across gaps by what they look like and how people move.
+
+Everything is learnt from the sequence itself: how alike one person's two halves look and how alike
+people look who are there at the same time, and how far people get within each number of frames.
+"""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import linear_sum_assignment
+
+from catfree._run._identities import identify_detections
+from catfree.types import Detections, Localization, Scene, Tracks
+
+LEAST_PAIRS = 8  # pairs of both kinds before looks are believed
+EVIDENCE_LIMIT = 8.0  # log-odds: no look is surer than one error in three thousand
+RADIUS = 0.018  # of the scene extent: how far a track passes from its candidate
+
+
+class Pieces(eqx.Module):
+    """Tracks before they are joined, in order of identity.
+
+    Attributes:
+        identity: (K,) track ids.
+        first: (K,) first frame.
+        last: (K,) last frame.
+        begin: (K, 2) where they begin.
+        end: (K, 2) where they end.
+        looks: (K, D) mean unit embedding, zero where nothing was seen.
+        halves: (K, 2, D) the same of the earlier and the later half.
+    """
+
+    identity: Int[np.ndarray, " k"]
+    first: Int[np.ndarray, " k"]
+    last: Int[np.ndarray, " k"]
+    begin: Float[np.ndarray, "k 2"]
+    end: Float[np.ndarray, "k 2"]
+    looks: Float[np.ndarray, "k d"]
+    halves: Float[np.ndarray, "k 2 d"]
+
+    def __len__(self) -> int:
+        return len(self.identity)
+
+
+def stitch_tracks(localization: Localization, detections: Detections, scene: Scene) -> Localization:
+    """The same result with the pieces of each person under one identity.
+
+    Args:
+        localization: what a method returned.
+        detections: what it was made from; without embeddings only motion speaks.
+        scene: the scene it was made with.
+
+    Returns:
+        Positions as before; of two pieces that overlap for a few frames, the earlier one ends where
+        the later one begins.
+    """
+    tracks = localization.tracks
+    if len(np.unique(tracks.track_id)) < 2:
+        return localization
+    radius = RADIUS * float(scene.extent)
+    shown = identify_detections(localization, scene, len(detections), radius=radius)
+    pieces = collect_pieces(tracks, detections, shown)
+    follower = link_pieces(pieces, tracks, radius)
+    return eqx.tree_at(lambda result: result.tracks, localization, join(tracks, pieces, follower))
+
+
+def collect_pieces(tracks: Tracks, detections: Detections, shown: Int[np.ndarray, " n"]) -> Pieces:
+    """Where each track begins and ends and what it looks like.
+
+    Args:
+        tracks: positions sorted by frame.
+        detections: person boxes.
+        shown: (N,) track id of each box, or -1.
+    """
+    identity = np.unique(tracks.track_id)
+    rows = [np.flatnonzero(tracks.track_id == one) for one in identity]
+    looks, halves = [], []
+    embedding = detections.embedding
+    for one, own in zip(identity, rows, strict=True):
+        if embedding is None:
+            looks.append(np.zeros(1))
+            halves.append(np.zeros((2, 1)))
+            continue
+        mine = np.flatnonzero(shown == one)
+        middle = np.median(tracks.frame[own])
+        early = detections.frame[mine] < middle
+        looks.append(_mean_look(embedding[mine]))
+        halves.append([_mean_look(embedding[mine[early]]), _mean_look(embedding[mine[~early]])])
+    return Pieces(
+        identity=identity,
+        first=np.array([tracks.frame[own[0]] for own in rows]),
+        last=np.array([tracks.frame[own[-1]] for own in rows]),
+        begin=np.array([tracks.ground_xy[own[0]] for own in rows]),
+        end=np.array([tracks.ground_xy[own[-1]] for own in rows]),
+        looks=np.array(looks, np.float64),
+        halves=np.array(halves, np.float64),
+    )
+
+
+def link_pieces(pieces: Pieces, tracks: Tracks, radius: float) -> Int[np.ndarray, " k"]:
+    """The piece that goes on after each one, or -1.
+
+    The log-odds of a link weigh "the same person" against "somebody who is new": how likely the
+    later piece begins there for a person who was last seen here, against the density at which
+    pieces begin anywhere, and how alike they look. Links are chosen together, one to one, so that
+    their log-odds add up to the most.
+
+    Args:
+        pieces: the pieces.
+        tracks: the positions that they consist of.
+        radius: how far off a position is where a track breaks: as far as two positions may be
+            apart and still be taken for one person.
+    """
+    gap = pieces.first[None, :] - pieces.last[:, None]
+    length = pieces.last - pieces.first + 1
+    shorter = np.minimum(length[:, None], length[None, :])
+    # Short overlaps occur where one piece fades while the next is already there.
+    possible = (gap > -0.5 * shorter) & (pieces.first[None, :] > pieces.first[:, None])
+    np.fill_diagonal(possible, False)
+    odds = _motion_odds(pieces, tracks, np.maximum(gap, 1), radius) + _look_odds(pieces)
+    odds = np.where(possible, odds, -np.inf)
+    before, after = linear_sum_assignment(-np.maximum(odds, 0))
+    follower = np.full(len(pieces), -1)
+    good = odds[before, after] > 0
+    follower[before[good]] = after[good]
+    return follower
+
+
+def join(tracks: Tracks, pieces: Pieces, follower: Int[np.ndarray, " k"]) -> Tracks:
+    """Tracks under the identities of the first pieces of the chains, counted from 0.
+
+    Args:
+        tracks: the positions.
+        pieces: the pieces that they consist of.
+        follower: (K,) what `link_pieces` gives.
+    """
+    chain = np.arange(len(pieces))
+    keep = np.ones(len(tracks), bool)
+    at = np.searchsorted(pieces.identity, tracks.track_id)
+    for piece in np.argsort(pieces.first, kind="stable"):
+        after = follower[piece]
+        if after >= 0:
+            chain[after] = chain[piece]
+            keep &= ~((at == piece) & (tracks.frame >= pieces.first[after]))
+    names = np.unique(chain[at], return_inverse=True)[1]
+    renamed = eqx.tree_at(lambda table: table.track_id, tracks, names)[keep]
+    return renamed[np.lexsort((renamed.track_id, renamed.frame))]
+
+
+def _motion_odds(
+    pieces: Pieces, tracks: Tracks, gap: Int[np.ndarray, "k k"], radius: float
+) -> Float[np.ndarray, "k k"]:
+    """Log-odds of the places where pieces end and begin."""
+    spread = squared_displacement(tracks)
+    variance = spread[np.minimum(gap, len(spread) - 1)]
+    # Beyond the longest lag seen, people wander: variance grows with time.
+    variance = variance * np.maximum(gap / (len(spread) - 1), 1) + radius**2
+    square = ((pieces.begin[None, :] - pieces.end[:, None]) ** 2).sum(-1)
+    frames = int(tracks.frame.max() - tracks.frame.min()) + 1
+    area = np.prod(np.maximum(np.ptp(tracks.ground_xy, axis=0), 1e-12))
+    begins = len(pieces) / (frames * area)
+    continued = -np.log(2 * np.pi * variance) - square / (2 * variance) - np.log(frames)
+    return continued - np.log(begins)
+
+
+def squared_displacement(tracks: Tracks) -> Float[np.ndarray, " lag"]:
+    """Mean square of one coordinate's displacement within each number of frames.
+
+    Args:
+        tracks: positions with identities.
+
+    Returns:
+        (L,) scene units squared; entry 0 is that of one frame.
+    """
+    total, count = np.zeros(len(tracks) + 2), np.zeros(len(tracks) + 2)
+    for one in np.unique(tracks.track_id):
+        own = tracks.track_id == one
+        frame, place = tracks.frame[own], tracks.ground_xy[own]
+        for step in range(1, len(frame)):
+            lag = frame[step:] - frame[:-step]
+            square = ((place[step:] - place[:-step]) ** 2).mean(-1)
+            usable = lag < len(total)
+            np.add.at(total, lag[usable], square[usable])
+            np.add.at(count, lag[usable], 1)
+    enough = np.flatnonzero(count >= LEAST_PAIRS)
+    longest = int(enough.max()) if len(enough) else 1
+    mean = total[: longest + 1] / np.maximum(count[: longest + 1], 1)
+    # A longer time is never a shorter way, and nobody's position is exact.
+    floor = float(np.median(tracks.sigma**2)) + 1e-12
+    mean = np.maximum.accumulate(np.maximum(mean, floor))
+    mean[0] = mean[min(1, longest)]
+    return mean
+
+
+def _look_odds(pieces: Pieces) -> Float[np.ndarray, "k k"]:
+    """Log-odds that two pieces look like one person, linear in the logarithm of their distance."""
+    distance = _distances(pieces.looks, pieces.looks)
+    known = (pieces.looks**2).sum(-1) > 0
+    neutral = np.zeros((len(pieces), len(pieces)))
+    together = (pieces.first[:, None] <= pieces.last[None, :]) & (
+        pieces.first[None, :] <= pieces.last[:, None]
+    )
+    others = distance[np.triu(together & known[:, None] & known[None, :], 1)]
+    halved = ((pieces.halves**2).sum(-1) > 0).all(-1)
+    own = 1 - (pieces.halves[halved, 0] * pieces.halves[halved, 1]).sum(-1)
+    if min(len(own), len(others)) < LEAST_PAIRS:
+        return neutral
+    same, other = np.log(np.maximum(own, 1e-6)), np.log(np.maximum(others, 1e-6))
+    # One variance for both: the odds then only fall with the distance.
+    variance = max((same.var() + other.var()) / 2, 1e-6)
+    slope = (same.mean() - other.mean()) / variance
+    if slope >= 0:
+        return neutral
+    odds = slope * (np.log(np.maximum(distance, 1e-6)) - (same.mean() + other.mean()) / 2)
+    odds = np.clip(odds, -EVIDENCE_LIMIT, EVIDENCE_LIMIT)
+    return np.where(known[:, None] & known[None, :], odds, 0.0)
+
+
+def _distances(
+    one: Float[np.ndarray, "a d"], two: Float[np.ndarray, "b d"]
+) -> Float[np.ndarray, "a b"]:
+    return np.clip(1 - one @ two.T, 0, 2)
+
+
+def _mean_look(embedding: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " d"]:
+    """Unit vector in the middle of all, robust against boxes that show somebody else as well."""
+    if len(embedding) == 0:
+        return np.zeros(embedding.shape[1])
+    middle = np.median(embedding.astype(np.float64), axis=0)
+    return middle / max(float(np.linalg.norm(middle)), 1e-12)

@@ -1,0 +1,292 @@
+"""People in a static camera's pictures without any network: what moves before the background."""
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from catfree.adapters.background._background_model import (
+    MAXIMUM_SAMPLES,
+    MINIMUM_SAMPLES,
+    BackgroundModel,
+    Foreground,
+    PictureSamples,
+)
+from catfree.adapters.background._blob_grouping import group_blobs
+from catfree.adapters.background._blob_splitting import WIDTH, Expected, split_blob
+from catfree.adapters.background._foreground_memory import ForegroundMemory
+from catfree.adapters.background._height_profile import (
+    TOLERANCE,
+    WIDEST,
+    Blobs,
+    HeightProfile,
+    fit_height_profile,
+)
+from catfree.adapters.files._fingerprint import hash_parameters
+from catfree.adapters.protocols import FrameDetections, Image, as_image
+from catfree.errors import InvalidInputError
+
+# Pictures are reduced by a whole factor to about this height: enough to find a foot to a hundredth
+# of a person of 100 pixels, and the noise and the work shrink with the square.
+WORKING_HEIGHT = 360
+LEAST_AREA = 30  # reduced pixels: a person of 12 pixels' height
+STAND_ALONE_SCORE = 0.95
+SPLIT_SCORE = 0.85
+UNSPLIT_SCORE = 0.4
+EDGE_REACH = 0.12  # of the expected height, around the expected crown and soles
+# Hair, in expected heights: it may differ less from the background than face and shoulders do.
+CROWN = 0.05
+_VERSION = 4
+
+
+class BackgroundDetector:
+    """Detector for static cameras that needs no weights: OpenCV only.
+
+    Learns the empty scene as the median of many pictures, marks what differs from it except cast
+    shadows, and reads people off the silhouettes: a silhouette that stands alone is a person; a
+    merged one is split with a body template of the height that this camera's stand-alone
+    silhouettes imply at each foot pixel.
+
+    `fit(images)` reads a camera's footage once and returns the detector for that camera: the way to
+    use it on recorded video. Called directly it is a detector for one camera's live pictures, in
+    order: it learns from the pictures so far, returns nobody for the first eight, and is the one
+    detector whose answer depends on what it saw before.
+
+    What it cannot see: people who stand still for most of the footage (they become background), and
+    cameras that move. A thing that was moved is reported until it is the median.
+
+    Attributes:
+        box_slack: share of its height by which a box is taller than the person. A silhouette has
+            none; detectors that learned from drawn boxes have some, which is what calibration from
+            people assumes of detectors that do not have this attribute.
+    """
+
+    box_slack: float = 0.0
+
+    def __init__(self, confidence: float | int = 0.30) -> None:
+        """Choose the parameters.
+
+        Args:
+            confidence: weaker detections are dropped. About 0.9 stands for a silhouette alone,
+                0.4 to 0.85 for one split from a group, 0.4 for one in a place where too few
+                people were seen alone to know their height.
+
+        Raises:
+            InvalidInputError: if the confidence is not in [0, 1].
+        """
+        if not 0 <= confidence <= 1:
+            raise InvalidInputError(f"confidence must lie in [0, 1], got {confidence}.")
+        self._confidence = float(confidence)
+        self._samples = PictureSamples()
+        self._seen, self._learnt = 0, 0
+        self._fitted: FittedBackgroundDetector | None = None
+
+    @property
+    def fingerprint(self) -> str:
+        """Content hash of the parameters."""
+        return hash_parameters("BackgroundDetector", version=_VERSION, confidence=self._confidence)
+
+    def fit(self, images: Iterable[Image]) -> "FittedBackgroundDetector":
+        """A detector for the camera that took these pictures.
+
+        Args:
+            images: (H, W, 3) uint8 RGB of one static camera, read once and in order; at most 64
+                reduced ones are kept in memory. More than the pictures of a few seconds, so that
+                walkers do not cover the same ground in most of them.
+
+        Raises:
+            InsufficientDataError: if there are fewer than 8.
+            InvalidInputError: if they differ in size.
+        """
+        samples, factor = PictureSamples(), None
+        for image in images:
+            picture = as_image(image)
+            factor = reduction_factor(picture) if factor is None else factor
+            samples.add(reduce_picture(picture, factor))
+        return self._learn(samples, factor or 1)
+
+    def __call__(self, image: Image) -> FrameDetections:
+        """The people in the next picture of one static camera."""
+        picture = as_image(image)
+        factor = reduction_factor(picture)
+        self._samples.add(reduce_picture(picture, factor))
+        self._seen += 1
+        # Learning again each time the footage has doubled, later each time the sample is renewed.
+        due = self._seen >= self._learnt + min(self._learnt, MAXIMUM_SAMPLES)
+        if due and self._seen >= MINIMUM_SAMPLES:
+            # Live pictures come once.
+            self._fitted = replace(self._learn(self._samples, factor), memory=None)
+            self._learnt = self._seen
+        if self._fitted is None:
+            return FrameDetections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32))
+        return self._fitted(picture)
+
+    def _learn(self, samples: PictureSamples, factor: int) -> "FittedBackgroundDetector":
+        background = BackgroundModel.estimate(samples.pictures)
+        memory = ForegroundMemory(background.compare)
+        blobs = [Blobs.find(memory(picture).mask, LEAST_AREA) for picture in samples.pictures]
+        profile = fit_height_profile(blobs)
+        print_of_scene = hash_parameters(
+            "FittedBackgroundDetector",
+            self.fingerprint,
+            hashlib.sha256(background.scene.tobytes()).hexdigest(),
+            profile=None if profile is None else profile.coefficients.tolist(),
+        )
+        return FittedBackgroundDetector(
+            background, profile, factor, self._confidence, print_of_scene, memory
+        )
+
+
+@dataclass(frozen=True)
+class FittedBackgroundDetector:
+    """Detector for the pictures of one static camera; made by `BackgroundDetector.fit`.
+
+    Attributes:
+        background: the empty scene, in reduced pixels.
+        profile: apparent height of people in reduced pixels, or None where too few stood alone;
+            only silhouettes of a person's shape are then reported.
+        factor: original pixels a reduced pixel.
+        confidence: weaker detections are dropped.
+        fingerprint: content hash of parameters and learnt scene.
+        memory: foregrounds of pictures that may come again, or None to find them each time.
+    """
+
+    background: BackgroundModel
+    profile: HeightProfile | None
+    factor: int
+    confidence: float
+    fingerprint: str
+    memory: ForegroundMemory | None = field(default=None, repr=False, compare=False)
+
+    def __call__(self, image: Image) -> FrameDetections:
+        """The people in one picture of this camera, best first."""
+        return self.look_again(image, np.zeros((0, 3)))
+
+    def look_again(self, image: Image, expected: Float[np.ndarray, "n 3"]) -> FrameDetections:
+        """The same with a hint where people stand, as other cameras and moments know it.
+
+        Merged silhouettes are split at people who are expected, if their pixels say so, and parts
+        of one person that a pole cuts apart are put together. Nobody is reported whom the
+        silhouettes do not show.
+
+        Args:
+            image: a picture of this camera.
+            expected: (n, 3) foot column, foot row and height of people in pixels of the picture.
+        """
+        picture = as_image(image)
+        compare = self.background.compare if self.memory is None else self.memory
+        foreground = compare(reduce_picture(picture, self.factor))
+        # The centre of pixel p is at (p + 0.5) / factor from the reduced picture's left edge.
+        corner = np.array([[0.5, 0.5, 0.0]])
+        hints = (np.asarray(expected, np.float64) + corner) / self.factor
+        found = self.find_people(foreground, [Expected(*hint) for hint in hints.tolist()])
+        box = found[:, :4] * self.factor - 0.5  # a pixel's area starts half a pixel before it
+        limit = np.array([picture.shape[1], picture.shape[0]] * 2) - 0.5
+        box = np.clip(box, -0.5, limit[None, :])
+        keep = (found[:, 4] >= self.confidence) & (box[:, 2:] - box[:, :2] >= 1).all(axis=1)
+        order = np.flatnonzero(keep)[np.argsort(-found[keep, 4], kind="stable")]
+        return FrameDetections(box[order].astype(np.float32), found[order, 4].astype(np.float32))
+
+    def find_people(
+        self, foreground: Foreground, expected: Sequence[Expected] = ()
+    ) -> Float[np.ndarray, "n 5"]:
+        """(n, 5) x1, y1, x2, y2 and score of the people in a foreground, in reduced pixels."""
+        blobs = Blobs.find(foreground.mask, LEAST_AREA)
+        if self.profile is None:
+            alone = blobs.box[blobs.alone()]
+            return np.column_stack([alone, np.full(len(alone), UNSPLIT_SCORE)]).astype(np.float64)
+        rows = []
+        for parts, people in group_blobs(blobs.labels, len(blobs.box), expected):
+            blob = (blobs.labels == parts[0] + 1).view(np.uint8)
+            for part in parts[1:]:
+                blob |= (blobs.labels == part + 1).view(np.uint8)
+            corners = blobs.box[parts]
+            box = np.concatenate([corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)])
+            complete = bool(blobs.complete[parts].all())
+            rows.extend(_people_of(blob, box, complete, self.profile, foreground, people))
+        return np.array(rows, np.float64).reshape(-1, 5)
+
+
+def _people_of(
+    blob: UInt8[np.ndarray, "h w"],
+    box: Int[np.ndarray, "4"],
+    complete: bool,
+    profile: HeightProfile,
+    foreground: Foreground,
+    expected: Sequence[Expected],
+) -> list[tuple[float, float, float, float, float]]:
+    """Box and score of each person in one blob."""
+    x1, y1, x2, y2 = (float(side) for side in box)
+    height = expected[0].height if len(expected) == 1 else float(profile((x1 + x2) / 2, y2))
+    misfit = abs(y2 - y1 - height) / max(height, 1.0)
+    alone = complete and misfit < TOLERANCE and x2 - x1 < WIDEST * height and len(expected) < 2
+    people = []
+    # Two people close together may have one person's height and width; a narrow blob has no room.
+    if not alone or x2 - x1 > WIDTH * height:
+        people = split_blob(blob, box, profile, expected)
+    if alone and len(people) < 2:
+        top, bottom = _extent(foreground, blob, (x1 + x2) / 2, (y1, y2))
+        return [(x1, top, x2, bottom, STAND_ALONE_SCORE - 0.5 * misfit)]
+    rows = []
+    for person in people:
+        top, bottom = _extent(foreground, blob, person.u, (person.v - person.height, person.v))
+        half = WIDTH * person.height / 2
+        score = min(SPLIT_SCORE, 0.2 + 0.7 * person.gain)
+        rows.append((person.u - half, top, person.u + half, bottom, score))
+    return rows
+
+
+def reduction_factor(image: Image) -> int:
+    """Whole factor that brings a picture's shorter side near the working height."""
+    return max(1, round(min(image.shape[:2]) / WORKING_HEIGHT))
+
+
+def reduce_picture(image: Image, factor: int) -> Image:
+    """The picture with each factor x factor pixels averaged; a ragged edge is left out."""
+    import cv2
+
+    if factor == 1:
+        return image
+    height, width = (side // factor for side in image.shape[:2])
+    whole = image[: height * factor, : width * factor]
+    return cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def _extent(
+    foreground: Foreground,
+    blob: UInt8[np.ndarray, "h w"],
+    u: float,
+    expected: tuple[float, float],
+) -> tuple[float, float]:
+    """First and last row of a person, found near where crown and soles are expected.
+
+    An edge blurred by optics and coding lies where the difference to the background has fallen to
+    half of what it is inside: of the outermost rows above, the hair; of the legs below, because a
+    shadow's rim may be all that the last rows hold.
+    """
+    rows, columns = blob.shape
+    height = expected[1] - expected[0]
+    found = list(expected)
+    for end, (half_width, inner) in enumerate(((0.06, 1), (0.16, -1))):
+        x1, x2 = (int(np.clip(round(u + s * half_width * height), 0, columns)) for s in (-1, 1))
+        # From inside the body outwards.
+        start = expected[end] + inner * EDGE_REACH * height
+        count = max(2, round(2 * EDGE_REACH * height))
+        line = np.clip(np.round(start - inner * np.arange(count)), 0, rows - 1).astype(int)
+        if x1 >= x2:
+            continue
+        level = (foreground.difference[line, x1:x2] * blob[line, x1:x2]).max(axis=1)
+        if not level.any():
+            continue
+        strength = level[: count // 2 + 1].max()
+        outermost = int(np.flatnonzero(level)[-1])
+        if end == 0 and outermost < count - 1:
+            crown = max(2, round(CROWN * height))
+            strength = level[max(0, outermost + 1 - crown) : outermost + 1].max()
+        inside = np.flatnonzero(level >= 0.5 * strength)
+        # Foreground that goes on past the search belongs to somebody else as well.
+        if inside[-1] < count - 1:
+            found[end] = float(line[inside[-1]] + (1 if end else 0))
+    return found[0], found[1]

@@ -1,0 +1,292 @@
+"""Which people make up a merged silhouette: a body template of known height explains its pixels."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from catfree.adapters.background._height_profile import HeightProfile
+
+# The template in heights: left, right, top, bottom with x from the body's middle and y down from
+# the crown, and the share of the zone that a person fills. Legs open and close.
+HEAD = (-0.06, 0.06, 0.0, 0.14)
+ZONES = (
+    (HEAD, 1.0),
+    ((-0.11, 0.11, 0.18, 0.5), 1.0),
+    ((-0.13, 0.13, 0.5, 0.75), 0.6),
+    ((-0.13, 0.13, 0.75, 0.92), 0.5),
+    ((-0.13, 0.13, 0.92, 1.0), 0.4),
+)
+# What is missing in a zone costs this share of what is there: bodies hide behind things.
+MISSING_COST = 0.5
+# Beside and above the head and below the feet is nothing of this person; pixels there that nobody
+# explains say that the template is misplaced.
+SURROUNDINGS = (
+    (-0.2, -0.1, 0.0, 0.1),
+    (0.1, 0.2, 0.0, 0.1),
+    (-0.06, 0.06, -0.12, -0.02),
+    (-0.13, 0.13, 1.02, 1.1),
+)
+SURROUNDINGS_COST = 0.5
+# A person is accepted if it explains this share of its template's pixels by itself.
+LEAST_GAIN = 0.3
+SEARCH_STEP = 2  # pixels
+MOST_PEOPLE = 20  # in one blob
+# Somebody who is expected is looked for this far around, in heights, and half as far up and down: a
+# place is rarely off by more than a body's half width. The rent of a distance only breaks ties.
+EXPECTED_REACH = 0.12
+EXPECTED_STEP = 0.02
+EXPECTED_COST = 5.0  # a twentieth of the template at a tenth of the height
+WIDTH = 0.36  # of a person's box in heights
+
+_EDGES = np.array([*(zone for zone, _ in ZONES), *SURROUNDINGS]).T[..., None]
+_SHARES = np.array([share for _, share in ZONES])
+_TEMPLATE_AREA = float(
+    sum(share * (zone[1] - zone[0]) * (zone[3] - zone[2]) for zone, share in ZONES)
+)
+
+
+class Person(NamedTuple):
+    """One explanation of foreground pixels, in reduced pixels.
+
+    Attributes:
+        u: column of the body's middle.
+        v: row below the foot.
+        height: expected height.
+        gain: share of the template that it explained by itself.
+    """
+
+    u: float
+    v: float
+    height: float
+    gain: float
+
+
+class Expected(NamedTuple):
+    """Somebody who should stand there, in reduced pixels: see `Person`."""
+
+    u: float
+    v: float
+    height: float
+
+
+def split_blob(
+    blob: UInt8[np.ndarray, "h w"],
+    box: Int[np.ndarray, "4"],
+    profile: HeightProfile,
+    expected: Sequence[Expected] = (),
+) -> list[Person]:
+    """The people whose templates explain a blob, best explanation first.
+
+    Greedy: the template that explains most pixels not yet explained is taken until none explains
+    enough; then each is moved once more with the others in place. People who are expected come
+    first, each where it explains most near its place, unless others explain its pixels.
+
+    Args:
+        blob: 1 on the blob's pixels.
+        box: x1, y1, x2, y2 of the blob, exclusive ends.
+        profile: apparent height at each foot pixel.
+        expected: who should stand there, if that is known.
+    """
+    anywhere = _candidates(blob.shape, box, profile)
+    near = [_around(person) for person in expected]
+    places = np.concatenate([np.stack(p, -1) for p in (anywhere, *near)])
+    if not len(places):
+        return []
+    # Only the part of the picture that a template can reach is looked at.
+    x, y, part = _window(blob, places)
+    grids = [_Templates(part, u - x, v - y, height) for u, v, height in (anywhere, *near)]
+    people = _settle_expected(part, grids[1:], [(e.u - x, e.v - y) for e in expected])
+    if grids[0].count:
+        people = _split(part, grids[0], people)
+    return [person._replace(u=person.u + x, v=person.v + y) for person in people]
+
+
+class _Templates:
+    """Body templates of given heights at many places of one blob."""
+
+    def __init__(
+        self,
+        blob: UInt8[np.ndarray, "h w"],
+        u: Float[np.ndarray, " n"],
+        v: Float[np.ndarray, " n"],
+        height: Float[np.ndarray, " n"],
+    ) -> None:
+        import cv2
+
+        self.u, self.v, self.height, self.count = u, v, height, len(u)
+        table = cv2.integral(blob)
+        self._corners, inside = _corners(table.shape, u, v, height)
+        filled = _SHARES[:, None] * inside[: len(ZONES)]
+        missing = np.maximum(filled - _sums(table, self._corners[:, : len(ZONES)]), 0)
+        self._filled, self._missing = filled, MISSING_COST * missing.sum(axis=0)
+        # A template mostly outside the picture explains little.
+        self._size = np.maximum(filled.sum(axis=0), 0.5 * _TEMPLATE_AREA * height**2)
+
+    def gains(
+        self, unexplained: UInt8[np.ndarray, "h w"], rows: Int[np.ndarray, " m"] | slice
+    ) -> Float[np.ndarray, " m"]:
+        """Share of some templates that is newly explained, less the background inside them."""
+        import cv2
+
+        fresh = _sums(cv2.integral(unexplained), self._corners[..., rows])
+        zones = len(ZONES)
+        own = np.minimum(fresh[:zones], self._filled[:, rows]).sum(axis=0)
+        around = SURROUNDINGS_COST * fresh[zones:].sum(axis=0)
+        return (own - self._missing[rows] - around) / self._size[rows]
+
+    def best(
+        self,
+        unexplained: UInt8[np.ndarray, "h w"],
+        rows: Int[np.ndarray, " m"] | slice = slice(None),
+        rent: Float[np.ndarray, " m"] | float = 0.0,
+    ) -> Person | None:
+        """The template that explains most, less a rent of each, or None if none explains enough."""
+        gain = self.gains(unexplained, rows)
+        if not len(gain):
+            return None
+        at = int(np.argmax(gain - rent))
+        if gain[at] < LEAST_GAIN:
+            return None
+        u, v, height = (float(values[rows][at]) for values in (self.u, self.v, self.height))
+        return Person(u, v, height, float(gain[at]))
+
+
+def _split(
+    blob: UInt8[np.ndarray, "h w"], templates: _Templates, known: list[Person]
+) -> list[Person]:
+    """The known people and whoever explains the rest."""
+    people, unexplained = list(known), blob.copy()
+    for person in known:
+        _erase(unexplained, person)
+    while len(people) < MOST_PEOPLE:
+        found = templates.best(unexplained)
+        if found is None:
+            break
+        people.append(found)
+        _erase(unexplained, found)
+    return _settle(blob, templates, people, known) if len(people) > 1 else people
+
+
+def _settle(
+    blob: UInt8[np.ndarray, "h w"],
+    templates: _Templates,
+    people: list[Person],
+    known: list[Person],
+) -> list[Person]:
+    """Move each new person once to where it explains most beside the others; drop the needless."""
+    settled = list(people)
+    for person in people[len(known) :]:
+        others = [other for other in settled if other is not person]
+        unexplained = _without(blob, others)
+        distance = np.hypot(templates.u - person.u, templates.v - person.v)
+        found = templates.best(unexplained, np.flatnonzero(distance < 0.3 * person.height))
+        settled = others if found is None else [*others, found]
+    return settled
+
+
+def _settle_expected(
+    blob: UInt8[np.ndarray, "h w"],
+    grids: list[_Templates],
+    places: list[tuple[float, float]],
+) -> list[Person]:
+    """Where each expected person explains most beside the others; who explains too little goes."""
+    people: list[Person | None] = [
+        Person(u, v, float(grid.height[0]), 1.0) for grid, (u, v) in zip(grids, places, strict=True)
+    ]
+    for _ in range(2):
+        for index, (grid, (u, v)) in enumerate(zip(grids, places, strict=True)):
+            if people[index] is None:
+                continue
+            others = [one for at, one in enumerate(people) if one is not None and at != index]
+            square = ((grid.u - u) ** 2 + (grid.v - v) ** 2) / grid.height**2
+            people[index] = grid.best(_without(blob, others), rent=EXPECTED_COST * square)
+    return [person for person in people if person is not None]
+
+
+def _candidates(
+    shape: tuple[int, ...], box: Int[np.ndarray, "4"], profile: HeightProfile
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Foot pixels on a grid, and heights, of everybody whose template meets the blob's box."""
+    x1, y1, x2, y2 = (int(side) for side in box)
+    # Feet may be hidden below the blob, but not farther than a body is long.
+    lowest = min(shape[0] * 1.2, y2 + max(profile((x1 + x2) / 2, y2), 0) * 0.6)
+    v, u = np.mgrid[y1 : max(lowest, y1 + 1) : SEARCH_STEP, x1:x2:SEARCH_STEP].astype(np.float64)
+    u, v = u.ravel(), v.ravel()
+    height = profile(u, v)
+    # Crowns lie on the blob: between its upper edge and its lower.
+    keep = (height >= 8) & (v - height >= y1 - 0.06 * height) & (v - height < y2)
+    return u[keep], v[keep], height[keep]
+
+
+def _around(
+    person: Expected,
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Foot pixels on a small grid around where somebody is expected, and the height."""
+    step = max(1.0, EXPECTED_STEP * person.height)
+    count = round(EXPECTED_REACH * person.height / step)
+    du, dv = np.meshgrid(
+        step * np.arange(-count, count + 1), step * np.arange(-(count // 2), count // 2 + 1)
+    )
+    u, v = person.u + du.ravel(), person.v + dv.ravel()
+    return u, v, np.full(len(u), person.height)
+
+
+def _window(
+    blob: UInt8[np.ndarray, "h w"], places: Float[np.ndarray, "n 3"]
+) -> tuple[int, int, UInt8[np.ndarray, "y x"]]:
+    """First column and row of the part of a picture that templates at these places can reach."""
+    u, v, height = places.T
+    rows, columns = blob.shape
+    x1, x2 = (u - 0.25 * height).min(), (u + 0.25 * height).max()
+    y1, y2 = (v - 1.15 * height).min(), (v + 0.15 * height).max()
+    left, right = (int(np.clip(x, 0, columns)) for x in (np.floor(x1), np.ceil(x2)))
+    top, bottom = (int(np.clip(y, 0, rows)) for y in (np.floor(y1), np.ceil(y2)))
+    return left, top, np.ascontiguousarray(blob[top : max(bottom, top + 1), left : right + 1])
+
+
+def _corners(
+    shape: tuple[int, ...],
+    u: Float[np.ndarray, " n"],
+    v: Float[np.ndarray, " n"],
+    height: Float[np.ndarray, " n"],
+) -> tuple[Int[np.ndarray, "4 z n"], Float[np.ndarray, "z n"]]:
+    """Places of all zones' corners in a flat table of sums, and their pixels inside the picture.
+
+    Zones first, their surroundings last.
+    """
+    rows, columns = shape
+    left, right, top, bottom = _EDGES
+    x1, x2 = (_whole(u + side * height, columns) for side in (left, right))
+    y1, y2 = (_whole(v - (1 - side) * height, rows) for side in (top, bottom))
+    corners = np.stack([y2 * columns + x2, y1 * columns + x2, y2 * columns + x1, y1 * columns + x1])
+    return corners, ((x2 - x1) * (y2 - y1)).astype(np.float64)
+
+
+def _whole(place: Float[np.ndarray, "z n"], count: int) -> Int[np.ndarray, "z n"]:
+    return np.minimum(np.maximum(np.rint(place), 0), count - 1).astype(np.int64)
+
+
+def _sums(
+    table: Int[np.ndarray, "rows columns"], corners: Int[np.ndarray, "4 z n"]
+) -> Float[np.ndarray, "z n"]:
+    """Pixels set inside each rectangle."""
+    a, b, c, d = table.ravel()[corners]
+    return (a - b - c + d).astype(np.float64)
+
+
+def _without(blob: UInt8[np.ndarray, "h w"], people: Sequence[Person]) -> UInt8[np.ndarray, "h w"]:
+    """The blob's pixels that these people do not explain."""
+    unexplained = blob.copy()
+    for person in people:
+        _erase(unexplained, person)
+    return unexplained
+
+
+def _erase(unexplained: UInt8[np.ndarray, "h w"], person: Person) -> None:
+    """Mark what a person explains: arms and hair reach a little past the zones."""
+    for left, right, top, bottom in ((-0.09, 0.09, -0.05, 0.2), (-0.17, 0.17, 0.15, 1.03)):
+        x1, x2 = (max(0, round(person.u + side * person.height)) for side in (left, right))
+        y1, y2 = (max(0, round(person.v - (1 - side) * person.height)) for side in (top, bottom))
+        unexplained[y1:y2, x1:x2] = 0

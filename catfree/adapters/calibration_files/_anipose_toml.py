@@ -1,0 +1,149 @@
+"""The `calibration.toml` that aniposelib, Pose2Sim, FreeMoCap and Caliscope exchange."""
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from catfree.adapters.calibration_files._distortion import five_coefficients
+from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
+from catfree.adapters.calibration_files._rotation_vectors import (
+    rotation_from_vector,
+    rotation_to_vector,
+)
+from catfree.adapters.files._documents import (
+    StrPath,
+    entry,
+    naming_file,
+    numbers,
+    read_text,
+    write_text_atomically,
+)
+from catfree.errors import FileFormatError, InvalidInputError
+from catfree.types import Rig
+
+
+def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRig:
+    """Read a `calibration.toml`: one table a camera, in the file's order.
+
+    Each table has `name`, `size` (width, height), `matrix`, `distortions`, `rotation` (vector in
+    radians, world to camera) and `translation`. Tables without any of them, such as `metadata`,
+    are skipped.
+
+    Args:
+        path: the file.
+        metres_per_unit: Pose2Sim writes metres (1.0), FreeMoCap and aniposelib with a board in
+            millimetres write millimetres (0.001).
+
+    Returns:
+        Rig in metres if `metres_per_unit` is right, and the names.
+
+    Raises:
+        InvalidInputError: if there is no such file or a camera is invalid.
+        FileFormatError: if it is no TOML of this form, or a camera is a fisheye.
+    """
+    source = Path(path)
+    try:
+        document = tomllib.loads(read_text(source, "calibration"))
+    except tomllib.TOMLDecodeError as error:
+        raise FileFormatError(
+            f"{source} is not valid TOML ({error}). Is the file complete?"
+        ) from error
+    cameras = {key: value for key, value in document.items() if _is_camera(value)}
+    if not cameras:
+        raise FileFormatError(f"{source} holds no camera (a table with a 'matrix').")
+    K, R, t, size, lens = [], [], [], [], []
+    for key, camera in cameras.items():
+        where = f"camera [{key}]"
+        if camera.get("fisheye", False):
+            raise FileFormatError(
+                f"{source}: {where} is a fisheye, which is not supported. Undistort its images."
+            )
+        part = {name: entry(camera, name, source, where) for name in ("matrix", "size")}
+        part |= {name: entry(camera, name, source, where) for name in ("rotation", "translation")}
+        K.append(numbers(part["matrix"], (3, 3), source, f"matrix of {where}"))
+        size.append(numbers(part["size"], (2,), source, f"size of {where}"))
+        vector = numbers(part["rotation"], (3,), source, f"rotation of {where}")
+        if not np.isfinite(vector).all():
+            raise InvalidInputError(f"{source}: the rotation of {where} is not finite.")
+        R.append(rotation_from_vector(vector))
+        t.append(numbers(part["translation"], (3,), source, f"translation of {where}"))
+        values = camera.get("distortions", [])
+        coefficients = numbers(values, None, source, f"distortions of {where}")
+        lens.append(five_coefficients(coefficients, source, where))
+    names = tuple(str(camera.get("name", key)) for key, camera in cameras.items())
+    rig = naming_file(
+        source,
+        lambda: Rig(
+            np.stack(K),
+            np.stack(R),
+            np.stack(t) * metres_per_unit,
+            np.stack(size),
+            distortion=np.stack(lens) if np.any(lens) else None,
+        ),
+    )
+    return NamedRig(rig, names)
+
+
+def write_anipose_toml(
+    path: StrPath,
+    rig: Rig,
+    names: Sequence[str] | None = None,
+    *,
+    metres_per_unit: float = 1.0,
+) -> Path:
+    """Write a `calibration.toml`; cameras that are not registered are left out.
+
+    Args:
+        path: the file.
+        rig: the cameras, metres.
+        names: (C,) names; C1, C2, ... if None.
+        metres_per_unit: the file's unit of length: 1.0 for Pose2Sim, 0.001 for FreeMoCap.
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidInputError: if the folder does not exist, no camera is registered, or the names do
+            not fit.
+    """
+    rig, labels = registered_cameras(rig, names, path)
+    lines = []
+    for at, name in enumerate(labels):
+        lens = np.zeros(5) if rig.distortion is None else np.asarray(rig.distortion)[at]
+        width, height = rig.image_size[at]
+        lines += [
+            f"[cam_{at}]",
+            f"name = {_toml_string(name)}",
+            f"size = [{width}, {height}]",
+            f"matrix = [{', '.join(_toml_row(row) for row in np.asarray(rig.K)[at])}]",
+            f"distortions = {_toml_row(lens)}",
+            f"rotation = {_toml_row(rotation_to_vector(np.asarray(rig.R)[at]))}",
+            f"translation = {_toml_row(np.asarray(rig.t)[at] / metres_per_unit)}",
+            "fisheye = false",
+            "",
+        ]
+    return write_text_atomically(path, "\n".join([*lines, "[metadata]", ""]))
+
+
+def _is_camera(value: Any) -> bool:
+    return isinstance(value, dict) and not {"matrix", "rotation", "translation"}.isdisjoint(value)
+
+
+def _toml_row(values: np.ndarray) -> str:
+    return "[" + ", ".join(repr(float(value)) for value in values) + "]"
+
+
+def _toml_string(text: str) -> str:
+    """A TOML basic string: quote, backslash and control characters escaped."""
+    return '"' + "".join(_toml_character(letter) for letter in text) + '"'
+
+
+def _toml_character(letter: str) -> str:
+    if letter in '"\\':
+        return "\\" + letter
+    if ord(letter) < 0x20 or ord(letter) == 0x7F:
+        return f"\\u{ord(letter):04X}"
+    return letter

@@ -1,0 +1,210 @@
+"""COLMAP reconstructions: text and binary in, text out."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from catfree.adapters.calibration_files._colmap_binary import (
+    binary_cameras,
+    binary_images,
+    binary_points,
+)
+from catfree.adapters.calibration_files._colmap_models import (
+    PARAMETERS,
+    PIXEL_CENTRE,
+    ColmapCamera,
+    ColmapImage,
+    intrinsics,
+    supported_model,
+)
+from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
+from catfree.adapters.files._documents import (
+    StrPath,
+    naming_file,
+    numbers,
+    read_text,
+    require_folder,
+    write_text_atomically,
+)
+from catfree.errors import FileFormatError, InvalidInputError
+from catfree.types import Rig
+
+
+def read_colmap(folder: StrPath) -> NamedRig:
+    """Read a COLMAP model: every image becomes one camera of the rig, sorted by name.
+
+    The folder holds `cameras`, `images` and optionally `points3D`, all `.bin` or all `.txt`;
+    binary files are preferred. Models SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, and
+    FULL_OPENCV without its rational part. The principal point is moved by half a pixel to
+    catfree's convention, the centre of the top-left pixel at (0, 0).
+
+    Args:
+        folder: for instance `sparse/0`.
+
+    Returns:
+        Rig in the model's arbitrary units and frame, image names, and points if there are any.
+
+    Raises:
+        InvalidInputError: if a file is missing or a camera is invalid.
+        FileFormatError: if a file is truncated or malformed, or a camera model is not supported.
+    """
+    root = require_folder(folder, "COLMAP model")
+    binary = (root / "cameras.bin").is_file() or not (root / "cameras.txt").is_file()
+    if binary:
+        cameras = binary_cameras(root / "cameras.bin")
+        images = binary_images(root / "images.bin")
+        points = binary_points(root / "points3D.bin")
+    else:
+        cameras = _text_cameras(root / "cameras.txt")
+        images = _text_images(root / "images.txt")
+        points = _text_points(root / "points3D.txt")
+    source = root / ("images.bin" if binary else "images.txt")
+    if not images:
+        raise FileFormatError(f"{source} holds no images.")
+    images = sorted(images, key=lambda image: image[0])
+    K, lens, R, t, size = [], [], [], [], []
+    for name, camera_id, quaternion, translation in images:
+        if camera_id not in cameras:
+            raise FileFormatError(f"{source}: image {name} has camera {camera_id}, not in cameras.")
+        model, width, height, parameters = cameras[camera_id]
+        matrix, coefficients = intrinsics(model, parameters, root, name)
+        with np.errstate(over="ignore"):
+            norm = np.linalg.norm(quaternion)
+        if not (np.isfinite(norm) and norm > 0):
+            raise InvalidInputError(f"{source}: image {name} has no valid rotation quaternion.")
+        K.append(matrix)
+        lens.append(coefficients)
+        R.append(Rotation.from_quat(np.roll(quaternion, -1)).as_matrix())
+        t.append(translation)
+        size.append((width, height))
+    distortion = np.stack(lens) if np.any(lens) else None
+    rig = naming_file(
+        root, lambda: Rig(np.stack(K), np.stack(R), np.stack(t), np.array(size), distortion)
+    )
+    return NamedRig(rig, tuple(image[0] for image in images), points)
+
+
+def write_colmap_text(
+    folder: StrPath,
+    rig: Rig,
+    names: Sequence[str] | None = None,
+    points: np.ndarray | None = None,
+) -> Path:
+    """Write `cameras.txt`, `images.txt` and `points3D.txt`, one camera and image each.
+
+    Cameras that are not registered are left out. A lens is written as OPENCV, with k3 as
+    FULL_OPENCV, an ideal camera as PINHOLE.
+
+    Args:
+        folder: made if it does not exist (its parent must).
+        rig: the cameras.
+        names: (C,) image names without spaces; C1, C2, ... if None.
+        points: (P, 3) points in the rig's frame, written in grey.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InvalidInputError: if the folder cannot be made, no camera is registered, a name has a
+            space, or a K has skew, which COLMAP's models do not know.
+    """
+    root = Path(folder)
+    rig, labels = registered_cameras(rig, names, root)
+    K, R, t = np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t)
+    quaternions = Rotation.from_matrix(R).as_quat(canonical=True)
+    cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
+    images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[]"]
+    for at, name in enumerate(labels):
+        if not name or any(letter.isspace() for letter in name):
+            raise InvalidInputError(
+                f"Cannot write {root}: camera name {name!r} is empty or has a space."
+            )
+        if abs(K[at, 0, 1]) > 1e-9 * K[at, 0, 0]:
+            raise InvalidInputError(
+                f"Cannot write {root}: camera {name} has skew {K[at, 0, 1]:.3g}, which no COLMAP "
+                "model knows."
+            )
+        focal = [K[at, 0, 0], K[at, 1, 1]]
+        centre = [K[at, 0, 2] + PIXEL_CENTRE, K[at, 1, 2] + PIXEL_CENTRE]
+        lens = np.zeros(5) if rig.distortion is None else np.asarray(rig.distortion)[at]
+        if not lens.any():
+            model, coefficients = "PINHOLE", []
+        elif lens[4] == 0:
+            model, coefficients = "OPENCV", [*lens[:4]]
+        else:
+            model, coefficients = "FULL_OPENCV", [*lens, 0.0, 0.0, 0.0]
+        width, height = rig.image_size[at]
+        cameras.append(f"{at + 1} {model} {width} {height} {_row(focal, centre, coefficients)}")
+        pose = _row(np.roll(quaternions[at], 1), t[at])
+        images += [f"{at + 1} {pose} {at + 1} {name}", ""]
+    cloud = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
+    scene = np.empty((0, 3)) if points is None else np.asarray(points, np.float64)
+    cloud += [f"{at + 1} {_row(point)} 128 128 128 0" for at, point in enumerate(scene)]
+    if not root.parent.is_dir():
+        raise InvalidInputError(
+            f"Cannot write {root}: the folder {root.parent} does not exist. Create it first."
+        )
+    if root.exists() and not root.is_dir():
+        raise InvalidInputError(f"Cannot write {root}: the path {root.name} is not a folder.")
+    root.mkdir(exist_ok=True)
+    for file, lines in (("cameras", cameras), ("images", images), ("points3D", cloud)):
+        write_text_atomically(root / f"{file}.txt", "\n".join(lines) + "\n")
+    return root
+
+
+def _row(*parts: Sequence[float] | np.ndarray) -> str:
+    return " ".join(repr(float(value)) for part in parts for value in part)
+
+
+def _lines(path: Path, meaning: str) -> list[str]:
+    text = read_text(path, meaning)
+    return [line.strip() for line in text.splitlines() if not line.lstrip().startswith("#")]
+
+
+def _integer(word: str, source: Path, where: str) -> int:
+    try:
+        return int(word)
+    except ValueError as error:
+        raise FileFormatError(f"{source}: {where} has {word!r} instead of a number.") from error
+
+
+def _text_cameras(path: Path) -> dict[int, ColmapCamera]:
+    cameras = {}
+    for line in filter(None, _lines(path, "COLMAP cameras")):
+        words = line.split()
+        camera_id = _integer(words[0], path, "a camera")
+        where = f"camera {camera_id}"
+        if len(words) < 4:
+            raise FileFormatError(f"{path}: {where} is incomplete.")
+        model = supported_model(words[1], path, camera_id)
+        width, height = (_integer(word, path, where) for word in words[2:4])
+        parameters = numbers(words[4:], (len(PARAMETERS[model]),), path, f"{where} ({model})")
+        cameras[camera_id] = (model, width, height, parameters)
+    return cameras
+
+
+def _text_images(path: Path) -> list[ColmapImage]:
+    lines = iter(_lines(path, "COLMAP images"))
+    images = []
+    for line in lines:
+        if not line:
+            continue
+        words = line.split(maxsplit=9)
+        if len(words) < 10:
+            raise FileFormatError(f"{path}: the line of image {words[0]} is incomplete.")
+        name = words[9]
+        pose = numbers(words[1:8], (7,), path, f"image {name}")
+        camera_id = _integer(words[8], path, f"image {name}")
+        images.append((name, camera_id, pose[:4], pose[4:]))
+        next(lines, None)  # its image points, possibly an empty line
+    return images
+
+
+def _text_points(path: Path) -> np.ndarray | None:
+    if not path.is_file():
+        return None
+    rows = [line.split() for line in filter(None, _lines(path, "COLMAP points"))]
+    points = [numbers(row[1:4], (3,), path, f"point {row[0]}") for row in rows]
+    return np.array(points).reshape(-1, 3)

@@ -1,0 +1,88 @@
+"""COLMAP's binary files, read front to back: cameras, images and points.
+
+Bytes have no lines to get lost in, so every read is checked against the end of the file, and the
+end of the file against what was announced.
+"""
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from catfree.adapters.calibration_files._colmap_models import (
+    MODELS,
+    PARAMETERS,
+    ColmapCamera,
+    ColmapImage,
+    supported_model,
+)
+from catfree.adapters.files._documents import require_file
+from catfree.errors import FileFormatError
+
+
+class _Bytes:
+    """A binary file read front to back, with a clear error where it ends too early."""
+
+    def __init__(self, path: Path, meaning: str) -> None:
+        self.path = require_file(path, meaning)
+        self.data, self.at = self.path.read_bytes(), 0
+
+    def take(self, layout: str) -> tuple:
+        size = struct.calcsize("<" + layout)
+        self.skip(size)
+        return struct.unpack_from("<" + layout, self.data, self.at - size)
+
+    def skip(self, size: int) -> None:
+        if self.at + size > len(self.data):
+            raise FileFormatError(f"{self.path} is truncated or no COLMAP file.")
+        self.at += size
+
+    def name(self) -> str:
+        end = self.data.find(b"\0", self.at)
+        start, self.at = self.at, end + 1
+        try:
+            return self.data[start : end if end >= 0 else start].decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise FileFormatError(f"{self.path} has an image name that is no text.") from error
+
+    def records(self) -> Iterator[int]:
+        """Count off the records that the file announces, then check that nothing follows."""
+        yield from range(self.take("Q")[0])
+        if self.at != len(self.data):
+            raise FileFormatError(f"{self.path} goes on after its last record.")
+
+
+def binary_cameras(path: Path) -> dict[int, ColmapCamera]:
+    """The cameras of `cameras.bin` by their number."""
+    stream = _Bytes(path, "COLMAP cameras")
+    cameras = {}
+    for _ in stream.records():
+        camera_id, number, width, height = stream.take("iiQQ")
+        model = supported_model(MODELS.get(number, (f"number {number}",))[0], path, camera_id)
+        parameters = np.array(stream.take(f"{len(PARAMETERS[model])}d"))
+        cameras[camera_id] = (model, width, height, parameters)
+    return cameras
+
+
+def binary_images(path: Path) -> list[ColmapImage]:
+    """The images of `images.bin` in the order of the file."""
+    stream = _Bytes(path, "COLMAP images")
+    images = []
+    for _ in stream.records():
+        _, *pose, camera_id = stream.take("i7di")
+        images.append((stream.name(), camera_id, np.array(pose[:4]), np.array(pose[4:])))
+        stream.skip(24 * stream.take("Q")[0])  # x, y, point id of each image point
+    return images
+
+
+def binary_points(path: Path) -> np.ndarray | None:
+    """(P, 3) points of `points3D.bin`; None if there is no such file."""
+    if not path.is_file():
+        return None
+    stream = _Bytes(path, "COLMAP points")
+    points = []
+    for _ in stream.records():
+        points.append(stream.take("Q3d3Bd")[1:4])
+        stream.skip(8 * stream.take("Q")[0])  # image id and point index of each observation
+    return np.array(points).reshape(-1, 3)

@@ -1,0 +1,61 @@
+"""COLMAP's camera models: their numbers, names and parameters, and the OpenCV lens each stands for.
+
+Text and binary files name the same models, so both readers look here.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from catfree.adapters.calibration_files._distortion import five_coefficients
+from catfree.errors import FileFormatError
+
+# Number, name and parameters of the supported models; coefficients are OpenCV's.
+MODELS = {
+    0: ("SIMPLE_PINHOLE", "f cx cy"),
+    1: ("PINHOLE", "fx fy cx cy"),
+    2: ("SIMPLE_RADIAL", "f cx cy k1"),
+    3: ("RADIAL", "f cx cy k1 k2"),
+    4: ("OPENCV", "fx fy cx cy k1 k2 p1 p2"),
+    6: ("FULL_OPENCV", "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"),
+}
+PARAMETERS = {name: parameters.split() for name, parameters in MODELS.values()}
+COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+
+# COLMAP puts the centre of the top-left pixel at (0.5, 0.5), catfree and OpenCV at (0, 0).
+PIXEL_CENTRE = 0.5
+
+# Model, width, height and parameters of a camera.
+ColmapCamera = tuple[str, int, int, np.ndarray]
+# Name, camera id, quaternion wxyz and translation of an image.
+ColmapImage = tuple[str, int, np.ndarray, np.ndarray]
+
+
+def intrinsics(
+    model: str, parameters: np.ndarray, source: Path, image: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """(3, 3) K with catfree's pixel centre, and (5,) OpenCV coefficients."""
+    value = dict(zip(PARAMETERS[model], parameters.tolist(), strict=True))
+    K = np.array(
+        [
+            [value.get("fx", value.get("f")), 0.0, value["cx"] - PIXEL_CENTRE],
+            [0.0, value.get("fy", value.get("f")), value["cy"] - PIXEL_CENTRE],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+    lens = np.array([value.get(name, 0.0) for name in COEFFICIENTS])
+    return K, five_coefficients(lens, source, f"image {image}")
+
+
+def supported_model(model: str, source: Path, camera_id: int) -> str:
+    """The model's name as it is.
+
+    Raises:
+        FileFormatError: if catfree does not know the model.
+    """
+    if model not in PARAMETERS:
+        raise FileFormatError(
+            f"{source}: camera {camera_id} has the model {model}; supported are "
+            f"{', '.join(PARAMETERS)}. Undistort the images with COLMAP first."
+        )
+    return model

@@ -1,0 +1,33 @@
+"""Lens coefficients of any calibration file as the five that a `Rig` holds."""
+
+import numpy as np
+
+from catfree.adapters.files._documents import StrPath
+from catfree.errors import FileFormatError
+
+
+def five_coefficients(values: np.ndarray, source: StrPath, where: str) -> np.ndarray:
+    """OpenCV k1, k2, p1, p2, k3 from a list that may be shorter or end in zeros.
+
+    Args:
+        values: (n,) coefficients in OpenCV's order; none at all means an ideal pinhole.
+        source: the file, for messages.
+        where: the camera, for messages.
+
+    Returns:
+        (5,) float64.
+
+    Raises:
+        FileFormatError: if a coefficient is not finite, or a sixth or later one is not zero.
+    """
+    if not np.isfinite(values).all():
+        raise FileFormatError(f"{source}: the distortion of {where} is not finite.")
+    if values[5:].any():
+        raise FileFormatError(
+            f"{source}: the distortion of {where} has {len(values)} coefficients (rational or "
+            "thin-prism model), but only k1, k2, p1, p2, k3 are supported. Undistort the images "
+            "or calibrate again with five coefficients."
+        )
+    result = np.zeros(5)
+    result[: min(5, len(values))] = values[:5]
+    return result

@@ -1,0 +1,72 @@
+"""What a calibration file says: a rig, the names of its cameras, and perhaps points."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree.adapters.files._camera_names import is_text
+from catfree.adapters.files._documents import StrPath
+from catfree.errors import InvalidInputError
+from catfree.types import Rig
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class NamedRig:
+    """Cameras of one calibration file, in the file's order.
+
+    Attributes:
+        rig: the cameras, world-to-camera, in the file's units of length.
+        names: (C,) their names.
+        points: (P, 3) reconstructed points in the same frame, or None.
+    """
+
+    rig: Rig
+    names: tuple[str, ...]
+    points: Float[np.ndarray, "p 3"] | None = None
+
+
+def default_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
+    """The given names, or C1, C2, ...
+
+    Raises:
+        InvalidInputError: if there are not as many names as cameras, two are alike, or one is no
+            text.
+    """
+    if names is None:
+        return tuple(f"C{camera + 1}" for camera in range(rig.camera_count))
+    if len(names) != rig.camera_count:
+        raise InvalidInputError(f"Got {len(names)} names for {rig.camera_count} cameras.")
+    for camera, name in enumerate(names):
+        if not (isinstance(name, str) and is_text(name)):
+            raise InvalidInputError(
+                f"The name of camera {camera} is {name!a}; it must be text that UTF-8 can hold."
+            )
+    if len(set(names)) < len(names):
+        raise InvalidInputError(f"Two cameras have the same name: {', '.join(names)}.")
+    return tuple(names)
+
+
+def registered_cameras(
+    rig: Rig, names: Sequence[str] | None, target: StrPath
+) -> tuple[Rig, tuple[str, ...]]:
+    """The registered part of a rig in float64, for formats that know no other cameras.
+
+    Raises:
+        InvalidInputError: if no camera is registered, or the names do not fit.
+    """
+    known = np.flatnonzero(rig.registered)
+    if len(known) == 0:
+        raise InvalidInputError(f"Cannot write {target}: no camera of the rig is registered.")
+    labels = default_names(rig, names)
+    part = rig.select(known)
+    lens = None if part.distortion is None else np.asarray(part.distortion, np.float64)
+    exact = Rig(
+        np.asarray(part.K, np.float64),
+        np.asarray(part.R, np.float64),
+        np.asarray(part.t, np.float64),
+        part.image_size,
+        distortion=lens,
+    )
+    return exact, tuple(labels[camera] for camera in known)

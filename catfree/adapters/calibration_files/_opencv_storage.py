@@ -1,0 +1,136 @@
+"""What OpenCV's `FileStorage` writes, read without it: XML, YAML and JSON.
+
+OpenCV's own parser cannot read the bare text of some published calibrations, and damaged files can
+crash the process inside it.
+"""
+
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from catfree.adapters.files._documents import StrPath, numbers, read_text
+from catfree.errors import FileFormatError, InvalidInputError
+
+_MATRIX = "opencv-matrix"
+_YAML_ENTRY = re.compile(r"([A-Za-z_][\w.-]*)\s*:\s*(.*)")
+_YAML_SPECIAL = {".nan": "nan", ".inf": "inf", "+.inf": "inf", "-.inf": "-inf"}
+
+
+def read_storage(path: StrPath, meaning: str) -> dict[str, np.ndarray]:
+    """The matrices, numbers and lists of numbers at the top of a file; other entries are skipped.
+
+    Args:
+        path: the file; the first character tells XML (`<`), JSON (`{`) and YAML apart.
+        meaning: what it is, for messages: `intrinsics of camera C1`.
+
+    Returns:
+        Name to (n,) float64 array; a matrix row by row.
+
+    Raises:
+        InvalidInputError: if there is no such file.
+        FileFormatError: if it is malformed (as when truncated), or holds no numbers.
+    """
+    source = Path(path)
+    text = read_text(source, meaning).strip()
+    parse = {"<": _xml_entries, "{": _json_entries}.get(text[:1], _yaml_entries)
+    values = {}
+    try:
+        for name, entry in parse(text):
+            if (plain := _plain_numbers(entry)) is not None:
+                values[name] = plain
+    except (ElementTree.ParseError, ValueError, KeyError, RecursionError) as error:
+        raise FileFormatError(
+            f"{source} ({meaning}) is malformed ({error}). Is the file complete?"
+        ) from error
+    if not values:
+        raise FileFormatError(f"{source} ({meaning}) holds no numbers that OpenCV could have put.")
+    return values
+
+
+def read_matrices(
+    path: StrPath, meaning: str, shapes: dict[str, tuple[int, ...]]
+) -> dict[str, np.ndarray]:
+    """Some matrices of a file; see `read_storage`.
+
+    Args:
+        path: the file.
+        meaning: what it is, for messages.
+        shapes: wanted names and their shapes.
+
+    Raises:
+        InvalidInputError: if there is no such file or a number is not finite.
+        FileFormatError: if it is malformed or lacks one of the matrices.
+    """
+    values = read_storage(path, meaning)
+    matrices = {}
+    for name, shape in shapes.items():
+        if name not in values:
+            raise FileFormatError(f"{path} ({meaning}) has no {name!r}.")
+        matrices[name] = numbers(values[name], shape, path, f"{name!r}")
+        if not np.isfinite(matrices[name]).all():
+            raise InvalidInputError(f"{path} ({meaning}): {name!r} is not finite.")
+    return matrices
+
+
+def _plain_numbers(entry: Any) -> np.ndarray | None:
+    """(n,) numbers of a number, a list of them, or words; None for anything else."""
+    words = entry.split() if isinstance(entry, str) else entry
+    try:
+        array = np.asarray(words, np.float64).ravel()
+    except (TypeError, ValueError, OverflowError):
+        return None
+    return array if array.size else None
+
+
+def _xml_entries(text: str) -> Iterable[tuple[str, Any]]:
+    for node in ElementTree.fromstring(text):
+        data = node.find("data")
+        yield node.tag, (node if data is None else data).text or ""
+
+
+def _json_entries(text: str) -> Iterable[tuple[str, Any]]:
+    for name, value in json.loads(text).items():
+        is_matrix = isinstance(value, dict) and value.get("type_id") == _MATRIX
+        yield name, value["data"] if is_matrix else value
+
+
+def _yaml_entries(text: str) -> Iterable[tuple[str, Any]]:
+    """The subset of YAML that OpenCV writes: an entry begins where a line is not indented."""
+    blocks: list[tuple[str, list[str]]] = []
+    for line in text.splitlines():
+        if not line.strip() or line.startswith(("%", "---", "...", "#")):
+            continue
+        if line[0].isspace() or line[0] == "-":
+            if not blocks:
+                raise ValueError("it begins with an indented line")
+            blocks[-1][1].append(line)
+        elif match := _YAML_ENTRY.fullmatch(line.rstrip()):
+            blocks.append((match[1], [match[2]]))
+        else:
+            raise ValueError(f"{line[:40]!r} is no entry")
+    for name, lines in blocks:
+        body = "\n".join(lines)
+        if lines[0].startswith(f"!!{_MATRIX}"):
+            data = re.search(r"\bdata:\s*\[(.*)\]", body, re.DOTALL)
+            if data is None:
+                raise ValueError(f"matrix {name} is incomplete")
+            yield name, _yaml_words(data[1])
+        elif lines[0].startswith("["):
+            if not body.rstrip().endswith("]"):
+                raise ValueError(f"list {name} is incomplete")
+            yield name, _yaml_words(body.strip()[1:-1])
+        elif lines[0] == "":
+            items = (re.sub(r"^\s*-\s", "", line) for line in lines[1:])
+            yield name, _yaml_words(" ".join(items))
+        else:
+            yield name, _yaml_words(lines[0])
+
+
+def _yaml_words(text: str) -> list[str]:
+    words = text.replace(",", " ").split()
+    return [_YAML_SPECIAL.get(word.lower(), word) for word in words]

@@ -1,0 +1,163 @@
+"""Calibrations as OpenCV writes them: one YAML, XML or JSON file a camera."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from catfree.adapters.calibration_files._distortion import five_coefficients
+from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
+from catfree.adapters.calibration_files._opencv_storage import read_storage
+from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
+from catfree.adapters.files._camera_names import file_names
+from catfree.adapters.files._documents import (
+    StrPath,
+    naming_file,
+    numbers,
+    write_text_atomically,
+)
+from catfree.errors import FileFormatError, InvalidInputError
+from catfree.types import Rig
+
+# The names that OpenCV's own samples and common tools use for the same matrix.
+_INTRINSICS = ("K", "camera_matrix", "cameraMatrix", "Camera_Matrix", "intrinsic", "M")
+_DISTORTION = (
+    "dist_coeffs",
+    "distortion_coefficients",
+    "distCoeffs",
+    "Distortion_Coefficients",
+    "distortion",
+    "dist",
+    "D",
+)
+_ROTATION = ("R", "Rot", "rotation_matrix", "rotation", "rvec", "rotation_vector")
+_TRANSLATION = ("t", "T", "tvec", "translation_vector", "translation")
+_WIDTH = ("image_width", "image_Width", "width")
+_HEIGHT = ("image_height", "image_Height", "height")
+_SIZE = ("image_size", "imageSize", "size")
+
+
+def read_opencv_yaml(
+    paths: StrPath | Sequence[StrPath],
+    *,
+    image_size: tuple[int, int] | None = None,
+    metres_per_unit: float = 1.0,
+) -> NamedRig:
+    """Read one calibration file a camera, as written by OpenCV's `FileStorage`.
+
+    A file holds the intrinsics (`K`, `camera_matrix`, ...), optionally the lens (`dist_coeffs`,
+    `distortion_coefficients`, ...), the world-to-camera pose (`R` as a matrix or a rotation
+    vector, or `rvec`; `t` or `tvec`), and the image size (`image_width` and `image_height`, or
+    `image_size`).
+
+    Args:
+        paths: one file or several, in the order of the rig's cameras.
+        image_size: width and height in pixels for files that do not tell.
+        metres_per_unit: the files' unit of length: 0.001 for millimetres.
+
+    Returns:
+        The rig, each camera named after its file.
+
+    Raises:
+        InvalidInputError: if a file is missing or a camera is invalid.
+        FileFormatError: if a file is not of this form.
+    """
+    if isinstance(paths, str | os.PathLike):
+        paths = (paths,)
+    sources = [Path(path) for path in paths]
+    if not sources:
+        raise InvalidInputError("read_opencv_yaml needs at least one file.")
+    K, R, t, size, lens = [], [], [], [], []
+    for source in sources:
+        values = read_storage(source, "calibration")
+        K.append(numbers(_first(values, _INTRINSICS, source, "intrinsics"), (3, 3), source, "K"))
+        rotation = _first(values, _ROTATION, source, "rotation")
+        if rotation.size == 3:
+            if not np.isfinite(rotation).all():
+                raise InvalidInputError(f"{source}: the rotation is not finite.")
+            rotation = rotation_from_vector(rotation)
+        R.append(numbers(rotation, (3, 3), source, "the rotation"))
+        shift = _first(values, _TRANSLATION, source, "translation")
+        t.append(numbers(shift, (3,), source, "the translation") * metres_per_unit)
+        coefficients = _first(values, _DISTORTION, source, None)
+        lens.append(five_coefficients(coefficients, source, "the camera"))
+        size.append(_image_size(values, source, image_size))
+    rig = naming_file(
+        ", ".join(source.name for source in sources),
+        lambda: Rig(
+            np.stack(K),
+            np.stack(R),
+            np.stack(t),
+            np.stack(size),
+            distortion=np.stack(lens) if np.any(lens) else None,
+        ),
+    )
+    return NamedRig(rig, tuple(source.stem for source in sources))
+
+
+def write_opencv_yaml(
+    folder: StrPath, rig: Rig, names: Sequence[str] | None = None
+) -> tuple[Path, ...]:
+    """Write one YAML file a registered camera, `<name>.yml`, readable by OpenCV's `FileStorage`.
+
+    Args:
+        folder: must exist.
+        rig: the cameras.
+        names: (C,) file names without suffix, in which `_` takes the place of `/`; C1, C2, ... if
+            None.
+
+    Returns:
+        The paths, in the order of the rig.
+
+    Raises:
+        InvalidInputError: if the folder does not exist, no camera is registered, or the names do
+            not fit.
+    """
+    rig, labels = registered_cameras(rig, names, folder)
+    lens = np.zeros((rig.camera_count, 5)) if rig.distortion is None else rig.distortion
+    paths = []
+    for at, name in enumerate(file_names(labels)):
+        width, height = rig.image_size[at]
+        matrices = {
+            "camera_matrix": np.asarray(rig.K)[at],
+            "distortion_coefficients": np.asarray(lens)[at][:, None],
+            "R": np.asarray(rig.R)[at],
+            "t": np.asarray(rig.t)[at][:, None],
+        }
+        lines = ["%YAML:1.0", "---", f"image_width: {width}", f"image_height: {height}"]
+        for key, matrix in matrices.items():
+            data = ", ".join(repr(float(value)) for value in matrix.ravel())
+            lines += [
+                f"{key}: !!opencv-matrix",
+                f"   rows: {matrix.shape[0]}",
+                f"   cols: {matrix.shape[1]}",
+                "   dt: d",
+                f"   data: [ {data} ]",
+            ]
+        target = Path(folder) / f"{name}.yml"
+        paths.append(write_text_atomically(target, "\n".join(lines) + "\n"))
+    return tuple(paths)
+
+
+def _first(
+    values: dict[str, np.ndarray], names: tuple[str, ...], source: Path, meaning: str | None
+) -> np.ndarray:
+    """The first value that the file has; none at all is an error if `meaning` is given."""
+    found = [values[name] for name in names if name in values]
+    if not found and meaning is not None:
+        raise FileFormatError(f"{source} has no {meaning} ({', '.join(names)}).")
+    return found[0] if found else np.empty(0)
+
+
+def _image_size(
+    values: dict[str, np.ndarray], source: Path, default: tuple[int, int] | None
+) -> np.ndarray:
+    pair = _first(values, _SIZE, source, None)
+    width, height = (_first(values, names, source, None) for names in (_WIDTH, _HEIGHT))
+    size = pair if pair.size else np.concatenate([width, height])
+    if size.size == 0 and default is not None:
+        size = np.array(default)
+    if size.size != 2:
+        raise FileFormatError(f"{source} does not tell the image size. Pass image_size=.")
+    return size

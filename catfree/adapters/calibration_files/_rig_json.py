@@ -1,0 +1,171 @@
+"""Rigs and scenes as plain JSON that states its own conventions."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from catfree.adapters.calibration_files._distortion import five_coefficients
+from catfree.adapters.calibration_files._named_rig import NamedRig, default_names
+from catfree.adapters.files._documents import (
+    StrPath,
+    entry,
+    naming_file,
+    numbers,
+    read_json,
+    write_text_atomically,
+)
+from catfree.errors import FileFormatError
+from catfree.types import Plane, Rig, Scene
+
+_CONVENTIONS = {
+    "camera": "x_camera = R x_world + t; x right, y down, z forward",
+    "pixel": "the centre of the top-left pixel is (0, 0)",
+    "distortion": "OpenCV k1, k2, p1, p2, k3",
+    "ground": "normal . x + offset = 0, cameras on the positive side",
+    "unregistered camera": "registered is false and its numbers are null",
+}
+_UNITS = {True: "m", False: "arbitrary"}
+
+
+def write_rig_json(
+    path: StrPath, rig: Rig, names: Sequence[str] | None = None, *, metric: bool = False
+) -> Path:
+    """Write a rig.
+
+    Args:
+        path: the file.
+        rig: the cameras; those not registered are kept and marked.
+        names: (C,) names; C1, C2, ... if None.
+        metric: whether the rig's units are metres; stated in the file.
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidInputError: if the folder does not exist or the names do not fit.
+    """
+    return _write(path, _rig_document(rig, names, metric))
+
+
+def write_scene_json(path: StrPath, scene: Scene, names: Sequence[str] | None = None) -> Path:
+    """Write a scene: rig, ground plane and extent.
+
+    Args:
+        path: the file.
+        scene: the scene; cameras that are not registered are kept and marked.
+        names: (C,) names; C1, C2, ... if None.
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidInputError: if the folder does not exist or the names do not fit the cameras.
+    """
+    ground = {"normal": _list(scene.ground.normal), "offset": float(scene.ground.offset)}
+    document = _rig_document(scene.rig, names, scene.metric)
+    return _write(path, document | {"ground": ground, "extent": float(scene.extent)})
+
+
+def read_rig_json(path: StrPath) -> NamedRig:
+    """Read the rig of a file that `write_rig_json` or `write_scene_json` wrote.
+
+    Args:
+        path: the file.
+
+    Returns:
+        The rig with the names of its cameras.
+
+    Raises:
+        InvalidInputError: if there is no such file or a camera is invalid.
+        FileFormatError: if the file is no JSON of this form.
+    """
+    source = Path(path)
+    return _read_rig(read_json(source, "rig"), source)
+
+
+def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
+    """Read the scene and camera names of a file that `write_scene_json` wrote.
+
+    Args:
+        path: the file.
+
+    Returns:
+        The scene, and the (C,) names of its cameras.
+
+    Raises:
+        InvalidInputError: if there is no such file or a value is invalid.
+        FileFormatError: if the file is no JSON of this form.
+    """
+    source = Path(path)
+    document = read_json(source, "scene")
+    named = _read_rig(document, source)
+    ground = entry(document, "ground", source, "the file")
+    normal = numbers(entry(ground, "normal", source, "ground"), (3,), source, "the normal")
+    offset = numbers(entry(ground, "offset", source, "ground"), (), source, "the offset")
+    extent = numbers(entry(document, "extent", source, "the file"), (), source, "the extent")
+    metric = document["units"] == _UNITS[True]
+    scene = naming_file(source, lambda: Scene(named.rig, Plane(normal, offset), extent, metric))
+    return scene, named.names
+
+
+def _rig_document(rig: Rig, names: Sequence[str] | None, metric: bool) -> dict[str, Any]:
+    cameras = []
+    for at, name in enumerate(default_names(rig, names)):
+        width, height = rig.image_size[at].tolist()
+        camera = {"name": name, "width": width, "height": height}
+        camera |= {key: _list(getattr(rig, key)[at]) for key in ("K", "R", "t")}
+        camera["distortion"] = None if rig.distortion is None else _list(rig.distortion[at])
+        camera["registered"] = bool(rig.registered[at])
+        cameras.append(camera)
+    return {"units": _UNITS[metric], "conventions": _CONVENTIONS, "cameras": cameras}
+
+
+def _list(values: Any) -> Any:
+    """Nested lists of floats, None where a number is not finite (JSON has no NaN)."""
+    array = np.asarray(values, np.float64)
+    entries = array.astype(object)
+    entries[~np.isfinite(array)] = None
+    return entries.tolist()
+
+
+def _write(path: StrPath, document: dict[str, Any]) -> Path:
+    return write_text_atomically(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
+
+
+def _read_rig(document: Any, source: Path) -> NamedRig:
+    units = entry(document, "units", source, "the file")
+    if units not in _UNITS.values():
+        raise FileFormatError(f"{source} has units {units!r}; known are 'm' and 'arbitrary'.")
+    cameras = entry(document, "cameras", source, "the file")
+    if not isinstance(cameras, list) or not cameras:
+        raise FileFormatError(f"{source}: cameras must be a list with at least one camera.")
+    names, K, R, t, size, lens, registered = [], [], [], [], [], [], []
+    for at, camera in enumerate(cameras):
+        where = f"camera {at}"
+        names.append(str(entry(camera, "name", source, where)))
+        K.append(numbers(entry(camera, "K", source, where), (3, 3), source, f"K of {where}"))
+        R.append(numbers(entry(camera, "R", source, where), (3, 3), source, f"R of {where}"))
+        t.append(numbers(entry(camera, "t", source, where), (3,), source, f"t of {where}"))
+        pair = [entry(camera, key, source, where) for key in ("width", "height")]
+        size.append(numbers(pair, (2,), source, f"the image size of {where}"))
+        registered.append(bool(camera.get("registered", True)))
+        values = camera.get("distortion")
+        if values is not None and registered[-1]:
+            values = numbers(values, None, source, f"the distortion of {where}")
+            lens.append(five_coefficients(values, source, where))
+        else:
+            lens.append(None)
+    distortion = None
+    if any(values is not None for values in lens):
+        # A camera without coefficients among others that have some is an ideal pinhole.
+        distortion = np.stack([np.zeros(5) if values is None else values for values in lens])
+    rig = naming_file(
+        source,
+        lambda: Rig(
+            np.stack(K), np.stack(R), np.stack(t), np.stack(size), distortion, np.array(registered)
+        ),
+    )
+    return NamedRig(rig, tuple(names))

@@ -1,0 +1,217 @@
+"""The annotation files that WildTrack and MultiviewX share: people on a grid and their boxes."""
+
+import dataclasses
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from catfree.adapters.datasets._sequence import MultiViewSequence, metric_scene
+from catfree.adapters.files._documents import entry, numbers, read_json
+from catfree.errors import FileFormatError, InvalidInputError
+from catfree.types import Detections, Rig
+
+InvalidBoxes = Literal["raise", "drop"]
+
+_CORNERS = ("xmin", "ymin", "xmax", "ymax")
+
+
+@dataclasses.dataclass(frozen=True)
+class Grid:
+    """A ground grid whose cells are numbered along x first.
+
+    Attributes:
+        columns: cells along x.
+        rows: cells along y.
+        cell: side of a cell in metres.
+        origin: x, y in metres of cell 0.
+    """
+
+    columns: int
+    rows: int
+    cell: float
+    origin: tuple[float, float]
+
+    def position(self, cell: int) -> tuple[float, float]:
+        """The x, y in metres of a cell number."""
+        return (
+            self.origin[0] + self.cell * (cell % self.columns),
+            self.origin[1] + self.cell * (cell // self.columns),
+        )
+
+    @property
+    def area(self) -> tuple[float, float, float, float]:
+        """The covered x_min, x_max, y_min, y_max in metres."""
+        x, y = self.origin
+        return (x, x + self.cell * self.columns, y, y + self.cell * self.rows)
+
+    def lattice(self) -> np.ndarray:
+        """(100, 2) positions in metres spread evenly over the grid."""
+        x_min, x_max, y_min, y_max = self.area
+        x, y = np.meshgrid(np.linspace(x_min, x_max, 10), np.linspace(y_min, y_max, 10))
+        return np.column_stack([x.ravel(), y.ravel()])
+
+
+@dataclasses.dataclass(frozen=True)
+class Annotations:
+    """Annotated people: boxes with identities, and rows [frame, id, x, y] of true positions."""
+
+    frames: np.ndarray
+    detections: Detections
+    identity: np.ndarray
+    ground_truth: np.ndarray
+
+    @classmethod
+    def empty(cls, frames: np.ndarray) -> "Annotations":
+        """Nothing annotated at these frames."""
+        none = np.empty(0, np.int64)
+        return cls(frames, Detections(none, none, np.empty((0, 4))), none, np.empty((0, 4)))
+
+
+def numbered_files(folder: Path, pattern: str) -> dict[int, Path]:
+    """Files of a folder whose stem is a number, by that number, ascending.
+
+    Args:
+        folder: where to look; a missing folder holds no files.
+        pattern: regular expression that the suffix must match, without the dot: `json`.
+    """
+    name = re.compile(rf"(\d+)\.({pattern})", re.IGNORECASE)
+    files = sorted(folder.iterdir()) if folder.is_dir() else []
+    found = ((name.fullmatch(file.name), file) for file in files)
+    return dict(sorted((int(match[1]), file) for match, file in found if match))
+
+
+def read_annotations(
+    files: dict[int, Path],
+    camera_names: tuple[str, ...],
+    locate: Callable[[int], tuple[float, float]],
+    cell_count: int,
+    *,
+    invalid_boxes: InvalidBoxes,
+    drop_unseen: bool,
+) -> Annotations:
+    """Read one JSON file a frame: `[{personID, positionID, views: [{viewNum, xmin, ...}]}]`.
+
+    Args:
+        files: frame number to file.
+        camera_names: names in the order of viewNum.
+        locate: from positionID to x, y in metres.
+        cell_count: positionID must be below it.
+        invalid_boxes: whether a box without area is an error or left out.
+        drop_unseen: leave out people whom no camera sees.
+
+    Raises:
+        InvalidInputError: naming file, frame, camera and index of a box without area or a
+            position off the grid.
+        FileFormatError: if a file does not have this form.
+    """
+    boxes: list[tuple[int, int, int]] = []  # frame, camera, person
+    corners: list[np.ndarray] = []
+    truth: list[tuple[float, ...]] = []
+    for frame, source in files.items():
+        people = read_json(source, f"annotations of frame {frame}")
+        if not isinstance(people, list):
+            raise FileFormatError(f"{source} must hold a list of people.")
+        for index, person in enumerate(people):
+            where = f"person {index} of frame {frame}"
+            identity = _whole(entry(person, "personID", source, where), source, where)
+            cell = _whole(entry(person, "positionID", source, where), source, where)
+            if not 0 <= cell < cell_count:
+                raise InvalidInputError(
+                    f"{source}: {where} has positionID {cell}, outside 0..{cell_count - 1}."
+                )
+            views = entry(person, "views", source, where)
+            if not isinstance(views, list):
+                raise FileFormatError(f"{source}: the views of {where} must be a list.")
+            seen = False
+            for view in views:
+                camera = _whole(entry(view, "viewNum", source, where), source, where)
+                if not 0 <= camera < len(camera_names):
+                    raise InvalidInputError(
+                        f"{source}: {where} has viewNum {camera}, but there are "
+                        f"{len(camera_names)} cameras (counted from 0)."
+                    )
+                place = f"the box of {where} in camera {camera_names[camera]}"
+                values = [entry(view, key, source, place) for key in _CORNERS]
+                box = numbers(values, (4,), source, place)
+                if (box == -1).all():
+                    continue
+                if not (box[2] > box[0] and box[3] > box[1] and np.isfinite(box).all()):
+                    if invalid_boxes == "drop":
+                        continue
+                    raise InvalidInputError(
+                        f"{source}: {place} is {box.tolist()} as x1, y1, x2, y2, which has no "
+                        "area. Correct it or pass invalid_boxes='drop'."
+                    )
+                seen = True
+                boxes.append((frame, camera, identity))
+                corners.append(box)
+            if seen or not drop_unseen:
+                truth.append((frame, identity, *locate(cell)))
+    index = np.array(boxes, np.int64).reshape(-1, 3)
+    return Annotations(
+        frames=np.array(sorted(files), np.int64),
+        detections=Detections(index[:, 0], index[:, 1], np.array(corners).reshape(-1, 4)),
+        identity=index[:, 2],
+        ground_truth=np.array(truth, np.float64).reshape(-1, 4),
+    )
+
+
+def grid_sequence(
+    name: str,
+    people: Annotations,
+    rig: Rig,
+    camera_names: tuple[str, ...],
+    grid: Grid,
+    fps: float,
+    images: Path,
+) -> MultiViewSequence:
+    """A data set of this kind as the neutral carrier, in metres, z up, ground z = 0.
+
+    Args:
+        name: name of the data set.
+        people: what is annotated.
+        rig: the cameras in metres.
+        camera_names: their names, which are those of the folders of their images.
+        grid: the annotated area.
+        fps: annotated frames a second.
+        images: folder of the cameras' folders, which may be missing.
+    """
+    return MultiViewSequence(
+        name=name,
+        detections=people.detections,
+        rig=rig,
+        scene=metric_scene(rig),
+        ground_truth=people.ground_truth,
+        frames=people.frames,
+        camera_names=camera_names,
+        fps=fps,
+        evaluation_area=grid.area,
+        true_centres=np.asarray(rig.centers),
+        images=image_table(images, camera_names, people.frames),
+        identity=people.identity,
+    )
+
+
+def image_table(
+    folder: Path, camera_names: tuple[str, ...], frames: np.ndarray
+) -> tuple[tuple[Path | None, ...], ...]:
+    """(C, F) images `folder/camera/number.png|jpg`, None where missing; () if there are none."""
+    found = [numbered_files(folder / name, "png|jpe?g") for name in camera_names]
+    if not any(found):
+        return ()
+    return tuple(tuple(files.get(int(frame)) for frame in frames) for files in found)
+
+
+def image_numbers(folder: Path, camera_names: tuple[str, ...]) -> np.ndarray:
+    """Ascending int64 numbers of the images of any camera."""
+    found = (numbered_files(folder / name, "png|jpe?g") for name in camera_names)
+    return np.array(sorted(set().union(*found)), np.int64)
+
+
+def _whole(value: Any, source: Path, where: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise FileFormatError(f"{source}: {where} has {value!r} where a whole number belongs.")
+    return value

@@ -1,0 +1,191 @@
+"""MultiviewX in the layout of its publishers: six rendered cameras around a 25 x 16 m square."""
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from catfree.adapters.calibration_files._opencv_storage import read_matrices
+from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
+from catfree.adapters.datasets._grid_annotations import (
+    Annotations,
+    Grid,
+    InvalidBoxes,
+    grid_sequence,
+    image_numbers,
+    numbered_files,
+    read_annotations,
+)
+from catfree.adapters.datasets._sequence import MultiViewSequence, require_people_in_front
+from catfree.adapters.files._documents import StrPath, naming_file, read_text, require_folder
+from catfree.errors import FileFormatError, InvalidInputError
+from catfree.types import Detections, Rig
+
+CAMERA_NAMES = ("C1", "C2", "C3", "C4", "C5", "C6")
+IMAGE_SIZE = (1920, 1080)
+GRID = Grid(columns=1000, rows=640, cell=0.025, origin=(0.0, 0.0))
+FPS = 2.0
+_DEPTH = 16.0  # metres of the square along y: the mirror maps y to 16 - y
+_CORNER_POINTS = 9  # eight corners of a person's cuboid and the foot point
+
+
+def read_multiviewx(
+    folder: StrPath,
+    *,
+    boxes: Literal["annotations", "matchings"] | None = None,
+    first_annotation: int | None = None,
+    invalid_boxes: InvalidBoxes = "raise",
+    drop_unseen: bool = False,
+) -> MultiViewSequence:
+    """Read the MultiviewX data set: calibration, annotations and image paths.
+
+    The folder holds `calibrations/{intrinsic,extrinsic}/*.xml`, `annotations_positions/*.json` or
+    `matchings/Camera*.txt` and `Camera*_3d.txt`, and `Image_subsets/C1..C6`. Annotations and
+    images may be missing.
+
+    The data set's world is left-handed, so its published extrinsics put everything at negative
+    depth. Here y becomes 16 - y and the signs of R and t follow, which makes the world
+    right-handed, z up, with positive depth. The published distortion (below 0.01 px, a residue of
+    calibrating a rendered pinhole) is ignored.
+
+    Args:
+        folder: the data set's folder.
+        boxes: where people come from: the annotations on the 2.5 cm grid, or the exact cuboids in
+            `matchings`, whose identities are numbered in the order of appearance. None takes the
+            annotations where they exist.
+        first_annotation: number of the annotation file (and of the frame in `matchings`) that
+            belongs to image 0. None infers it: 1, as in the published sample, if the numbers
+            match the images only so, or if there is no number 0; otherwise 0.
+        invalid_boxes: `raise` at an annotated box without area, or `drop` it.
+        drop_unseen: leave out of the ground truth people whom no camera sees, as the protocol of
+            MVDet (Hou et al. 2020) does.
+
+    Returns:
+        The sequence in metres, frames numbered like the images, with annotated boxes as
+        detections and annotated people as `identity`.
+
+    Raises:
+        InvalidInputError: if a calibration file is missing, or a value is invalid; the message
+            names the file.
+        FileFormatError: if a file does not have its form.
+
+    Source:
+        Hou, Zheng, Gould, Multiview Detection with Feature Perspective Transformation, ECCV 2020.
+    """
+    root = require_folder(folder, "MultiviewX")
+    rig = _read_rig(root / "calibrations")
+    require_people_in_front(rig, GRID.lattice(), root / "calibrations")
+    images = root / "Image_subsets"
+    numbers = image_numbers(images, CAMERA_NAMES)
+    files = numbered_files(root / "annotations_positions", "json")
+    if boxes is None:
+        has_matchings = (root / "matchings").is_dir()
+        boxes = "matchings" if has_matchings and not files else "annotations"
+    if boxes == "matchings":
+        people = _read_matchings(root / "matchings", numbers, first_annotation)
+    elif files:
+        first = _first(np.array(list(files)), numbers, first_annotation)
+        people = read_annotations(
+            {number - first: file for number, file in files.items()},
+            CAMERA_NAMES,
+            _position,
+            GRID.columns * GRID.rows,
+            invalid_boxes=invalid_boxes,
+            drop_unseen=drop_unseen,
+        )
+    else:
+        people = Annotations.empty(numbers)
+    return grid_sequence("MultiviewX", people, rig, CAMERA_NAMES, GRID, FPS, images)
+
+
+def _read_rig(folder: Path) -> Rig:
+    K, R, t = [], [], []
+    mirror, shift = np.diag([1.0, -1.0, 1.0]), np.array([0.0, _DEPTH, 0.0])
+    centre = np.array([GRID.area[1] / 2, GRID.area[3] / 2, 0.0])
+    for camera, name in enumerate(CAMERA_NAMES, start=1):
+        inner = read_matrices(
+            folder / "intrinsic" / f"intr_Camera{camera}.xml",
+            f"intrinsics of camera {name}",
+            {"camera_matrix": (3, 3)},
+        )
+        path = folder / "extrinsic" / f"extr_Camera{camera}.xml"
+        outer = read_matrices(path, f"extrinsics of camera {name}", {"rvec": (3,), "tvec": (3,)})
+        published = rotation_from_vector(outer["rvec"])
+        if (published @ centre + outer["tvec"])[2] >= 0:
+            raise InvalidInputError(
+                f"{path}: camera {name} has the square at positive depth, unlike the published "
+                "left-handed calibration. Read a corrected calibration with another reader."
+            )
+        # x = R' X' + t' with X = F X' + c mirrored, and -x is the same pixel at positive depth.
+        K.append(inner["camera_matrix"])
+        R.append(-published @ mirror)
+        t.append(published @ mirror @ shift - outer["tvec"])
+    return naming_file(folder, lambda: Rig(np.stack(K), np.stack(R), np.stack(t), IMAGE_SIZE))
+
+
+def _position(cell: int) -> tuple[float, float]:
+    x, y = GRID.position(cell)
+    return x, _DEPTH - y
+
+
+def _first(annotated: np.ndarray, images: np.ndarray, first: int | None) -> int:
+    """The annotation number of image 0; see `read_multiviewx`."""
+    if first is not None:
+        return first
+    fits = [len(images) == 0 or bool(np.isin(annotated - shift, images).all()) for shift in (0, 1)]
+    if fits[0] != fits[1]:
+        return int(fits[1])
+    return int(0 not in annotated)
+
+
+def _read_matchings(folder: Path, images: np.ndarray, first: int | None) -> Annotations:
+    """Boxes around the projected cuboids, and exact foot positions."""
+    require_folder(folder, "MultiviewX matchings")
+    rows, corners = [], []
+    positions: dict[tuple[int, int], tuple[float, float]] = {}
+    for camera, name in enumerate(CAMERA_NAMES):
+        flat = folder / f"Camera{camera + 1}.txt"
+        solid = folder / f"Camera{camera + 1}_3d.txt"
+        pixels = _table(flat, 2 + 2 * _CORNER_POINTS, f"image points of camera {name}")
+        points = _table(solid, 2 + 3 * _CORNER_POINTS, f"world points of camera {name}")
+        if len(pixels) != len(points) or (pixels[:, :2] != points[:, :2]).any():
+            raise FileFormatError(f"{flat} and {solid} do not list the same people in each row.")
+        cuboid = pixels[:, 2:-2].reshape(-1, _CORNER_POINTS - 1, 2)
+        corners.append(np.concatenate([cuboid.min(1), cuboid.max(1)], axis=-1))
+        index = pixels[:, :2].astype(np.int64)
+        rows.append(np.column_stack([index[:, 0], np.full(len(index), camera), index[:, 1]]))
+        for key, foot in zip(map(tuple, index.tolist()), points[:, -3:-1], strict=True):
+            positions[key] = (float(foot[0]), _DEPTH - float(foot[1]))
+    table, box = np.concatenate(rows), np.concatenate(corners)
+    shift = _first(np.unique(table[:, 0]), images, first)
+    table[:, 0] -= shift
+    order = np.lexsort((table[:, 2], table[:, 1], table[:, 0]))
+    table, box = table[order], box[order]
+    people = sorted(positions)  # by frame, then by the renderer's own number
+    numbering = {person: at for at, person in enumerate(dict.fromkeys(p for _, p in people))}
+    truth = [(f - shift, numbering[p], *positions[f, p]) for f, p in people]
+    identity = np.array([numbering[p] for p in table[:, 2].tolist()], np.int64)
+    detections = naming_file(folder, lambda: Detections(table[:, 0], table[:, 1], box))
+    return Annotations(
+        frames=np.unique(table[:, 0]),
+        detections=detections,
+        identity=identity,
+        ground_truth=np.array(truth, np.float64).reshape(-1, 4),
+    )
+
+
+def _table(path: Path, columns: int, meaning: str) -> np.ndarray:
+    """(n, columns) numbers of a text file with one row a line."""
+    lines = [line.split() for line in read_text(path, meaning).splitlines() if line.strip()]
+    for at, line in enumerate(lines):
+        if len(line) != columns:
+            raise FileFormatError(
+                f"{path} ({meaning}): row {at} has {len(line)} columns instead of {columns}."
+            )
+    try:
+        table = np.array(lines, np.float64).reshape(-1, columns)
+    except ValueError as error:
+        raise FileFormatError(f"{path} ({meaning}) holds something else than numbers.") from error
+    if not np.isfinite(table).all():
+        raise InvalidInputError(f"{path} ({meaning}) has a number that is not finite.")
+    return table

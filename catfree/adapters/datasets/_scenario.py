@@ -1,0 +1,117 @@
+"""Simulated scenes: a folder with detections, a perturbed rig in an arbitrary frame, and truth."""
+
+from pathlib import Path
+
+import numpy as np
+
+from catfree.adapters.datasets._sequence import MultiViewSequence
+from catfree.adapters.files._documents import (
+    StrPath,
+    entry,
+    naming_file,
+    numbers,
+    read_json,
+    read_npz,
+    require_folder,
+)
+from catfree.errors import FileFormatError, InvalidInputError
+from catfree.types import Detections, Plane, Rig, Scene
+
+_MOST_FRAMES = 10_000_000  # a larger count is a damaged file
+
+
+def read_scenario(folder: StrPath) -> MultiViewSequence:
+    """Read a simulated scene whose rig is known only approximately and in no metric frame.
+
+    The folder holds `detections.npz` (frame, cam, box xyxy, score, ankle, emb), `rig.json` (K, R,
+    t, image_size, ground_normal, ground_offset, extent, fps, frames), `gt.npz` (frame, id, xy in
+    metres), `eval.json` (true_centres, area as x_min, x_max, y_min, y_max, threshold_m) and
+    optionally `cloud.npz` (points). To score a result, map it by the similarity from
+    `scene.rig.centers` to `true_centres` and drop what falls outside `evaluation_area`.
+
+    Args:
+        folder: the scenario's folder.
+
+    Returns:
+        The sequence; `scene` has the file's plane and extent and is not metric, `ground_truth`
+        and `true_centres` are in metres.
+
+    Raises:
+        InvalidInputError: if a file is missing or a value in it is invalid.
+        FileFormatError: if a file does not have this form.
+    """
+    root = require_folder(folder, "scenario")
+    scene, fps, frame_count = _read_scene(root / "rig.json")
+    detections = _read_detections(root / "detections.npz", scene.rig.camera_count)
+    truth = read_npz(root / "gt.npz", "true positions", ("frame", "id", "xy"))
+    ground_truth = np.column_stack([truth["frame"], truth["id"], truth["xy"]]).astype(np.float64)
+    numbers(ground_truth, (len(truth["frame"]), 4), root / "gt.npz", "frame, id, xy")
+    protocol = read_json(root / "eval.json", "evaluation protocol")
+    centres = entry(protocol, "true_centres", root / "eval.json", "the file")
+    area = entry(protocol, "area", root / "eval.json", "the file")
+    x_min, x_max, y_min, y_max = numbers(area, (4,), root / "eval.json", "area").tolist()
+    cloud = root / "cloud.npz"
+    return MultiViewSequence(
+        name=root.resolve().name,
+        detections=detections,
+        rig=scene.rig,
+        scene=scene,
+        ground_truth=ground_truth,
+        frames=np.arange(frame_count),
+        camera_names=tuple(f"C{camera + 1}" for camera in range(scene.rig.camera_count)),
+        fps=fps,
+        evaluation_area=(x_min, x_max, y_min, y_max),
+        true_centres=numbers(
+            centres, (scene.rig.camera_count, 3), root / "eval.json", "true_centres"
+        ),
+        points=(
+            read_npz(cloud, "scene points", ("points",))["points"].astype(np.float64)
+            if cloud.is_file()
+            else None
+        ),
+    )
+
+
+def _read_scene(path: Path) -> tuple[Scene, float, int]:
+    document = read_json(path, "rig")
+    keys = ("K", "R", "t", "image_size", "ground_normal", "ground_offset", "extent", "fps")
+    value = {key: entry(document, key, path, "the file") for key in (*keys, "frames")}
+    if not isinstance(value["K"], list):
+        raise FileFormatError(f"{path}: K must be a list with one matrix a camera.")
+    count = len(value["K"])
+    K = numbers(value["K"], (count, 3, 3), path, "K")
+    R = numbers(value["R"], (count, 3, 3), path, "R")
+    t = numbers(value["t"], (count, 3), path, "t")
+    normal = numbers(value["ground_normal"], (3,), path, "ground_normal")
+    offset = numbers(value["ground_offset"], (), path, "ground_offset")
+    extent = numbers(value["extent"], (), path, "extent")
+    size = numbers(value["image_size"], None, path, "image_size")
+    size = size if len(size) == 2 else numbers(size, (count, 2), path, "image_size")
+    fps = float(numbers(value["fps"], (), path, "fps"))
+    frames = float(numbers(value["frames"], (), path, "frames"))
+    if not (0 <= frames <= _MOST_FRAMES and frames == int(frames)):
+        raise FileFormatError(f"{path}: frames is {frames}; it must be the number of frames.")
+    scene = naming_file(path, lambda: Scene(Rig(K, R, t, size), Plane(normal, offset), extent))
+    return scene, fps, int(frames)
+
+
+def _read_detections(path: Path, camera_count: int) -> Detections:
+    names = ("frame", "cam", "box", "score", "ankle", "emb")
+    arrays = read_npz(path, "detections", names)
+    detections = naming_file(
+        path,
+        lambda: Detections(
+            arrays["frame"],
+            arrays["cam"],
+            arrays["box"].astype(np.float64),
+            score=arrays["score"].astype(np.float64),
+            ankles_confirmed=arrays["ankle"],
+            embedding=arrays["emb"].astype(np.float32),
+        ),
+    )
+    if len(detections) and detections.camera.max() >= camera_count:
+        raise InvalidInputError(
+            f"{path} has detections of camera {detections.camera.max()}, but rig.json has "
+            f"{camera_count} cameras (counted from 0)."
+        )
+    return detections

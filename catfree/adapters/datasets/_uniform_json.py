@@ -1,0 +1,287 @@
+"""One JSON file for a whole sequence: cameras, boxes and true positions in metres."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from catfree.adapters.calibration_files._distortion import five_coefficients
+from catfree.adapters.datasets._sequence import (
+    MultiViewSequence,
+    metric_scene,
+    require_people_in_front,
+)
+from catfree.adapters.files._documents import (
+    StrPath,
+    entry,
+    naming_file,
+    numbers,
+    read_json,
+    read_npz,
+)
+from catfree.adapters.protocols import ankles_confirmed
+from catfree.errors import FileFormatError, InvalidInputError
+from catfree.types import Detections, Rig
+
+
+def read_uniform_json(
+    path: StrPath, *, views: str = "views", embedding: str | None = None
+) -> MultiViewSequence:
+    """Read a sequence from one JSON file.
+
+    The file holds `{name, units: "m", fps, cameras: [{name, K, dist, R, t, width, height}],
+    frames: [{frame, gt: [{id, x, y}], views: {camera: [{box: [x1, y1, x2, y2], score?, kpts?,
+    id?, emb_index?}]}}], evaluation_area?: {x: [min, max], y: [min, max]}}` with
+    `x_camera = R x + t`, metres, z up, ground z = 0, pixels, positive depth. Cameras without `K`
+    give a sequence without rig.
+
+    Frame numbers are synchronized labels and may step by more than one: consecutive frames are
+    neighbours in the sorted `frames` of the result.
+
+    Args:
+        path: the JSON file.
+        views: which boxes to read, where the file holds those of several detectors.
+        embedding: name of the appearance vectors to attach (L2-normalised, float32), an array of
+            the `.npz` beside the JSON whose rows the boxes' `emb_index` select; None for none.
+
+    Returns:
+        The sequence. Float64 boxes in the file's order, `ankles_confirmed` where keypoints exist.
+
+    Raises:
+        InvalidInputError: if there is no such file, or a box, camera or position is invalid; the
+            message names file, frame, camera and index.
+        FileFormatError: if the file is no JSON of this form.
+    """
+    source = Path(path)
+    document = read_json(source, "sequence")
+    if entry(document, "units", source, "the file") != "m":
+        raise FileFormatError(f"{source} has units {document['units']!r}; convert it to 'm'.")
+    cameras = _list(entry(document, "cameras", source, "the file"), source, "cameras")
+    records = _list(entry(document, "frames", source, "the file"), source, "frames")
+    names = tuple(str(entry(c, "name", source, f"camera {i}")) for i, c in enumerate(cameras))
+    if len(set(names)) < len(names):
+        raise FileFormatError(f"{source} names two cameras alike: {', '.join(names)}.")
+    frames = _frame_numbers(records, source)
+    order = np.argsort(frames, kind="stable")
+    table = _BoxTable(source, names)
+    truth: list[tuple] = []
+    for record, frame in zip(records, frames.tolist(), strict=True):
+        truth += _ground_truth(record, frame, source)
+        table.add(frame, entry(record, views, source, f"frame {frame}"))
+    positions = np.array(truth, np.float64).reshape(-1, 4)
+
+    rig = _read_rig(cameras, source)
+    fps = document.get("fps")
+    if rig is not None:
+        require_people_in_front(rig, positions[:, 2:], source)
+    return MultiViewSequence(
+        name=str(document.get("name", source.stem)),
+        detections=table.detections(embedding),
+        rig=rig,
+        scene=None
+        if rig is None or rig.camera_count < 2
+        else naming_file(source, lambda: metric_scene(rig)),
+        ground_truth=positions,
+        frames=frames[order],
+        camera_names=names,
+        fps=None if fps is None else float(numbers(fps, (), source, "fps")),
+        evaluation_area=_area(document.get("evaluation_area"), source),
+        true_centres=None if rig is None else np.asarray(rig.centers),
+        images=_images([records[i] for i in order], names, source),
+        identity=table.identity(),
+    )
+
+
+@dataclasses.dataclass
+class _BoxTable:
+    """Boxes of one file, collected frame by frame, each with its place for messages."""
+
+    source: Path
+    camera_names: tuple[str, ...]
+    rows: list[tuple[int, int, int, dict[str, Any]]] = dataclasses.field(default_factory=list)
+
+    def add(self, frame: int, views: Any) -> None:
+        if not isinstance(views, dict):
+            raise FileFormatError(f"{self.source}: the views of frame {frame} must be an object.")
+        unknown = sorted(set(views) - set(self.camera_names))
+        if unknown:
+            raise FileFormatError(
+                f"{self.source}: frame {frame} has boxes of camera {unknown[0]!r}, which is not "
+                f"among its cameras {', '.join(self.camera_names)}."
+            )
+        for camera, name in enumerate(self.camera_names):
+            boxes = _list(views.get(name, []), self.source, f"{name} of frame {frame}")
+            self.rows += [(frame, camera, index, box) for index, box in enumerate(boxes)]
+
+    def place(self, row: int) -> str:
+        frame, camera, index, _ = self.rows[row]
+        return f"box {index} of camera {self.camera_names[camera]} in frame {frame}"
+
+    def column(self, key: str, shape: tuple[int, ...]) -> np.ndarray | None:
+        """(N, *shape) values of a key that all boxes or none must have."""
+        present = [isinstance(box, dict) and box.get(key) is not None for *_, box in self.rows]
+        if not any(present):
+            return None
+        if not all(present):
+            at = present.index(False)
+            raise FileFormatError(
+                f"{self.source}: {self.place(at)} has no {key!r}, while other boxes have one."
+            )
+        values = [box[key] for *_, box in self.rows]
+        try:
+            array = np.asarray(values, np.float64)
+        except (TypeError, ValueError, OverflowError):
+            array = np.empty(0)
+        if array.shape != (len(values), *shape):  # slow path only to name the offending box
+            array = np.stack(
+                [
+                    numbers(v, shape, self.source, f"{key!r} of {self.place(i)}")
+                    for i, v in enumerate(values)
+                ]
+            )
+        finite = np.isfinite(array).reshape(len(array), -1).all(-1)
+        if not finite.all():
+            at = int(np.argmin(finite))
+            raise InvalidInputError(
+                f"{self.source}: {key!r} of {self.place(at)} is not finite. Remove that box."
+            )
+        return array
+
+    def detections(self, embedding: str | None) -> Detections:
+        box = self.column("box", (4,))
+        if box is None and self.rows:
+            raise FileFormatError(f"{self.source}: {self.place(0)} has no 'box'.")
+        box = np.empty((0, 4)) if box is None else box
+        empty = (box[:, 2] <= box[:, 0]) | (box[:, 3] <= box[:, 1])
+        if empty.any():
+            at = int(np.argmax(empty))
+            raise InvalidInputError(
+                f"{self.source}: {self.place(at)} is {box[at].tolist()}; it must be x1 < x2, "
+                "y1 < y2 in pixels (xyxy). Correct or remove it."
+            )
+        keypoints = self.column("kpts", (17, 3))
+        ankles = None if keypoints is None else ankles_confirmed(keypoints)
+        score = self.column("score", ())
+        if score is not None and not ((score >= 0) & (score <= 1)).all():
+            at = int(np.argmax((score < 0) | (score > 1)))
+            raise InvalidInputError(
+                f"{self.source}: {self.place(at)} has score {score[at]}; it must be in [0, 1]."
+            )
+        vectors = None if embedding is None else self.embedding(embedding)
+        frame, camera = (np.array([row[at] for row in self.rows], np.int64) for at in (0, 1))
+        return naming_file(
+            self.source,
+            lambda: Detections(frame, camera, box, score, ankles, vectors, keypoints),
+        )
+
+    def embedding(self, name: str) -> np.ndarray:
+        """(N, D) float32 rows of the array `name` in the archive beside the JSON."""
+        archive = self.source.with_suffix(".npz")
+        vectors = read_npz(archive, "appearance vectors", (name,))[name]
+        index = self.column("emb_index", ())
+        if vectors.ndim != 2 or index is None:
+            raise FileFormatError(
+                f"{self.source}: the boxes have no 'emb_index' into the rows of {archive}."
+                if vectors.ndim == 2
+                else f"{archive}: {name!r} must be a matrix with one row a box."
+            )
+        outside = (index < 0) | (index >= len(vectors))
+        if outside.any():
+            at = int(np.argmax(outside))
+            raise InvalidInputError(
+                f"{self.source}: {self.place(at)} has emb_index {index[at]:.0f}, but {archive} "
+                f"has {len(vectors)} rows of {name!r}."
+            )
+        return vectors[index.astype(np.int64)].astype(np.float32)
+
+    def identity(self) -> np.ndarray | None:
+        values = [box.get("id") for *_, box in self.rows]
+        if all(value is None for value in values):
+            return None
+        for at, value in enumerate(values):
+            if value is not None and not _is_whole(value):
+                raise FileFormatError(f"{self.source}: {self.place(at)} has id {value!r}.")
+        return np.array([-1 if value is None else value for value in values], np.int64)
+
+
+def _is_whole(value: Any) -> bool:
+    """Whether this is a whole number that float64 holds exactly."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and abs(value) <= 2**53 and value == int(value)
+
+
+def _existing(folder: Path, name: Any) -> Path | None:
+    path = folder / name if isinstance(name, str) and name else None
+    return path if path is not None and path.is_file() else None
+
+
+def _list(value: Any, source: Path, where: str) -> list[Any]:
+    if not isinstance(value, list):
+        raise FileFormatError(f"{source}: {where} must be a list.")
+    return value
+
+
+def _frame_numbers(records: list[Any], source: Path) -> np.ndarray:
+    values = [entry(record, "frame", source, f"frames[{i}]") for i, record in enumerate(records)]
+    for at, value in enumerate(values):
+        if not _is_whole(value):
+            raise FileFormatError(f"{source}: frames[{at}] has the number {value!r}, not a whole.")
+    frames = np.array(values, np.int64)
+    distinct, counts = np.unique(frames, return_counts=True)
+    if (counts > 1).any():
+        raise FileFormatError(f"{source} holds frame {int(distinct[counts > 1][0])} twice.")
+    return frames
+
+
+def _ground_truth(record: dict[str, Any], frame: int, source: Path) -> list[tuple]:
+    rows = []
+    for at, person in enumerate(_list(record.get("gt") or [], source, f"gt of frame {frame}")):
+        where = f"gt {at} of frame {frame}"
+        xy = [entry(person, axis, source, where) for axis in ("x", "y")]
+        x, y = numbers(xy, (2,), source, where)
+        if not np.isfinite([x, y]).all():
+            raise InvalidInputError(f"{source}: {where} is not finite. Remove that position.")
+        identity = -1 if person.get("id") is None else person["id"]
+        if not _is_whole(identity):
+            raise FileFormatError(f"{source}: {where} has id {identity!r}, not a whole number.")
+        rows.append((frame, identity, x, y))
+    return rows
+
+
+def _read_rig(cameras: list[Any], source: Path) -> Rig | None:
+    if not cameras or any("K" not in camera for camera in cameras):
+        return None
+    parts: dict[str, list[np.ndarray]] = {"K": [], "R": [], "t": [], "size": [], "dist": []}
+    for camera in cameras:
+        where = f"camera {camera['name']}"
+        for key, shape in (("K", (3, 3)), ("R", (3, 3)), ("t", (3,))):
+            parts[key].append(numbers(entry(camera, key, source, where), shape, source, where))
+        size = [entry(camera, key, source, where) for key in ("width", "height")]
+        parts["size"].append(numbers(size, (2,), source, where))
+        distortion = numbers(camera.get("dist") or [], None, source, f"dist of {where}")
+        parts["dist"].append(five_coefficients(distortion, source, where))
+    distortion = np.stack(parts["dist"])
+    K, R, t, size = (np.stack(parts[key]) for key in ("K", "R", "t", "size"))
+    lens = distortion if distortion.any() else None
+    return naming_file(source, lambda: Rig(K, R, t, size, distortion=lens))
+
+
+def _area(area: Any, source: Path) -> tuple[float, float, float, float] | None:
+    if area is None:
+        return None
+    limits = [entry(area, axis, source, "evaluation_area") for axis in ("x", "y")]
+    x, y = numbers(limits, (2, 2), source, "evaluation_area").tolist()
+    return (x[0], x[1], y[0], y[1])
+
+
+def _images(
+    records: list[Any], names: tuple[str, ...], source: Path
+) -> tuple[tuple[Path | None, ...], ...]:
+    """(C, F) images, whose paths are relative to the JSON file's folder."""
+    listed = [record.get("images") for record in records]
+    listed = [paths if isinstance(paths, dict) else {} for paths in listed]
+    found = tuple(
+        tuple(_existing(source.parent, paths.get(name)) for paths in listed) for name in names
+    )
+    return found if any(path for row in found for path in row) else ()

@@ -1,0 +1,115 @@
+"""WildTrack in the layout of its publishers: seven real cameras around a square in Zurich."""
+
+from pathlib import Path
+
+import numpy as np
+
+from catfree.adapters.calibration_files._opencv_storage import read_matrices
+from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
+from catfree.adapters.datasets._grid_annotations import (
+    Annotations,
+    Grid,
+    InvalidBoxes,
+    grid_sequence,
+    image_numbers,
+    numbered_files,
+    read_annotations,
+)
+from catfree.adapters.datasets._sequence import MultiViewSequence, require_people_in_front
+from catfree.adapters.files._documents import StrPath, naming_file, require_folder
+from catfree.types import Rig
+
+# Folder C1 holds the images of the camera that calibration files call CVLab1, and so on.
+CAMERAS = {
+    "C1": "CVLab1",
+    "C2": "CVLab2",
+    "C3": "CVLab3",
+    "C4": "CVLab4",
+    "C5": "IDIAP1",
+    "C6": "IDIAP2",
+    "C7": "IDIAP3",
+}
+IMAGE_SIZE = (1920, 1080)
+GRID = Grid(columns=480, rows=1440, cell=0.025, origin=(-3.0, -9.0))
+FPS = 2.0  # annotated frames; their numbers step by 5
+_METRES_PER_UNIT = 0.01  # the extrinsics are in centimetres
+
+
+def read_wildtrack(
+    folder: StrPath,
+    *,
+    undistorted: bool = True,
+    invalid_boxes: InvalidBoxes = "raise",
+    drop_unseen: bool = False,
+) -> MultiViewSequence:
+    """Read the WildTrack data set: calibration, annotations and image paths.
+
+    The folder holds `calibrations/extrinsic/extr_*.xml`, `calibrations/intrinsic_zero` or
+    `intrinsic_original/intr_*.xml`, `annotations_positions/*.json` and `Image_subsets/C1..C7`.
+    Annotations and images may be missing. Frames keep their numbers 0, 5, 10, ...; they follow
+    each other at 2 frames per second.
+
+    Args:
+        folder: the data set's folder.
+        undistorted: True for the published images, which are undistorted; False for frames cut
+            from the original videos, whose lens distortion the rig then carries.
+        invalid_boxes: `raise` at an annotated box without area, or `drop` it.
+        drop_unseen: leave out of the ground truth people whom no camera sees, as the protocol of
+            MVDet (Hou et al. 2020) does.
+
+    Returns:
+        The sequence in metres, z up, ground z = 0, with the annotated boxes as detections and the
+        annotated people as `identity`. `frames` are the annotated ones, or those with images
+        where there are no annotations.
+
+    Raises:
+        InvalidInputError: if a calibration file is missing, or a value is invalid; the message
+            names the file.
+        FileFormatError: if a file does not have its form.
+
+    Source:
+        Chavdarova et al., WILDTRACK: A Multi-Camera HD Dataset for Dense Unscripted Pedestrian
+        Detection, CVPR 2018.
+    """
+    root = require_folder(folder, "WildTrack")
+    names = tuple(CAMERAS)
+    rig = _read_rig(root / "calibrations", undistorted)
+    require_people_in_front(rig, GRID.lattice(), root / "calibrations")
+    files = numbered_files(root / "annotations_positions", "json")
+    images = root / "Image_subsets"
+    if files:
+        people = read_annotations(
+            files,
+            names,
+            GRID.position,
+            GRID.columns * GRID.rows,
+            invalid_boxes=invalid_boxes,
+            drop_unseen=drop_unseen,
+        )
+    else:
+        people = Annotations.empty(image_numbers(images, names))
+    return grid_sequence("WildTrack", people, rig, names, GRID, FPS, images)
+
+
+def _read_rig(folder: Path, undistorted: bool) -> Rig:
+    K, R, t, distortion = [], [], [], []
+    for name, label in CAMERAS.items():
+        kind = "intrinsic_zero" if undistorted else "intrinsic_original"
+        inner = read_matrices(
+            folder / kind / f"intr_{label}.xml",
+            f"intrinsics of camera {name}",
+            {"camera_matrix": (3, 3), "distortion_coefficients": (5,)},
+        )
+        outer = read_matrices(
+            folder / "extrinsic" / f"extr_{label}.xml",
+            f"extrinsics of camera {name}",
+            {"rvec": (3,), "tvec": (3,)},
+        )
+        K.append(inner["camera_matrix"])
+        distortion.append(inner["distortion_coefficients"])
+        R.append(rotation_from_vector(outer["rvec"]))
+        t.append(outer["tvec"] * _METRES_PER_UNIT)
+    lens = np.stack(distortion) if np.any(distortion) else None
+    return naming_file(
+        folder, lambda: Rig(np.stack(K), np.stack(R), np.stack(t), IMAGE_SIZE, distortion=lens)
+    )

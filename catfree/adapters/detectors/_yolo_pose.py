@@ -1,0 +1,144 @@
+"""People and their poses by a YOLO pose network in ONNX form (YOLOv8, YOLO11, YOLO26)."""
+
+import ast
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree.adapters.detectors._onnx_detector import OnnxDetector, require_thresholds
+from catfree.adapters.detectors._tiling import Tiles
+from catfree.adapters.detectors._window_detection import DecodedBoxes
+from catfree.adapters.onnx._input_size import choose_input_size
+from catfree.adapters.onnx._onnx_batching import run_batched
+from catfree.adapters.onnx._onnx_session import OnnxGraph
+from catfree.adapters.protocols import Image
+from catfree.errors import FileFormatError
+
+_KEYPOINT_CHANNELS = 17 * 3
+_END_TO_END_CHANNELS = 6 + _KEYPOINT_CHANNELS  # x1, y1, x2, y2, confidence, class, keypoints
+_NEEDED = (
+    "a YOLO pose export (input [batch, 3, H, W]; output [batch, 4 + classes + 51, anchors] or "
+    "[batch, rows, 57])"
+)
+_STRIDE = 32
+_LARGEST_BATCH = 8
+
+
+class YoloPoseOnnx(OnnxDetector):
+    """Detector with 17 COCO keypoints from an Ultralytics pose export.
+
+    Reads the raw head [batch, 4 + classes + 51, anchors] and the end-to-end head [batch, rows, 57],
+    of any input size, with or without metadata, in float32 or float16, with fixed or open axes.
+
+    Weights: `yolo export model=yolo11x-pose.pt format=onnx` of the `ultralytics` package makes the
+    file (`dynamic=True` for open axes, `imgsz=1088,1920` for small people). Ultralytics publishes
+    code and weights under AGPL-3.0; catfree ships neither.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        confidence: float | int = 0.30,
+        tiles: Tiles = None,
+        image_size: int | tuple[int, int] | None = None,
+        providers: Sequence[Any] | None = None,
+        iou: float | int = 0.7,
+        *,
+        tile_overlap: float = 0.2,
+    ) -> None:
+        """Load the file and check that it is such a network.
+
+        Args:
+            path: the ONNX file.
+            confidence: weaker detections are dropped.
+            tiles: also look at n x n, or (columns, rows), overlapping tiles of each picture: finds
+                people that are small in the whole picture, for as many more network passes.
+            image_size: side or (height, width) of the network's input in pixels, for graphs that
+                leave it open; None takes the exporter's, or else 640.
+            providers: ONNX Runtime execution providers in order of preference.
+            iou: largest overlap of two detections that both stay.
+            tile_overlap: share of a tile in common with its neighbour.
+
+        Raises:
+            InvalidInputError: if there is no such file or a parameter is impossible.
+            FileFormatError: if the file is not a YOLO pose network.
+        """
+        require_thresholds(confidence, iou)
+        graph = OnnxGraph(path, needed=_NEEDED, providers=providers)
+        graph.require_image_input(None)
+        target = choose_input_size(graph, image_size, _STRIDE)
+        self._output, self._classes = _find_head(graph, target)
+        self._person = _person_class(graph)
+        super().__init__(
+            graph,
+            target,
+            placement="centre",
+            confidence=confidence,
+            iou=iou,
+            tiles=tiles,
+            tile_overlap=tile_overlap,
+            suppresses=self._classes is None,  # the end-to-end head
+        )
+
+    def _infer(self, pictures: Sequence[Image]) -> list[DecodedBoxes]:
+        inputs = [picture.transpose(2, 0, 1).astype(np.float32) / 255 for picture in pictures]
+        values = run_batched(self._graph, inputs, self._output, _LARGEST_BATCH)
+        if self._classes is None:
+            return [_decode_end_to_end(value, self._person, self._confidence) for value in values]
+        return [_decode_raw(value, self._person, self._confidence) for value in values]
+
+
+def _decode_raw(channels: Float[np.ndarray, "c a"], person: int, confidence: float) -> DecodedBoxes:
+    """Rows of the raw head: centre, size, class confidences, keypoints, one column an anchor."""
+    score = channels[4 + person]
+    rows = channels[:, score >= confidence].T
+    half = rows[:, 2:4] / 2
+    box = np.concatenate([rows[:, :2] - half, rows[:, :2] + half], axis=1)
+    keypoints = rows[:, -_KEYPOINT_CHANNELS:].reshape(-1, 17, 3)
+    return DecodedBoxes(box, rows[:, 4 + person], keypoints)
+
+
+def _decode_end_to_end(
+    rows: Float[np.ndarray, "r 57"], person: int, confidence: float
+) -> DecodedBoxes:
+    """Rows of the end-to-end head; unused rows have confidence 0."""
+    chosen = rows[(rows[:, 4] >= max(confidence, 1e-6)) & (np.round(rows[:, 5]) == person)]
+    return DecodedBoxes(chosen[:, :4], chosen[:, 4], chosen[:, 6:].reshape(-1, 17, 3))
+
+
+def _find_head(graph: OnnxGraph, target: tuple[int, int]) -> tuple[str, int | None]:
+    """The name of the head's output and its number of classes, None for the end-to-end head."""
+    task = graph.metadata.get("task", "pose")
+    if task != "pose":
+        raise graph.mismatch(f"its metadata say that its task is {task!r}")
+    shapes = graph.output_shapes
+    if any(shape[1:] == (None, None) or not shape for shape in shapes.values()):
+        blank = np.zeros((graph.input_shape[0] or 1, 3, target[1], target[0]), np.float32)
+        shapes = {name: value.shape for name, value in graph.run(blank).items()}
+    for name, shape in shapes.items():
+        if len(shape) != 3:
+            continue
+        if shape[2] == _END_TO_END_CHANNELS:
+            return name, None
+        classes = 0 if shape[1] is None else shape[1] - 4 - _KEYPOINT_CHANNELS
+        # Without class names 84 channels are a detection head of 80 classes: no keypoints inside.
+        if classes == 1 or (classes > 1 and len(_names(graph)) == classes):
+            return name, classes
+    raise graph.mismatch(graph.describe_outputs())
+
+
+def _names(graph: OnnxGraph) -> dict[int, str]:
+    try:
+        names = ast.literal_eval(graph.metadata.get("names", "{}"))
+        return {int(index): str(name) for index, name in names.items()}
+    except (ValueError, SyntaxError, AttributeError, TypeError) as error:
+        raise FileFormatError(
+            f"{graph.path} has class names that cannot be read ({error}). Export it again."
+        ) from error
+
+
+def _person_class(graph: OnnxGraph) -> int:
+    return next((i for i, name in _names(graph).items() if name.lower() == "person"), 0)

@@ -1,0 +1,111 @@
+"""People by a YOLOX network in ONNX form."""
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree.adapters.detectors._onnx_detector import OnnxDetector, require_thresholds
+from catfree.adapters.detectors._tiling import Tiles
+from catfree.adapters.detectors._window_detection import DecodedBoxes
+from catfree.adapters.onnx._input_size import choose_input_size
+from catfree.adapters.onnx._onnx_batching import run_batched
+from catfree.adapters.onnx._onnx_session import OnnxGraph
+from catfree.adapters.protocols import Image
+
+_NEEDED = "a YOLOX export (input [batch, 3, H, W]; output [batch, anchors, 5 + classes])"
+_STRIDES = (8, 16, 32)
+_PERSON = 0  # COCO's first class
+_LARGEST_BATCH = 8
+# Weights with untrained or foreign classes can hold large logarithms of sizes; a box of e^12 input
+# pixels is past every picture, and the exponential stays finite.
+_LARGEST_LOGARITHM = 12.0
+
+
+class YoloxOnnx(OnnxDetector):
+    """Detector without keypoints from the export script of the YOLOX project.
+
+    Takes BGR values 0 to 255 in a top-left letterbox and the undecoded head (the script's default,
+    `decode_in_inference` off): offsets to a grid of strides 8, 16 and 32, logarithms of sizes,
+    confidence of an object times confidence of each class. Only COCO's class "person" is kept.
+
+    Weights: the releases of github.com/Megvii-BaseDetection/YOLOX hold ONNX files (Apache-2.0).
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        confidence: float | int = 0.30,
+        tiles: Tiles = None,
+        image_size: int | tuple[int, int] | None = None,
+        providers: Sequence[Any] | None = None,
+        iou: float | int = 0.65,
+        *,
+        tile_overlap: float = 0.2,
+    ) -> None:
+        """Load the file and check that it is such a network.
+
+        Args:
+            path: the ONNX file.
+            confidence: weaker detections are dropped.
+            tiles: also look at n x n, or (columns, rows), overlapping tiles of each picture.
+            image_size: side or (height, width) of the network's input in pixels, for graphs that
+                leave it open; None takes 640.
+            providers: ONNX Runtime execution providers in order of preference.
+            iou: largest overlap of two detections that both stay (YOLOX's own default).
+            tile_overlap: share of a tile in common with its neighbour.
+
+        Raises:
+            InvalidInputError: if there is no such file or a parameter is impossible.
+            FileFormatError: if the file is not a YOLOX network.
+        """
+        require_thresholds(confidence, iou)
+        graph = OnnxGraph(path, needed=_NEEDED, providers=providers)
+        graph.require_image_input(None)
+        target = choose_input_size(graph, image_size, max(_STRIDES))
+        self._grid, self._stride = _anchor_grid(*target)
+        self._output = _check_outputs(graph, len(self._stride))
+        super().__init__(
+            graph,
+            target,
+            placement="top_left",
+            confidence=confidence,
+            iou=iou,
+            tiles=tiles,
+            tile_overlap=tile_overlap,
+        )
+
+    def _infer(self, pictures: Sequence[Image]) -> list[DecodedBoxes]:
+        inputs = [p[:, :, ::-1].transpose(2, 0, 1).astype(np.float32) for p in pictures]
+        values = run_batched(self._graph, inputs, self._output, _LARGEST_BATCH)
+        return [self._decode(value) for value in values]
+
+    def _decode(self, rows: Float[np.ndarray, "a c"]) -> DecodedBoxes:
+        score = rows[:, 4] * rows[:, 5 + _PERSON]
+        keep = score >= self._confidence
+        stride = self._stride[keep][:, None]
+        centre = (rows[keep, :2] + self._grid[keep]) * stride
+        half = np.exp(np.minimum(rows[keep, 2:4], _LARGEST_LOGARITHM)) * stride / 2
+        return DecodedBoxes(np.concatenate([centre - half, centre + half], 1), score[keep], None)
+
+
+def _anchor_grid(
+    width: int, height: int
+) -> tuple[Float[np.ndarray, "a 2"], Float[np.ndarray, " a"]]:
+    """Column and row of each anchor in its own grid, and its stride, finest grid first."""
+    grids, strides = [], []
+    for stride in _STRIDES:
+        rows, columns = np.mgrid[: height // stride, : width // stride]
+        grids.append(np.stack([columns.ravel(), rows.ravel()], axis=-1))
+        strides.append(np.full(rows.size, stride))
+    return np.concatenate(grids).astype(np.float32), np.concatenate(strides).astype(np.float32)
+
+
+def _check_outputs(graph: OnnxGraph, anchors: int) -> str:
+    """The name of the head's output."""
+    for name, shape in graph.output_shapes.items():
+        if len(shape) == 3 and shape[1] in (anchors, None) and (shape[2] is None or shape[2] > 5):
+            return name
+    raise graph.mismatch(graph.describe_outputs() + f" where {anchors} anchors were expected")

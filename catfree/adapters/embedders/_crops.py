@@ -1,0 +1,50 @@
+"""People cut out of a picture, and the unit vectors that describe them."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree.adapters.protocols import Image
+from catfree.types._validation import as_float, require_finite, require_shape
+
+
+def clip_boxes(box: Any, width: int, height: int) -> Int[np.ndarray, "n 4"]:
+    """Boxes as whole pixels inside the picture.
+
+    Args:
+        box: (n, 4) xyxy in pixels, reaching over the border or beyond it.
+        width: of the picture in pixels.
+        height: of the picture in pixels.
+
+    Returns:
+        (n, 4) x1, y1, x2, y2 with 0 <= x1 < x2 <= width and 0 <= y1 < y2 <= height: at least the
+        border pixel nearest to the box.
+
+    Raises:
+        InvalidInputError: if the boxes have another shape or are not finite.
+    """
+    boxes = np.asarray(as_float(box))
+    boxes = boxes.reshape(0, 4) if boxes.size == 0 else boxes
+    require_shape(boxes, (None, 4), "box")
+    require_finite(boxes, "box")
+    last = np.array([width, height]) - 1
+    low = np.clip(np.floor(boxes[:, :2]), 0, last[None, :]).astype(np.int64)
+    high = np.clip(np.ceil(boxes[:, 2:]), low + 1, last[None, :] + 1).astype(np.int64)
+    return np.concatenate([low, high], axis=1)
+
+
+def clipped_crops(image: Image, box: Any, size: tuple[int, int]) -> list[Image]:
+    """What each box shows, resized to (width, height)."""
+    import cv2
+
+    corners = clip_boxes(box, image.shape[1], image.shape[0])
+    return [cv2.resize(image[y1:y2, x1:x2], size) for x1, y1, x2, y2 in corners.tolist()]
+
+
+def unit_rows(vectors: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n d"]:
+    """Rows scaled to length one; a zero row becomes the first axis, so that it stays a unit."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    first = np.zeros_like(vectors)
+    first[:, :1] = 1
+    return np.where(length > 0, vectors / np.where(length > 0, length, 1), first)

@@ -1,0 +1,1 @@
+"""Reading and writing text, JSON and array files."""

@@ -1,0 +1,13 @@
+"""Tracks and boxes as tables."""
+
+from catfree.adapters.tables._motchallenge import (
+    MotTable as MotTable,
+    read_mot as read_mot,
+    write_mot_boxes as write_mot_boxes,
+    write_mot_ground as write_mot_ground,
+)
+from catfree.adapters.tables._tracks_table import (
+    read_tracks_csv as read_tracks_csv,
+    write_tracks_csv as write_tracks_csv,
+    write_tracks_parquet as write_tracks_parquet,
+)

@@ -1,0 +1,239 @@
+"""MOTChallenge text: boxes of one camera, and ground tracks in a form that TrackEval scores."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
+
+from catfree.adapters.files._documents import StrPath, read_text, write_text_atomically
+from catfree.errors import FileFormatError, InvalidInputError
+from catfree.types import Detections, Tracks
+from catfree.types._validation import as_integer
+
+# TrackEval matches two boxes at an overlap of 0.5. Squares of side s that are shifted along one
+# axis by d overlap by (s - d) / (s + d), which is 0.5 at d = s / 3.
+_SIDES_PER_THRESHOLD = 3.0
+
+# Beyond it, not every whole number is a float.
+_LARGEST = 2.0**53
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MotTable:
+    """The rows of a MOTChallenge file, in the file's order.
+
+    Attributes:
+        source: the file.
+        frame: (N,) int64 frame numbers, counted from 1 as in the file unless mapped.
+        identity: (N,) int64 identity as in the file, -1 for plain detections.
+        box: (N, 4) x1, y1, x2, y2 in the file's pixels.
+        confidence: (N,) the seventh column (a flag in ground-truth files), or None.
+        world: (N, 3) x, y, z where the file gives world positions (ten columns, not -1), or None.
+    """
+
+    source: Path
+    frame: Int[np.ndarray, " n"]
+    identity: Int[np.ndarray, " n"]
+    box: Float[np.ndarray, "n 4"]
+    confidence: Float[np.ndarray, " n"] | None
+    world: Float[np.ndarray, "n 3"] | None
+
+    def detections(self, camera: int = 0) -> Detections:
+        """The boxes as detections of one camera, scored unless every confidence is -1.
+
+        Raises:
+            InvalidInputError: naming the file, if a box has no area or a confidence is outside
+                [0, 1].
+        """
+        scored = self.confidence is not None and bool((self.confidence != -1).any())
+        try:
+            return Detections(
+                self.frame,
+                np.full(len(self.frame), camera),
+                self.box,
+                score=self.confidence if scored else None,
+            )
+        except InvalidInputError as error:
+            raise InvalidInputError(f"{self.source}: {error}") from error
+
+    def to_rows(self) -> Float[np.ndarray, "n 4"]:
+        """(N, 4) rows [frame, id, x, y] of world positions for `catfree.evaluation`.
+
+        Raises:
+            InvalidInputError: if the file gives none.
+        """
+        if self.world is None:
+            raise InvalidInputError(f"{self.source} has no world positions (columns 8 to 10).")
+        return np.column_stack([self.frame, self.identity, self.world[:, :2]])
+
+
+def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
+    """Read `frame, id, left, top, width, height[, confidence[, ...]]`, one row a line.
+
+    Args:
+        path: a `det.txt`, `gt.txt` or tracker output; commas or spaces separate the columns.
+        frames: (F,) frame numbers of the sequence; file frame 1 becomes the first of them. None
+            keeps the file's numbers, which count from 1.
+
+    Returns:
+        The table. Boxes keep the file's pixel coordinates.
+
+    Raises:
+        InvalidInputError: if there is no such file or a number is not finite.
+        FileFormatError: naming the line that is not of this form.
+    """
+    source = Path(path)
+    rows, columns = [], None
+    for line, text in enumerate(read_text(source, "MOTChallenge rows").splitlines(), start=1):
+        if not text.strip():
+            continue
+        words = re.split(r"\s*,\s*|\s+", text.strip().rstrip(","))
+        columns = len(words) if columns is None else columns
+        if len(words) != columns or columns < 6:
+            raise FileFormatError(
+                f"{source}: line {line} has {len(words)} columns instead of "
+                f"{max(columns, 6)} (frame, id, left, top, width, height, ...)."
+            )
+        try:
+            rows.append([float(word) for word in words])
+        except ValueError as error:
+            raise FileFormatError(f"{source}: line {line} holds no number: {error}.") from error
+        if not np.isfinite(rows[-1]).all():
+            raise InvalidInputError(f"{source}: line {line} has a number that is not finite.")
+        if rows[-1][0] != int(rows[-1][0]) or rows[-1][1] != int(rows[-1][1]):
+            raise FileFormatError(f"{source}: frame and id of line {line} must be whole numbers.")
+        if max(abs(rows[-1][0]), abs(rows[-1][1])) >= _LARGEST:
+            raise FileFormatError(
+                f"{source}: frame or id of line {line} is too large to be counted exactly; they "
+                "must stay below 2^53."
+            )
+    table = np.array(rows, np.float64).reshape(-1, columns or 6)
+    frame = table[:, 0].astype(np.int64)
+    if frames is not None:
+        numbers = _ascending(frames)
+        outside = (frame < 1) | (frame > len(numbers))
+        if outside.any():
+            raise InvalidInputError(
+                f"{source} has frame {frame[outside][0]}, but the sequence has frames 1 to "
+                f"{len(numbers)}."
+            )
+        frame = numbers[frame - 1]
+    has_world = table.shape[1] >= 10 and bool((table[:, 7:9] != -1).any())
+    return MotTable(
+        source=source,
+        frame=frame,
+        identity=table[:, 1].astype(np.int64),
+        box=np.concatenate([table[:, 2:4], table[:, 2:4] + table[:, 4:6]], axis=-1),
+        confidence=table[:, 6] if table.shape[1] >= 7 else None,
+        world=table[:, 7:10] if has_world else None,
+    )
+
+
+def write_mot_boxes(
+    path: StrPath,
+    detections: Detections,
+    frames: ArrayLike,
+    identity: ArrayLike | None = None,
+) -> Path:
+    """Write the boxes of one camera as `frame, id, left, top, width, height, confidence, -1 x 3`.
+
+    Args:
+        path: the file.
+        detections: boxes of one camera.
+        frames: (F,) all frame numbers of the sequence; the first becomes 1, the next 2, ...
+        identity: (N,) identities from 0 on, written from 1 on; None or a negative one writes -1.
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidInputError: if boxes are of several cameras, a frame is not among `frames`, or the
+            folder does not exist.
+    """
+    if len(np.unique(detections.camera)) > 1:
+        raise InvalidInputError(
+            f"Cannot write {path}: the boxes are of {len(np.unique(detections.camera))} cameras; "
+            "write one file a camera."
+        )
+    count = len(detections)
+    person = np.full(count, -1) if identity is None else as_integer(identity, "identity")
+    if person.shape != (count,):
+        raise InvalidInputError(f"identity must have shape ({count},), got {person.shape}.")
+    person = np.where(person < 0, -1, person + 1)
+    score = np.ones(count) if detections.score is None else detections.score
+    corner, size = detections.box[:, :2], detections.box[:, 2:] - detections.box[:, :2]
+    return _write(path, detections.frame, frames, person, corner, size, score, "-1,-1,-1")
+
+
+def write_mot_ground(
+    path: StrPath, tracks: Tracks, frames: ArrayLike, *, threshold: float = 1.0
+) -> Path:
+    """Write ground tracks as squares around each position, so that TrackEval can score them.
+
+    TrackEval compares boxes in images. A square of side `3 threshold` around each position, for
+    truth and tracks alike, overlaps another by half when they are `threshold` apart along an
+    axis. Columns are `frame, id, left, top, side, side, confidence, class, visibility`, lengths in
+    scene units, so the same file serves as ground truth and as tracker output (MOT16 form).
+
+    Args:
+        path: the file.
+        tracks: what to write; frames and identities are written from 1 on.
+        frames: (F,) all frame numbers of the sequence; the first becomes 1, the next 2, ...
+        threshold: matching distance in scene units.
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidInputError: if a frame is not among `frames`, a position is not finite, the threshold
+            is not positive, or the folder does not exist.
+    """
+    if not 0 < threshold < np.inf:
+        raise InvalidInputError(f"threshold is {threshold}; it must be a positive length.")
+    side = np.full((len(tracks), 2), _SIDES_PER_THRESHOLD * threshold)
+    corner = np.asarray(tracks.ground_xy, np.float64) - side / 2
+    score = np.ones(len(tracks)) if tracks.existence is None else tracks.existence
+    return _write(path, tracks.frame, frames, tracks.track_id + 1, corner, side, score, "1,1")
+
+
+def _ascending(frames: ArrayLike) -> np.ndarray:
+    return np.unique(as_integer(frames, "frames"))
+
+
+def _write(
+    path: StrPath,
+    frame: np.ndarray,
+    frames: ArrayLike,
+    identity: np.ndarray,
+    corner: np.ndarray,
+    size: np.ndarray,
+    score: np.ndarray,
+    rest: str,
+) -> Path:
+    for name, values in (("position", corner), ("size", size), ("score", score)):
+        bad = ~np.isfinite(values)
+        bad = bad.any(axis=tuple(range(1, bad.ndim)))
+        if bad.any():
+            at = int(np.argmax(bad))
+            raise InvalidInputError(
+                f"Cannot write {path}: the {name} in row {at} (frame {frame[at]}) is not finite. "
+                "Leave that row out."
+            )
+    numbers = _ascending(frames)
+    unknown = ~np.isin(frame, numbers)
+    if unknown.any():
+        raise InvalidInputError(
+            f"Cannot write {path}: frame {frame[unknown][0]} is not among the {len(numbers)} "
+            "frames of the sequence."
+        )
+    position = np.searchsorted(numbers, frame) + 1
+    lines = []
+    for row in np.lexsort((identity, position)):
+        values = [*corner[row], *size[row], score[row]]
+        lines.append(
+            f"{position[row]},{identity[row]},{','.join(repr(float(v)) for v in values)},{rest}\n"
+        )
+    return write_text_atomically(path, "".join(lines))

@@ -1,0 +1,188 @@
+"""From synchronized videos to `Detections`: detector and embedder on every picture, streaming."""
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import count
+from threading import Lock
+
+import numpy as np
+
+from catfree.adapters._validate_plugin_output import (
+    Describer,
+    ask_for_people,
+    join_descriptions,
+    require_people,
+)
+from catfree.adapters.protocols import (
+    BatchDetector,
+    Detector,
+    Embedder,
+    FittedToCamera,
+    FrameDetections,
+    Image,
+    ankles_confirmed,
+)
+from catfree.adapters.video._synchronized_videos import SynchronizedVideos
+from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.types import Detections
+
+Progress = Callable[[str, int, int], None]
+
+
+def detect_videos(
+    videos: SynchronizedVideos,
+    detector: Detector | FittedToCamera,
+    embedder: Embedder | None = None,
+    progress: Progress | None = None,
+    *,
+    fitted: Sequence[Detector] | None = None,
+) -> Detections:
+    """Everybody whom the cameras saw.
+
+    A detector that must see a camera's footage first (`FittedToCamera`) is fitted to each camera,
+    which decodes the videos once more. In memory are one instant and what was found.
+
+    Args:
+        videos: the cameras' pictures, instant by instant.
+        detector: finds people in one picture.
+        embedder: describes what they look like, or None for no embeddings.
+        progress: called as progress(stage, done, total) after each instant; stages are "fit" and
+            "detect".
+        fitted: what `fit_to_cameras` gave where that was done before.
+
+    Returns:
+        One row a person, sorted by frame and camera; keypoints and confirmed ankles where the
+        detector estimates poses.
+
+    Raises:
+        InvalidInputError: naming camera and frame of the first picture for which detector or
+            embedder answer something else than they must.
+        FileFormatError: if a picture cannot be decoded and `videos` does not keep what came before.
+        InsufficientDataError: if the footage is too short to fit the detector to, or nothing of it
+            can be decoded.
+    """
+    detectors = fit_to_cameras(videos, detector, progress) if fitted is None else fitted
+    # One common detector may see all cameras at once.
+    shared = detector if isinstance(detector, BatchDetector) else None
+    describe = None if embedder is None else Describer(embedder)
+    frame, camera, found, embedding = [], [], [], []
+    for done, (tick, images) in enumerate(videos, start=1):
+        instant = detect_instant(images, detectors, shared, tick)
+        for index, (image, people) in enumerate(zip(images, instant, strict=True)):
+            frame.append(np.full(len(people), tick))
+            camera.append(np.full(len(people), index))
+            found.append(people)
+            if describe is not None:
+                embedding.append(describe(image, people.box, index, tick))
+        if progress is not None:
+            progress("detect", done, videos.frame_count)
+    if not found:
+        raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
+    return collect_detections(frame, camera, found, embedding if embedder is not None else None)
+
+
+def fit_to_cameras(
+    videos: SynchronizedVideos,
+    detector: Detector | FittedToCamera,
+    progress: Progress | None = None,
+) -> list[Detector]:
+    """The detector of each camera: fitted to its footage where it must be, else the same for all.
+
+    Cameras are fitted in threads, some at a time.
+
+    Args:
+        videos: the cameras' pictures.
+        detector: as `detect_videos` takes it.
+        progress: called as progress("fit", done, total) after each picture of each camera.
+
+    Raises:
+        InsufficientDataError: naming the camera whose footage is too short.
+    """
+    if not isinstance(detector, FittedToCamera):
+        return [detector] * videos.camera_count
+    total = videos.camera_count * videos.frame_count
+    seen, one_at_a_time = count(1), Lock()
+
+    def pictures(camera: int) -> Iterator[Image]:
+        for image in videos.pictures_of(camera):
+            yield image
+            if progress is not None:
+                with one_at_a_time:
+                    progress("fit", next(seen), total)
+
+    def fit(camera: int) -> Detector:
+        try:
+            return detector.fit(pictures(camera))
+        except (InsufficientDataError, InvalidInputError) as error:
+            name = f"Camera {camera} ({videos.camera_names[camera]!r})"
+            raise type(error)(f"{name}: {error}") from error
+
+    with ThreadPoolExecutor(min(videos.camera_count, os.cpu_count() or 1)) as pool:
+        return list(pool.map(fit, range(videos.camera_count)))
+
+
+def detect_instant(
+    images: Sequence[Image],
+    detectors: Sequence[Detector],
+    shared: BatchDetector | None,
+    frame: int,
+) -> list[FrameDetections]:
+    """The people in each camera's picture of one instant.
+
+    Args:
+        images: one picture a camera.
+        detectors: one detector a camera.
+        shared: the common detector that sees all pictures at once, or None.
+        frame: the frame of the instant, for messages.
+
+    Raises:
+        InvalidInputError: naming camera and frame, if a detector gives anything but
+            `FrameDetections`.
+    """
+    if shared is not None:
+        answers = shared.detect_batch(images)
+        if not isinstance(answers, list | tuple) or len(answers) != len(images):
+            raise InvalidInputError(
+                f"{type(shared).__name__}.detect_batch, asked about {len(images)} pictures of "
+                f"frame {frame}, must return {len(images)} FrameDetections in a list."
+            )
+        return [require_people(people, shared, c, frame) for c, people in enumerate(answers)]
+
+    def ask(camera: int) -> FrameDetections:
+        detector = detectors[camera]
+        return ask_for_people(lambda: detector(images[camera]), detector, camera, frame)
+
+    if len({id(detect) for detect in detectors}) == len(images) > 1:
+        # Detectors that were fitted to their cameras share nothing: one thread each.
+        with ThreadPoolExecutor(min(len(images), os.cpu_count() or 1)) as pool:
+            return list(pool.map(ask, range(len(images))))
+    return [ask(camera) for camera in range(len(images))]
+
+
+def collect_detections(
+    frame: list[np.ndarray],
+    camera: list[np.ndarray],
+    found: list[FrameDetections],
+    embedding: list[np.ndarray] | None,
+) -> Detections:
+    """All rows in one struct; poses only if every picture has them.
+
+    Args:
+        frame: for each picture, its frame index once a row.
+        camera: for each picture, its camera once a row.
+        found: the people in each picture.
+        embedding: (n, D) what they look like, for each picture, or None.
+    """
+    poses = [people.keypoints for people in found]
+    known = [pose for pose in poses if pose is not None]
+    keypoints = np.concatenate(known) if known and len(known) == len(poses) else None
+    return Detections(
+        np.concatenate(frame),
+        np.concatenate(camera),
+        np.concatenate([people.box for people in found]),
+        score=np.concatenate([people.score for people in found]),
+        ankles_confirmed=None if keypoints is None else ankles_confirmed(keypoints),
+        embedding=None if embedding is None else join_descriptions(embedding),
+        keypoints=keypoints,
+    )

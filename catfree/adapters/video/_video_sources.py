@@ -1,0 +1,216 @@
+"""One camera's pictures in order: a video file or a folder of images."""
+
+import hashlib
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from catfree.adapters.files._camera_names import require_readable_name
+from catfree.adapters.files._fingerprint import hash_file
+from catfree.adapters.protocols import Image
+from catfree.errors import FileFormatError, InvalidInputError
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+
+
+@runtime_checkable
+class FrameReader(Protocol):
+    """Decodes a source from its first frame on; frames are asked for in ascending order."""
+
+    def read(self, frame: int) -> Image | None:
+        """The picture of a frame, or None if it cannot be decoded."""
+        ...
+
+    def close(self) -> None:
+        """Give the file back."""
+        ...
+
+
+@runtime_checkable
+class VideoSource(Protocol):
+    """What is known about a camera's pictures before they are decoded.
+
+    Attributes:
+        path: file or folder.
+        frame_count: frames that it claims to hold.
+        fps: frames a second, or None where nothing says so.
+        image_size: (width, height) in pixels.
+    """
+
+    path: Path
+    frame_count: int
+    fps: float | None
+    image_size: tuple[int, int]
+
+    def open(self) -> FrameReader:
+        """A reader that stands before the first frame."""
+        ...
+
+    def describe(self, frame: int) -> str:
+        """The frame as an error sentence names it."""
+        ...
+
+    def content_hash(self) -> str:
+        """SHA-256 of all bytes."""
+        ...
+
+
+def open_source(path: str | os.PathLike[str]) -> VideoSource:
+    """A folder of images or a video file.
+
+    Raises:
+        InvalidInputError: if there is nothing at that path, it is not UTF-8, or a folder without
+            images.
+        FileFormatError: if its first picture cannot be decoded.
+    """
+    place = Path(path)
+    require_readable_name(place)
+    if place.is_dir():
+        return ImageFolder(place)
+    if not place.is_file():
+        raise InvalidInputError(f"There is no video file or image folder {place}.")
+    return VideoFile(place)
+
+
+def natural_order(name: str) -> list[tuple[int, int, str]]:
+    """Sort key under which `image2` comes before `image10`."""
+    pieces = re.split(r"(\d+)", name)
+    return [(0, int(p), "") if p.isdecimal() else (1, 0, p.lower()) for p in pieces if p]
+
+
+class ImageFolder:
+    """Images of one folder in natural order of their names; it knows no frame rate."""
+
+    fps: float | None = None
+
+    def __init__(self, path: Path) -> None:
+        """List the images and look at the first."""
+        self.path = path
+        names = (p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES)
+        visible = (p for p in names if not p.name.startswith("."))
+        self.files = sorted(visible, key=lambda p: natural_order(p.name))
+        if not self.files:
+            raise InvalidInputError(
+                f"The folder {path} holds no images ({', '.join(IMAGE_SUFFIXES)})."
+            )
+        self.frame_count = len(self.files)
+        first = self.read(0)
+        if first is None:
+            raise FileFormatError(f"{self.describe(0)} cannot be decoded.")
+        self.image_size = (first.shape[1], first.shape[0])
+
+    def open(self) -> FrameReader:
+        """The folder itself: there is nothing to open."""
+        return self
+
+    def read(self, frame: int) -> Image | None:
+        """Decode one image."""
+        import cv2
+
+        # Not imread: it cannot open every path that Python can, and it warns on standard error.
+        try:
+            content = np.fromfile(self.files[frame], np.uint8)
+        except OSError:
+            return None
+        bgr = cv2.imdecode(content, cv2.IMREAD_COLOR) if content.size else None
+        return None if bgr is None else cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def describe(self, frame: int) -> str:
+        """Frame number and file."""
+        return f"frame {frame} ({self.files[frame]})"
+
+    def content_hash(self) -> str:
+        """SHA-256 over the hashes of the images in order."""
+        digest = hashlib.sha256()
+        for file in self.files:
+            digest.update(hash_file(file).encode())
+        return digest.hexdigest()
+
+
+class VideoFile:
+    """A video file that OpenCV decodes; a constant frame rate is assumed."""
+
+    def __init__(self, path: Path) -> None:
+        """Read what the file says about itself, and its first frame."""
+        import cv2
+
+        self.path = path
+        reader = self.open()
+        try:
+            first = reader.read(0)
+            if first is None:
+                raise FileFormatError(
+                    f"{path} cannot be decoded: it is no video, truncated or in a format that "
+                    "OpenCV does not know. Repair or re-encode it, for instance with ffmpeg."
+                )
+            rate = reader.capture.get(cv2.CAP_PROP_FPS)
+            claimed = reader.capture.get(cv2.CAP_PROP_FRAME_COUNT)
+        finally:
+            reader.close()
+        self.image_size = (first.shape[1], first.shape[0])
+        self.fps: float | None = float(rate) if np.isfinite(rate) and rate > 0 else None
+        self.frame_count = int(claimed) if claimed > 0 else self._count()
+
+    def open(self) -> "_CaptureReader":
+        """A decoder before the first frame."""
+        return _CaptureReader(self.path)
+
+    def _count(self) -> int:
+        """Frames that can be decoded, for files that do not say."""
+        reader = self.open()
+        try:
+            return sum(1 for _ in _grabbed(reader))
+        finally:
+            reader.close()
+
+    def describe(self, frame: int) -> str:
+        """Frame number, claimed length and file."""
+        return f"frame {frame} of {self.frame_count} ({self.path})"
+
+    def content_hash(self) -> str:
+        """SHA-256 of the file."""
+        return hash_file(self.path)
+
+
+class _CaptureReader:
+    """Decodes forward only: seeking in compressed video is not exact."""
+
+    def __init__(self, path: Path) -> None:
+        import cv2
+
+        self.capture = cv2.VideoCapture(str(path))
+        self.position = 0
+        self._held: Image | None = None
+
+    def read(self, frame: int) -> Image | None:
+        import cv2
+
+        # A frame rate above the camera's own asks for the same frame twice.
+        if frame == self.position - 1:
+            return self._held
+        while self.position < frame:
+            if not self.capture.grab():
+                return None
+            self.position += 1
+        decoded, bgr = self.capture.read()
+        if not decoded:
+            return None
+        self.position += 1
+        self._held = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+        return self._held
+
+    def close(self) -> None:
+        self.capture.release()
+
+
+def _grabbed(reader: _CaptureReader) -> Iterator[int]:
+    while reader.capture.grab():
+        yield reader.position
+        reader.position += 1

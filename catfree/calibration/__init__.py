@@ -1,0 +1,20 @@
+"""Where the cameras stand: from pedestrians alone, from reconstructions, refined with people."""
+
+# From above: it opens videos, but callers know it by this name.
+from catfree.calibration._calibrate import calibrate as calibrate
+from catfree.calibration._refine import Refinement as Refinement, refine as refine
+from catfree.calibration.people import (
+    Calibration as Calibration,
+    refine_with_correspondences as refine_with_correspondences,
+    remove_offsets as remove_offsets,
+)
+from catfree.calibration.reconstructions._aggregate import (
+    Aggregate as Aggregate,
+    Spread as Spread,
+    aggregate as aggregate,
+)
+from catfree.calibration.reconstructions._ground import Ground as Ground, find_ground as find_ground
+from catfree.calibration.reconstructions._ground_evidence import GroundCandidate as GroundCandidate
+from catfree.calibration.reconstructions._scene_from_videos import (
+    scene_from_videos as scene_from_videos,
+)

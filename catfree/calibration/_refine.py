@@ -1,0 +1,290 @@
+"""Refine a rig with the people that its cameras share, round after round."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from catfree.calibration._adjusted_cameras import Cameras
+from catfree.calibration._bundle_adjustment import HUBER, Sightings, adjust
+from catfree.calibration._refine_by_evidence import refine_by_evidence
+from catfree.calibration._refinement import (
+    Refinement as Refinement,
+    RefinementSettings as RefinementSettings,
+)
+from catfree.errors import InsufficientDataError
+from catfree.geometry import CanonicalFrame
+from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
+from catfree.methods.paper.association import (
+    Observations,
+    associate,
+    cast_rays,
+    learn_pose_ratio,
+    observe,
+    triangulate_groups,
+    weigh_rays,
+)
+from catfree.settings import Settings
+from catfree.types import Detections, Plane, Rays, Rig, Scene
+from catfree.types._validation import require_instance, require_known_cameras
+
+Progress = Callable[[str, int, int], None]
+
+RESOLVED = 0.25  # the error of a box stops shrinking at this share of the median height
+GROUND_ITERATIONS = 20  # reweighting settles to a thousandth of the noise
+FLATTEST = 1e-6  # shares of E: no ground is known better
+
+
+@dataclass(frozen=True)
+class _Round:
+    """A rig and the people that it finds.
+
+    Attributes:
+        cameras: in the canonical frame.
+        rays: of all observations.
+        member: (P, C) observation of each camera, or -1.
+        points: (P, 3) positions.
+        residual: median angle in radians.
+        ratio: pose ratio for the next round.
+    """
+
+    cameras: Cameras
+    rays: Rays
+    member: Int[np.ndarray, "person cam"]
+    points: Float[np.ndarray, "person 3"]
+    residual: float
+    ratio: float
+
+
+def refine(
+    detections: Detections,
+    scene: Scene,
+    settings: Settings | None = None,
+    *,
+    rounds: int = 25,
+    refinement: RefinementSettings | None = None,
+    progress: Progress | None = None,
+) -> Refinement:
+    """Improve cameras and ground by the people that several cameras see.
+
+    By the paper's method each round associates the detections with the cameras of the round
+    before, takes the people seen by at least three cameras as points, and adjusts cameras and
+    points to the foot pixels under a Huber loss; all rounds are run. By the evidence method each
+    round takes the people of whom it is surest, adjusts cameras, people and their heights to whole
+    boxes on one ground, as `calibrate` does, and goes on until the residual stops falling. In
+    either case the round with the smallest median residual wins, the given scene included, so the
+    result is never worse than it by that measure.
+
+    Args:
+        detections: person boxes of all cameras and frames, in any order.
+        scene: cameras, ground and extent in any units and frame of reference.
+        settings: method and constants, as `localize` takes them; `Settings()`, the evidence
+            method, if None. `Settings.paper()` is exactly the paper's procedure.
+        rounds: how often to associate and adjust; by the evidence method at most.
+        refinement: constants of the refinement.
+        progress: called as `progress("refinement", done, rounds)`.
+
+    Returns:
+        The refined scene, in the frame and scale of the given one as nearly as cameras that have
+        moved can be. Principal points, lens distortion, the extent and cameras that are not
+        registered stay as they are.
+
+    Raises:
+        InvalidInputError: if a detection names a camera that the rig does not have.
+        InsufficientDataError: if fewer than three cameras are registered, or no person is seen by
+            three.
+
+    Source:
+        Sec. "Camera configuration and ground estimation" of the paper for `Settings.paper()`.
+    """
+    settings = Settings() if settings is None else settings
+    refinement = RefinementSettings() if refinement is None else refinement
+    require_instance(detections, Detections, "detections")
+    require_instance(scene, Scene, "scene")
+    require_instance(settings, Settings, "settings")
+    report = progress or (lambda stage, done, total: None)
+    _require_cameras(detections, scene.rig, refinement.cameras)
+    keep = _confident(detections, scene.rig, settings)
+    if settings.method == "evidence":
+        boxes = detections[keep]
+        return refine_by_evidence(boxes, scene, settings, rounds, refinement, report)
+    keep = keep & _spread(detections.frame, keep, refinement.maximum_frames)
+    return _refine_by_paper(detections, scene, keep, settings, rounds, refinement, report)
+
+
+def _refine_by_paper(
+    detections: Detections,
+    scene: Scene,
+    keep: Bool[np.ndarray, " n"],
+    settings: Settings,
+    rounds: int,
+    refinement: RefinementSettings,
+    report: Progress,
+) -> Refinement:
+    """The paper's procedure: all rounds, with the people of the paper's association."""
+    frame = CanonicalFrame.of(scene)
+    rig = frame.rig(scene.rig)
+    observations = observe(detections, rig, keep=keep)
+    start = Cameras.of(rig)
+    # As in localization, an unweighted pass first, so that all rounds are judged alike.
+    current = _associated(observations, start, rig, 1.0, settings, refinement.cameras)
+    current = _associated(observations, start, rig, current.ratio, settings, refinement.cameras)
+    if len(current.member) == 0:
+        raise InsufficientDataError(
+            f"No person is seen by {refinement.cameras} cameras at once within the angular "
+            f"tolerance, in {len(observations)} detections of {len(observations.frames)} frames. "
+            "The rig is too far off to be refined, or the views do not overlap."
+        )
+    best, chosen = current, 0
+    residuals, people = [current.residual], [len(current.member)]
+    for done in range(rounds):
+        report("refinement", done, rounds)
+        cameras = _adjusted(observations, current, start, refinement)
+        current = _associated(
+            observations, cameras, rig, current.ratio, settings, refinement.cameras
+        )
+        residuals.append(current.residual)
+        people.append(len(current.member))
+        if len(current.member) == 0:
+            break
+        if current.residual < best.residual:
+            best, chosen = current, done + 1
+    report("refinement", rounds, rounds)
+    refined = scene if chosen == 0 else _scene(frame, scene, best, refinement)
+    return Refinement(refined, np.array(residuals), chosen, np.array(people))
+
+
+def _require_cameras(detections: Detections, rig: Rig, needed: int) -> None:
+    require_known_cameras(detections.camera, rig.camera_count)
+    if rig.registered.sum() < needed:
+        raise InsufficientDataError(
+            f"Refinement needs people seen by {needed} cameras, but only "
+            f"{int(rig.registered.sum())} of {rig.camera_count} cameras are registered."
+        )
+
+
+def _confident(detections: Detections, rig: Rig, settings: Settings) -> Bool[np.ndarray, " n"]:
+    """Confident detections of registered cameras."""
+    keep = rig.registered[detections.camera]
+    if detections.score is not None:
+        keep = keep & (detections.score >= settings.confidence)
+    return keep
+
+
+def _spread(
+    frame: Int[np.ndarray, " n"], keep: Bool[np.ndarray, " n"], maximum_frames: int
+) -> Bool[np.ndarray, " n"]:
+    """Rows of at most so many frames, evenly spread over those kept."""
+    frames = np.unique(frame[keep])
+    if len(frames) <= maximum_frames:
+        return np.ones(len(frame), bool)
+    chosen = np.linspace(0, len(frames) - 1, maximum_frames).round().astype(int)
+    return np.isin(frame, frames[chosen])
+
+
+def _associated(
+    observations: Observations,
+    cameras: Cameras,
+    rig: Rig,
+    ratio: float,
+    settings: Settings,
+    needed: int,
+) -> _Round:
+    """The people that cameras find, and how well their rays meet; `rig` has the lenses."""
+    rig = cameras.rig(rig)
+    rays = cast_rays(observations, rig)
+    groups = associate(observations, weigh_rays(observations, rays, ratio, settings), settings)
+    if settings.rays.use_ankles:
+        ratio = learn_pose_ratio(observations, rays, groups, settings)
+    rays = weigh_rays(observations, rays, ratio, settings)
+    member = groups.member[(groups.member >= 0).sum(1) >= needed]
+    points, residual = triangulate_groups(
+        rays, member, settings.triangulation, sigma_theta=settings.rays.sigma_theta
+    )
+    angle = residual[member >= 0]
+    median = float(np.median(angle)) if len(angle) else np.inf
+    return _Round(cameras, rays, member, points.astype(np.float64), median, ratio)
+
+
+def _adjusted(
+    observations: Observations, current: _Round, start: Cameras, refinement: RefinementSettings
+) -> Cameras:
+    """The cameras after a bundle adjustment with the people of a round."""
+    member = current.member
+    weight = np.where(member >= 0, _pixel_weight(observations, current.ratio)[member], 0.0)
+    direction = np.asarray(current.rays.direction, np.float64)[member]
+    # Projected rays are the foot pixels without lens distortion.
+    pixel = current.cameras.project_directions(direction)
+    return adjust(
+        Sightings(pixel, weight),
+        current.cameras,
+        current.points,
+        start=start,
+        tie=refinement.tie,
+        iterations=refinement.iterations,
+    ).cameras
+
+
+def _pixel_weight(observations: Observations, ratio: float) -> Float[np.ndarray, " n"]:
+    """How exact each foot PIXEL is: boxes err by a share of their height.
+
+    The weight of a ray (Eq. w) says the opposite of small boxes, because it is about lengths on the
+    ground; in pixels they are the exact ones, down to what a detector resolves.
+    """
+    height = observations.height.astype(np.float64)
+    median = float(np.median(height))
+    weight = median**2 / (height**2 + (RESOLVED * median) ** 2)
+    if observations.ankles_confirmed is not None:
+        weight = weight * np.where(observations.ankles_confirmed, 1.0, ratio)
+    return weight
+
+
+def _scene(
+    frame: CanonicalFrame, given: Scene, best: _Round, refinement: RefinementSettings
+) -> Scene:
+    """The scene of a round in the world of the given one."""
+    rig = best.cameras.rig(given.rig)
+    R = np.asarray(rig.R, np.float64) @ frame.axes.T
+    R = np.where(given.rig.registered[:, None, None], R, np.asarray(given.rig.R, np.float64))
+    centers = frame.to_world(best.cameras.center)
+    t = -np.einsum("cij,cj->ci", R, centers)
+    t = np.where(given.rig.registered[:, None], t, np.asarray(given.rig.t, np.float64))
+    refined = Rig(rig.K, R, t, rig.image_size, rig.distortion, rig.registered)
+    ground = given.ground
+    if refinement.refit_ground:
+        height, slope_x, slope_y = ground_under_people(
+            best.points, tilt=refinement.ground_tilt, offset=refinement.ground_offset
+        )
+        normal = frame.axes @ np.array([-slope_x, -slope_y, 1.0])
+        normal /= np.linalg.norm(normal)
+        ground = Plane(normal, -normal @ frame.to_world(np.array([0.0, 0.0, height])))
+    return Scene(refined, ground, given.extent, given.metric)
+
+
+def ground_under_people(
+    points: Float[np.ndarray, "person 3"], *, tilt: float, offset: float
+) -> Float[np.ndarray, "3"]:
+    """The ground that people's feet say, where it was assumed at z = 0.
+
+    Args:
+        points: (P, 3) feet in the canonical frame, some of them wrong.
+        tilt: standard deviation in radians of the assumed ground's slope along x and along y.
+        offset: standard deviation of its height in units of the points.
+
+    Returns:
+        (3,) height above the origin and slopes along x and y of `z = height + slope · (x, y)`.
+        Slopes that the people leave open (all in a row) stay near 0.
+    """
+    design = np.column_stack([np.ones(len(points)), points[:, :2]])
+    tie = np.array([offset, tilt, tilt]) ** -2.0
+    plane = np.array([np.median(points[:, 2]), 0.0, 0.0])
+    for _ in range(GROUND_ITERATIONS):
+        residual = np.abs(points[:, 2] - design @ plane)
+        noise = max(MEDIAN_TO_DEVIATION * float(np.median(residual)), FLATTEST)
+        weight = np.minimum(1.0, HUBER * noise / np.maximum(residual, FLATTEST)) / noise**2
+        plane = np.linalg.solve(
+            np.einsum("pi,p,pj->ij", design, weight, design) + np.diag(tie),
+            np.einsum("pi,p->i", design, weight * points[:, 2]),
+        )
+    return plane

@@ -1,0 +1,18 @@
+"""A metric camera rig from pedestrians alone."""
+
+from catfree.calibration.people._camera_search import (
+    confirm as confirm,
+    places_for as places_for,
+    reconsider as reconsider,
+    without_camera as without_camera,
+    without_vague_cameras as without_vague_cameras,
+)
+from catfree.calibration.people._correspondences import (
+    refine_with_correspondences as refine_with_correspondences,
+)
+from catfree.calibration.people._register import (
+    Calibration as Calibration,
+    register as register,
+)
+from catfree.calibration.people.search._clock_offsets import remove_offsets as remove_offsets
+from catfree.settings import CalibrationSettings as CalibrationSettings

@@ -1,0 +1,211 @@
+"""Refine a rig with people that were matched across cameras by other means.
+
+A method that weighs appearance, time and visibility groups boxes better than geometry alone does.
+Its surest groups, fed back here, make the rig sharper; then it can be run again.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree.calibration.people._register import Calibration
+from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
+from catfree.calibration.people.adjustment._people_bundle import (
+    BundleResult,
+    adjust,
+    focal_lengths_differ,
+)
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, from_matrices, to_matrices
+from catfree.calibration.people.cameras._ground_map import map_ground
+from catfree.calibration.people.cameras._scale_deviation import scale_deviation
+from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.geometry._arrays import ArrayInput
+from catfree.settings import CalibrationSettings
+from catfree.types import Detections, Rig, Scene
+
+FEWEST_PEOPLE = 20
+SMALLEST_SD = 2.0  # pixels; no box edge is known better
+SILENT_SD = 1e6  # pixels; an edge that says nothing
+
+
+def refine_with_correspondences(
+    calibration: Calibration,
+    detections: Detections,
+    members: ArrayInput,
+    settings: CalibrationSettings | None = None,
+    *,
+    box_sd: ArrayInput | None = None,
+    iterations: int = 20,
+) -> Calibration:
+    """Bundle adjustment of a pedestrian rig with given groups of boxes.
+
+    Args:
+        calibration: the rig so far; cameras that are not registered stay so.
+        detections: (N,) boxes.
+        members: (H, C) row of the detections in each camera for each person and frame, or -1; rows
+            with fewer than two registered cameras are left out. The surer, the better: wrong groups
+            hold the rig where it is.
+        settings: constants.
+        box_sd: (N, 3) standard deviations in pixels of horizontal centre, top and bottom; those of
+            the settings if left out. NaN or infinity marks an edge that says nothing.
+        iterations: at most this many steps.
+
+    Returns:
+        The refined rig with new focal and centre uncertainty, and one focal length or one each as
+        these people tell; the evidence is the old one's.
+
+    Raises:
+        InvalidInputError: if shapes do not fit.
+        InsufficientDataError: if too few people are seen by two registered cameras.
+    """
+    settings = CalibrationSettings() if settings is None else settings
+    rig = calibration.scene.rig
+    known = np.asarray(rig.registered)
+    members = np.asarray(members)
+    if members.ndim != 2 or members.shape[1] != len(known):
+        raise InvalidInputError(
+            f"members must have shape (H, {len(known)}), one column a camera, got {members.shape}."
+        )
+    members = np.where(known, members, -1)
+    members = members[(members >= 0).sum(1) >= 2]
+    if len(members) < FEWEST_PEOPLE:
+        raise InsufficientDataError(
+            f"Refinement needs {FEWEST_PEOPLE} people seen by two registered cameras, got "
+            f"{len(members)}."
+        )
+    person, camera = np.nonzero(members >= 0)
+    row = members[person, camera]
+    center = (rig.image_size[camera] - 1) / 2
+    edges = np.asarray(detections.box, np.float64)[row]
+    box = np.stack(
+        [
+            (edges[:, 0] + edges[:, 2]) / 2 - center[:, 0],
+            edges[:, 1] - center[:, 1],
+            edges[:, 3] - center[:, 1],
+        ],
+        -1,
+    )
+    if box_sd is None:
+        sd = settings.edge_deviation(box[:, 2] - box[:, 1])
+        sd = np.repeat(sd[:, None], 3, axis=1)
+    else:
+        sd = np.asarray(box_sd, np.float64)[row]
+    parameters = from_matrices(np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t))
+    together, apart = (
+        adjust_groups(
+            BoxMeasurements(person, camera, box, sd),
+            np.where(known[:, None], parameters, 0.0),
+            calibration.foot_offset,
+            np.log(np.median(settings.focal_shares) * rig.image_size.max(1)),
+            settings,
+            shared_focal=shared,
+            iterations=iterations,
+        )
+        for shared in (True, False)
+    )
+    # What is known of the focal lengths grows with the people. A few of them, or a camera beside
+    # its place, may ask for one each that nobody can know.
+    shared_focal = not focal_lengths_differ(together, apart, settings)
+    if calibration.shared_focal and (apart.focal_deviation > settings.largest_focal_sd).any():
+        shared_focal = True
+    found = together if shared_focal else apart
+    seen = np.isfinite(found.parameters[:, LOG_FOCAL])
+    parameters = np.where(seen[:, None], found.parameters, parameters)
+    K, R, t = to_matrices(parameters, rig.image_size)
+    K[~known] = np.nan
+    scene = Scene.from_rig(
+        Rig(K, R, t, rig.image_size, registered=known), calibration.scene.ground, metric=True
+    )
+    instants = len(np.unique(np.asarray(detections.frame)[row]))
+    return replace(
+        calibration,
+        scene=scene,
+        shared_focal=shared_focal,
+        focal_sd=np.where(seen, K[:, 0, 0] * found.focal_deviation, calibration.focal_sd),
+        center_covariance=np.where(
+            seen[:, None, None], found.center_covariance, calibration.center_covariance
+        ),
+        scale_sd=scale_deviation(
+            found.parameters,
+            found.covariance,
+            known & seen,
+            len(members) / instants,
+            settings,
+        ),
+        residual=found.residual,
+        camera_residual=found.camera_residual,
+        sightings=found.sightings,
+    )
+
+
+def adjust_groups(
+    measurements: BoxMeasurements,
+    parameters: Float[np.ndarray, "cam 7"],
+    foot_offset: float,
+    log_focal_prior: Float[np.ndarray, " cam"],
+    settings: CalibrationSettings,
+    *,
+    shared_focal: bool,
+    iterations: int,
+    known: KnownCameras | None = None,
+) -> BundleResult:
+    """Bundle adjustment of cameras with given groups of boxes, people started from single views.
+
+    Args:
+        measurements: the boxes of each group; an edge of deviation NaN or infinity says nothing.
+        parameters: (C, 7) where the cameras start, in metres over the ground z = 0.
+        foot_offset: start of the foot offset in metres.
+        log_focal_prior: (C,) middle of the weak prior on log focal length.
+        settings: constants.
+        shared_focal: whether all cameras have one focal length.
+        iterations: at most this many steps.
+        known: what is known of the cameras beforehand.
+    """
+    person, camera, box = measurements.person, measurements.camera, measurements.box
+    sd = np.maximum(np.nan_to_num(measurements.sd, nan=SILENT_SD, posinf=SILENT_SD), SMALLEST_SD)
+    xy = _start(parameters, box, sd, person, camera, settings, foot_offset)
+    return adjust(
+        BoxMeasurements(person, camera, box, sd),
+        parameters,
+        xy,
+        np.full(len(xy), settings.apparent_height),
+        foot_offset,
+        log_focal_prior,
+        settings,
+        shared_focal=shared_focal,
+        iterations=iterations,
+        known=known,
+    )
+
+
+def _start(
+    parameters: Float[np.ndarray, "cam 7"],
+    box: Float[np.ndarray, "n 3"],
+    sd: Float[np.ndarray, "n 3"],
+    person: Int[np.ndarray, " n"],
+    camera: Int[np.ndarray, " n"],
+    settings: CalibrationSettings,
+    foot_offset: float,
+) -> Float[np.ndarray, "person 2"]:
+    """(P, 2) where each person stands, from the single views together."""
+    count = int(person.max()) + 1
+    total, weights = np.zeros((count, 2)), np.full(count, 1e-9)
+    for index in np.unique(camera):
+        rows = np.flatnonzero(camera == index)
+        u, top, bottom = (box[rows, i][None] for i in range(3))
+        found = map_ground(
+            parameters[index],
+            u,
+            top,
+            bottom,
+            np.minimum(sd[rows].mean(1), 0.2 * (bottom - top)[0])[None],
+            np.ones(u.shape, bool),
+            settings,
+            foot_offset=foot_offset,
+            range_tolerance=settings.fine_range_tolerance,
+        )
+        weight = found.valid[0] / found.covariance[0].trace(axis1=1, axis2=2)
+        np.add.at(total, person[rows], weight[:, None] * found.xy[0])
+        np.add.at(weights, person[rows], weight)
+    return total / weights[:, None]

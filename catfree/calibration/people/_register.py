@@ -1,0 +1,227 @@
+"""A metric camera rig and its ground plane from person boxes alone."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree.calibration.people._box_grid import grid_boxes
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, to_matrices
+from catfree.calibration.people.cameras._scale_deviation import scale_deviation
+from catfree.calibration.people.matching._workspace import Workspace
+from catfree.calibration.people.search._register_cameras import (
+    Progress,
+    RegisteredRig,
+    register_cameras,
+)
+from catfree.errors import CalibrationError, InvalidInputError
+from catfree.geometry._arrays import ArrayInput
+from catfree.settings import CalibrationSettings
+from catfree.types import Detections, Plane, Rig, Scene
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A rig found from pedestrians alone.
+
+    Attributes:
+        scene: metric scene, z up, ground z = 0; cameras that cannot be trusted are not registered
+            and hold NaN.
+        association_rate: (C,) share of the people whom a camera and the rest of the rig should both
+            see that they agree on; NaN where not registered, as below.
+        log_likelihood_ratio: (C,) natural-log evidence of each camera against the map of the
+            others, above the best that its own boxes reach at shifted times.
+        focal_sd: (C,) standard deviation of the focal length in pixels.
+        center_covariance: (C, 3, 3) of the camera centres in square metres, with the heading and
+            ground position of the camera with most boxes held. Both cover what random box noise
+            and the foot offset do, not lens distortion; `scale_sd` covers the rest of the scale.
+        shared_focal: whether the cameras were found to have one focal length.
+        scale_sd: relative standard deviation of every length: what is not known about the height of
+            the people, the slack of the boxes, and the foot offset, besides box noise.
+        foot_offset: metres by which the bottom of a box is taken to be nearer than the body axis.
+        residual: median absolute residual in standard deviations of the box edges.
+        camera_residual: (C,) the same of each camera's boxes, NaN where there are none. A camera
+            with clearly more than the others stands where its people are not.
+        sightings: (C,) boxes of each camera that held the rig in its last adjustment.
+        frame_offset: (C,) frames by which each camera's frame numbers were found to be too high; 0
+            unless asked for.
+    """
+
+    scene: Scene
+    association_rate: Float[np.ndarray, " cam"]
+    log_likelihood_ratio: Float[np.ndarray, " cam"]
+    focal_sd: Float[np.ndarray, " cam"]
+    center_covariance: Float[np.ndarray, "cam 3 3"]
+    shared_focal: bool
+    scale_sd: float
+    foot_offset: float
+    residual: float
+    camera_residual: Float[np.ndarray, " cam"]
+    sightings: Int[np.ndarray, " cam"]
+    frame_offset: Int[np.ndarray, " cam"]
+
+
+def register(
+    detections: Detections,
+    image_size: ArrayInput,
+    settings: CalibrationSettings | None = None,
+    *,
+    camera_names: Sequence[str] | None = None,
+    maximum_offset: int = 0,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Register cameras over a metric ground by boxes of walking people: how `calibrate` begins.
+
+    People are as tall as people are: that gives every camera its tilt, roll, height and a metric
+    map of the ground. People seen by two cameras at the same time join their maps. Cameras are
+    added as long as their evidence exceeds what the same boxes reach at shifted times.
+
+    Args:
+        detections: (N,) boxes of synchronized static cameras; scores and appearance are not used.
+        image_size: (2,) width and height in pixels for all cameras, or (C, 2).
+        settings: constants; the same for all data.
+        camera_names: names for messages.
+        maximum_offset: search clock offsets of single cameras up to so many frames, and correct
+            them; 0 trusts the frame numbers.
+        progress: called as (stage, done, total).
+
+    Returns:
+        The rig, the ground z = 0, and the evidence for each camera.
+
+    Raises:
+        InvalidInputError: if sizes or names do not fit the detections.
+        CalibrationError: if fewer than two cameras can be trusted.
+    """
+    settings = CalibrationSettings() if settings is None else settings
+    size = _sizes(detections, image_size)
+    names = [str(c) for c in range(len(size))] if camera_names is None else list(camera_names)
+    if len(names) != len(size):
+        raise InvalidInputError(
+            f"camera_names has {len(names)} names, but there are {len(size)} cameras."
+        )
+    report = progress or (lambda stage, done, total: None)
+    work = prepare(detections, size, settings, names)
+    offset = np.zeros(len(size), np.int64)
+    registered = register_cameras(work, report)
+    if maximum_offset > 0:
+        from catfree.calibration.people.search._clock_offsets import find_offsets
+
+        work, registered, offset = find_offsets(work, registered, maximum_offset, report)
+    return describe(work, registered, names, offset)
+
+
+def prepare(
+    detections: Detections,
+    size: Int[np.ndarray, "cam 2"],
+    settings: CalibrationSettings,
+    names: Sequence[str],
+) -> Workspace:
+    """Boxes on a grid, checked to be enough to begin with.
+
+    Args:
+        detections: (N,) boxes of all cameras.
+        size: (C, 2) image widths and heights in pixels.
+        settings: constants.
+        names: of the cameras, for messages.
+
+    Raises:
+        CalibrationError: if there are too few cameras, frames or boxes.
+    """
+    grid = grid_boxes(detections, size, settings)
+    boxes = grid.valid.sum((1, 2))
+    seeing = int((boxes > settings.minimum_matches).sum())
+    if seeing < 2:
+        counts = ", ".join(f"{n}: {b}" for n, b in zip(names, boxes, strict=True))
+        raise CalibrationError(
+            f"Calibration from people needs 2 cameras with more than {settings.minimum_matches} "
+            f"boxes inside the image each, and has {seeing} ({counts or 'no cameras'})."
+        )
+    if grid.frame_count < settings.minimum_frames:
+        raise CalibrationError(
+            f"Calibration from people needs at least {settings.minimum_frames} frames with boxes, "
+            f"and has {grid.frame_count}: fewer cannot be told from chance. Record longer."
+        )
+    return Workspace(grid, settings)
+
+
+def _sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarray, "cam 2"]:
+    """(C, 2) image sizes, one for each camera."""
+    size = np.asarray(image_size)
+    count = int(detections.camera.max(initial=-1)) + 1
+    if size.shape == (2,):
+        size = np.tile(size, (count, 1))
+    if size.ndim != 2 or size.shape[1:] != (2,) or not np.issubdtype(size.dtype, np.number):
+        raise InvalidInputError(
+            f"image_size must be (width, height) or one row a camera, got shape {size.shape}."
+        )
+    if len(size) < count:
+        raise InvalidInputError(
+            f"image_size has {len(size)} rows, but the detections name camera {count - 1}."
+        )
+    if (size <= 0).any():
+        raise InvalidInputError("image_size must be a positive number of pixels.")
+    return size.astype(np.int64)
+
+
+def describe(
+    work: Workspace,
+    registered: RegisteredRig,
+    names: Sequence[str],
+    offset: Int[np.ndarray, " cam"],
+) -> Calibration:
+    """A registered rig as a scene with its evidence.
+
+    Args:
+        work: the sequence.
+        registered: its cameras.
+        names: of the cameras, for messages.
+        offset: (C,) frames by which each camera's frame numbers are too high.
+
+    Raises:
+        CalibrationError: if fewer than two cameras can be trusted.
+    """
+    count, state, bundle = work.grid.camera_count, registered.rig.state, registered.rig.bundle
+    trusted = np.zeros(count, bool)
+    association, evidence = np.full(count, np.nan), np.full(count, np.nan)
+    for camera, verdict in registered.verdicts.items():
+        trusted[camera] = verdict.accepted
+        if verdict.accepted:
+            association[camera] = verdict.judgement.association
+            evidence[camera] = verdict.margin
+    if trusted.sum() < 2:
+        seen = "; ".join(
+            f"{names[c]}: {' and '.join(v.shortcomings) or 'enough, but nobody to share it with'}"
+            for c, v in registered.verdicts.items()
+        )
+        raise CalibrationError(
+            f"Only {trusted.sum()} cameras can be trusted and 2 are needed ({seen or 'no matches'})"
+            ". Check synchronization and overlap, or record longer."
+        )
+    parameters = np.where(trusted[:, None], state.parameters, np.nan)
+    K, R, t = to_matrices(parameters, work.grid.size)
+    K[~trusted] = np.nan
+    return Calibration(
+        scene=Scene.from_rig(
+            Rig(K, R, t, work.grid.size, registered=trusted),
+            Plane(np.array([0.0, 0.0, 1.0]), 0.0),
+            metric=True,
+        ),
+        association_rate=association,
+        log_likelihood_ratio=evidence,
+        focal_sd=np.exp(parameters[:, LOG_FOCAL]) * bundle.focal_deviation,
+        center_covariance=np.where(trusted[:, None, None], bundle.center_covariance, np.nan),
+        shared_focal=registered.shared_focal,
+        scale_sd=scale_deviation(
+            parameters,
+            bundle.covariance,
+            trusted,
+            len(bundle.xy) / work.grid.frame_count,
+            work.settings,
+        ),
+        foot_offset=state.foot_offset,
+        residual=bundle.residual,
+        camera_residual=np.where(trusted, bundle.camera_residual, np.nan),
+        sightings=np.where(trusted, bundle.sightings, 0),
+        frame_offset=offset,
+    )

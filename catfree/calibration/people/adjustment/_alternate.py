@@ -1,0 +1,113 @@
+"""Alternate grouping and bundle adjustment while the maps of the cameras grow sharp."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree.calibration.people._box_grid import BoxGrid
+from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
+from catfree.calibration.people.adjustment._people_bundle import BundleResult, adjust
+from catfree.calibration.people.matching._group_people import People, RigState, group_people
+from catfree.errors import CalibrationError
+from catfree.settings import CalibrationSettings
+
+
+@dataclass(frozen=True)
+class AdjustedRig:
+    """A rig after bundle adjustment.
+
+    Attributes:
+        state: the rig.
+        people: how its boxes are grouped.
+        bundle: the last adjustment.
+    """
+
+    state: RigState
+    people: People
+    bundle: BundleResult
+
+
+def measure_people(
+    grid: BoxGrid, people: People, most: int
+) -> tuple[BoxMeasurements, Float[np.ndarray, "person 2"], Float[np.ndarray, " person"]] | None:
+    """The boxes of people with several views, and where to start.
+
+    Args:
+        grid: all boxes.
+        people: how they are grouped.
+        most: at most this many people, spread evenly over the frames.
+
+    Returns:
+        The boxes, (P, 2) ground positions and (P,) heights in metres; None without any people.
+    """
+    time, slot = np.nonzero(people.views >= 2)
+    if not len(time):
+        return None
+    if len(time) > most:
+        pick = np.linspace(0, len(time) - 1, most).astype(int)
+        time, slot = time[pick], slot[pick]
+    members = people.members[time, slot]
+    person, camera = np.nonzero(members >= 0)
+    at = (camera, time[person], members[person, camera])
+    box = np.stack([grid.u[at], grid.top[at], grid.bottom[at]], -1)
+    sd = np.repeat(grid.sd[at][:, None], 3, axis=1)
+    data = BoxMeasurements(person, camera, box, sd)
+    return data, people.ground.xy[time, slot], people.ground.height[time, slot]
+
+
+def alternate(
+    grid: BoxGrid,
+    state: RigState,
+    settings: CalibrationSettings,
+    *,
+    shared_focal: bool,
+    tolerances: tuple[float, ...],
+    most_people: int = 2500,
+    iterations: int = 10,
+) -> AdjustedRig:
+    """Group people and adjust the rig, once for each range tolerance.
+
+    Args:
+        grid: all boxes.
+        state: the rig at the start.
+        settings: constants.
+        shared_focal: whether all cameras have one focal length.
+        tolerances: range tolerances of the rounds; a camera's own smaller tolerance is kept.
+        most_people: at most this many people take part.
+        iterations: of each adjustment.
+
+    Returns:
+        The adjusted rig.
+
+    Raises:
+        CalibrationError: if no person is seen by two cameras.
+    """
+    middle = np.log(np.median(settings.focal_shares) * grid.size.max(1))
+    bundle = people = None
+    for tolerance in tolerances:
+        limited = replace(state, range_tolerance=np.full(grid.camera_count, tolerance))
+        people = group_people(grid, limited, settings)
+        measured = measure_people(grid, people, most_people)
+        if measured is None:
+            break
+        data, xy, height = measured
+        bundle = adjust(
+            data,
+            state.parameters,
+            xy,
+            height,
+            state.foot_offset,
+            middle,
+            settings,
+            shared_focal=shared_focal,
+            iterations=iterations,
+        )
+        parameters = np.where(np.isfinite(bundle.parameters), bundle.parameters, state.parameters)
+        state = RigState(parameters, state.placed, bundle.foot_offset, limited.range_tolerance)
+    if bundle is None or people is None:
+        cameras = ", ".join(str(c) for c in np.flatnonzero(state.placed))
+        raise CalibrationError(
+            f"Cameras {cameras} cannot be adjusted together: nobody is seen by two of them."
+        )
+    return AdjustedRig(state, people, bundle)

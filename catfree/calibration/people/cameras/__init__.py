@@ -1,0 +1,1 @@
+"""One camera: its parameters, its map of the ground, what a single view tells."""

@@ -1,0 +1,207 @@
+"""What one camera alone says about where people stand: its metric map of the ground."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from catfree.calibration.people.cameras._camera_model import (
+    LOG_FOCAL,
+    X,
+    Z,
+    predict_boxes,
+    rotation,
+)
+from catfree.settings import CalibrationSettings
+
+FARTHEST = 80.0  # metres; beyond, a box of a person is a handful of pixels in any camera
+
+
+@dataclass(frozen=True)
+class GroundMap:
+    """Where the people of each frame stand, with uncertainty.
+
+    Attributes:
+        xy: (T, N, 2) ground positions in metres.
+        covariance: (T, N, 2, 2) of the positions in square metres.
+        height: (T, N) person heights in metres.
+        height_sd: (T, N) standard deviations of the heights in metres.
+        valid: (T, N) whether the slot holds a person.
+    """
+
+    xy: Float[np.ndarray, "frame slot 2"]
+    covariance: Float[np.ndarray, "frame slot 2 2"]
+    height: Float[np.ndarray, "frame slot"]
+    height_sd: Float[np.ndarray, "frame slot"]
+    valid: Bool[np.ndarray, "frame slot"]
+
+
+def _ground_range(
+    parameters: Float[np.ndarray, "7"],
+    R: Float[np.ndarray, "3 3"],
+    u: Float[np.ndarray, "frame slot"],
+    v: Float[np.ndarray, "frame slot"],
+    level: float,
+) -> tuple[Float[np.ndarray, "frame slot"], Float[np.ndarray, "frame slot 2"]]:
+    """Horizontal distance at which the ray of a pixel reaches a height, and its heading vector."""
+    focal = np.exp(parameters[LOG_FOCAL])
+    direction = (u / focal)[..., None] * R[0] + (v / focal)[..., None] * R[1] + R[2]
+    flat = np.linalg.norm(direction[..., :2], axis=-1)
+    fall = (level - parameters[Z]) / np.where(direction[..., 2] == 0, 1e-9, direction[..., 2])
+    return fall * flat, direction[..., :2] / flat[..., None]
+
+
+def map_ground(
+    parameters: Float[np.ndarray, "7"],
+    u: Float[np.ndarray, "frame slot"],
+    top: Float[np.ndarray, "frame slot"],
+    bottom: Float[np.ndarray, "frame slot"],
+    sd: Float[np.ndarray, "frame slot"],
+    valid: Bool[np.ndarray, "frame slot"],
+    settings: CalibrationSettings,
+    *,
+    foot_offset: float,
+    range_tolerance: float,
+) -> GroundMap:
+    """Locate the people of one camera from foot and head together.
+
+    The foot row and the head row (with the prior on person height) are two measurements of the
+    range; a hidden foot makes them disagree, and then the foot counts less.
+
+    Args:
+        parameters: (7,) the camera.
+        u: (T, N) box centres in pixels from the image centre.
+        top: (T, N) top rows in pixels from the image centre.
+        bottom: (T, N) bottom rows in pixels from the image centre.
+        sd: (T, N) standard deviations of the edges in pixels.
+        valid: (T, N) which slots hold a box.
+        settings: constants.
+        foot_offset: metres by which the visible foot is nearer.
+        range_tolerance: share of the range by which this camera's map may be wrong.
+
+    Returns:
+        The map in world coordinates.
+    """
+    R = rotation(parameters)
+    mean_height = settings.apparent_height
+    # The body axis leans in the image of a tilted or rolled camera: find its slope once.
+    first, heading = _ground_range(parameters, R, u, bottom, 0.0)
+    usable = valid & (first > 0.3) & (first < FARTHEST)
+    half = (bottom - top) / 2
+    rough = parameters[X:Z] + heading * np.where(usable, first, 5.0)[..., None]
+    flat = rough - parameters[X:Z]
+    focal = np.exp(parameters[LOG_FOCAL])
+    foot_local = flat @ R[:, :2].T - parameters[Z] * R[:, 2]
+    head_local = foot_local + mean_height * R[:, 2]
+    ends = [
+        focal * p[..., :2] / np.where(p[..., 2:] > 0.1, p[..., 2:], 0.1)
+        for p in (foot_local, head_local)
+    ]
+    rise = ends[0][..., 1] - ends[1][..., 1]
+    slope = (ends[0][..., 0] - ends[1][..., 0]) / np.where(np.abs(rise) > 1, rise, 1.0)
+    lean = np.clip(slope, -0.5, 0.5) * half
+
+    foot_range, heading = _ground_range(parameters, R, u + lean, bottom, 0.0)
+    foot_next, _ = _ground_range(parameters, R, u + lean, bottom + 1.0, 0.0)
+    foot_range_sd = np.abs(foot_next - foot_range) * sd + 0.03
+    foot_range = foot_range + foot_offset
+    head_range, _ = _ground_range(parameters, R, u - lean, top, mean_height)
+    head_next, _ = _ground_range(parameters, R, u - lean, top + 1.0, mean_height)
+    taller, _ = _ground_range(parameters, R, u - lean, top, mean_height + settings.person_height_sd)
+    head_sd = np.hypot((head_next - head_range) * sd, taller - head_range)
+    foot_ok = valid & (foot_range > 0.3) & (foot_range < FARTHEST)
+    head_ok = valid & (head_range > 0.3) & (head_range < FARTHEST)
+    # The head alone is too weak where the camera is about as high as a head.
+    head_ok &= head_sd < 0.5 * np.abs(head_range)
+    gap = (foot_range - head_range) ** 2 / (foot_range_sd**2 + head_sd**2)
+    both = foot_ok & head_ok
+    belief = np.where(both, 1 / (1 + gap / 4) ** 2, 1.0)
+    foot_weight = np.where(foot_ok, belief / np.maximum(foot_range_sd, 1e-6) ** 2, 0.0)
+    head_weight = np.where(head_ok, 1 / np.maximum(head_sd, 1e-6) ** 2, 0.0)
+    total = foot_weight + head_weight
+    ok = total > 0
+    total = np.where(ok, total, 1.0)
+    reach = np.where(
+        ok, (foot_weight * foot_range + head_weight * np.where(head_ok, head_range, 0)) / total, 1.0
+    )
+    reach_variance = 1 / total + (range_tolerance * reach) ** 2 + settings.body_sd**2
+    side_variance = (
+        (sd * reach / focal) ** 2 + (0.4 * range_tolerance * reach) ** 2 + settings.body_sd**2
+    )
+    side = np.stack([-heading[..., 1], heading[..., 0]], -1)
+    covariance = (
+        reach_variance[..., None, None] * heading[..., :, None] * heading[..., None, :]
+        + side_variance[..., None, None] * side[..., :, None] * side[..., None, :]
+    )
+    xy = parameters[X:Z] + heading * reach[..., None]
+    height, height_sd = implied_height(parameters, xy, top, sd)
+    prior = settings.person_height_sd
+    share = prior**2 / (prior**2 + height_sd**2)
+    return GroundMap(
+        xy=xy,
+        covariance=covariance,
+        height=np.clip(mean_height + share * (height - mean_height), 1.3, 2.1),
+        height_sd=prior * np.sqrt(1 - share),
+        valid=ok,
+    )
+
+
+def implied_height(
+    parameters: Float[np.ndarray, "7"],
+    xy: Float[np.ndarray, "*n 2"],
+    top: Float[np.ndarray, "*n"],
+    sd: Float[np.ndarray, "*n"],
+) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
+    """Height at which people at known positions reach their top row, and its spread by the edge.
+
+    Args:
+        parameters: (7,) the camera.
+        xy: (..., 2) ground positions in metres.
+        top: (...) top rows in pixels from the image centre.
+        sd: (...) standard deviations of the top rows in pixels.
+
+    Returns:
+        (...) heights and (...) their standard deviations in metres.
+    """
+    R = rotation(parameters)
+    focal = np.exp(parameters[LOG_FOCAL])
+    base = (xy - parameters[X:Z]) @ R[:, :2].T - parameters[Z] * R[:, 2]
+    row = top / focal
+    gain = row * R[2, 2] - R[1, 2]
+    gain = np.where(np.abs(gain) < 1e-6, 1e-6, gain)
+    height = (base[..., 1] - row * base[..., 2]) / gain
+    depth = base[..., 2] + height * R[2, 2]
+    return height, np.abs(depth * sd / focal / gain)
+
+
+def visible(
+    parameters: Float[np.ndarray, "7"],
+    size: Int[np.ndarray, "2"],
+    smallest: float,
+    xy: Float[np.ndarray, "*n 2"],
+    height: Float[np.ndarray, "*n"],
+    foot_offset: float,
+) -> Bool[np.ndarray, "*n"]:
+    """Whether whole people are inside a camera's image and not too small for it.
+
+    Args:
+        parameters: (7,) the camera.
+        size: (2,) image width and height in pixels.
+        smallest: box height in pixels below which the camera hardly detects anybody.
+        xy: (..., 2) ground positions in metres.
+        height: (...) person heights in metres.
+        foot_offset: metres by which the visible foot is nearer to the camera.
+
+    Returns:
+        (...) bool.
+    """
+    box, front = predict_boxes(parameters, xy, height, foot_offset)
+    limit = (size - 1) / 2 - 0.01 * size
+    half_width = 0.2 * (box[..., 2] - box[..., 1])  # a person is about 0.4 as wide as tall
+    return (
+        front
+        & (np.abs(box[..., 0]) + half_width < limit[0])
+        & (box[..., 1] > -limit[1])
+        & (box[..., 2] < limit[1])
+        & (box[..., 2] - box[..., 1] > smallest)
+    )

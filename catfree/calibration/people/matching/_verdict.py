@@ -1,0 +1,161 @@
+"""Whether a camera agrees with the others better than it could by chance.
+
+The people of a crowd are everywhere, so that a wrong camera, fitted to them, matches many. But it
+matches them at any time: the same boxes, shifted in time, do as well. A right camera does not.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool
+
+from catfree.calibration.people._box_grid import BoxGrid
+from catfree.calibration.people.cameras._ground_map import GroundMap, visible
+from catfree.calibration.people.matching._group_people import (
+    RigState,
+    camera_map,
+    group_people,
+    seen_by_any,
+)
+from catfree.calibration.people.matching._mutual_nearest import Judgement, chance_density, judge
+from catfree.calibration.people.matching._workspace import Workspace
+from catfree.settings import CalibrationSettings
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A camera's evidence against the rest of the rig, and what chance reaches.
+
+    Attributes:
+        judgement: at the true time.
+        chance: highest evidence at the shifted times.
+        shortcomings: what it lacks to be trusted, in words.
+    """
+
+    judgement: Judgement
+    chance: float
+    shortcomings: tuple[str, ...]
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the camera can be trusted."""
+        return not self.shortcomings
+
+    @property
+    def margin(self) -> float:
+        """Evidence above chance."""
+        return self.judgement.evidence - self.chance
+
+
+def judge_with_chance(
+    own: GroundMap,
+    others: GroundMap,
+    others_expected: Bool[np.ndarray, "frame partner"],
+    own_expected: Bool[np.ndarray, "frame slot"],
+    settings: CalibrationSettings,
+    shifts: tuple[float, ...],
+) -> tuple[Judgement, float]:
+    """The judgement of a camera and how far it exceeds the best at circularly shifted times.
+
+    Args:
+        own: (T, N) the camera's map in world coordinates.
+        others: (T, M) the map of the other cameras, same frames.
+        others_expected: (T, M) whether the camera should see this person of the map.
+        own_expected: (T, N) whether some other camera should see this person of the camera.
+        settings: constants.
+        shifts: by which shares of the sequence its time is shifted for comparison.
+
+    Returns:
+        The judgement at the true time, and its evidence above the highest at the shifted times.
+    """
+    density = chance_density(own)
+
+    def at_shift(shift: int) -> Judgement:
+        rolled = own if shift == 0 else _rolled(own, shift)
+        return judge(
+            rolled,
+            others,
+            density,
+            others_expected,
+            np.roll(own_expected, shift, axis=0),
+            gate=settings.match_gate,
+            detection_rates=settings.detection_rates,
+        )
+
+    judgement = at_shift(0)
+    frames = len(own.xy)
+    steps = sorted({round(share * frames) % frames for share in shifts} - {0})
+    chance = max((at_shift(step).evidence for step in steps), default=np.inf)
+    return judgement, judgement.evidence - chance
+
+
+def _rolled(people: GroundMap, shift: int) -> GroundMap:
+    """A map whose frames are rolled circularly."""
+    return GroundMap(
+        *(
+            np.roll(getattr(people, name), shift, axis=0)
+            for name in ("xy", "covariance", "height", "height_sd", "valid")
+        )
+    )
+
+
+def judge_camera(
+    work: Workspace,
+    state: RigState,
+    camera: int,
+    *,
+    grid: BoxGrid | None = None,
+    others: GroundMap | None = None,
+) -> Verdict:
+    """Evidence of a placed camera against the map of the other placed cameras.
+
+    Args:
+        work: the sequence.
+        state: the rig with the camera.
+        camera: which camera.
+        grid: frames to judge on; all by default.
+        others: the map of the other cameras on these frames, if it is at hand.
+    """
+    settings = work.settings
+    grid = work.grid if grid is None else grid
+    if others is None:
+        others = group_people(grid, state, settings, without=camera).ground
+    own = camera_map(grid, camera, state, settings)
+    others_expected = visible(
+        state.parameters[camera],
+        grid.size[camera],
+        work.smallest[camera],
+        others.xy,
+        others.height,
+        state.foot_offset,
+    )
+    own_expected = seen_by_any(grid, state, own, work.smallest, without=camera)
+    judgement, margin = judge_with_chance(
+        own, others, others_expected, own_expected, settings, settings.chance_shifts
+    )
+    return Verdict(
+        judgement, judgement.evidence - margin, _shortcomings(judgement, margin, settings)
+    )
+
+
+def judge_cameras(work: Workspace, state: RigState) -> dict[int, Verdict]:
+    """Evidence of every placed camera against the map of the others, on all frames."""
+    return {int(c): judge_camera(work, state, int(c)) for c in np.flatnonzero(state.placed)}
+
+
+def _shortcomings(
+    judgement: Judgement, margin: float, settings: CalibrationSettings
+) -> tuple[str, ...]:
+    """What a camera lacks to be trusted; each of the criteria can fail alone."""
+    needed = max(settings.minimum_margin, settings.minimum_match_margin * judgement.matches)
+    found = []
+    if not judgement.matches > settings.minimum_matches:
+        found.append(f"{judgement.matches} matches, more than {settings.minimum_matches} needed")
+    if not judgement.association > settings.minimum_association:
+        found.append(
+            f"matches {100 * judgement.association:.0f} % of the people whom it shares with the "
+            f"others, more than {100 * settings.minimum_association:.0f} % needed"
+        )
+    if not margin > needed:
+        found.append(f"evidence {margin:.0f} above chance, more than {needed:.0f} needed")
+    return tuple(found)

@@ -1,0 +1,1 @@
+"""From pairs of cameras to the whole rig."""

@@ -1,0 +1,182 @@
+"""Clock offsets of single cameras, found from the same evidence as the rig.
+
+A camera whose clock is off by a few frames agrees best with the others at another shift than zero;
+one that is off by many is not placed at all until the right shift is tried.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Int
+
+from catfree.calibration.people._box_grid import BoxGrid
+from catfree.calibration.people.adjustment._resection import resect
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
+from catfree.calibration.people.matching._group_people import RigState, group_people
+from catfree.calibration.people.matching._placement import vote
+from catfree.calibration.people.matching._verdict import judge_camera
+from catfree.calibration.people.matching._workspace import Workspace
+from catfree.calibration.people.search._register_cameras import (
+    Progress,
+    RegisteredRig,
+    register_cameras,
+)
+from catfree.errors import CalibrationError
+from catfree.geometry._arrays import ArrayInput
+from catfree.settings import CalibrationSettings
+from catfree.types import Detections
+
+TRIED_OFFSETS = 16  # offsets of an unplaced camera that are refined
+WIDE_TOLERANCE = 0.03  # share of the range, while people are met at the wrong instant
+CLIMB = 2  # shifts to either side that are tried from the best
+KNOWN_FOCAL_SD = 0.05  # of log focal: the rig has fixed it already
+
+
+def remove_offsets(detections: Detections, frame_offset: ArrayInput) -> Detections:
+    """Detections on a common clock: each camera's frame numbers less its offset.
+
+    Args:
+        detections: (N,) boxes.
+        frame_offset: (C,) frames by which each camera's numbers are too high.
+
+    Returns:
+        (N,) the same boxes with corrected frame numbers.
+    """
+    frame = detections.frame - np.asarray(frame_offset, np.int64)[detections.camera]
+    return Detections(**(vars(detections) | {"frame": frame}))
+
+
+def find_offsets(
+    work: Workspace, registered: RegisteredRig, maximum: int, report: Progress
+) -> tuple[Workspace, RegisteredRig, Int[np.ndarray, " cam"]]:
+    """Estimate an integer offset of each camera, correct it, and register again.
+
+    Args:
+        work: the sequence on the clocks as given.
+        registered: what could be placed on them.
+        maximum: largest offset in frames.
+        report: progress callback (stage, done, total).
+
+    Returns:
+        The corrected sequence, its rig, and (C,) offsets in frame numbers.
+    """
+    grid = work.grid
+    step = max(1, int(np.median(np.diff(grid.frames))))
+    reach = min(maximum // step, grid.frame_count // 3)
+    shifts = sorted(range(-reach, reach + 1), key=abs)
+    found = np.zeros(grid.camera_count, np.int64)
+    for done in range(grid.camera_count):
+        state, cameras = registered.rig.state, np.flatnonzero(found == 0)
+        # One camera at a time, the clearest first: a wrong clock also bends the others' fit.
+        gains = [
+            (_offset_of_placed if state.placed[c] else _offset_of_unplaced)(
+                work, state, int(c), shifts
+            )
+            for c in cameras
+        ]
+        report("offsets", done + 1, grid.camera_count)
+        if not gains or max(gains)[0] <= work.settings.minimum_margin:
+            break
+        best = int(np.argmax([gain for gain, _ in gains]))
+        camera, shift = int(cameras[best]), gains[best][1]
+        corrected = Workspace(work.grid.shifted(camera, -shift), work.settings)
+        try:
+            again = register_cameras(corrected, report)
+        except CalibrationError:
+            break
+        if _quality(again) <= _quality(registered):
+            break
+        work, registered = corrected, again
+        found[camera] = shift
+    return work, registered, found * step
+
+
+def _quality(registered: RegisteredRig) -> tuple[int, float]:
+    """Number of placed cameras, then the sum of their evidence."""
+    return len(registered.verdicts), sum(v.margin for v in registered.verdicts.values())
+
+
+def _offset_of_placed(
+    work: Workspace, state: RigState, camera: int, shifts: list[int]
+) -> tuple[float, int]:
+    """Gain in evidence and shift at which a placed camera, refitted, agrees best."""
+    wide = replace(state, range_tolerance=np.full(len(state.placed), WIDE_TOLERANCE))
+    others = group_people(work.grid, wide, work.settings, without=camera).ground
+    log_focal = float(state.parameters[camera, LOG_FOCAL])
+    evidence: dict[int, float] = {}
+    best = 0
+    while True:
+        for shift in range(best - CLIMB, best + CLIMB + 1):
+            if shift in evidence or shift not in shifts:
+                continue
+            grid = work.grid.shifted(camera, -shift)
+            parameters = resect(
+                grid,
+                camera,
+                state.parameters[camera],
+                others,
+                work.settings,
+                foot_offset=state.foot_offset,
+                log_focal=(log_focal, KNOWN_FOCAL_SD),
+            )
+            evidence[shift] = -np.inf
+            if parameters is not None:
+                fitted = wide.with_camera(camera, parameters, WIDE_TOLERANCE)
+                verdict = judge_camera(work, fitted, camera, grid=grid, others=others)
+                evidence[shift] = verdict.judgement.evidence
+        top = max(evidence, key=lambda shift: (evidence[shift], -abs(shift)))
+        if top == best:
+            return evidence[best] - evidence[0], best
+        best = top
+
+
+def _offset_of_unplaced(
+    work: Workspace, state: RigState, camera: int, shifts: list[int]
+) -> tuple[float, int]:
+    """Evidence and shift at which an unplaced camera can be placed; zeros if there is none."""
+    settings = work.settings
+    people = group_people(work.grid, state, settings).ground
+    middle = float(np.median(state.parameters[state.placed, LOG_FOCAL]))
+    planes = work.planes(camera, middle)
+    candidates = []
+    for shift in shifts:
+        grid = work.grid.shifted(camera, -shift)
+        sample = _thinned(grid, settings)
+        fused = group_people(sample, state, settings).ground
+        for plane in planes:
+            own = work.local_map(sample, camera, plane, settings.range_tolerance)
+            candidates += [
+                (placement.score, shift, placement.place(plane))
+                for placement in vote(fused, own, settings, 1)
+            ]
+    candidates.sort(key=lambda item: -item[0])
+    best = (0.0, 0)
+    for _, shift, start in candidates[:TRIED_OFFSETS]:
+        grid = work.grid.shifted(camera, -shift)
+        parameters = resect(
+            grid,
+            camera,
+            start,
+            people,
+            settings,
+            foot_offset=state.foot_offset,
+            log_focal=(middle, settings.focal_log_sd),
+        )
+        if parameters is None:
+            continue
+        verdict = judge_camera(
+            work,
+            state.with_camera(camera, parameters, WIDE_TOLERANCE),
+            camera,
+            grid=grid,
+            others=people,
+        )
+        if verdict.accepted and verdict.margin > best[0]:
+            best = verdict.margin, shift
+    return best
+
+
+def _thinned(grid: BoxGrid, settings: CalibrationSettings) -> BoxGrid:
+    """The frames that vote."""
+    count = min(grid.frame_count, settings.voting_frames)
+    return grid.at_frames(np.linspace(0, grid.frame_count - 1, count).round().astype(int))

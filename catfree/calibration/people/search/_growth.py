@@ -1,0 +1,231 @@
+"""From a pair to a rig: candidates for each further camera, acceptance, and second thoughts."""
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
+from catfree.calibration.people.adjustment._resection import resect
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, PAN, X, Z
+from catfree.calibration.people.matching._group_people import RigState, group_people
+from catfree.calibration.people.matching._placement import Placement, vote
+from catfree.calibration.people.matching._verdict import Verdict, judge_camera, judge_cameras
+from catfree.calibration.people.matching._workspace import Workspace
+from catfree.calibration.people.search._seed_pairs import PairHypothesis
+
+RESECTED_TOLERANCE = 0.05  # share of the range by which a resected camera may be wrong
+CANDIDATES = 4  # placements of a camera that are refined
+SUSPICIOUS_SHARE = 0.7  # of the usual evidence per match, below which a camera is looked at
+HARMFUL_GAIN = 1.05  # evidence of the others must rise by this much to take a camera out
+
+
+def grow_rig(
+    work: Workspace, seed: AdjustedRig, pairs: list[PairHypothesis], *, shared_focal: bool
+) -> tuple[AdjustedRig, dict[int, Verdict]]:
+    """Add cameras to a seed as long as one can be added that stands up to its evidence.
+
+    Args:
+        work: the sequence.
+        seed: two cameras.
+        pairs: all pair hypotheses, for candidates composed through placed cameras.
+        shared_focal: whether all cameras have one focal length.
+
+    Returns:
+        The rig and the last verdict of each placed camera.
+    """
+    rig, verdicts = seed, {}
+    while not rig.state.placed.all():
+        found = {}
+        for camera in np.flatnonzero(~rig.state.placed):
+            best = best_candidate(work, rig.state, int(camera), pairs, shared_focal)
+            if best is not None:
+                found[int(camera)] = best
+        if not found:
+            break
+        state = rig.state
+        leading = max(verdict.margin for _, verdict in found.values())
+        for camera, (parameters, verdict) in found.items():
+            if verdict.margin >= 0.3 * leading:
+                state = state.with_camera(camera, parameters, RESECTED_TOLERANCE)
+        grown, grown_verdicts = prune_rig(
+            work, _refined(work, state, shared_focal), shared_focal=shared_focal
+        )
+        if grown.state.placed.sum() <= rig.state.placed.sum():
+            break
+        rig, verdicts = grown, grown_verdicts
+    return rig, verdicts
+
+
+def _refined(work: Workspace, state: RigState, shared_focal: bool) -> AdjustedRig:
+    return alternate(
+        work.grid, state, work.settings, shared_focal=shared_focal, tolerances=(0.05, 0.03)
+    )
+
+
+def prune_rig(
+    work: Workspace, rig: AdjustedRig, *, shared_focal: bool
+) -> tuple[AdjustedRig, dict[int, Verdict]]:
+    """Take out, worst first, every camera that the others do not support.
+
+    Args:
+        work: the sequence.
+        rig: the rig after adjustment.
+        shared_focal: whether all cameras have one focal length.
+
+    Returns:
+        The rig and the verdict of each camera that is left; two are always left.
+    """
+    while True:
+        verdicts = judge_cameras(work, rig.state)
+        failing = [c for c, verdict in verdicts.items() if not verdict.accepted]
+        if not failing or len(verdicts) <= 2:
+            return rig, verdicts
+        worst = min(failing, key=lambda c: verdicts[c].margin)
+        rig = _refined(work, rig.state.without_camera(worst), shared_focal)
+
+
+def drop_harmful(
+    work: Workspace, rig: AdjustedRig, verdicts: dict[int, Verdict], *, shared_focal: bool
+) -> tuple[AdjustedRig, dict[int, Verdict]]:
+    """Take out cameras without which the others agree better.
+
+    A camera with a wrong clock can find a place where habits of the crowd (a path, a queue) match
+    often enough to beat chance. It stands out twice: each of its matches says little, and it bends
+    the rest of the rig.
+
+    Args:
+        work: the sequence.
+        rig: the rig after adjustment.
+        verdicts: of each placed camera.
+        shared_focal: whether all cameras have one focal length.
+
+    Returns:
+        The rig and the verdict of each camera that is left.
+    """
+    while len(verdicts) > 2:
+        per_match = {c: v.margin / max(1, v.judgement.matches) for c, v in verdicts.items()}
+        usual = float(np.median(list(per_match.values())))
+        suspects = [c for c in verdicts if per_match[c] < SUSPICIOUS_SHARE * usual]
+        for camera in sorted(suspects, key=lambda c: per_match[c]):
+            others = [c for c in verdicts if c != camera]
+            less = _refined(work, rig.state.without_camera(camera), shared_focal)
+            found = judge_cameras(work, less.state)
+            without = sum(verdict.margin for verdict in found.values())
+            if without > HARMFUL_GAIN * sum(verdicts[c].margin for c in others):
+                rig, verdicts = less, found
+                break
+        else:
+            break
+    return rig, verdicts
+
+
+def best_candidate(
+    work: Workspace,
+    state: RigState,
+    camera: int,
+    pairs: list[PairHypothesis],
+    shared_focal: bool,
+) -> tuple[Float[np.ndarray, "7"], Verdict] | None:
+    """The accepted placement of a camera with the highest margin, refined, or None.
+
+    Args:
+        work: the sequence.
+        state: the rig without the camera.
+        camera: which camera.
+        pairs: pair hypotheses, for candidates composed through placed cameras.
+        shared_focal: whether all cameras have one focal length.
+    """
+    found = accepted_candidates(work, state, camera, pairs, shared_focal)
+    return max(found, key=lambda placement: placement[1].margin, default=None)
+
+
+def accepted_candidates(
+    work: Workspace,
+    state: RigState,
+    camera: int,
+    pairs: list[PairHypothesis],
+    shared_focal: bool,
+) -> list[tuple[Float[np.ndarray, "7"], Verdict]]:
+    """The placements of a camera that stand up to their evidence, refined.
+
+    Args:
+        work: the sequence.
+        state: the rig without the camera.
+        camera: which camera.
+        pairs: pair hypotheses, for candidates composed through placed cameras.
+        shared_focal: whether all cameras have one focal length.
+
+    Returns:
+        (7,) parameters and verdict of each.
+    """
+    settings = work.settings
+    scoring = work.scoring
+    people = group_people(scoring, state, settings).ground
+    log_focals = state.parameters[state.placed, LOG_FOCAL]
+    middle = float(np.median(log_focals))
+    prior = (middle, 0.02 if shared_focal else settings.focal_log_sd)
+    found = []
+    for start in _candidates(work, state, camera, pairs, middle, shared_focal):
+        parameters = resect(
+            scoring,
+            camera,
+            start,
+            people,
+            settings,
+            foot_offset=state.foot_offset,
+            log_focal=prior,
+        )
+        if parameters is None:
+            continue
+        verdict = judge_camera(
+            work,
+            state.with_camera(camera, parameters, RESECTED_TOLERANCE),
+            camera,
+            grid=scoring,
+            others=people,
+        )
+        if verdict.accepted:
+            found.append((parameters, verdict))
+    return found
+
+
+def _candidates(
+    work: Workspace,
+    state: RigState,
+    camera: int,
+    pairs: list[PairHypothesis],
+    middle: float,
+    shared_focal: bool,
+) -> list[Float[np.ndarray, "7"]]:
+    """Distinct placements of a camera: votes against the rig's people, and pair edges."""
+    settings = work.settings
+    people = group_people(work.voting, state, settings).ground
+    log_focals = [middle] if shared_focal else [middle, middle - 0.22, middle + 0.22]
+    votes = []
+    for log_focal in log_focals:
+        for plane in work.planes(camera, log_focal):
+            own = work.local_map(work.voting, camera, plane, settings.range_tolerance)
+            votes += [(v, plane) for v in vote(people, own, settings, 2)]
+    votes.sort(key=lambda item: -item[0].score)
+    starts = [placement.place(plane) for placement, plane in votes[:12]]
+    edges = [p for p in pairs if camera in p.cameras and state.placed[list(p.cameras)].sum() == 1]
+    edges.sort(key=lambda pair: -pair.margin)
+    composed = [_compose(state, pair, camera) for pair in edges[:3]]
+    kept: list[np.ndarray] = []
+    for start in composed[:1] + starts + composed[1:]:
+        if not any(
+            np.linalg.norm(start[X:Z] - other[X:Z]) < 1.2
+            and np.cos(start[PAN] - other[PAN]) > np.cos(0.1)
+            for other in kept
+        ):
+            kept.append(start)
+    return kept[:CANDIDATES]
+
+
+def _compose(state: RigState, pair: PairHypothesis, camera: int) -> Float[np.ndarray, "7"]:
+    """A camera placed through its pair with a placed one."""
+    index = pair.cameras.index(camera)
+    own, anchor = pair.parameters[index], pair.parameters[1 - index]
+    placed = state.parameters[pair.cameras[1 - index]]
+    turned = placed[PAN] - anchor[PAN]
+    translation = placed[X:Z] - Placement(turned, np.zeros(2), 0.0).place(anchor)[X:Z]
+    return Placement(turned, translation, 0.0).place(own)

@@ -1,0 +1,159 @@
+"""All cameras: pairs, seeds, growth, and the choice between one focal length and many."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+
+from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
+from catfree.calibration.people.adjustment._people_bundle import focal_lengths_differ
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
+from catfree.calibration.people.matching._verdict import Verdict, judge_camera
+from catfree.calibration.people.matching._workspace import Workspace
+from catfree.calibration.people.search._completion import complete_rig
+from catfree.calibration.people.search._growth import drop_harmful, grow_rig, prune_rig
+from catfree.calibration.people.search._seed_pairs import PairHypothesis, search_pair, seed_rig
+from catfree.errors import CalibrationError
+
+Progress = Callable[[str, int, int], None]
+
+THREADS = 2  # array operations release the interpreter lock only in part
+GROWN_SEEDS = 2  # at least; more only where cameras are still missing
+FINAL_TOLERANCES = (0.03, 0.02, 0.01)  # range tolerances of the last adjustment
+FINAL_PEOPLE = 4000
+FINAL_ITERATIONS = 15
+GOOD_SEED = (0.6, 30)  # association and matches of a pair whose focal lengths can be compared
+
+
+@dataclass(frozen=True)
+class RegisteredRig:
+    """Every camera that could be placed.
+
+    Attributes:
+        rig: the adjusted rig.
+        verdicts: of each placed camera.
+        shared_focal: whether one focal length serves all cameras.
+    """
+
+    rig: AdjustedRig
+    verdicts: dict[int, Verdict]
+    shared_focal: bool
+
+
+def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
+    """Place as many cameras as the boxes support.
+
+    Args:
+        work: the sequence.
+        report: progress callback (stage, done, total).
+
+    Raises:
+        CalibrationError: if no two cameras share people.
+    """
+    pairs = _search_pairs(work, report)
+    seeds = _adjust_seeds(work, pairs, report)
+    shared = _focal_seems_shared(work, seeds)
+    if not seeds:
+        raise CalibrationError(
+            "No two cameras see the same people: of "
+            f"{work.grid.camera_count * (work.grid.camera_count - 1) // 2} pairs, none matches at "
+            "its own time better than at shifted times. Check that the cameras are synchronized, "
+            "that their views overlap, and that several people walk through the overlap."
+        )
+    grown = _grow_seeds(work, seeds, pairs, report, shared_focal=shared)
+    rig, shared = _choose_focal(work, grown)
+    rig, verdicts = prune_rig(work, rig, shared_focal=shared)
+    for reconsider in (drop_harmful, partial(complete_rig, pairs=pairs)):
+        cameras = rig.state.placed.sum()
+        rig, verdicts = reconsider(work, rig, verdicts, shared_focal=shared)
+        if rig.state.placed.sum() != cameras:
+            rig, shared = _choose_focal(work, rig)
+            rig, verdicts = prune_rig(work, rig, shared_focal=shared)
+    return RegisteredRig(rig, verdicts, shared)
+
+
+def _search_pairs(work: Workspace, report: Progress) -> list[PairHypothesis]:
+    """The best hypothesis of every pair of cameras, most convincing first."""
+    couples = list(combinations(range(work.grid.camera_count), 2))
+    found = []
+    with ThreadPoolExecutor(THREADS) as pool:
+        searched = pool.map(lambda couple: search_pair(work, *couple), couples)
+        for done, pair in enumerate(searched):
+            if pair is not None:
+                found.append(pair)
+            report("pairs", done + 1, len(couples))
+    return sorted(found, key=lambda pair: -pair.margin)
+
+
+Seed = tuple[Verdict, AdjustedRig, tuple[int, int]]
+
+
+def _adjust_seeds(work: Workspace, pairs: list[PairHypothesis], report: Progress) -> list[Seed]:
+    """The most convincing pairs after adjustment that stand up to their evidence, best first."""
+    chosen = pairs[: work.settings.seed_pairs]
+    seeds = []
+    for done, pair in enumerate(chosen):
+        report("seeds", done, len(chosen))
+        try:
+            seed = seed_rig(work, pair)
+        except CalibrationError:
+            continue
+        verdict = judge_camera(work, seed.state, pair.cameras[1])
+        if verdict.accepted:
+            seeds.append((verdict, seed, pair.cameras))
+    report("seeds", len(chosen), len(chosen))
+    return sorted(seeds, key=lambda item: -item[0].margin)
+
+
+def _focal_seems_shared(work: Workspace, seeds: list[Seed]) -> bool:
+    """Whether the two focal lengths of good pairs, fitted freely, mostly agree."""
+    association, matches = GOOD_SEED
+    ratios = [
+        abs(float(np.diff(seed.state.parameters[list(cameras), LOG_FOCAL])[0]))
+        for verdict, seed, cameras in seeds
+        if verdict.judgement.association > association and verdict.judgement.matches > matches
+    ]
+    return bool(ratios) and float(np.median(ratios)) < work.settings.shared_focal_spread
+
+
+def _grow_seeds(
+    work: Workspace,
+    seeds: list[Seed],
+    pairs: list[PairHypothesis],
+    report: Progress,
+    *,
+    shared_focal: bool,
+) -> AdjustedRig:
+    """The rig with most cameras, then most evidence, of those that grow from the seeds."""
+    useful = (work.grid.valid.sum((1, 2)) > work.settings.minimum_matches).sum()
+    grown: list[tuple[tuple[int, float], AdjustedRig]] = []
+    for done, (_, seed, _) in enumerate(seeds):
+        if done >= GROWN_SEEDS and max(cameras for (cameras, _), _ in grown) >= useful:
+            break
+        report("growth", done, len(seeds))
+        rig, verdicts = grow_rig(work, seed, pairs, shared_focal=shared_focal)
+        quality = int(rig.state.placed.sum()), sum(v.margin for v in verdicts.values())
+        grown.append((quality, rig))
+    report("growth", len(seeds), len(seeds))
+    return max(grown, key=lambda item: item[0])[1]
+
+
+def _choose_focal(work: Workspace, rig: AdjustedRig) -> tuple[AdjustedRig, bool]:
+    """Final adjustment with one focal length and with one each; free ones must earn their keep."""
+    together, apart = (
+        alternate(
+            work.grid,
+            rig.state,
+            work.settings,
+            shared_focal=shared,
+            tolerances=FINAL_TOLERANCES,
+            most_people=FINAL_PEOPLE,
+            iterations=FINAL_ITERATIONS,
+        )
+        for shared in (True, False)
+    )
+    shared = not focal_lengths_differ(together.bundle, apart.bundle, work.settings)
+    return (together if shared else apart), shared

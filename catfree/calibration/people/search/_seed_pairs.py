@@ -1,0 +1,143 @@
+"""Two cameras: the placement that makes their people the same, and its adjustment."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree.calibration.people._box_grid import BoxGrid
+from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
+from catfree.calibration.people.cameras._ground_map import visible
+from catfree.calibration.people.matching._group_people import RigState
+from catfree.calibration.people.matching._mutual_nearest import (
+    Judgement,
+    mutual_nearest,
+    squared_distances,
+)
+from catfree.calibration.people.matching._placement import Placement, align_rigidly, moved_map, vote
+from catfree.calibration.people.matching._verdict import judge_with_chance
+from catfree.calibration.people.matching._workspace import Workspace
+
+PLACEMENTS_PER_VOTE = 3
+SHORTLIST = 30  # placements of a pair that are compared on few frames
+FINALISTS = 6  # and of these on more
+ROUNDS = (0.08, 0.05, 0.03)  # range tolerances of the first adjustment
+
+
+@dataclass(frozen=True)
+class PairHypothesis:
+    """Two cameras placed relative to each other from their single-view planes.
+
+    Attributes:
+        cameras: their indices.
+        parameters: (2, 7), the first with pan, X and Y zero.
+        judgement: how well their people agree.
+        margin: how far the evidence exceeds the highest at shifted times.
+    """
+
+    cameras: tuple[int, int]
+    parameters: Float[np.ndarray, "2 7"]
+    judgement: Judgement
+    margin: float
+
+
+def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
+    """The best relative placement of two cameras over focal lengths and plane hypotheses.
+
+    Args:
+        work: the sequence.
+        one: the camera that stays.
+        two: the camera that is placed.
+
+    Returns:
+        The pair, or None if no placement has any votes.
+    """
+    settings = work.settings
+    longest = work.grid.size.max(1)
+    found: list[tuple[Placement, np.ndarray, np.ndarray]] = []
+    for share in settings.focal_shares:
+        sides = [work.planes(c, float(np.log(share * longest[c]))) for c in (one, two)]
+        maps = [
+            [work.local_map(work.voting, c, p, settings.range_tolerance) for p in planes]
+            for c, planes in zip((one, two), sides, strict=True)
+        ]
+        for p, target in zip(sides[0], maps[0], strict=True):
+            for q, source in zip(sides[1], maps[1], strict=True):
+                found += [(v, p, q) for v in vote(target, source, settings, PLACEMENTS_PER_VOTE)]
+    found.sort(key=lambda item: -item[0].score)
+    scored = []
+    for placement, p, q in found[:SHORTLIST]:
+        placement = _settle(work, work.quick, one, two, p, q, placement)
+        _, margin = _judge_pair(work, work.quick, one, two, p, placement.place(q), (0.5,))
+        scored.append((margin, placement, p, q))
+    scored.sort(key=lambda item: -item[0])
+    best = None
+    for _, placement, p, q in scored[:FINALISTS]:
+        placement = _settle(work, work.scoring, one, two, p, q, placement)
+        moved = placement.place(q)
+        judgement, margin = _judge_pair(
+            work, work.scoring, one, two, p, moved, settings.chance_shifts[1::2]
+        )
+        if best is None or margin > best.margin:
+            best = PairHypothesis((one, two), np.stack([p, moved]), judgement, margin)
+    return best
+
+
+def _settle(
+    work: Workspace,
+    grid: BoxGrid,
+    one: int,
+    two: int,
+    p: Float[np.ndarray, "7"],
+    q: Float[np.ndarray, "7"],
+    placement: Placement,
+) -> Placement:
+    """Iterated closest people: slide the second map onto the first."""
+    target = work.local_map(grid, one, p, work.settings.range_tolerance)
+    source = work.local_map(grid, two, q, work.settings.range_tolerance)
+    for _ in range(3):
+        moved = moved_map(source, placement)
+        pairs = squared_distances(target, moved)
+        time, slot, partner = mutual_nearest(*pairs, work.settings.match_gate)
+        if len(time) < 4:
+            return placement
+        spread = target.covariance[time, slot] + moved.covariance[time, partner]
+        weight = 1 / spread.trace(axis1=1, axis2=2)
+        angle, translation = align_rigidly(target.xy[time, slot], source.xy[time, partner], weight)
+        placement = Placement(angle, translation, placement.score)
+    return placement
+
+
+def _judge_pair(
+    work: Workspace,
+    grid: BoxGrid,
+    one: int,
+    two: int,
+    p: Float[np.ndarray, "7"],
+    q: Float[np.ndarray, "7"],
+    shifts: tuple[float, ...],
+) -> tuple[Judgement, float]:
+    """Evidence that two placed cameras see the same people, and its margin over chance."""
+    settings = work.settings
+    a = work.local_map(grid, one, p, settings.range_tolerance)
+    b = work.local_map(grid, two, q, settings.range_tolerance)
+    size, smallest, offset = grid.size, work.smallest, settings.foot_offset
+    return judge_with_chance(
+        b,
+        a,
+        visible(q, size[two], smallest[two], a.xy, a.height, offset),
+        visible(p, size[one], smallest[one], b.xy, b.height, offset),
+        settings,
+        shifts,
+    )
+
+
+def seed_rig(work: Workspace, pair: PairHypothesis) -> AdjustedRig:
+    """Two-camera bundle adjustment with free focal lengths."""
+    count = work.grid.camera_count
+    parameters = np.full((count, 7), np.nan)
+    placed = np.zeros(count, bool)
+    for camera, values in zip(pair.cameras, pair.parameters, strict=True):
+        parameters[camera], placed[camera] = values, True
+    state = RigState(parameters, placed, work.settings.foot_offset, np.full(count, ROUNDS[0]))
+    return alternate(work.grid, state, work.settings, shared_focal=False, tolerances=ROUNDS)

@@ -1,0 +1,1 @@
+"""A scene from reconstructions of single instants: one rig, one ground."""

@@ -1,0 +1,182 @@
+"""One static rig from reconstructions of several instants, each in a frame and scale of its own."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from catfree.calibration.reconstructions._gauges import (
+    Gauges,
+    Poses,
+    agreeing,
+    align,
+    average_poses,
+    central_instant,
+    finite,
+    median_of_present,
+    usual_scale,
+)
+from catfree.calibration.reconstructions._robust_mean import angle
+from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.geometry._arrays import MEDIAN_TO_DEVIATION, ArrayInput
+from catfree.types import Rig
+from catfree.types._reconstruction import Reconstruction
+
+REALIGNMENTS = 5  # aligning to the average and averaging again; it settles after two or three
+MAXIMUM_POINTS = 200_000  # kept of the merged cloud, evenly
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How much the instants disagree about each camera: robust standard deviations.
+
+    Attributes:
+        rotation: (C,) radians.
+        center: (C,) scene units.
+        log_focal: (C,) of the logarithm of the focal length.
+        instants: (C,) number of instants that each camera's average rests on.
+    """
+
+    rotation: Float[np.ndarray, " cam"]
+    center: Float[np.ndarray, " cam"]
+    log_focal: Float[np.ndarray, " cam"]
+    instants: np.ndarray
+
+
+@dataclass(frozen=True)
+class Aggregate:
+    """A static rig and the scene points of all instants in its frame.
+
+    Attributes:
+        rig: the cameras; those that no inlier saw are not registered and NaN.
+        points: (P, 3) scene points of the inlier instants.
+        confidence: (P,) of each point; 1 is the median of its instant.
+        spread: disagreement of the instants, a camera.
+        inliers: (N,) which instants agree with the rig.
+        metric: whether scene units are metres.
+    """
+
+    rig: Rig
+    points: Float[np.ndarray, "p 3"]
+    confidence: Float[np.ndarray, " p"]
+    spread: Spread
+    inliers: Bool[np.ndarray, " n"]
+    metric: bool
+
+
+def aggregate(reconstructions: Sequence[Reconstruction], image_size: ArrayInput) -> Aggregate:
+    """Average the cameras of several instants, each in its own frame and scale.
+
+    The instants are aligned to the one that agrees best with the others, then to their average.
+    All averages are medians (of angles, of distances, of log focal lengths), so that up to a third
+    of the instants, and single cameras of the others, may be garbage.
+
+    Args:
+        reconstructions: one an instant, the same cameras in the same order.
+        image_size: (2,) or (C, 2) width and height in pixels.
+
+    Returns:
+        The rig in the frame of the central instant and in the usual scale of the instants, and the
+        merged points.
+
+    Raises:
+        InvalidInputError: if the reconstructions have different numbers of cameras.
+        InsufficientDataError: if there is none, or none in which two cameras are registered.
+    """
+    if not reconstructions:
+        raise InsufficientDataError("There is no reconstruction to aggregate: pass at least one.")
+    counts = [len(reconstruction.t) for reconstruction in reconstructions]
+    if len(set(counts)) > 1:
+        at = next(i for i, count in enumerate(counts) if count != counts[0])
+        raise InvalidInputError(
+            f"Reconstruction {at} has {counts[at]} cameras, but reconstruction 0 has {counts[0]}."
+        )
+    poses = _poses(reconstructions)
+    if (poses.known.sum(axis=1) < 2).all():
+        raise InsufficientDataError(
+            f"In none of the {len(reconstructions)} reconstructions two cameras are registered."
+        )
+    gauges = align(poses, central_instant(poses))
+    inliers = np.isfinite(gauges.scale)
+    for _ in range(REALIGNMENTS):
+        aligned = gauges.poses(poses)
+        inliers = agreeing(aligned, *average_poses(aligned, aligned.known))
+        R, center = average_poses(aligned, aligned.known & inliers[:, None])
+        gauges = align(poses, Poses(R, center, finite(center)))
+    gauges = usual_scale(gauges, inliers)
+    aligned = gauges.poses(poses)
+    used = aligned.known & inliers[:, None]
+    R, center = average_poses(aligned, used)
+    K = np.stack([reconstruction.K for reconstruction in reconstructions]).astype(np.float64)
+    average_K = _average_intrinsics(K, used)
+    registered = used.any(axis=0)
+    t = -np.einsum("cij,cj->ci", R, center)
+    rig = Rig(average_K, R, t, image_size, registered=registered)
+    points, confidence = _merged_points(reconstructions, gauges, inliers)
+    return Aggregate(
+        rig,
+        points,
+        confidence,
+        _spread(aligned, K, used, R, center, average_K),
+        inliers,
+        all(reconstruction.scale_is_metric for reconstruction in reconstructions),
+    )
+
+
+def _poses(reconstructions: Sequence[Reconstruction]) -> Poses:
+    R = np.stack([reconstruction.R for reconstruction in reconstructions]).astype(np.float64)
+    t = np.stack([reconstruction.t for reconstruction in reconstructions]).astype(np.float64)
+    known = np.stack([reconstruction.registered for reconstruction in reconstructions])
+    return Poses(R, -np.einsum("ncji,ncj->nci", R, t), known)
+
+
+def _average_intrinsics(K: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """(C, 3, 3) medians; of the logarithm where a focal length is meant."""
+    average = np.full(K.shape[1:], np.nan)
+    for row, column in ((0, 0), (1, 1)):
+        average[:, row, column] = np.exp(median_of_present(np.log(K[:, :, row, column]).T, used.T))
+    for row, column in ((0, 1), (0, 2), (1, 2)):
+        average[:, row, column] = median_of_present(K[:, :, row, column].T, used.T)
+    average[:, [1, 2, 2], [0, 0, 1]] = 0.0
+    average[:, 2, 2] = 1.0
+    return average
+
+
+def _spread(
+    aligned: Poses,
+    K: np.ndarray,
+    used: np.ndarray,
+    R: np.ndarray,
+    center: np.ndarray,
+    average_K: np.ndarray,
+) -> Spread:
+    turned = angle(aligned.R, np.where(np.isfinite(R), R, np.eye(3))[None])
+    away = np.linalg.norm(np.where(used[..., None], aligned.center - center, 0.0), axis=-1)
+    focal = np.where(used, np.log(K[:, :, 0, 0] / average_K[:, 0, 0]), 0.0)
+    return Spread(
+        MEDIAN_TO_DEVIATION * median_of_present(turned.T, used.T),
+        MEDIAN_TO_DEVIATION * median_of_present(away.T, used.T),
+        MEDIAN_TO_DEVIATION * median_of_present(np.abs(focal).T, used.T),
+        used.sum(axis=0),
+    )
+
+
+def _merged_points(
+    reconstructions: Sequence[Reconstruction], gauges: Gauges, inliers: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the inlier instants in the common frame, and their relative confidences."""
+    points, confidence = [np.zeros((0, 3))], [np.zeros(0)]
+    for instant in np.flatnonzero(inliers).tolist():
+        reconstruction = reconstructions[instant]
+        if len(reconstruction.points) == 0:
+            continue
+        turned = reconstruction.points.astype(np.float64) @ gauges.rotation[instant].T
+        points.append(gauges.scale[instant] * turned + gauges.translation[instant])
+        typical = float(np.median(reconstruction.confidence))
+        confidence.append(reconstruction.confidence / (typical if typical > 0 else 1.0))
+    merged, sure = np.concatenate(points), np.concatenate(confidence).astype(np.float64)
+    if len(merged) > MAXIMUM_POINTS:
+        kept = np.linspace(0, len(merged) - 1, MAXIMUM_POINTS).round().astype(int)
+        merged, sure = merged[kept], sure[kept]
+    return merged, sure

@@ -1,0 +1,3 @@
+"""The command line."""
+
+from catfree.cli._commands import main as main

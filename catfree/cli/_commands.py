@@ -1,0 +1,283 @@
+"""The command line: a thin shell over the functions of the library."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+
+from catfree.cli._inputs import (
+    open_detector,
+    open_embedder,
+    open_reconstructor,
+    open_scene,
+    open_videos,
+    read_truth,
+    settings_of,
+)
+from catfree.cli._terminal import (
+    INTERRUPTED,
+    fail,
+    print_result,
+    print_table,
+    print_text,
+    progress_bars,
+    require_tyro,
+)
+from catfree.errors import CatFreeError, InsufficientDataError
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: the words after `catfree`; None for those of the process.
+
+    Returns:
+        The exit code: 0, or 1 after an error, which is one sentence on standard error. Words that
+        make no sense exit with 2.
+    """
+    try:
+        tyro = require_tyro()
+        tyro.extras.subcommand_cli_from_dict(
+            _commands(tyro),
+            prog="catfree",
+            description="Videos of static cameras in, tracked people on the ground out.",
+            args=arguments,
+        )
+    except CatFreeError as error:
+        return fail(str(error))
+    except OSError as error:
+        return fail(f"{error.filename or 'A file'}: {error.strerror or error}.")
+    except KeyboardInterrupt:
+        fail("Interrupted. Run it again to go on with the stages that are finished.")
+        return INTERRUPTED
+    return 0
+
+
+def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
+    """The sub-commands; built here because their annotations need tyro."""
+    positional = tyro.conf.Positional
+
+    def run(
+        videos: Annotated[tuple[Path, ...], positional],
+        out: Path = Path("catfree_results"),
+        detector: Path | None = None,
+        embedder: Path | None = None,
+        reconstructor: Path | None = None,
+        scene: Path | None = None,
+        method: Literal["default", "paper", "evidence"] = "default",
+        cache: Path | None = None,
+        stride: int = 1,
+        start: int | None = None,
+        end: int | None = None,
+        offsets: tuple[int, ...] | None = None,
+        frame_rate: float | None = None,
+        keep_before_damage: bool = False,
+        pictures: bool = True,
+        overlay: bool = False,
+    ) -> None:
+        """Track the people in the videos of several static cameras.
+
+        Args:
+            videos: one video file or image folder a camera.
+            out: folder for the results.
+            detector: ONNX file of a person detector (YOLO11-pose, YOLOv8-pose or YOLOX); without
+                it people are found by what moves before the background.
+            embedder: ONNX file of a re-identification network.
+            reconstructor: ONNX file of VGGT, which finds the cameras from the pictures.
+            scene: known cameras and ground (scene.json); without it and without a reconstructor
+                they are found from the people.
+            method: the localization method.
+            cache: folder for finished stages; `cache` in the results folder if not given.
+            stride: use every so-many-th frame.
+            start: first frame.
+            end: frame to stop before.
+            offsets: the frame of each camera that shows the first common instant.
+            frame_rate: frames a second to use; the lowest of the cameras if not given.
+            keep_before_damage: go on with what comes before a frame that cannot be decoded.
+            pictures: draw plots.
+            overlay: write a video of all cameras with the tracks.
+        """
+        from catfree._run._result_folder import write_overlay, write_results
+        from catfree._run._run import run_stages
+
+        settings = settings_of(method)
+        footage = open_videos(
+            videos,
+            stride=stride,
+            start=start,
+            end=end,
+            offsets=offsets,
+            frame_rate=frame_rate,
+            on_error="keep" if keep_before_damage else "raise",
+        )
+        with progress_bars() as progress:
+            outcome = run_stages(
+                footage,
+                open_detector(detector),
+                open_embedder(embedder),
+                open_reconstructor(reconstructor),
+                open_scene(scene),
+                settings,
+                cache_dir=out / "cache" if cache is None else cache,
+                progress=progress,
+            )
+        if footage.interruption is not None:
+            fail(f"Used what came before the damage: {footage.interruption}")
+        drawn = None if pictures else False
+        write_results(out, outcome, settings, videos=footage, pictures=drawn)
+        if overlay:
+            with progress_bars() as progress:
+                write_overlay(out, footage, outcome, progress)
+        print_result(outcome, out)
+
+    def demo(
+        out: Path = Path("catfree_demo"),
+        seed: int = 0,
+        cameras: int = 6,
+        people: int = 14,
+        frames: int = 200,
+        size: tuple[int, int] = (1280, 720),
+        method: Literal["default", "paper", "evidence"] = "default",
+        workers: int | None = None,
+        pictures: bool = True,
+    ) -> None:
+        """Render a world, track its people from the videos alone, and score the tracks.
+
+        Args:
+            out: folder for videos and results.
+            seed: another number, another world.
+            cameras: cameras around the square.
+            people: people on the square at a time.
+            frames: frames, 5 a second.
+            size: width and height of the videos in pixels.
+            method: the localization method.
+            workers: rendering processes; one a processor if not given.
+            pictures: draw plots.
+        """
+        from catfree.cli._demo import EASY, run_demo, score_table
+
+        with progress_bars() as progress:
+            done = run_demo(
+                out,
+                seed,
+                cameras=cameras,
+                people=people,
+                frames=frames,
+                image_size=size,
+                settings=None if method == "default" else settings_of(method),
+                workers=workers,
+                pictures=None if pictures else False,
+                progress=progress,
+            )
+        print_table(score_table(done.scores))
+        print_result(done.outcome, out)
+        print_text(EASY)
+
+    def calibrate(
+        videos: Annotated[tuple[Path, ...], positional],
+        out: Path = Path("catfree_rig"),
+        detector: Path | None = None,
+        cache: Path | None = None,
+        stride: int = 1,
+        offsets: tuple[int, ...] | None = None,
+        keep_before_damage: bool = False,
+    ) -> None:
+        """Find cameras and ground in metres from the people in the videos.
+
+        Args:
+            videos: one video file or image folder a camera.
+            out: folder for scene.json and the rig in other formats.
+            detector: ONNX file of a person detector; without it people are found by what moves.
+            cache: folder for finished stages; `cache` in the output folder if not given.
+            stride: use every so-many-th frame.
+            offsets: the frame of each camera that shows the first common instant.
+            keep_before_damage: go on with what comes before a frame that cannot be decoded.
+        """
+        from catfree._run._cache import StageCache
+        from catfree._run._report import camera_table
+        from catfree._run._result_folder import write_rig
+        from catfree._run._stages import calibrate_cameras, detect
+        from catfree.adapters.background._background_detector import BackgroundDetector
+
+        on_error = "keep" if keep_before_damage else "raise"
+        footage = open_videos(videos, stride=stride, offsets=offsets, on_error=on_error)
+        stages = StageCache(out / "cache" if cache is None else cache)
+        finder = open_detector(detector) or BackgroundDetector()
+        with progress_bars() as progress:
+            seen = detect(footage, finder, cache=stages, progress=progress)
+            found = calibrate_cameras(footage, finder, seen, cache=stages, progress=progress)
+        if footage.interruption is not None:
+            fail(f"Used what came before the damage: {footage.interruption}")
+        write_rig(out, found.scene, footage.camera_names)
+        print_table(camera_table(found.scene, footage.camera_names, found))
+        print_text(f"The rig is in {out}.")
+
+    def evaluate(
+        tracks: Annotated[Path, positional],
+        ground_truth: Annotated[Path, positional],
+        area: tuple[float, float, float, float] | None = None,
+        threshold: float = 0.5,
+        track_threshold: float = 1.0,
+    ) -> None:
+        """Score tracks against true positions in the same coordinates.
+
+        Args:
+            tracks: tracks.csv of a run.
+            ground_truth: CSV with a header and the columns frame, id, x, y.
+            area: x_min x_max y_min y_max; everything outside is ignored.
+            threshold: largest distance of a match for MODA, in metres.
+            track_threshold: the same for MOTA and IDF1.
+        """
+        from catfree._run._report import Table
+        from catfree.adapters.tables._tracks_table import read_tracks_csv
+        from catfree.evaluation import crop, detection_metrics, hota, tracking_metrics
+
+        truth, found = read_truth(ground_truth), read_tracks_csv(tracks).to_rows()
+        frames = np.unique(np.concatenate([truth[:, 0], found[:, 0]]))
+        if area is not None:
+            truth, found = crop(truth, area), crop(found, area)
+        if not len(truth):
+            raise InsufficientDataError(
+                f"No position of {ground_truth} lies in the area {area}, so nothing can be scored. "
+                "Check that area and positions have the same coordinates."
+            )
+        people = detection_metrics(truth, found, frames, threshold)
+        paths = tracking_metrics(truth, found, frames, track_threshold)
+        rows = (
+            (f"MODA ({threshold:g} m)", f"{people.moda:.2f}"),
+            ("MODP", f"{people.modp:.2f}"),
+            ("precision", f"{people.precision:.2f}"),
+            ("recall", f"{people.recall:.2f}"),
+            (f"MOTA ({track_threshold:g} m)", f"{paths.mota:.2f}"),
+            (f"IDF1 ({track_threshold:g} m)", f"{paths.idf1:.2f}"),
+            ("identity switches", str(paths.id_switches)),
+            ("HOTA", f"{hota(truth, found, frames).hota:.2f}"),
+        )
+        print_table(Table(("measure", "value"), rows))
+
+    def plot(
+        results: Annotated[Path, positional],
+        out: Path | None = None,
+    ) -> None:
+        """Draw the pictures of a finished run again.
+
+        Args:
+            results: folder that `catfree run` or `catfree demo` wrote.
+            out: folder for the pictures; `pictures` in the results folder if not given.
+        """
+        from catfree._run._result_folder import draw_pictures, read_results
+
+        localization, scene, names = read_results(results)
+        folder = results / "pictures" if out is None else out
+        for path in draw_pictures(folder, localization, scene, camera_names=names):
+            print_text(str(path))
+
+    return {
+        "run": run,
+        "demo": demo,
+        "calibrate": calibrate,
+        "evaluate": evaluate,
+        "plot": plot,
+    }

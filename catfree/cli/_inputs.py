@@ -1,0 +1,134 @@
+"""From the words of the command line to what the library takes: settings, videos, networks, truth.
+
+The adapters are imported where a file is opened, so that `catfree --help` loads no video library.
+"""
+
+import csv
+import io
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from catfree.errors import FileFormatError, InvalidInputError
+
+TRUTH_COLUMNS = ("frame", "id", "x", "y")
+
+
+def settings_of(method: str) -> Any:
+    """The settings that a method is named for."""
+    from catfree.settings import Settings
+
+    if method == "default":
+        return Settings()
+    return Settings.paper() if method == "paper" else Settings(method="evidence")
+
+
+def open_videos(paths: tuple[Path, ...], **options: Any) -> Any:
+    """The cameras' videos on one clock.
+
+    Raises:
+        InvalidInputError: if there are fewer than two.
+    """
+    from catfree.adapters.video._synchronized_videos import SynchronizedVideos
+
+    if len(paths) < 2:
+        raise InvalidInputError(
+            f"People are located where views meet: name at least 2 videos, got {len(paths)}."
+        )
+    return SynchronizedVideos(paths, **options)
+
+
+def open_detector(path: Path | None) -> Any:
+    """The network of an ONNX file, whichever known detector it is."""
+    from catfree.adapters.detectors._yolo_pose import YoloPoseOnnx
+    from catfree.adapters.detectors._yolox import YoloxOnnx
+
+    if path is None:
+        return None
+    try:
+        return YoloPoseOnnx(path)
+    except FileFormatError as not_pose:
+        try:
+            return YoloxOnnx(path)
+        except FileFormatError:
+            raise not_pose from None
+
+
+def open_embedder(path: Path | None) -> Any:
+    """The re-identification network of an ONNX file."""
+    from catfree.adapters.embedders._reid import ReIdOnnx
+
+    return None if path is None else ReIdOnnx(path)
+
+
+def open_reconstructor(path: Path | None) -> Any:
+    """VGGT of an ONNX file."""
+    from catfree.adapters.reconstructors._vggt import VggtOnnx
+
+    return None if path is None else VggtOnnx(path)
+
+
+def open_scene(path: Path | None) -> Any:
+    """Cameras and ground of a saved scene, `.npz` or JSON."""
+    from catfree.adapters.calibration_files._rig_json import read_scene_json
+    from catfree.types import Scene
+
+    if path is None:
+        return None
+    return Scene.load(path) if path.suffix == ".npz" else read_scene_json(path)[0]
+
+
+def read_truth(path: Path) -> np.ndarray:
+    """(N, 4) rows of a CSV file with the columns frame, id (or track_id), x and y.
+
+    Raises:
+        FileFormatError: if a column is missing, or naming the first line that is too short or too
+            long, or holds no numbers.
+    """
+    from catfree.adapters.files._documents import read_text
+
+    reader = csv.reader(io.StringIO(read_text(path, "ground truth")))
+    try:
+        words = ((reader.line_num, [word.strip() for word in row]) for row in reader)
+        lines = [(line, row) for line, row in words if row not in ([], [""])]
+    except csv.Error as error:
+        raise FileFormatError(f"{path}: line {reader.line_num} is not CSV: {error}.") from error
+    header = lines[0][1] if lines else []
+    # Tracks of catfree can be the truth of another run.
+    identity = "track_id" if "track_id" in header else "id"
+    names = [identity if name == "id" else name for name in TRUTH_COLUMNS]
+    missing = [name for name in names if name not in header]
+    if missing:
+        raise FileFormatError(
+            f"{path} has no column {missing[0]!r}; ground truth is a CSV file with a header and "
+            f"the columns {', '.join(TRUTH_COLUMNS)}."
+        )
+    if len(lines) == 1:
+        raise FileFormatError(f"{path} has a header but no rows: there is no truth to compare to.")
+    columns = [header.index(name) for name in names]
+    rows = []
+    for line, words in lines[1:]:
+        if len(words) != len(header):
+            raise FileFormatError(
+                f"{path}: line {line} has {len(words)} columns instead of {len(header)}. Separate "
+                "columns by commas and write decimals with a point."
+            )
+        rows.append(_truth_row([words[at] for at in columns], names, path, line))
+    return np.array(rows)
+
+
+def _truth_row(words: list[str], names: list[str], path: Path, line: int) -> list[float]:
+    row = []
+    for name, word in zip(names, words, strict=True):
+        try:
+            value = float(word)
+        except ValueError:
+            value = math.nan
+        whole = name not in ("x", "y")
+        if not math.isfinite(value) or (whole and (value != round(value) or abs(value) >= 2**53)):
+            kind = "a whole number" if whole else "a finite number"
+            raise FileFormatError(f"{path}: {name} in line {line} is {word!r}, not {kind}.")
+        row.append(value)
+    return row

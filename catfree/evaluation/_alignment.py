@@ -1,0 +1,251 @@
+"""Alignment of a reconstruction with the annotations, and how much of the score comes from it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.evaluation._detection_metrics import GATE_TOLERANCE
+from catfree.evaluation._position_matching import matched_rows
+from catfree.evaluation._rows import Number, as_positive, read_sequence
+from catfree.geometry import Similarity, fit_similarity
+from catfree.geometry._arrays import ArrayInput
+from catfree.types._validation import as_boolean, as_float
+
+MINIMUM_CENTRES = 3
+
+
+def align_centres(
+    estimated_centres: ArrayInput,
+    true_centres: ArrayInput,
+    *,
+    registered: ArrayInput | None = None,
+    fixed_scale: bool = False,
+) -> Similarity:
+    """The similarity that moves estimated camera centres onto the annotated ones.
+
+    It removes the gauge freedom of a reconstruction (position, orientation, scale) without looking
+    at any person. It is computed in JAX's default float width.
+
+    Args:
+        estimated_centres: (C, 3) in scene units.
+        true_centres: (C, 3) in metres, the same cameras in the same order.
+        registered: (C,) which cameras to use, None for all; the others may be NaN.
+        fixed_scale: keep the scene's scale (a rigid alignment, six degrees of freedom).
+
+    Returns:
+        The transform from scene units to metres.
+
+    Raises:
+        InvalidInputError: if the arrays do not fit together or a used centre is not finite.
+        InsufficientDataError: if fewer than three cameras are used.
+        DegenerateGeometryError: if the centres lie on one line.
+
+    Source:
+        CAT-Free, evaluation protocol: a 7-DoF similarity fitted to the camera centres.
+    """
+    estimated, true, used = _centres(estimated_centres, true_centres, registered)
+    if len(used) < MINIMUM_CENTRES:
+        raise InsufficientDataError(
+            f"Cannot align camera centres: {len(used)} cameras, {MINIMUM_CENTRES} needed."
+        )
+    return fit_similarity(estimated[used], true[used], fixed_scale=fixed_scale)
+
+
+def _centres(
+    estimated: ArrayInput, true: ArrayInput, registered: ArrayInput | None
+) -> tuple[Float[np.ndarray, "cam 3"], Float[np.ndarray, "cam 3"], Int[np.ndarray, " used"]]:
+    """Both arrays in float64 and the indices of the cameras that are used."""
+    estimated = np.asarray(as_float(estimated), np.float64)
+    true = np.asarray(as_float(true), np.float64)
+    if estimated.ndim != 2 or estimated.shape[1] != 3 or true.shape != estimated.shape:
+        raise InvalidInputError(
+            f"Camera centres must be two (C, 3) arrays, got {estimated.shape} and {true.shape}."
+        )
+    chosen = (
+        np.ones(len(true), dtype=bool)
+        if registered is None
+        else as_boolean(registered, "registered")
+    )
+    if chosen.shape != (len(true),):
+        raise InvalidInputError(
+            f"registered must have shape ({len(true)},), one a camera, got {chosen.shape}."
+        )
+    used = np.flatnonzero(chosen)
+    finite = np.isfinite(estimated[used]).all(axis=1) & np.isfinite(true[used]).all(axis=1)
+    if not finite.all():
+        raise InvalidInputError(
+            f"The centre of camera {used[np.argmin(finite)]} is not finite: mark it as not "
+            "registered."
+        )
+    return estimated, true, used
+
+
+@dataclass(frozen=True, eq=False)
+class LeaveOneOut:
+    """A score under alignments that each withhold one camera.
+
+    Attributes:
+        value: the score with all cameras.
+        cameras: (L,) the withheld camera of each refit.
+        values: (L,) the score of each refit.
+        held_out_centre_error: (L,) distance between the withheld camera's aligned and annotated
+            centres in metres: the quality of the rig itself.
+    """
+
+    value: float
+    cameras: Int[np.ndarray, " l"]
+    values: Float[np.ndarray, " l"]
+    held_out_centre_error: Float[np.ndarray, " l"]
+
+    @property
+    def mean(self) -> float:
+        """Mean score of the refits."""
+        return float(self.values.mean())
+
+    @property
+    def min(self) -> float:
+        """Worst score of the refits."""
+        return float(self.values.min())
+
+    @property
+    def std(self) -> float:
+        """Sample standard deviation of the refits' scores."""
+        return float(self.values.std(ddof=1))
+
+    def __str__(self) -> str:
+        return (
+            f"all cameras {self.value:.2f}  leave one out: mean {self.mean:.2f}  "
+            f"min {self.min:.2f}  SD {self.std:.2f}  "
+            f"held-out centre error {self.held_out_centre_error.mean():.2f} m"
+        )
+
+
+def leave_one_camera_out(
+    estimated_centres: ArrayInput,
+    true_centres: ArrayInput,
+    positions: ArrayInput,
+    score_function: Callable[[Float[np.ndarray, "m 3"]], float],
+    *,
+    registered: ArrayInput | None = None,
+    fixed_scale: bool = False,
+) -> LeaveOneOut:
+    """How much of a score depends on the alignment: refit without each camera and score again.
+
+    Args:
+        estimated_centres: (C, 3) in scene units.
+        true_centres: (C, 3) in metres.
+        positions: (M, 3) predictions in scene units, all of them scored each time.
+        score_function: takes the aligned positions (M, 3) in metres, returns a number; for
+            instance MODA of them.
+        registered: (C,) which cameras to use, None for all.
+        fixed_scale: see `align_centres`.
+
+    Returns:
+        The scores, and where each withheld camera landed.
+
+    Raises:
+        InsufficientDataError: if fewer than four cameras are used.
+        InvalidInputError: as `align_centres`, or if positions are not (M, 3).
+        DegenerateGeometryError: if the centres that remain lie on one line.
+
+    Source:
+        CAT-Free, appendix "Effect of evaluation alignment" (Table gauge).
+    """
+    estimated, true, used = _centres(estimated_centres, true_centres, registered)
+    points = np.asarray(as_float(positions), np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InvalidInputError(f"positions must have shape (M, 3), got {points.shape}.")
+    if len(used) <= MINIMUM_CENTRES:
+        raise InsufficientDataError(
+            f"Cannot leave one camera out: {len(used)} cameras, {MINIMUM_CENTRES + 1} needed."
+        )
+
+    def score(alignment: Similarity) -> float:
+        return float(score_function(np.asarray(alignment(points), dtype=np.float64)))
+
+    values = np.zeros(len(used))
+    errors = np.zeros(len(used))
+    for k, camera in enumerate(used):
+        others = used[used != camera]
+        refit = fit_similarity(estimated[others], true[others], fixed_scale=fixed_scale)
+        values[k] = score(refit)
+        errors[k] = np.linalg.norm(np.asarray(refit(estimated[camera])) - true[camera])
+    everyone = fit_similarity(estimated[used], true[used], fixed_scale=fixed_scale)
+    return LeaveOneOut(
+        value=score(everyone), cameras=used, values=values, held_out_centre_error=errors
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class PositionAlignment:
+    """What is left of the errors after an alignment on the people themselves.
+
+    Attributes:
+        similarity: (2-D) moves predicted x, y onto the true ones.
+        rows: (P, 4) the predictions, moved.
+        matched: number of pairs it was fitted to.
+        rms_before: root mean square distance of those pairs in metres.
+        rms_after: the same after the move.
+    """
+
+    similarity: Similarity
+    rows: Float[np.ndarray, "p 4"]
+    matched: int
+    rms_before: float
+    rms_after: float
+
+    def __str__(self) -> str:
+        return (
+            f"RMS {self.rms_before:.3f} m before, {self.rms_after:.3f} m after alignment on "
+            f"{self.matched} positions (scale {float(self.similarity.scale):.4f})"
+        )
+
+
+def align_positions(
+    ground_truth: ArrayInput,
+    predictions: ArrayInput,
+    threshold: Number = 1.0,
+    *,
+    fixed_scale: bool = False,
+) -> PositionAlignment:
+    """Align predictions on the annotated people: a diagnostic, never a score.
+
+    If the error falls a lot, the calibration or its alignment is off rather than the localization.
+    The fit has seen the ground truth, so no metric of the moved rows may be reported as a result.
+
+    Args:
+        ground_truth: (G, 4) rows [frame, id, x, y], metres.
+        predictions: (P, 4) rows of the same form, already roughly aligned.
+        threshold: largest distance of a pair in metres.
+        fixed_scale: keep scale 1.
+
+    Returns:
+        The alignment, the moved rows, and the errors before and after.
+
+    Raises:
+        InvalidInputError: naming the first bad row.
+        InsufficientDataError: if fewer than two pairs are matched.
+        DegenerateGeometryError: if all pairs coincide.
+    """
+    gate = as_positive(threshold, "threshold")
+    sequence = read_sequence(ground_truth, predictions)
+    truth, predicted = matched_rows(sequence, gate + GATE_TOLERANCE)
+    if len(truth) < 2:
+        raise InsufficientDataError(
+            f"Cannot align positions: {len(truth)} predictions within {gate} m of the ground "
+            "truth, 2 needed."
+        )
+    target = sequence.truth[truth, 2:]
+    source = sequence.predicted[predicted, 2:]
+    similarity = fit_similarity(source, target, fixed_scale=fixed_scale)
+    moved = np.asarray(similarity(sequence.predicted[:, 2:]), dtype=np.float64)
+    return PositionAlignment(
+        similarity=similarity,
+        rows=np.column_stack([sequence.predicted[:, :2], moved]),
+        matched=len(truth),
+        rms_before=float(np.sqrt(((source - target) ** 2).sum(axis=1).mean())),
+        rms_after=float(np.sqrt(((moved[predicted] - target) ** 2).sum(axis=1).mean())),
+    )

@@ -1,0 +1,133 @@
+"""Detection metrics inside a rectangle of the ground, with both ways to count what lies outside."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from catfree.errors import InvalidInputError
+from catfree.evaluation._detection_metrics import DetectionMetrics, detection_metrics
+from catfree.evaluation._rows import Frames, Number, as_rows, read_sequence
+from catfree.geometry._arrays import ArrayInput
+
+
+def crop(rows: ArrayInput, area: Any) -> Float[np.ndarray, "n 4"]:
+    """The rows whose position lies in a rectangle, its border included.
+
+    Args:
+        rows: (N, 4) rows [frame, id, x, y], metres.
+        area: (x_min, x_max, y_min, y_max) in metres, or {"x": (x_min, x_max), "y": (y_min, y_max)}.
+
+    Returns:
+        The rows inside, in their order.
+
+    Raises:
+        InvalidInputError: if a row or the area is malformed.
+    """
+    array = as_rows(rows, "rows")
+    return array[inside(array, area)]
+
+
+def inside(rows: Float[np.ndarray, "n 4"], area: Any) -> Bool[np.ndarray, " n"]:
+    """Which rows lie in an axis-aligned rectangle, its border included.
+
+    Args:
+        rows: (N, 4) `[frame, id, x, y]` in metres.
+        area: `x_min, x_max, y_min, y_max` in metres, or a mapping with the pairs `x` and `y`.
+
+    Returns:
+        (N,) those that `crop` would keep.
+
+    Raises:
+        InvalidInputError: if the area is malformed.
+    """
+    try:
+        bounds = [*area["x"], *area["y"]] if isinstance(area, Mapping) else list(area)
+        x_min, x_max, y_min, y_max = (float(bound) for bound in bounds)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInputError(
+            f"area is {area!r}; give (x_min, x_max, y_min, y_max) or a mapping with x and y ranges."
+        ) from error
+    # Written so that nan fails too; infinite bounds are fine.
+    if not (x_min < x_max and y_min < y_max):
+        raise InvalidInputError(f"area is {area!r}; it must have x_min < x_max and y_min < y_max.")
+    x, y = rows[:, 2], rows[:, 3]
+    return (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
+
+
+@dataclass(frozen=True, eq=False)
+class AreaMetrics:
+    """Detection metrics of an area, and how much was outside it.
+
+    Attributes:
+        metrics: the metrics.
+        ground_truth_outside: ground-truth rows outside the area; they never count.
+        predictions_outside: predictions outside the area.
+        outside: how those predictions were counted.
+    """
+
+    metrics: DetectionMetrics
+    ground_truth_outside: int
+    predictions_outside: int
+    outside: str
+
+    def __str__(self) -> str:
+        return (
+            f"{self.metrics}  outside: {self.ground_truth_outside} true, "
+            f"{self.predictions_outside} predicted ({self.outside})"
+        )
+
+
+def detection_metrics_in_area(
+    ground_truth: ArrayInput,
+    predictions: ArrayInput,
+    area: Any,
+    frames: Frames | None = None,
+    threshold: Number = 0.5,
+    *,
+    outside: str = "ignore",
+    compat: str | None = None,
+) -> AreaMetrics:
+    """Detection metrics of the people annotated in an area.
+
+    Benchmarks annotate a rectangle only, and people walk outside it. Counting a prediction there as
+    a false positive punishes being right; ignoring it hides junk. Report which one was done.
+
+    Args:
+        ground_truth: (G, 4) rows [frame, id, x, y], metres; rows outside the area are dropped.
+        predictions: (P, 4) rows of the same form, in the same coordinates.
+        area: see `crop`.
+        frames: the frames to evaluate, also those without rows; rows of other frames are ignored.
+            None evaluates every frame that either array mentions, inside the area or not.
+        threshold: largest distance of a match in metres.
+        outside: "ignore" drops predictions outside the area; "false_positive" keeps them, so each
+            is a false positive unless it matches someone just inside.
+        compat: see `detection_metrics`.
+
+    Returns:
+        The metrics and the number of rows outside.
+
+    Raises:
+        InvalidInputError: naming the first bad row or argument.
+    """
+    if outside not in ("ignore", "false_positive"):
+        raise InvalidInputError(f"outside is {outside!r}; it must be 'ignore' or 'false_positive'.")
+    sequence = read_sequence(ground_truth, predictions, frames)
+    truth_inside = inside(sequence.truth, area)
+    predicted_inside = inside(sequence.predicted, area)
+    kept = predicted_inside if outside == "ignore" else slice(None)
+    metrics = detection_metrics(
+        sequence.truth[truth_inside],
+        sequence.predicted[kept],
+        sequence.frames,
+        threshold,
+        compat=compat,
+    )
+    return AreaMetrics(
+        metrics=metrics,
+        ground_truth_outside=int((~truth_inside).sum()),
+        predictions_outside=int((~predicted_inside).sum()),
+        outside=outside,
+    )

@@ -1,0 +1,65 @@
+"""One-to-one matching within a gate: most pairs first, then the smallest total distance."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.optimize import linear_sum_assignment
+
+from catfree.evaluation._rows import Sequence
+
+
+class Matching(NamedTuple):
+    """Matched pairs of one frame.
+
+    Attributes:
+        truth: (m,) index of the ground-truth point of each pair.
+        predicted: (m,) index of its prediction.
+        distance: (m,) their distance in metres.
+    """
+
+    truth: Int[np.ndarray, " m"]
+    predicted: Int[np.ndarray, " m"]
+    distance: Float[np.ndarray, " m"]
+
+
+def match(distance: Float[np.ndarray, "g p"], admissible: Bool[np.ndarray, "g p"]) -> Matching:
+    """Match true points to predictions, only along admissible pairs.
+
+    Args:
+        distance: (g, p) distances in metres; anything where a pair is not admissible.
+        admissible: (g, p) which pairs may be matched.
+
+    Returns:
+        The matching with the most pairs and, among those, the smallest total distance.
+    """
+    # One pair more must outweigh any saving on the others, so a forbidden pair costs more than
+    # all admissible ones together. An infinite cost would make the assignment infeasible.
+    largest = distance[admissible].max(initial=0.0)
+    forbidden = 2 * min(distance.shape) * (largest + 1) + 1
+    truth, predicted = linear_sum_assignment(np.where(admissible, distance, forbidden))
+    kept = admissible[truth, predicted]
+    truth, predicted = truth[kept], predicted[kept]
+    return Matching(truth, predicted, distance[truth, predicted])
+
+
+def matched_rows(
+    sequence: Sequence, gate: float
+) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+    """Match every frame by distance.
+
+    Args:
+        sequence: ground truth and predictions.
+        gate: largest distance of a pair in metres.
+
+    Returns:
+        Indices of the paired rows in `sequence.truth` and in `sequence.predicted`.
+    """
+    truths = [np.zeros(0, dtype=np.int64)]
+    predictions = [np.zeros(0, dtype=np.int64)]
+    for truth, predicted in sequence:
+        distances = sequence.distances(truth, predicted)
+        pairs = match(distances, distances <= gate)
+        truths.append(truth[pairs.truth])
+        predictions.append(predicted[pairs.predicted])
+    return np.concatenate(truths), np.concatenate(predictions)

@@ -1,0 +1,155 @@
+"""Ground truth and predictions as rows [frame, id, x, y]: checked once, read frame by frame."""
+
+from collections.abc import Iterator, Set
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree.errors import InvalidInputError
+from catfree.geometry._arrays import ArrayInput
+from catfree.types._validation import as_float, as_integer
+
+Number = float | int | np.number
+Rows = Float[np.ndarray, "n 4"]
+Frames = ArrayInput | Set[int | np.integer]
+
+
+def as_rows(rows: ArrayInput, name: str, *, identified: bool = False) -> Rows:
+    """Rows as a (N, 4) float64 array, or a sentence about the first bad one.
+
+    Args:
+        rows: (N, 4) frame, identity, x, y in metres; anything empty counts as (0, 4).
+        name: what to call the rows in an error.
+        identified: whether identities matter: then they must be whole numbers and no identity may
+            appear twice in a frame.
+
+    Returns:
+        (N, 4) float64.
+
+    Raises:
+        InvalidInputError: naming the first row that breaks the above.
+    """
+    try:
+        array = np.asarray(as_float(rows), np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(
+            f"{name} must be an (N, 4) array of numbers [frame, id, x, y]: {error}."
+        ) from error
+    if array.size == 0:
+        return np.zeros((0, 4))
+    if array.ndim != 2 or array.shape[1] != 4:
+        raise InvalidInputError(
+            f"{name} must have shape (N, 4) with columns [frame, id, x, y], got {array.shape}."
+        )
+    _refuse(array, ~np.isfinite(array).all(axis=1), name, "all four values must be finite")
+    whole = array[:, :2] if identified else array[:, :1]
+    columns = "frame and id" if identified else "frame"
+    _refuse(array, (whole != np.round(whole)).any(axis=1), name, f"{columns} must be whole numbers")
+    if identified:
+        _, first = np.unique(array[:, :2], axis=0, return_index=True)
+        repeated = np.ones(len(array), dtype=bool)
+        repeated[first] = False
+        _refuse(array, repeated, name, "its id is already in this frame; give every person one row")
+    return array
+
+
+def _refuse(array: Rows, bad: Any, name: str, reason: str) -> None:
+    if bad.any():
+        at = int(np.argmax(bad))
+        raise InvalidInputError(f"{name}[{at}] is {array[at].tolist()}: {reason}.")
+
+
+def as_positive(value: Any, name: str) -> float:
+    """A finite number above zero.
+
+    Raises:
+        InvalidInputError: if it is anything else.
+    """
+    number = float(value)
+    if not (np.isfinite(number) and number > 0):
+        raise InvalidInputError(f"{name} is {number}; it must be a finite length above zero.")
+    return number
+
+
+@dataclass(frozen=True, eq=False)
+class Sequence:
+    """Ground truth and predictions over one list of frames, both in their input order.
+
+    Attributes:
+        frames: (F,) the evaluated frames, ascending.
+        truth: (G, 4) ground-truth rows of those frames.
+        predicted: (P, 4) predicted rows of those frames.
+        truth_rows: for each frame, the indices of its rows in `truth`.
+        predicted_rows: for each frame, the indices of its rows in `predicted`.
+    """
+
+    frames: Int[np.ndarray, " f"]
+    truth: Float[np.ndarray, "g 4"]
+    predicted: Float[np.ndarray, "p 4"]
+    truth_rows: list[np.ndarray]
+    predicted_rows: list[np.ndarray]
+
+    def __iter__(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """The indices of the true and of the predicted rows, frame by frame."""
+        return zip(self.truth_rows, self.predicted_rows, strict=True)
+
+    def distances(
+        self, truth: Int[np.ndarray, " g"], predicted: Int[np.ndarray, " p"]
+    ) -> Float[np.ndarray, "g p"]:
+        """(g, p) Euclidean distances in metres between the rows with these indices."""
+        difference = self.truth[truth, None, 2:] - self.predicted[None, predicted, 2:]
+        return np.linalg.norm(difference, axis=-1)
+
+
+def read_sequence(
+    ground_truth: ArrayInput,
+    predictions: ArrayInput,
+    frames: Frames | None = None,
+    *,
+    identified: bool = False,
+) -> Sequence:
+    """Check both row arrays and sort them into frames.
+
+    Args:
+        ground_truth: (G, 4) rows [frame, id, x, y], metres.
+        predictions: (P, 4) rows of the same form, in the same coordinates.
+        frames: the frames to evaluate. One without rows is legitimate: nobody was there and nobody
+            was reported, which is neither right nor wrong, and a frame where only one of the two
+            arrays has rows counts all of them as errors. Rows of other frames are ignored, so that
+            a list of test frames picks them out. None evaluates every frame that either array
+            mentions, and so cannot know of frames in which there was nothing.
+        identified: whether identities matter (see `as_rows`).
+
+    Returns:
+        The checked sequence.
+
+    Raises:
+        InvalidInputError: naming the first bad row or frame.
+    """
+    truth = as_rows(ground_truth, "ground_truth", identified=identified)
+    predicted = as_rows(predictions, "predictions", identified=identified)
+    if frames is None:
+        listed = np.concatenate([truth[:, 0], predicted[:, 0]]).astype(np.int64)
+    else:
+        listed = as_integer(list(frames) if isinstance(frames, range | set) else frames, "frames")
+        if listed.ndim != 1:
+            raise InvalidInputError(f"frames must be a flat list, got shape {listed.shape}.")
+    listed = np.unique(listed)
+    truth = truth[np.isin(truth[:, 0], listed)]
+    predicted = predicted[np.isin(predicted[:, 0], listed)]
+    return Sequence(
+        frames=listed,
+        truth=truth,
+        predicted=predicted,
+        truth_rows=_by_frame(truth, listed),
+        predicted_rows=_by_frame(predicted, listed),
+    )
+
+
+def _by_frame(rows: Rows, frames: np.ndarray) -> list[np.ndarray]:
+    order = np.argsort(rows[:, 0], kind="stable")
+    if not len(frames):
+        return []
+    return np.split(order, np.searchsorted(rows[order, 0], frames[1:]))

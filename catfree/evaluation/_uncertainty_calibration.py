@@ -1,0 +1,219 @@
+"""Whether reported uncertainties are honest: covariance ellipses and existence probabilities."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from catfree.errors import InvalidInputError
+from catfree.evaluation._detection_metrics import GATE_TOLERANCE
+from catfree.evaluation._position_matching import matched_rows
+from catfree.evaluation._rows import Frames, Number, as_positive, read_sequence
+from catfree.geometry._arrays import ArrayInput
+
+
+def matched_predictions(
+    ground_truth: ArrayInput, predictions: ArrayInput, threshold: Number = 0.5
+) -> Bool[np.ndarray, " p"]:
+    """Which predictions are true positives, in the sense of `detection_metrics`.
+
+    Args:
+        ground_truth: (G, 4) rows [frame, id, x, y], metres.
+        predictions: (P, 4) rows of the same form.
+        threshold: largest distance of a match in metres.
+
+    Returns:
+        (P,) in the order of `predictions`; what `calibration_curve` takes as `correct`.
+
+    Raises:
+        InvalidInputError: naming the first bad row.
+    """
+    gate = as_positive(threshold, "threshold")
+    sequence = read_sequence(ground_truth, predictions)
+    correct = np.zeros(len(sequence.predicted), dtype=bool)
+    correct[matched_rows(sequence, gate + GATE_TOLERANCE)[1]] = True
+    return correct
+
+
+@dataclass(frozen=True, eq=False)
+class EllipseCoverage:
+    """How often true positions lie inside the uncertainty ellipses of their predictions.
+
+    Attributes:
+        level: the share that should be inside.
+        squared_mahalanobis: (M,) of each matched pair; chi-square with two degrees of freedom if
+            the covariances are right.
+    """
+
+    level: float
+    squared_mahalanobis: Float[np.ndarray, " m"]
+
+    @property
+    def matched(self) -> int:
+        """Number of matched pairs."""
+        return len(self.squared_mahalanobis)
+
+    @property
+    def _limit(self) -> float:
+        """Quantile of the squared distance: chi-square with two degrees of freedom."""
+        return float(-2 * np.log1p(-self.level))
+
+    @property
+    def share(self) -> float:
+        """Share inside the ellipse, nan without pairs: `level` if honest, less if overconfident."""
+        inside = self.squared_mahalanobis <= self._limit
+        return float(inside.mean()) if self.matched else float("nan")
+
+    @property
+    def sigma_factor(self) -> float:
+        """Factor on all sigmas that would bring `share` to `level`; nan without pairs."""
+        if not self.matched:
+            return float("nan")
+        needed = np.quantile(self.squared_mahalanobis, self.level)
+        return float(np.sqrt(needed / self._limit))
+
+    def __str__(self) -> str:
+        return (
+            f"{100 * self.share:.1f} % of {self.matched} matched positions inside the "
+            f"{100 * self.level:g} % ellipse (sigmas should be x {self.sigma_factor:.2f})"
+        )
+
+
+def ellipse_coverage(
+    ground_truth: ArrayInput,
+    predictions: ArrayInput,
+    covariance: ArrayInput,
+    frames: Frames | None = None,
+    threshold: Number = 1.0,
+    *,
+    level: Number = 0.95,
+) -> EllipseCoverage:
+    """Check ground covariances against the true positions.
+
+    Predictions are matched to the ground truth by distance. The gate cuts off larger errors, so it
+    should be well above the sigmas: otherwise the coverage looks better than it is.
+
+    Args:
+        ground_truth: (G, 4) rows [frame, id, x, y], metres.
+        predictions: (P, 4) rows of the same form, in the same coordinates.
+        covariance: (P, 2, 2) of the predicted x, y in square metres, symmetric positive definite.
+        frames: the frames to use; rows of other frames are ignored. None uses all.
+        threshold: largest distance of a match in metres.
+        level: probability content of the ellipse.
+
+    Returns:
+        The coverage and the squared Mahalanobis distance of every pair.
+
+    Raises:
+        InvalidInputError: naming the first bad row or covariance.
+    """
+    gate = as_positive(threshold, "threshold")
+    if not 0 < level < 1:
+        raise InvalidInputError(f"level is {level}; it must be a probability inside (0, 1).")
+    everything = read_sequence(ground_truth, predictions)
+    sequence = read_sequence(ground_truth, predictions, frames)
+    covariances = np.asarray(covariance, dtype=np.float64)
+    n = len(everything.predicted)
+    if covariances.shape != (n, 2, 2) and (n or covariances.size):
+        raise InvalidInputError(
+            f"covariance must have shape ({n}, 2, 2), one a prediction, got {covariances.shape}."
+        )
+    covariances = covariances.reshape(n, 2, 2)
+    _require_positive_definite(covariances)
+    covariances = covariances[np.isin(everything.predicted[:, 0], sequence.frames)]
+    truth, predicted = matched_rows(sequence, gate + GATE_TOLERANCE)
+    error = sequence.truth[truth, 2:] - sequence.predicted[predicted, 2:]
+    solved = np.linalg.solve(covariances[predicted], error[:, :, None])[:, :, 0]
+    return EllipseCoverage(level=float(level), squared_mahalanobis=(error * solved).sum(axis=1))
+
+
+def _require_positive_definite(covariances: Float[np.ndarray, "p 2 2"]) -> None:
+    xx, xy, yx, yy = covariances.reshape(-1, 4).T
+    with np.errstate(invalid="ignore"):
+        good = (xx > 0) & (yy > 0) & (xx * yy - xy * yx > 0) & np.isclose(xy, yx, atol=0)
+    good &= np.isfinite(covariances).all(axis=(1, 2))
+    if not good.all():
+        at = int(np.argmin(good))
+        raise InvalidInputError(
+            f"covariance[{at}] is {covariances[at].tolist()}; it must be finite, symmetric and "
+            "positive definite."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationCurve:
+    """Reliability diagram of probabilities: what was claimed against what happened.
+
+    Attributes:
+        edges: (B + 1,) borders of the bins in [0, 1].
+        count: (B,) probabilities in each bin.
+        mean_probability: (B,) mean claim, nan where a bin is empty.
+        observed_frequency: (B,) share that was correct, nan where a bin is empty.
+        expected_calibration_error: mean gap between the two, weighted by `count`.
+        brier_score: mean squared difference between probability and outcome.
+    """
+
+    edges: Float[np.ndarray, " edge"]
+    count: Int[np.ndarray, " bin"]
+    mean_probability: Float[np.ndarray, " bin"]
+    observed_frequency: Float[np.ndarray, " bin"]
+    expected_calibration_error: float
+    brier_score: float
+
+    def __str__(self) -> str:
+        return (
+            f"expected calibration error {self.expected_calibration_error:.3f}, Brier score "
+            f"{self.brier_score:.3f} ({int(self.count.sum())} predictions)"
+        )
+
+
+def calibration_curve(
+    probability: ArrayInput, correct: ArrayInput, bins: int = 10
+) -> CalibrationCurve:
+    """Compare claimed probabilities with how often they came true.
+
+    Args:
+        probability: (N,) claimed probabilities in [0, 1].
+        correct: (N,) whether each came true.
+        bins: number of bins of equal width; a value on a border belongs to the upper one.
+
+    Returns:
+        The curve; its scores are nan if N is 0.
+
+    Raises:
+        InvalidInputError: naming the first probability outside [0, 1], or if the lengths differ.
+
+    Source:
+        Naeini et al., "Obtaining well calibrated probabilities using Bayesian binning" (2015).
+    """
+    claimed = np.asarray(probability, dtype=np.float64)
+    outcome = np.asarray(correct).astype(np.float64)
+    if claimed.ndim != 1 or outcome.shape != claimed.shape:
+        raise InvalidInputError(
+            f"probability {claimed.shape} and correct {outcome.shape} must be flat, of one length."
+        )
+    if bins < 1:
+        raise InvalidInputError(f"bins is {bins}; at least 1 is needed.")
+    bad = ~((claimed >= 0) & (claimed <= 1))
+    if bad.any():
+        at = int(np.argmax(bad))
+        raise InvalidInputError(f"probability[{at}] is {claimed[at]}; it must be in [0, 1].")
+    bad = ~np.isin(outcome, (0.0, 1.0))
+    if bad.any():
+        raise InvalidInputError(f"correct[{int(np.argmax(bad))}] is neither true nor false.")
+    edges = np.linspace(0.0, 1.0, bins + 1)
+    index = np.minimum(np.searchsorted(edges, claimed, side="right") - 1, bins - 1)
+    count = np.bincount(index, minlength=bins)
+    claimed_sum = np.bincount(index, weights=claimed, minlength=bins)
+    outcome_sum = np.bincount(index, weights=outcome, minlength=bins)
+    with np.errstate(invalid="ignore"):
+        return CalibrationCurve(
+            edges=edges,
+            count=count,
+            mean_probability=claimed_sum / count,
+            observed_frequency=outcome_sum / count,
+            expected_calibration_error=float(
+                np.abs(claimed_sum - outcome_sum).sum() / np.float64(len(claimed))
+            ),
+            brier_score=float(((claimed - outcome) ** 2).sum() / np.float64(len(claimed))),
+        )

@@ -1,0 +1,163 @@
+"""The two adaptive filters, in every order of the ablation: uncertainty sigma, ground distance g.
+
+Source: paper, Sec. "Selecting pedestrian positions" and Table "gates".
+"""
+
+from typing import Literal, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Num
+
+from catfree.errors import InvalidInputError
+from catfree.filters._otsu import log_otsu, otsu
+from catfree.filters._sample_arrays import HostOrDevice, as_floating, as_mask
+from catfree.settings import Selection
+
+Gate = Literal["support", "uncertainty", "ground"]
+Sample = Literal["all", "remaining"]
+
+# Each order of the ablation: its gates as they run, and the candidates their thresholds come from.
+ORDERS: dict[Selection, tuple[tuple[Gate, Sample], ...]] = {
+    "none": (),
+    "support": (("support", "all"),),
+    "ground_only": (("support", "all"), ("ground", "all")),
+    "uncertainty_add": (("support", "all"), ("uncertainty", "all")),
+    "uncertainty_replace": (("uncertainty", "all"),),
+    "ground_then_uncertainty_replace": (("ground", "all"), ("uncertainty", "remaining")),
+    "ground_then_uncertainty_add": (("support", "all"), ("ground", "all"), ("uncertainty", "all")),
+    "uncertainty_then_ground": (("uncertainty", "all"), ("ground", "remaining")),
+}
+
+
+class Gates(NamedTuple):
+    """What the gates decided about H candidates.
+
+    Every candidate is in exactly one of the four masks; what is no candidate is in none.
+
+    Attributes:
+        keep: (H,) bool; passed every gate.
+        uncertain: (H,) bool; removed by the uncertainty gate.
+        off_ground: (H,) bool; removed by the ground gate.
+        unsupported: (H,) bool; removed by the camera support gate.
+        tau_sigma: () threshold of sigma in scene units, +inf where that gate did not run.
+        tau_g: () threshold of g in scene units, +inf where that gate did not run.
+        tau_support: () threshold of the weighted support, -inf where that gate did not run.
+    """
+
+    keep: Bool[Array, " h"]
+    uncertain: Bool[Array, " h"]
+    off_ground: Bool[Array, " h"]
+    unsupported: Bool[Array, " h"]
+    tau_sigma: Float[Array, ""]
+    tau_g: Float[Array, ""]
+    tau_support: Float[Array, ""]
+
+
+def quantile(
+    values: Num[HostOrDevice, " n"],
+    share: float,
+    where: Bool[HostOrDevice, " n"] | None = None,
+) -> Float[Array, ""]:
+    """The quantile of a masked sample, linear between neighbours.
+
+    Args:
+        values: (n,) sample, any unit. Entries that are not finite are not part of it.
+        share: in [0, 1]; 0.5 is the median.
+        where: (n,) which entries are part of the sample; the others may hold anything.
+
+    Returns:
+        () in the unit of the values; +inf without any value.
+    """
+    values = as_floating(values)
+    if values.shape[0] == 0:
+        return jnp.asarray(jnp.inf, values.dtype)
+    member = as_mask(where, values.shape) & jnp.isfinite(values)
+    ordered = jnp.sort(jnp.where(member, values, jnp.inf))
+    last = jnp.maximum(jnp.sum(member) - 1, 0)
+    position = jnp.asarray(share, values.dtype) * last.astype(values.dtype)
+    lower = jnp.floor(position).astype(last.dtype)
+    below, above = ordered[lower], ordered[jnp.minimum(lower + 1, last)]
+    step = jnp.where(above > below, above - below, 0)  # also keeps inf - inf out
+    return below + (position - jnp.floor(position)) * step
+
+
+def support_threshold(
+    weighted_support: Num[HostOrDevice, " h"], where: Bool[HostOrDevice, " h"] | None = None
+) -> Float[Array, ""]:
+    """The weighted camera support that a candidate must reach (Q): Otsu's threshold of the sample.
+
+    Args:
+        weighted_support: (H,) sum of the reliabilities w of the supporting rays, one a camera.
+        where: (H,) which hypotheses are candidates.
+
+    Returns:
+        () threshold; -inf without any candidate.
+    """
+    threshold = otsu(weighted_support, where)
+    return jnp.where(jnp.isfinite(threshold), threshold, -jnp.inf)
+
+
+def select(
+    sigma: Num[HostOrDevice, " h"],
+    ground_distance: Num[HostOrDevice, " h"],
+    weighted_support: Num[HostOrDevice, " h"],
+    candidate: Bool[HostOrDevice, " h"],
+    *,
+    gates: Selection = "uncertainty_then_ground",
+    fixed_quantile: float | None = None,
+) -> Gates:
+    """Which hypotheses are well determined and stand on the ground.
+
+    A gate accepts up to and including its threshold. The orders that "add" put their gates beside
+    the camera support gate Q, each with a threshold from all candidates; the orders that "replace"
+    drop Q, and what comes second is estimated on the survivors of what came first.
+
+    Args:
+        sigma: (H,) ground uncertainty (Eq. sigma) in scene units; +inf (fewer than two cameras)
+            is no part of any estimate and fails the uncertainty gate.
+        ground_distance: (H,) distance g to the ground in scene units, 0 or more.
+        weighted_support: (H,) sum of the reliabilities w of the supporting rays, one a camera.
+        candidate: (H,) bool; other rows may hold anything.
+        gates: the order of the ablation (Table "gates"); the paper's method is
+            "uncertainty_then_ground".
+        fixed_quantile: replace log-Otsu by this quantile of the same sample.
+
+    Returns:
+        Masks and thresholds.
+
+    Raises:
+        InvalidInputError: if the quantile is outside [0, 1].
+
+    Source: paper, Sec. "Selecting pedestrian positions".
+    """
+    if fixed_quantile is not None and not 0 <= fixed_quantile <= 1:
+        raise InvalidInputError(f"fixed_quantile is {fixed_quantile}; it must be between 0 and 1.")
+    sigma, ground_distance = as_floating(sigma), as_floating(ground_distance)
+    weighted_support = as_floating(weighted_support)
+    candidate = jnp.asarray(candidate)
+
+    def threshold(values: Float[Array, " h"], where: Bool[Array, " h"]) -> Float[Array, ""]:
+        if fixed_quantile is None:
+            return log_otsu(values, where)
+        return quantile(values, fixed_quantile, where)
+
+    remaining = candidate
+    uncertain = off_ground = unsupported = jnp.zeros_like(candidate)
+    tau_sigma = tau_g = jnp.asarray(jnp.inf, sigma.dtype)
+    tau_support = jnp.asarray(-jnp.inf, weighted_support.dtype)
+    for gate, sample in ORDERS[gates]:
+        estimated_on = candidate if sample == "all" else remaining
+        match gate:
+            case "support":
+                tau_support = support_threshold(weighted_support, estimated_on)
+                unsupported = remaining & ~(weighted_support >= tau_support)
+                remaining = remaining & ~unsupported
+            case "uncertainty":
+                tau_sigma = threshold(sigma, estimated_on)
+                uncertain = remaining & ~((sigma <= tau_sigma) & jnp.isfinite(sigma))
+                remaining = remaining & ~uncertain
+            case "ground":
+                tau_g = threshold(ground_distance, estimated_on)
+                off_ground = remaining & ~(ground_distance <= tau_g)
+                remaining = remaining & ~off_ground
+    return Gates(remaining, uncertain, off_ground, unsupported, tau_sigma, tau_g, tau_support)

@@ -1,0 +1,208 @@
+"""The auxiliary score: seven signals of a hypothesis, each weighted by how well it separates.
+
+Source: paper, Sec. "The Scoring Stage".
+"""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Num
+
+from catfree.filters._otsu import otsu, otsu_separability
+from catfree.filters._sample_arrays import HostOrDevice, as_floating, as_mask
+
+
+class Signal(IntEnum):
+    """The columns of the signals; in each, more is better."""
+
+    SUPPORTING_RAYS = 0
+    NEGATIVE_MEDIAN_RESIDUAL = 1
+    DETECTOR_CONFIDENCE = 2
+    VIEW_SUPPORT_RATIO = 3
+    HEIGHT_CONSISTENCY = 4
+    TEMPORAL_PERSISTENCE = 5
+    RECONSTRUCTION_CONFIDENCE = 6
+
+
+class AuxiliaryScore(NamedTuple):
+    """The score of H hypotheses.
+
+    Attributes:
+        score: (H,) weighted mean of the standardized signals; 0 is average.
+        weights: (7,) weight of each signal, 0 where it is missing or the same for all.
+        threshold: () Otsu's threshold of the score.
+    """
+
+    score: Float[Array, " h"]
+    weights: Float[Array, "7"]
+    threshold: Float[Array, ""]
+
+
+def auxiliary_score(
+    signals: Num[HostOrDevice, "h 7"], where: Bool[HostOrDevice, " h"] | None = None
+) -> AuxiliaryScore:
+    """Rank the hypotheses of a sequence by what their images say about them.
+
+    Each signal is standardized over the sequence and weighted by its Otsu separability; the weight
+    of the reconstruction confidence is also multiplied by its correlation with the consensus of
+    the other six, where that is positive.
+
+    Args:
+        signals: (H, 7) in the order of `Signal`, each in its own unit, higher is better. An entry
+            that is not finite is missing: it counts as average.
+        where: (H,) which hypotheses take part; the others may hold anything and score 0.
+
+    Returns:
+        Score, weights and threshold. Shifting or scaling a signal changes nothing.
+
+    Source: paper, Sec. "The Scoring Stage".
+    """
+    signals = as_floating(signals)
+    present = as_mask(where, signals.shape[:1])
+    known = present[:, None] & jnp.isfinite(signals)
+    standardized = jax.vmap(_standardize, (1, 1), 1)(signals, known)
+    weights = jax.vmap(otsu_separability, (1, 1))(signals, known)
+    last = Signal.RECONSTRUCTION_CONFIDENCE
+    consensus = standardized[:, :last] @ weights[:last]
+    agreement = _correlation(standardized[:, last], consensus, known[:, last])
+    weights = weights.at[last].multiply(jnp.maximum(agreement, 0))
+    total = jnp.sum(weights)
+    score = standardized @ weights / jnp.where(total > 0, total, 1)
+    return AuxiliaryScore(score, weights, otsu(score, present))
+
+
+def view_support_ratio(
+    supporting: Bool[HostOrDevice, " cam"], seeing: Bool[HostOrDevice, " cam"]
+) -> Float[Array, ""]:
+    """Of the cameras that should see a position, the share that does.
+
+    Args:
+        supporting: (C,) cameras with a supporting ray.
+        seeing: (C,) cameras whose image contains the position; supporting cameras count as seeing.
+
+    Returns:
+        () in [0, 1]; 0 where no camera sees the position.
+
+    Source: paper, Sec. "The Scoring Stage", which names the signal but gives no formula.
+    """
+    supporting = jnp.asarray(supporting)
+    seen = jnp.sum(supporting | jnp.asarray(seeing))
+    ratio = jnp.sum(supporting) / jnp.maximum(seen, 1)
+    return ratio.astype(jnp.result_type(float))
+
+
+def median_residual(
+    residuals: Num[HostOrDevice, " cam"], where: Bool[HostOrDevice, " cam"]
+) -> Float[Array, ""]:
+    """The median angular residual of the supporting rays; the signal is its negative.
+
+    Args:
+        residuals: (C,) angles in radians.
+        where: (C,) cameras with a supporting ray; the others may hold anything.
+
+    Returns:
+        () in radians; NaN (a missing signal) without any supporting ray.
+
+    Source: paper, Sec. "The Scoring Stage", of the angles of Eq. theta.
+    """
+    residuals, where = as_floating(residuals), jnp.asarray(where)
+    return jnp.nanmedian(jnp.where(where, residuals, jnp.nan))
+
+
+def implied_height(
+    K: Num[HostOrDevice, "3 3"],
+    R: Num[HostOrDevice, "3 3"],
+    t: Num[HostOrDevice, "3"],
+    box: Num[HostOrDevice, "4"],
+    position: Num[HostOrDevice, "3"],
+    normal: Num[HostOrDevice, "3"],
+    offset: Num[HostOrDevice, ""],
+) -> Float[Array, ""]:
+    """How tall a person at a position would be if the top of the box were the top of the head.
+
+    The height above the ground at which the vertical through the position and the ray through the
+    middle of the upper box edge come closest.
+
+    Args:
+        K: (3, 3) intrinsics in pixels; lens distortion is neglected.
+        R: (3, 3) world-to-camera rotation.
+        t: (3,) world-to-camera translation in scene units.
+        box: (4,) left, top, right, bottom in pixels.
+        position: (3,) in scene units.
+        normal: (3,) unit ground normal, towards the cameras.
+        offset: () of the ground plane in scene units.
+
+    Returns:
+        () in scene units. Always finite: for a ray along the vertical, which meets it everywhere,
+        the height of the camera.
+
+    Source: paper, Sec. "The Scoring Stage", which names implied heights but gives no formula; the
+        nearest points of two lines are elementary.
+    """
+    K, R, t, box, position, normal, offset = map(
+        as_floating, (K, R, t, box, position, normal, offset)
+    )
+    x, y = (box[0] + box[2]) / 2, box[1]
+    v = (y - K[1, 2]) / K[1, 1]
+    u = (x - K[0, 2] - K[0, 1] * v) / K[0, 0]
+    direction = R.T @ jnp.stack([u, v, jnp.ones_like(u)])
+    direction = direction / jnp.sqrt(direction @ direction)
+    centre = -(R.T @ t)
+    rise = normal @ direction
+    level = direction - rise * normal
+    towards = position - centre
+    squared = level @ level
+    # Below this the ray is vertical to within the rounding of its direction.
+    upright = squared <= jnp.square(8 * jnp.finfo(squared.dtype).eps)
+    along = jnp.where(upright, 0, level @ towards / jnp.where(upright, 1, squared))
+    return normal @ centre + offset + jnp.maximum(along, 0) * rise
+
+
+def height_consistency(
+    heights: Num[HostOrDevice, " cam"], where: Bool[HostOrDevice, " cam"]
+) -> Float[Array, ""]:
+    """How well the cameras agree on a person's height: minus the relative spread.
+
+    Args:
+        heights: (C,) implied heights, any unit.
+        where: (C,) which cameras have one; the others may hold anything.
+
+    Returns:
+        () minus standard deviation over mean magnitude, 0 at best; NaN (a missing signal) where
+        fewer than two cameras can be compared.
+
+    Source: paper, Sec. "The Scoring Stage", which names the signal but gives no formula.
+    """
+    heights, where = as_floating(heights), jnp.asarray(where)
+    values = jnp.where(where, heights, 0)
+    count = jnp.maximum(jnp.sum(where), 1).astype(values.dtype)
+    mean = jnp.sum(values) / count
+    deviation = jnp.where(where, values - mean, 0)
+    variance = jnp.sum(jnp.square(deviation)) / count
+    magnitude = jnp.sum(jnp.abs(values)) / count
+    comparable = (jnp.sum(where) >= 2) & (magnitude > 0)
+    spread = jnp.sqrt(jnp.where(comparable & (variance > 0), variance, 1))
+    spread = jnp.where(variance > 0, spread, 0)
+    return jnp.where(comparable, -spread / jnp.where(comparable, magnitude, 1), jnp.nan)
+
+
+def _standardize(values: Float[Array, " h"], known: Bool[Array, " h"]) -> Float[Array, " h"]:
+    """Zero mean and unit variance over the known entries; 0 elsewhere, and where all are equal."""
+    count = jnp.maximum(jnp.sum(known), 1).astype(values.dtype)
+    values = jnp.where(known, values, 0)
+    # Centring twice leaves a constant column at exactly 0 to within its rounding.
+    values = jnp.where(known, values - jnp.sum(values) / count, 0)
+    values = jnp.where(known, values - jnp.sum(values) / count, 0)
+    variance = jnp.sum(jnp.square(values)) / count
+    return values / jnp.sqrt(jnp.where(variance > 0, variance, 1))
+
+
+def _correlation(
+    first: Float[Array, " h"], second: Float[Array, " h"], where: Bool[Array, " h"]
+) -> Float[Array, ""]:
+    """Pearson's correlation over the entries where both are known; 0 where one is constant."""
+    first, second = _standardize(first, where), _standardize(second, where)
+    count = jnp.maximum(jnp.sum(where), 1).astype(first.dtype)
+    return jnp.clip(jnp.sum(first * second) / count, -1, 1)

@@ -1,0 +1,113 @@
+"""One position a person: greedy non-maximum suppression on the ground, and what it leaves free.
+
+Source: paper, Sec. "Selecting pedestrian positions", duplicate removal and recovery.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Num, ScalarLike
+
+from catfree.errors import InvalidInputError
+from catfree.filters._sample_arrays import HostOrDevice, as_floating, as_mask
+
+
+def suppress(
+    positions: Num[HostOrDevice, "h 2"],
+    priority: Num[HostOrDevice, " h"] | Num[HostOrDevice, "h rank"],
+    radius: ScalarLike,
+    where: Bool[HostOrDevice, " h"] | None = None,
+) -> Bool[Array, " h"]:
+    """Keep the strongest of positions that are closer than a radius (greedy NMS).
+
+    In order of falling priority, a position is kept if it is farther than the radius from all that
+    were kept before. Computed in parallel rounds: whoever is not beaten by an undecided neighbour
+    is kept, and its neighbours are removed, until all are decided.
+
+    Args:
+        positions: (H, 2) on the ground, any unit.
+        priority: (H,), or (H, k) where later columns break ties of earlier ones. The lower index
+            wins what is still tied.
+        radius: in the unit of the positions, 0 or more; a distance equal to it suppresses.
+        where: (H,) which positions take part; the others may hold anything and are not kept.
+
+    Returns:
+        (H,) bool, which positions are kept.
+
+    Raises:
+        InvalidInputError: if there are not as many priorities as positions, or not 2 coordinates.
+
+    Source: paper, Sec. "Selecting pedestrian positions", duplicate removal.
+    """
+    positions, priority = as_floating(positions), as_floating(priority)
+    count = positions.shape[0]
+    if positions.shape != (count, 2) or priority.shape[:1] != (count,):
+        raise InvalidInputError(
+            "Suppression needs positions of shape (n, 2) and one priority each, got shapes "
+            f"{positions.shape} and {priority.shape}."
+        )
+    if count == 0:
+        return jnp.zeros(0, bool)
+    present = as_mask(where, (count,))
+    columns = priority[:, None] if priority.ndim == 1 else priority
+    columns = jnp.where(present[:, None], -columns, jnp.inf)
+    order = jnp.lexsort(tuple(columns.T[::-1]))  # stable: ties stay in index order
+    near = _within(positions, positions, radius, present, present)[order][:, order]
+    beaten_by = near & (jnp.arange(count)[None, :] < jnp.arange(count)[:, None])
+    return jnp.zeros(count, bool).at[order].set(_greedy(beaten_by, present[order]))
+
+
+def outside(
+    positions: Num[HostOrDevice, "h 2"],
+    accepted: Bool[HostOrDevice, " h"],
+    radius: ScalarLike,
+    where: Bool[HostOrDevice, " h"] | None = None,
+) -> Bool[Array, " h"]:
+    """Which positions are farther than a radius from all accepted ones: candidates of the recovery.
+
+    Args:
+        positions: (H, 2) on the ground, any unit.
+        accepted: (H,) which positions are accepted.
+        radius: in the unit of the positions, 0 or more.
+        where: (H,) which positions are asked about; the others may hold anything unless accepted.
+
+    Returns:
+        (H,) bool; false where `where` is, and for accepted positions.
+
+    Source: paper, Sec. "Selecting pedestrian positions", recovery.
+    """
+    positions, accepted = as_floating(positions), jnp.asarray(accepted)
+    asked = as_mask(where, accepted.shape) & ~accepted
+    return asked & ~jnp.any(_within(positions, positions, radius, asked, accepted), axis=1)
+
+
+def _within(
+    rows: Float[Array, "h 2"],
+    columns: Float[Array, "k 2"],
+    radius: ScalarLike,
+    row_present: Bool[Array, " h"],
+    column_present: Bool[Array, " k"],
+) -> Bool[Array, "h k"]:
+    """Which pairs of present positions are at most the radius apart."""
+    rows = jnp.where(row_present[:, None], rows, 0)
+    columns = jnp.where(column_present[:, None], columns, 0)
+    x = rows[:, 0][:, None] - columns[:, 0][None, :]
+    y = rows[:, 1][:, None] - columns[:, 1][None, :]
+    near = jnp.hypot(x, y) <= jnp.asarray(radius, rows.dtype)
+    return near & row_present[:, None] & column_present[None, :]
+
+
+@jax.jit  # compiled once a shape: outside of jit, its loop would be compiled at every call
+def _greedy(beaten_by: Bool[Array, "h h"], present: Bool[Array, " h"]) -> Bool[Array, " h"]:
+    """Keep, in rounds, what no undecided position beats, and remove what the kept ones beat."""
+
+    def decide(
+        state: tuple[Bool[Array, " h"], Bool[Array, " h"]],
+    ) -> tuple[Bool[Array, " h"], Bool[Array, " h"]]:
+        undecided, kept = state
+        new = undecided & ~jnp.any(beaten_by & undecided[None, :], axis=1)
+        removed = jnp.any(beaten_by & new[None, :], axis=1)
+        return undecided & ~new & ~removed, kept | new
+
+    start = (present, jnp.zeros_like(present))
+    _, kept = jax.lax.while_loop(lambda state: jnp.any(state[0]), decide, start)
+    return kept

@@ -1,0 +1,82 @@
+"""Matches must last: the same two tracklets have to meet in more than one frame.
+
+On the host, in NumPy: the output is a mask of whole sequences that nothing differentiates, and
+counting distinct keys by sorting takes NumPy a few milliseconds where XLA's CPU sort takes tens,
+compiled again for every length of a sequence.
+
+Source: paper, Sec. "Selecting pedestrian positions", temporal consistency.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from catfree.filters._sample_arrays import HostOrDevice
+
+
+def frames_of_pairs(
+    frame: Int[HostOrDevice, " h"],
+    tracklet: Int[HostOrDevice, "h cam"],
+    where: Bool[HostOrDevice, " h"] | None = None,
+) -> Int[np.ndarray, " h"]:
+    """How long the most lasting match of each hypothesis lasts.
+
+    A match is a pair of tracklets of two cameras that support one hypothesis.
+
+    Args:
+        frame: (H,) frame of each hypothesis.
+        tracklet: (H, C) tracklet of the supporting detection of each camera, -1 where absent.
+            Tracklet numbers are unique over all cameras.
+        where: (H,) which hypotheses count.
+
+    Returns:
+        (H,) largest number of distinct frames in which a pair of the hypothesis occurs; 0 for
+        hypotheses that do not count or have fewer than two tracklets.
+    """
+    frame, tracklet = np.asarray(frame), np.asarray(tracklet)
+    count, cameras = tracklet.shape
+    longest = np.zeros(count, np.int64)
+    first, second = np.triu_indices(cameras, k=1)
+    present = tracklet >= 0
+    if where is not None:
+        present &= np.asarray(where)[:, None]
+    row, pair = np.nonzero(present[:, first] & present[:, second])
+    if row.size == 0:
+        return longest
+    names, tracklet_index = np.unique(tracklet, return_inverse=True)
+    _, frame_index = np.unique(frame, return_inverse=True)
+    tracklet_index = tracklet_index.reshape(tracklet.shape).astype(np.int64)
+    key = tracklet_index[row, first[pair]] * len(names) + tracklet_index[row, second[pair]]
+    order = np.lexsort((frame_index[row], key))
+    key_sorted, frame_sorted = key[order], frame_index[row][order]
+    new_key = np.concatenate([[True], key_sorted[1:] != key_sorted[:-1]])
+    new_frame = new_key | np.concatenate([[True], frame_sorted[1:] != frame_sorted[:-1]])
+    group = np.cumsum(new_key) - 1
+    frames = np.bincount(group, weights=new_frame).astype(np.int64)
+    np.maximum.at(longest, row[order], frames[group])
+    return longest
+
+
+def temporally_consistent(
+    frame: Int[HostOrDevice, " h"],
+    tracklet: Int[HostOrDevice, "h cam"],
+    where: Bool[HostOrDevice, " h"] | None = None,
+    *,
+    minimum_frames: int = 2,
+) -> Bool[np.ndarray, " h"]:
+    """Which hypotheses rest on a match that was seen in several frames.
+
+    Args:
+        frame: (H,) frame of each hypothesis.
+        tracklet: (H, C) tracklet of the supporting detection of each camera, -1 where absent.
+            Tracklet numbers are unique over all cameras.
+        where: (H,) which hypotheses count.
+        minimum_frames: distinct frames that one pair of tracklets must occur in; up to 1, every
+            hypothesis that counts is kept.
+
+    Returns:
+        (H,) bool; false where `where` is.
+    """
+    counted = np.ones(len(frame), bool) if where is None else np.asarray(where)
+    if minimum_frames <= 1:
+        return counted.copy()
+    return counted & (frames_of_pairs(frame, tracklet, counted) >= minimum_frames)

@@ -1,0 +1,59 @@
+"""The frame in which the ground is z = 0 and lengths are shares of the extent."""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from catfree.types import Rig, Scene
+
+
+class CanonicalFrame(eqx.Module):
+    """Coordinates in which the ground is z = 0, lengths are shares of E, and the cameras are near.
+
+    Everything after the adapters runs in this frame: float32 stays accurate 10 km from the origin
+    and at any scale, and the result moves with the scene.
+
+    Attributes:
+        axes: (3, 3) columns P and the ground normal in world coordinates.
+        center: (3,) mean camera centre in world coordinates.
+        offset: signed height of the centre above the ground in scene units.
+        extent: E in scene units.
+    """
+
+    axes: Float[np.ndarray, "3 3"]
+    center: Float[np.ndarray, "3"]
+    offset: float
+    extent: float
+
+    @classmethod
+    def of(cls, scene: Scene) -> "CanonicalFrame":
+        """The frame of a scene."""
+        normal = np.asarray(scene.ground.normal, np.float64)
+        axes = np.column_stack([np.asarray(scene.ground.basis, np.float64), normal])
+        centers = np.asarray(scene.rig.centers, np.float64)[scene.rig.registered]
+        center = centers.mean(0)
+        height = float(normal @ center + np.asarray(scene.ground.offset, np.float64))
+        return cls(axes, center, height, float(scene.extent))
+
+    def to_canonical(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+        """World points (..., 3) in the canonical frame."""
+        local = (np.asarray(points, np.float64) - self.center) @ self.axes
+        return (local + np.array([0.0, 0.0, self.offset])) / self.extent
+
+    def to_world(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+        """Canonical points (..., 3) in world coordinates."""
+        local = np.asarray(points, np.float64) * self.extent - np.array([0.0, 0.0, self.offset])
+        return local @ self.axes.T + self.center
+
+    def rig(self, rig: Rig) -> Rig:
+        """The rig in the canonical frame; cameras that are not registered keep their numbers."""
+        rotation = np.asarray(rig.R, np.float64) @ self.axes
+        centers = self.to_canonical(np.asarray(rig.centers))
+        return Rig(
+            np.asarray(rig.K, np.float64),
+            rotation,
+            -np.einsum("cij,cj->ci", rotation, centers),
+            rig.image_size,
+            None if rig.distortion is None else np.asarray(rig.distortion, np.float64),
+            rig.registered,
+        )

@@ -1,0 +1,124 @@
+"""Distances of a position to rays, with the first and second derivatives of their squares.
+
+Coordinates come first, then the cameras, last a batch if there is one: so the short sums over
+coordinates and cameras run along the batch.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from catfree.geometry import _symmetric3 as symmetric3
+from catfree.geometry._arrays import epsilon
+from catfree.geometry._symmetric3 import Triangle, Vector
+
+
+class Rays(NamedTuple):
+    """Present rays in centred coordinates; absent rows hold harmless numbers and weight 0."""
+
+    origins: Float[Array, "3 cam *batch"]
+    directions: Float[Array, "3 cam *batch"]
+    weights: Float[Array, "cam *batch"]
+
+
+def present_rays(
+    origins: Float[Array, "cam 3 *batch"],
+    directions: Float[Array, "cam 3 *batch"],
+    weights: Float[Array, "cam *batch"],
+) -> tuple[Rays, Float[Array, "3 *batch"]]:
+    """Rays in coordinates centred on the weighted mean of the present origins, and that mean."""
+    present = weights > 0  # false for NaN too
+    weights = jnp.where(present, weights, 0)
+    # The double where: NaN of absent rows must reach neither the value nor the gradient.
+    origins = jnp.where(present[None], jnp.swapaxes(origins, 0, 1), 0)
+    directions = jnp.where(present[None], jnp.swapaxes(directions, 0, 1), 0)
+    total = jnp.sum(weights, axis=0)[None]
+    center = jnp.sum(weights[None] * origins, axis=1) / jnp.where(total > 0, total, 1)
+    return Rays(origins - center[:, None], directions, weights), center
+
+
+def batch_last(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Let `jax.vmap` put its axis behind all others, where it is contiguous, not in front."""
+    batched = jax.custom_batching.custom_vmap(function)
+
+    @batched.def_vmap
+    def _(size: int, in_batch: list[bool], *arguments: Array) -> tuple[Any, Any]:
+        moved = [
+            jnp.moveaxis(a, 0, -1) if mapped else jnp.broadcast_to(a[..., None], (*a.shape, size))
+            for a, mapped in zip(arguments, in_batch, strict=True)
+        ]
+        found = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), batched(*moved))
+        return found, jax.tree.map(lambda _: True, found)
+
+    return batched
+
+
+def dot(a: Vector, b: Vector) -> Array:
+    """Inner products."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def norm(vector: Vector) -> Array:
+    """Length, with gradient 0 (not NaN) at the zero vector."""
+    squared = dot(vector, vector)
+    positive = squared > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1)), 0)
+
+
+def entries(vector: Array) -> Vector:
+    """The three coordinates of an array that has them first."""
+    return vector[0], vector[1], vector[2]
+
+
+def residuals_of(rays: Rays, position: Vector) -> Vector:
+    """Perpendicular vectors from each line to the position, (C, ...) each coordinate.
+
+    Projected twice: the first leaves rounding errors along the ray, as long as the viewing
+    distance times epsilon, that would dominate what nearly parallel rays say about depth.
+    """
+    x, y, z = (p[None] - o for p, o in zip(position, rays.origins, strict=True))
+    u, v, w = entries(rays.directions)
+    for _ in range(2):
+        along = x * u + y * v + z * w
+        x, y, z = x - along * u, y - along * v, z - along * w
+    return x, y, z
+
+
+def huber_weights(distances: Array, delta: Array) -> Array:
+    """`min(1, delta / distance)`: what turns Huber's loss into weighted least squares."""
+    far = distances > delta
+    return jnp.where(far, delta / jnp.where(far, distances, 1), 1)
+
+
+def gradient_of(weights: Array, residuals: Vector) -> Vector:
+    """Half the gradient of the weighted sum of squared distances, summed over cameras."""
+    x, y, z = residuals
+    return jnp.sum(weights * x, 0), jnp.sum(weights * y, 0), jnp.sum(weights * z, 0)
+
+
+def hessian_of(rays: Rays, weights: Array, bend: Array, residuals: Vector) -> Triangle:
+    """Lower triangle of `sum_i weights_i (I - d_i d_iᵀ) - bend_i r_i r_iᵀ`."""
+    (u, v, w), (x, y, z) = entries(rays.directions), residuals
+    return (
+        jnp.sum(weights * (1 - u * u) - bend * x * x, 0),
+        jnp.sum(-weights * v * u - bend * y * x, 0),
+        jnp.sum(weights * (1 - v * v) - bend * y * y, 0),
+        jnp.sum(-weights * w * u - bend * z * x, 0),
+        jnp.sum(-weights * w * v - bend * z * y, 0),
+        jnp.sum(weights * (1 - w * w) - bend * z * z, 0),
+    )
+
+
+def solve_regularised(matrix: Triangle, vector: Vector) -> Vector:
+    """Solve with the matrix plus a few epsilons of its trace.
+
+    That bounds what degenerate rays leave open; rounding the matrix's own entries changes the
+    solution of a well-posed problem as much.
+    """
+    a00, a10, a11, a20, a21, a22 = matrix
+    scale = 4 * epsilon(a00.dtype) * (a00 + a11 + a22)
+    scale = jnp.where(scale > 0, scale, 1)
+    return symmetric3.solve_triangle((a00 + scale, a10, a11 + scale, a20, a21, a22 + scale), vector)

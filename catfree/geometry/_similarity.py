@@ -1,0 +1,240 @@
+"""Similarity transforms: the freedom of a reconstruction, and the alignment that removes it."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Real
+
+from catfree.errors import DegenerateGeometryError, InvalidInputError
+from catfree.geometry._arrays import HostOrDevice, epsilon, float_arrays, tiny
+from catfree.types import Plane, Rig, Scene
+from catfree.types._validation import is_traced
+
+# A singular value below this share of the largest one is zero (rounding of float64 inputs).
+RANK_TOLERANCE = 1e-9
+# The same in units of the machine epsilon, for float32.
+RANK_EPSILONS = 8.0
+
+
+class Similarity(eqx.Module):
+    """`x -> scale * rotation @ x + translation`, in two or three dimensions.
+
+    Attributes:
+        scale: () positive.
+        rotation: (D, D) proper rotation.
+        translation: (D,) in units of the target frame.
+    """
+
+    scale: Float[HostOrDevice, ""]
+    rotation: Float[HostOrDevice, "dim dim"]
+    translation: Float[HostOrDevice, " dim"]
+
+    def __init__(self, scale: Any, rotation: Any, translation: Any) -> None:
+        """Store as JAX arrays of one dtype."""
+        self.scale, self.rotation, self.translation = float_arrays(scale, rotation, translation)
+
+    def __call__(self, points: Real[HostOrDevice, "*batch dim"]) -> Float[Array, "*batch dim"]:
+        """Move points (..., D) from the source frame to the target frame."""
+        points, scale, rotation, translation = float_arrays(
+            points, self.scale, self.rotation, self.translation
+        )
+        return scale * jnp.einsum("ij,...j->...i", rotation, points) + jnp.broadcast_to(
+            translation, points.shape
+        )
+
+    def inverse(self) -> "Similarity":
+        """The transform that undoes this one."""
+        scale = 1 / self.scale
+        return Similarity(scale, self.rotation.T, -scale * (self.rotation.T @ self.translation))
+
+    def compose(self, first: "Similarity") -> "Similarity":
+        """The transform that applies `first`, then this one; also written `self @ first`."""
+        return Similarity(
+            self.scale * first.scale, self.rotation @ first.rotation, self(first.translation)
+        )
+
+    def __matmul__(self, first: "Similarity") -> "Similarity":
+        """`(a @ b)(x) == a(b(x))`."""
+        return self.compose(first)
+
+    @classmethod
+    def identity(cls, dimension: int = 3) -> "Similarity":
+        """The transform that moves nothing."""
+        return cls(1.0, np.eye(dimension), np.zeros(dimension))
+
+
+def fit_similarity(
+    source: Real[HostOrDevice, "n dim"],
+    target: Real[HostOrDevice, "n dim"],
+    weights: Real[HostOrDevice, " n"] | None = None,
+    *,
+    fixed_scale: bool = False,
+) -> Similarity:
+    """The similarity that moves points closest to their counterparts, in least squares.
+
+    Args:
+        source: (N, D) points in the source frame, D 2 or 3.
+        target: (N, D) the same points in the target frame.
+        weights: (N,) weight of each pair, 0 for an absent one; None for all equal.
+        fixed_scale: keep scale 1 (a rigid transform).
+
+    Returns:
+        Similarity with `target ~= scale * rotation @ source + translation`; the rotation is
+        proper even where a mirror image would fit better. Differentiable. Under tracing, points
+        that leave it undetermined give one of the best, with finite value and gradient.
+
+    Raises:
+        InvalidInputError: if there are no points, or not as many of both.
+        DegenerateGeometryError: if points are not finite, or leave the rotation or scale
+            undetermined (fewer than three distinct points in 3-D, or all on a line); only with
+            concrete values.
+
+    Source: Umeyama (1991), "Least-squares estimation of transformation parameters between two
+        point patterns".
+    """
+    source, target, given = float_arrays(source, target, weights)
+    if source.ndim != 2 or source.shape != target.shape or source.shape[0] == 0:
+        raise InvalidInputError(
+            "A similarity is fitted to pairs of points in arrays of one shape (n, 3) or (n, 2), "
+            f"n at least 1, got {source.shape} and {target.shape}."
+        )
+    given = jnp.ones(source.shape[0], source.dtype) if given is None else given
+    present = jnp.asarray(given) > 0  # false for NaN too
+    total = jnp.sum(jnp.where(present, given, 0))
+    shares = jnp.where(present, given, 0) / jnp.where(total > 0, total, 1)
+    source = jnp.where(present[:, None], source, 0)
+    target = jnp.where(present[:, None], target, 0)
+    source_mean, target_mean = shares @ source, shares @ target
+    source_offsets = source - source_mean[None, :]
+    target_offsets = target - target_mean[None, :]
+    covariance = jnp.einsum("n,ni,nj->ij", shares, target_offsets, source_offsets)
+    variance = jnp.sum(shares[:, None] * source_offsets * source_offsets)
+    # All points coincide, but for what centring them rounds.
+    resolution = 4 * epsilon(source.dtype) * jnp.max(jnp.abs(source))
+    spread = variance > jnp.maximum(resolution * resolution, tiny(source.dtype))
+    if not is_traced(covariance, variance):
+        _require_determined(np.asarray(covariance), bool(spread), int(np.sum(present)))
+    rotation = nearest_rotation(covariance)
+    if fixed_scale:
+        scale = jnp.ones_like(variance)
+    else:
+        scale = jnp.sum(rotation * covariance) / jnp.where(spread, variance, 1)
+        scale = jnp.where(spread & (scale > 0), scale, 1)
+    return Similarity(scale, rotation, target_mean - scale * (rotation @ source_mean))
+
+
+def _require_determined(covariance: np.ndarray, spread: bool, count: int) -> None:
+    """Raise unless the cross-covariance fixes a rotation: rank at least D - 1."""
+    dimension = covariance.shape[0]
+    tolerance = max(RANK_TOLERANCE, RANK_EPSILONS * epsilon(covariance.dtype))
+    if not np.isfinite(covariance).all():
+        raise DegenerateGeometryError(
+            "A similarity cannot be fitted to points that are not finite: give them weight 0."
+        )
+    values = np.linalg.svd(covariance, compute_uv=False)
+    if not spread or values[0] == 0 or values[dimension - 2] <= tolerance * values[0]:
+        raise DegenerateGeometryError(
+            f"The {count} point pairs leave the similarity undetermined: they coincide"
+            + (" or lie on one line" if dimension == 3 else "")
+            + f" (singular values {', '.join(f'{value:.3g}' for value in values)}). "
+            f"At least {dimension} points in general position are needed."
+        )
+
+
+def nearest_rotation(matrix: Float[Array, "dim dim"]) -> Float[Array, "dim dim"]:
+    """The proper rotation R with the largest `tr(Rᵀ matrix)`.
+
+    Args:
+        matrix: (D, D).
+
+    Returns:
+        (D, D) rotation of determinant 1. Its derivative is exact wherever R is unique, equal
+        singular values included (there the derivative of the SVD itself is infinite), and finite
+        elsewhere.
+
+    Source: Umeyama (1991), "Least-squares estimation of transformation parameters between two
+        point patterns", the lemma.
+    """
+    fixed = jax.lax.stop_gradient(matrix)
+    left, values, right = jnp.linalg.svd(fixed)
+    sign = jnp.where(jnp.linalg.det(left) * jnp.linalg.det(right) < 0, -1, 1).astype(matrix.dtype)
+    signs = jnp.ones_like(values).at[-1].set(sign)
+    rotation = (left * signs[None, :]) @ right
+    # At the optimum S = Rᵀ matrix is symmetric with eigenvectors `right` and eigenvalues
+    # `signs * values`. To stay symmetric when the matrix changes by D, R must turn by the skew
+    # Omega with Omega S + S Omega = Rᵀ D - Dᵀ R, which is diagonal in that eigenbasis. D is zero
+    # in value, so only derivatives pass here.
+    change = rotation.T @ (matrix - fixed)
+    skew = right @ (change - change.T) @ right.T
+    eigenvalues = signs * values
+    sums = eigenvalues[:, None] + eigenvalues[None, :]
+    floor = epsilon(matrix.dtype) * values[0]
+    sums = jnp.maximum(sums, jnp.where(floor > 0, floor, 1))
+    # Rounding on the diagonal would be divided by the smallest singular value, which may be 0.
+    diagonal = jnp.eye(matrix.shape[0], dtype=bool)
+    turn = right.T @ jnp.where(diagonal, 0, skew / sums) @ right
+    return rotation + rotation @ turn
+
+
+def transform_rig(similarity: Similarity, rig: Rig) -> Rig:
+    """The same cameras in the moved world: every moved point keeps its pixel.
+
+    Args:
+        similarity: from the rig's world frame to the new one, 3-D.
+        rig: any rig; cameras that are not registered keep their NaN.
+
+    Returns:
+        Rig of NumPy arrays if it was one (and nothing is traced), else of JAX arrays.
+    """
+    scale, rotation, translation, xp = _parts(similarity, rig.R)
+    turned = xp.einsum("cij,kj->cik", rig.R, rotation)
+    shift = xp.einsum("cij,j->ci", turned, translation)
+    return Rig(rig.K, turned, scale * rig.t - shift, rig.image_size, rig.distortion, rig.registered)
+
+
+def transform_plane(similarity: Similarity, plane: Plane) -> Plane:
+    """The plane through the moved points of a plane, with the same side positive.
+
+    Args:
+        similarity: from the plane's world frame to the new one, 3-D.
+        plane: any plane.
+
+    Returns:
+        Plane of the same kind of arrays as `transform_rig`.
+    """
+    scale, rotation, translation, xp = _parts(similarity, plane.normal)
+    normal = rotation @ plane.normal
+    return Plane(normal, scale * plane.offset - xp.sum(normal * translation))
+
+
+def transform_scene(similarity: Similarity, scene: Scene, *, metric: bool | None = None) -> Scene:
+    """The scene in another world frame: rig, ground and extent moved together.
+
+    Args:
+        similarity: from the scene's world frame to the new one, 3-D.
+        scene: any scene.
+        metric: whether the new units are metres; None keeps the scene's flag.
+
+    Returns:
+        Scene of the same kind of arrays as `transform_rig`.
+    """
+    scale, _, _, xp = _parts(similarity, scene.extent)
+    return Scene(
+        transform_rig(similarity, scene.rig),
+        transform_plane(similarity, scene.ground),
+        xp.asarray(scale * scene.extent),
+        scene.metric if metric is None else metric,
+    )
+
+
+def _parts(similarity: Similarity, beside: Any) -> tuple[Any, Any, Any, Any]:
+    """Scale, rotation, translation in the array kind and dtype of `beside`, and its namespace."""
+    parts = (similarity.scale, similarity.rotation, similarity.translation)
+    if isinstance(beside, np.ndarray) and not is_traced(*parts):
+        scale, rotation, translation = (np.asarray(part, beside.dtype) for part in parts)
+        return scale, rotation, translation, np
+    scale, rotation, translation = (jnp.asarray(part, beside.dtype) for part in parts)
+    return scale, rotation, translation, jnp

@@ -1,0 +1,176 @@
+"""One point from several rays: weighted least squares and its robust Huber version.
+
+The objective is the paper's `sum_i w_i rho_delta(|(I - d_i d_iᵀ)(x - o_i)|)`. Coordinates are
+centred on the weighted mean of the present camera centres before anything is solved, so float32
+keeps its digits in scenes far from the origin. Derivatives are those of the minimizer (implicit
+function theorem), not of the iterations that found it.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Real
+
+from catfree.geometry import _symmetric3 as symmetric3
+from catfree.geometry._arrays import HostOrDevice, Scalar, float_arrays
+from catfree.geometry._huber_search import Fit, search_minimizer
+from catfree.geometry._ray_distances import (
+    Rays,
+    batch_last,
+    entries,
+    gradient_of,
+    hessian_of,
+    huber_weights,
+    norm,
+    present_rays,
+    residuals_of,
+    solve_regularised,
+)
+
+
+class Triangulation(eqx.Module):
+    """A position from rays, and what each ray had to do with it.
+
+    Attributes:
+        position: (3,) in the world frame, scene units.
+        distances: (C,) perpendicular distance of the position to each ray's line in scene units;
+            0 for absent rays.
+        inliers: (C,) bool, the rays that the position rests on.
+    """
+
+    position: Float[Array, "3"]
+    distances: Float[Array, " cam"]
+    inliers: Bool[Array, " cam"]
+
+
+def triangulate(
+    origins: Real[HostOrDevice, "cam 3"],
+    directions: Real[HostOrDevice, "cam 3"],
+    weights: Real[HostOrDevice, " cam"],
+    huber_scale: Scalar,
+    *,
+    refit: bool = True,
+    outlier_factor: float = 3.0,
+) -> Triangulation:
+    """The point that best fits the rays of one person, whatever a few wrong rays say.
+
+    Minimizes the Huber loss from the weighted least-squares start to convergence; if some rays are
+    then farther than `outlier_factor * huber_scale` and at least two are not, solves again for
+    those alone.
+
+    Args:
+        origins: (C, 3) camera centres in scene units.
+        directions: (C, 3) unit vectors in the world frame.
+        weights: (C,) reliability of each ray; 0 marks an absent one, whose numbers are not used.
+        huber_scale: () delta in scene units: distances beyond count linearly.
+        refit: solve again without the outliers.
+        outlier_factor: a ray is an outlier beyond this many deltas.
+
+    Returns:
+        Triangulation. Differentiable in origins, directions and weights; `inliers` is piecewise
+        constant. What the rays leave undetermined (one ray, parallel rays) is taken nearest to
+        the weighted mean of the camera centres, so one ray gives its own origin; without any
+        present ray the position is the zero vector.
+
+    Source: paper, Sec. "Robust 3D position estimation"; Huber (1964) for the loss.
+    """
+    arrays = float_arrays(origins, directions, weights, huber_scale, outlier_factor)
+    return _triangulate(*arrays, jnp.asarray(refit))
+
+
+@jax.jit
+def _triangulate(
+    origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, refit: Array
+) -> Triangulation:
+    """`triangulate`, compiled: without, each single call would trace its loops anew."""
+    fit = _fit(origins, directions, weights, delta, factor, refit)
+    return Triangulation(fit.center + fit.position, fit.distances, fit.inliers)
+
+
+_fit = jax.custom_jvp(search_minimizer)
+
+
+@_fit.defjvp
+def _differentiate_fit(primals: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Fit, Fit]:
+    """The fit, and how it moves with rays, weights and delta while it uses the same rays."""
+    fit = _fit(*primals)
+
+    def moving(
+        origins: Array, directions: Array, weights: Array, delta: Array
+    ) -> tuple[Array, Array, Array]:
+        rays, center = present_rays(origins, directions, weights)
+        fitted = rays._replace(weights=jnp.where(fit.used, rays.weights, 0))
+        position = _attach_derivative(fitted, fit.position, delta)
+        distances = norm(residuals_of(rays, entries(position)))
+        return center, position, jnp.where(rays.weights > 0, distances, 0)
+
+    _, moved = jax.jvp(moving, primals[:4], tangents[:4])
+    fixed = np.zeros(fit.used.shape, jax.dtypes.float0)
+    return fit, Fit(*moved, inliers=fixed, used=fixed)  # pyright: ignore[reportArgumentType]
+
+
+def triangulate_least_squares(
+    origins: Real[HostOrDevice, "cam 3"],
+    directions: Real[HostOrDevice, "cam 3"],
+    weights: Real[HostOrDevice, " cam"],
+) -> Float[Array, "3"]:
+    """The point with the smallest weighted sum of squared distances to the rays' lines.
+
+    Args:
+        origins: (C, 3) camera centres in scene units.
+        directions: (C, 3) unit vectors in the world frame.
+        weights: (C,) reliability of each ray; 0 marks an absent one, whose numbers are not used.
+
+    Returns:
+        (3,) position in scene units; degenerate rays are treated as in `triangulate`.
+
+    Source: paper, Sec. "Robust 3D position estimation", with the square for rho.
+    """
+    return _triangulate_least_squares(*float_arrays(origins, directions, weights))
+
+
+@jax.jit
+def _triangulate_least_squares(origins: Array, directions: Array, weights: Array) -> Array:
+    rays, center = present_rays(origins, directions, weights)
+    position = _least_squares(*jax.lax.stop_gradient(rays))
+    return center + _attach_derivative(rays, position, None)
+
+
+@batch_last
+def _least_squares(origins: Array, directions: Array, weights: Array) -> Array:
+    """Weighted least squares, refined with residuals that are more exact than the matrix."""
+    rays = Rays(origins, directions, weights)
+    zero = jnp.zeros_like(weights)
+    matrix = hessian_of(rays, weights, zero, (zero, zero, zero))
+
+    def refine(_: Any, position: Array) -> Array:
+        gradient = gradient_of(weights, residuals_of(rays, entries(position)))
+        return position - jnp.stack(solve_regularised(matrix, gradient))
+
+    return jax.lax.fori_loop(0, 3, refine, jnp.zeros_like(origins[:, 0]))
+
+
+def _attach_derivative(rays: Rays, position: Array, delta: Array | None) -> Array:
+    """The given minimizer of the objective with the derivatives of a minimizer.
+
+    delta None stands for least squares.
+    """
+
+    def gradient(position: Array) -> Array:
+        residuals = residuals_of(rays, entries(position))
+        weights = rays.weights
+        if delta is not None:
+            weights = weights * huber_weights(norm(residuals), delta)
+        return jnp.stack(gradient_of(weights, residuals))
+
+    return jax.lax.custom_root(gradient, position, lambda _, found: found, _solve_tangent)
+
+
+def _solve_tangent(linear: Any, right_side: Array) -> Array:
+    """Solve `linear(x) = right_side` for the symmetric Hessian of the objective."""
+    hessian = jax.vmap(linear)(jnp.eye(3, dtype=right_side.dtype))
+    triangle = symmetric3.lower_triangle((hessian + hessian.T) / 2)
+    return jnp.stack(solve_regularised(triangle, entries(right_side)))

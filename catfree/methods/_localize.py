@@ -1,0 +1,157 @@
+"""`localize`: from person boxes and a scene to tracked ground positions, stage by stage."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool
+
+from catfree.errors import InsufficientDataError
+from catfree.geometry import CanonicalFrame
+from catfree.methods import evidence
+from catfree.methods._expectation import with_expectation
+from catfree.methods.paper._assemble import assemble, empty_localization
+from catfree.methods.paper._compilation import start_compilation
+from catfree.methods.paper._select import select_positions
+from catfree.methods.paper.association import (
+    associate_in_two_passes,
+    cast_rays,
+    link_tracklets,
+    locate,
+    observe,
+)
+from catfree.methods.paper.trajectories import build_trajectories
+from catfree.settings import Settings
+from catfree.types import Detections, Localization, Scene, Thresholds
+from catfree.types._validation import require_instance, require_known_cameras
+
+Progress = Callable[[str, int, int], None]
+
+
+def localize(
+    detections: Detections,
+    scene: Scene,
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+) -> Localization:
+    """Track people on the ground from their boxes in several calibrated views.
+
+    Args:
+        detections: person boxes of all cameras and frames, in any order.
+        scene: cameras, ground and extent in any units and any frame of reference.
+        settings: `Settings()`, the default method, if None.
+        progress: called as `progress(stage, done, total)`.
+
+    Returns:
+        Tracks, every candidate with its fate, the thresholds and a label-free reliability summary,
+        in the frame and units of the scene. A similarity transform of the scene transforms the
+        result and changes nothing else; the order of cameras, detections and frames has no effect.
+
+    Raises:
+        InvalidInputError: if a detection names a camera that the rig does not have.
+        InsufficientDataError: if fewer than two cameras are registered.
+
+    Source:
+        Sec. "Method" of the paper for `Settings.paper()`; `catfree.methods.evidence` for the
+        default.
+    """
+    settings = Settings() if settings is None else settings
+    require_instance(detections, Detections, "detections")
+    require_instance(scene, Scene, "scene")
+    require_instance(settings, Settings, "settings")
+    report = progress or (lambda stage, done, total: None)
+    keep = usable(detections, scene, settings)
+    if not keep.any():
+        found = empty_localization(scene.rig.camera_count, existence=settings.method == "evidence")
+    elif settings.method == "evidence":
+        found = _localize_by_evidence(detections, scene, keep, settings, report)
+    else:
+        found = _localize_by_paper(detections, scene, keep, settings, report)
+    return with_expectation(found, settings)
+
+
+def _localize_by_evidence(
+    detections: Detections,
+    scene: Scene,
+    keep: Bool[np.ndarray, " n"],
+    settings: Settings,
+    report: Progress,
+) -> Localization:
+    """Catfree's own method: measure, self-calibrate, associate, exist, track."""
+    try:
+        found = evidence.localize_by_evidence(
+            detections[keep], scene, settings.evidence, progress=report
+        )
+    except InsufficientDataError:  # boxes, but none of a person who stands on the ground
+        return empty_localization(scene.rig.camera_count, existence=True)
+    support = found.candidates.support
+    original = np.where(support >= 0, np.flatnonzero(keep)[support], -1)
+    return eqx.tree_at(lambda result: result.candidates.support, found, original)
+
+
+def _localize_by_paper(
+    detections: Detections,
+    scene: Scene,
+    keep: Bool[np.ndarray, " n"],
+    settings: Settings,
+    report: Progress,
+) -> Localization:
+    """CAT-Free as published, stage by stage."""
+    frame = CanonicalFrame.of(scene)
+    rig = frame.rig(scene.rig)
+    observations = observe(detections, rig, keep=keep)
+    rays = cast_rays(observations, rig)
+    compilation = start_compilation(observations, rays, rig, settings)
+    report("tracklets", 0, 1)
+    tracklet = link_tracklets(observations, settings.tracklets)
+    groups, rays, ratio = associate_in_two_passes(observations, rays, settings, report)
+    compilation.result()
+    report("positions", 0, 1)
+    located = locate(observations, rays, rig, groups, tracklet, settings)
+    report("selection", 0, 1)
+    selection = select_positions(
+        located.hypotheses, settings.selection, sigma_theta=settings.rays.sigma_theta
+    )
+    report("trajectories", 0, 1)
+    positions, extension_appearance = build_trajectories(
+        observations, rays, located, selection, settings
+    )
+    report("trajectories", 1, 1)
+    thresholds = Thresholds(
+        tau_sigma=_times(selection.tau_sigma, frame.extent),
+        tau_g=_times(selection.tau_g, frame.extent),
+        tau_sigma_recovery=_times(selection.tau_sigma_recovery, frame.extent),
+        tau_g_recovery=_times(selection.tau_g_recovery, frame.extent),
+        median_box_height=float(np.median(observations.height)),
+        pose_ratio=ratio,
+        extension_appearance=extension_appearance,
+    )
+    return assemble(
+        frame, scene, observations, rays, located, selection, positions, thresholds, settings
+    )
+
+
+def usable(detections: Detections, scene: Scene, settings: Settings) -> np.ndarray:
+    """(N,) which detections take part: confident enough, and seen by a registered camera.
+
+    Raises:
+        InvalidInputError: if a detection names a camera that the rig does not have.
+        InsufficientDataError: if fewer than two cameras are registered.
+    """
+    rig = scene.rig
+    require_known_cameras(detections.camera, rig.camera_count)
+    if rig.registered.sum() < 2:
+        raise InsufficientDataError(
+            f"Localization needs at least 2 registered cameras to intersect rays; this rig has "
+            f"{int(rig.registered.sum())} of {rig.camera_count}. Add cameras or register them."
+        )
+    keep = rig.registered[detections.camera]
+    if detections.score is not None:
+        keep = keep & (detections.score >= settings.confidence)
+    if settings.rays.only_confirmed_ankles and detections.ankles_confirmed is not None:
+        keep = keep & detections.ankles_confirmed
+    return keep
+
+
+def _times(value: float | None, length: float) -> float | None:
+    return None if value is None else value * length

@@ -1,0 +1,251 @@
+"""The evidence method, stage by stage: measure, self-calibrate, associate, exist, track, report."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.special import expit
+
+from catfree.methods.evidence._gaussian import mean_and_covariance
+from catfree.methods.evidence.group._appearance import (
+    PairRatios,
+    compare_frames,
+    learn_ratio,
+    looks_of,
+)
+from catfree.methods.evidence.group._group import agreement, group, group_by_looks
+from catfree.methods.evidence.group._groups import Groups, Priors
+from catfree.methods.evidence.learn._self_calibration import foot_cover, self_calibrate
+from catfree.methods.evidence.observe._boxes import Boxes, prepare_boxes
+from catfree.methods.evidence.observe._measurement import Measurements, Noise, measure_boxes
+from catfree.methods.evidence.observe._views import GroundViews
+from catfree.methods.evidence.observe._visibility import DetectionRate, learn_detection_rate
+from catfree.methods.evidence.report._shared_error import shared_covariance
+from catfree.methods.evidence.report._uneven_ground import ground_shift, with_uneven_ground
+from catfree.methods.evidence.report._working_area import in_working_area
+from catfree.methods.evidence.track._existence import Existence, judge_groups, misses, predict_views
+from catfree.methods.evidence.track._presence import presence
+from catfree.methods.evidence.track._suppress_overlapping import alone_in_place
+from catfree.methods.evidence.track._tracking import Trails, estimate_motion, follow, unlinked
+from catfree.settings import EvidenceSettings
+from catfree.types import Detections, Scene
+
+Progress = Callable[[str, int, int], None]
+SURE_LOG_ODDS = 3.0  # groups that teach how fast people move
+VAGUEST_PRIOR = 0.05  # per H0²: a tracked person is somewhere within a few metres
+
+
+class EvidenceSolution(eqx.Module):
+    """Everything the method found, in units of H0 on the plane (see `GroundViews`).
+
+    Attributes:
+        boxes, views, noise, measurements: what was seen, and how well.
+        groups: who was seen together; `existence`: what speaks for each of them.
+        state: (H, 3) position and height of each group; `covariance`: (H, 3, 3).
+        trails: the tracks; `evidence`: (M,) log-odds of each of their rows;
+        probability: (M,) that the person was there.
+        suppressed: (M,) people in the place of a better supported one.
+        outside: (M,) people beyond the ground that the rig covers.
+        kept: (M,) whether it is reported.
+        position_covariance: (M, 2, 2) with sway, uneven ground and pose errors, as reported.
+    """
+
+    boxes: Boxes
+    views: GroundViews
+    noise: Noise
+    measurements: Measurements
+    groups: Groups
+    existence: Existence
+    state: Float[np.ndarray, "group 3"]
+    covariance: Float[np.ndarray, "group 3 3"]
+    trails: Trails
+    evidence: Float[np.ndarray, " node"]
+    probability: Float[np.ndarray, " node"]
+    suppressed: Bool[np.ndarray, " node"]
+    outside: Bool[np.ndarray, " node"]
+    kept: Bool[np.ndarray, " node"]
+    position_covariance: Float[np.ndarray, "node 2 2"]
+
+
+class _Pass(NamedTuple):
+    """What one pass of association and tracking found; see `EvidenceSolution`."""
+
+    groups: Groups
+    existence: Existence
+    state: np.ndarray
+    covariance: np.ndarray
+    trails: Trails
+    evidence: np.ndarray
+    probability: np.ndarray
+
+
+def solve(
+    detections: Detections,
+    scene: Scene,
+    settings: EvidenceSettings | None = None,
+    *,
+    progress: Progress | None = None,
+) -> EvidenceSolution:
+    """Find the people of a sequence by weighing what every camera saw and did not see.
+
+    Args:
+        detections: boxes of all cameras and frames, in any order.
+        scene: rig and ground in any units; cameras that are not registered are ignored.
+        settings: constants and switches.
+        progress: called as `progress(stage, done, total)`.
+
+    Returns:
+        Tracks and all intermediate products, in float64 whatever the caller's default is.
+
+    Raises:
+        InsufficientDataError: if no box of a registered camera stands on the ground.
+    """
+    settings = settings or EvidenceSettings()
+    report = progress or (lambda stage, done, total: None)
+    with jax.enable_x64(True):
+        report("self-calibration", 0, 1)
+        views, noise = self_calibrate(detections, scene, settings)
+        boxes = prepare_boxes(detections, scene.rig, settings)
+        measured = measure_boxes(boxes, foot_cover(boxes), views, noise, settings)
+        return _solve(boxes, measured, views, noise, settings, report)
+
+
+def _solve(
+    boxes: Boxes,
+    measured: Measurements,
+    views: GroundViews,
+    noise: Noise,
+    settings: EvidenceSettings,
+    report: Progress,
+) -> EvidenceSolution:
+    spread, density = float(noise.spread), float(noise.density)
+    appearance = compare_frames(boxes) if settings.use_appearance else None
+    likeness = None
+    if appearance is not None:
+        likeness = learn_ratio(appearance, group(boxes, measured, noise), settings)
+    ratios = None
+    if appearance is not None and likeness is not None:
+        ratios = PairRatios(appearance, likeness, settings.appearance_weight)
+    time = _steps(boxes.frames)
+    # One instant has no tracks: every group speaks for itself.
+    passes = settings.passes if settings.track and len(time) > 1 else 0
+    priors = None
+    found: _Pass | None = None
+    for index in range(max(passes, 1)):
+        report("association", index, max(passes, 1))
+        if found is not None:
+            present = found.probability > 0.5
+            alone = alone_in_place(found.trails, found.evidence, present, settings.personal_space)
+            priors = _track_priors(found.trails[alone], found.groups)
+        if ratios is None:
+            groups = group(boxes, measured, noise, priors)
+        else:
+            groups = group_by_looks(boxes, measured, noise, priors, ratios)
+        state, covariance = mean_and_covariance(groups.info, spread)
+        likely = agreement(groups, likeness, appearance, settings)
+        seen = predict_views(state, groups.frame, groups.member, boxes, views)
+        n = len(boxes.row)
+        rate = learn_detection_rate(seen, groups.member, boxes.size[:n], boxes.camera[:n], settings)
+        existence = judge_groups(groups, likely, measured, boxes, views, rate(seen), settings)
+        if passes == 0:
+            trails = unlinked(groups.frame, state, covariance)
+            evidence = existence.log_odds
+            probability = expit(evidence)
+            found = _Pass(groups, existence, state, covariance, trails, evidence, probability)
+            break
+        there = groups.member >= 0
+        fewest = min(3, there.any(0).sum())  # of the cameras that see anybody
+        sure = (there.sum(1) >= fewest) & (existence.log_odds > SURE_LOG_ODDS)
+        motion = estimate_motion(state[sure, :2], groups.frame[sure], time)
+        looks = None
+        if ratios is not None and settings.link_by_looks:
+            looks = looks_of(ratios, groups.member)
+        trails = follow(groups, existence.log_odds, time, motion, density, spread, settings, looks)
+        evidence = _row_evidence(trails, existence, boxes, views, rate, settings)
+        probability = presence(trails, evidence, settings.appear_evidence, settings.leave_evidence)
+        found = _Pass(groups, existence, state, covariance, trails, evidence, probability)
+    report("association", max(passes, 1), max(passes, 1))
+    assert found is not None
+    trails = found.trails
+    position_covariance = trails.covariance[:, :2, :2] + settings.sway**2 * np.eye(2)
+    if settings.uneven_ground:
+        shift = ground_shift(trails, found.groups, measured, views, noise, settings)
+        position_covariance = with_uneven_ground(position_covariance, shift, settings.unevenness)
+    within = probability_within(position_covariance, settings.report_radius)
+    sharp = (found.probability > 0.5) & (within > 0.5)
+    kept = alone_in_place(trails, found.evidence, sharp, settings.personal_space)
+    suppressed, outside = sharp & ~kept, np.zeros_like(kept)
+    if settings.working_area:
+        rows = np.flatnonzero(kept)
+        member = np.full((len(rows), boxes.table.shape[1]), -1)
+        seen = predict_views(trails.mean[rows, :3], trails.frame[rows], member, boxes, views)
+        cameras = len(np.unique(boxes.camera[: len(boxes.row)]))
+        kept[rows] = in_working_area(trails.mean[rows, :3], seen, views, noise, cameras, settings)
+        outside[rows] = ~kept[rows]
+    # An error of the whole map leaves everybody where they are among the others: it widens what is
+    # reported and does not decide who is.
+    if settings.pose_errors:
+        position_covariance = position_covariance + shared_covariance(
+            trails, kept, found.groups, measured, boxes, views, noise, settings
+        )
+    return EvidenceSolution(
+        boxes=boxes, views=views, noise=noise, measurements=measured, kept=kept,
+        suppressed=suppressed, outside=outside, position_covariance=position_covariance,
+        **found._asdict(),
+    )  # fmt: skip
+
+
+def probability_within(covariance: np.ndarray, radius: float) -> np.ndarray:
+    """(M,) probability that a Gaussian error (M, 2, 2) stays within a radius of the same unit."""
+    values = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 1e-12))
+    # The disc in polar coordinates of the whitened plane, whose radial integral is closed form.
+    angle = (np.arange(64) + 0.5) * (2 * np.pi / 64)
+    stretch = (values[:, :1] * np.cos(angle)) ** 2 + (values[:, 1:] * np.sin(angle)) ** 2
+    return (1 - np.exp(-0.5 * radius**2 / stretch)).mean(1)
+
+
+def _steps(frames: np.ndarray) -> np.ndarray:
+    """Time of each frame in units of the sequence's usual step."""
+    if len(frames) < 2:
+        return np.zeros(len(frames))
+    time = (frames - frames[0]).astype(float)  # as integers: they may be nanoseconds since 1970
+    return time / np.median(np.diff(time))
+
+
+def _row_evidence(
+    trails: Trails,
+    existence: Existence,
+    boxes: Boxes,
+    views: GroundViews,
+    rate: DetectionRate,
+    settings: EvidenceSettings,
+) -> np.ndarray:
+    """(M,) log-odds of each row of the tracks; in a gap all cameras missed the person."""
+    evidence = np.zeros(len(trails))
+    seen = trails.group >= 0
+    evidence[seen] = existence.log_odds[trails.group[seen]]
+    gaps = np.flatnonzero(~seen)
+    if len(gaps):
+        member = np.full((len(gaps), boxes.table.shape[1]), -1)
+        expected = predict_views(trails.mean[gaps, :3], trails.frame[gaps], member, boxes, views)
+        evidence[gaps] = misses(rate(expected), member)
+    return np.clip(evidence, -settings.evidence_limit, settings.evidence_limit)
+
+
+def _track_priors(trails: Trails, groups: Groups) -> Priors:
+    """Smoothed positions without what the frame itself had to say."""
+    precision = np.linalg.inv(trails.covariance[:, :3, :3])
+    vector = np.einsum("nij,nj->ni", precision, trails.mean[:, :3])
+    seen = trails.group >= 0
+    own = groups.info[trails.group[seen]]
+    precision[seen] -= own.matrix
+    vector[seen] -= own.vector
+    values, axes = np.linalg.eigh(precision)
+    values = np.maximum(values, VAGUEST_PRIOR)
+    covariance = np.einsum("nij,nj,nkj->nik", axes, 1 / values, axes)
+    mean = np.einsum("nij,nj->ni", covariance, vector)
+    order = np.lexsort((trails.track, trails.frame))
+    return Priors(trails.frame[order], mean[order], covariance[order])

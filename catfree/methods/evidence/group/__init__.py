@@ -1,0 +1,1 @@
+"""Boxes of one instant grouped into people."""

@@ -1,0 +1,229 @@
+"""How much two boxes look alike, as a log-likelihood ratio learned from the sequence."""
+
+from itertools import pairwise
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
+from catfree.geometry._buckets import fine_length
+from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.observe._boxes import Boxes
+from catfree.settings import EvidenceSettings
+
+SMALLEST_SAMPLE = 50  # pairs below which nothing is learned
+SMALLEST_SPREAD = 0.01  # cosine distance: narrower samples are copies
+TABLE_ENTRIES = 1 << 24  # of pairwise ratios computed at a time: 64 MB
+KEPT_ENTRIES = 1 << 26  # of pairwise ratios kept from pass to pass: 256 MB
+
+
+class Appearance(eqx.Module):
+    """Embeddings of all boxes, and where their frame's table of pairs holds them.
+
+    Attributes:
+        embedding: (N, D) of unit length, in single precision: looks are not that precise.
+        slot: (N, 2) frame and row in that frame's table of each box.
+        first: (F + 1,) first box of each frame.
+        width: rows of a table.
+    """
+
+    embedding: Float[np.ndarray, "box dim"]
+    slot: Int[np.ndarray, "box 2"]
+    first: Int[np.ndarray, " bounds"]
+    width: int
+
+    def distances(self, frames: Int[np.ndarray, " f"]) -> Float[np.ndarray, "f slot slot"]:
+        """Cosine distance in [0, 2] of all pairs of boxes of some frames."""
+        shape = (len(frames), self.width, self.embedding.shape[1])
+        block = np.zeros(shape, self.embedding.dtype)
+        for i, frame in enumerate(frames):
+            own = slice(self.first[frame], self.first[frame + 1])
+            block[i, : own.stop - own.start] = self.embedding[own]
+        return 1 - block @ block.transpose(0, 2, 1)
+
+    @property
+    def frames_at_a_time(self) -> int:
+        """Frames whose tables fit into memory together."""
+        return max(1, TABLE_ENTRIES // self.width**2)
+
+    def blocks(self) -> list[tuple[int, int]]:
+        """Runs of frames, first and end, whose tables fit into memory together."""
+        frames = len(self.first) - 1
+        step = self.frames_at_a_time
+        return [(i, min(i + step, frames)) for i in range(0, frames, step)]
+
+
+def compare_frames(boxes: Boxes) -> Appearance | None:
+    """The embeddings by frame, or None without any."""
+    if boxes.embedding is None:
+        return None
+    count = np.diff(boxes.first)
+    n = int(boxes.first[-1])
+    slot = np.zeros((len(boxes.frame), 2), np.int64)
+    slot[:n, 0] = boxes.frame[:n]
+    slot[:n, 1] = np.arange(n) - boxes.first[boxes.frame[:n]]
+    width = fine_length(int(count.max(initial=1)), 8)
+    return Appearance(boxes.embedding.astype(np.float32), slot, boxes.first, width)
+
+
+class Likeness(eqx.Module):
+    """Two Gaussians of the cosine distance: of one person's boxes, and of two people's.
+
+    Attributes:
+        same: () center and spread of the first; `other`: of the second.
+        limit: bound of a ratio.
+    """
+
+    same: tuple[float, float]
+    other: tuple[float, float]
+    limit: float
+
+    def __call__(self, distance: np.ndarray) -> np.ndarray:
+        """Log-likelihood ratio 'same person' against 'another person of the frame'."""
+        (m1, s1), (m0, s0) = self.same, self.other
+        # Beyond its own centre a distance cannot speak for the other side.
+        d = np.clip(distance, m1, m0)
+        ratio = np.log(s0 / s1) - 0.5 * ((d - m1) / s1) ** 2 + 0.5 * ((d - m0) / s0) ** 2
+        return np.clip(ratio, -self.limit, self.limit)
+
+
+def learn_ratio(
+    appearance: Appearance, groups: Groups, settings: EvidenceSettings
+) -> Likeness | None:
+    """Log-likelihood ratio learned from groups of at least three views.
+
+    Two Gaussians (median and MAD) of the distances within and between groups, from as many evenly
+    spread frames as self-calibration takes; None where too little is known or distances do not
+    tell people apart.
+    """
+    frames = np.arange(len(appearance.first) - 1)
+    if len(frames) > settings.calibration_frames:
+        spread = np.linspace(0, len(frames) - 1, settings.calibration_frames)
+        frames = np.unique(spread.round().astype(int))
+    strong = np.flatnonzero(((groups.member >= 0).sum(1) >= 3) & np.isin(groups.frame, frames))
+    g, camera = np.nonzero(groups.member[strong] >= 0)
+    label = strong[g]
+    looks = appearance.embedding[groups.member[strong][g, camera]]
+    bounds = np.searchsorted(groups.frame[label], np.append(frames, len(appearance.first)))
+    within, between = [], []
+    for begin, end in pairwise(bounds):
+        own = slice(begin, end)
+        once = camera[own][:, None] < camera[own]
+        distance = 1 - looks[own] @ looks[own].T
+        same = label[own][:, None] == label[own]
+        within.append(distance[once & same])
+        between.append(distance[once & ~same])
+    samples = [np.concatenate(values or [np.zeros(0)]) for values in (within, between)]
+    if min(map(len, samples)) < SMALLEST_SAMPLE:
+        return None
+    one, two = (_robust(values) for values in samples)
+    return Likeness(one, two, settings.appearance_limit) if one[0] < two[0] else None
+
+
+class PairRatios:
+    """Weighted log-likelihood ratios of all pairs of boxes, a block of frames at a time.
+
+    All passes of the association ask for the same ones: those of a sequence of usual length are
+    kept.
+    """
+
+    def __init__(self, appearance: Appearance, likeness: Likeness, weight: float) -> None:
+        self.appearance, self.likeness, self.weight = appearance, likeness, weight
+        self.blocks = appearance.blocks()
+        self._keep = (len(appearance.first) - 1) * appearance.width**2 <= KEPT_ENTRIES
+        self._kept: dict[int, np.ndarray] = {}
+
+    def __getitem__(self, index: int) -> Float[np.ndarray, "f slot slot"]:
+        """Of the frames of one block, padded to one of few lengths."""
+        if index in self._kept:
+            return self._kept[index]
+        begin, end = self.blocks[index]
+        longest = self.blocks[0][1] - self.blocks[0][0]
+        longest = min(fine_length(longest), self.appearance.frames_at_a_time)
+        distance = self.appearance.distances(np.arange(begin, end))
+        ratios = np.zeros((longest, *distance.shape[1:]), distance.dtype)
+        ratios[: end - begin] = self.weight * self.likeness(distance)
+        if self._keep:
+            self._kept[index] = ratios
+        return ratios
+
+
+def group_agreement(
+    likeness: Likeness, appearance: Appearance, member: np.ndarray
+) -> Float[np.ndarray, " group"]:
+    """(H,) sum of the pairwise ratios within each group."""
+    C = member.shape[1]
+    total = np.zeros(len(member))
+    for a in range(C):
+        for b in range(a + 1, C):
+            both = np.flatnonzero((member[:, a] >= 0) & (member[:, b] >= 0))
+            one, two = (appearance.embedding[member[both, camera]] for camera in (a, b))
+            total[both] += likeness(1 - (one * two).sum(1))
+    return total
+
+
+class Looks(eqx.Module):
+    """What each group looks like, to be compared with what a track looked like so far.
+
+    The mean distance of all pairs of two sets of boxes follows from the sums of their embeddings.
+
+    Attributes:
+        total: (H, D) sum of the embeddings of each group's boxes.
+        count: (H,) number of boxes that have one.
+        likeness: log-likelihood ratio of a distance.
+        weight: of a box.
+    """
+
+    total: Float[np.ndarray, "group dim"]
+    count: Int[np.ndarray, " group"]
+    likeness: Likeness
+    weight: float
+
+    def ratio(
+        self,
+        total: Float[np.ndarray, "track dim"],
+        count: Int[np.ndarray, " track"],
+        groups: Int[np.ndarray, " k"],
+    ) -> Float[np.ndarray, "track k"]:
+        """Log-likelihood ratio that a group is a track's person rather than somebody else.
+
+        All boxes of the group are new to the track, and count as new boxes of a group do.
+
+        Args:
+            total: (T, D) sum of the embeddings of each track's boxes.
+            count: (T,) their number.
+            groups: (K,) the groups to compare with.
+
+        Returns:
+            (T, K), zero where either has no embedding.
+        """
+        new = self.count[groups]
+        track = total / np.maximum(count, 1)[:, None]
+        group = self.total[groups] / np.maximum(new, 1)[:, None]
+        known = (count > 0)[:, None] & (new > 0)[None]
+        ratio = self.weight * new[None] * self.likeness(1 - track @ group.T)
+        return np.where(known, ratio, 0.0)
+
+
+def looks_of(ratios: PairRatios, member: Int[np.ndarray, "group cam"]) -> Looks:
+    """What groups look like.
+
+    Args:
+        ratios: the embeddings, and what their distances say.
+        member: (H, C) boxes of each group, -1 for none.
+    """
+    embedding = ratios.appearance.embedding
+    known = np.asarray(embedding.any(axis=1))
+    there = (member >= 0) & known[np.maximum(member, 0)]
+    total = np.zeros((len(member), embedding.shape[1]), embedding.dtype)
+    for camera in range(member.shape[1]):
+        rows = np.flatnonzero(there[:, camera])
+        total[rows] += embedding[member[rows, camera]]
+    return Looks(total, there.sum(1), ratios.likeness, ratios.weight)
+
+
+def _robust(values: np.ndarray) -> tuple[float, float]:
+    middle = float(np.median(values))
+    spread = MEDIAN_TO_DEVIATION * float(np.median(np.abs(values - middle)))
+    return middle, max(spread, SMALLEST_SPREAD)

@@ -1,0 +1,96 @@
+"""Boxes of one instant grouped into people, by position and height, and by looks where known."""
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from catfree.geometry._buckets import fine_length
+from catfree.methods.evidence._gaussian import Information
+from catfree.methods.evidence.group._appearance import (
+    Appearance,
+    Likeness,
+    PairRatios,
+    group_agreement,
+)
+from catfree.methods.evidence.group._groups import Groups, Priors
+from catfree.methods.evidence.group._merge import associate
+from catfree.methods.evidence.observe._boxes import Boxes
+from catfree.methods.evidence.observe._measurement import Measurements, Noise
+from catfree.settings import EvidenceSettings
+
+
+def group(
+    boxes: Boxes, measured: Measurements, noise: Noise, priors: Priors | None = None
+) -> Groups:
+    """`associate` by position and height alone."""
+    return associate(
+        measured.info,
+        np.asarray(measured.state)[:, :2],
+        np.asarray(measured.covariance)[:, :2, :2],
+        np.minimum(boxes.frame, len(boxes.frames) - 1),
+        boxes.camera,
+        np.asarray(measured.valid),
+        boxes.table.shape[1],
+        float(noise.density),
+        float(noise.spread),
+        priors=priors,
+    )
+
+
+def group_by_looks(
+    boxes: Boxes,
+    measured: Measurements,
+    noise: Noise,
+    priors: Priors | None,
+    ratios: PairRatios,
+) -> Groups:
+    """`associate` with appearance, a run of frames at a time: its tables grow with their number."""
+    parts = []
+    for index, (begin, end) in enumerate(ratios.blocks):
+        low, high = int(boxes.first[begin]), int(boxes.first[end])
+        length = fine_length(high - low)
+
+        def rows(values, low=low, high=high, length=length):
+            out = np.zeros((length, *values.shape[1:]), values.dtype)
+            out[: high - low] = values[low:high]
+            return out
+
+        slot = rows(ratios.appearance.slot)
+        slot[: high - low, 0] -= begin
+        info = measured.info
+        own = None
+        if priors is not None:
+            chosen = (priors.frame >= begin) & (priors.frame < end)
+            own = Priors(priors.frame[chosen], priors.mean[chosen], priors.covariance[chosen])
+        part = associate(
+            Information(rows(info.matrix), rows(info.vector), rows(info.constant)),
+            rows(measured.state)[:, :2],
+            rows(measured.covariance)[:, :2, :2],
+            rows(boxes.frame),
+            rows(boxes.camera),
+            rows(np.asarray(measured.valid)),
+            boxes.table.shape[1],
+            float(noise.density),
+            float(noise.spread),
+            ratios[index],
+            slot,
+            own,
+        )
+        member = np.where(part.member >= 0, part.member + low, -1)
+        parts.append(eqx.tree_at(lambda groups: groups.member, part, member))
+    return jax.tree.map(lambda *values: np.concatenate(values), *parts)
+
+
+def agreement(
+    groups: Groups,
+    likeness: Likeness | None,
+    appearance: Appearance | None,
+    settings: EvidenceSettings,
+) -> np.ndarray:
+    """(H,) what the likeness of its boxes says about each group: of k boxes k - 1 are new."""
+    if likeness is None or appearance is None:
+        return np.zeros(len(groups))
+    count = (groups.member >= 0).sum(1)
+    pairs = np.maximum(count * (count - 1) / 2, 1)
+    mean = group_agreement(likeness, appearance, groups.member) / pairs
+    return settings.appearance_weight * (count - 1) * mean

@@ -1,0 +1,228 @@
+"""Greedy merging of boxes into people by the gain in log evidence.
+
+All frames are merged at once in rounds: a pair of groups that is the best remaining partner of both
+merges in the same round as all other such pairs. Gains depend on the two groups alone, so this
+gives exactly the groups that merging one best pair at a time would give.
+"""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial import KDTree
+
+from catfree.geometry._buckets import fine_length
+from catfree.methods.evidence._gaussian import Information, log_evidence
+from catfree.methods.evidence.group._groups import Groups, Priors, collect_groups, prior_information
+
+FEWEST_PAIRS = 4096  # to which pairs are padded: so many cost less than compiling for fewer
+BITS = 31  # cameras to a word, with or without 64-bit integers
+PAIR_GATE = 16.0  # squared Mahalanobis distance of two boxes that may start or join a group
+
+
+def candidate_pairs(
+    position: np.ndarray,
+    covariance: np.ndarray,
+    frame: np.ndarray,
+    camera: np.ndarray,
+    items: np.ndarray,
+) -> np.ndarray:
+    """Pairs of items of one frame and different cameras that are close for their uncertainty.
+
+    Args:
+        position: (N, 2) in H0.
+        covariance: (N, 2, 2).
+        frame: (N,) frame index.
+        camera: (N,) camera index.
+        items: (n,) the rows to pair.
+
+    Returns:
+        (P, 2) rows, the lower first, sorted.
+    """
+    if len(items) < 2:
+        return np.zeros((0, 2), np.int64)
+    p, S = position[items], covariance[items]
+    trace, det = S[:, 0, 0] + S[:, 1, 1], S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2
+    largest = np.sqrt(trace / 2 + np.sqrt(np.maximum(trace**2 / 4 - det, 0)))
+    reach = np.sqrt(2 * PAIR_GATE) * largest
+    far = 4 * (np.abs(p).max() + reach.max()) + 1  # frames apart never meet
+    place = np.column_stack([p, frame[items] * far])
+    tree = KDTree(place)
+    # One search for all items of about the same reach; each pair once, from its vaguer member.
+    octave = np.ceil(np.log2(reach / reach.min()))
+    found = []
+    for own in (np.flatnonzero(octave == k) for k in np.unique(octave)):
+        near = KDTree(place[own]).sparse_distance_matrix(
+            tree, reach[own].max(), output_type="ndarray"
+        )
+        i, j = own[near["i"]], near["j"]
+        once = (largest[i] > largest[j]) | ((largest[i] == largest[j]) & (i < j))
+        once &= (near["v"] <= reach[i]) & (camera[items[i]] != camera[items[j]])
+        found.append((i[once], j[once]))
+    i, j = (np.concatenate(side) for side in zip(*found, strict=True))
+    d, T = p[i] - p[j], S[i] + S[j]
+    det = T[:, 0, 0] * T[:, 1, 1] - T[:, 0, 1] ** 2
+    m2 = (
+        T[:, 1, 1] * d[:, 0] ** 2 - 2 * T[:, 0, 1] * d[:, 0] * d[:, 1] + T[:, 0, 0] * d[:, 1] ** 2
+    ) / det
+    close = m2 < PAIR_GATE
+    one, two = items[i[close]], items[j[close]]
+    total = int(items.max()) + 1
+    return np.column_stack(
+        np.divmod(np.sort(np.minimum(one, two) * total + np.maximum(one, two)), total)
+    )
+
+
+@partial(jax.jit, static_argnames=("appearance",))
+def merge_groups(info, camera, pairs, members, looks, slot, density, spread, appearance: bool):
+    """Merge while any pair gains.
+
+    Args:
+        info: (N) information of each item.
+        camera: (N,) camera of each item (C for a track prior), one group holds each at most once.
+        pairs: (P, 2) candidate pairs, padding is (0, 0).
+        members: (N, C) the item itself at its camera, else -1.
+        looks: (F, D, D) weighted appearance log-likelihood ratios, or (1, 1, 1).
+        slot: (N, 2) frame and position in `looks` of each item.
+        density: people per H0².
+        spread: of heights in H0.
+        appearance: whether `looks` counts.
+
+    Returns:
+        (N,) the row that represents each item's group; (N) information of the groups; members.
+    """
+    N = camera.shape[0]
+    own = log_evidence(info, density, spread)
+    rows = jnp.arange(N)
+    first, second = pairs[:, 0], pairs[:, 1]
+
+    def gains(root, matrix, vector, constant, evidence, mask, members):
+        a, b = root[first], root[second]
+        a, b = jnp.minimum(a, b), jnp.maximum(a, b)
+        joint = Information(matrix[a] + matrix[b], vector[a] + vector[b], constant[a] + constant[b])
+        gain = log_evidence(joint, density, spread) - evidence[a] - evidence[b]
+        if appearance:
+            left, right = members[a], members[b]
+            where = (left[:, :, None] >= 0) & (right[:, None, :] >= 0)
+            at = slot[jnp.maximum(left, 0), 1][:, :, None]
+            other = slot[jnp.maximum(right, 0), 1][:, None, :]
+            ratio = looks[slot[a, 0][:, None, None], at, other].astype(gain.dtype)
+            gain = gain + jnp.where(where, ratio, 0.0).sum((1, 2))
+        allowed = (a != b) & ((mask[a] & mask[b]) == 0).all(-1)
+        return a, b, jnp.where(allowed & (gain > 0), gain, -jnp.inf)
+
+    def step(carry):
+        root, matrix, vector, constant, evidence, mask, members, _ = carry
+        a, b, gain = gains(root, matrix, vector, constant, evidence, mask, members)
+        best = jnp.full(N, -jnp.inf, gain.dtype).at[a].max(gain).at[b].max(gain)
+        hopeful = jnp.isfinite(gain)
+        partner = (
+            jnp.full(N, N)
+            .at[a].min(jnp.where(hopeful & (gain == best[a]), b, N))
+            .at[b].min(jnp.where(hopeful & (gain == best[b]), a, N))
+        )  # fmt: skip
+        safe = jnp.minimum(partner, N - 1)
+        mutual = (partner < N) & (partner[safe] == rows)
+        absorbs = mutual & (rows < partner)
+        absorbed = mutual & (rows > partner)
+        target = jnp.where(absorbed, safe, rows)
+        add = lambda x: jnp.where(  # noqa: E731
+            absorbs.reshape(-1, *(1,) * (x.ndim - 1)), x + x[safe], x
+        )
+        matrix, vector, constant = add(matrix), add(vector), add(constant)
+        mask = jnp.where(absorbs[:, None], mask | mask[safe], mask)
+        members = jnp.where(absorbs[:, None], jnp.maximum(members, members[safe]), members)
+        evidence = jnp.where(
+            absorbs, log_evidence(Information(matrix, vector, constant), density, spread), evidence
+        )
+        return target[root], matrix, vector, constant, evidence, mask, members, mutual.any()
+
+    # A bit a camera, and one for track priors, in as many words as they fill.
+    words = members.shape[1] // BITS + 1
+    bits = jnp.left_shift(1, camera % BITS)[:, None]
+    mask = jnp.where(camera[:, None] // BITS == jnp.arange(words)[None], bits, 0)
+    start = (
+        rows, info.matrix, info.vector, info.constant, own, mask, members, jnp.array(True),
+    )  # fmt: skip
+    end = jax.lax.while_loop(lambda carry: carry[-1], step, start)
+    return end[0], Information(*end[1:4]), end[6]
+
+
+def associate(
+    info: Information,
+    position: np.ndarray,
+    covariance: np.ndarray,
+    frame: np.ndarray,
+    camera: np.ndarray,
+    valid: np.ndarray,
+    cameras: int,
+    density: float,
+    spread: float,
+    looks: np.ndarray | None = None,
+    slot: np.ndarray | None = None,
+    priors: Priors | None = None,
+) -> Groups:
+    """Group the boxes of every frame into people.
+
+    Args:
+        info: (N) likelihoods of the boxes.
+        position: (N, 2) of each box alone, in H0.
+        covariance: (N, 2, 2) of it.
+        frame: (N,) frame index.
+        camera: (N,) camera index.
+        valid: (N,) which boxes take part.
+        cameras: C.
+        density: people per H0².
+        spread: of heights in H0.
+        looks: (F, D, D) weighted appearance log-likelihood ratios, or None.
+        slot: (N, 2) frame and place in `looks` of each box.
+        priors: what tracks expect.
+
+    Returns:
+        One group a person, single boxes included, sorted by frame and first member.
+    """
+    if priors is not None and len(priors.frame):
+        # The padding holds as many of them as it can.
+        begin = int(np.flatnonzero(valid).max(initial=-1)) + 1
+        count = begin + len(priors.frame)
+        length = max(len(frame), fine_length(count))
+        extend = partial(_extend, begin=begin, length=length)
+        added = prior_information(priors, density, spread)
+        info = Information(
+            extend(info.matrix, added.matrix),
+            extend(info.vector, added.vector),
+            extend(info.constant, added.constant),
+        )
+        position = extend(position, priors.mean[:, :2])
+        covariance = extend(covariance, priors.covariance[:, :2, :2])
+        camera = extend(camera, np.full(len(priors.frame), cameras))
+        frame = extend(frame, priors.frame)
+        valid = extend(valid, np.ones(len(priors.frame), bool))
+        if slot is not None:
+            slot = extend(slot, np.zeros((len(priors.frame), 2), np.int64))
+    total = len(frame)
+    items = np.flatnonzero(valid)
+    pairs = candidate_pairs(position, covariance, frame, camera, items)
+    padded = np.zeros((fine_length(len(pairs), FEWEST_PAIRS), 2), np.int64)
+    padded[: len(pairs)] = pairs
+    members = np.full((total, cameras), -1)
+    boxes = items[camera[items] < cameras]
+    members[boxes, camera[boxes]] = boxes
+    use = looks is not None
+    root, _, _ = merge_groups(
+        info, camera, padded, members, looks if use else np.zeros((1, 1, 1)),
+        slot if use else np.zeros((total, 2), np.int64), np.asarray(density), np.asarray(spread),
+        appearance=use,
+    )  # fmt: skip
+    root = np.asarray(root)
+    return collect_groups(root, items, info, frame, camera, cameras, density, spread)
+
+
+def _extend(values: Any, more: Any, *, begin: int, length: int) -> np.ndarray:
+    """Rows up to `begin` followed by more rows, padded with zeros."""
+    host = np.asarray(values)
+    out = np.zeros((length, *host.shape[1:]), host.dtype)
+    out[:begin], out[begin : begin + len(more)] = host[:begin], more
+    return out

@@ -1,0 +1,1 @@
+"""Noise, offsets and detection rates learned from the sequence."""

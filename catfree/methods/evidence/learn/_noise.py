@@ -1,0 +1,195 @@
+"""Self-calibration: the noise, the systematic offsets and the people's height, from the data."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
+from catfree.geometry._buckets import in_blocks
+from catfree.methods.evidence._gaussian import mean_and_covariance
+from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.observe._boxes import Boxes
+from catfree.methods.evidence.observe._measurement import Measurements, Noise, field_features
+from catfree.methods.evidence.observe._views import (
+    GroundViews,
+    drop_to_height,
+    edges_and_slopes,
+    height_at,
+)
+from catfree.settings import EvidenceSettings
+
+ENOUGH = 30  # residuals below which a camera keeps the noise that it had
+ENOUGH_FOR_FIELD = 10  # the same for its offset: four coefficients, held by their prior
+FEWEST_GROUPS = 10  # people below which nothing is learned
+HUBER = 1.5  # deviations beyond which a residual counts less than its square (Huber 1981)
+LARGEST_CHANGE = 2.0  # factor by which a round changes a noise: groups were made under the old one
+STEP = 2 / np.pi**0.5  # H0: around everybody, 4 H0² of ground are in use
+SPACING = STEP / 6  # of the points that count it: to a few per cent for one person alone
+DENSITY_RANGE = (0.003, 1.0)  # people per H0²: one in a big square, shoulder to shoulder
+BLOCK = 2048  # residuals that are computed together
+
+
+@jax.jit
+def _implied(edges, camera, matrix, inverse):
+    def one(edges, c):
+        position = drop_to_height(jnp.asarray(inverse)[c], edges[jnp.array([0, 2])])
+        m = jnp.asarray(matrix)[c]
+        depth = m[2, 0] * position[0] + m[2, 1] * position[1] + m[2, 3]
+        return height_at(m, position, edges[1]), depth
+
+    return jax.vmap(one)(edges, camera)
+
+
+def median_height(boxes: Boxes, views: GroundViews) -> float:
+    """Median height that whole boxes imply, in units of the views' H0; NaN without any."""
+    height, depth = map(
+        np.asarray, _implied(boxes.edges, boxes.camera, views.matrix, views.ground_inverse)
+    )
+    good = boxes.valid & ~boxes.cut.any(1) & (depth > 0) & (height > 0) & np.isfinite(height)
+    return float(np.median(height[good])) if good.any() else float("nan")
+
+
+@jax.jit
+def _left_out(edges, size, camera, info, total, views: GroundViews, spread):
+    """Residual of each box against the person that the other cameras see."""
+
+    def one(edges, size, c, matrix, focal, center, info, total):
+        rest = jax.tree.map(lambda a, b: a - b, total, info)
+        state, covariance = mean_and_covariance(rest, spread)
+        predicted, slopes = edges_and_slopes(matrix, state)
+        variance = jnp.einsum("ij,jk,ik->i", slopes, covariance, slopes)
+        features = field_features(edges, size, focal, center)
+        return edges - predicted, variance, features
+
+    take = lambda a: jnp.asarray(a)[camera]  # noqa: E731
+    return jax.vmap(one)(
+        edges, size, camera, take(views.matrix), take(views.focal), take(views.center), info, total
+    )
+
+
+def learn_noise(
+    noise: Noise,
+    groups: Groups,
+    measurements: Measurements,
+    boxes: Boxes,
+    views: GroundViews,
+    settings: EvidenceSettings,
+) -> tuple[Noise, float]:
+    """One round of self-calibration from groups of at least three cameras, or two if those are few.
+
+    Args:
+        noise: what was assumed.
+        groups: who was grouped under it.
+        measurements: the boxes as likelihoods.
+        boxes: the boxes.
+        views: the cameras.
+        settings: constants.
+
+    Returns:
+        What the residuals say, and the median height in units of the present H0.
+    """
+    there = groups.member >= 0
+    cameras, C = there.sum(1), groups.member.shape[1]
+    strong, share = np.flatnonzero(cameras >= 3), 1.0
+    if len(strong) < FEWEST_GROUPS:
+        # Pairs are chosen for agreeing, so they flatter the noise; not to learn at all is worse.
+        # Either of two cameras shows the whole of what separates them, and takes half of it.
+        strong, share = np.flatnonzero(cameras >= 2), 0.5
+    if len(strong) < FEWEST_GROUPS:
+        return noise, 1.0
+    state, covariance = mean_and_covariance(groups.info[strong], noise.spread)
+    heights = state[:, 2]
+    center = float(np.median(heights))
+    # What is estimated with a prior is drawn to it; what that hides is its own variance.
+    shown = MEDIAN_TO_DEVIATION * float(np.median(np.abs(heights - center)))
+    spread = float(np.hypot(shown, np.sqrt(np.median(covariance[:, 2, 2])))) / center
+    spread = float(np.clip(spread, *settings.height_spread_range))
+    density = crowding(state[:, :2], groups.frame[strong])
+
+    g, c = np.nonzero(there[strong])
+    rows = groups.member[strong][g, c]
+    spread_then = np.asarray(noise.spread)
+    own, total = measurements.info[rows], groups.info[strong[g]]
+    residual, variance, features = in_blocks(
+        lambda *part: _left_out(*part, views, spread_then),
+        (boxes.edges[rows], boxes.size[rows], c, own, total),
+        BLOCK,
+    )
+    sd = np.sqrt(measurements.noise[rows] ** 2 + variance)
+    used = measurements.used[rows] & np.isfinite(residual).all(1, keepdims=True)
+    # A foot believed to be wrong, or a side that is cut, says nothing about the usual noise.
+    used &= ~boxes.cut[rows, :1]
+    field, edge, angular = noise.field.copy(), noise.edge.copy(), noise.angular
+    if settings.residual_field:
+        for camera in range(C):
+            for k in range(3):
+                own = used[:, k] & (c == camera)
+                if own.sum() >= ENOUGH_FOR_FIELD:
+                    seen = _robust_ridge(
+                        features[own, k], residual[own, k], sd[own, k],
+                        np.array(settings.field_prior), k,
+                    )  # fmt: skip
+                    field[camera, k] += share * (seen - field[camera, k])
+    left = residual - np.einsum("nkf,nkf->nk", features, field[c])
+    z = left / sd
+    pool = []
+    for camera in range(C):
+        for k in range(3):
+            own = used[:, k] & (c == camera)
+            if own.sum() >= ENOUGH:
+                factor = MEDIAN_TO_DEVIATION * float(np.median(np.abs(z[own, k])))
+                pool.append(factor)
+                start = settings.edge_noise[k]
+                edge[camera, k] = np.clip(
+                    edge[camera, k] * np.clip(factor, 1 / LARGEST_CHANGE, LARGEST_CHANGE),
+                    settings.noise_factor_range[0] * start,
+                    settings.noise_factor_range[1] * start,
+                )
+    if pool:
+        angular = np.clip(
+            angular * np.clip(np.median(pool), 1 / LARGEST_CHANGE, LARGEST_CHANGE),
+            *settings.angular_noise_range,
+        )
+    return (
+        Noise(edge, np.asarray(angular), field, np.asarray(spread), np.asarray(density)),
+        center,
+    )
+
+
+def crowding(position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"]) -> float:
+    """People per H0² of the ground that people use, all that is within `STEP` of a position.
+
+    The area is counted on a lattice along the principal axes of the positions, so that it does not
+    depend on how the scene lies.
+
+    Args:
+        position: in H0, of everybody in all frames.
+        frame: of each.
+    """
+    away = position - position.mean(0)
+    _, axes = np.linalg.eigh(away.T @ away)
+    place = away @ axes / SPACING
+    reach = STEP / SPACING
+    near = np.arange(-np.ceil(reach), np.ceil(reach) + 1)
+    # Points lie half a step off the axes: of which sign these are makes no difference.
+    point = np.floor(place)[:, None] + np.stack(np.meshgrid(near, near), -1).reshape(-1, 2)
+    used = np.hypot(*np.moveaxis(point + 0.5 - place[:, None], -1, 0)) <= reach
+    area = len(np.unique(point[used] @ np.array([1.0, 1j]))) * SPACING**2
+    people = len(position) / max(len(np.unique(frame)), 1)
+    return float(np.clip(people / area, *DENSITY_RANGE))
+
+
+def _robust_ridge(X, y, sd, prior, component) -> np.ndarray:
+    """Huber regression with a Gaussian prior around 0, three reweightings."""
+    X, y = X / sd[:, None], y / sd
+    weight, coefficients = np.ones(len(y)), np.zeros(X.shape[1])
+    if component == 0:
+        X = X * np.array([1.0, 1.0, 1.0, 0.0])
+    for _ in range(4):
+        A = (X * weight[:, None]).T @ X + np.diag(1 / prior**2)
+        coefficients = np.linalg.solve(A, (X * weight[:, None]).T @ y)
+        error = np.abs(y - X @ coefficients)
+        scale = max(MEDIAN_TO_DEVIATION * float(np.median(error)), 1e-6)
+        weight = np.minimum(1, HUBER * scale / np.maximum(error, 1e-12))
+    return coefficients

@@ -1,0 +1,1 @@
+"""Boxes as measurements of where people stand: likelihoods, views, visibility."""

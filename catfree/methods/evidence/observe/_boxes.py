@@ -1,0 +1,169 @@
+"""Detections as padded arrays in a canonical order, and the tables that group them."""
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from catfree.geometry import back_project
+from catfree.geometry._buckets import fine_length
+from catfree.settings import EvidenceSettings
+from catfree.types import Detections, Rig
+
+
+class Boxes(eqx.Module):
+    """Boxes sorted by frame, camera and edges, padded to N rows.
+
+    Attributes:
+        row: (n,) original index of each of the n true rows.
+        frames: (F,) the distinct frame numbers in order.
+        frame: (N,) index into `frames`; F marks padding.
+        camera: (N,) camera index, 0 for padding.
+        box: (N, 4) x1, y1, x2, y2 in original pixels.
+        edges: (N, 3) centre column, top row, bottom row in undistorted pixels.
+        size: (N,) height in undistorted pixels.
+        cut: (N, 3) whether the side, the top or the bottom is cut by the image border.
+        ankles: (N,) bool; true also where nobody looked for ankles.
+        valid: (N,) bool.
+        table: (F, C, B) rows of each frame and camera, -1 for none.
+        embedding: (N, D) or None.
+        first: (F + 1,) first row of each frame.
+    """
+
+    row: Int[np.ndarray, " n"]
+    frames: Int[np.ndarray, " frame"]
+    frame: Int[np.ndarray, " box"]
+    camera: Int[np.ndarray, " box"]
+    box: Float[np.ndarray, "box 4"]
+    edges: Float[np.ndarray, "box 3"]
+    size: Float[np.ndarray, " box"]
+    cut: Bool[np.ndarray, "box 3"]
+    ankles: Bool[np.ndarray, " box"]
+    valid: Bool[np.ndarray, " box"]
+    table: Int[np.ndarray, "padded cam slot"]
+    embedding: Float[np.ndarray, "box dim"] | None
+    first: Int[np.ndarray, " bounds"]
+
+
+def undistort(
+    rig: Rig, camera: Int[np.ndarray, " n"], pixel: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, "n 2"]:
+    """Pixels as an ideal pinhole of the same K would see them.
+
+    Args:
+        rig: the cameras.
+        camera: (n,) camera of each pixel.
+        pixel: (n, 2) as observed.
+
+    Returns:
+        (n, 2) in float64; the pixels themselves if the rig has no distortion.
+    """
+    n = len(pixel)
+    if rig.distortion is None or n == 0:
+        return pixel
+    rows = np.pad(camera, (0, fine_length(n) - n))
+    with jax.enable_x64(True):
+        ideal = _undistort_pixels(
+            np.asarray(rig.K, np.float64)[rows],
+            np.pad(np.asarray(pixel, np.float64), ((0, len(rows) - n), (0, 0))),
+            np.nan_to_num(np.asarray(rig.distortion, np.float64))[rows],
+        )
+    return np.asarray(ideal)[:n]
+
+
+@jax.jit
+@jax.vmap
+def _undistort_pixels(K, pixel, distortion):
+    return K[:2, :2] @ back_project(K, pixel, distortion) + K[:2, 2]
+
+
+def prepare_boxes(detections: Detections, rig: Rig, settings: EvidenceSettings) -> Boxes:
+    """Sort, undistort and pad; detections of unregistered cameras are left out.
+
+    Args:
+        detections: any order.
+        rig: the cameras.
+        settings: for the border margin.
+
+    Returns:
+        Padded arrays in an order that does not depend on the input's.
+    """
+    known = np.asarray(rig.registered)
+    rows = np.flatnonzero(
+        (detections.camera < rig.camera_count)
+        & known[np.minimum(detections.camera, rig.camera_count - 1)]
+    )
+    box = np.asarray(detections.box, np.float64)
+    keys = [box[rows, i] for i in (3, 2, 1, 0)] + [detections.camera[rows], detections.frame[rows]]
+    order = np.lexsort(keys)
+    place = np.column_stack(keys)[order]
+    if (place[1:] == place[:-1]).all(1).any():  # identical boxes: by what else is known of them
+        if detections.ankles_confirmed is not None:
+            keys.insert(0, detections.ankles_confirmed[rows])
+        if detections.embedding is not None:
+            keys = [*detections.embedding[rows].T, *keys]
+        order = np.lexsort(keys)
+    rows = rows[order]
+    n = len(rows)
+    frames, frame = np.unique(detections.frame[rows], return_inverse=True)
+    N = fine_length(n)
+    camera = detections.camera[rows]
+    box = box[rows]
+    middle = (box[:, 0] + box[:, 2]) / 2
+    head = undistort(rig, camera, np.stack([middle, box[:, 1]], -1))
+    foot = undistort(rig, camera, np.stack([middle, box[:, 3]], -1))
+    edges = np.stack([(head[:, 0] + foot[:, 0]) / 2, head[:, 1], foot[:, 1]], -1)
+    size = np.asarray(rig.image_size, np.float64)[camera]
+    margin = settings.border_margin * size[:, 0]
+    cut = np.stack(
+        [
+            (box[:, 0] <= margin) | (box[:, 2] >= size[:, 0] - 1 - margin),
+            box[:, 1] <= margin,
+            box[:, 3] >= size[:, 1] - 1 - margin,
+        ],
+        -1,
+    )
+    ankles = (
+        np.ones(n, bool)
+        if detections.ankles_confirmed is None
+        else detections.ankles_confirmed[rows]
+    )
+
+    def pad(values: np.ndarray, fill) -> np.ndarray:
+        out = np.full((N, *values.shape[1:]), fill, values.dtype)
+        out[:n] = values
+        return out
+
+    F = len(frames)
+    table = _group(frame, camera, F, rig.camera_count)
+    embedding = None
+    if detections.embedding is not None:
+        raw = np.asarray(detections.embedding, np.float64)[rows]
+        raw = raw / np.maximum(np.linalg.norm(raw, axis=-1, keepdims=True), 1e-12)
+        embedding = pad(raw, 0.0)
+    return Boxes(
+        row=rows,
+        frames=frames,
+        frame=pad(frame, F),
+        camera=pad(camera, 0),
+        box=pad(box, 1.0),
+        edges=pad(edges, 1.0),
+        size=pad(np.maximum(edges[:, 2] - edges[:, 1], 1.0), 1.0),
+        cut=pad(cut, True),
+        ankles=pad(ankles, True),
+        valid=pad(np.ones(n, bool), False),
+        table=table,
+        embedding=embedding,
+        first=np.searchsorted(frame, np.arange(F + 1)),
+    )
+
+
+def _group(frame: np.ndarray, camera: np.ndarray, F: int, C: int) -> np.ndarray:
+    """(F, C, B) rows of each frame and camera; rows are sorted by frame, then camera."""
+    key = frame * C + camera
+    start = np.searchsorted(key, np.arange(F * C))
+    slot = np.arange(len(key)) - start[key] if len(key) else np.zeros(0, int)
+    B = fine_length(int(slot.max()) + 1 if len(slot) else 1, 4)
+    table = np.full((fine_length(F, 8) * C, B), -1)
+    table[key, slot] = np.arange(len(key))
+    return table.reshape(-1, C, B)

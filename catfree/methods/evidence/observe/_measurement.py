@@ -1,0 +1,274 @@
+"""One box as a measurement of (ground position, height)."""
+
+from functools import partial
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from catfree.geometry._buckets import in_blocks
+from catfree.methods.evidence._gaussian import Information, mean_and_covariance
+from catfree.methods.evidence.observe._boxes import Boxes
+from catfree.methods.evidence.observe._views import (
+    GroundViews,
+    drop_to_height,
+    edges_and_slopes,
+    height_at,
+    predict_edges,
+)
+from catfree.settings import EvidenceSettings
+
+
+class Noise(eqx.Module):
+    """What the sequence says about its own measurements.
+
+    Attributes:
+        edge: (C, 3) noise of centre, top and bottom as a share of the box height.
+        angular: () noise common to all boxes in radians.
+        field: (C, 3, 4) offset of each edge: focal, column, row and box height coefficients.
+        spread: () standard deviation of heights in H0.
+        density: () people per H0².
+    """
+
+    edge: Float[np.ndarray, "cam 3"]
+    angular: Float[np.ndarray, ""]
+    field: Float[np.ndarray, "cam 3 4"]
+    spread: Float[np.ndarray, ""]
+    density: Float[np.ndarray, ""]
+
+
+class Measurements(eqx.Module):
+    """Every box as a Gaussian likelihood of (y1, y2, H) in units of H0.
+
+    Attributes:
+        info: (N) information without the height prior.
+        state: (N, 3) most likely state of the box alone.
+        covariance: (N, 3, 3) of it, height prior included.
+        noise: (N, 3) standard deviation of each edge in pixels.
+        edges: (N, 3) edges without their systematic offsets.
+        used: (N, 3) whether an edge carries information.
+        valid: (N,) bool: a usable measurement.
+    """
+
+    info: Information
+    state: Float[Array | np.ndarray, "box 3"]
+    covariance: Float[Array | np.ndarray, "box 3 3"]
+    noise: Float[Array | np.ndarray, "box 3"]
+    edges: Float[Array | np.ndarray, "box 3"]
+    used: Bool[Array | np.ndarray, "box 3"]
+    valid: Bool[Array | np.ndarray, " box"]
+
+
+class BoxConstants(NamedTuple):
+    """The settings of `measure`, as values that a compiled function takes: any cost nothing."""
+
+    ankle_factor: float
+    cover_slope: float
+    cover_free: float
+    cover_limit: float
+    side_cut_noise: float
+    foot_outlier: float
+    largest_sigma: float
+    use_height: bool
+
+    @classmethod
+    def of(cls, settings: EvidenceSettings) -> "BoxConstants":
+        """Those of the settings."""
+        return cls(*(getattr(settings, name) for name in cls._fields))
+
+
+NEAREST = 0.1  # H0; nobody's feet or head are closer to the plane of a lens
+BLOCKS = (256, 2048)  # boxes that are measured together
+EXPLAINED = 6.0  # standard deviations; a wider miss is no Gaussian noise
+FOOT_ROUNDS = 2  # of the foot's column: the second changes it by the roll squared
+HEIGHT_BOUNDS = (0.1, 4.0)  # H0, of what may stand on a foot while its column is sought
+LARGEST_LEAN = 0.5  # box heights by which one round moves the foot's column
+LEAST_TRUST = 1e-4  # in a bottom edge: a hundred times its noise says nothing
+DOUBTFUL = 0.5  # trust below which a bottom edge is more likely wrong than right
+JOINED_TOP = 3.0  # times the top's noise in a box taller than people: it may hold two of them
+
+
+def start_noise(cameras: int, settings: EvidenceSettings) -> Noise:
+    """The noise before anything was learned."""
+    return Noise(
+        edge=np.tile(np.array(settings.edge_noise), (cameras, 1)),
+        angular=np.array(settings.angular_noise),
+        field=np.zeros((cameras, 3, 4)),
+        spread=np.array(settings.height_spread),
+        density=np.array(settings.density_start),
+    )
+
+
+def field_features(edges: Array, size: Array, focal: Array, center: Array) -> Float[Array, "3 4"]:
+    """What a systematic offset of each edge may depend on: focal, column, row, box height."""
+    rows = jnp.stack([(edges[1] + edges[2]) / 2, edges[1], edges[2]])
+    flat = jnp.ones(3, edges.dtype)
+    # The centre column does not move with the height of a box.
+    height = size * jnp.array([0.0, 1.0, 1.0], edges.dtype)
+    return jnp.stack(
+        [focal * flat, (edges[0] - center[0]) * flat, rows - center[1], height], axis=-1
+    )
+
+
+def implied_height(matrix, ground_inverse, edges):
+    """Foot position and height of a person whose box has exactly these edges."""
+    column = edges[0]
+    for _ in range(FOOT_ROUNDS):  # in a rolled camera the foot is not below the box centre
+        position = drop_to_height(ground_inverse, jnp.stack([column, edges[2]]))
+        height = jnp.clip(height_at(matrix, position, edges[1]), *HEIGHT_BOUNDS)
+        predicted = predict_edges(matrix, jnp.append(position, height))
+        limit = LARGEST_LEAN * (edges[2] - edges[1])
+        column = column + jnp.clip(edges[0] - predicted[0], -limit, limit)
+    position = drop_to_height(ground_inverse, jnp.stack([column, edges[2]]))
+    return position, height_at(matrix, position, edges[1])
+
+
+def measure(
+    edges,
+    size,
+    cut,
+    ankles,
+    covered,
+    matrix,
+    ground_inverse,
+    head_inverse,
+    focal,
+    center,
+    edge_noise,
+    angular,
+    field,
+    spread,
+    constants: BoxConstants,
+    steps: int,
+):
+    """The likelihood of one box.
+
+    Args:
+        edges: (3,) centre column, top and bottom row, undistorted pixels.
+        size: () box height in pixels.
+        cut: (3,) bool: side, top, bottom cut by the image border.
+        ankles: () bool.
+        covered: () share of the lower box hidden by boxes in front.
+        matrix: (3, 4) the camera, see `GroundViews`.
+        ground_inverse: (3, 3) pixel to foot.
+        head_inverse: (3, 3) pixel to a head at H0.
+        focal: () in pixels.
+        center: (2,) principal point.
+        edge_noise: (3,) noise of the edges in box heights.
+        angular: () calibration error in radians.
+        field: (3, 4) offsets of the edges.
+        spread: () of heights in H0.
+        constants: see `EvidenceSettings`.
+        steps: of Gauss-Newton.
+
+    Returns:
+        Information (matrix (3, 3), vector (3,), constant ()) about (x, y, height) in H0; the state
+        (3,) that it is taken at; noise (3,) in pixels; corrected edges (3,); used (3,) bool; valid
+        () bool, whether the state explains the box.
+    """
+    dtype = edges.dtype
+    edges = edges - (field_features(edges, size, focal, center) * field).sum(-1)
+    noise = edge_noise * size
+    noise = noise.at[0].set(jnp.where(cut[0], constants.side_cut_noise * size, noise[0]))
+    hidden = 1 + constants.cover_slope * jnp.clip(
+        covered - constants.cover_free, 0, constants.cover_limit
+    )
+    noise = noise.at[2].multiply(jnp.where(ankles, 1.0, constants.ankle_factor) * hidden)
+
+    position, height = implied_height(matrix, ground_inverse, edges)
+    deviation = jnp.sqrt(spread**2 + (edge_noise[1] ** 2 + edge_noise[2] ** 2))
+    density = jnp.exp(-0.5 * ((height - 1) / deviation) ** 2) / (
+        deviation * jnp.sqrt(jnp.array(2 * jnp.pi, dtype))
+    )
+    good = (1 - constants.foot_outlier) * density
+    trust = good / (good + constants.foot_outlier)
+    whole = ~cut[1] & ~cut[2]
+    trust = jnp.where(whole & constants.use_height, jnp.clip(trust, LEAST_TRUST, 1.0), 1.0)
+    noise = noise.at[2].multiply(1 / jnp.sqrt(trust))
+    noise = noise.at[1].multiply(jnp.where((trust < DOUBTFUL) & (height > 1), JOINED_TOP, 1.0))
+    noise = jnp.sqrt(noise**2 + (angular * focal) ** 2)
+
+    used = jnp.stack([jnp.ones((), bool), ~cut[1] & constants.use_height, ~cut[2]])
+    precision = jnp.where(used, 1 / noise**2, 0.0)
+
+    head = drop_to_height(head_inverse, edges[:2])
+    by_head = (cut[2] | (trust < DOUBTFUL)) & ~cut[1]
+    start = jnp.append(jnp.where(by_head, head, position), jnp.ones((), dtype))
+    prior = jnp.array([0.0, 0.0, 1.0], dtype) / spread**2
+
+    def step(state, _):
+        predicted, slopes = edges_and_slopes(matrix, state)
+        weighted = slopes * precision[:, None]
+        normal = weighted.T @ slopes + jnp.diag(prior)
+        gradient = weighted.T @ (edges - predicted) + prior * (1 - state)
+        normal = normal + 1e-9 * jnp.trace(normal) * jnp.eye(3, dtype=dtype)
+        return state + jnp.linalg.solve(normal, gradient), None
+
+    state, _ = jax.lax.scan(step, start, None, length=steps)
+    predicted, slopes = edges_and_slopes(matrix, state)
+    residual = edges - predicted + slopes @ state
+    weighted = slopes * precision[:, None]
+    info = (weighted.T @ slopes, weighted.T @ residual, (precision * residual**2).sum())
+    depth = matrix[2, 0] * state[0] + matrix[2, 1] * state[1] + matrix[2, 3]
+    nearest = jnp.minimum(depth, depth + matrix[2, 2] * state[2])
+    finite = jnp.isfinite(state).all() & jnp.isfinite(info[0]).all() & jnp.isfinite(info[2])
+    # Steps that run into the camera's own plane end in slopes without bound, which would drown
+    # all other boxes of a group: a box is a measurement only if its state explains it.
+    explained = jnp.where(used, jnp.abs(edges - predicted) <= EXPLAINED * noise, True).all()
+    valid = finite & (nearest > NEAREST) & explained & ~(cut[1] & cut[2])
+    return info, state, noise, edges, used, valid
+
+
+@partial(jax.jit, static_argnames="steps")
+def measure_all(
+    edges,
+    size,
+    cut,
+    ankles,
+    covered,
+    camera,
+    present,
+    views: GroundViews,
+    noise: Noise,
+    constants: BoxConstants,
+    steps: int,
+) -> Measurements:
+    """`measure` for every box; boxes vaguer than `largest_sigma` are not valid."""
+
+    def one(edges, size, cut, ankles, covered, c):
+        take = lambda a: jnp.asarray(a)[c]  # noqa: E731
+        return measure(
+            edges, size, cut, ankles, covered, take(views.matrix), take(views.ground_inverse),
+            take(views.head_inverse), take(views.focal), take(views.center), take(noise.edge),
+            jnp.asarray(noise.angular), take(noise.field), jnp.asarray(noise.spread),
+            constants, steps,
+        )  # fmt: skip
+
+    info, state, sd, corrected, used, valid = jax.vmap(one)(
+        edges, size, cut, ankles, covered, camera
+    )
+    info = Information(*info)
+    _, covariance = mean_and_covariance(info, jnp.asarray(noise.spread))
+    sigma = jnp.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
+    valid = valid & present & jnp.isfinite(sigma) & (sigma < constants.largest_sigma)
+    keep = lambda a: jnp.where(valid.reshape(-1, *(1,) * (a.ndim - 1)), a, 0.0)  # noqa: E731
+    info = Information(keep(info.matrix), keep(info.vector), keep(info.constant))
+    return Measurements(info, keep(state), keep(covariance), sd, corrected, used, valid)
+
+
+def measure_boxes(
+    boxes: Boxes, covered, views: GroundViews, noise: Noise, settings: EvidenceSettings
+) -> Measurements:
+    """All boxes of a sequence as likelihoods, on the host."""
+    constants = BoxConstants.of(settings)
+    rows = (
+        boxes.edges, boxes.size, boxes.cut, boxes.ankles, covered, boxes.camera, boxes.valid,
+    )  # fmt: skip
+    return in_blocks(
+        lambda *part: measure_all(*part, views, noise, constants, settings.newton_steps),
+        rows,
+        *BLOCKS,
+    )

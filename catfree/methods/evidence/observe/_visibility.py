@@ -1,0 +1,188 @@
+"""Who should be seen by whom: hidden shares, image borders, and the detection rate they imply."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from catfree.methods.evidence.observe._views import GroundViews, safe_ratio
+from catfree.settings import EvidenceSettings
+
+COLUMNS = 8  # sampled columns of a box; its rows are integrated exactly
+ASPECT = 0.4  # width of a standing person over the height
+COVER_EDGES = (0.15, 0.4, 0.7, 0.95)  # between classes of hidden share, each its own rate
+HEIGHT_QUANTILES = (0.15, 0.5)  # of a camera's boxes, between small, usual and large people
+WITNESSES = 3  # other cameras that must see a person before a miss counts
+LOWER_BODY = 0.3  # share of a box that holds the legs from the knees down
+WHOLE = 0.99  # weight inside the image from which a sighting teaches the detection rate
+PRIOR_RANGE = (0.02, 0.98)  # of what a detection rate is drawn to
+RATE_RANGE = (0.01, 0.99)  # of a detection rate: nothing is impossible or certain
+BODY_RAMP = (0.3, 0.7)  # shares of the body inside the image between "cut off" and "in view"
+
+
+def covered_share(region: Array, floor: Array, others: Array, active: Array) -> Float[Array, ""]:
+    """Share of a rectangle hidden by boxes that reach lower, that is, by nearer people.
+
+    Every such box covers, in a column, all that lies below its top edge: the union is exact.
+
+    Args:
+        region: (4,) x1, y1, x2, y2 in pixels.
+        floor: () the row that a box must pass to be nearer.
+        others: (B, 4) boxes of the same image.
+        active: (B,) which of them exist.
+
+    Returns:
+        () share in [0, 1].
+    """
+    steps = (jnp.arange(COLUMNS, dtype=region.dtype) + 0.5) / COLUMNS
+    columns = region[0] + steps * (region[2] - region[0])
+    inside = (others[:, :1] <= columns[None, :]) & (columns[None, :] <= others[:, 2:3])
+    nearer = active & (others[:, 3] > floor)
+    rows = jnp.minimum(others[:, 3], region[3]) - jnp.maximum(others[:, 1], region[1])
+    rows = jnp.where(nearer[:, None] & inside, jnp.maximum(rows, 0)[:, None], 0.0)
+    height = jnp.maximum(region[3] - region[1], 1e-9)
+    return jnp.clip(rows.max(0).mean() / height, 0, 1)
+
+
+@jax.jit
+def covered_feet(box, frame, camera, table) -> Float[Array, " box"]:
+    """Share of the lower part of each box that is hidden by boxes in front of it."""
+    rows = jnp.arange(box.shape[0])
+
+    def one(row, box_, f, c):
+        others = jnp.asarray(table)[jnp.minimum(f, table.shape[0] - 1), c]
+        active = (others >= 0) & (others != row) & (f < table.shape[0])
+        low = jnp.stack([box_[0], box_[3] - LOWER_BODY * (box_[3] - box_[1]), box_[2], box_[3]])
+        return covered_share(low, box_[3], box[jnp.maximum(others, 0)], active)
+
+    return jax.vmap(one)(rows, box, frame, camera)
+
+
+class Views(eqx.Module):
+    """How each camera should see each person.
+
+    Attributes:
+        inside: (H, C) weight in [0, 1] of the part of the body inside the image.
+        height: (H, C) predicted box height in pixels.
+        cover: (H, C) share hidden by nearer boxes.
+        share: (H, C) share of the body inside the image.
+    """
+
+    inside: Float[Array | np.ndarray, "person cam"]
+    height: Float[Array | np.ndarray, "person cam"]
+    cover: Float[Array | np.ndarray, "person cam"]
+    share: Float[Array | np.ndarray, "person cam"]
+
+
+@jax.jit
+def expected_views(state, frame, member, box, table, views: GroundViews) -> Views:
+    """Predict the box of every person in every camera.
+
+    Args:
+        state: (H, 3) position and height in H0.
+        frame: (H,) frame index.
+        member: (H, C) the person's own detection in each camera or -1; it hides nothing.
+        box: (N, 4) all boxes in pixels.
+        table: (F, C, B) rows of each frame and camera.
+        views: the cameras.
+
+    Returns:
+        (H, C) arrays.
+    """
+    table, box = jnp.asarray(table), jnp.asarray(box)
+
+    def one(state, f, own, matrix, size, known, c):
+        foot = matrix[:, 0] * state[0] + matrix[:, 1] * state[1] + matrix[:, 3]
+        head = foot + matrix[:, 2] * state[2]
+        u = 0.5 * (safe_ratio(foot[0], foot[2]) + safe_ratio(head[0], head[2]))
+        top, bottom = safe_ratio(head[1], head[2]), safe_ratio(foot[1], foot[2])
+        height = jnp.maximum(bottom - top, 1e-6)
+        half = 0.5 * ASPECT * height
+        wide = jnp.clip(jnp.minimum(u + half, size[0]) - jnp.maximum(u - half, 0.0), 0)
+        tall = jnp.clip(jnp.minimum(bottom, size[1]) - jnp.maximum(top, 0.0), 0)
+        share = wide * tall / (2 * half * height)
+        inside = jnp.clip((share - BODY_RAMP[0]) / (BODY_RAMP[1] - BODY_RAMP[0]), 0, 1)
+        front = (foot[2] > 1e-6) & (head[2] > 1e-6) & known
+        others = table[f, c]
+        active = (others >= 0) & (others != own)
+        region = jnp.stack(
+            [u - half, jnp.maximum(top, 0.0), u + half, jnp.minimum(bottom, size[1])]
+        )
+        region = jnp.where(front, region, 0.0)
+        cover = covered_share(region, region[3], box[jnp.maximum(others, 0)], active)
+        seen = [jnp.where(front, x, 0.0) for x in (inside, share)]
+        return seen[0], jnp.where(front, height, 1.0), cover, seen[1]
+
+    per_camera = jax.vmap(one, in_axes=(None, None, 0, 0, 0, 0, 0))
+    everyone = jax.vmap(per_camera, in_axes=(0, 0, 0, None, None, None, None))
+    inside, height, cover, share = everyone(
+        jnp.asarray(state), jnp.asarray(frame), jnp.asarray(member), jnp.asarray(views.matrix),
+        jnp.asarray(views.image_size), jnp.asarray(views.registered),
+        jnp.arange(views.focal.shape[0]),
+    )  # fmt: skip
+    return Views(inside, height, cover, share)
+
+
+class DetectionRate(eqx.Module):
+    """How often a camera detects a person that it should see.
+
+    Attributes:
+        heights: (C, 2) box heights between the bins in pixels.
+        rate: (C, 3, 5) by camera, height and cover.
+    """
+
+    heights: Float[np.ndarray, "cam 2"]
+    rate: Float[np.ndarray, "cam 3 5"]
+
+    def __call__(self, seen: Views) -> np.ndarray:
+        """(H, C) detection probability, the inside weight included."""
+        camera = np.arange(self.rate.shape[0])[None, :]
+        return np.asarray(seen.inside) * self.rate[camera, *self._bins(seen)]
+
+    def _bins(self, seen: Views) -> tuple[np.ndarray, np.ndarray]:
+        height = (np.asarray(seen.height)[..., None] > self.heights[None]).sum(-1)
+        cover = np.searchsorted(np.array(COVER_EDGES), np.asarray(seen.cover))
+        return height, cover
+
+
+def learn_detection_rate(
+    seen: Views,
+    member: np.ndarray,
+    size: np.ndarray,
+    camera: np.ndarray,
+    settings: EvidenceSettings,
+) -> DetectionRate:
+    """Count hits among people that at least three other cameras confirm.
+
+    Args:
+        seen: (H, C) expected views.
+        member: (H, C) detection or -1.
+        size: (n,) box heights.
+        camera: (n,) their cameras.
+        settings: constants.
+    """
+    C = member.shape[1]
+    heights = np.zeros((C, 2))
+    for c in range(C):
+        own = size[camera == c]
+        if len(own):
+            heights[c] = np.quantile(own, HEIGHT_QUANTILES)
+    rate = DetectionRate(heights, np.ones((C, 3, 5)))
+    height, cover = rate._bins(seen)
+    hit = member >= 0
+    others = hit.sum(1, keepdims=True) - hit
+    trial = (others >= WITNESSES) & (seen.inside > WHOLE)
+    w = trial.astype(float)
+    index = (np.broadcast_to(np.arange(C), w.shape), height, cover)
+    trials, hits = np.zeros((C, 3, 5)), np.zeros((C, 3, 5))
+    np.add.at(trials, index, w)
+    np.add.at(hits, index, w * hit)
+    pseudo = settings.detection_rate_pseudo_counts
+    # Shrink towards the cover's rate in all cameras, that towards the overall rate.
+    overall = (hits.sum() + pseudo * settings.detection_rate_start) / (trials.sum() + pseudo)
+    by_cover = (hits.sum((0, 1)) + pseudo * overall) / (trials.sum((0, 1)) + pseudo)
+    by_camera = (hits.sum((1, 2)) + pseudo * overall) / (trials.sum((1, 2)) + pseudo)
+    prior = np.clip(by_camera[:, None, None] * (by_cover / overall)[None, None], *PRIOR_RANGE)
+    shrunk = (hits + pseudo * prior) / (trials + pseudo)
+    return DetectionRate(heights, np.clip(shrunk, *RATE_RANGE))

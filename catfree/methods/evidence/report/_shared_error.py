@@ -1,0 +1,190 @@
+"""How far the whole map may be off, because every camera's pose errs for all its boxes alike.
+
+What one frame's boxes get wrong by chance averages out over cameras and time; a camera's own offset
+stays. Residuals between cameras show the offsets only relative to each other: what all people share
+in the end, a shift, turn or scale g of the whole map, no residual shows. With edges moving by J D g
+under it, the cameras' offsets beta_c, common to all boxes of a camera, move it by
+
+    g = T^-1 sum_c M_c beta_c,  T = sum D'J'W J D,  M_c = sum over the camera's boxes D'J'W f_c
+
+so that, with offsets of variance B drawn once a camera, Cov(g) = T^-1 (sum_c M_c B M_c') T^-1: the
+cluster-robust covariance of Liang and Zeger (1986) with the cameras as clusters. B is the scatter
+between cameras of the offsets that self-calibration found; what they have in common is the
+detector's habit and no error of a pose.
+
+A scatter of few cameras is itself uncertain. It counts as much as it has degrees of freedom, one
+less than there are cameras, beside one for what is assumed of a rig before anything is known; then
+g over its stated deviation follows Student's t with as many degrees of freedom as there are
+cameras, and B is widened until the 95 % ellipse is as wide as that asks for: the usual correction
+for few clusters (Cameron and Miller, 2015), with a prior, without which two cameras say nothing.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtri, stdtrit
+
+from catfree.geometry._buckets import fine_length
+from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.observe._boxes import Boxes
+from catfree.methods.evidence.observe._measurement import Measurements, Noise, field_features
+from catfree.methods.evidence.observe._views import GroundViews, edges_and_slopes
+from catfree.methods.evidence.track._tracking import Trails
+from catfree.settings import EvidenceSettings
+
+MODES = 4  # shift along both axes, turn, scale
+UPPER = 0.975  # quantile at which both tails together hold 5 %
+
+
+def shared_covariance(
+    trails: Trails,
+    kept: np.ndarray,
+    groups: Groups,
+    measurements: Measurements,
+    boxes: Boxes,
+    views: GroundViews,
+    noise: Noise,
+    settings: EvidenceSettings,
+) -> Float[np.ndarray, "node 2 2"]:
+    """What the errors of the cameras' poses add to the covariance of each position, in H0².
+
+    Args:
+        trails: the tracks.
+        kept: (M,) which rows are people.
+        groups: who was seen together.
+        measurements: the boxes as likelihoods.
+        boxes: the boxes.
+        views: the cameras.
+        noise: the offsets that self-calibration found.
+        settings: for the calibration error to assume.
+
+    Returns:
+        (M, 2, 2), zero where fewer than two cameras have known offsets.
+
+    Source:
+        Liang and Zeger, "Longitudinal data analysis using generalized linear models" (1986);
+        Cameron and Miller, "A practitioner's guide to cluster-robust inference" (2015), section VI.
+    """
+    rows = np.flatnonzero(kept & (trails.group >= 0))
+    none = np.zeros((len(trails), 2, 2))
+    if len(rows) == 0:
+        return none
+    member = groups.member[trails.group[rows]]
+    scatter = offset_scatter(member, measurements, boxes, views, noise, settings)
+    if scatter is None:
+        return none
+    middle = trails.mean[rows, :2].mean(0)
+    modes = map_modes(trails.mean[:, :3], middle)
+    n = len(rows)
+    extra = fine_length(n) - n
+    normal, lever = map(
+        np.asarray,
+        _sums(
+            np.pad(trails.mean[rows, :3], ((0, extra), (0, 0)), constant_values=1.0),
+            np.pad(member, ((0, extra), (0, 0)), constant_values=-1),
+            np.pad(modes[rows], ((0, extra), (0, 0), (0, 0))),
+            np.asarray(measurements.noise),
+            np.asarray(measurements.used),
+            np.asarray(views.matrix),
+            np.asarray(views.focal),
+        ),
+    )
+    spread = lever @ scatter @ lever.transpose(0, 2, 1)
+    # One person at one place cannot tell turn from shift; then neither moves anybody else.
+    inverse = np.linalg.pinv(normal, rcond=1e-9, hermitian=True)
+    covariance = inverse @ spread.sum(0) @ inverse
+    flat = modes[:, :2]
+    return flat @ covariance @ flat.transpose(0, 2, 1)
+
+
+def map_modes(state: np.ndarray, middle: np.ndarray) -> Float[np.ndarray, "node 3 4"]:
+    """How each state (M, 3) moves under a shift, turn and scale of the map about `middle`."""
+    away = state[:, :2] - middle
+    modes = np.zeros((len(state), 3, MODES))
+    modes[:, 0, 0] = modes[:, 1, 1] = 1
+    modes[:, :2, 2] = np.stack([-away[:, 1], away[:, 0]], -1)
+    modes[:, :2, 3] = away
+    modes[:, 2, 3] = state[:, 2]
+    return modes
+
+
+def scatter_between(
+    offsets: Float[np.ndarray, "cam 3"], assumed: float
+) -> Float[np.ndarray, "3 3"]:
+    """Variance between cameras, such that a Gaussian with it holds 95 % of their common offset.
+
+    Args:
+        offsets: (C, 3) mean offset of each camera, at least one.
+        assumed: standard deviation that offsets usually have; it counts as one degree of freedom.
+    """
+    count = len(offsets)
+    away = offsets - offsets.mean(0)
+    widening = (stdtrit(count, UPPER) / ndtri(UPPER)) ** 2
+    return widening * (away.T @ away + assumed**2 * np.eye(3)) / count
+
+
+def offset_scatter(
+    member: np.ndarray,
+    measurements: Measurements,
+    boxes: Boxes,
+    views: GroundViews,
+    noise: Noise,
+    settings: EvidenceSettings,
+) -> Float[np.ndarray, "3 3"] | None:
+    """Variance between cameras of their mean offset of (column, top, bottom) in radians squared.
+
+    Args:
+        member: (n, C) boxes of people, -1 for none.
+        measurements: which edges they used.
+        boxes: the boxes.
+        views: the cameras.
+        noise: the offsets.
+        settings: for the calibration error to assume.
+
+    Returns:
+        (3, 3), or None where fewer than two cameras have offsets.
+    """
+    offset = np.asarray(
+        _offsets(
+            boxes.edges, boxes.size, boxes.camera, noise.field, views.focal, views.center
+        )
+    )  # fmt: skip
+    means = []
+    for camera, known in enumerate((noise.field != 0).any((1, 2))):
+        own = member[member[:, camera] >= 0, camera]
+        own = own[np.asarray(measurements.used)[own].all(1)]
+        if known and len(own):
+            means.append(offset[own].mean(0))
+    if len(means) < 2:
+        return None
+    return scatter_between(np.array(means), settings.angular_noise)
+
+
+@jax.jit
+def _offsets(edges, size, camera, field, focal, center):
+    def one(edges, size, c):
+        take = lambda a: jnp.asarray(a)[c]  # noqa: E731
+        features = field_features(edges, size, take(focal), take(center))
+        return (features * take(field)).sum(-1) / take(focal)
+
+    return jax.vmap(one)(edges, size, camera)
+
+
+@jax.jit
+def _sums(state, member, modes, noise, used, matrix, focal):
+    """(4, 4) information on the map's modes and (C, 4, 3) each camera's leverage on them."""
+
+    def one(state, row, modes, matrix, focal):
+        _, slopes = edges_and_slopes(matrix, state)
+        at = jnp.maximum(row, 0)
+        weight = jnp.where((row >= 0) & used[at], 1 / noise[at] ** 2, 0.0)
+        moved = slopes @ modes
+        weighted = (moved * weight[:, None]).T
+        return weighted @ moved, weighted * focal
+
+    cameras = jax.vmap(one, in_axes=(None, 0, None, 0, 0))
+    normal, lever = jax.vmap(cameras, in_axes=(0, 0, 0, None, None))(
+        state, member, modes, matrix, focal
+    )
+    return normal.sum((0, 1)), lever.sum(0)

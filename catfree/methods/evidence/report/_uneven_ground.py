@@ -1,0 +1,99 @@
+"""How far a position moves when people do not stand exactly on the plane.
+
+Cameras on one side of a person share the error: a foot z above the plane moves them all along the
+same ray, by z times distance over camera height. Cameras all around cancel it. With edges linear in
+the state s and in z, edges = J s + j z + noise, the estimate moves by
+
+    ds / dz = (J'W J + prior)^-1 J'W j
+
+and both sums add over cameras. A smoothed position draws on its neighbours in time, so the usual
+movement around it counts; one chance match with another camera must not vouch for all of them.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from catfree.geometry._buckets import in_blocks
+from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.observe._measurement import Measurements, Noise
+from catfree.methods.evidence.observe._views import PEOPLE_BLOCKS, GroundViews, predict_edges
+from catfree.methods.evidence.track._tracking import Trails
+from catfree.settings import EvidenceSettings
+
+
+@jax.jit
+def _sums(state, member, noise, used, matrix):
+    """(M, 3, 3) J'W J and (M, 3) J'W j of every row's own boxes."""
+
+    def edges(matrix, extended):
+        raised = jnp.asarray(matrix).at[:, 3].add(extended[3] * matrix[:, 2])
+        return predict_edges(raised, extended[:3])
+
+    def one(state, row, matrix):
+        extended = jnp.append(state, jnp.zeros((), state.dtype))
+        slopes = jax.jacfwd(edges, argnums=1)(matrix, extended)
+        at = jnp.maximum(row, 0)
+        weight = jnp.where((row >= 0) & used[at], 1 / noise[at] ** 2, 0.0)
+        weighted = slopes[:, :3] * weight[:, None]
+        return weighted.T @ slopes
+
+    cameras = jax.vmap(one, in_axes=(None, 0, 0))
+    total = jax.vmap(cameras, in_axes=(0, 0, None))(state, member, matrix).sum(1)
+    return total[..., :3], total[..., 3]
+
+
+def ground_shift(
+    trails: Trails,
+    groups: Groups,
+    measurements: Measurements,
+    views: GroundViews,
+    noise: Noise,
+    settings: EvidenceSettings,
+) -> Float[np.ndarray, "node 2"]:
+    """How far each position moves for each unit that its person stands above the plane.
+
+    Args:
+        trails: the tracks.
+        groups: who was seen together.
+        measurements: the boxes as likelihoods.
+        views: the cameras.
+        noise: for the spread of heights.
+        settings: a row draws on as many frames either side as a track may bridge.
+
+    Returns:
+        (M, 2) the median (by length) of the rows around, in metres a metre.
+    """
+    M = len(trails)
+    if M == 0:
+        return np.zeros((0, 2))
+    seen = trails.group >= 0
+    member = np.where(seen[:, None], groups.member[trails.group], -1)
+    noise_and_used = np.asarray(measurements.noise), np.asarray(measurements.used)
+    matrix = np.asarray(views.matrix)
+    normal, cross = in_blocks(
+        lambda *rows: _sums(*rows, *noise_and_used, matrix),
+        (trails.mean[:, :3], member),
+        *PEOPLE_BLOCKS,
+    )
+    normal[:, 2, 2] += 1 / float(noise.spread) ** 2
+    scale = np.trace(normal, axis1=1, axis2=2)[:, None, None]
+    own = np.linalg.solve(normal + 1e-9 * scale * np.eye(3), cross[..., None])[:, :2, 0]
+    length = np.where(seen, np.linalg.norm(own, axis=1), np.nan)
+    # Rows of a track are consecutive frames.
+    window = np.arange(M)[:, None] + np.arange(-settings.gap, settings.gap + 1)
+    inside = (window >= 0) & (window < M)
+    window = np.clip(window, 0, M - 1)
+    inside &= trails.track[window] == trails.track[:, None]
+    around = np.where(inside, length[window], np.nan)
+    middle = (np.isfinite(around).sum(1, keepdims=True) - 1) // 2
+    chosen = np.take_along_axis(np.argsort(around, axis=1), np.maximum(middle, 0), axis=1)
+    return own[np.take_along_axis(window, chosen, axis=1)[:, 0]]
+
+
+def with_uneven_ground(
+    covariance: np.ndarray, shift: np.ndarray, unevenness: float
+) -> Float[np.ndarray, "node 2 2"]:
+    """Position covariance (M, 2, 2) with people standing off the plane by `unevenness` (H0)."""
+    return covariance + unevenness**2 * (shift[:, :, None] * shift[:, None, :])

@@ -1,0 +1,1 @@
+"""People over time: existence, motion, presence, one person per place."""

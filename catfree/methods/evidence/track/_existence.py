@@ -1,0 +1,124 @@
+"""Is there a person? Log-odds of a group from what saw it and from what should have."""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import uniform_filter
+from scipy.special import expit
+
+from catfree.geometry._buckets import in_blocks
+from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.observe._boxes import Boxes
+from catfree.methods.evidence.observe._measurement import Measurements
+from catfree.methods.evidence.observe._views import PEOPLE_BLOCKS, GroundViews
+from catfree.methods.evidence.observe._visibility import Views, expected_views
+from catfree.settings import EvidenceSettings
+
+CELLS = 128  # a side of each camera's clutter map, in H0
+BEHIND = 8  # of these cells behind the camera, where errors of the rig may put somebody
+SUREST = 0.99  # largest probability of a detection: a miss never rules anybody out
+OUTAGE_EXPECTED = 3.0  # detections that a blind camera should have had before it counts as out
+
+
+class Existence(eqx.Module):
+    """What speaks for and against each group.
+
+    Attributes:
+        log_odds: (H,) of a person being there.
+        rate: (H, C) detection probability, 0 where a camera did not look.
+        clutter: (N,) ratio of clutter to people at each box.
+    """
+
+    log_odds: Float[np.ndarray, " group"]
+    rate: Float[np.ndarray, "group cam"]
+    clutter: Float[np.ndarray, " box"]
+
+
+def predict_views(
+    state: np.ndarray, frame: np.ndarray, member: np.ndarray, boxes: Boxes, views: GroundViews
+) -> Views:
+    """`expected_views` on the host."""
+    return in_blocks(
+        lambda *rows: expected_views(*rows, boxes.box, boxes.table, views),
+        (state, frame, member),
+        *PEOPLE_BLOCKS,
+    )
+
+
+def looking(rate: np.ndarray, member: np.ndarray, frame: np.ndarray, boxes: Boxes) -> np.ndarray:
+    """(F, C) whether a camera delivered a frame at all: none of many expected people means no."""
+    F, C = len(boxes.frames), member.shape[1]
+    expected = np.zeros((F, C))
+    strong = (member >= 0).sum(1) >= 2
+    np.add.at(expected, frame[strong], rate[strong])
+    empty = (boxes.table[:F] >= 0).sum(-1) == 0
+    return ~(empty & (expected > OUTAGE_EXPECTED))
+
+
+def misses(rate: np.ndarray, member: np.ndarray) -> np.ndarray:
+    """(H,) sum of log(1 - Pd) over the cameras without a detection."""
+    return np.where(member < 0, np.log1p(-np.minimum(rate, SUREST)), 0.0).sum(1)
+
+
+def clutter_cells(state: np.ndarray, camera: np.ndarray, views: GroundViews) -> np.ndarray:
+    """Cell of 1 H0² of each box in its camera's own ground frame."""
+    away = state[:, :2] - views.station[camera]
+    ahead = views.heading[camera]
+    forward = (away * ahead).sum(1)
+    aside = away[:, 0] * ahead[:, 1] - away[:, 1] * ahead[:, 0]
+    i = np.clip(np.floor(forward) + BEHIND, 0, CELLS - 1).astype(int)
+    j = np.clip(np.floor(aside) + CELLS // 2, 0, CELLS - 1).astype(int)
+    return (camera * CELLS + i) * CELLS + j
+
+
+def judge_groups(
+    groups: Groups,
+    agreement: np.ndarray,
+    measurements: Measurements,
+    boxes: Boxes,
+    views: GroundViews,
+    probability: np.ndarray,
+    settings: EvidenceSettings,
+) -> Existence:
+    """Log-odds of every group, with the clutter ratio learned by expectation maximization.
+
+    Args:
+        groups: who was grouped.
+        agreement: (H,) appearance term.
+        measurements: the boxes as likelihoods.
+        boxes: the boxes.
+        views: the cameras.
+        probability: (H, C) detection probability of each group in each camera.
+        settings: constants.
+    """
+    member = groups.member
+    there = member >= 0
+    C = member.shape[1]
+    probability = probability * looking(probability, member, groups.frame, boxes)[groups.frame]
+    base = groups.gain + agreement
+    if settings.use_misses:
+        base = base + misses(probability, member)
+    found = np.maximum(probability, settings.smallest_detection_rate)
+    base = base + np.where(there, np.log(found), 0.0).sum(1)
+
+    g, c = np.nonzero(there)
+    box = member[g, c]
+    cell = clutter_cells(np.asarray(measurements.state)[box], c, views)
+    clutter = np.full(len(g), settings.clutter_start)
+    log_odds = base
+    for round_ in range(settings.clutter_rounds + 1):
+        log_odds = base - np.bincount(g, np.log(clutter), len(member))
+        if round_ == settings.clutter_rounds or not settings.local_clutter:
+            break
+        p = expit(log_odds)[g]
+        shape = (C, CELLS, CELLS)
+        person = np.bincount(cell, p, C * CELLS * CELLS).reshape(shape)
+        other = np.bincount(cell, 1 - p, C * CELLS * CELLS).reshape(shape)
+        ratio = (other.sum((1, 2)) + 1) / (person.sum((1, 2)) + 1)
+        near = [9 * uniform_filter(x, 3, mode="constant", axes=(1, 2)) for x in (person, other)]
+        pseudo = settings.clutter_pseudo_counts
+        smooth = (near[1] + pseudo * ratio[:, None, None]) / (near[0] + pseudo)
+        clutter = np.clip(smooth.reshape(-1)[cell], *settings.clutter_range)
+    per_box = np.full(len(boxes.frame), settings.clutter_start)
+    per_box[box] = clutter
+    return Existence(log_odds, probability, per_box)

@@ -1,0 +1,257 @@
+"""Groups linked over time: Kalman filter, assignment by evidence, smoothing, best segment."""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial import KDTree
+
+from catfree.methods.evidence._gaussian import (
+    Information,
+    determinant_and_form,
+    log_evidence,
+    mean_and_covariance,
+)
+from catfree.methods.evidence.group._appearance import Looks
+from catfree.methods.evidence.group._groups import Groups
+from catfree.settings import EvidenceSettings
+
+JITTER = 0.03  # H0 a frame: steps and sway that no velocity explains
+HEIGHT_JITTER = 0.005  # H0 a frame: people bow and straighten
+USUAL_SPEED = 0.4  # H0 a frame and axis, where too few steps tell: strolling at two frames a second
+MEMORY = 0.85  # correlation of the velocity over one frame: people turn within a few steps
+SPEED_RANGE = (0.05, 1.0)  # H0 a frame: standing at video rate, walking fast at two a second
+CONSECUTIVE = 1.5  # usual steps: frames farther apart do not tell the speed
+FEWEST_STEPS = 10  # below which the usual speed is assumed
+
+
+class Motion(eqx.Module):
+    """How people of this sequence move from frame to frame.
+
+    Attributes:
+        speed: () standard deviation of a velocity component, H0 a frame.
+        memory: () correlation of the velocity over one frame.
+    """
+
+    speed: float
+    memory: float
+
+
+class Trails(eqx.Module):
+    """Tracks as rows sorted by track, then frame; frames of a track are consecutive.
+
+    Attributes:
+        track: (M,) identity.
+        frame: (M,) frame index.
+        group: (M,) group that was seen, or -1 in a gap.
+        mean: (M, 5) smoothed y1, y2, H, v1, v2.
+        covariance: (M, 5, 5).
+    """
+
+    track: Int[np.ndarray, " node"]
+    frame: Int[np.ndarray, " node"]
+    group: Int[np.ndarray, " node"]
+    mean: Float[np.ndarray, "node 5"]
+    covariance: Float[np.ndarray, "node 5 5"]
+
+    def __len__(self) -> int:
+        return len(self.track)
+
+    def __getitem__(self, rows) -> "Trails":
+        return Trails(
+            self.track[rows], self.frame[rows], self.group[rows], self.mean[rows],
+            self.covariance[rows],
+        )  # fmt: skip
+
+
+def estimate_motion(position: np.ndarray, frame: np.ndarray, time: np.ndarray) -> Motion:
+    """Speed from mutual nearest neighbours in consecutive frames.
+
+    Args:
+        position: (H, 2) trusted positions in H0.
+        frame: (H,) frame index, sorted.
+        time: (F,) time of each frame in usual steps.
+    """
+    steps = []
+    bounds = np.searchsorted(frame, np.arange(len(time) + 1))
+    for t in range(len(time) - 1):
+        a, b = position[bounds[t] : bounds[t + 1]], position[bounds[t + 1] : bounds[t + 2]]
+        if len(a) == 0 or len(b) == 0 or time[t + 1] - time[t] > CONSECUTIVE:
+            continue
+        _, ab = KDTree(b).query(a)
+        _, ba = KDTree(a).query(b)
+        mutual = np.asarray(ba)[ab] == np.arange(len(a))
+        steps.append((b[ab] - a)[mutual])
+    if not steps or sum(map(len, steps)) < FEWEST_STEPS:
+        return Motion(USUAL_SPEED, MEMORY)
+    step = np.concatenate(steps)
+    speed = np.sqrt(np.mean(np.minimum(step**2, SPEED_RANGE[1] ** 2)))
+    return Motion(float(np.clip(speed, *SPEED_RANGE)), MEMORY)
+
+
+def _transition(motion: Motion, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    decay = motion.memory**dt
+    A = np.eye(5)
+    A[0, 3] = A[1, 4] = dt
+    A[3, 3] = A[4, 4] = decay
+    q = (1 - decay**2) * motion.speed**2
+    Q = np.diag([JITTER**2 * dt] * 2 + [HEIGHT_JITTER**2 * dt] + [q] * 2)
+    for i in (0, 1):
+        Q[i, i] += q * dt**2 / 3
+        Q[i, i + 3] = Q[i + 3, i] = q * dt / 2
+    return A, Q
+
+
+def _link_gain(mean, covariance, info: Information, density, spread, gate):
+    """(T, K) log evidence that a group is a track's next position rather than somebody new."""
+    precision = np.linalg.inv(covariance)
+    pull = np.einsum("tij,tj->ti", precision, mean)
+    matrix = precision[:, None] + info.matrix[None]
+    vector = pull[:, None] + info.vector[None]
+    det, form = determinant_and_form(matrix, vector)
+    own_det = np.linalg.det(precision)
+    own = np.einsum("ti,ti->t", mean, pull)
+    value = (
+        0.5 * np.log(own_det)[:, None]
+        - 0.5 * np.log(det)
+        - 0.5 * (own[:, None] + info.constant[None] - form)
+    )
+    gain = value - log_evidence(info, density, spread)[None]
+    center, around = mean_and_covariance(info, spread)
+    d = mean[:, None, :2] - center[None, :, :2]
+    S = covariance[:, None, :2, :2] + around[None, :, :2, :2]
+    cross = S[..., 0, 0] * S[..., 1, 1] - S[..., 0, 1] ** 2
+    m2 = (
+        S[..., 1, 1] * d[..., 0] ** 2
+        - 2 * S[..., 0, 1] * d[..., 0] * d[..., 1]
+        + S[..., 0, 0] * d[..., 1] ** 2
+    ) / cross
+    return np.where(m2 < gate, gain, -np.inf)
+
+
+def follow(
+    groups: Groups,
+    log_odds: np.ndarray,
+    time: np.ndarray,
+    motion: Motion,
+    density: float,
+    spread: float,
+    settings: EvidenceSettings,
+    looks: Looks | None = None,
+) -> Trails:
+    """Link groups into tracks and smooth them.
+
+    Args:
+        groups: sorted by frame.
+        log_odds: (H,) existence.
+        time: (F,) time of each frame in usual steps.
+        motion: how people move.
+        density: people per H0².
+        spread: of heights in H0.
+        settings: constants.
+        looks: what the groups look like, if anybody knows.
+
+    Returns:
+        All tracks, gaps included, ends trimmed.
+    """
+    bounds = np.searchsorted(groups.frame, np.arange(len(time) + 1))
+    mean, cov = np.zeros((0, 5)), np.zeros((0, 5, 5))
+    track, gap = np.zeros(0, int), np.zeros(0, int)
+    look, boxes = np.zeros((0, 0)), np.zeros(0, int)  # sum and number of each track's embeddings
+    if looks is not None:
+        look, boxes = looks.total[:0], looks.count[:0]
+    count = 0
+    history = []
+    for t in range(len(time)):
+        if t:
+            A, Q = _transition(motion, float(time[t] - time[t - 1]))
+            mean, cov = mean @ A.T, A @ cov @ A.T + Q
+        predicted = (mean, cov)
+        here = np.arange(bounds[t], bounds[t + 1])
+        here = here[log_odds[here] > -settings.evidence_limit / 2]
+        info = groups.info[here]
+        seen = np.full(len(track), -1)
+        if len(track) and len(here):
+            gain = _link_gain(mean[:, :3], cov[:, :3, :3], info, density, spread, settings.gate)
+            gain = gain - settings.gap_penalty * gap[:, None]
+            if looks is not None:
+                gain = gain + looks.ratio(look, boxes, here)
+            rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
+            good = gain[rows, columns] > 0
+            seen[rows[good]] = columns[good]
+        hit = np.flatnonzero(seen >= 0)
+        if len(hit):
+            precision = np.linalg.inv(cov[hit])
+            vector = np.einsum("tij,tj->ti", precision, mean[hit])
+            precision[:, :3, :3] += info.matrix[seen[hit]]
+            vector[:, :3] += info.vector[seen[hit]]
+            mean, cov = mean.copy(), cov.copy()
+            cov[hit] = np.linalg.inv(precision)
+            mean[hit] = np.einsum("tij,tj->ti", cov[hit], vector)
+        gap = np.where(seen >= 0, 0, gap + 1)
+        fresh = np.setdiff1d(np.arange(len(here)), seen)
+        m3, c3 = mean_and_covariance(info[fresh], spread)
+        new_mean = np.concatenate([m3, np.zeros((len(fresh), 2))], 1)
+        new_cov = np.zeros((len(fresh), 5, 5))
+        new_cov[:, :3, :3] = c3
+        new_cov[:, 3, 3] = new_cov[:, 4, 4] = motion.speed**2
+        group = np.concatenate([np.where(seen >= 0, here[seen] if len(here) else -1, -1),
+                                here[fresh]]).astype(int)  # fmt: skip
+        mean, cov = np.concatenate([mean, new_mean]), np.concatenate([cov, new_cov])
+        track = np.concatenate([track, count + np.arange(len(fresh))])
+        gap = np.concatenate([gap, np.zeros(len(fresh), int)])
+        count += len(fresh)
+        alive = gap <= settings.gap
+        if looks is not None:
+            look[hit] += looks.total[here[seen[hit]]]
+            boxes[hit] += looks.count[here[seen[hit]]]
+            look = np.concatenate([look, looks.total[here[fresh]]])[alive]
+            boxes = np.concatenate([boxes, looks.count[here[fresh]]])[alive]
+        predicted = (
+            np.concatenate([predicted[0], new_mean]),
+            np.concatenate([predicted[1], new_cov]),
+        )
+        history.append((track, group, mean, cov, *predicted))
+        mean, cov, track, gap = mean[alive], cov[alive], track[alive], gap[alive]
+    return _smooth(history, time, motion)
+
+
+def _smooth(history, time, motion: Motion) -> Trails:
+    """Rauch-Tung-Striebel, all tracks of a frame at once."""
+    last = {}
+    rows = []
+    later = None
+    for t in range(len(history) - 1, -1, -1):
+        track, group, mean, cov, _, _ = history[t]
+        mean, cov = mean.copy(), cov.copy()
+        if later is not None:
+            A, _ = _transition(motion, float(time[t + 1] - time[t]))
+            next_track, next_mean, next_cov = later
+            _, here, there = np.intersect1d(track, next_track, return_indices=True)
+            if len(here):
+                ntrack, _, _, _, pm, pc = history[t + 1]
+                at = np.searchsorted(ntrack, track[here])
+                G = cov[here] @ A.T @ np.linalg.inv(pc[at])
+                mean[here] += np.einsum("tij,tj->ti", G, next_mean[there] - pm[at])
+                cov[here] += G @ (next_cov[there] - pc[at]) @ G.transpose(0, 2, 1)
+        keep = group >= 0
+        for i in np.flatnonzero(keep):
+            last.setdefault(track[i], t)
+        keep |= np.array([last.get(k, -1) > t for k in track], bool)
+        rows.append((track[keep], np.full(keep.sum(), t), group[keep], mean[keep], cov[keep]))
+        later = (track[keep], mean[keep], cov[keep])
+    columns = [np.concatenate(x) for x in zip(*rows, strict=True)]
+    order = np.lexsort((columns[1], columns[0]))
+    return Trails(*(x[order] for x in columns))
+
+
+def unlinked(frame: np.ndarray, state: np.ndarray, covariance: np.ndarray) -> Trails:
+    """Every group (frame (H,), state (H, 3), covariance (H, 3, 3)) as a track of its own."""
+    number = np.arange(len(frame))
+    return Trails(
+        number,
+        frame,
+        number,
+        np.pad(state, ((0, 0), (0, 2))),
+        np.pad(covariance, ((0, 0), (0, 2), (0, 2))),
+    )

@@ -1,0 +1,148 @@
+"""From canonical arrays to the result in the caller's frame and units."""
+
+import numpy as np
+
+from catfree.geometry import CanonicalFrame
+from catfree.methods.paper._select import Selection
+from catfree.methods.paper.association import Located, Observations, measure_support
+from catfree.methods.paper.trajectories import Positions
+from catfree.settings import Settings
+from catfree.types import (
+    Candidates,
+    Fate,
+    Localization,
+    Origin,
+    Rays,
+    Reliability,
+    Scene,
+    Thresholds,
+    Tracks,
+)
+
+
+def assemble(
+    frame: CanonicalFrame,
+    scene: Scene,
+    observations: Observations,
+    rays: Rays,
+    located: Located,
+    selection: Selection,
+    positions: Positions,
+    thresholds: Thresholds,
+    settings: Settings,
+) -> Localization:
+    """The result of a run in scene units, with the caller's frames and detection indices."""
+    sigma_theta = settings.rays.sigma_theta
+    candidates = collect_candidates(frame, observations, located, selection)
+    tracks = collect_tracks(frame, scene, observations, rays, positions, sigma_theta=sigma_theta)
+    radius = settings.selection.suppression_radius * frame.extent
+    reliability = summarize(tracks, candidates, len(observations), radius)
+    return Localization(tracks, candidates, thresholds, reliability)
+
+
+def collect_candidates(
+    frame: CanonicalFrame,
+    observations: Observations,
+    located: Located,
+    selection: Selection,
+) -> Candidates:
+    """Every hypothesis with its fate, in scene units and with the caller's detection indices."""
+    hypotheses, support = located.hypotheses, located.support
+    member = support.member
+    return Candidates(
+        frame=observations.frames[hypotheses.frame_index],
+        position=frame.to_world(located.position),
+        sigma=support.sigma.astype(np.float64) * frame.extent,
+        ground_distance=hypotheses.ground_distance.astype(np.float64) * frame.extent,
+        rms_angle=hypotheses.rms_angle.astype(np.float64),
+        support=np.where(member >= 0, observations.row[member], -1),
+        score=hypotheses.score.astype(np.float64),
+        fate=selection.fate,
+    )
+
+
+def collect_tracks(
+    frame: CanonicalFrame,
+    scene: Scene,
+    observations: Observations,
+    rays: Rays,
+    positions: Positions,
+    *,
+    sigma_theta: float,
+) -> Tracks:
+    """The positions of all tracks on the ground, with the uncertainty of their supporting rays."""
+    points = np.pad(positions.ground_xy, ((0, 0), (0, 1)))
+    support = measure_support(rays, positions.member, points, sigma_theta=sigma_theta)
+    world = frame.to_world(points)
+    order = np.lexsort([positions.track, positions.frame_index])
+    tracks = Tracks(
+        frame=observations.frames[positions.frame_index],
+        track_id=positions.track,
+        position=world,
+        ground_xy=world @ np.asarray(scene.ground.basis, np.float64),
+        sigma=support.sigma.astype(np.float64) * frame.extent,
+        covariance=support.covariance.astype(np.float64) * frame.extent**2,
+        supporting_cameras=support.cameras,
+        origin=positions.origin,
+    )
+    return tracks[order]
+
+
+def summarize(
+    tracks: Tracks, candidates: Candidates, detection_count: int, radius: float
+) -> Reliability:
+    """The label-free summary of a run.
+
+    Args:
+        tracks: the run's tracks.
+        candidates: its candidates.
+        detection_count: detections that took part.
+        radius: suppression radius in scene units.
+    """
+    accepted = (candidates.fate == Fate.ACCEPTED) | (candidates.fate == Fate.RECOVERED)
+    used = np.unique(candidates.support[accepted])
+    median = float(np.median(tracks.sigma)) if len(tracks) else np.nan
+    return Reliability(
+        median_sigma=median,
+        sigma_over_radius=median / radius,
+        fraction_recovered=_share(candidates.fate[accepted] == Fate.RECOVERED),
+        fraction_extended=_share(tracks.origin == Origin.EXTENDED),
+        mean_supporting_cameras=float(np.mean(tracks.supporting_cameras)) if len(tracks) else 0.0,
+        detections_used=float((used >= 0).sum() / detection_count) if detection_count else 0.0,
+    )
+
+
+def empty_localization(camera_count: int, *, existence: bool = False) -> Localization:
+    """The result of a sequence in which no detection takes part.
+
+    Args:
+        camera_count: C.
+        existence: whether the method gives probabilities of existence.
+    """
+    integers, numbers = np.zeros(0, np.int64), np.zeros(0)
+    tracks = Tracks(
+        frame=integers,
+        track_id=integers,
+        position=np.zeros((0, 3)),
+        ground_xy=np.zeros((0, 2)),
+        sigma=numbers,
+        covariance=np.zeros((0, 2, 2)),
+        supporting_cameras=integers,
+        origin=integers,
+        existence=numbers if existence else None,
+    )
+    candidates = Candidates(
+        frame=integers,
+        position=np.zeros((0, 3)),
+        sigma=numbers,
+        ground_distance=numbers,
+        rms_angle=numbers,
+        support=np.zeros((0, camera_count), np.int64),
+        score=numbers,
+        fate=integers,
+    )
+    return Localization(tracks, candidates, Thresholds(), summarize(tracks, candidates, 0, 1.0))
+
+
+def _share(flags: np.ndarray) -> float:
+    return float(flags.mean()) if len(flags) else 0.0

@@ -1,0 +1,156 @@
+"""Cross-view groups of a whole sequence, a chunk of frames at a time."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Int
+
+from catfree.geometry._buckets import coarse_length
+from catfree.methods.paper.association._candidate_pairs import candidate_pairs
+from catfree.methods.paper.association._greedy_partition import greedy_partition
+from catfree.methods.paper.association._hypotheses import triangulate_groups
+from catfree.methods.paper.association._observe import Observations
+from catfree.methods.paper.association._ray_weights import pose_ratio, ray_weights
+from catfree.settings import Settings
+from catfree.types import Rays
+
+Progress = Callable[[str, int, int], None]
+CHUNK = 8192  # detections associated together: bounds memory, and no sequence recompiles
+
+
+class Groups(NamedTuple):
+    """Detections that may be one person.
+
+    Attributes:
+        member: (G, C) observation of each camera, or -1; at least two a group.
+        frame_index: (G,) frame of each group.
+    """
+
+    member: Int[np.ndarray, "g cam"]
+    frame_index: Int[np.ndarray, " g"]
+
+
+def associate(
+    observations: Observations,
+    rays: Rays,
+    settings: Settings,
+    report: Progress = lambda stage, done, total: None,
+) -> Groups:
+    """Partition the detections of every frame into groups of one person each.
+
+    Args:
+        observations: detections in canonical order.
+        rays: their rays in the canonical frame, with their weights.
+        settings: thresholds of the association.
+        report: called as `report("association", frames done, frames)`.
+
+    Returns:
+        The groups of all frames, in order of frames.
+
+    Source:
+        Sec. "Matching pedestrians across cameras".
+    """
+    frames = len(observations.frames)
+    starts = observations.frame_start(np.arange(frames + 1))
+    members = [np.zeros((0, observations.camera_count), np.int64)]
+    first = 0
+    while first < frames:
+        report("association", first, frames)
+        last = int(np.searchsorted(starts, starts[first] + CHUNK, side="right")) - 1
+        last = max(last, first + 1)  # a frame is never cut
+        begin, end = int(starts[first]), int(starts[last])
+        padding = (0, coarse_length(end - begin, CHUNK) - (end - begin))
+        chunk = Rays(
+            np.pad(rays.origin[begin:end], (padding, (0, 0))),
+            np.pad(rays.direction[begin:end], (padding, (0, 0))),
+            np.pad(rays.weight[begin:end], padding),
+        )
+        pairs = candidate_pairs(
+            observations,
+            chunk,
+            (first, last),
+            sigma_theta=settings.rays.sigma_theta,
+            settings=settings.association,
+        )
+        groups = greedy_partition(
+            chunk,
+            np.pad(observations.camera[begin:end], padding),
+            pairs,
+            camera_count=observations.camera_count,
+            tolerance=settings.association.residual_factor * settings.rays.sigma_theta,
+            constrain_to_ground=settings.triangulation.constrain_to_ground,
+        )
+        members.append(np.where(groups >= 0, groups + begin, -1))
+        first = last
+    report("association", frames, frames)
+    member = np.concatenate(members)
+    return Groups(member, observations.frame_index[member.max(axis=1)])
+
+
+def associate_in_two_passes(
+    observations: Observations,
+    rays: Rays,
+    settings: Settings,
+    report: Progress = lambda stage, done, total: None,
+) -> tuple[Groups, Rays, float]:
+    """Group the detections; a first pass, unweighted, teaches how far each ray can be trusted.
+
+    Args:
+        observations: detections in canonical order.
+        rays: their rays in the canonical frame, all of weight 1.
+        settings: thresholds of the association, and which cues of reliability are used.
+        report: as `associate`.
+
+    Returns:
+        The groups, the rays with their weights, and the pose ratio.
+
+    Source:
+        Sec. "Pedestrian observations and ray reliability".
+    """
+    ratio = 1.0
+    if settings.rays.use_ankles and observations.ankles_confirmed is not None:
+        groups = associate(observations, rays, settings, report)
+        ratio = learn_pose_ratio(observations, rays, groups, settings)
+    rays = weigh_rays(observations, rays, ratio, settings)
+    return associate(observations, rays, settings, report), rays, ratio
+
+
+def weigh_rays(observations: Observations, rays: Rays, ratio: float, settings: Settings) -> Rays:
+    """The rays with the weights of Eq. w for a pose ratio; heights are against their median."""
+    height = observations.height
+    median = float(np.median(height)) if len(height) else 1.0
+    weight = ray_weights(height, observations.ankles_confirmed, ratio, median, settings.rays)
+    return Rays(rays.origin, rays.direction, weight.astype(rays.direction.dtype))
+
+
+def learn_pose_ratio(
+    observations: Observations, rays: Rays, groups: Groups, settings: Settings
+) -> float:
+    """The pose ratio, from the residuals of an unweighted triangulation.
+
+    Args:
+        observations: detections with ankle flags.
+        rays: their rays, all of weight 1.
+        groups: their unweighted groups.
+        settings: the estimator.
+
+    Returns:
+        Weight of rays without confirmed ankles in (0, 1].
+
+    Source:
+        Sec. "Pedestrian observations and ray reliability".
+    """
+    if observations.ankles_confirmed is None:
+        return 1.0
+    # The estimators of the baselines differ in positions, not in what a ray is worth: a single
+    # ray has no residual that could tell.
+    triangulation = dataclasses.replace(settings.triangulation, estimator="rays")
+    _, residual = triangulate_groups(
+        rays, groups.member, triangulation, sigma_theta=settings.rays.sigma_theta
+    )
+    of_observation = np.full(len(observations), np.nan)
+    present = groups.member >= 0
+    of_observation[groups.member[present]] = residual[present]
+    return pose_ratio(of_observation, observations.ankles_confirmed)

@@ -1,0 +1,98 @@
+"""From groups to everything that the filters look at."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree.methods.paper._select import Hypotheses
+from catfree.methods.paper.association._associate import Groups
+from catfree.methods.paper.association._hypotheses import (
+    RayTable,
+    Support,
+    exclusive_support,
+    find_support,
+    measure_support,
+    ray_table,
+    triangulate_groups,
+)
+from catfree.methods.paper.association._hypothesis_scores import hypothesis_scores
+from catfree.methods.paper.association._observe import Observations
+from catfree.settings import Settings
+from catfree.types import Rays, Rig
+
+
+class Located(NamedTuple):
+    """Position hypotheses with their measurements, in the canonical frame.
+
+    Attributes:
+        position: (H, 3) free 3-D positions.
+        support: the recounted support of each.
+        hypotheses: what the filters look at.
+        table: all rays by frame and camera, for further recounts.
+    """
+
+    position: Float[np.ndarray, "h 3"]
+    support: Support
+    hypotheses: Hypotheses
+    table: RayTable
+
+
+def locate(
+    observations: Observations,
+    rays: Rays,
+    rig: Rig,
+    groups: Groups,
+    tracklet: Int[np.ndarray, " n"],
+    settings: Settings,
+) -> Located:
+    """Triangulate the groups, recount their support, measure sigma, g and the score.
+
+    Args:
+        observations: detections in canonical order.
+        rays: their weighted rays in the canonical frame.
+        rig: cameras in the canonical frame.
+        groups: cross-view groups.
+        tracklet: (N,) tracklet of each observation.
+        settings: estimator and radii.
+
+    Returns:
+        The hypotheses, one a group.
+
+    Source:
+        Sec. "Robust 3D position estimation" and "Selecting pedestrian positions".
+    """
+    sigma_theta = settings.rays.sigma_theta
+    position, residual = triangulate_groups(
+        rays, groups.member, settings.triangulation, sigma_theta=sigma_theta
+    )
+    table = ray_table(observations, rays, np.asarray(rig.centers))
+    radius = settings.selection.support_factor * sigma_theta
+    if settings.triangulation.estimator == "best_pair":
+        # What this baseline measures is two cameras: nothing else may speak for its position.
+        groups = groups._replace(member=np.where(np.isfinite(residual), groups.member, -1))
+        member = groups.member
+    else:
+        member = find_support(table, groups.frame_index, position, radius=radius)
+    support = measure_support(rays, member, position, sigma_theta=sigma_theta)
+    if settings.selection.exclusive_support:
+        member = exclusive_support(support)
+        support = measure_support(rays, member, position, sigma_theta=sigma_theta)
+    own = np.where(groups.member >= 0, tracklet[groups.member], -1)
+    score = np.zeros(len(position), position.dtype)
+    if settings.selection.use_score:
+        score = hypothesis_scores(observations, rig, position, support, groups.frame_index, own)
+    used = np.maximum(np.isfinite(residual).sum(axis=1), 1)
+    hypotheses = Hypotheses(
+        frame_index=groups.frame_index,
+        ground_xy=position[:, :2],
+        ground_distance=np.abs(position[:, 2]),
+        rms_angle=np.sqrt(np.nansum(residual**2, axis=1) / used),
+        sigma=support.sigma,
+        weight=support.weight,
+        cameras=support.cameras,
+        tracklet=own,
+        supporting_tracklet=np.where(member >= 0, tracklet[member], -1),
+        score=score,
+    )
+    return Located(position, support, hypotheses, table)

@@ -1,0 +1,13 @@
+"""Accepted positions become tracks: link, extend."""
+
+from catfree.methods.paper.trajectories._build_trajectories import (
+    build_trajectories as build_trajectories,
+)
+from catfree.methods.paper.trajectories._extend import extend_tracks as extend_tracks
+from catfree.methods.paper.trajectories._link import (
+    Positions as Positions,
+    drop_short as drop_short,
+    fill_gaps as fill_gaps,
+    link_positions as link_positions,
+    position_appearance as position_appearance,
+)

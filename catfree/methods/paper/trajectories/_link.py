@@ -1,0 +1,142 @@
+"""Accepted positions of consecutive frames become tracks."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from catfree.methods.paper.association._match_edges import chain_labels, match_edges
+from catfree.methods.paper.association._observe import appearance_distance, expand_ranges
+from catfree.settings import TrajectorySettings
+from catfree.types import Origin
+
+
+class Positions(NamedTuple):
+    """Positions sorted by frame, one row each; lengths are shares of E.
+
+    Attributes:
+        frame_index: (M,) index of the frame.
+        ground_xy: (M, 2) position on the ground.
+        member: (M, C) supporting observation of each camera, or -1.
+        track: (M,) track of each position, or -1.
+        origin: (M,) `Origin` values.
+    """
+
+    frame_index: Int[np.ndarray, " m"]
+    ground_xy: Float[np.ndarray, "m 2"]
+    member: Int[np.ndarray, "m cam"]
+    track: Int[np.ndarray, " m"]
+    origin: Int[np.ndarray, " m"]
+
+
+def position_appearance(
+    appearance: Float[np.ndarray, "n d"], member: Int[np.ndarray, "m cam"]
+) -> Float[np.ndarray, "m d"]:
+    """Unit mean of the supporting detections' appearance, (M, D); zero without any."""
+    total = np.zeros((len(member), appearance.shape[1]), np.float32)
+    for column in member.T:  # one camera at a time bounds the memory
+        present = column >= 0
+        total[present] += appearance[column[present]]
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return total / np.where(length > 0, length, 1)
+
+
+def link_positions(
+    positions: Positions,
+    time: Int[np.ndarray, " f"],
+    appearance: Float[np.ndarray, "n d"] | None,
+    settings: TrajectorySettings,
+) -> Int[np.ndarray, " m"]:
+    """Join positions of consecutive frames one to one.
+
+    Only positions within the link radius can be joined; among them the Hungarian algorithm takes as
+    many as possible at the smallest sum of distance / radius + weight x appearance distance.
+
+    Args:
+        positions: accepted positions, sorted by frame.
+        time: (F,) whole time step of each frame.
+        appearance: (N, D) unit vectors of the observations, or None.
+        settings: radius and weight.
+
+    Returns:
+        (M,) track of each position, numbered from 0 in order of first appearance.
+
+    Source:
+        Sec. "Trajectories".
+    """
+    frame = positions.frame_index
+    start = np.searchsorted(frame, np.arange(len(time) + 1))
+    following = np.minimum(frame + 1, len(time) - 1)
+    consecutive = time[following] - time[frame] == 1
+    low = start[following]
+    first, second = expand_ranges(low, np.where(consecutive, start[following + 1], low))
+    step = positions.ground_xy[second] - positions.ground_xy[first]
+    distance = np.hypot(step[:, 0], step[:, 1])
+    near: Bool[np.ndarray, " e"] = distance <= settings.link_radius
+    first, second = first[near], second[near]
+    cost = distance[near] / settings.link_radius
+    if appearance is not None and settings.appearance_in_linking:
+        looks = position_appearance(appearance, positions.member)
+        difference = appearance_distance(looks, first, second)
+        cost = cost + settings.appearance_weight * difference
+    chosen = match_edges(frame[first], first, second, cost)
+    predecessor = np.full(len(frame), -1)
+    predecessor[second[chosen]] = first[chosen]
+    return chain_labels(predecessor)
+
+
+def drop_short(
+    track: Int[np.ndarray, " m"],
+    ground_xy: Float[np.ndarray, "m 2"],
+    settings: TrajectorySettings,
+) -> Bool[np.ndarray, " m"]:
+    """Which positions belong to a track that is long enough, and not short and static.
+
+    Args:
+        track: (M,) track numbers from 0.
+        ground_xy: (M, 2) positions as shares of E.
+        settings: minimum length, and the rule for short static tracks.
+
+    Returns:
+        (M,) bool.
+    """
+    if len(track) == 0:
+        return np.zeros(0, bool)
+    length = np.bincount(track)
+    keep = length >= settings.minimum_length
+    if settings.remove_short_static:
+        low = np.full((len(length), 2), np.inf)
+        high = np.full((len(length), 2), -np.inf)
+        np.minimum.at(low, track, ground_xy)
+        np.maximum.at(high, track, ground_xy)
+        static = np.linalg.norm(high - low, axis=1) <= settings.static_radius
+        keep &= ~(static & (length <= settings.static_length))
+    return keep[track]
+
+
+def fill_gaps(positions: Positions, time: Int[np.ndarray, " f"]) -> Positions:
+    """Insert straight-line positions into the frames that a track skips, without support.
+
+    Links join consecutive frames only, so that tracks of `link_positions` have no gaps; tracks that
+    were joined by another linker may.
+    """
+    order = np.lexsort([positions.frame_index, positions.track])
+    track, frame = positions.track[order], positions.frame_index[order]
+    same = (track[1:] == track[:-1]) & (track[1:] >= 0)
+    before, after = order[:-1][same], order[1:][same]
+    row, missing = expand_ranges(positions.frame_index[before] + 1, positions.frame_index[after])
+    if len(row) == 0:
+        return positions
+    begin, end = time[frame[:-1][same][row]], time[frame[1:][same][row]]
+    share = ((time[missing] - begin) / (end - begin))[:, None]
+    xy = positions.ground_xy[before[row]] * (1 - share) + positions.ground_xy[after[row]] * share
+    added = Positions(
+        missing,
+        xy,
+        np.full((len(row), positions.member.shape[1]), -1),
+        positions.track[before[row]],
+        np.full(len(row), int(Origin.INTERPOLATED)),
+    )
+    merged = Positions(*(np.concatenate(pair) for pair in zip(positions, added, strict=True)))
+    by_frame = np.argsort(merged.frame_index, kind="stable")
+    return Positions(*(column[by_frame] for column in merged))

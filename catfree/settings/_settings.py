@@ -1,0 +1,64 @@
+"""The settings of a whole run: the paper's stages, catfree's own method, the calibration."""
+
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+from catfree.errors import InvalidInputError
+from catfree.settings._calibration_settings import CalibrationSettings
+from catfree.settings._evidence_settings import EvidenceSettings
+from catfree.settings._paper_settings import (
+    AssociationSettings,
+    RaySettings,
+    SelectionSettings,
+    TrackletSettings,
+    TrajectorySettings,
+    TriangulationSettings,
+)
+
+Method = Literal["paper", "evidence"]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All settings of a run; `Settings()` is the default method, `Settings.paper()` the paper's.
+
+    Attributes:
+        confidence: detections below this score are ignored, where scores exist.
+        calibration_confidence: the same for a rig that `run` finds from people, which needs boxes
+            whose edges are right more than it needs everybody: half-hidden people and doubtful
+            splits of groups score lower.
+        method: "evidence" for catfree's own method, "paper" for CAT-Free as published.
+        rays: the paper's ray reliability.
+        tracklets: the paper's per-camera tracks.
+        association: the paper's cross-view partition.
+        triangulation: the paper's robust position.
+        selection: the paper's filters.
+        trajectories: the paper's linking and extension.
+        evidence: catfree's own method.
+        calibration: the rig from pedestrians alone.
+    """
+
+    confidence: float = 0.30
+    calibration_confidence: float = 0.55
+    method: Method = "evidence"
+    rays: RaySettings = field(default_factory=RaySettings)
+    tracklets: TrackletSettings = field(default_factory=TrackletSettings)
+    association: AssociationSettings = field(default_factory=AssociationSettings)
+    triangulation: TriangulationSettings = field(default_factory=TriangulationSettings)
+    selection: SelectionSettings = field(default_factory=SelectionSettings)
+    trajectories: TrajectorySettings = field(default_factory=TrajectorySettings)
+    evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
+    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
+
+    def __post_init__(self) -> None:
+        """Raise InvalidInputError for a method that does not exist: none stands in for it."""
+        if self.method not in get_args(Method):
+            raise InvalidInputError(
+                f"settings.method is {self.method!r}; it must be a known method: "
+                f"{', '.join(map(repr, get_args(Method)))}."
+            )
+
+    @classmethod
+    def paper(cls) -> "Settings":
+        """Exactly the paper's method and constants."""
+        return cls(method="paper")

@@ -1,0 +1,272 @@
+"""How a crowd moves: groups follow waypoints, their members keep their places and their distance.
+
+Velocities relax towards a desired velocity, as in the social force model (Helbing and Molnár,
+"Social force dynamics for pedestrian motion", 1995): a walker can always turn towards its target,
+so nobody circles around a waypoint.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from catfree.synthetic._collision_avoidance import (
+    around_obstacles,
+    avoidance,
+    limited,
+    outside_obstacles,
+    unit,
+)
+
+RELAXATION = 0.5  # seconds in which a velocity adapts
+PREFERRED_SPEED = (1.25, 0.2)  # m/s, mean and spread of free walking
+TOP_SPEED = 2.2  # m/s, a brisk walk to catch up
+TOP_ACCELERATION = 3.0  # m/s²
+ARRIVAL = 0.7  # metres from a waypoint at which it counts as reached
+STANDING_CHANCE = 0.35  # that a reached waypoint is a place to stand
+STEP_LENGTH = 0.72  # metres of one step
+BYSTANDER_CLEARANCE = 0.3  # metres that bystanders keep from the area
+
+
+@dataclass
+class Crowd:
+    """The state of P people in G groups while it is being integrated; lengths in metres."""
+
+    group: Int[np.ndarray, " p"]
+    start: Float[np.ndarray, " g"]
+    leave: Float[np.ndarray, " g"]
+    background: Bool[np.ndarray, " g"]
+    area: tuple[float, float, float, float]
+    obstacles: Float[np.ndarray, "k 3"]
+    entry_margin: float
+    background_band: tuple[float, float]
+    side: Int[np.ndarray, " g"]
+    slot: Float[np.ndarray, "p 2"]
+    speed: Float[np.ndarray, " g"]
+    anchor: Float[np.ndarray, "g 2"]
+    anchor_velocity: Float[np.ndarray, "g 2"]
+    ahead: Float[np.ndarray, " g"]
+    target: Float[np.ndarray, "g 2"]
+    stand_until: Float[np.ndarray, " g"]
+    standing_time: float
+    leaving: Bool[np.ndarray, " g"]
+    gone: Bool[np.ndarray, " g"]
+    position: Float[np.ndarray, "p 2"]
+    velocity: Float[np.ndarray, "p 2"]
+    heading: Float[np.ndarray, " p"]
+    stride: Float[np.ndarray, " p"]
+    time: float = 0.0
+
+    @property
+    def present(self) -> Bool[np.ndarray, " p"]:
+        """(P,) whether each person is in the world now."""
+        return ((self.start <= self.time) & ~self.gone)[self.group]
+
+    @classmethod
+    def draw(
+        cls,
+        rng: np.random.Generator,
+        *,
+        area: tuple[float, float, float, float],
+        group: Int[np.ndarray, " p"],
+        start: Float[np.ndarray, " g"],
+        leave: Float[np.ndarray, " g"],
+        background: Bool[np.ndarray, " g"],
+        standing: float,
+        standing_time: float,
+        obstacles: Float[np.ndarray, "k 3"],
+        entry_margin: float,
+        background_band: tuple[float, float],
+    ) -> "Crowd":
+        """People in motion at time zero; later groups wait at their entry points."""
+        groups, count = len(start), len(group)
+        crowd = cls(
+            group=group,
+            start=start,
+            leave=leave,
+            background=background,
+            area=area,
+            obstacles=obstacles,
+            entry_margin=entry_margin,
+            background_band=background_band,
+            side=rng.integers(4, size=groups),
+            slot=np.zeros((count, 2)),
+            speed=np.clip(rng.normal(*PREFERRED_SPEED, groups), 0.7, 1.8),
+            anchor=np.zeros((groups, 2)),
+            anchor_velocity=np.zeros((groups, 2)),
+            ahead=np.zeros(groups),
+            target=np.zeros((groups, 2)),
+            stand_until=np.zeros(groups),
+            standing_time=standing_time,
+            leaving=np.zeros(groups, bool),
+            gone=np.zeros(groups, bool),
+            position=np.zeros((count, 2)),
+            velocity=np.zeros((count, 2)),
+            heading=np.zeros(count),
+            stride=rng.uniform(0, 2 * np.pi, count),
+        )
+        # Members walk abreast, 0.7 m apart, each a little ahead or behind.
+        size = np.bincount(group, minlength=groups)
+        rank = np.arange(count) - np.searchsorted(group, group)
+        crowd.slot[:, 0] = 0.7 * (rank - (size[group] - 1) / 2)
+        crowd.slot[:, 1] = rng.uniform(-0.2, 0.2, count)
+        everybody = np.arange(groups)
+        crowd.anchor = _waypoints(crowd, rng, everybody)
+        late = np.flatnonzero(start > 0)
+        crowd.anchor[late] = _gates(crowd, rng, late)
+        crowd.target = _waypoints(crowd, rng, everybody)
+        stands = (rng.uniform(size=groups) < standing) & (start <= 0)
+        crowd.stand_until = np.where(stands, rng.exponential(standing_time, groups), 0.0)
+        direction = unit(crowd.target - crowd.anchor)
+        crowd.anchor_velocity = direction * (crowd.speed * ~stands)[:, None]
+        crowd.ahead = np.arctan2(direction[:, 1], direction[:, 0])
+        crowd.heading = crowd.ahead[group]
+        crowd.position = _places(crowd)
+        crowd.position = outside_obstacles(crowd.position, obstacles)
+        crowd.velocity = crowd.anchor_velocity[group].copy()
+        turned = crowd.slot.sum(-1)  # any direction serves somebody who stands
+        crowd.heading = np.where(stands[group], crowd.heading + turned, crowd.heading)
+        return crowd
+
+
+def advance(crowd: Crowd, rng: np.random.Generator, dt: float) -> None:
+    """Move everybody by `dt` seconds, in place."""
+    crowd.time += dt
+    _choose_targets(crowd, rng)
+    moving = crowd.time >= crowd.stand_until
+    active = crowd.start <= crowd.time
+
+    # The anchor of a group walks to its waypoint, slowing down within a metre if it will stand.
+    to_target = crowd.target - crowd.anchor
+    desired = unit(to_target) * (crowd.speed * (moving & active))[:, None]
+    desired = desired + around_obstacles(crowd.anchor, desired, crowd.obstacles)
+    # Members who fell behind are waited for.
+    behind = _group_mean(crowd, np.linalg.norm(_places(crowd) - crowd.position, axis=-1))
+    desired = desired * np.clip(1.5 - behind, 0.2, 1.0)[:, None]
+    crowd.anchor_velocity += (
+        limited((desired - crowd.anchor_velocity) / RELAXATION, TOP_ACCELERATION) * dt
+    )
+    crowd.anchor = crowd.anchor + crowd.anchor_velocity * dt
+    crowd.ahead = _turned(
+        crowd.ahead,
+        crowd.anchor_velocity,
+        np.linalg.norm(crowd.anchor_velocity, axis=-1) > 0.3,
+        rate=2.0,
+        dt=dt,
+    )
+
+    # Each member heads for its place beside the anchor and gives way to others.
+    present = crowd.present
+    to_place = _places(crowd) - crowd.position
+    wanted = crowd.anchor_velocity[crowd.group] + to_place / 0.8
+    here = np.flatnonzero(present)
+    wanted[here] += avoidance(crowd.position[here], crowd.group[here])
+    wanted = wanted + around_obstacles(crowd.position, wanted, crowd.obstacles)
+    # Somebody who stands does not shuffle about for a few centimetres.
+    calm = np.linalg.norm(wanted, axis=-1) < 0.15
+    wanted = np.where(calm[:, None], 0.0, wanted)
+    change = (limited(wanted, TOP_SPEED) - crowd.velocity) / RELAXATION
+    crowd.velocity = crowd.velocity + limited(change, TOP_ACCELERATION) * dt
+    crowd.velocity = np.where(present[:, None], crowd.velocity, 0.0)
+    moved = outside_obstacles(crowd.position + crowd.velocity * dt, crowd.obstacles)
+    moved = _bystanders_outside(crowd, moved)
+    moved = crowd.position + limited(moved - crowd.position, TOP_SPEED * dt)
+    crowd.position = np.where(present[:, None], moved, crowd.position)
+
+    speed = np.linalg.norm(crowd.velocity, axis=-1)
+    _turn(crowd, speed, dt)
+    crowd.stride = crowd.stride + np.pi * speed * dt / (STEP_LENGTH)
+
+
+def _choose_targets(crowd: Crowd, rng: np.random.Generator) -> None:
+    """Give a new waypoint to groups that arrived, stopped standing, or have to go."""
+    arrived = np.linalg.norm(crowd.target - crowd.anchor, axis=-1) < ARRIVAL
+    arrived &= (crowd.time >= crowd.stand_until) & (crowd.start <= crowd.time)
+    crowd.gone |= arrived & crowd.leaving
+    time_to_go = ~crowd.leaving & (crowd.time >= crowd.leave) & (crowd.time >= crowd.stand_until)
+    going = np.flatnonzero(time_to_go)
+    if going.size:
+        crowd.leaving[going] = True
+        crowd.target[going] = _gates(crowd, rng, going)
+    next_one = np.flatnonzero(arrived & ~crowd.leaving)
+    if next_one.size:
+        crowd.target[next_one] = _waypoints(crowd, rng, next_one)
+        stands = rng.uniform(size=next_one.size) < STANDING_CHANCE
+        pause = rng.exponential(crowd.standing_time, next_one.size)
+        crowd.stand_until[next_one] = np.where(stands, crowd.time + pause, 0.0)
+
+
+def _waypoints(crowd: Crowd, rng: np.random.Generator, who: np.ndarray) -> np.ndarray:
+    """Places to go: anywhere in the area, or along their own side for bystanders."""
+    x_min, x_max, y_min, y_max = crowd.area
+    share = rng.uniform(0.03, 0.97, (len(who), 2))
+    inside = np.array([x_min, y_min]) + share * [x_max - x_min, y_max - y_min]
+    near, far = crowd.background_band
+    away = near + rng.uniform(size=len(who)) * (far - near)
+    along = rng.uniform(-0.1, 1.1, len(who))
+    outside = _beside(crowd, crowd.side[who], along, away)
+    points = np.where(crowd.background[who][:, None], outside, inside)
+    return outside_obstacles(points, crowd.obstacles, clearance=1.0)
+
+
+def _gates(crowd: Crowd, rng: np.random.Generator, who: np.ndarray) -> np.ndarray:
+    """Points outside the area where groups appear and vanish."""
+    side = rng.integers(4, size=len(who))
+    along = rng.uniform(0.05, 0.95, len(who))
+    return _beside(crowd, side, along, np.full(len(who), crowd.entry_margin))
+
+
+def _beside(crowd: Crowd, side: np.ndarray, along: np.ndarray, away: np.ndarray) -> np.ndarray:
+    x_min, x_max, y_min, y_max = crowd.area
+    x = x_min + along * (x_max - x_min)
+    y = y_min + along * (y_max - y_min)
+    choices = [
+        np.stack([x, y_min - away], -1),
+        np.stack([x_max + away, y], -1),
+        np.stack([x, y_max + away], -1),
+        np.stack([x_min - away, y], -1),
+    ]
+    return np.choose(side[:, None], choices)
+
+
+def _places(crowd: Crowd) -> Float[np.ndarray, "p 2"]:
+    """Where each member belongs: abreast of the anchor, across its direction of travel."""
+    angle = crowd.ahead[crowd.group]
+    ahead = np.stack([np.cos(angle), np.sin(angle)], -1)
+    across = np.stack([-ahead[:, 1], ahead[:, 0]], -1)
+    return crowd.anchor[crowd.group] + across * crowd.slot[:, :1] + ahead * crowd.slot[:, 1:]
+
+
+def _bystanders_outside(crowd: Crowd, points: np.ndarray) -> np.ndarray:
+    x_min, x_max, y_min, y_max = crowd.area
+    outward = np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])[crowd.side[crowd.group]]
+    bound = np.array([-y_min, x_max, y_max, -x_min])[crowd.side[crowd.group]]
+    lacking = bound + BYSTANDER_CLEARANCE - np.einsum("pi,pi->p", points, outward)
+    lacking = np.maximum(lacking, 0.0) * crowd.background[crowd.group]
+    return points + lacking[:, None] * outward
+
+
+def _turn(crowd: Crowd, speed: np.ndarray, dt: float) -> None:
+    """Walkers face where they go; who stands in a group faces its middle."""
+    size = np.bincount(crowd.group, minlength=len(crowd.start))
+    middle = np.stack([_group_mean(crowd, crowd.position[:, i]) for i in (0, 1)], -1)
+    inward = middle[crowd.group] - crowd.position
+    walks = speed > 0.3
+    goal = np.where(walks[:, None], crowd.velocity, inward)
+    turns = walks | (size[crowd.group] > 1)
+    crowd.heading = _turned(crowd.heading, goal, turns, rate=4.0, dt=dt)
+
+
+def _turned(
+    angle: np.ndarray, goal: np.ndarray, turns: np.ndarray, *, rate: float, dt: float
+) -> np.ndarray:
+    """Angles turned towards goal vectors, at most `rate` rad/s, where `turns` is true."""
+    error = np.arctan2(goal[:, 1], goal[:, 0]) - angle
+    error = (error + np.pi) % (2 * np.pi) - np.pi
+    return angle + np.where(turns, np.clip(rate * error, -rate, rate), 0.0) * dt
+
+
+def _group_mean(crowd: Crowd, values: np.ndarray) -> np.ndarray:
+    groups = len(crowd.start)
+    total = np.bincount(crowd.group, values, groups)
+    return total / np.maximum(np.bincount(crowd.group, minlength=groups), 1)

@@ -1,0 +1,265 @@
+"""Where simulated cameras stand: rings and the manners of the public benchmarks.
+
+No real calibration is copied: every layout is drawn from the generic parameters stated here.
+Worlds are metres, z up, ground z = 0, the evaluation area centred on the origin.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree.errors import InvalidInputError
+from catfree.synthetic._walkers import Area
+from catfree.types import Plane, Rig, Scene
+
+# A self-calibration may try 0.5, 0.7 and 0.9 image widths first. Focal lengths are drawn between
+# these bounds and at least 6 % away from each of those, so that no guess is right by chance.
+FOCAL_RANGE = (0.53, 0.86)
+LONG_FOCAL_RANGE = (0.75, 1.1)  # cameras that watch a long area
+ASSUMED_FOCALS = (0.5, 0.7, 0.9)
+FOCAL_CLEARANCE = 0.06
+FOCAL_SPREAD = 0.05  # relative standard deviation between the cameras of one world
+ROLL = 1.0  # degrees, standard deviation: nobody mounts a camera perfectly level
+SCENE_POINT_HEIGHT = 0.9  # metres: cameras look at the middle of people's bodies
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Cameras around an evaluation area.
+
+    Attributes:
+        name: what the layout imitates.
+        rig: the true cameras, metres, z up.
+        area: evaluation area (x_min, x_max, y_min, y_max) in metres.
+        fps: frames a second of the footage.
+        people: usual number of people in the area.
+    """
+
+    name: str
+    rig: Rig
+    area: Area
+    fps: float | int
+    people: int
+
+    @property
+    def scene(self) -> Scene:
+        """The true scene: ground z = 0, metric."""
+        return Scene.from_rig(self.rig, Plane(np.array([0.0, 0.0, 1.0]), 0.0), metric=True)
+
+
+def ring(
+    cameras: int = 6,
+    *,
+    seed: int = 0,
+    side: float | int = 16.0,
+    height: tuple[float, float] = (4.5, 5.0),
+    image_size: tuple[int, int] = (1920, 1080),
+    fps: float | int = 5.0,
+    people: int = 14,
+) -> Layout:
+    """Cameras evenly around a square of `side` metres, all aimed near its middle.
+
+    Args:
+        cameras: number of cameras.
+        seed: everything random follows from it.
+        side: length of the area's sides in metres.
+        height: range of the cameras' heights in metres.
+        image_size: width and height in pixels.
+        fps: frames a second.
+        people: usual number of people.
+
+    Returns:
+        The layout; the cameras stand 1 to 3 m outside the square's inscribed circle.
+    """
+    rng = np.random.default_rng([seed, cameras])
+    bearing = 2 * np.pi * (np.arange(cameras) + rng.uniform(-0.2, 0.2, cameras)) / cameras
+    bearing = bearing + rng.uniform(0, 2 * np.pi)
+    radius = side / 2 + rng.uniform(1.0, 3.0, cameras)
+    ground = radius[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], -1)
+    aim = rng.normal(0, side / 16, (cameras, 2))
+    rig = _aimed_rig(rng, ground, rng.uniform(*height, cameras), aim, image_size)
+    half = side / 2
+    return Layout(f"ring{cameras}", rig, (-half, half, -half, half), fps, people)
+
+
+def wildtrack_like(seed: int = 0) -> Layout:
+    """Seven cameras, 12 x 36 m, 2 fps, coverage uneven: most look at one half of the area.
+
+    Cameras stand 1 to 5 m outside the border at heights of 2.2 to 3.5 m; five look into the
+    near half, two look along the whole length.
+
+    Args:
+        seed: everything random follows from it.
+
+    Returns:
+        The layout in metres.
+
+    Source: extent, number of cameras and frame rate of WildTrack (Chavdarova et al. 2018).
+    """
+    rng = np.random.default_rng([seed, 7])
+    area = (-6.0, 6.0, -18.0, 18.0)
+    beside = np.array([-1, 1, -1, 1, -1]) * (6 + rng.uniform(1.0, 4.0, 5))
+    along = np.linspace(-17, 4, 5) + rng.uniform(-1.5, 1.5, 5)
+    ends = np.stack([rng.uniform(-5, 5, 2), [-18, 18] + np.array([-1, 1]) * 3], -1)
+    ground = np.concatenate([np.stack([beside, along], -1), ends])
+    aim = np.concatenate(
+        [
+            np.stack([rng.uniform(-3, 3, 5), rng.uniform(-12, -1, 5)], -1),
+            np.array([[0.0, -2.0], [0.0, 4.0]]) + rng.normal(0, 1, (2, 2)),
+        ]
+    )
+    rig = _aimed_rig(rng, ground, rng.uniform(2.2, 3.5, 7), aim, (1920, 1080), LONG_FOCAL_RANGE)
+    return Layout("wildtrack", rig, area, 2.0, 24)
+
+
+def multiviewx_like(seed: int = 0) -> Layout:
+    """Six cameras around 16 x 25 m, 2 fps, crowded, 2 to 3 m high, aimed at the middle.
+
+    Args:
+        seed: everything random follows from it.
+
+    Returns:
+        The layout in metres.
+
+    Source: extent, number of cameras and frame rate of MultiviewX (Hou et al. 2020).
+    """
+    rng = np.random.default_rng([seed, 16])
+    return _around(
+        "multiviewx", rng, (-8.0, 8.0, -12.5, 12.5), 6, height=(2.0, 3.0), fps=2.0, people=37
+    )
+
+
+def gmvd_like(seed: int = 0, *, cameras: int = 6) -> Layout:
+    """Six or eight cameras around a 20 x 24 m courtyard, 4 to 6 m high, 2 fps.
+
+    Args:
+        seed: everything random follows from it.
+        cameras: number of cameras.
+
+    Returns:
+        The layout in metres.
+
+    Source: numbers of cameras of scene 5 of GMVD (Vora et al. 2023), configurations 1 and 2.
+    """
+    rng = np.random.default_rng([seed, 5, cameras])
+    area = (-10.0, 10.0, -12.0, 12.0)
+    return _around(f"gmvd{cameras}", rng, area, cameras, height=(4.0, 6.0), fps=2.0, people=33)
+
+
+LAYOUTS: dict[str, Callable[[int], Layout]] = {
+    "wildtrack": wildtrack_like,
+    "multiviewx": multiviewx_like,
+    "gmvd6": lambda seed: gmvd_like(seed, cameras=6),
+    "gmvd8": lambda seed: gmvd_like(seed, cameras=8),
+}
+
+
+def make_layout(name: str, seed: int = 0) -> Layout:
+    """A layout by name.
+
+    Args:
+        name: `wildtrack`, `multiviewx`, `gmvd6`, `gmvd8`, or `ringN` with N cameras.
+        seed: everything random follows from it.
+
+    Returns:
+        The layout in metres.
+
+    Raises:
+        InvalidInputError: if there is no layout of that name.
+    """
+    if name in LAYOUTS:
+        return LAYOUTS[name](seed)
+    count = name.removeprefix("ring")
+    if name.startswith("ring") and count.isdigit() and int(count) >= 2:
+        return ring(int(count), seed=seed)
+    raise InvalidInputError(
+        f"There is no layout {name!r}. Use one of {', '.join(LAYOUTS)}, or ringN with N >= 2."
+    )
+
+
+def draw_focals(
+    rng: np.random.Generator, count: int, focal_range: tuple[float, float] = FOCAL_RANGE
+) -> Float[np.ndarray, " cam"]:
+    """Focal lengths in image widths: one level a world, a small spread, away from usual guesses."""
+
+    def clear(focal: np.ndarray) -> np.ndarray:
+        ratio = np.abs(np.log(focal[:, None] / np.array(ASSUMED_FOCALS)))
+        return np.all(ratio > FOCAL_CLEARANCE, axis=-1)
+
+    def redraw(draw: Callable[[int], np.ndarray], size: int) -> np.ndarray:
+        focal = draw(size)
+        while not (good := clear(focal)).all():
+            focal = np.where(good, focal, draw(size))
+        return focal
+
+    low, high = np.log(focal_range)
+    level = redraw(lambda size: np.exp(rng.uniform(low, high, size)), 1)
+    return redraw(lambda size: level * np.exp(FOCAL_SPREAD * rng.standard_normal(size)), count)
+
+
+def look_at(
+    center: Float[np.ndarray, "3"], target: Float[np.ndarray, "3"], roll: float = 0.0
+) -> Float[np.ndarray, "3 3"]:
+    """World-to-camera rotation of a camera at `center` that looks at `target`, z up.
+
+    Args:
+        center: (3,) camera centre, metres.
+        target: (3,) the point in the middle of the picture, metres, not straight below.
+        roll: rotation about the viewing axis in radians.
+
+    Returns:
+        (3, 3) rotation with OpenCV axes.
+    """
+    forward = (target - center) / np.linalg.norm(target - center)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right = right / np.linalg.norm(right)
+    down = np.cross(forward, right)
+    c, s = np.cos(roll), np.sin(roll)
+    return np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ np.stack([right, down, forward])
+
+
+def _around(
+    name: str,
+    rng: np.random.Generator,
+    area: Area,
+    cameras: int,
+    *,
+    height: tuple[float, float],
+    fps: float | int,
+    people: int,
+) -> Layout:
+    """Cameras at even distances along a rectangle 0.5 to 2.5 m outside the area."""
+    x_min, x_max, y_min, y_max = area
+    half = np.array([x_max - x_min, y_max - y_min]) / 2
+    middle = np.array([x_min + x_max, y_min + y_max]) / 2
+    bearing = 2 * np.pi * (np.arange(cameras) + rng.uniform(-0.25, 0.25, cameras)) / cameras
+    direction = np.stack([np.cos(bearing), np.sin(bearing)], -1)
+    border = direction / np.abs(direction / half).max(-1, keepdims=True)
+    ground = middle + border + direction * rng.uniform(0.5, 2.5, (cameras, 1))
+    aim = middle + rng.normal(0, 0.12, (cameras, 2)) * half
+    rig = _aimed_rig(rng, ground, rng.uniform(*height, cameras), aim, (1920, 1080))
+    return Layout(name, rig, area, fps, people)
+
+
+def _aimed_rig(
+    rng: np.random.Generator,
+    ground: Float[np.ndarray, "cam 2"],
+    height: Float[np.ndarray, " cam"],
+    aim: Float[np.ndarray, "cam 2"],
+    image_size: tuple[int, int],
+    focal_range: tuple[float, float] = FOCAL_RANGE,
+) -> Rig:
+    """Cameras above `ground`, looking at `aim`, with drawn focal lengths and rolls."""
+    cameras = len(ground)
+    width, rows = image_size
+    focal = draw_focals(rng, cameras, focal_range) * width
+    K = np.zeros((cameras, 3, 3))
+    K[:, 0, 0] = K[:, 1, 1] = focal
+    K[:, :, 2] = [(width - 1) / 2, (rows - 1) / 2, 1.0]
+    center = np.column_stack([ground, height])
+    target = np.column_stack([aim, np.full(cameras, SCENE_POINT_HEIGHT)])
+    roll = np.deg2rad(ROLL) * rng.standard_normal(cameras)
+    R = np.stack([look_at(*view) for view in zip(center, target, roll, strict=True)])
+    return Rig(K, R, -np.einsum("cij,cj->ci", R, center), image_size)

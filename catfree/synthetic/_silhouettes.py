@@ -1,0 +1,218 @@
+"""What of each person a camera sees: body boxes, and the shares that nearer things hide."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt64
+
+from catfree.synthetic._walkers import Walkers
+from catfree.types import Rig
+
+NEAREST = 0.5  # metres in front of a camera below which nothing is seen
+
+# A body in units of its height: (across, ahead, up) of points on head, shoulders, hips and hands.
+# A shoulder breadth of 0.26 and the rest are common anthropometric shares.
+_UPPER_BODY = np.array(
+    [
+        *[(0.055 * np.cos(a), 0.055 * np.sin(a), 0.985) for a in np.arange(8) * np.pi / 4],
+        (0.0, 0.0, 1.0),
+        *[(0.13 * np.cos(a), 0.07 * np.sin(a), 0.80) for a in np.arange(8) * np.pi / 4],
+        *[(0.145 * np.cos(a), 0.08 * np.sin(a), 0.47) for a in np.arange(8) * np.pi / 4],
+    ]
+)
+_FOOT_ACROSS = 0.055  # from the middle of the body to a foot's middle
+_FOOT_HALF_WIDTH = 0.026
+_TOE, _HEEL = 0.105, -0.045  # ahead of the ankle
+# Walking freely, an ankle swings so far to either side of the body, is lifted so much on its way
+# forward, and the heel behind rises so much. A larger swing would make feet slide on the ground.
+STRIDE_SHARE, LIFT, HEEL_RISE = 0.165, 0.035, 0.045
+FREE_SPEED = 1.3  # m/s, from which legs swing fully
+
+# Visibility is sampled on 16 rows x 4 columns of each box: one bit a sample.
+ROWS, COLUMNS = 16, 4
+_HALF_WIDTH = np.interp(np.arange(ROWS) + 0.5, [0, 2, 3, 8, 16], [0.3, 0.35, 0.9, 0.85, 0.6])
+
+
+@dataclass(frozen=True)
+class Silhouettes:
+    """M bodies seen by cameras, sorted by camera, then frame, then distance.
+
+    Attributes:
+        camera, frame, person: (M,) whose body, when, seen by which camera.
+        box: (M, 4) x1, y1, x2, y2 around the whole body in pixels, hidden or outside parts too.
+        distance: (M,) metres from the camera centre to the body axis at half height.
+        visible: (M, ROWS) share of each row of the box, from head to feet, that the camera sees.
+        hidden_by: (M,) the person who hides most of it, or -1.
+    """
+
+    camera: Int[np.ndarray, " m"]
+    frame: Int[np.ndarray, " m"]
+    person: Int[np.ndarray, " m"]
+    box: Float[np.ndarray, "m 4"]
+    distance: Float[np.ndarray, " m"]
+    visible: Float[np.ndarray, "m row"]
+    hidden_by: Int[np.ndarray, " m"]
+
+
+def body_points(walkers: Walkers) -> Float[np.ndarray, "t p k 3"]:
+    """(T, P, K, 3) points on everybody's outline, in metres; the last 8 are heels and toes.
+
+    The legs swing with the walking cycle, so the foot nearest to a camera, which sets the bottom
+    of a box, is ahead of the body axis: a bias that real boxes have too.
+    """
+    amount = np.clip(np.linalg.norm(walkers.velocity, axis=-1) / FREE_SPEED, 0, 1)
+    swing = STRIDE_SHARE * amount * np.sin(walkers.stride)
+    feet = []
+    for side in (-1, 1):
+        lift = LIFT * amount * np.maximum(0, side * np.cos(walkers.stride))
+        rise = HEEL_RISE * np.maximum(0, -side * swing / STRIDE_SHARE)
+        for across in (-_FOOT_HALF_WIDTH, _FOOT_HALF_WIDTH):
+            x = np.full_like(swing, side * _FOOT_ACROSS + across)
+            feet.append(np.stack([x, side * swing + _HEEL, lift + rise], -1))
+            feet.append(np.stack([x, side * swing + _TOE, lift], -1))
+    upper = np.broadcast_to(_UPPER_BODY, (*swing.shape, *_UPPER_BODY.shape))
+    local = np.concatenate([upper, np.stack(feet, -2)], -2)
+    c, s = np.cos(walkers.heading)[..., None], np.sin(walkers.heading)[..., None]
+    across, ahead, up = np.moveaxis(local * walkers.height[None, :, None, None], -1, 0)
+    x = walkers.position[..., :1] + across * s + ahead * c
+    y = walkers.position[..., 1:] - across * c + ahead * s
+    return np.stack([x, y, up], -1)
+
+
+def observe(
+    walkers: Walkers, rig: Rig, columns: Float[np.ndarray, "k 4"] | None = None
+) -> Silhouettes:
+    """Boxes of everybody in every camera, and what nearer people and columns hide of them.
+
+    Args:
+        walkers: the people.
+        rig: true cameras in metres, z up.
+        columns: (K, 4) x, y, radius and height in metres of static occluders, or None.
+
+    Returns:
+        Every body of which a part is inside an image; whole bodies hidden by others too.
+    """
+    points = body_points(walkers)
+    fixed = _column_points(np.zeros((0, 4)) if columns is None else np.asarray(columns))
+    views = [_observe_one(walkers, points, fixed, rig, c) for c in range(rig.camera_count)]
+    return Silhouettes(
+        **{name: np.concatenate([getattr(v, name) for v in views]) for name in vars(views[0])}
+    )
+
+
+def project(rig: Rig, camera: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (..., 2) of world points (..., 3) without distortion, and their depths (...,)."""
+    in_camera = points @ np.asarray(rig.R[camera]).T + np.asarray(rig.t[camera])
+    depth = in_camera[..., 2]
+    pixel = in_camera @ np.asarray(rig.K[camera]).T
+    return pixel[..., :2] / np.maximum(depth, 1e-3)[..., None], depth
+
+
+def _observe_one(
+    walkers: Walkers, points: np.ndarray, fixed: np.ndarray, rig: Rig, camera: int
+) -> Silhouettes:
+    width, height = (int(pixels) for pixels in rig.image_size[camera])
+    pixel, depth = project(rig, camera, points)
+    box = np.concatenate([pixel.min(2), pixel.max(2)], -1)
+    seen = walkers.present & (depth.min(2) > NEAREST)
+    seen &= (box[..., 2] > 0) & (box[..., 0] < width) & (box[..., 3] > 0) & (box[..., 1] < height)
+    axis = np.concatenate(
+        [walkers.position, np.broadcast_to(walkers.height[:, None] / 2, (*seen.shape, 1))], -1
+    )
+    distance = np.linalg.norm(axis - np.asarray(rig.centers)[camera], axis=-1)
+    frame, person = np.nonzero(seen)
+    order = np.lexsort((distance[frame, person], frame))
+    frame, person = frame[order], person[order]
+    box, distance = box[frame, person], distance[frame, person]
+    inside = _inside_bits(box, width, height)
+    hidden, hidden_by = _hidden_by_people(frame, person, box)
+    column_pixel, column_depth = project(rig, camera, fixed)
+    for corner, near in zip(column_pixel, column_depth, strict=True):
+        if near.min() > NEAREST:
+            outline = np.concatenate([corner.min(0), corner.max(0)])
+            bits = _covered_bits(box, np.broadcast_to(outline, box.shape), straight=True)
+            hidden |= np.where(near.mean() < distance, bits, np.uint64(0))
+    return Silhouettes(
+        camera=np.full(len(frame), camera),
+        frame=frame,
+        person=person,
+        box=box,
+        distance=distance,
+        visible=_row_shares(inside & ~hidden),
+        hidden_by=hidden_by,
+    )
+
+
+def _hidden_by_people(
+    frame: np.ndarray, person: np.ndarray, box: np.ndarray
+) -> tuple[UInt64[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+    """Bits hidden by nearer bodies of the same frame, rows sorted by frame, then distance."""
+    count = len(frame)
+    hidden = np.zeros(count, np.uint64)
+    hidden_by = np.full(count, -1)
+    most = np.zeros(count, int)
+    per_frame = int(np.bincount(frame).max()) if count else 0
+    # The body k places nearer in the list hides this one: vectorised over everybody, for each k.
+    for k in range(1, per_frame):
+        back = np.flatnonzero(frame[k:] == frame[:-k]) + k
+        a, b = box[back], box[back - k]
+        meets = (
+            (a[:, 0] < b[:, 2]) & (b[:, 0] < a[:, 2]) & (a[:, 1] < b[:, 3]) & (b[:, 1] < a[:, 3])
+        )
+        back = back[meets]
+        bits = _covered_bits(box[back], box[back - k])
+        hidden[back] |= bits
+        amount = np.bitwise_count(bits).astype(int)
+        more = amount > most[back]
+        most[back[more]] = amount[more]
+        hidden_by[back[more]] = person[back[more] - k]
+    return hidden, hidden_by
+
+
+def _samples(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns' x (M, ROWS, COLUMNS) and rows' y (M, ROWS) inside the outline of each body."""
+    middle, half = (box[:, 0] + box[:, 2]) / 2, (box[:, 2] - box[:, 0]) / 2
+    share = ((np.arange(COLUMNS) + 0.5) / COLUMNS * 2 - 1)[None] * _HALF_WIDTH[:, None]
+    x = middle[:, None, None] + half[:, None, None] * share
+    y = box[:, 1:2] + (np.arange(ROWS) + 0.5) / ROWS * (box[:, 3:] - box[:, 1:2])
+    return x, y
+
+
+def _pack(mask: Bool[np.ndarray, "m row column"]) -> UInt64[np.ndarray, " m"]:
+    flat = np.packbits(mask.reshape(len(mask), ROWS * COLUMNS), axis=1, bitorder="little")
+    return flat.view(np.uint64)[:, 0]
+
+
+def _inside_bits(box: np.ndarray, width: int, height: int) -> UInt64[np.ndarray, " m"]:
+    x, y = _samples(box)
+    inside_rows = ((y >= 0) & (y <= height - 1))[..., None]
+    return _pack((x >= 0) & (x <= width - 1) & inside_rows)
+
+
+def _covered_bits(
+    box: np.ndarray, cover: np.ndarray, *, straight: bool = False
+) -> UInt64[np.ndarray, " m"]:
+    """Which samples of each body lie inside the outline of the thing in front of it."""
+    x, y = _samples(box)
+    up = (y - cover[:, 1:2]) / (cover[:, 3:] - cover[:, 1:2])
+    row = np.clip((up * ROWS).astype(int), 0, ROWS - 1)
+    width_share = np.ones_like(up) if straight else _HALF_WIDTH[row]
+    half = width_share * (cover[:, 2:3] - cover[:, :1]) / 2
+    middle = (cover[:, 0] + cover[:, 2])[:, None, None] / 2
+    within = (np.abs(x - middle) <= half[..., None]) & ((up >= 0) & (up <= 1))[..., None]
+    return _pack(within)
+
+
+def _row_shares(bits: UInt64[np.ndarray, " m"]) -> Float[np.ndarray, "m row"]:
+    flat = np.unpackbits(bits[:, None].view(np.uint8), axis=1, bitorder="little")
+    return flat.reshape(-1, ROWS, COLUMNS).mean(-1)
+
+
+def _column_points(columns: np.ndarray) -> Float[np.ndarray, "k 16 3"]:
+    angle = np.arange(8) * np.pi / 4
+    ring = np.stack([np.cos(angle), np.sin(angle)], -1)
+    foot = columns[:, None, :2] + columns[:, None, 2:3] * ring
+    up = np.broadcast_to(columns[:, None, 3:4], (len(columns), 8, 1))
+    return np.concatenate(
+        [np.concatenate([foot, np.zeros_like(up)], -1), np.concatenate([foot, up], -1)], 1
+    )

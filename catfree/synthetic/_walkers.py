@@ -1,0 +1,187 @@
+"""People on a plane over time: they walk in groups, stand, enter, leave, and give way."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from catfree.errors import InvalidInputError
+from catfree.synthetic._crowd_motion import Crowd, advance
+
+Area = tuple[float, float, float, float]
+
+# Adults differ by about 0.08 m within a population; the mean of a population is itself unknown,
+# and is drawn so that it never agrees with the 1.70 m that a method may assume.
+ASSUMED_HEIGHT = 1.70
+HEIGHT_MEAN_SHIFT = (0.03, 0.08)
+HEIGHT_SPREAD = 0.08
+
+# Share of pedestrians who walk in groups of one, two, three and four (Moussaïd et al. 2010 find
+# about half of the people of a street in groups, mostly pairs).
+GROUP_SIZE_SHARE = (0.5, 0.32, 0.12, 0.06)
+
+ENTRY_MARGIN = 3.0  # metres outside the area at which people appear and vanish
+WALK_OUT = 6.0  # seconds between a decision to leave and the next arrival, about the way out
+BACKGROUND_BAND = (1.0, 5.0)  # metres outside the area where bystanders stay
+LONGEST_STEP = 0.125  # seconds; longer frame intervals are integrated in several steps
+
+
+@dataclass(frozen=True)
+class Walkers:
+    """T frames of P people in metres on the ground z = 0, dense in time and person.
+
+    Attributes:
+        position: (T, P, 2) where each person's body axis meets the ground.
+        velocity: (T, P, 2) in m/s.
+        heading: (T, P) direction the body faces, radians from world x.
+        stride: (T, P) phase of the walking cycle in radians; advances 2 pi every two steps.
+        present: (T, P) whether the person is in the world.
+        height: (P,) body height.
+        background: (P,) bystanders, who never enter the evaluation area.
+        group: (P,) people with equal numbers walk together.
+        area: evaluation area (x_min, x_max, y_min, y_max).
+        fps: frames a second.
+    """
+
+    position: Float[np.ndarray, "t p 2"]
+    velocity: Float[np.ndarray, "t p 2"]
+    heading: Float[np.ndarray, "t p"]
+    stride: Float[np.ndarray, "t p"]
+    present: Bool[np.ndarray, "t p"]
+    height: Float[np.ndarray, " p"]
+    background: Bool[np.ndarray, " p"]
+    group: Int[np.ndarray, " p"]
+    area: Area
+    fps: float | int
+
+    @property
+    def inside(self) -> Bool[np.ndarray, "t p"]:
+        """(T, P) who is present and within the evaluation area."""
+        x_min, x_max, y_min, y_max = self.area
+        x, y = self.position[..., 0], self.position[..., 1]
+        return self.present & (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
+
+    def rows(self, inside_only: bool = True) -> Float[np.ndarray, "n 4"]:
+        """(N, 4) rows [frame, id, x, y] in metres, as `cf.evaluation` takes them."""
+        frame, person = np.nonzero(self.inside if inside_only else self.present)
+        return np.column_stack([frame, person, self.position[frame, person]]).astype(np.float64)
+
+
+def simulate_walkers(
+    area: Area,
+    *,
+    frames: int,
+    people: int,
+    background: int = 0,
+    fps: float | int = 5.0,
+    seed: int = 0,
+    stay: float | int = 60.0,
+    standing: float | int = 0.3,
+    standing_time: float | int = 12.0,
+    obstacles: Float[np.ndarray, "k 3"] | None = None,
+) -> Walkers:
+    """People who walk, stand, enter and leave an area, and bystanders around it.
+
+    Args:
+        area: evaluation area (x_min, x_max, y_min, y_max) in metres.
+        frames: number of frames T.
+        people: people in or around the area at any time; who leaves is replaced.
+        background: bystanders outside the area.
+        fps: frames a second.
+        seed: everything random follows from it.
+        stay: mean time in seconds until somebody leaves.
+        standing: share of groups that stand when the sequence begins.
+        standing_time: mean time in seconds for which a group stands.
+        obstacles: (K, 3) x, y and radius in metres of what people walk around, or None.
+
+    Returns:
+        The people, sorted by the time at which they appear.
+
+    Raises:
+        InvalidInputError: if a count is negative, or the area or the frame rate is not positive.
+    """
+    x_min, x_max, y_min, y_max = area
+    if x_max <= x_min or y_max <= y_min:
+        raise InvalidInputError(f"area is {area}; it must be (x_min, x_max, y_min, y_max).")
+    if frames < 1 or people < 0 or background < 0 or fps <= 0:
+        raise InvalidInputError(
+            f"frames={frames}, people={people}, background={background}, fps={fps}: needs at "
+            "least one frame, no negative count and a positive frame rate."
+        )
+    rng = np.random.default_rng(seed)
+    group, start, leave, is_background = _schedule(
+        rng, people, background, duration=frames / fps, stay=float(stay)
+    )
+    crowd = Crowd.draw(
+        rng,
+        area=area,
+        group=group,
+        start=start,
+        leave=leave,
+        background=is_background,
+        standing=float(standing),
+        standing_time=float(standing_time),
+        obstacles=np.zeros((0, 3)) if obstacles is None else np.asarray(obstacles, np.float64),
+        entry_margin=ENTRY_MARGIN,
+        background_band=BACKGROUND_BAND,
+    )
+    steps = max(1, int(np.ceil(1 / (fps * LONGEST_STEP) - 1e-9)))
+    dt = 1 / (fps * steps)
+    record: dict[str, list[np.ndarray]] = {
+        name: [] for name in ("position", "velocity", "heading", "stride", "present")
+    }
+    for frame in range(frames):
+        for _ in range(steps if frame else 0):
+            advance(crowd, rng, dt)
+        crowd.time = frame / fps
+        for name, history in record.items():
+            history.append(getattr(crowd, name).copy())
+    return Walkers(
+        **{name: np.stack(history) for name, history in record.items()},
+        height=_body_heights(rng, len(group)),
+        background=is_background[group],
+        group=group,
+        area=area,
+        fps=float(fps),
+    )
+
+
+def _body_heights(rng: np.random.Generator, count: int) -> Float[np.ndarray, " p"]:
+    mean = ASSUMED_HEIGHT + rng.choice([-1, 1]) * rng.uniform(*HEIGHT_MEAN_SHIFT)
+    spread = np.clip(rng.standard_normal(count), -2.5, 2.5)
+    return mean + HEIGHT_SPREAD * spread
+
+
+def _schedule(
+    rng: np.random.Generator, people: int, background: int, *, duration: float, stay: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Draw who walks with whom (P,), and when each group comes and goes (G,), in seconds.
+
+    A slot is a place in the population: when its group leaves, a new one of the same size
+    comes. Bystanders never leave.
+    """
+    size: list[int] = []
+    start: list[float] = []
+    leave: list[float] = []
+    is_background: list[bool] = []
+    for total, outside in ((people, False), (background, True)):
+        remaining = total
+        while remaining > 0:
+            count = min(remaining, 1 + int(rng.choice(4, p=GROUP_SIZE_SHARE)))
+            remaining -= count
+            arrival = -1.0  # before the first frame
+            while arrival < duration:
+                until = np.inf if outside else max(arrival, 0.0) + rng.exponential(stay)
+                size.append(count)
+                start.append(arrival)
+                leave.append(until)
+                is_background.append(outside)
+                arrival = until + WALK_OUT + rng.exponential(3.0)
+    order = np.argsort(start, kind="stable")
+    group = np.repeat(np.arange(len(order)), np.asarray(size, int)[order])
+    return (
+        group,
+        np.asarray(start)[order],
+        np.asarray(leave)[order],
+        np.asarray(is_background, bool)[order],
+    )

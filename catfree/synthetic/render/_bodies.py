@@ -1,0 +1,230 @@
+"""Walking bodies as meshes of swept tubes, and what people wear.
+
+Everything is in shares of the body height, in body axes: x to the right, y ahead, z up. The ankles
+swing as `silhouettes.body_points` swings them, so boxes around drawn people and simulated boxes
+agree.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree.synthetic._silhouettes import FREE_SPEED, HEEL_RISE, LIFT, STRIDE_SHARE
+
+SIDES = 10  # of a tube's cross-section
+THIGH = SHANK = 0.234
+UPPER_ARM, FOREARM = 0.165, 0.145
+
+# Parts that have a colour of their own.
+SHIRT, SLEEVE, FOREARM_PART, TROUSERS, SHANK_PART, SHOES, SKIN, HAIR, BAG = range(9)
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """The faces of every body; vertices come from `body_vertices`.
+
+    Attributes:
+        faces: (F, 4) vertex indices, counter-clockwise from outside.
+        part: (F,) which part's colour a face has.
+        tube: (V,) which tube a vertex belongs to: each throws a convex shadow.
+    """
+
+    faces: Int[np.ndarray, "f 4"]
+    part: Int[np.ndarray, " f"]
+    tube: Int[np.ndarray, " v"]
+
+
+# Rings of each tube: the part that the segment after a ring belongs to.
+_LEG_PARTS = (TROUSERS, TROUSERS, SHANK_PART, SHANK_PART)
+_SHOE_PARTS = (SHOES,) * 4
+_TORSO_PARTS = (TROUSERS, TROUSERS, SHIRT, SHIRT, SHIRT, SHIRT)
+_HEAD_PARTS = (SKIN,) * 6
+_ARM_PARTS = (SLEEVE, SLEEVE, FOREARM_PART, SKIN, SKIN)
+_BAG_PARTS = (BAG,) * 4
+_TUBES = (
+    _LEG_PARTS,
+    _LEG_PARTS,
+    _SHOE_PARTS,
+    _SHOE_PARTS,
+    _TORSO_PARTS,
+    _HEAD_PARTS,
+    _ARM_PARTS,
+    _ARM_PARTS,
+    _BAG_PARTS,
+)
+_HEAD_TUBE = 5
+
+
+def build_mesh() -> Mesh:
+    """The topology that all bodies share."""
+    faces, parts, tubes, start = [], [], [], 0
+    side = np.arange(SIDES)
+    following = (side + 1) % SIDES
+    # The face looks ahead (to +y) on the sides around a quarter turn, where skin shows.
+    front = np.sin((side + 0.5) * 2 * np.pi / SIDES) > 0.3
+    for tube, segments in enumerate(_TUBES):
+        for ring, part in enumerate(segments):
+            low, high = start + ring * SIDES, start + (ring + 1) * SIDES
+            faces.append(np.stack([low + side, low + following, high + following, high + side], -1))
+            part_of_side = np.full(SIDES, part)
+            if tube == _HEAD_TUBE and ring >= 1:
+                part_of_side = np.where(front & (ring < 4), SKIN, HAIR)
+            parts.append(part_of_side)
+        tubes.append(np.full((len(segments) + 1) * SIDES, tube))
+        start += (len(segments) + 1) * SIDES
+    return Mesh(np.concatenate(faces), np.concatenate(parts), np.concatenate(tubes))
+
+
+def body_vertices(
+    stride: Float[np.ndarray, " n"], speed: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n v 3"]:
+    """(N, V, 3) vertices of N bodies in body axes and shares of the body height.
+
+    Args:
+        stride: (N,) phase of the walking cycle in radians.
+        speed: (N,) in m/s; who stands has straight legs.
+    """
+    amount = np.clip(speed / FREE_SPEED, 0, 1)
+    swing = STRIDE_SHARE * amount * np.sin(stride)
+    bob = -0.02 * amount * np.abs(np.sin(stride))
+    legs, shoes, arms = [], [], []
+    for side in (-1, 1):
+        ahead = side * swing
+        lift = LIFT * amount * np.maximum(0, side * np.cos(stride))
+        heel = HEEL_RISE * np.maximum(0, -ahead / STRIDE_SHARE)
+        legs.append(_leg(side, ahead, 0.04 + lift + heel, bob))
+        shoes.append(_shoe(side, ahead, lift, heel))
+        arms.append(_arm(side, -0.48 * ahead / STRIDE_SHARE, bob))
+    still = [_still(rings, bob) for rings in (_TORSO_RINGS, _HEAD_RINGS)]
+    return np.concatenate([*legs, *shoes, *still, *arms, _still(_BAG_RINGS, bob)], 1)
+
+
+# Rings of the rigid tubes: x, y, z of the middle, half width, half depth.
+_TORSO_RINGS = np.array(
+    [
+        (0, 0, 0.45, 0.070, 0.055),
+        (0, 0, 0.50, 0.092, 0.066),
+        (0, 0, 0.56, 0.088, 0.060),
+        (0, 0, 0.64, 0.086, 0.058),
+        (0, 0.004, 0.74, 0.108, 0.066),
+        (0, 0, 0.81, 0.112, 0.052),
+        (0, 0, 0.845, 0.042, 0.036),
+    ]
+)
+_HEAD_RINGS = np.array(
+    [
+        (0, 0, 0.83, 0.034, 0.034),
+        (0, 0.006, 0.872, 0.034, 0.038),
+        (0, 0.010, 0.89, 0.044, 0.052),
+        (0, 0.006, 0.93, 0.051, 0.061),
+        (0, 0, 0.965, 0.049, 0.058),
+        (0, -0.002, 0.990, 0.032, 0.038),
+        (0, -0.002, 1.0, 0.004, 0.004),
+    ]
+)
+_BAG_RINGS = np.array(
+    [
+        (0, -0.09, 0.60, 0.02, 0.02),
+        (0, -0.09, 0.62, 0.075, 0.045),
+        (0, -0.09, 0.74, 0.078, 0.05),
+        (0, -0.085, 0.80, 0.06, 0.035),
+        (0, -0.085, 0.815, 0.01, 0.01),
+    ]
+)
+
+
+def _still(rings: np.ndarray, bob: np.ndarray) -> np.ndarray:
+    """Tube with horizontal rings that only bobs up and down."""
+    center = np.broadcast_to(rings[:, :3], (len(bob), len(rings), 3)).copy()
+    # The crown keeps its height: people are as tall in the picture as the truth says.
+    center[..., 2] += bob[:, None] * np.clip((1.0 - rings[:, 2]) / 0.15, 0, 1)
+    radius = np.broadcast_to(rings[:, 3:], (len(bob), len(rings), 2))
+    across = np.broadcast_to(np.array([1.0, 0, 0]), center.shape)
+    along = np.broadcast_to(np.array([0, 1.0, 0]), center.shape)
+    return _sweep(center, across, along, radius)
+
+
+def _leg(side: int, ahead: np.ndarray, ankle: np.ndarray, bob: np.ndarray) -> np.ndarray:
+    """Hip, knee and ankle in a plane through the direction of travel; the knee bends forwards."""
+    hip = np.stack([np.zeros_like(ahead), 0.507 + bob], -1)
+    foot = np.stack([ahead, ankle], -1)
+    knee = _joint(hip, foot, THIGH, SHANK)
+    middle, calf = (hip + knee) / 2, knee + 0.3 * (foot - knee)
+    path = np.stack([hip, middle, knee, calf, foot], 1)
+    x = np.broadcast_to(side * np.array([0.048, 0.05, 0.052, 0.054, 0.055]), path.shape[:2])
+    radius = np.array([0.052, 0.048, 0.035, 0.036, 0.024])
+    return _sagittal(x, path, np.stack([radius, 1.1 * radius], -1))
+
+
+def _shoe(side: int, ahead: np.ndarray, lift: np.ndarray, heel: np.ndarray) -> np.ndarray:
+    """From heel to toe; the heel rises behind."""
+    share = np.array([0.0, 0.1, 0.45, 0.85, 1.0])
+    y = ahead[:, None] - 0.045 + 0.15 * share
+    rise = np.array([0.024, 0.026, 0.026, 0.019, 0.016])
+    z = lift[:, None] + heel[:, None] * np.clip(1 - share / 0.85, 0, 1) + rise
+    radius = np.array([[0.008, 0.01], [0.024, 0.025], [0.026, 0.025], [0.025, 0.018], [0.01, 0.01]])
+    center = np.stack([np.full_like(y, side * 0.055), y, z], -1)
+    across = np.broadcast_to(np.array([1.0, 0, 0]), center.shape)
+    up = np.broadcast_to(np.array([0, 0, 1.0]), center.shape)
+    # Swept forwards: right x up points backwards, so the cross-section runs the other way.
+    return _sweep(center, -across, up, np.broadcast_to(radius, (*y.shape, 2)))
+
+
+def _arm(side: int, angle: np.ndarray, bob: np.ndarray) -> np.ndarray:
+    """Shoulder, elbow, wrist and hand; the elbow bends more as the arm swings forward."""
+    shoulder = np.stack([np.zeros_like(angle), 0.80 + bob], -1)
+    upper = np.stack([np.sin(angle), -np.cos(angle)], -1)
+    bent = angle + 0.25 + 0.35 * np.maximum(angle, 0)
+    lower = np.stack([np.sin(bent), -np.cos(bent)], -1)
+    elbow = shoulder + UPPER_ARM * upper
+    wrist = elbow + FOREARM * lower
+    path = np.stack(
+        [
+            shoulder - 0.005 * upper,
+            shoulder + 0.1 * UPPER_ARM * upper,
+            elbow,
+            wrist,
+            wrist + 0.035 * lower,
+            wrist + 0.055 * lower,
+        ],
+        1,
+    )
+    x = np.broadcast_to(side * np.array([0.1, 0.124, 0.142, 0.146, 0.145, 0.143]), path.shape[:2])
+    radius = np.array([0.022, 0.034, 0.027, 0.018, 0.022, 0.008])
+    return _sagittal(x, path, np.stack([radius, radius], -1))
+
+
+def _joint(hip: np.ndarray, foot: np.ndarray, upper: float, lower: float) -> np.ndarray:
+    """Knee of a two-bone leg, bent forwards; straight where the foot is out of reach."""
+    reach = foot - hip
+    length = np.clip(np.linalg.norm(reach, axis=-1, keepdims=True), 1e-6, None)
+    bend = np.sqrt(np.maximum(upper**2 - (length / 2) ** 2, 0)) if upper == lower else 0 * length
+    forwards = np.stack([-reach[..., 1], reach[..., 0]], -1) / length
+    return hip + reach / 2 + bend * forwards
+
+
+def _sagittal(x: np.ndarray, path: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Tube along a (y, z) path at sideways positions x, rings square to the path."""
+    center = np.concatenate([x[..., None], path], -1)
+    step = np.gradient(path, axis=1)
+    step = step / np.maximum(np.linalg.norm(step, axis=-1, keepdims=True), 1e-9)
+    across = np.broadcast_to(np.array([1.0, 0, 0]), center.shape)
+    zero = np.zeros(step.shape[:2])
+    # Downward paths: `ahead` is the step turned by a quarter towards +y.
+    ahead = np.stack([zero, -step[..., 1], step[..., 0]], -1)
+    return _sweep(center, -across, ahead, np.broadcast_to(radius, (*x.shape, 2)))
+
+
+def _sweep(
+    center: np.ndarray, first: np.ndarray, second: np.ndarray, radius: np.ndarray
+) -> np.ndarray:
+    """Vertices (N, rings * SIDES, 3) of elliptic rings around centres."""
+    angle = np.arange(SIDES) * 2 * np.pi / SIDES
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    ring = (
+        center[:, :, None]
+        + radius[:, :, None, :1] * c * first[:, :, None]
+        + radius[:, :, None, 1:] * s * second[:, :, None]
+    )
+    return ring.reshape(len(center), -1, 3)

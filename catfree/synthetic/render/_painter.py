@@ -1,0 +1,174 @@
+"""Draws people, their shadows and the sensor's noise into the still picture of one camera."""
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from catfree.synthetic._silhouettes import project
+from catfree.synthetic._walkers import Walkers
+from catfree.synthetic.render._backdrop import Background
+from catfree.synthetic.render._bodies import BAG, body_vertices, build_mesh
+from catfree.synthetic.render._clothes import dress
+from catfree.synthetic.render._raycasting import light
+from catfree.synthetic.render._stage import Stage
+from catfree.types import Rig
+
+OVERSAMPLING = 2  # bodies are drawn in patches of twice the size and averaged down
+FRACTION_BITS = 3  # polygon corners are rounded to eighths of a sample
+SHADOW_SCALE = 2  # shadows are drawn in a picture of half the size
+NEAREST = 0.8  # metres from a camera below which nobody is drawn
+NOISE = 2.0  # grey levels of sensor noise, standard deviation
+NOISE_PICTURES = 5
+
+Frame = UInt8[np.ndarray, "row column 3"]
+
+
+class Painter:
+    """One camera's view of a world: `paint(frame)` gives its picture."""
+
+    def __init__(
+        self, walkers: Walkers, rig: Rig, camera: int, background: Background, stage: Stage
+    ) -> None:
+        self.walkers, self.rig, self.camera = walkers, rig, camera
+        self.background, self.stage = background, stage
+        self.mesh = build_mesh()
+        self.clothes, self.has_bag = dress(len(walkers.height), stage.seed)
+        self.center = np.asarray(rig.centers)[camera]
+        rows, columns = background.picture.shape[:2]
+        size = (columns // SHADOW_SCALE, rows // SHADOW_SCALE)
+        self.sunlit = cv2.resize(background.sunlit, size, interpolation=cv2.INTER_AREA)
+        direct = stage.sunlight * float(stage.sun[2])
+        self.darkening = direct / (direct + stage.skylight)
+        rng = np.random.default_rng([stage.seed, 12, camera])
+        middle = 4 * NOISE
+        self.noise_middle = np.full_like(background.picture, int(middle))
+        self.noise = [
+            np.clip(rng.normal(middle, NOISE, (rows, columns, 3)), 0, 255).astype(np.uint8)
+            for _ in range(NOISE_PICTURES)
+        ]
+
+    def paint(self, frame: int) -> Frame:
+        """(H, W, 3) BGR picture of a frame."""
+        picture = self.background.picture.copy()
+        people, vertices = self._bodies(frame)
+        if len(people):
+            self._shadows(picture, vertices)
+            self._draw_bodies(picture, people, vertices)
+        picture = cv2.add(picture, self.noise[frame % NOISE_PICTURES])
+        return cv2.subtract(picture, self.noise_middle)
+
+    def _bodies(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """Who may be in the picture, farthest first, and their vertices (N, V, 3) in metres."""
+        walkers = self.walkers
+        people = np.flatnonzero(walkers.present[frame])
+        middle = np.column_stack([walkers.position[frame, people], walkers.height[people] / 2])
+        pixel, depth = project(self.rig, self.camera, middle)
+        size = np.asarray(self.rig.image_size)[self.camera]
+        # A body with its shadow reaches less than a picture's height beyond the border.
+        near = (depth > NEAREST) & (pixel > -size[1]).all(-1) & (pixel < size + size[1]).all(-1)
+        distance = np.linalg.norm(middle - self.center, axis=-1)
+        order = np.argsort(-distance)
+        people = people[order[near[order]]]
+        if not len(people):
+            return people, np.zeros((0, 0, 3))
+        speed = np.linalg.norm(walkers.velocity[frame, people], axis=-1)
+        local = body_vertices(walkers.stride[frame, people], speed)
+        local = local * walkers.height[people, None, None]
+        heading = walkers.heading[frame, people, None]
+        c, s = np.cos(heading), np.sin(heading)
+        x = walkers.position[frame, people, :1] + local[..., 0] * s + local[..., 1] * c
+        y = walkers.position[frame, people, 1:] - local[..., 0] * c + local[..., 1] * s
+        return people, np.stack([x, y, local[..., 2]], -1)
+
+    def _shadows(self, picture: Frame, vertices: Float[np.ndarray, "n v 3"]) -> None:
+        """Darken the sunlit ground where bodies stand between it and the sun, in place."""
+        sun = self.stage.sun
+        ground = vertices - vertices[..., 2:] * (sun / sun[2])
+        pixel, depth = project(self.rig, self.camera, ground)
+        # Pixel centres of the half-size picture are at (2 i + 0.5).
+        corner = (pixel - (SHADOW_SCALE - 1) / 2) / SHADOW_SCALE
+        mask = np.zeros_like(self.sunlit)
+        fixed = np.round(np.clip(corner, -4000, 4000) * 16).astype(np.int32)
+        starts = np.flatnonzero(np.diff(self.mesh.tube, prepend=-1))
+        pieces = list(zip(starts, [*starts[1:], len(self.mesh.tube)], strict=True))
+        for body, depths in zip(fixed, depth, strict=True):
+            if depths.min() < NEAREST:
+                continue
+            for first, last in pieces[:-1]:  # the bag's shadow is within the torso's
+                hull = cv2.convexHull(body[first:last])
+                cv2.fillConvexPoly(mask, hull, 255, cv2.LINE_AA, 4)
+        x, y, width, height = cv2.boundingRect(mask)
+        if not width:
+            return
+        pad = 6
+        rows = slice(max(y - pad, 0), y + height + pad)
+        columns = slice(max(x - pad, 0), x + width + pad)
+        typical = np.median(depth)
+        blur = self.stage.shadow_blur * self.rig.K[self.camera, 0, 0] / typical / SHADOW_SCALE / 2
+        soft = cv2.GaussianBlur(mask[rows, columns], (0, 0), max(float(blur), 0.6))
+        soft = cv2.multiply(soft, self.sunlit[rows, columns], scale=self.darkening / 255)
+        full = cv2.resize(soft, None, fx=SHADOW_SCALE, fy=SHADOW_SCALE)
+        window = picture[
+            SHADOW_SCALE * rows.start : SHADOW_SCALE * rows.start + len(full),
+            SHADOW_SCALE * columns.start : SHADOW_SCALE * columns.start + full.shape[1],
+        ]
+        full = cv2.merge([full[: len(window), : window.shape[1]]] * 3)
+        cv2.subtract(window, cv2.multiply(window, full, scale=1 / 255), dst=window)
+
+    def _draw_bodies(
+        self, picture: Frame, people: np.ndarray, vertices: Float[np.ndarray, "n v 3"]
+    ) -> None:
+        """Paint every body over what is behind it, in place; furniture in front stays."""
+        mesh = self.mesh
+        pixel, depth = project(self.rig, self.camera, vertices)
+        corner = pixel[:, mesh.faces]  # (N, F, 4, 2)
+        diagonal, other = corner[:, :, 2] - corner[:, :, 0], corner[:, :, 3] - corner[:, :, 1]
+        facing = diagonal[..., 0] * other[..., 1] - diagonal[..., 1] * other[..., 0] < 0
+        facing &= self.has_bag[people, None] | (mesh.part != BAG)
+        nearness = depth[:, mesh.faces].mean(-1)
+        colour = np.round(self._colours(people, vertices) * 255).clip(0, 255)
+        rows, columns = picture.shape[:2]
+        for body in range(len(people)):
+            if depth[body].min() < NEAREST:
+                continue
+            low = np.floor(pixel[body].min(0)).astype(int) - 1
+            high = np.ceil(pixel[body].max(0)).astype(int) + 2
+            low, high = np.maximum(low, 0), np.minimum(high, [columns, rows])
+            if (high - low < 2).any():
+                continue
+            window = (slice(low[1], high[1]), slice(low[0], high[0]))
+            seen = np.flatnonzero(facing[body])
+            seen = seen[np.argsort(-nearness[body, seen])]
+            # The centre of pixel p is at OVERSAMPLING * p + (OVERSAMPLING - 1) / 2 in the patch.
+            inside = (corner[body, seen] - low + 0.5) * OVERSAMPLING - 0.5
+            points = np.round(inside * 2**FRACTION_BITS).astype(np.int32)
+            patch = cv2.resize(
+                picture[window],
+                None,
+                fx=OVERSAMPLING,
+                fy=OVERSAMPLING,
+                interpolation=cv2.INTER_NEAREST,
+            )
+            for face, shade in zip(points, colour[body, seen].tolist(), strict=True):
+                cv2.fillConvexPoly(patch, face, shade, cv2.LINE_8, FRACTION_BITS)
+            drawn = cv2.resize(
+                patch, (high[0] - low[0], high[1] - low[1]), interpolation=cv2.INTER_AREA
+            )
+            in_front = self.background.distance[window] < np.linalg.norm(
+                vertices[body].mean(0) - self.center
+            )
+            if in_front.any():
+                drawn = np.where(in_front[..., None], picture[window], drawn)
+            picture[window] = drawn
+
+    def _colours(
+        self, people: np.ndarray, vertices: Float[np.ndarray, "n v 3"]
+    ) -> Float[np.ndarray, "n f 3"]:
+        """Clothes under sun and sky, darker towards the feet, where less sky is seen."""
+        face = vertices[:, self.mesh.faces]
+        normal = np.cross(face[:, :, 2] - face[:, :, 0], face[:, :, 3] - face[:, :, 1])
+        length = np.linalg.norm(normal, axis=-1, keepdims=True)
+        normal = normal / np.maximum(length, 1e-12)
+        openness = 0.8 + 0.2 * np.clip(face[..., 2].mean(-1) / 1.2, 0, 1)
+        shade = light(normal, self.stage) * openness
+        return self.clothes[people][:, self.mesh.part] * shade[..., None]

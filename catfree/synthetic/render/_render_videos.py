@@ -1,0 +1,198 @@
+"""Renders a world's cameras to video files, several at a time.
+
+What is easy about the pictures, and is not in real footage: exact synchronization, no lens
+distortion, no camera shake, constant exposure and weather, little texture on clothes, a flat
+ground, and a sun that throws shadows of bodies on the ground only.
+"""
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from catfree.errors import CatFreeError, InvalidInputError
+from catfree.synthetic._layouts import ring
+from catfree.synthetic._walkers import Walkers
+from catfree.synthetic._world import World, make_world
+from catfree.synthetic.render._backdrop import render_background
+from catfree.synthetic.render._painter import Painter
+from catfree.synthetic.render._stage import Stage, build_stage, street_furniture
+from catfree.synthetic.render._textures import ground_picture
+from catfree.types import Rig
+
+Progress = Callable[[str, int, int], None]
+
+STAGE_NAME = "render"
+REPORT_EVERY = 5  # frames between two progress reports
+# Somebody who stands through most of the footage cannot be told from the scene. Forty seconds of
+# footage are short, so pauses are too.
+STANDING_TIME = 4.0  # seconds, mean
+POLL = 0.1  # seconds between two looks at the reports
+
+
+def make_demo_world(
+    seed: int = 0,
+    *,
+    cameras: int = 6,
+    people: int = 14,
+    frames: int = 200,
+    image_size: tuple[int, int] = (1280, 720),
+    height: tuple[float, float] = (4.5, 5.0),
+) -> World:
+    """The world of the demo: a furnished 16 x 16 m square at 5 frames a second.
+
+    Args:
+        seed: everything random follows from it.
+        cameras: cameras around the square.
+        people: people on it at a time; a third as many stay around it.
+        frames: number of frames.
+        image_size: width and height in pixels.
+        height: range of the cameras' heights in metres.
+
+    Returns:
+        A world to give to `render_videos`. Focal lengths and the mean body height are drawn away
+        from the values that a method may assume; people stand for a few seconds only.
+    """
+    layout = ring(cameras, seed=seed, image_size=image_size, height=height, people=people)
+    columns = street_furniture(layout.area, seed, cameras=np.asarray(layout.rig.centers))
+    return make_world(layout, seed, frames=frames, columns=columns, standing_time=STANDING_TIME)
+
+
+def render_videos(
+    world: World,
+    folder: str | os.PathLike[str],
+    progress: Progress | None = None,
+    *,
+    shadows: str | None = None,
+    workers: int | None = None,
+) -> list[Path]:
+    """Render every camera of a world to an MP4 file.
+
+    With more than one worker, processes are spawned: call it from a module that can be imported,
+    scripts under `if __name__ == "__main__":`.
+
+    Args:
+        world: the world; image sizes and frame rate are its own.
+        folder: where `camera_0.mp4`, `camera_1.mp4`, ... are written; made if it does not exist.
+        progress: called with ("render", frames done, frames in all).
+        shadows: "hard" as on a clear day, "soft" as under thin clouds, None: drawn by the seed.
+        workers: processes; None: one a processor, at most one a camera. 1 renders in this process.
+
+    Returns:
+        The files, one a camera, in the rig's order. A file appears once it is complete.
+
+    Raises:
+        InvalidInputError: if OpenCV cannot write such videos there, or workers is below 1.
+        CatFreeError: if the processes cannot be started.
+    """
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    stage = build_stage(
+        world.area, world.columns, world.true_centres, seed=world.seed, shadows=shadows
+    )
+    cameras = world.true_rig.camera_count
+    paths = [target / f"camera_{camera}.mp4" for camera in range(cameras)]
+    tasks = [
+        (world.walkers, world.true_rig, camera, stage, path) for camera, path in enumerate(paths)
+    ]
+    workers = min(os.cpu_count() or 1, cameras) if workers is None else workers
+    if workers < 1:
+        raise InvalidInputError(f"workers is {workers}; at least one process must do the work.")
+    total = cameras * len(world.walkers.present)
+    if workers == 1:
+        done, ground = 0, ground_picture(stage)
+        for task in tasks:
+            for count in _render_camera(*task, ground):
+                done += count
+                if progress is not None:
+                    progress(STAGE_NAME, done, total)
+    else:
+        _render_in_processes(tasks, workers, total, progress)
+    return paths
+
+
+def _render_in_processes(
+    tasks: list[tuple[Any, ...]], workers: int, total: int, progress: Progress | None
+) -> None:
+    context = multiprocessing.get_context("spawn")  # OpenCV's threads do not survive a fork
+    reports = context.SimpleQueue()
+    done = 0
+
+    def drain() -> None:
+        nonlocal done
+        while not reports.empty():
+            done += reports.get()
+            if progress is not None:
+                progress(STAGE_NAME, done, total)
+
+    try:
+        with ProcessPoolExecutor(
+            workers, mp_context=context, initializer=_start_worker, initargs=(reports, tasks[0][3])
+        ) as pool:
+            pending: set[Future[None]] = {pool.submit(_work, *task) for task in tasks}
+            while pending:
+                finished, pending = wait(pending, timeout=POLL)
+                drain()
+                for future in finished:
+                    future.result()
+    except BrokenProcessPool as error:
+        raise CatFreeError(
+            "The rendering processes ended early. Call render_videos from under "
+            "`if __name__ == '__main__':`, or with workers=1."
+        ) from error
+    drain()
+
+
+# Set in worker processes only: where they say how far they are, and the ground they all look at.
+_worker: dict[str, Any] = {}
+
+
+def _start_worker(reports: Any, stage: Stage) -> None:
+    cv2.setNumThreads(1)
+    _worker["reports"] = reports
+    _worker["ground"] = ground_picture(stage)
+
+
+def _work(walkers: Walkers, rig: Rig, camera: int, stage: Stage, path: Path) -> None:
+    for count in _render_camera(walkers, rig, camera, stage, path, _worker["ground"]):
+        _worker["reports"].put(count)
+
+
+def _render_camera(
+    walkers: Walkers,
+    rig: Rig,
+    camera: int,
+    stage: Stage,
+    path: Path,
+    ground: tuple[np.ndarray, np.ndarray],
+) -> Iterator[int]:
+    """Write one camera's video; yields the number of frames since the last yield."""
+    background = render_background(stage, rig, camera, ground)
+    painter = Painter(walkers, rig, camera, background, stage)
+    size = (int(rig.image_size[camera, 0]), int(rig.image_size[camera, 1]))
+    partial = path.with_name(f".{path.stem}.partial.mp4")
+    writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), walkers.fps, size)
+    try:
+        if not writer.isOpened():
+            raise InvalidInputError(
+                f"OpenCV cannot write an MP4 video of {size[0]} x {size[1]} pixels to {path}. Use "
+                "even sizes and a writable folder."
+            )
+        frames, waiting = len(walkers.present), 0
+        for frame in range(frames):
+            writer.write(painter.paint(frame))
+            waiting += 1
+            if waiting == REPORT_EVERY or frame == frames - 1:
+                yield waiting
+                waiting = 0
+        writer.release()
+        os.replace(partial, path)
+    finally:
+        writer.release()
+        partial.unlink(missing_ok=True)

@@ -1,0 +1,148 @@
+"""What the cameras saw: person boxes with optional scores, ankles, appearance and keypoints."""
+
+import os
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from catfree.errors import InvalidInputError
+from catfree.types._archive import load_arrays, save_arrays
+from catfree.types._validation import (
+    as_boolean,
+    as_float,
+    as_integer,
+    first_index,
+    require_finite,
+    require_shape,
+)
+
+
+class Detections(eqx.Module):
+    """Person detections of all cameras and frames, one row each, in any order.
+
+    Attributes:
+        frame: (N,) int64, the synchronized frame (time index) of each box; any integers.
+        camera: (N,) int64, index into the rig's cameras, 0-based.
+        box: (N, 4) x1, y1, x2, y2 in original image pixels, the centre of the top-left pixel at
+            (0, 0); float dtype is kept, other numbers become float64.
+        score: (N,) detector confidence in [0, 1], or None.
+        ankles_confirmed: (N,) whether both ankle keypoints were seen, or None where no pose
+            estimator ran.
+        embedding: (N, D) appearance vector, L2-normalised by its embedder, or None.
+        keypoints: (N, 17, 3) COCO keypoints as x, y in pixels and confidence, or None.
+    """
+
+    frame: Int[np.ndarray, " n"]
+    camera: Int[np.ndarray, " n"]
+    box: Float[np.ndarray, "n 4"]
+    score: Float[np.ndarray, " n"] | None
+    ankles_confirmed: Bool[np.ndarray, " n"] | None
+    embedding: Float[np.ndarray, "n d"] | None
+    keypoints: Float[np.ndarray, "n 17 3"] | None
+
+    def __init__(
+        self,
+        frame: Any,
+        camera: Any,
+        box: Any,
+        score: Any = None,
+        ankles_confirmed: Any = None,
+        embedding: Any = None,
+        keypoints: Any = None,
+    ) -> None:
+        """Validate and store.
+
+        Raises:
+            InvalidInputError: naming the first entry that has a wrong shape, a value that is not
+                finite, a box without area, a negative camera or a score outside [0, 1].
+        """
+        self.frame = as_integer(frame, "frame")
+        self.camera = as_integer(camera, "camera")
+        boxes = np.asarray(as_float(box))
+        self.box = boxes.reshape(0, 4) if boxes.size == 0 else boxes
+        self.score = None if score is None else np.asarray(as_float(score))
+        self.ankles_confirmed = (
+            None if ankles_confirmed is None else as_boolean(ankles_confirmed, "ankles_confirmed")
+        )
+        self.embedding = None if embedding is None else np.asarray(as_float(embedding))
+        if self.embedding is not None and self.embedding.shape == (0,):
+            self.embedding = self.embedding.reshape(0, 0)
+        self.keypoints = None if keypoints is None else np.asarray(as_float(keypoints))
+        if self.keypoints is not None and self.keypoints.shape == (0,):
+            self.keypoints = self.keypoints.reshape(0, 17, 3)
+        self._check()
+
+    def _check(self) -> None:
+        require_shape(self.frame, (None,), "frame")
+        n = len(self.frame)
+        require_shape(self.camera, (n,), "camera")
+        require_shape(self.box, (n, 4), "box")
+        require_finite(self.box, "box")
+        if (self.camera < 0).any():
+            at = first_index(self.camera < 0)
+            raise InvalidInputError(f"camera[{at}] is {self.camera[int(at)]}; indices start at 0.")
+        empty = (self.box[:, 2] <= self.box[:, 0]) | (self.box[:, 3] <= self.box[:, 1])
+        if empty.any():
+            at = int(np.argmax(empty))
+            raise InvalidInputError(
+                f"box[{at}] is {self.box[at].tolist()}; it must be x1 < x2, y1 < y2 in pixels "
+                "(xyxy, not xywh)."
+            )
+        if self.score is not None:
+            require_shape(self.score, (n,), "score")
+            require_finite(self.score, "score")
+            outside = (self.score < 0) | (self.score > 1)
+            if outside.any():
+                at = int(np.argmax(outside))
+                raise InvalidInputError(f"score[{at}] is {self.score[at]}; it must be in [0, 1].")
+        if self.ankles_confirmed is not None:
+            require_shape(self.ankles_confirmed, (n,), "ankles_confirmed")
+        if self.embedding is not None:
+            require_shape(self.embedding, (n, None), "embedding")
+            if n and self.embedding.shape[1] == 0:
+                raise InvalidInputError(
+                    f"embedding has shape ({n}, 0): it says nothing about what people look like. "
+                    "Pass None if there is none."
+                )
+            require_finite(self.embedding, "embedding")
+        if self.keypoints is not None:
+            require_shape(self.keypoints, (n, 17, 3), "keypoints")
+            require_finite(self.keypoints, "keypoints")
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def __getitem__(self, rows: Any) -> "Detections":
+        """The rows selected by a slice, a boolean mask or an integer array, in that order."""
+        chosen = np.arange(len(self))[rows].reshape(-1)
+        return Detections(
+            **{name: None if value is None else value[chosen] for name, value in vars(self).items()}
+        )
+
+    @property
+    def height(self) -> Float[np.ndarray, " n"]:
+        """(N,) box height in pixels."""
+        return self.box[:, 3] - self.box[:, 1]
+
+    @property
+    def foot(self) -> Float[np.ndarray, "n 2"]:
+        """(N, 2) bottom centre of each box in pixels: the point that defines its ray."""
+        return np.stack([(self.box[:, 0] + self.box[:, 2]) / 2, self.box[:, 3]], axis=-1)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write to one `.npz` file (no pickle); `load` returns it bit for bit."""
+        save_arrays(path, "Detections", vars(self))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Detections":
+        """Read what `save` wrote.
+
+        Raises:
+            InvalidInputError: if there is no such file.
+            FileFormatError: if the file holds something else.
+        """
+        optional = ("score", "ankles_confirmed", "embedding", "keypoints")
+        required = ("frame", "camera", "box")
+        return cls(**load_arrays(path, "Detections", required=required, optional=optional))

@@ -1,0 +1,85 @@
+"""What a reconstructor says about one instant: `Reconstruction`, in a frame and scale of its own.
+
+A type and not part of the reconstructors' protocol, because whoever averages reconstructions
+(`catfree.calibration`) need not know where they came from.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float
+
+from catfree.errors import InvalidInputError
+from catfree.types._rig import ROTATION_TOLERANCE
+from catfree.types._validation import as_boolean, as_float, require_finite, require_shape
+
+
+class Reconstruction(eqx.Module):
+    """Cameras and scene points of one instant, in a frame and a scale of its own.
+
+    Attributes:
+        K: (C, 3, 3) intrinsics in pixels of the ORIGINAL pictures.
+        R: (C, 3, 3) world-to-camera rotations, OpenCV axes: `x_cam = R x + t`.
+        t: (C, 3) world-to-camera translations in the reconstruction's units.
+        points: (P, 3) scene points in the reconstruction's frame.
+        confidence: (P,) positive confidence of each point; comparable within one reconstruction.
+        scale_is_metric: whether the units are metres.
+        weights_id: content hash of the weights that made it.
+        registered: (C,) false for a view whose camera could not be told; its K, R and t are
+            finite placeholders.
+    """
+
+    K: Float[np.ndarray, "cam 3 3"]
+    R: Float[np.ndarray, "cam 3 3"]
+    t: Float[np.ndarray, "cam 3"]
+    points: Float[np.ndarray, "p 3"]
+    confidence: Float[np.ndarray, " p"]
+    scale_is_metric: bool = eqx.field(static=True)
+    weights_id: str = eqx.field(static=True)
+    registered: Bool[np.ndarray, " cam"]
+
+    def __init__(
+        self,
+        K: Any,
+        R: Any,
+        t: Any,
+        points: Any,
+        confidence: Any,
+        scale_is_metric: bool = False,
+        weights_id: str = "",
+        registered: Any = None,
+    ) -> None:
+        """Validate and store.
+
+        Raises:
+            InvalidInputError: naming the first entry with a wrong shape, a value that is not
+                finite, a focal length that is not positive or a matrix that is no rotation.
+        """
+        self.K, self.R, self.t = (np.asarray(as_float(value)) for value in (K, R, t))
+        cloud = np.asarray(as_float(points))
+        self.points = cloud.reshape(0, 3) if cloud.size == 0 else cloud
+        self.confidence = np.asarray(as_float(confidence))
+        self.scale_is_metric, self.weights_id = bool(scale_is_metric), str(weights_id)
+        cameras = len(self.t)
+        self.registered = (
+            np.ones(cameras, bool) if registered is None else as_boolean(registered, "registered")
+        )
+        require_shape(self.K, (cameras, 3, 3), "K")
+        require_shape(self.R, (cameras, 3, 3), "R")
+        require_shape(self.t, (cameras, 3), "t")
+        require_shape(self.points, (len(self.points), 3), "points")
+        require_shape(self.confidence, (len(self.points),), "confidence")
+        require_shape(self.registered, (cameras,), "registered")
+        for name in ("K", "R", "t", "points", "confidence"):
+            require_finite(getattr(self, name), name)
+        unfocused = (self.K[:, 0, 0] <= 0) | (self.K[:, 1, 1] <= 0)
+        if unfocused.any():
+            raise InvalidInputError(
+                f"K[{int(np.argmax(unfocused))}] has a focal length that is not positive."
+            )
+        rotation = self.R.astype(np.float64)
+        error = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max((-1, -2))
+        bad = (error > ROTATION_TOLERANCE) | (np.linalg.det(rotation) < 0)
+        if bad.any():
+            raise InvalidInputError(f"R[{int(np.argmax(bad))}] is not a rotation.")

@@ -1,0 +1,158 @@
+"""Where the cameras stand and what their lenses do: `Rig`, checked once where it is made.
+
+A module of its own because cameras are known before any ground: calibration, reconstruction and
+calibration files make rigs; a scene is a rig and the ground it looks at.
+"""
+
+import os
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from catfree.errors import InvalidInputError
+from catfree.types._archive import load_arrays, save_arrays
+from catfree.types._validation import (
+    as_boolean,
+    as_float,
+    as_integer,
+    first_index,
+    is_traced,
+    require_finite,
+    require_shape,
+)
+
+HostOrDevice = np.ndarray | Array
+
+# Names in a saved rig: those that are always there, and those that may be None.
+RIG_FIELDS = (("K", "R", "t", "image_size", "registered"), ("distortion",))
+
+ROTATION_TOLERANCE = 1e-3  # calibration files often print rotations with few digits
+
+
+class Rig(eqx.Module):
+    """C static cameras: intrinsics and world-to-camera extrinsics, `x_camera = R x_world + t`.
+
+    Camera axes are OpenCV's (x right, y down, z forward).
+
+    Attributes:
+        K: (C, 3, 3) intrinsics in original pixels.
+        R: (C, 3, 3) world-to-camera rotations.
+        t: (C, 3) world-to-camera translations in scene units.
+        image_size: (C, 2) int64 width and height in pixels.
+        distortion: (C, 5) OpenCV k1, k2, p1, p2, k3, or None for a pinhole.
+        registered: (C,) bool; parameters of a camera that is not registered may be NaN, and its
+            detections are ignored.
+    """
+
+    K: Float[HostOrDevice, "cam 3 3"]
+    R: Float[HostOrDevice, "cam 3 3"]
+    t: Float[HostOrDevice, "cam 3"]
+    image_size: Int[np.ndarray, "cam 2"]
+    distortion: Float[HostOrDevice, "cam 5"] | None
+    registered: Bool[np.ndarray, " cam"]
+
+    def __init__(
+        self,
+        K: Any,
+        R: Any,
+        t: Any,
+        image_size: Any,
+        distortion: Any = None,
+        registered: Any = None,
+    ) -> None:
+        """Validate and store; one `(width, height)` serves all cameras.
+
+        Raises:
+            InvalidInputError: naming the first camera whose parameters have a wrong shape, are not
+                finite, or are no intrinsics or rotation.
+        """
+        self.K, self.R, self.t = as_float(K), as_float(R), as_float(t)
+        require_shape(self.K, (None, 3, 3), "K")
+        count = self.K.shape[0]
+        require_shape(self.R, (count, 3, 3), "R")
+        require_shape(self.t, (count, 3), "t")
+        size = as_integer(image_size, "image_size")
+        if size.shape == (2,):
+            size = np.tile(size, (count, 1))
+        require_shape(size, (count, 2), "image_size")
+        self.image_size = size
+        self.distortion = None if distortion is None else as_float(distortion)
+        if self.distortion is not None:
+            require_shape(self.distortion, (count, 5), "distortion")
+        self.registered = (
+            np.ones(count, bool) if registered is None else as_boolean(registered, "registered")
+        )
+        require_shape(self.registered, (count,), "registered")
+        if not is_traced(self.K, self.R, self.t, self.distortion):
+            self._check()
+
+    def _check(self) -> None:
+        known = self.registered
+        for name in ("K", "R", "t", "distortion"):
+            if getattr(self, name) is not None:
+                require_finite(getattr(self, name), name, known)
+        if (self.image_size <= 0).any():
+            at = first_index(self.image_size <= 0)
+            raise InvalidInputError(f"image_size[{at}] must be a positive number of pixels.")
+        K = np.asarray(self.K, np.float64)
+        focal_bad = known & ~((K[:, 0, 0] > 0) & (K[:, 1, 1] > 0))
+        form_bad = known & ~(
+            (np.abs(K[:, 2, 2] - 1) < 1e-6)
+            & (np.abs(K[:, [1, 2, 2], [0, 0, 1]]) < 1e-6 * np.abs(K[:, :1, 0])).all(-1)
+        )
+        if focal_bad.any():
+            raise InvalidInputError(
+                f"K[{first_index(focal_bad)}] has a focal length that is not positive."
+            )
+        if form_bad.any():
+            raise InvalidInputError(
+                f"K[{first_index(form_bad)}] is not of the form [[fx, s, cx], [0, fy, cy], "
+                "[0, 0, 1]]. Divide by K[2, 2], and check that it is not transposed."
+            )
+        R = np.asarray(self.R, np.float64)
+        with np.errstate(invalid="ignore"):
+            error = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max((-1, -2))
+            rotation_bad = known & ~((error < ROTATION_TOLERANCE) & (np.linalg.det(R) > 0))
+        if rotation_bad.any():
+            at = int(np.argmax(rotation_bad))
+            raise InvalidInputError(
+                f"R[{at}] is not a rotation (|R Rᵀ - I| = {error[at]:.3g}, det = "
+                f"{np.linalg.det(R[at]):.3g}). A determinant of -1 means a mirrored frame: flip "
+                "one world axis."
+            )
+
+    @property
+    def camera_count(self) -> int:
+        """Number of cameras, registered or not."""
+        return self.K.shape[0]
+
+    @property
+    def centers(self) -> Float[HostOrDevice, "cam 3"]:
+        """(C, 3) camera centres `-Rᵀ t` in world coordinates."""
+        namespace = np if isinstance(self.R, np.ndarray) else jnp
+        return -namespace.einsum("cji,cj->ci", self.R, self.t)
+
+    def select(self, cameras: Any) -> "Rig":
+        """The rig of some cameras, by boolean mask or indices, in that order."""
+        chosen = np.arange(self.camera_count)[cameras].reshape(-1)
+        return Rig(
+            **{name: None if value is None else value[chosen] for name, value in vars(self).items()}
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write to one `.npz` file (no pickle)."""
+        save_arrays(path, "Rig", vars(self))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Rig":
+        """Read what `save` wrote.
+
+        Raises:
+            InvalidInputError: if there is no such file.
+            FileFormatError: if the file holds something else.
+        """
+        required, optional = RIG_FIELDS
+        return cls(**load_arrays(path, "Rig", required=required, optional=optional))

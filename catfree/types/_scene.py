@@ -1,0 +1,175 @@
+"""What the cameras look at: `Plane`, `Scene`, and the `Rays` that leave the cameras."""
+
+import os
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from catfree.errors import InvalidInputError
+from catfree.types._archive import load_arrays, save_arrays
+from catfree.types._rig import RIG_FIELDS, HostOrDevice, Rig
+from catfree.types._validation import (
+    as_float,
+    is_traced,
+    require_finite,
+    require_instance,
+    require_shape,
+)
+
+
+class Plane(eqx.Module):
+    """The plane `normal · x + offset = 0` with the cameras on its positive side.
+
+    Attributes:
+        normal: (3,) unit normal; any non-zero normal is accepted and scaled together with offset.
+        offset: () in scene units.
+    """
+
+    normal: Float[HostOrDevice, "3"]
+    offset: Float[HostOrDevice, ""]
+
+    def __init__(self, normal: Any, offset: Any) -> None:
+        """Normalise and store.
+
+        Raises:
+            InvalidInputError: if the normal is zero or anything is not finite.
+        """
+        normal, offset = as_float(normal), as_float(offset)
+        require_shape(normal, (3,), "normal")
+        require_shape(offset, (), "offset")
+        if is_traced(normal, offset):
+            length = jnp.linalg.norm(normal)
+        else:
+            require_finite(normal, "normal")
+            require_finite(offset, "offset")
+            largest = np.abs(normal).max()
+            if largest == 0:
+                raise InvalidInputError("A plane needs a non-zero normal.")
+            # The squares of very long or short normals leave the range of floats.
+            if not 1e-15 < largest < 1e15:
+                with np.errstate(over="ignore"):
+                    normal, offset = normal / largest, offset / largest
+                require_finite(offset, "The offset of a plane in units of its normal")
+            length = np.linalg.norm(np.asarray(normal, np.float64)).astype(normal.dtype)
+            # A unit normal stays bit for bit what it was.
+            length = normal.dtype.type(1) if abs(length - 1) < 1e-6 else length
+        self.normal = normal / length
+        self.offset = offset / length
+        if isinstance(offset, np.ndarray) and not is_traced(length):
+            self.offset = np.asarray(self.offset)
+
+    @property
+    def basis(self) -> Float[HostOrDevice, "3 2"]:
+        """(3, 2) orthonormal in-plane axes P; world x and y for a plane with normal z.
+
+        The first axis is world x projected on the plane (world z where x is almost the normal),
+        the second is `normal x first`.
+        """
+        xp = np if isinstance(self.normal, np.ndarray) else jnp
+        one = xp.eye(3, dtype=self.normal.dtype)
+        seed = xp.where(xp.abs(self.normal[0]) < 0.9, one[0], one[2])
+        first = seed - self.normal * (self.normal @ seed)
+        first = first / xp.sqrt(first @ first)
+        return xp.stack([first, xp.cross(self.normal, first)], axis=-1)
+
+    def signed_distance(self, x: Any) -> Any:
+        """Signed distance of points (..., 3) to the plane, (...), positive on the cameras' side."""
+        return x @ self.normal + self.offset
+
+    def project(self, x: Any) -> Any:
+        """Orthogonal projection of points (..., 3) onto the plane, (..., 3)."""
+        return x - self.signed_distance(x)[..., None] * self.normal
+
+
+class Scene(eqx.Module):
+    """A rig, the ground it looks at, and the one length that makes distances relative.
+
+    Attributes:
+        rig: the cameras.
+        ground: the plane people stand on, cameras on its positive side.
+        extent: () E, a length in scene units: twice the median distance of the camera centres
+            from their mean (`Scene.from_rig`), unless the source of the scene says otherwise.
+        metric: whether scene units are metres.
+    """
+
+    rig: Rig
+    ground: Plane
+    extent: Float[HostOrDevice, ""]
+    metric: bool = eqx.field(static=True)
+
+    def __init__(self, rig: Rig, ground: Plane, extent: Any, metric: bool = False) -> None:
+        """Validate and store.
+
+        Raises:
+            InvalidInputError: if rig or ground is something else, the extent is not positive or
+                the cameras are below the ground.
+        """
+        require_instance(rig, Rig, "rig")
+        require_instance(ground, Plane, "ground")
+        self.rig, self.ground, self.extent = rig, ground, as_float(extent)
+        self.metric = bool(metric)
+        require_shape(self.extent, (), "extent")
+        if is_traced(self.extent, rig.R, rig.t, ground.normal, ground.offset):
+            return
+        if not (np.isfinite(self.extent) and self.extent > 0):
+            raise InvalidInputError(f"extent is {self.extent}; it must be a positive length.")
+        height = np.asarray(ground.signed_distance(np.asarray(rig.centers)))[rig.registered]
+        if height.size and np.median(height) < 0:
+            raise InvalidInputError(
+                "The cameras are on the negative side of the ground (median "
+                f"{np.median(height):.3g} scene units). Flip the plane: Plane(-normal, -offset)."
+            )
+
+    @classmethod
+    def from_rig(cls, rig: Rig, ground: Plane, metric: bool = False) -> "Scene":
+        """A scene whose extent is twice the median distance of the centres from their mean."""
+        centers = np.asarray(rig.centers)[rig.registered]
+        if len(centers) < 2:
+            raise InvalidInputError(
+                f"The extent of a scene needs at least 2 registered cameras, got {len(centers)}. "
+                "Pass extent= to Scene instead."
+            )
+        extent = 2 * np.median(np.linalg.norm(centers - centers.mean(0), axis=-1))
+        return cls(rig, ground, extent, metric)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write to one `.npz` file (no pickle)."""
+        save_arrays(
+            path,
+            "Scene",
+            {f"rig_{name}": value for name, value in vars(self.rig).items()}
+            | {"normal": self.ground.normal, "offset": self.ground.offset}
+            | {"extent": self.extent, "metric": self.metric},
+        )
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Scene":
+        """Read what `save` wrote.
+
+        Raises:
+            InvalidInputError: if there is no such file.
+            FileFormatError: if the file holds something else.
+        """
+        of_rig, optional = ([f"rig_{name}" for name in names] for names in RIG_FIELDS)
+        required = [*of_rig, "normal", "offset", "extent", "metric"]
+        arrays = load_arrays(path, "Scene", required=required, optional=optional)
+        rig = Rig(**{k.removeprefix("rig_"): v for k, v in arrays.items() if k.startswith("rig_")})
+        ground = Plane(arrays["normal"], arrays["offset"])
+        return cls(rig, ground, arrays["extent"], bool(arrays["metric"]))
+
+
+class Rays(eqx.Module):
+    """One ray a detection: from the camera centre through the bottom centre of the box.
+
+    Attributes:
+        origin: (N, 3) camera centres in scene units.
+        direction: (N, 3) unit vectors in the world frame.
+        weight: (N,) reliability w in (0, 1] (Eq. w); 0 marks an absent ray.
+    """
+
+    origin: Float[HostOrDevice, "*n 3"]
+    direction: Float[HostOrDevice, "*n 3"]
+    weight: Float[HostOrDevice, "*n"]

@@ -1,0 +1,169 @@
+"""What every picture from above needs: ground coordinates, camera wedges, ellipses, labels."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree.errors import InvalidInputError
+from catfree.types import Rig, Scene
+from catfree.viz._camera_view import rays_of_pixels
+
+WEDGE_LENGTH = 0.08  # of a camera's field of view on the plan, share of E
+
+
+def to_plan(scene: Scene, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 2"]:
+    """Ground coordinates (..., 2) of world points along the axes of `scene.ground.basis`."""
+    return np.asarray(points, np.float64) @ np.asarray(scene.ground.basis, np.float64)
+
+
+def from_plan(scene: Scene, xy: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 3"]:
+    """The world points (..., 3) on the ground with these ground coordinates (..., 2)."""
+    normal = np.asarray(scene.ground.normal, np.float64)
+    foot = -np.asarray(scene.ground.offset, np.float64) * normal
+    return np.asarray(xy, np.float64) @ np.asarray(scene.ground.basis, np.float64).T + foot
+
+
+def length_unit(scene: Scene) -> str:
+    """What to write behind a length: `m`, or `scene units` where the scale is unknown."""
+    return "m" if scene.metric else "scene units"
+
+
+def camera_wedge(scene: Scene, camera: int) -> Float[np.ndarray, "3 2"]:
+    """The field of view of a camera from above: its centre and the left and right end.
+
+    Args:
+        scene: the scene.
+        camera: index of a registered camera.
+
+    Returns:
+        (3, 2) ground coordinates. The ends lie `WEDGE_LENGTH * E` away from the centre, towards
+        the left and right border of the picture at its middle row.
+    """
+    rig = scene.rig
+    width, height = (float(size) for size in rig.image_size[camera])
+    middle = (height - 1) / 2
+    borders = np.array([[-0.5, middle], [width - 0.5, middle]])
+    center = to_plan(scene, np.asarray(rig.centers)[camera])
+    direction = to_plan(scene, rays_of_pixels(rig, camera, borders))
+    length = np.linalg.norm(direction, axis=-1, keepdims=True)
+    # A camera that looks straight down has no direction on the plan.
+    direction = direction / np.where(length > 0, length, 1)
+    return np.vstack([center, center + WEDGE_LENGTH * float(scene.extent) * direction])
+
+
+def camera_names(rig: Rig, names: Sequence[str] | None = None) -> list[str]:
+    """One label a camera: the given names, or C1, C2, ...
+
+    Raises:
+        InvalidInputError: if there is not one name a camera.
+    """
+    if names is None:
+        return [f"C{camera + 1}" for camera in range(rig.camera_count)]
+    listed = [str(name) for name in names]
+    if len(listed) != rig.camera_count:
+        raise InvalidInputError(
+            f"camera_names has {len(listed)} names; the rig has {rig.camera_count} cameras."
+        )
+    return listed
+
+
+def confidence_ellipse(
+    covariance: Float[np.ndarray, "2 2"], confidence: float = 0.95
+) -> tuple[float, float, float]:
+    """The region that holds a Gaussian position with this probability.
+
+    Args:
+        covariance: (2, 2) in scene units squared.
+        confidence: probability in (0, 1).
+
+    Returns:
+        Semi-major and semi-minor axis in scene units, and the angle of the major axis from the
+        first ground axis in radians.
+    """
+    values, vectors = np.linalg.eigh(np.asarray(covariance, np.float64))
+    # Two degrees of freedom: the chi-square quantile has a closed form.
+    scale = np.sqrt(-2 * np.log1p(-confidence))
+    minor, major = scale * np.sqrt(np.maximum(values, 0))
+    return float(major), float(minor), float(np.arctan2(vectors[1, 1], vectors[0, 1]))
+
+
+def view_area(
+    scene: Scene,
+    xy: Float[np.ndarray, "n 2"],
+    area: Sequence[float | int] | np.ndarray | None = None,
+    margin: float = 0.05,
+) -> tuple[float, float, float, float]:
+    """The rectangle x_min, x_max, y_min, y_max that shows all cameras and nearly all positions.
+
+    Args:
+        scene: the scene.
+        xy: (N, 2) positions in ground coordinates; the outermost 1 % may stay outside.
+        area: x_min, x_max, y_min, y_max to show too, or None.
+        margin: empty border as a share of the larger side.
+    """
+    registered = np.flatnonzero(scene.rig.registered)
+    shown = [camera_wedge(scene, int(camera)) for camera in registered]
+    if len(xy):
+        shown.append(np.quantile(xy, [0.005, 0.995], axis=0))
+    if area is not None:
+        shown.append(np.reshape(np.asarray(area, np.float64), (2, 2)).T)
+    points = np.concatenate(shown) if shown else np.array([[-1.0, -1.0], [1.0, 1.0]])
+    low, high = points.min(0), points.max(0)
+    border = margin * max(float((high - low).max()), 1e-3 * float(scene.extent))
+    return (
+        float(low[0] - border),
+        float(high[0] + border),
+        float(low[1] - border),
+        float(high[1] + border),
+    )
+
+
+def place_labels(
+    anchors: Float[np.ndarray, "n 2"],
+    sizes: Float[np.ndarray, "n 2"],
+    bounds: tuple[float, float, float, float],
+    occupied: Float[np.ndarray, "k 4"] | None = None,
+    gap: float = 4.0,
+) -> list[tuple[float, float] | None]:
+    """Where to write labels beside their anchors so that none covers another.
+
+    Earlier labels have first choice among eight places around their anchor; a label without a free
+    place is left out.
+
+    Args:
+        anchors: (N, 2) points in display units, in order of importance.
+        sizes: (N, 2) width and height of each label.
+        bounds: x_min, x_max, y_min, y_max that labels must stay inside.
+        occupied: (K, 4) rectangles x_min, y_min, x_max, y_max that are taken already.
+        gap: distance of a label from its anchor.
+
+    Returns:
+        Lower left corner of each label, or None where there was no room.
+    """
+    taken = [] if occupied is None else [tuple(box) for box in occupied]
+    places: list[tuple[float, float] | None] = []
+    steps = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))
+    for (x, y), (width, height) in zip(anchors, sizes, strict=True):
+        found = None
+        for right, up in steps:
+            left = x + right * gap + (right - 1) * width / 2
+            low = y + up * gap + (up - 1) * height / 2
+            box = (left, low, left + width, low + height)
+            inside = (
+                left >= bounds[0]
+                and box[2] <= bounds[1]
+                and low >= bounds[2]
+                and box[3] <= bounds[3]
+            )
+            if inside and not any(_overlap(box, other) for other in taken):
+                found = (float(left), float(low))
+                taken.append(box)
+                break
+        places.append(found)
+    return places
+
+
+def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    apart = one[0] >= other[2] or other[0] >= one[2] or one[1] >= other[3] or other[1] >= one[3]
+    return not apart

@@ -1,0 +1,121 @@
+"""Drawing on pictures with OpenCV: lines, text with a background, round steps."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from catfree.viz._palette import Color
+from catfree.viz._plan_view import place_labels
+
+Image = UInt8[np.ndarray, "_ _ 3"]  # cameras differ in size
+
+TEXT_HEIGHT = 11  # pixels of a capital letter per unit of stroke
+WHITE: Color = (255, 255, 255)
+
+
+def default_stroke(image: Image) -> float:
+    """Line thickness in pixels that suits a picture: 2 at full HD."""
+    return max(1.0, image.shape[0] / 540)
+
+
+def draw_polyline(
+    image: Image,
+    points: Float[np.ndarray, "n 2"],
+    color: Color,
+    stroke: float,
+    *,
+    closed: bool = False,
+) -> None:
+    """A line through pixels (N, 2), drawn in place; points must be finite and not far outside."""
+    import cv2
+
+    # Sub-pixel positions as fixed-point numbers with four binary digits.
+    fixed = np.round(np.asarray(points) * 16).astype(np.int32).reshape(-1, 1, 2)
+    cv2.polylines(image, [fixed], closed, color, max(1, round(stroke)), cv2.LINE_AA, 4)
+
+
+def fill_polygon(
+    image: Image, points: Float[np.ndarray, "n 2"], color: Color, opacity: float
+) -> None:
+    """A translucent polygon, drawn in place."""
+    import cv2
+
+    low = np.maximum(np.floor(points.min(0)).astype(int), 0)
+    high = np.minimum(np.ceil(points.max(0)).astype(int) + 1, image.shape[1::-1])
+    if (high <= low).any():
+        return
+    part = image[low[1] : high[1], low[0] : high[0]]
+    painted = part.copy()
+    fixed = np.round((points - low) * 16).astype(np.int32).reshape(-1, 1, 2)
+    cv2.fillPoly(painted, [fixed], color, cv2.LINE_AA, 4)
+    part[:] = cv2.addWeighted(painted, opacity, part, 1 - opacity, 0)
+
+
+def text_size(text: str, stroke: float) -> tuple[int, int]:
+    """Width and height in pixels of a label including its background."""
+    import cv2
+
+    (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, *_font(stroke))
+    pad = round(2 * stroke)
+    return width + 2 * pad, height + 2 * pad
+
+
+def draw_label(
+    image: Image, text: str, place: tuple[float | int, float | int], color: Color, stroke: float
+) -> None:
+    """Text in white on a background of `color`; `place` is the upper left corner in pixels."""
+    import cv2
+
+    width, height = text_size(text, stroke)
+    x, y, pad = round(place[0]), round(place[1]), round(2 * stroke)
+    cv2.rectangle(image, (x, y), (x + width - 1, y + height - 1), color, cv2.FILLED)
+    # The lighter colours of the palette need dark letters.
+    light = 0.299 * color[0] + 0.587 * color[1] + 0.114 * color[2] > 150
+    ink = (0, 0, 0) if light else WHITE
+    at = (x + pad, y + height - 1 - pad)
+    scale, thickness = _font(stroke)
+    cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, scale, ink, thickness, cv2.LINE_AA)
+
+
+def draw_labels(
+    image: Image,
+    texts: Sequence[str],
+    anchors: Float[np.ndarray, "n 2"],
+    colors: Sequence[Color],
+    stroke: float,
+    *,
+    occupied: Float[np.ndarray, "k 4"] | None = None,
+    gap: float = 3.0,
+) -> Float[np.ndarray, "taken 4"]:
+    """Labels beside their anchors, where they cover neither each other nor `occupied`.
+
+    `gap` is their distance from the anchors in strokes.
+
+    Returns:
+        The rectangles x_min, y_min, x_max, y_max that are taken now.
+    """
+    taken = np.zeros((0, 4)) if occupied is None else occupied
+    if not texts:
+        return taken
+    sizes = np.array([text_size(text, stroke) for text in texts], np.float64)
+    bounds = (0.0, float(image.shape[1]), 0.0, float(image.shape[0]))
+    places = place_labels(np.asarray(anchors), sizes, bounds, taken, gap=gap * stroke)
+    boxes = [taken]
+    for text, place, size, color in zip(texts, places, sizes, colors, strict=True):
+        if place is not None:
+            draw_label(image, text, place, color, stroke)
+            boxes.append(np.array([[*place, place[0] + size[0], place[1] + size[1]]]))
+    return np.concatenate(boxes)
+
+
+def round_step(length: float) -> float:
+    """The largest of 1, 2 or 5 times a power of ten that is not above `length`."""
+    power = 10.0 ** np.floor(np.log10(length))
+    steps = [step for step in (1.0, 2.0, 5.0) if step * power <= length * (1 + 1e-9)]
+    return float(max(steps, default=1.0) * power)
+
+
+def _font(stroke: float) -> tuple[float, int]:
+    # A capital of OpenCV's simple Hershey font is 21 pixels high at scale 1.
+    return TEXT_HEIGHT * stroke / 2 / 21 + 0.25, max(1, round(0.6 * stroke))

@@ -1,0 +1,147 @@
+"""The ground's grid in a camera's picture: the look that tells whether a calibration is right."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree._coverage import visible_area
+from catfree.errors import InvalidInputError
+from catfree.types import Scene
+from catfree.viz._camera_view import project_points, visible_runs
+from catfree.viz._palette import Color
+from catfree.viz._plan_view import from_plan
+from catfree.viz.footage._drawing import (
+    Image,
+    default_stroke,
+    draw_labels,
+    draw_polyline,
+    round_step,
+)
+
+LINES_PER_EXTENT = 16  # default spacing: the round number below E / 16
+LABEL_EVERY = 5  # lines
+SAMPLES = 8  # points per cell along a line, so that lens distortion shows
+LINE_COLOR: Color = (235, 235, 235)
+X_COLOR: Color = (213, 94, 0)  # the line y = 0
+Y_COLOR: Color = (0, 114, 178)  # the line x = 0
+SHADOW: Color = (30, 30, 30)
+
+
+def grid_spacing(scene: Scene) -> float:
+    """A round distance between grid lines in scene units: 1 m on a square of usual size."""
+    return round_step(float(scene.extent) / LINES_PER_EXTENT)
+
+
+def ground_grid(
+    scene: Scene, area: Sequence[float | int] | np.ndarray, spacing: float
+) -> list[tuple[str, int, Float[np.ndarray, "n 2"]]]:
+    """The lines of constant x and of constant y on the ground.
+
+    Args:
+        scene: the scene.
+        area: x_min, x_max, y_min, y_max in ground coordinates.
+        spacing: distance between the lines in scene units.
+
+    Returns:
+        (axis, index, points): the axis "x" or "y" that is constant, its value over the spacing,
+        and points (N, 2) along the line in ground coordinates.
+    """
+    lines = []
+    x_min, x_max, y_min, y_max = (float(edge) for edge in area)
+    for axis, low, high, start, end in (
+        ("x", x_min, x_max, y_min, y_max),
+        ("y", y_min, y_max, x_min, x_max),
+    ):
+        along = np.linspace(start, end, int(np.ceil((end - start) / spacing * SAMPLES)) + 2)
+        for index in range(int(np.ceil(low / spacing)), int(np.floor(high / spacing)) + 1):
+            constant = np.full_like(along, index * spacing)
+            points = [constant, along] if axis == "x" else [along, constant]
+            lines.append((axis, index, np.stack(points, -1)))
+    return lines
+
+
+def draw_ground_grid(
+    image: Image,
+    scene: Scene,
+    camera: int,
+    *,
+    area: Sequence[float | int] | np.ndarray | None = None,
+    spacing: float | int | None = None,
+    stroke: float | int | None = None,
+) -> Image:
+    """A copy of a camera's picture with the ground's grid, its axes in colour.
+
+    Where lines follow the floor's edges and stop at walls, rig and ground are right.
+
+    Args:
+        image: (H, W, 3) uint8 RGB of the camera's original size.
+        scene: the scene.
+        camera: index of a registered camera.
+        area: x_min, x_max, y_min, y_max in ground coordinates; None for what two cameras see.
+        spacing: distance between lines in scene units; None for `grid_spacing(scene)`.
+        stroke: line thickness in pixels; None to suit the picture.
+
+    Returns:
+        (H, W, 3) uint8 RGB. Orange is the line y = 0, blue x = 0; every fifth line is labelled.
+
+    Raises:
+        InvalidInputError: if the picture has another size than the camera, the camera is not
+            registered, or the spacing is not positive.
+    """
+    require_camera_picture(image, scene, camera)
+    step = grid_spacing(scene) if spacing is None else float(spacing)
+    if not step > 0:
+        raise InvalidInputError(f"spacing is {step}; it must be a positive length.")
+    thick = default_stroke(image) if stroke is None else stroke
+    bounds = visible_area(scene) if area is None else area
+    canvas, size = image.copy(), (image.shape[1], image.shape[0])
+    lines = ground_grid(scene, bounds, step)
+    # Axes last, on top of the plain lines.
+    for axis, index, points in sorted(lines, key=lambda line: line[1] == 0):
+        color = LINE_COLOR if index else (Y_COLOR if axis == "x" else X_COLOR)
+        major = index % LABEL_EVERY == 0
+        weight = thick * (1.0 if index else 1.5) if major else 1.0
+        pixel, in_front = project_points(scene.rig, camera, from_plan(scene, points))
+        for run in visible_runs(pixel, in_front, size):
+            if major:
+                draw_polyline(canvas, run, SHADOW, weight + 2)
+            draw_polyline(canvas, run, color, weight)
+    _label_crossings(canvas, scene, camera, lines, step, thick)
+    return canvas
+
+
+def require_camera_picture(image: Image, scene: Scene, camera: int) -> None:
+    """Raise unless the picture can be one of this registered camera.
+
+    Raises:
+        InvalidInputError: saying which camera and size.
+    """
+    rig = scene.rig
+    if not 0 <= camera < rig.camera_count or not rig.registered[camera]:
+        raise InvalidInputError(
+            f"Camera {camera} is not a registered camera of this scene, so nothing on the ground "
+            "can be drawn in its picture."
+        )
+    width, height = (int(side) for side in rig.image_size[camera])
+    if image.shape[:2] != (height, width):
+        raise InvalidInputError(
+            f"The picture of camera {camera} is {image.shape[1]} x {image.shape[0]} px, but the "
+            f"scene's camera has {width} x {height} px. Give the original picture."
+        )
+
+
+def _label_crossings(
+    canvas: Image,
+    scene: Scene,
+    camera: int,
+    lines: list[tuple[str, int, np.ndarray]],
+    step: float,
+    stroke: float,
+) -> None:
+    marked = {axis: [i for a, i, _ in lines if a == axis and i % LABEL_EVERY == 0] for axis in "xy"}
+    crossings = np.array([(i, j) for i in marked["x"] for j in marked["y"]], float).reshape(-1, 2)
+    pixel, in_front = project_points(scene.rig, camera, from_plan(scene, crossings * step))
+    inside = in_front & (pixel >= 0).all(-1) & (pixel < canvas.shape[1::-1]).all(-1)
+    texts = [f"{x * step:g}, {y * step:g}" for x, y in crossings[inside]]
+    draw_labels(canvas, texts, pixel[inside], [SHADOW] * len(texts), stroke)

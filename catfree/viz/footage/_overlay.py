@@ -1,0 +1,266 @@
+"""The tracks in the cameras' own pictures, beside the moving bird's-eye view."""
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from catfree.adapters import SynchronizedVideos
+from catfree.errors import InvalidInputError
+from catfree.types import Detections, Localization, Origin, Scene, Tracks
+from catfree.viz._camera_view import project_points, visible_runs
+from catfree.viz._palette import CAMERA_COLOR, UNTRACKED, track_color
+from catfree.viz._plan_view import camera_names as names_of, view_area
+from catfree.viz.footage._box_identities import (
+    box_identities,
+    person_height as estimate_person_height,
+)
+from catfree.viz.footage._drawing import (
+    Image,
+    default_stroke,
+    draw_label,
+    draw_labels,
+    draw_polyline,
+)
+from catfree.viz.footage._ground_grid import require_camera_picture
+from catfree.viz.footage._plan_canvas import CIRCLE, PlanCanvas
+
+Progress = Callable[[str, int, int], None]
+
+STAGE = "overlay"
+TRAIL = 20  # instants of the past on the bird's-eye view
+PLAN_SHARE = 0.32  # of the video's width
+RING_SHARE = 0.15  # radius of the ring around the feet in person heights
+DEFAULT_FPS = 5.0  # for image folders, which have no frame rate
+
+
+def draw_frame(
+    image: Image,
+    camera: int,
+    frame: int | np.integer,
+    detections: Detections,
+    localization: Localization,
+    scene: Scene,
+    *,
+    person_height: float | int | None = None,
+    stroke: float | int | None = None,
+) -> Image:
+    """A copy of one picture with its boxes and the tracked people.
+
+    Every tracked person in view gets a ring on the ground, a post of a person's height and the
+    identity. Boxes have the colour of the track they show, or grey. A thin ring marks a position
+    that the trajectories added.
+
+    Args:
+        image: (H, W, 3) uint8 RGB of the camera's original size.
+        camera: index of the camera.
+        frame: the frame of `detections` and tracks that the picture shows.
+        detections: person boxes of the sequence.
+        localization: what `cf.localize` returned for them.
+        scene: the scene it was made with.
+        person_height: height of the posts in scene units; None for the median of the people seen.
+        stroke: line thickness in pixels; None to suit the picture.
+
+    Returns:
+        (H, W, 3) uint8 RGB. A camera that is not registered shows its boxes only.
+
+    Raises:
+        InvalidInputError: if the picture has another size than the camera.
+    """
+    if person_height is None:
+        person_height = estimate_person_height(detections, localization, scene)
+    thick = default_stroke(image) if stroke is None else float(stroke)
+    canvas = image.copy()
+    boxes = detections[(detections.frame == frame) & (detections.camera == camera)]
+    now = localization.tracks[localization.tracks.frame == frame]
+    if not scene.rig.registered[camera]:
+        now = now[:0]
+        rows = np.full(len(boxes), -1)
+    else:
+        require_camera_picture(image, scene, camera)
+        rows = box_identities(boxes, now, scene, camera)
+    for row, box in zip(rows, boxes.box, strict=True):
+        color = UNTRACKED if row < 0 else track_color(int(now.track_id[row]))
+        draw_polyline(
+            canvas, box[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2), color, 0.6 * thick, closed=True
+        )
+    if len(now):
+        _draw_people(canvas, now, scene, camera, float(person_height), thick)
+    return canvas
+
+
+def write_overlay_video(
+    path: str | os.PathLike[str],
+    videos: SynchronizedVideos | Sequence[str | os.PathLike[str]],
+    detections: Detections,
+    localization: Localization,
+    scene: Scene,
+    *,
+    width: int = 1920,
+    fps: float | int | None = None,
+    person_height: float | int | None = None,
+    camera_names: Sequence[str] | None = None,
+    progress: Progress | None = None,
+) -> Path:
+    """Write an MP4 of all cameras with boxes, identities and posts, beside the bird's-eye view.
+
+    One instant is in memory at a time.
+
+    Args:
+        path: the MP4 file; it appears once it is complete.
+        videos: the cameras' videos in the rig's order: one file or image folder each, or
+            `SynchronizedVideos`, whose frame indices are those of the detections.
+        detections: person boxes of the sequence.
+        localization: what `cf.localize` returned for them.
+        scene: the scene it was made with.
+        width: of the video in pixels; made even.
+        fps: frames a second; None for that of the videos.
+        person_height: height of the posts in scene units; None for the median of the people seen.
+        camera_names: (C,) labels; None for C1, C2, ...
+        progress: called as progress("overlay", done, total) after each instant.
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidInputError: if the number of videos or their sizes do not fit the scene, or OpenCV
+            cannot write the file.
+        FileFormatError: if a picture cannot be decoded.
+    """
+    import cv2
+
+    source = videos if isinstance(videos, SynchronizedVideos) else SynchronizedVideos(videos)
+    if source.camera_count != scene.rig.camera_count:
+        raise InvalidInputError(
+            f"There are {source.camera_count} videos for {scene.rig.camera_count} cameras. Give "
+            "one a camera, in the rig's order."
+        )
+    if person_height is None:
+        person_height = estimate_person_height(detections, localization, scene)
+    board = _Board(scene, localization.tracks, names_of(scene.rig, camera_names), width)
+    target = Path(path)
+    partial = target.with_name(f".{target.stem}.partial.mp4")
+    rate = fps or source.fps or DEFAULT_FPS
+    writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), rate, board.size)
+    try:
+        if not writer.isOpened():
+            raise InvalidInputError(
+                f"OpenCV cannot write an MP4 video to {target}. Use an existing, writable folder."
+            )
+        for done, (frame, images) in enumerate(source, start=1):
+            pictures = [
+                draw_frame(
+                    image,
+                    camera,
+                    frame,
+                    detections,
+                    localization,
+                    scene,
+                    person_height=person_height,
+                    stroke=board.stroke_in(camera),
+                )
+                for camera, image in enumerate(images)
+            ]
+            writer.write(board.assemble(frame, pictures)[..., ::-1].copy())
+            if progress is not None:
+                progress(STAGE, done, source.frame_count)
+        writer.release()
+        os.replace(partial, target)
+    finally:
+        writer.release()
+        partial.unlink(missing_ok=True)
+    return target
+
+
+class _Board:
+    """Where each camera's picture and the bird's-eye view go in the video's frames."""
+
+    def __init__(self, scene: Scene, tracks: Tracks, names: Sequence[str], width: int) -> None:
+        sizes = np.asarray(scene.rig.image_size, np.float64)
+        count = len(sizes)
+        tallest = float((sizes[:, 1] / sizes[:, 0]).max())
+        self._columns = _tile_columns(count, tallest)
+        tile = int(width * (1 - PLAN_SHARE)) // self._columns // 2 * 2
+        if tile < 16:
+            raise InvalidInputError(f"width is {width} pixels, too small for {count} cameras.")
+        self._tile = (tile, max(round(tile * tallest / 2) * 2, 2))
+        rows = -(-count // self._columns)
+        plan = (int(width) // 2 * 2 - tile * self._columns, self._tile[1] * rows)
+        self.size = (plan[0] + tile * self._columns, plan[1])
+        self._shrink = np.minimum(*(np.array(self._tile) / sizes).T)
+        self._stroke = max(1.0, tile / 480)
+        self._names, self._tracks = names, tracks
+        view = view_area(scene, tracks.ground_xy)
+        self._plan = PlanCanvas(scene, view, plan, names, self._stroke)
+        self._frames = np.unique(tracks.frame)
+
+    def stroke_in(self, camera: int) -> float:
+        """The thickness in the original picture that gives the board's stroke after shrinking."""
+        return float(self._stroke / self._shrink[camera])
+
+    def assemble(self, frame: int, pictures: Sequence[Image]) -> Image:
+        import cv2
+
+        board = np.zeros((self.size[1], self.size[0], 3), np.uint8)
+        for camera, picture in enumerate(pictures):
+            row, column = divmod(camera, self._columns)
+            shrink = self._shrink[camera]
+            size = [max(round(float(side * shrink)), 1) for side in picture.shape[1::-1]]
+            x, y = column * self._tile[0], row * self._tile[1]
+            small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+            board[y : y + size[1], x : x + size[0]] = small
+            draw_label(board, self._names[camera], (x, y), CAMERA_COLOR, self._stroke)
+        first = max(int(np.searchsorted(self._frames, frame, side="right")) - TRAIL, 0)
+        since = self._frames[first] if first < len(self._frames) else frame
+        rows = slice(*np.searchsorted(self._tracks.frame, [since, frame + 1]))
+        recent = self._tracks[rows]
+        plan = self._plan.draw(recent[recent.frame == frame], recent)
+        draw_label(plan, f"frame {frame}", (0, 0), CAMERA_COLOR, self._stroke)
+        board[:, self.size[0] - plan.shape[1] :] = plan
+        return board
+
+
+def _tile_columns(count: int, ratio: float) -> int:
+    """Columns that bring the video closest to 16:9; `ratio` is a tile's height over its width."""
+    columns = np.arange(1, count + 1)
+    height = (1 - PLAN_SHARE) * np.ceil(count / columns) / columns * ratio
+    return int(columns[np.argmin(np.abs(np.log(height * 16 / 9)))])
+
+
+def _draw_people(
+    canvas: Image, now: Tracks, scene: Scene, camera: int, height: float, stroke: float
+) -> None:
+    basis = np.asarray(scene.ground.basis, np.float64)
+    up = np.asarray(scene.ground.normal, np.float64)
+    ring = RING_SHARE * height * CIRCLE.T @ basis.T
+    size = (canvas.shape[1], canvas.shape[0])
+    texts, anchors, colors = [], [], []
+    for position, identity, origin in zip(now.position, now.track_id, now.origin, strict=True):
+        color = track_color(identity)
+        points = np.concatenate([position + ring, [position, position + height * up]])
+        pixel, in_front = project_points(scene.rig, camera, points)
+        if not in_front[-2:].all() or not _inside(pixel[-2:], size):
+            continue
+        for run in visible_runs(pixel[:-2], in_front[:-2], size):
+            draw_polyline(canvas, run, color, (1 if origin != Origin.DETECTED else 2) * stroke)
+        if height > 0:
+            draw_polyline(canvas, pixel[-2:], color, 1.5 * stroke)
+        texts.append(str(identity) if identity >= 0 else "")
+        anchors.append(pixel[-1])
+        colors.append(color)
+    shown = [at for at, text in enumerate(texts) if text]
+    draw_labels(
+        canvas,
+        [texts[at] for at in shown],
+        np.array([anchors[at] for at in shown]).reshape(-1, 2),
+        [colors[at] for at in shown],
+        stroke,
+    )
+
+
+def _inside(pixel: np.ndarray, size: tuple[int, int]) -> bool:
+    """Whether foot or head is in the picture, and neither is far outside."""
+    limit = np.array(size)
+    seen = ((pixel >= 0) & (pixel < limit)).all(-1).any()
+    return bool(seen and ((pixel > -limit) & (pixel < 2 * limit)).all())

@@ -1,0 +1,268 @@
+"""The scene from above: tracks, their uncertainty, and the cameras that saw them."""
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from catfree.errors import InvalidInputError
+from catfree.types import Localization, Origin, Scene, Tracks
+from catfree.viz._palette import CAMERA_COLOR, TRUTH_COLOR, fraction, line_style, track_color
+from catfree.viz._plan_view import (
+    camera_names as names_of,
+    camera_wedge,
+    confidence_ellipse,
+    length_unit,
+    place_labels,
+    view_area,
+)
+from catfree.viz.plots._axes import axes_or_new, figure_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LABEL_SIZE = 7.5  # points
+
+
+def plot_bird_eye(
+    localization: Localization,
+    scene: Scene,
+    *,
+    ax: "Axes | None" = None,
+    ground_truth: Any = None,
+    area: Sequence[float | int] | np.ndarray | None = None,
+    frames: Iterable[int | np.integer] | None = None,
+    camera_names: Sequence[str] | None = None,
+    confidence: float = 0.95,
+    detail_limit: int = 60,
+    legend: bool = True,
+) -> "Axes":
+    """Draw tracks on the ground with identities, uncertainty, cameras and, if given, the truth.
+
+    Every track is a line that ends in a dot with its identity and an ellipse that holds the true
+    position with probability `confidence`. Hollow dots are positions that the trajectories added.
+    Colours belong to identities and are the same in every picture of catfree.
+
+    Args:
+        localization: what `cf.localize` returned.
+        scene: the scene it was made with.
+        ax: matplotlib axes to draw on; None for a new figure.
+        ground_truth: (N, 4) rows [frame, id, x, y] in the ground coordinates of the scene, or None.
+        area: x_min, x_max, y_min, y_max to frame with a dashed line, such as the evaluation area.
+        frames: the frames to draw; None for all.
+        camera_names: (C,) labels of the cameras; None for C1, C2, ...
+        confidence: probability of the ellipses.
+        detail_limit: draw identity, ellipse and added positions of at most so many tracks, the
+            longest, and the others as thin lines: more cannot be told apart.
+        legend: explain the marks.
+
+    Returns:
+        The axes, in ground coordinates (metres for a metric scene), both axes of one scale.
+
+    Raises:
+        MissingDependencyError: if matplotlib is not installed.
+        InvalidInputError: if confidence, area or camera names are impossible.
+    """
+    if not 0 < confidence < 1:
+        raise InvalidInputError(f"confidence is {confidence}; it must be between 0 and 1.")
+    if area is not None and not (len(area) == 4 and area[0] < area[1] and area[2] < area[3]):
+        raise InvalidInputError(f"area is {area!r}; it must be (x_min, x_max, y_min, y_max).")
+    tracks, truth = localization.tracks, _rows(ground_truth)
+    if frames is not None:
+        chosen = np.unique(np.asarray(list(frames), np.int64))
+        tracks = tracks[np.isin(tracks.frame, chosen)]
+        truth = truth[np.isin(truth[:, 0], chosen)]
+
+    view = view_area(scene, np.concatenate([tracks.ground_xy, truth[:, 2:]]), area)
+    ax = axes_or_new(ax, view)
+    if area is not None:
+        corners = [area[i] for i in (0, 1, 1, 0, 0)], [area[i] for i in (2, 2, 3, 3, 2)]
+        ax.plot(*corners, color="0.55", linewidth=1, linestyle=(0, (6, 4)), zorder=1)
+    if len(truth):
+        ax.scatter(
+            *truth[:, 2:].T,
+            marker="+",
+            s=22,
+            linewidths=0.7,
+            zorder=2,
+            color=(*fraction(TRUTH_COLOR), 0.45),
+        )
+    ends = _draw_tracks(ax, tracks, confidence, detail_limit)
+    ax.set(xlim=view[:2], ylim=view[2:], aspect="equal")
+    unit = length_unit(scene)
+    ax.set(xlabel=f"ground x ({unit})", ylabel=f"ground y ({unit})")
+    ax.tick_params(labelsize=8)
+    occupied = draw_cameras(ax, scene, names_of(scene.rig, camera_names))
+    _label_tracks(ax, ends[:detail_limit], occupied)
+    if legend:
+        _explain(ax, confidence, with_truth=len(truth) > 0, with_area=area is not None)
+    return ax
+
+
+def draw_cameras(ax: "Axes", scene: Scene, names: Sequence[str]) -> np.ndarray:
+    """Draw the cameras with field of view and name; returns the labels' display rectangles (K, 4).
+
+    The axes' limits must be final. Cameras that are not registered are left out.
+    """
+    from matplotlib.patheffects import withStroke
+
+    color = fraction(CAMERA_COLOR)
+    wedges = {int(c): camera_wedge(scene, int(c)) for c in np.flatnonzero(scene.rig.registered)}
+    halo = [withStroke(linewidth=2.2, foreground="white")]  # for dark maps beneath
+    look = {"facecolor": (*color, 0.16), "edgecolor": (*color, 0.8), "linewidth": 0.8}
+    for wedge in wedges.values():
+        ax.fill(*wedge.T, **look, zorder=3, path_effects=halo)
+        ax.plot(*wedge[0], "s", markersize=4.5, color=color, zorder=6, path_effects=halo)
+    anchors = [wedge[0] for wedge in wedges.values()]
+    texts = [names[camera] for camera in wedges]
+    if not texts:
+        return np.zeros((0, 4))
+    at, half = _display(ax, np.asarray(anchors)), 4.0
+    squares = np.concatenate([at - half, at + half], axis=-1)
+    return _write(ax, anchors, texts, [color] * len(texts), squares, size=9.0, weight="bold")
+
+
+def _rows(ground_truth: Any) -> np.ndarray:
+    if ground_truth is None or np.size(ground_truth) == 0:
+        return np.zeros((0, 4))
+    rows = np.asarray(ground_truth, np.float64)
+    if rows.ndim != 2 or rows.shape[1] != 4:
+        raise InvalidInputError(
+            f"ground_truth must have shape (N, 4) with columns [frame, id, x, y], got {rows.shape}."
+        )
+    return rows
+
+
+def _draw_tracks(
+    ax: "Axes", tracks: Tracks, confidence: float, detail_limit: int
+) -> list[tuple[int, np.ndarray]]:
+    """Draw every track; returns identity and last position of each, the longest first."""
+    identities, lengths = np.unique(tracks.track_id, return_counts=True)
+    tracked = identities >= 0
+    ends = []
+    for identity in identities[tracked][np.argsort(-lengths[tracked], kind="stable")].tolist():
+        one = tracks[tracks.track_id == identity]
+        color, style = fraction(track_color(identity)), line_style(identity)
+        if len(ends) >= detail_limit:
+            ax.plot(*one.ground_xy.T, style, color=color, linewidth=0.7, alpha=0.6, zorder=2)
+            continue
+        ax.plot(*one.ground_xy.T, style, color=color, linewidth=1.3, zorder=4)
+        _draw_added(ax, one[one.origin != Origin.DETECTED], color)
+        if one.origin[-1] == Origin.DETECTED:
+            ax.plot(*one.ground_xy[-1], "o", color=color, markersize=4, zorder=5)
+        _draw_ellipse(ax, one[-1:], color, confidence)
+        ends.append((identity, one.ground_xy[-1]))
+    loose = tracks[tracks.track_id < 0]
+    if len(loose):
+        color = fraction(track_color(-1))
+        ax.plot(*loose.ground_xy.T, "o", color=color, markersize=2.5, zorder=2)
+        if len(loose) <= detail_limit:
+            _draw_ellipse(ax, loose, color, confidence)
+    return ends
+
+
+def _draw_added(ax: "Axes", added: Tracks, color: tuple[float, float, float]) -> None:
+    hollow = {"markerfacecolor": "white", "markersize": 3.2, "markeredgewidth": 0.9}
+    ax.plot(*added.ground_xy.T, "o", color=color, zorder=5, **hollow)
+
+
+def _draw_ellipse(
+    ax: "Axes", tracks: Tracks, color: tuple[float, float, float], confidence: float
+) -> None:
+    from matplotlib.patches import Ellipse
+
+    finite = np.isfinite(tracks.covariance).all((-1, -2))
+    look = {"facecolor": (*color, 0.13), "edgecolor": (*color, 0.8), "linewidth": 0.8}
+    for xy, covariance in zip(tracks.ground_xy[finite], tracks.covariance[finite], strict=True):
+        major, minor, angle = confidence_ellipse(covariance, confidence)
+        size = {"width": 2 * major, "height": 2 * minor, "angle": float(np.degrees(angle))}
+        ax.add_patch(Ellipse(xy, **size, **look, zorder=3))
+
+
+def _label_tracks(ax: "Axes", ends: Sequence[tuple[int, np.ndarray]], occupied: np.ndarray) -> None:
+    colors = [fraction(track_color(identity)) for identity, _ in ends]
+    texts = [str(identity) for identity, _ in ends]
+    _write(ax, [end for _, end in ends], texts, colors, occupied, size=LABEL_SIZE, weight="normal")
+
+
+def _write(
+    ax: "Axes",
+    anchors: Sequence[np.ndarray],
+    texts: Sequence[str],
+    colors: Sequence[tuple[float, float, float]],
+    occupied: np.ndarray,
+    *,
+    size: float,
+    weight: str,
+) -> np.ndarray:
+    """Write labels where they cover neither each other nor what is occupied; returns (K, 4)."""
+    from matplotlib.patheffects import withStroke
+
+    if not texts:
+        return occupied
+    at = _display(ax, np.asarray(anchors))
+    pixels = figure_of(ax).dpi / 72 * size
+    sizes = np.array([[0.62 * pixels * len(text), 1.0 * pixels] for text in texts])
+    box = ax.get_window_extent()
+    places = place_labels(at, sizes, (box.x0, box.x1, box.y0, box.y1), occupied, gap=0.5 * pixels)
+    back = ax.transData.inverted()
+    for text, color, place in zip(texts, colors, places, strict=True):
+        if place is not None:
+            x, y = back.transform(place)
+            label = ax.text(
+                x,
+                y,
+                text,
+                color=color,
+                fontsize=size,
+                zorder=8,
+                weight=weight,
+                ha="left",
+                va="bottom",
+            )
+            label.set_path_effects([withStroke(linewidth=2.2, foreground="white")])
+    new = [
+        (*place, place[0] + extent[0], place[1] + extent[1])
+        for place, extent in zip(places, sizes, strict=True)
+        if place is not None
+    ]
+    return np.concatenate([occupied, np.array(new).reshape(-1, 4)])
+
+
+def _display(ax: "Axes", points: np.ndarray) -> np.ndarray:
+    """Display coordinates of data points, after the layout has settled."""
+    figure_of(ax).draw_without_rendering()
+    return ax.transData.transform(points)
+
+
+def _explain(ax: "Axes", confidence: float, *, with_truth: bool, with_area: bool) -> None:
+    from matplotlib.lines import Line2D
+
+    def mark(label: str, marker: str = "", line: Any = "", **style: Any) -> Line2D:
+        return Line2D([], [], marker=marker, linestyle=line, label=label, **style)
+
+    grey = fraction(track_color(-1))
+    marks = [
+        mark("track, last position", "o", "-", color=grey, markersize=4),
+        mark("extended or interpolated", "o", color=grey, markerfacecolor="white", markersize=4),
+        mark(
+            f"{100 * confidence:g} % ellipse",
+            "o",
+            color=(*grey, 0.25),
+            markersize=10,
+            markeredgecolor=grey,
+        ),
+        mark("camera and field of view", "s", color=fraction(CAMERA_COLOR), markersize=4.5),
+    ]
+    if with_truth:
+        marks.append(mark("ground truth", "+", color=fraction(TRUTH_COLOR), alpha=0.6))
+    if with_area:
+        marks.append(mark("area", line=(0, (6, 4)), color="0.55"))
+    ax.legend(
+        handles=marks,
+        fontsize=7.5,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.1),
+        ncols=3,
+        frameon=False,
+    )

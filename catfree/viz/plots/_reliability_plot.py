@@ -1,0 +1,94 @@
+"""Whether probabilities and ellipses keep their word: reliability diagrams."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from catfree.evaluation import CalibrationCurve, EllipseCoverage
+from catfree.viz._palette import TRACK_COLORS, fraction, line_style
+from catfree.viz.plots._axes import require_pyplot
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SMALLEST_DOT, LARGEST_DOT = 12.0, 160.0  # square points
+
+
+def plot_reliability(curve: CalibrationCurve, *, ax: "Axes | None" = None) -> "Axes":
+    """Draw how often claimed probabilities came true, one dot a bin, larger with more claims.
+
+    Args:
+        curve: what `cf.evaluation.calibration_curve` returned.
+        ax: matplotlib axes to draw on; None for a new figure.
+
+    Returns:
+        The axes: claimed probability to the right, share that came true upwards.
+
+    Raises:
+        MissingDependencyError: if matplotlib is not installed.
+    """
+    ax = _square(ax, "claimed probability", "share that came true")
+    there = curve.count > 0
+    claimed, true = curve.mean_probability[there], curve.observed_frequency[there]
+    count = curve.count[there]
+    ax.plot(claimed, true, color="0.6", linewidth=1, zorder=1)
+    largest = float(np.log1p(count).max(initial=1.0))
+    size = SMALLEST_DOT + (LARGEST_DOT - SMALLEST_DOT) * np.log1p(count) / largest
+    ax.scatter(claimed, true, size, color=fraction(TRACK_COLORS[0]), zorder=2)
+    for x, y, n in zip(claimed, true, count, strict=True):
+        low = y > 0.85  # inside the picture
+        ax.annotate(
+            f"{n}",
+            (x, y),
+            xytext=(0, -9 if low else 9),
+            textcoords="offset points",
+            ha="right" if x > 0.9 else "center",
+            va="top" if low else "bottom",
+            fontsize=7,
+            color="0.35",
+        )
+    ax.set_title(f"expected calibration error {curve.expected_calibration_error:.3f}", fontsize=10)
+    return ax
+
+
+def plot_ellipse_coverage(
+    coverages: Mapping[str, EllipseCoverage], *, ax: "Axes | None" = None
+) -> "Axes":
+    """Draw which share of true positions lies inside the ellipses of every probability content.
+
+    Args:
+        coverages: what `cf.evaluation.ellipse_coverage` returned, by name.
+        ax: matplotlib axes to draw on; None for a new figure.
+
+    Returns:
+        The axes: content of the ellipse to the right, share inside upwards.
+
+    Raises:
+        MissingDependencyError: if matplotlib is not installed.
+    """
+    ax = _square(ax, "probability content of the ellipse", "share of true positions inside")
+    for index, (name, coverage) in enumerate(coverages.items()):
+        # The content of the smallest ellipse that holds each position: chi-square, two degrees.
+        content = np.sort(-np.expm1(-0.5 * coverage.squared_mahalanobis))
+        share = np.arange(1, len(content) + 1) / max(len(content), 1)
+        color = fraction(TRACK_COLORS[index % len(TRACK_COLORS)])
+        ax.step(
+            np.concatenate([[0.0], content, [1.0]]),
+            np.concatenate([[0.0], share, [float(len(content) > 0)]]),
+            where="post",
+            color=color,
+            linestyle=line_style(index),
+            label=f"{name}: {100 * coverage.share:.0f} % in {100 * coverage.level:g} %",
+        )
+    if coverages:
+        ax.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.02, 0.5))
+    return ax
+
+
+def _square(ax: "Axes | None", xlabel: str, ylabel: str) -> "Axes":
+    """Both axes from 0 to 1, with the diagonal of those that keep their word."""
+    made: Axes = ax or require_pyplot().subplots(figsize=(5, 5), layout="constrained")[1]
+    made.plot([0, 1], [0, 1], color="black", linewidth=1, linestyle=":", zorder=0)
+    made.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), xlabel=xlabel, ylabel=ylabel, aspect="equal")
+    return made

@@ -1,0 +1,1 @@
+"""3-D scenes for other viewers."""

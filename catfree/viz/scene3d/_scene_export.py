@@ -1,0 +1,180 @@
+"""The scene in three dimensions: a GLB file for any viewer, a `.rrd` file for rerun."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree.errors import InvalidInputError, MissingDependencyError
+from catfree.geometry import CanonicalFrame
+from catfree.types import Localization, Scene
+from catfree.viz._palette import CAMERA_COLOR, Color, track_color
+from catfree.viz._plan_view import camera_names as names_of
+from catfree.viz.scene3d._scene_geometry import (
+    FRUSTUM_DEPTH,
+    TUBE_RADIUS,
+    frustum_corners,
+    ground_corners,
+    track_lines,
+    tracks_of,
+    tube,
+)
+
+GROUND_COLOR: Color = (200, 200, 200)
+CLOUD_COLOR: Color = (110, 110, 110)
+
+
+def write_glb(
+    path: str | os.PathLike[str],
+    scene: Scene,
+    localization: Localization | None = None,
+    *,
+    points: Float[np.ndarray, "n 3"] | None = None,
+    colors: Any = None,
+    camera_names: Sequence[str] | None = None,
+) -> Path:
+    """Write cameras, ground, cloud and tracks as a GLB file, which every 3-D viewer opens.
+
+    Nodes are called `ground`, `camera_<name>`, `cloud` and `track_<id>`. The file's y axis points
+    up, as glTF wants; lengths are scene units, and the origin lies on the ground below the
+    cameras' middle, where float32 is accurate.
+
+    Args:
+        path: the GLB file.
+        scene: cameras, ground and extent; cameras that are not registered are left out.
+        localization: its tracks are drawn as coloured tubes, or None.
+        points: (N, 3) reconstructed points in scene units, or None.
+        colors: (N, 3) uint8 RGB of the points, or None for grey.
+        camera_names: (C,) labels; None for C1, C2, ...
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidInputError: if colors do not fit the points, or the folder does not exist.
+    """
+    import trimesh
+    from trimesh.exchange.gltf import export_glb
+    from trimesh.visual import TextureVisuals
+    from trimesh.visual.material import PBRMaterial
+
+    target = Path(path)
+    if not target.parent.is_dir():
+        raise InvalidInputError(f"Cannot write {target}: the folder does not exist. Create it.")
+    names, tracks = names_of(scene.rig, camera_names), tracks_of(localization)
+    frame, extent = CanonicalFrame.of(scene), float(scene.extent)
+
+    def local(world: np.ndarray) -> np.ndarray:
+        x, y, z = np.moveaxis(frame.to_canonical(world) * extent, -1, 0)
+        return np.stack([x, z, -y], -1)
+
+    def mesh(vertices: np.ndarray, faces: Any, color: Color) -> Any:
+        material = PBRMaterial(
+            baseColorFactor=[*color, 255], metallicFactor=0.0, roughnessFactor=0.9, doubleSided=True
+        )
+        look = TextureVisuals(material=material)
+        return trimesh.Trimesh(vertices, faces, visual=look, process=False)
+
+    model = trimesh.Scene()
+    quad = local(ground_corners(scene, tracks))
+    model.add_geometry(
+        mesh(quad, [[0, 1, 2], [0, 2, 3]], GROUND_COLOR), node_name="ground", geom_name="ground"
+    )
+    pyramid = [[0, 2, 1], [0, 3, 2], [0, 4, 3], [0, 1, 4], [1, 2, 3], [1, 3, 4]]
+    for camera in np.flatnonzero(scene.rig.registered).tolist():
+        corners = local(frustum_corners(scene, camera, FRUSTUM_DEPTH * extent))
+        name = f"camera_{names[camera]}"
+        model.add_geometry(mesh(corners, pyramid, CAMERA_COLOR), node_name=name, geom_name=name)
+    if points is not None and len(points):
+        shade = np.tile(CLOUD_COLOR, (len(points), 1)) if colors is None else np.asarray(colors)
+        if shade.shape != (len(points), 3):
+            raise InvalidInputError(f"colors must be ({len(points)}, 3), got {shade.shape}.")
+        cloud = trimesh.PointCloud(local(np.asarray(points)), colors=shade.astype(np.uint8))
+        model.add_geometry(cloud, node_name="cloud", geom_name="cloud")
+    for identity, line in track_lines(tracks).items():
+        rings = tube(local(line), TUBE_RADIUS * extent, np.array([0.0, 1.0, 0.0]))
+        name = f"track_{identity}"
+        model.add_geometry(mesh(*rings, track_color(identity)), node_name=name, geom_name=name)
+    data = export_glb(model)
+    partial = target.with_name(f".{target.name}.partial")
+    try:
+        partial.write_bytes(data)
+        os.replace(partial, target)
+    finally:
+        partial.unlink(missing_ok=True)
+    return target
+
+
+def write_rerun(
+    path: str | os.PathLike[str],
+    scene: Scene,
+    localization: Localization | None = None,
+    *,
+    points: Float[np.ndarray, "n 3"] | None = None,
+    colors: Any = None,
+    camera_names: Sequence[str] | None = None,
+) -> Path:
+    """Write the scene with moving tracks as a recording that `rerun FILE.rrd` plays.
+
+    Args:
+        path: the `.rrd` file.
+        scene: cameras, ground and extent.
+        localization: its positions are logged on the timeline "frame", or None.
+        points: (N, 3) reconstructed points in scene units, or None.
+        colors: (N, 3) uint8 RGB of the points, or None for grey.
+        camera_names: (C,) labels; None for C1, C2, ...
+
+    Returns:
+        The path.
+
+    Raises:
+        MissingDependencyError: if rerun is not installed.
+    """
+    try:
+        import rerun  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise MissingDependencyError(
+            "Recordings for rerun need its SDK: pip install 'catfree[rerun]'."
+        ) from error
+    target, rig, extent = Path(path), scene.rig, float(scene.extent)
+    names, tracks = names_of(rig, camera_names), tracks_of(localization)
+    recording = rerun.RecordingStream("catfree")
+    partial = target.with_name(f".{target.name}.partial")
+    recording.save(partial)
+    outline = ground_corners(scene, tracks)
+    border = rerun.LineStrips3D([np.vstack([outline, outline[:1]])], colors=[GROUND_COLOR])
+    recording.log("ground", border, static=True)
+    for camera in np.flatnonzero(rig.registered).tolist():
+        pose = rerun.Transform3D(
+            translation=np.asarray(rig.centers)[camera], mat3x3=np.asarray(rig.R)[camera].T
+        )
+        K = np.asarray(rig.K)[camera]
+        lens = rerun.Pinhole(
+            image_from_camera=K,
+            resolution=rig.image_size[camera],
+            image_plane_distance=FRUSTUM_DEPTH * extent,
+        )
+        recording.log(f"cameras/{names[camera]}", pose, lens, static=True)
+    if points is not None and len(points):
+        shade = [CLOUD_COLOR] if colors is None else np.asarray(colors, np.uint8)
+        recording.log("cloud", rerun.Points3D(points, colors=shade), static=True)
+    for identity, line in track_lines(tracks).items():
+        strip = rerun.LineStrips3D([line], colors=[track_color(identity)])
+        recording.log(f"tracks/{identity}", strip, static=True)
+    for frame in np.unique(tracks.frame):
+        now = tracks[tracks.frame == frame]
+        recording.set_time("frame", sequence=int(frame))
+        dots = rerun.Points3D(
+            now.position,
+            colors=[track_color(identity) for identity in now.track_id],
+            labels=[str(identity) for identity in now.track_id],
+            radii=4 * TUBE_RADIUS * extent,
+        )
+        recording.log("people", dots)
+    recording.flush()
+    recording.disconnect()  # closes the file
+    os.replace(partial, target)
+    return target

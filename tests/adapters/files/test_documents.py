@@ -1,0 +1,27 @@
+"""Writing text: never half of it, readable by whom any new file is, and one sentence on failure."""
+
+import os
+
+import pytest
+
+from catfree.adapters.files._documents import write_bytes_atomically, write_text_atomically
+from catfree.errors import InvalidInputError
+
+
+def test_files_have_the_permissions_of_any_new_file(tmp_path):
+    (tmp_path / "plain").touch()
+    write_text_atomically(tmp_path / "a.txt", "a")
+    assert (tmp_path / "a.txt").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_a_folder_is_no_target(tmp_path):
+    (tmp_path / "a.txt").mkdir()
+    with pytest.raises(InvalidInputError, match="it is a folder"):
+        write_bytes_atomically(tmp_path / "a.txt", b"a")
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_text_that_utf8_cannot_hold_is_shown(tmp_path):
+    with pytest.raises(InvalidInputError, match=r"camera \\udcf6st' is not valid UTF-8"):
+        write_text_atomically(tmp_path / "a.txt", "camera \udcf6st")
+    assert os.listdir(tmp_path) == []

@@ -1,0 +1,273 @@
+"""MOTChallenge text and tables of tracks."""
+
+import builtins
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+from hypothesis import given, strategies as st
+
+from catfree.adapters import (
+    read_mot,
+    read_tracks_csv,
+    write_mot_boxes,
+    write_mot_ground,
+    write_tracks_csv,
+    write_tracks_parquet,
+)
+from catfree.errors import CatFreeError, FileFormatError, InvalidInputError, MissingDependencyError
+from catfree.methods.paper._assemble import empty_localization
+from catfree.types import Detections, Tracks
+
+FINITE = st.floats(-1e6, 1e6, allow_nan=False)
+POSITIVE = st.floats(1e-3, 1e4)
+
+
+@st.composite
+def track_arguments(draw) -> dict:
+    """Arguments of `Tracks` with any numbers."""
+    row = st.tuples(
+        st.integers(-50, 5000),
+        st.integers(-1, 300),
+        st.tuples(*[FINITE] * 5),
+        st.tuples(*[POSITIVE] * 3),
+        st.integers(0, 9),
+        st.integers(0, 2),
+        st.floats(0, 1),
+    )
+    rows = draw(st.lists(row, max_size=6))
+    has_existence = draw(st.booleans())
+    numbers = np.array([r[2] for r in rows]).reshape(-1, 5)
+    spread = np.array([r[3] for r in rows]).reshape(-1, 3)
+    covariance = np.stack([spread[:, 1], numbers[:, 4], numbers[:, 4], spread[:, 2]], -1)
+    return {
+        "frame": np.array([r[0] for r in rows], np.int64),
+        "track_id": np.array([r[1] for r in rows], np.int64),
+        "position": numbers[:, :3],
+        "ground_xy": numbers[:, 2:4],
+        "sigma": spread[:, 0],
+        "covariance": covariance.reshape(-1, 2, 2),
+        "supporting_cameras": np.array([r[4] for r in rows], np.int64),
+        "origin": np.array([r[5] for r in rows], np.int64),
+        "existence": np.array([r[6] for r in rows], np.float64) if has_existence else None,
+    }
+
+
+@given(drawn=track_arguments())
+def test_csv_gives_back_the_tracks_bit_for_bit(drawn, tmp_path_factory):
+    path = tmp_path_factory.mktemp("csv") / "tracks.csv"
+    write_tracks_csv(path, Tracks(**drawn))
+    again = read_tracks_csv(path)
+    for name, value in drawn.items():
+        np.testing.assert_array_equal(getattr(again, name), value)
+
+
+@given(drawn=track_arguments())
+def test_parquet_holds_the_columns_of_the_csv(drawn, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("parquet")
+    tracks = Tracks(**drawn)
+    header = write_tracks_csv(folder / "t.csv", tracks).read_text().splitlines()[0].split(",")
+    table = pyarrow.parquet.read_table(write_tracks_parquet(folder / "t.parquet", tracks))
+    assert table.column_names == header
+    assert table["frame"].to_pylist() == tracks.frame.tolist()
+    assert table["x"].to_pylist() == tracks.ground_xy[:, 0].tolist()
+    assert table["origin"].to_pylist() == [
+        ("detected", "extended", "interpolated")[origin] for origin in tracks.origin
+    ]
+
+
+def one_track(**changes) -> Tracks:
+    values = {
+        "frame": np.array([0, 5, 15]),
+        "track_id": np.array([0, 0, 0]),
+        "position": np.array([[1.0, 2, 0], [1.5, 2, 0], [2, 2, 0]]),
+        "ground_xy": np.array([[1.0, 2], [1.5, 2], [2, 2]]),
+        "sigma": np.full(3, 0.1),
+        "covariance": np.tile(0.01 * np.eye(2), (3, 1, 1)),
+        "supporting_cameras": np.array([3, 3, 2]),
+        "origin": np.array([0, 0, 1]),
+    }
+    return Tracks(**(values | changes))
+
+
+def test_parquet_without_pyarrow(tmp_path, monkeypatch):
+    original = builtins.__import__
+
+    def refuse(name, *args, **kwargs):
+        if name.startswith("pyarrow"):
+            raise ImportError(name)
+        return original(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    with pytest.raises(MissingDependencyError, match=r"pip install 'catfree\[parquet\]'"):
+        write_tracks_parquet(tmp_path / "t.parquet", one_track())
+
+
+def test_parquet_without_rows_has_the_columns_of_one_with_rows(tmp_path):
+    nobody = empty_localization(2).tracks
+    schemas = [
+        pyarrow.parquet.read_schema(write_tracks_parquet(tmp_path / "t.parquet", tracks))
+        for tracks in (one_track(), nobody)
+    ]
+    assert schemas[0].equals(schemas[1])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: "", "no column 'frame'"),
+        (lambda text: text.replace("sigma", "spread"), "no column 'sigma'"),
+        (lambda text: text.replace("detected", "guessed"), "column 'origin'"),
+        (lambda text: text[:-30], "line 4 has"),
+        (lambda text: text.replace("\n0,", "\n99999999999999999999,"), "column 'frame'"),
+        (lambda text: text + "x" * 200_000, "is not valid CSV"),
+        (lambda text: text.replace("0.1", "wide"), "column 'sigma'"),
+    ],
+)
+def test_damaged_csv_is_named(change, message, tmp_path):
+    path = write_tracks_csv(tmp_path / "tracks.csv", one_track())
+    path.write_text(change(path.read_text()))
+    with pytest.raises(FileFormatError, match=r"tracks\.csv.*" + message):
+        read_tracks_csv(path)
+
+
+BOX = st.tuples(FINITE, FINITE, POSITIVE, POSITIVE)
+
+
+@given(
+    rows=st.lists(
+        st.tuples(st.integers(0, 5), BOX, st.floats(0, 1), st.integers(-1, 9)), max_size=6
+    ),
+    step=st.integers(1, 7),
+    start=st.integers(-20, 2000),
+)
+def test_boxes_round_trip(rows, step, start, tmp_path_factory):
+    path = tmp_path_factory.mktemp("mot") / "det.txt"
+    frames = start + step * np.arange(6)
+    box = np.array([(x, y, x + w, y + h) for _, (x, y, w, h), _, _ in rows]).reshape(-1, 4)
+    frame = frames[[row[0] for row in rows]] if rows else np.empty(0, np.int64)
+    score = np.array([row[2] for row in rows])
+    boxes = Detections(frame, np.full(len(rows), 2), box, score=score)
+    identity = np.array([row[3] for row in rows], np.int64)
+    write_mot_boxes(path, boxes, frames, identity)
+    table = read_mot(path, frames=frames)
+    order = np.lexsort((identity, frame))
+    np.testing.assert_array_equal(table.frame, frame[order])
+    np.testing.assert_allclose(table.box, box[order], rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(
+        np.where(table.identity > 0, table.identity - 1, -1), identity[order]
+    )
+    if rows:
+        again = table.detections(camera=2)
+        np.testing.assert_array_equal(again.score, score[order])
+        np.testing.assert_array_equal(again.camera, 2)
+
+
+def test_mot_example(tmp_path):
+    path = tmp_path / "det.txt"
+    path.write_text("1,-1,100,200,50,80.5,0.9,-1,-1,-1\n\n3, 7, 10, 20, 5, 8, 0.5, 1.5, 2.5, 0\n")
+    table = read_mot(path)
+    np.testing.assert_array_equal(table.frame, [1, 3])
+    np.testing.assert_array_equal(table.identity, [-1, 7])
+    np.testing.assert_array_equal(table.box, [[100, 200, 150, 280.5], [10, 20, 15, 28]])
+    np.testing.assert_array_equal(table.to_rows(), [[1, -1, -1, -1], [3, 7, 1.5, 2.5]])
+    (tmp_path / "six.txt").write_text("1 2 3 4 5 6\n")
+    six = read_mot(tmp_path / "six.txt")
+    assert six.confidence is None
+    assert six.world is None
+    assert six.detections().score is None
+    with pytest.raises(InvalidInputError, match=r"six\.txt has no world positions"):
+        six.to_rows()
+
+
+def test_unknown_confidences_are_no_scores(tmp_path):
+    path = tmp_path / "det.txt"
+    path.write_text("1,1,1,1,2,2,-1,-1,-1,-1\n")
+    assert read_mot(path).detections().score is None
+    path.write_text("1,1,1,1,2,2,37.5,-1,-1,-1\n")
+    with pytest.raises(InvalidInputError, match=r"det\.txt: score\[0\] is 37\.5"):
+        read_mot(path).detections()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1,2,3,4,5\n", "line 1 has 5 columns"),
+        ("1,2,3,4,5,6,1\n1,2,3,4,5,6\n", "line 2 has 6 columns instead of 7"),
+        ("1,2,3,4,5,six\n", "line 1 holds no number"),
+        ("1,2,3,4,5,nan\n", "line 1 has a number that is not finite"),
+        ("1.5,2,3,4,5,6\n", "frame and id of line 1"),
+        ("1e23,2,3,4,5,6\n", "frame or id of line 1 is too large"),
+        ("1,2,3,4,5,6\n1,-9007199254740993,3,4,5,6\n", "frame or id of line 2 is too large"),
+        ("1,2,3,4,0,6\n", r"box\[0\]"),
+    ],
+)
+def test_damaged_mot_is_named(text, message, tmp_path):
+    path = tmp_path / "gt.txt"
+    path.write_text(text)
+    with pytest.raises(CatFreeError, match=r"gt\.txt.*" + message):
+        read_mot(path).detections()
+
+
+def test_frames_outside_the_sequence(tmp_path):
+    path = tmp_path / "gt.txt"
+    path.write_text("4,1,1,1,2,2\n")
+    with pytest.raises(InvalidInputError, match="frame 4, but the sequence has frames 1 to 3"):
+        read_mot(path, frames=[0, 5, 10])
+    with pytest.raises(InvalidInputError, match="frame 15 is not among the 2 frames"):
+        write_mot_ground(path, one_track(), [0, 5])
+    with pytest.raises(InvalidInputError, match="2 cameras"):
+        write_mot_boxes(path, Detections([0, 0], [0, 1], [[0, 0, 1, 1]] * 2), [0])
+
+
+def test_numbers_that_no_reader_takes_are_not_written(tmp_path):
+    path, boxes = tmp_path / "gt.txt", Detections([0, 5], [0, 0], [[0, 0, 1, 1]] * 2)
+    lost = one_track(ground_xy=np.array([[1.0, 2], [np.nan, 2], [2, 2]]))
+    with pytest.raises(InvalidInputError, match=r"position in row 1 \(frame 5\) is not finite"):
+        write_mot_ground(path, lost, [0, 5, 15])
+    unsure = one_track(existence=np.array([1.0, 0.5, np.nan]))
+    with pytest.raises(InvalidInputError, match=r"score in row 2 \(frame 15\) is not finite"):
+        write_mot_ground(path, unsure, [0, 5, 15])
+    with pytest.raises(InvalidInputError, match="threshold is inf"):
+        write_mot_ground(path, one_track(), [0, 5, 15], threshold=np.inf)
+    for frames in ([0, np.nan], ["first", "second"], [0.5, 5]):
+        with pytest.raises(InvalidInputError, match="frames"):
+            write_mot_ground(path, one_track(), frames)
+        with pytest.raises(InvalidInputError, match="frames"):
+            write_mot_boxes(path, boxes, frames)
+    with pytest.raises(InvalidInputError, match=r"identity\[1\] is nan"):
+        write_mot_boxes(path, boxes, [0, 5], [0, np.nan])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ground_squares_overlap_by_half_at_the_threshold(tmp_path):
+    frames = [0, 5, 10, 15]
+    shifted = one_track(ground_xy=np.array([[1.6, 2], [2.1, 2], [2.6, 2]]))
+    paths = [
+        write_mot_ground(tmp_path / f"{at}.txt", tracks, frames, threshold=0.6)
+        for at, tracks in enumerate((one_track(), shifted))
+    ]
+    first, second = (read_mot(path) for path in paths)
+    np.testing.assert_array_equal(first.frame, [1, 2, 4])
+    np.testing.assert_array_equal(first.identity, 1)
+    np.testing.assert_allclose(
+        (first.box[:, :2] + first.box[:, 2:]) / 2, one_track().ground_xy, atol=1e-12
+    )
+    low = np.maximum(first.box[:, :2], second.box[:, :2])
+    high = np.minimum(first.box[:, 2:], second.box[:, 2:])
+    common = (high - low).prod(-1)
+    area = (first.box[:, 2:] - first.box[:, :2]).prod(-1)
+    np.testing.assert_allclose(common / (2 * area - common), 0.5)
+    # TrackEval takes column 8 as the class, which must be pedestrian: 1.
+    assert all(line.split(",")[6:] == ["1.0", "1", "1"] for line in lines(paths[0]))
+
+
+def lines(path: Path) -> list[str]:
+    return path.read_text().splitlines()
+
+
+@pytest.mark.parametrize("write", [write_tracks_csv, write_tracks_parquet])
+def test_writers_need_the_folder(write, tmp_path):
+    with pytest.raises(InvalidInputError, match="does not exist"):
+        write(tmp_path / "nowhere" / "tracks", one_track())

@@ -1,0 +1,134 @@
+"""A camera in seven numbers: which way they turn it, and what no picture can tell.
+
+Finite differences and the way through matrices are in `test_pedestrian_geometry`.
+"""
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from catfree.calibration.people.cameras._camera_model import (
+    PAN,
+    X,
+    Z,
+    box_jacobian,
+    from_matrices,
+    predict_boxes,
+    project,
+    rotation,
+    to_matrices,
+)
+
+LEVEL = np.array([7.0, 0, 0, 0, 0, 0, 3.0])
+
+seeds = st.integers(0, 10**6)
+
+
+def drawn(seed, count=8):
+    """Cameras (n, 7) and one person in front of each: xy (n, 2) and height (n,)."""
+    rng = np.random.default_rng(seed)
+    low = np.array([6.5, 0.05, -0.3, -3.1, -5, -5, 2])
+    high = np.array([7.6, 0.7, 0.3, 3.1, 5, 5, 6])
+    camera = rng.uniform(low, high, (count, 7))
+    ahead = np.stack([-np.sin(camera[:, PAN]), np.cos(camera[:, PAN])], -1)
+    xy = camera[:, X:Z] + rng.uniform(6, 15, (count, 1)) * ahead + rng.uniform(-2, 2, (count, 2))
+    return camera, xy, rng.uniform(1.5, 1.95, count)
+
+
+def changed(**fields):
+    camera = LEVEL.copy()
+    for name, value in fields.items():
+        camera[["focal", "tilt", "roll", "pan"].index(name)] = value
+    return camera
+
+
+def test_angles_turn_as_they_are_said_to():
+    pixel = lambda c, p: project(c, p)[0]  # noqa: E731
+    ahead, beside, above = (np.array([x, 10.0, z]) for x, z in ((0, 3), (1, 3), (0, 4)))
+    # Level, with heading 0: along y, x to the right, and rows grow downwards.
+    np.testing.assert_allclose(rotation(LEVEL), [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-12)
+    np.testing.assert_allclose(pixel(LEVEL, ahead), [0, 0], atol=1e-9)
+    assert pixel(LEVEL, beside)[0] > 0
+    assert pixel(LEVEL, above)[1] < 0
+    # Tilted down, what was ahead rises; turned left, it moves to the right.
+    assert pixel(changed(tilt=0.1), ahead)[1] == pytest.approx(-np.exp(7) * np.tan(0.1))
+    assert pixel(changed(pan=0.1), ahead)[0] == pytest.approx(np.exp(7) * np.tan(0.1))
+    # A rolled camera turns its picture about the centre and keeps the distance from it.
+    right = pixel(LEVEL, beside)
+    rolled = pixel(changed(roll=0.3), beside)
+    np.testing.assert_allclose(rolled, [right[0] * np.cos(0.3), -right[0] * np.sin(0.3)], atol=1e-9)
+
+
+@given(seeds)
+def test_rotations_are_rotations_and_depth_is_along_the_axis(seed):
+    camera, xy, height = drawn(seed)
+    R = rotation(camera)
+    np.testing.assert_allclose(R @ R.swapaxes(1, 2), np.tile(np.eye(3), (8, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(R), 1)
+    K, R2, t = to_matrices(camera, np.tile([[1920, 1080]], (8, 1)))
+    np.testing.assert_array_equal(R, R2)
+    np.testing.assert_allclose(from_matrices(K, R2, t), camera, atol=1e-9)
+    for c, p, h in zip(camera, xy, height, strict=True):
+        _, depth = project(c, np.append(p, h))
+        assert depth == pytest.approx(rotation(c)[2] @ (np.append(p, h) - c[X:]))
+
+
+@given(seeds, st.floats(0, 0.3))
+def test_what_moves_cameras_and_people_together_moves_no_box(seed, offset):
+    camera, xy, height = drawn(seed)
+    box, by_camera, by_person, by_offset = box_jacobian(camera, xy, height, offset)
+    size = np.abs(by_person).max()
+    shift = by_camera[..., X:Z] + by_person[..., :2]
+    np.testing.assert_allclose(shift, 0, atol=1e-9 * size)
+    # A turn about the origin turns headings too.
+    turned = lambda p: np.stack([-p[:, 1], p[:, 0]], -1)  # noqa: E731
+    turn = (
+        by_camera[..., PAN]
+        + np.einsum("nij,nj->ni", by_camera[..., X:Z], turned(camera[:, X:Z]))
+        + np.einsum("nij,nj->ni", by_person[..., :2], turned(xy))
+    )
+    np.testing.assert_allclose(turn, 0, atol=1e-8 * size)
+    # So does growth of all lengths, the foot offset among them.
+    growth = (
+        np.einsum("nij,nj->ni", by_camera[..., X:], camera[:, X:])
+        + np.einsum("nij,nj->ni", by_person, np.column_stack([xy, height]))
+        + offset * by_offset
+    )
+    np.testing.assert_allclose(growth, 0, atol=1e-8 * size)
+    # Pixels grow with the focal length, in proportion.
+    np.testing.assert_allclose(by_camera[..., 0], box, rtol=1e-9, atol=1e-9)
+
+
+@given(seeds, st.floats(0, 0.3))
+def test_every_row_is_for_itself(seed, offset):
+    camera, xy, height = drawn(seed)
+    together = box_jacobian(camera, xy, height, offset)
+    for i in range(len(camera)):
+        alone = box_jacobian(camera[i : i + 1], xy[i : i + 1], height[i : i + 1], offset)
+        for all_, one in zip(together, alone, strict=True):
+            np.testing.assert_allclose(all_[i], one[0], rtol=1e-9, atol=1e-9)
+        predicted, front = predict_boxes(camera[i], xy[i : i + 1], height[i : i + 1], offset)
+        assert front.all()
+        np.testing.assert_allclose(predicted[0], together[0][i], rtol=1e-9, atol=1e-9)
+
+
+@given(seeds)
+def test_under_and_behind_a_camera_everything_is_finite(seed):
+    camera, xy, height = drawn(seed)
+    behind = 2 * camera[:, X:Z] - xy
+    for place in (camera[:, X:Z], behind, camera[:, X:Z] + [0, 1e-9]):
+        for part in box_jacobian(camera, place, height, 0.15):
+            assert np.isfinite(part).all()
+        for c, p, h in zip(camera, place, height, strict=True):
+            box, front = predict_boxes(c, p[None], h[None], 0.15)
+            assert np.isfinite(box).all()
+            assert (place is not behind) or not front.all()
+
+
+def test_the_foot_stands_nearer_than_the_body():
+    camera = changed(tilt=0.3)
+    xy, height = np.array([[0.0, 9.0]]), np.array([1.7])
+    near, there = (predict_boxes(camera, xy, height, offset)[0][0] for offset in (0.15, 0.0))
+    stepped = predict_boxes(camera, xy - [0, 0.15], height, 0.0)[0][0]
+    assert near[2] == pytest.approx(stepped[2])  # the lower edge as of somebody 15 cm nearer
+    assert near[1] == pytest.approx(there[1])  # and the upper one where it was

@@ -1,0 +1,61 @@
+"""What is known of the metric scale of a rig from people."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from catfree.calibration.people.cameras._scale_deviation import scale_deviation
+from catfree.settings import CalibrationSettings
+
+RULES = CalibrationSettings()
+
+
+def rig(seed: int, cameras: int) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=(cameras, 7)) * 5
+
+
+@given(seed=st.integers(0, 1000), cameras=st.integers(2, 8), sd=st.floats(0, 0.3))
+@settings(deadline=None, max_examples=25)
+def test_a_rig_that_swells_by_some_percent_is_that_uncertain(
+    seed: int, cameras: int, sd: float
+) -> None:
+    parameters = rig(seed, cameras)
+    direction = np.zeros((cameras, 7))
+    direction[:, 4:] = parameters[:, 4:] - parameters[0, 4:]  # swells about its first camera
+    direction = np.append(direction, 0.0)
+    known = np.ones(cameras, bool)
+    bare = replace(RULES, crowd_height_sd=0.0, person_height_sd=0.0, box_slack_sd=0.0)
+    found = scale_deviation(parameters, sd**2 * np.outer(direction, direction), known, 5.0, bare)
+    assert found == pytest.approx(sd, abs=1e-9)
+
+
+@given(seed=st.integers(0, 1000), people=st.floats(1, 50))
+@settings(deadline=None, max_examples=25)
+def test_more_people_and_surer_cameras_never_make_the_scale_less_sure(
+    seed: int, people: float
+) -> None:
+    parameters, known = rig(seed, 4), np.array([True, True, False, True])
+    half = np.random.default_rng(seed).normal(size=(29, 29)) * 0.05
+    covariance = half @ half.T
+    found = scale_deviation(parameters, covariance, known, people, RULES)
+    assert scale_deviation(parameters, covariance, known, 2 * people, RULES) <= found
+    assert scale_deviation(parameters, covariance / 2, known, people, RULES) <= found
+    floor = np.hypot(RULES.crowd_height_sd / RULES.person_height, RULES.box_slack_sd)
+    assert found >= floor  # no number of frames tells how tall the crowd is
+
+
+def test_cameras_that_are_not_known_say_nothing() -> None:
+    parameters, known = rig(0, 3), np.array([True, False, True])
+    parameters[1] = np.nan
+    covariance = np.eye(22) * 0.01
+    found = scale_deviation(parameters, covariance, known, 10.0, RULES)
+    parameters[1] = 100.0
+    assert scale_deviation(parameters, covariance, known, 10.0, RULES) == found
+    assert np.isfinite(found)
+
+
+def test_boxes_show_people_taller_than_they_are() -> None:
+    rules = replace(RULES, person_height=1.6, box_slack=0.05)
+    assert rules.apparent_height == pytest.approx(1.68)

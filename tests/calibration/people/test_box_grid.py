@@ -1,0 +1,115 @@
+"""Boxes on a grid of cameras, frames and slots: every whole one once, and nothing else."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from catfree.calibration.people._box_grid import grid_boxes
+from catfree.settings import CalibrationSettings
+from catfree.types import Detections
+
+RULES = CalibrationSettings()
+SIZE = np.array([[640, 480], [1920, 1080], [800, 600]])
+FIELDS = ("u", "top", "bottom", "sd", "valid", "row")
+
+seeds = st.integers(0, 10**6)
+
+
+def drawn(seed, count=60, frames=7):
+    """Boxes all over three pictures, and some beyond their borders; frames in steps of five."""
+    rng = np.random.default_rng(seed)
+    camera = rng.integers(0, 3, count)
+    width, height = SIZE[camera].T
+    foot = np.column_stack([rng.uniform(0, width), rng.uniform(0, height)])
+    tall = rng.uniform(20, 200, count)
+    left, right = foot[:, 0] - 0.2 * tall, foot[:, 0] + 0.2 * tall
+    box = np.column_stack([left, foot[:, 1] - tall, right, foot[:, 1]])
+    return Detections(5 * rng.integers(0, frames, count), camera, box)
+
+
+def whole(detections):
+    """Which boxes keep off the border of their picture."""
+    width, height = SIZE[detections.camera].T
+    margin = RULES.border * width
+    left, top, right, bottom = np.asarray(detections.box).T
+    return (
+        (left > margin) & (top > margin)
+        & (right < width - 1 - margin) & (bottom < height - 1 - margin)
+    )  # fmt: skip
+
+
+@given(seeds)
+def test_every_whole_box_is_in_one_slot_of_its_camera_and_frame(seed):
+    detections = drawn(seed)
+    grid = grid_boxes(detections, SIZE, RULES)
+    np.testing.assert_array_equal(np.sort(grid.row[grid.valid]), np.flatnonzero(whole(detections)))
+    assert (grid.row[~grid.valid] == -1).all()
+    np.testing.assert_array_equal(grid.frames, np.unique(detections.frame))
+    camera, time, _ = np.nonzero(grid.valid)
+    row = grid.row[grid.valid]
+    np.testing.assert_array_equal(detections.camera[row], camera)
+    np.testing.assert_array_equal(detections.frame[row], grid.frames[time])
+    # Pixels are counted from the middle of the picture.
+    left, top, right, bottom = np.asarray(detections.box)[row].T
+    across, down = ((SIZE[camera] - 1) / 2).T
+    np.testing.assert_allclose(grid.u[grid.valid], (left + right) / 2 - across)
+    np.testing.assert_allclose(grid.top[grid.valid], top - down)
+    np.testing.assert_allclose(grid.bottom[grid.valid], bottom - down)
+    np.testing.assert_allclose(grid.sd[grid.valid], RULES.edge_deviation(bottom - top))
+    assert (grid.sd > 0).all()
+
+
+@given(seeds)
+def test_the_order_of_the_boxes_says_nothing(seed):
+    detections = drawn(seed)
+    order = np.random.default_rng(seed).permutation(len(detections))
+    plain, mixed = (grid_boxes(d, SIZE, RULES) for d in (detections, detections[order]))
+    for name in FIELDS[:-1]:
+        np.testing.assert_array_equal(getattr(plain, name), getattr(mixed, name))
+    np.testing.assert_array_equal(plain.row[plain.valid], order[mixed.row[mixed.valid]])
+
+
+@given(seeds, st.integers(0, 2), st.integers(-9, 9))
+def test_shifting_moves_one_camera_in_time_and_back(seed, camera, shift):
+    grid = grid_boxes(drawn(seed), SIZE, RULES)
+    shifted = grid.shifted(camera, shift)
+    back = shifted.shifted(camera, -shift)
+    for name in FIELDS:
+        before, after = getattr(grid, name), getattr(shifted, name)
+        np.testing.assert_array_equal(getattr(back, name), before)
+        np.testing.assert_array_equal(np.delete(after, camera, 0), np.delete(before, camera, 0))
+        time = (np.arange(grid.frame_count) - shift) % grid.frame_count
+        np.testing.assert_array_equal(after[camera], before[camera][time])
+    np.testing.assert_array_equal(shifted.frames, grid.frames)
+
+
+@given(seeds, st.lists(st.integers(0, 4), min_size=1, max_size=6))
+def test_some_frames_are_those_frames(seed, index):
+    grid = grid_boxes(drawn(seed), SIZE, RULES)
+    index = np.array(index) % grid.frame_count
+    some = grid.at_frames(index)
+    np.testing.assert_array_equal(some.frames, grid.frames[index])
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(some, name), getattr(grid, name)[:, index])
+
+
+@pytest.mark.parametrize("most", [2, 3, 10])
+def test_long_sequences_are_thinned_out_evenly(most):
+    frames = 3 * np.arange(10)
+    box = np.tile([100.0, 100, 150, 250], (10, 1))
+    rules = dataclasses.replace(RULES, maximum_frames=most)
+    grid = grid_boxes(Detections(frames, np.zeros(10, int), box), SIZE[:1], rules)
+    assert grid.frame_count == most
+    assert (grid.frames[0], grid.frames[-1]) == (0, 27)
+    assert np.ptp(np.diff(grid.frames)) <= 3
+    assert grid.valid.sum() == most
+
+
+def test_nothing_and_cameras_without_a_size_make_an_empty_grid():
+    nothing = grid_boxes(Detections([], [], np.zeros((0, 4))), SIZE, RULES)
+    assert nothing.valid.shape == (3, 0, 1)
+    box = np.array([[100.0, 100, 150, 250]])
+    unknown = grid_boxes(Detections([0], [3], box), SIZE, RULES)
+    assert not unknown.valid.any()

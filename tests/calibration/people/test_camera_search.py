@@ -1,0 +1,122 @@
+"""Missing and misplaced cameras against a rig that is right."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from catfree.calibration.people import (
+    confirm,
+    places_for,
+    reconsider,
+    register,
+    without_camera,
+    without_vague_cameras,
+)
+from catfree.errors import CalibrationError
+from catfree.settings import CalibrationSettings
+from catfree.types import Detections
+from tests.calibration.ring_world import moved, ring_of_six
+
+RULES = CalibrationSettings()
+CAMERA = 2
+
+
+@pytest.fixture(scope="module")
+def world():
+    return ring_of_six()
+
+
+@pytest.fixture(scope="module")
+def calibration(world):
+    found = register(world.detections, world.true_rig.image_size)
+    assert found.scene.rig.registered.all()
+    return found
+
+
+def test_a_missing_camera_is_found(world, calibration) -> None:
+    rig = calibration.scene.rig
+    missing = without_camera(calibration, CAMERA, RULES)
+    found = reconsider(missing, world.detections, RULES)
+    assert found is not None
+    assert found.scene.rig.registered.all()
+    distance = np.asarray(found.scene.rig.centers) - np.asarray(rig.centers)
+    assert np.linalg.norm(distance[CAMERA]) < 0.6
+    assert found.log_likelihood_ratio[CAMERA] > RULES.minimum_margin
+
+
+def test_a_misplaced_camera_is_moved_back(world, calibration) -> None:
+    rig = calibration.scene.rig
+    beside = moved(calibration, CAMERA, 0.9, -0.9)
+    found = reconsider(beside, world.detections, RULES)
+    assert found is not None
+    distance = np.asarray(found.scene.rig.centers) - np.asarray(rig.centers)
+    assert np.linalg.norm(distance[CAMERA]) < 0.6
+
+
+def test_a_camera_of_another_time_is_neither_found_nor_confirmed(world, calibration) -> None:
+    boxes = world.detections
+    mine = boxes.camera == CAMERA
+    frames = np.unique(boxes.frame)
+    shuffled = boxes.frame.copy()
+    shuffled[mine] = frames[::-1][np.searchsorted(frames, shuffled[mine])]
+    late = Detections(shuffled, boxes.camera, boxes.box)
+    checked = confirm(calibration, late, RULES)
+    assert not checked.scene.rig.registered[CAMERA]
+    assert np.isnan(checked.log_likelihood_ratio[CAMERA])
+    assert checked.scene.rig.registered.sum() == 5
+    again = reconsider(checked, late, RULES)
+    assert again is None or not again.scene.rig.registered[CAMERA]
+
+
+def test_a_right_rig_is_confirmed_with_evidence(world, calibration) -> None:
+    checked = confirm(calibration, world.detections, RULES)
+    assert checked.scene.rig.registered.all()
+    assert (checked.log_likelihood_ratio > RULES.minimum_margin).all()
+    np.testing.assert_allclose(checked.scene.rig.centers, calibration.scene.rig.centers, atol=1e-6)
+
+
+def test_without_a_camera_the_others_stay(calibration) -> None:
+    rest = without_camera(calibration, CAMERA, RULES)
+    kept = np.arange(6) != CAMERA
+    np.testing.assert_array_equal(rest.scene.rig.registered, kept)
+    for name in ("camera_residual", "log_likelihood_ratio", "association_rate", "focal_sd"):
+        assert np.isnan(getattr(rest, name)[CAMERA])
+        np.testing.assert_array_equal(getattr(rest, name)[kept], getattr(calibration, name)[kept])
+    np.testing.assert_allclose(
+        np.asarray(rest.scene.rig.centers)[kept],
+        np.asarray(calibration.scene.rig.centers)[kept],
+        atol=1e-9,
+    )
+
+
+def test_places_for_a_missing_camera_hold_its_own(world, calibration) -> None:
+    rest = without_camera(calibration, CAMERA, RULES)
+    places = places_for(rest, world.detections, CAMERA, RULES)
+    true = np.asarray(calibration.scene.rig.centers)
+    assert all(place.scene.rig.registered.all() for place in places)
+    away = [np.linalg.norm(np.asarray(p.scene.rig.centers)[CAMERA] - true[CAMERA]) for p in places]
+    assert min(away) < 0.6
+    for place in places:
+        others = np.arange(6) != CAMERA
+        np.testing.assert_allclose(
+            np.asarray(place.scene.rig.centers)[others], true[others], atol=1e-9
+        )
+
+
+def test_a_camera_whose_focal_length_nobody_knows_is_flagged(calibration) -> None:
+    focal = np.asarray(calibration.scene.rig.K)[:, 0, 0]
+    deviation = np.full(6, 0.9 * RULES.largest_focal_sd)
+    known = replace(calibration, focal_sd=focal * deviation)
+    assert without_vague_cameras(known, RULES) is known
+    deviation[CAMERA] = 1.1 * RULES.largest_focal_sd
+    found = without_vague_cameras(replace(calibration, focal_sd=focal * deviation), RULES)
+    assert found.scene.rig.registered.tolist() == [c != CAMERA for c in range(6)]
+
+
+def test_a_rig_whose_focal_lengths_nobody_knows_is_refused(calibration) -> None:
+    focal = np.asarray(calibration.scene.rig.K)[:, 0, 0]
+    vague = replace(calibration, focal_sd=focal * [0.01, 0.1, 0.2, 0.1, 0.3, 0.1])
+    names = ["north", "east", "south", "west", "door", "roof"]
+    with pytest.raises(CalibrationError, match="camera south to 20 %"):
+        without_vague_cameras(vague, RULES, names)

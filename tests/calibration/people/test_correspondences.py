@@ -1,0 +1,71 @@
+"""Bundle adjustment of given groups: exact boxes keep the rig, silent edges say nothing."""
+
+import numpy as np
+from hypothesis import given, settings, strategies as st
+
+from catfree.calibration.people._correspondences import adjust_groups
+from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
+from catfree.calibration.people.cameras._camera_model import box_jacobian
+from catfree.settings import CalibrationSettings
+
+SETTINGS = CalibrationSettings()
+PEOPLE = 80
+
+
+def cameras() -> np.ndarray:
+    """(4, 7) log focal, tilt, roll, heading and place of cameras that look into a square."""
+    angle = np.arange(4) * np.pi / 2
+    place = np.stack([9 * np.cos(angle), 9 * np.sin(angle), np.full(4, 4.0)], -1)
+    focal, tilt, roll = np.full(4, np.log(1100.0)), np.full(4, 0.4), np.zeros(4)
+    return np.column_stack([focal, tilt, roll, angle + np.pi / 2, place])
+
+
+def measured(rng: np.random.Generator) -> tuple[BoxMeasurements, np.ndarray]:
+    """Exact boxes of people of the usual height whom every camera sees, and the cameras."""
+    parameters = cameras()
+    person, camera = np.repeat(np.arange(PEOPLE), 4), np.tile(np.arange(4), PEOPLE)
+    xy = rng.uniform(-3, 3, (PEOPLE, 2))
+    height = np.full(PEOPLE, SETTINGS.apparent_height)
+    box = box_jacobian(parameters[camera], xy[person], height[person], SETTINGS.foot_offset)[0]
+    return BoxMeasurements(person, camera, np.asarray(box), np.full(box.shape, 3.0)), parameters
+
+
+def adjusted(measurements: BoxMeasurements, parameters: np.ndarray) -> np.ndarray:
+    found = adjust_groups(
+        measurements,
+        parameters,
+        SETTINGS.foot_offset,
+        parameters[:, 0],
+        SETTINGS,
+        shared_focal=False,
+        iterations=20,
+    )
+    assert np.isfinite(found.covariance).all()
+    return found.parameters
+
+
+def test_exact_boxes_keep_the_rig():
+    boxes, parameters = measured(np.random.default_rng(0))
+    np.testing.assert_allclose(adjusted(boxes, parameters), parameters, atol=1e-3)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**31), st.sampled_from([np.nan, np.inf]), st.floats(-300, 300))
+def test_an_edge_without_a_deviation_says_nothing_however_wrong(seed, silent, error):
+    rng = np.random.default_rng(seed)
+    boxes, parameters = measured(rng)
+    edge = rng.random(len(boxes.box)) < 0.15
+    boxes.sd[edge, 2] = silent
+    boxes.box[edge, 2] += error
+    np.testing.assert_allclose(adjusted(boxes, parameters), parameters, atol=5e-3)
+
+
+def test_a_rig_that_is_off_comes_back():
+    rng = np.random.default_rng(1)
+    boxes, parameters = measured(rng)
+    off = parameters.copy()
+    off[:, 4:] += rng.normal(scale=0.1, size=(4, 3))
+    found = adjusted(boxes, off)
+    apart = lambda p: np.linalg.norm(p[:, None, 4:] - p[None, :, 4:], axis=-1)  # noqa: E731
+    error = np.abs(apart(found) - apart(parameters)).max()
+    assert error < 0.2 * np.abs(apart(off) - apart(parameters)).max()

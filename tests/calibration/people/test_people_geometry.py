@@ -1,0 +1,222 @@
+"""Boxes of standing people: projection, its derivatives, and the way back to the ground."""
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from catfree.calibration.people import CalibrationSettings
+from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
+from catfree.calibration.people.adjustment._people_bundle import adjust
+from catfree.calibration.people.adjustment._resection import fit_camera
+from catfree.calibration.people.cameras._camera_model import (
+    box_jacobian,
+    from_matrices,
+    predict_boxes,
+    rotation,
+    to_matrices,
+)
+from catfree.calibration.people.cameras._ground_map import GroundMap, implied_height, map_ground
+from catfree.calibration.people.matching._mutual_nearest import mutual_nearest, squared_distances
+from catfree.calibration.people.matching._placement import Placement, align_rigidly, turn, vote
+
+SETTINGS = CalibrationSettings()
+
+
+def floats(low, high):
+    return st.floats(low, high, allow_nan=False)
+
+
+cameras = st.tuples(
+    floats(6.5, 7.6),  # log focal
+    floats(0.05, 0.7),
+    floats(-0.2, 0.2),
+    floats(-3.1, 3.1),
+    floats(-5, 5),
+    floats(-5, 5),
+    floats(2.0, 6.0),
+).map(np.array)
+
+
+def one_box(camera, xy, height, offset):
+    """The box (3,) of one person, who must be in front of the camera."""
+    box, front = predict_boxes(camera, xy[None], np.array([height]), float(offset))
+    assert front.all()
+    return box[0]
+
+
+def in_front(camera, distance, side):
+    """A ground point so far in front of a camera and to its side."""
+    return camera[4:6] + turn(np.array([side, distance]), camera[3])
+
+
+@given(cameras, floats(6, 15), floats(-2, 2), floats(1.5, 1.95), floats(0, 0.3))
+def test_jacobian_is_the_finite_difference(camera, distance, side, height, offset):
+    xy = in_front(camera, distance, side)
+
+    def box(values):
+        return one_box(values[:7], values[7:9], values[9], values[10])
+
+    values = np.concatenate([camera, xy, [height, offset]])
+    steps = 1e-6 * np.eye(11)
+    numeric = np.stack([(box(values + d) - box(values - d)) / 2e-6 for d in steps], -1)
+    predicted, by_camera, by_person, by_offset = box_jacobian(
+        camera[None], xy[None], np.array([height]), offset
+    )
+    analytic = np.concatenate([by_camera[0], by_person[0], by_offset[0][:, None]], -1)
+    np.testing.assert_allclose(predicted[0], box(values), rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(analytic, numeric, rtol=1e-5, atol=1e-3)
+
+
+@given(cameras, floats(6, 15), floats(-2, 2))
+def test_matrices_project_like_the_model(camera, distance, side):
+    size = np.array([[1920, 1080]])
+    K, R, t = to_matrices(camera[None], size)
+    point = np.append(in_front(camera, distance, side), 1.7)
+    homogeneous = K[0] @ (R[0] @ point + t[0])
+    box = one_box(camera, point[:2], 1.7, 0.0)
+    assert homogeneous[1] / homogeneous[2] - 539.5 == pytest.approx(box[1], abs=1e-6)
+    np.testing.assert_allclose(from_matrices(K, R, t)[0], camera, atol=1e-9)
+    np.testing.assert_allclose(rotation(camera) @ rotation(camera).T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(R[0]) == pytest.approx(1)
+
+
+@given(cameras, floats(4, 12), floats(-2, 2))
+def test_ground_map_returns_where_a_person_of_usual_height_stands(camera, distance, side):
+    xy = in_front(camera, distance, side)
+    box = one_box(camera, xy, SETTINGS.person_height, 0.12)
+    one = [np.array([[value]]) for value in (*box, 4.0, True)]
+    found = map_ground(camera, *one, SETTINGS, foot_offset=0.12, range_tolerance=0.02)
+    assert found.valid.all()
+    # The lean of the body axis is corrected to first order.
+    assert np.linalg.norm(found.xy[0, 0] - xy) < 0.02 * distance
+    assert np.linalg.eigvalsh(found.covariance[0, 0]).min() > 0
+    height, _ = implied_height(camera, xy[None], box[1:2], np.array([4.0]))
+    assert height[0] == pytest.approx(SETTINGS.person_height, abs=1e-9)
+
+
+def test_hidden_feet_do_not_move_a_person():
+    camera = np.array([np.log(1200.0), 0.35, 0.0, 0.0, 0.0, 0.0, 4.0])
+    xy = np.array([0.0, 9.0])
+    box = one_box(camera, xy, 1.7, 0.12)
+    box[2] -= 0.4 * (box[2] - box[1])  # a table in front of the legs
+    one = [np.array([[value]]) for value in (*box, 6.0, True)]
+    found = map_ground(camera, *one, SETTINGS, foot_offset=0.12, range_tolerance=0.02)
+    assert np.linalg.norm(found.xy[0, 0] - xy) < 0.6
+    foot_only = 4.0 / np.tan(0.35 + np.arctan(box[2] / 1200.0)) + 0.12
+    assert foot_only - 9.0 > 1.5
+
+
+def walkers(seed, frames=36, people=10):
+    """People who walk across a square of 12 m, each frame's covariance a decimetre."""
+    rng = np.random.default_rng(seed)
+    start, end = rng.uniform(-6, 6, (2, people, 2))
+    share = (np.arange(frames)[:, None] / frames * rng.uniform(1, 3, people)) % 1
+    xy = start + share[..., None] * (end - start)
+    covariance = np.broadcast_to(0.01 * np.eye(2), (frames, people, 2, 2))
+    return GroundMap(
+        xy, covariance, np.full(share.shape, 1.7), np.full(share.shape, 0.05), share >= 0
+    )
+
+
+@given(floats(0, 6.28), floats(-8, 8), floats(-8, 8), st.integers(0, 5))
+def test_voting_finds_a_planted_motion(angle, x, y, seed):
+    target = walkers(seed)
+    moved = turn(target.xy - np.array([x, y]), -angle)
+    source = GroundMap(moved, target.covariance, target.height, target.height_sd, target.valid)
+    found = vote(target, source, SETTINGS, 3)
+    headings = [np.cos(placement.angle - angle) for placement in found]
+    best = found[int(np.argmax(headings))]
+    assert max(headings) > np.cos(3 * SETTINGS.voting_angle)
+    middle = turn(source.xy[source.valid].mean(0), float(best.angle)) + best.translation
+    assert np.linalg.norm(middle - target.xy[target.valid].mean(0)) < 2 * SETTINGS.voting_cell
+
+
+@given(floats(0, 6.28), floats(-8, 8), floats(-8, 8), st.integers(0, 100))
+def test_rigid_alignment_is_exact_without_noise(angle, x, y, seed):
+    rng = np.random.default_rng(seed)
+    source = rng.normal(size=(7, 2))
+    found, translation = align_rigidly(
+        turn(source, angle) + np.array([x, y]), source, rng.uniform(0.5, 2, 7)
+    )
+    assert np.cos(found - angle) == pytest.approx(1)
+    np.testing.assert_allclose(translation, [x, y], atol=1e-9)
+
+
+@given(cameras, floats(0, 6.28), floats(-8, 8), floats(-8, 8))
+def test_a_placed_camera_sees_placed_people_the_same(camera, angle, x, y):
+    placement = Placement(angle, np.array([x, y]), 0.0)
+    xy = in_front(camera, 9.0, 0.5)
+    before = one_box(camera, xy, 1.7, 0.12)
+    after = one_box(placement.place(camera), turn(xy, angle) + placement.translation, 1.7, 0.12)
+    np.testing.assert_allclose(after, before, rtol=1e-6, atol=1e-6)
+
+
+def test_matches_are_mutual_and_within_the_gate():
+    people = walkers(3)
+    time, slot, partner = mutual_nearest(*squared_distances(people, people), 9.0)
+    assert len(time) == people.valid.sum()
+    assert (slot == partner).all()
+    far = GroundMap(
+        people.xy + 50, people.covariance, people.height, people.height_sd, people.valid
+    )
+    assert not len(mutual_nearest(*squared_distances(people, far), 9.0)[0])
+
+
+RIG = np.array(
+    [
+        [np.log(1100.0), 0.35, 0.02, 0.0, 0.0, -9.0, 3.5],
+        [np.log(1300.0), 0.40, -0.03, 1.6, 9.0, 0.0, 4.0],
+        [np.log(1000.0), 0.30, 0.0, 3.1, 0.0, 9.0, 3.0],
+    ]
+)
+
+
+def exact_boxes(seed, count=60):
+    """People and their exact boxes in three cameras."""
+    rng = np.random.default_rng(seed)
+    xy, height = rng.uniform(-3, 3, (count, 2)), rng.normal(1.7, 0.05, count)
+    person, camera = (a.ravel() for a in np.indices((count, 3)))
+    box = box_jacobian(RIG[camera], xy[person], height[person], SETTINGS.foot_offset)[0]
+    return xy, height, BoxMeasurements(person, camera, box, np.full(box.shape, 1.0))
+
+
+def test_bundle_adjustment_recovers_a_disturbed_rig():
+    xy, _, data = exact_boxes(0)
+    rng = np.random.default_rng(1)
+    sizes = np.array([0.05, 0.02, 0.02, 0.02, 0.3, 0.3, 0.2])
+    start = RIG + sizes * rng.normal(size=RIG.shape)
+    found = adjust(
+        data,
+        start,
+        xy + rng.normal(0, 0.2, xy.shape),
+        np.full(len(xy), 1.7),
+        SETTINGS.foot_offset,
+        np.full(3, 7.0),
+        SETTINGS,
+        shared_focal=False,
+        iterations=60,
+    )
+    np.testing.assert_allclose(np.exp(found.parameters[:, 0] - RIG[:, 0]), 1, atol=0.02)
+    np.testing.assert_allclose(found.parameters[:, 6] / RIG[:, 6], 1, atol=0.02)
+    between = np.linalg.norm(found.parameters[0, 4:6] - found.parameters[2, 4:6])
+    assert between == pytest.approx(18.0, rel=0.02)
+    assert found.residual < 0.2
+    assert np.linalg.eigvalsh(found.covariance).min() > -1e-9
+
+
+def test_resection_is_exact_on_exact_people():
+    xy, height, data = exact_boxes(2)
+    mine = data.camera == 1
+    found = fit_camera(
+        RIG[1] + np.array([0.03, 0.02, 0.01, -0.03, 0.2, -0.2, 0.1]),
+        data.box[mine],
+        np.full(mine.sum(), 1.0),
+        xy,
+        height,
+        np.broadcast_to(1e-6 * np.eye(3), (len(xy), 3, 3)),
+        SETTINGS,
+        foot_offset=SETTINGS.foot_offset,
+        log_focal=(float(RIG[1, 0]), 0.5),
+        iterations=40,
+    )
+    np.testing.assert_allclose(found, RIG[1], atol=2e-3)

@@ -1,0 +1,47 @@
+"""A scene from videos: which pictures are reconstructed, and what comes of them."""
+
+import cv2
+import numpy as np
+
+import catfree.calibration
+from catfree.adapters.video import SynchronizedVideos
+from catfree.calibration.reconstructions._scene_from_videos import scene_from_videos
+from catfree.geometry import fit_similarity
+from catfree.synthetic import make_layout
+from tests.noisy_reconstruction import reconstruct
+
+
+class Noisy:
+    """Noisy reconstructions of a rig and some points, with the pictures that it was asked for."""
+
+    fingerprint = "none"
+
+    def __init__(self, rig, rng, points):
+        self.rig, self.rng, self.points, self.seen = rig, rng, points, []
+
+    def __call__(self, images):
+        self.seen.append([int(image.flat[0]) for image in images])
+        return reconstruct(self.rig, self.rng, rotation=0.002, center=0.02, points=self.points)
+
+
+def test_scene_from_videos_finds_rig_and_floor(tmp_path):
+    folders = [tmp_path / f"camera{camera}" for camera in range(6)]
+    for camera, folder in enumerate(folders):
+        folder.mkdir()
+        for frame in range(20):
+            picture = np.full((108, 192, 3), 10 * frame + camera, np.uint8)
+            cv2.imwrite(str(folder / f"{frame:03d}.png"), picture)
+    rig, rng = make_layout("ring6", 0).rig, np.random.default_rng(7)
+    floor = np.column_stack([rng.uniform(-8, 8, (800, 2)), rng.normal(0, 0.02, 800)])
+    reconstructor = Noisy(rig, rng, floor)
+    scene = scene_from_videos(SynchronizedVideos(folders), reconstructor, instants=5)
+    # Synchronous pictures of all cameras, spread over the sequence.
+    assert reconstructor.seen == [[10 * f + c for c in range(6)] for f in (2, 6, 10, 14, 18)]
+    centers = np.asarray(scene.rig.centers)
+    similarity = fit_similarity(centers, np.asarray(rig.centers))
+    height = np.asarray(scene.ground.signed_distance(centers)) * float(similarity.scale)
+    np.testing.assert_allclose(height, np.asarray(rig.centers)[:, 2], atol=0.15)
+
+
+def test_the_name_that_callers_know():
+    assert catfree.calibration.scene_from_videos is scene_from_videos

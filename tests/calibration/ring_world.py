@@ -1,0 +1,27 @@
+"""A small world seen by a ring of six cameras, and rigs of it with one camera out of place."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from catfree.calibration import Calibration
+from catfree.synthetic import DetectorModel, World, make_world
+from catfree.types import Rig, Scene
+
+
+@cache
+def ring_of_six() -> World:
+    """Eight people for twelve seconds: enough to calibrate from, and quickly done."""
+    detector = DetectorModel(pixel_noise=2.0, embedding_size=0, false_positives=0.3)
+    return make_world("ring6", 3, frames=60, people=8, background=1, detector=detector)
+
+
+def moved(calibration: Calibration, camera: int, *step: float) -> Calibration:
+    """The rig with a camera moved by a step (x, y) in metres of the world, not refined."""
+    rig = calibration.scene.rig
+    t = np.array(rig.t)
+    t[camera] -= np.asarray(rig.R)[camera] @ np.array([*step, 0.0])
+    beside = Rig(rig.K, rig.R, t, rig.image_size, registered=rig.registered)
+    scene = Scene.from_rig(beside, calibration.scene.ground, metric=True)
+    return replace(calibration, scene=scene)

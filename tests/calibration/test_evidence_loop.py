@@ -1,0 +1,152 @@
+"""Cameras beside their places are found and moved, and no longer keep others out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from catfree.calibration._evidence_loop import EvidenceLoop, largest_move
+from catfree.calibration.people import register, without_camera
+from catfree.errors import CalibrationError
+from catfree.settings import Settings
+from tests.calibration.ring_world import moved, ring_of_six
+
+SETTINGS = Settings()
+WRONG, MISSING = 2, 5
+
+
+@pytest.fixture(scope="module")
+def world():
+    return ring_of_six()
+
+
+@pytest.fixture(scope="module")
+def loop(world):
+    return EvidenceLoop(world.detections, SETTINGS, lambda *_: None)
+
+
+@pytest.fixture(scope="module")
+def right(world, loop):
+    found = loop.refine(register(world.detections, world.true_rig.image_size))
+    assert found.scene.rig.registered.all()
+    return found
+
+
+def furthest(found, right):
+    """Largest distance of a camera from where it belongs, in metres; NaN ones left out."""
+    away = np.asarray(found.scene.rig.centers) - np.asarray(right.scene.rig.centers)
+    return np.nanmax(np.linalg.norm(away, axis=1))
+
+
+def test_a_rig_in_order_stays_as_it_is(loop, right):
+    assert loop.replace_strained(right) is right
+    assert loop.replace_blocking(right) is None
+
+
+@pytest.mark.parametrize("step", [(1.5, -1.0), (2.5, -1.7), (-2.0, 2.0)])
+def test_a_camera_beside_its_place_is_taken_to_it(loop, right, step):
+    found = loop.settle(moved(right, WRONG, *step))
+    assert found.scene.rig.registered.all()
+    assert furthest(found, right) < 0.3
+
+
+def test_a_camera_without_people_is_strained_and_placed_anew(loop, right):
+    away = loop.refine(moved(right, WRONG, 2.5, -1.7))
+    assert furthest(away, right) > 1.0
+    found = loop.replace_strained(away)
+    assert found.sightings.sum() > away.sightings.sum()
+    assert furthest(found, right) < 0.3
+
+
+def test_a_rig_that_lacks_a_camera_and_has_another_beside_its_place(loop, right):
+    lacking = without_camera(moved(right, WRONG, 1.5, -1.0), MISSING, SETTINGS.calibration)
+    found = loop.settle(lacking)
+    assert found.scene.rig.registered.all()
+    assert furthest(found, right) < 0.3
+
+
+def test_three_cameras_do_not_tell_which_of_them_is_wrong(loop, right):
+    few = moved(right, WRONG, 1.5, -1.0)
+    for camera in (0, 1, MISSING):
+        few = without_camera(few, camera, SETTINGS.calibration)
+    assert loop.replace_blocking(few) is None
+    assert loop.replace_strained(few) is few
+
+
+def test_a_camera_that_fits_nowhere_is_flagged_in_the_end(world, loop, right):
+    assert loop.without_strained(right) is right
+    beside = moved(right, WRONG, 2.5, -1.7)
+    residual = right.camera_residual.copy()
+    residual[WRONG] *= 1.1 * SETTINGS.calibration.strained_residual
+    found = loop.without_strained(replace(beside, camera_residual=residual))
+    assert found.scene.rig.registered.tolist() == [camera != WRONG for camera in range(6)]
+    assert furthest(found, right) < 0.3
+
+
+def test_cameras_that_agree_on_nobody_do_not_outvote_one(world, right):
+    class Thin(EvidenceLoop):
+        def refine_once(self, calibration):
+            return None
+
+    loop = Thin(world.detections, SETTINGS, lambda *_: None, [f"gate {c}" for c in range(6)])
+    residual = right.camera_residual.copy()
+    residual[WRONG] *= 2 * SETTINGS.calibration.strained_residual
+    strained = replace(right, camera_residual=residual)
+    with pytest.raises(CalibrationError, match="Camera gate 2 contradicts the others"):
+        loop.without_strained(strained)
+    for camera in (0, 1, MISSING):
+        strained = without_camera(strained, camera, SETTINGS.calibration)
+    pair = loop.without_strained(strained)  # two cameras never share sure people
+    assert pair.scene.rig.registered.tolist() == [c in (3, 4) for c in range(6)]
+
+
+def test_where_nobody_is_sure_nothing_moves(world, right):
+    empty = world.detections[:0]
+    loop = EvidenceLoop(empty, SETTINGS, lambda *_: None)
+    assert loop.refine_once(right) is None
+    assert loop.refine(right) is right
+
+
+@pytest.mark.parametrize(
+    ("rounds", "chosen", "done"),
+    [
+        # (residual, how far a camera has gone from the start in its standard deviations)
+        ([(9.0, 5.0), (3.0, 9.0), (3.0, 9.1)], (3.0, 9.1), 3),  # it rests
+        ([(3.0, 5.0), (3.03, 9.0), (3.0, 9.1)], (3.0, 9.1), 3),  # a percent is the same
+        ([(3.0, 5.0), (3.1, 9.0), (2.0, 9.1)], (3.0, 5.0), 2),  # more is not, and is taken back
+        ([(3.0, 0.1), (2.0, 0.1)], (3.0, 0.1), 1),
+        ([(3.0, 5.0), None], (3.0, 5.0), 2),
+        ([(9.0, float(k)) for k in range(1, 8)], (9.0, 5.0), 5),  # at most evidence_rounds
+    ],
+)
+def test_rounds_go_on_until_the_rig_rests(world, right, rounds, chosen, done):
+    left = list(rounds)
+    variance = np.trace(right.center_covariance[WRONG]) / 3
+
+    def after(residual, way):
+        return replace(moved(right, WRONG, way * np.sqrt(variance), 0.0), residual=residual)
+
+    class Scripted(EvidenceLoop):
+        def refine_once(self, calibration):
+            step = left.pop(0)
+            return step and after(*step)
+
+    found = Scripted(world.detections, SETTINGS, lambda *_: None).refine(right)
+    assert found.residual == chosen[0]
+    np.testing.assert_allclose(found.scene.rig.centers, after(*chosen).scene.rig.centers)
+    assert len(rounds) - len(left) == done
+
+
+@given(
+    step=st.tuples(*[st.floats(-3, 3)] * 2),
+    camera=st.integers(0, 5),
+    scale=st.floats(0.1, 10),
+)
+def test_a_move_is_measured_in_deviations_of_the_camera_that_moved_most(right, step, camera, scale):
+    there = moved(right, camera, *step)
+    expected = np.hypot(*step) / np.sqrt(np.trace(right.center_covariance[camera]) / 3)
+    assert largest_move(right, there) == pytest.approx(expected, rel=1e-3, abs=1e-3)
+    wider = replace(there, center_covariance=right.center_covariance * scale**2)
+    assert largest_move(right, wider) == pytest.approx(largest_move(right, there) / scale)
+    assert largest_move(right, right) == 0

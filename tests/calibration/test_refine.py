@@ -1,0 +1,218 @@
+"""Refining a rig with people: the adjustment against independent computations, then the rounds."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from catfree.calibration import _bundle_adjustment as bundle_adjustment
+from catfree.calibration._adjusted_cameras import Cameras
+from catfree.calibration._bundle_adjustment import CameraTie, Sightings, adjust
+from catfree.calibration._refine import RefinementSettings, ground_under_people, refine
+from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.evaluation import align_centres
+from catfree.geometry import Similarity, transform_rig, transform_scene
+from catfree.settings import Settings
+from catfree.synthetic import RigError, make_layout, make_world
+from catfree.types import Rig, Scene
+from tests.calibration.partial_scene import without_camera
+
+seeds = st.integers(0, 2**31 - 1)
+PAPER = Settings.paper()
+
+
+def small_problem(seed: int, *, noise: float = 0.0, people: int = 12):
+    """Cameras of a ring in units of its extent, people on the ground, and what is seen of them."""
+    rng = np.random.default_rng(seed)
+    layout = make_layout("ring4", seed % 5)
+    extent = float(layout.scene.extent)
+    rig = transform_rig(Similarity(1 / extent, np.eye(3), np.zeros(3)), layout.rig)
+    cameras = Cameras.of(rig)
+    points = np.column_stack([rng.uniform(-6, 6, (people, 2)), rng.normal(0, 0.1, people)]) / extent
+    direction = points[:, None] - cameras.center
+    pixel = cameras.project_directions(direction) + noise * rng.normal(size=(people, 4, 2))
+    weight = rng.uniform(0.2, 1, (people, 4)) * (rng.uniform(size=(people, 4)) < 0.9)
+    pixel[weight == 0] = np.nan
+    return rng, cameras, points, Sightings(pixel, weight)
+
+
+@given(seed=seeds)
+@settings(max_examples=10)
+def test_derivatives_match_finite_differences(seed):
+    rng, cameras, points, sightings = small_problem(seed, noise=0.3, people=3)
+    noise = 10.0  # nothing is far, so the residual is smooth
+    linear = bundle_adjustment._linearise(sightings, cameras, points, noise)
+    step, shift = 1e-6 * rng.standard_normal((4, 7)), 1e-6 * rng.standard_normal((3, 3))
+    ahead = bundle_adjustment._linearise(sightings, cameras.moved(step), points + shift, noise)
+    behind = bundle_adjustment._linearise(sightings, cameras.moved(-step), points - shift, noise)
+    predicted = np.einsum("pcki,ci->pck", linear.by_camera, step)
+    predicted += np.einsum("pcki,pi->pck", linear.by_point, shift)
+    difference = (behind.residual - ahead.residual) / 2
+    np.testing.assert_allclose(predicted, difference, atol=1e-5 * np.abs(difference).max())
+
+
+@given(seed=seeds)
+@settings(max_examples=5)
+def test_elimination_solves_the_whole_system(seed):
+    _, cameras, points, sightings = small_problem(seed, noise=2.0, people=4)
+    linear = bundle_adjustment._linearise(sightings, cameras, points, 2.0)
+    precision = CameraTie().precision
+    away = cameras.away_from(cameras)
+    step, shift = bundle_adjustment._step(linear, away, precision, 0.0)
+    whole = np.zeros((4, 4, 2, 28 + 12))
+    for camera in range(4):
+        whole[:, camera, :, 7 * camera : 7 * camera + 7] = linear.by_camera[:, camera]
+    for person in range(4):
+        whole[person, :, :, 28 + 3 * person : 31 + 3 * person] = linear.by_point[person]
+    tie = np.sqrt(np.tile(precision, 4))
+    matrix = np.vstack([whole.reshape(-1, 40), np.eye(28, 40) * tie[:, None]])
+    right = np.concatenate([linear.residual.reshape(-1), np.zeros(28)])
+    solution = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    scale = np.abs(solution).max()
+    np.testing.assert_allclose(step.reshape(-1), solution[:28], atol=1e-4 * scale)
+    np.testing.assert_allclose(shift.reshape(-1), solution[28:], atol=1e-4 * scale)
+
+
+def test_finds_the_minimum_that_scipy_finds():
+    rng, cameras, points, sightings = small_problem(3, noise=2.0, people=6)
+    start = cameras.moved(np.column_stack([rng.normal(0, 0.01, (4, 6)), rng.normal(0, 0.02, 4)]))
+    found = adjust(sightings, start, points, iterations=50)
+    root = np.sqrt(sightings.weight)[..., None] / found.noise
+    precision = np.sqrt(CameraTie().precision)
+
+    def residuals(state: np.ndarray) -> np.ndarray:
+        moved = start.moved(state[:28].reshape(4, 7))
+        pixel = moved.project_directions(state[28:].reshape(-1, 1, 3) - moved.center)
+        error = np.nan_to_num((sightings.pixel - pixel) * root)
+        length = np.linalg.norm(error, axis=-1)
+        k = bundle_adjustment.HUBER
+        loss = np.where(length > k, k * (2 * length - k), length**2)
+        tie = moved.away_from(start) * precision
+        return np.concatenate([np.sqrt(loss).ravel(), tie.ravel()])
+
+    best = least_squares(residuals, np.concatenate([np.zeros(28), points.ravel()]))
+    assert found.cost <= 2 * best.cost * (1 + 1e-4)
+
+
+def test_exact_sightings_bring_the_cameras_back():
+    # A weak tie, since every error of the start is paid for.
+    rng, cameras, points, sightings = small_problem(1, people=60)
+    turn = Rotation.from_rotvec(rng.normal(0, 0.01, (4, 3))).as_matrix()
+    wrong = Cameras(
+        turn @ cameras.R, cameras.center + rng.normal(0, 0.01, (4, 3)), np.zeros(4), cameras.K
+    )
+    found = adjust(sightings, wrong, points, iterations=40).cameras
+    true, before = cameras.center, wrong.center
+    after = np.asarray(align_centres(found.center, true)(found.center))
+    assert (
+        np.linalg.norm(after - true, axis=-1).mean()
+        < 0.1 * np.linalg.norm(before - true, axis=-1).mean()
+    )
+
+
+def test_nobody_seen_leaves_the_cameras_alone():
+    _, cameras, points, sightings = small_problem(0)
+    nothing = Sightings(sightings.pixel, np.zeros_like(sightings.weight))
+    found = adjust(nothing, cameras, points).cameras
+    np.testing.assert_allclose(found.away_from(cameras), 0, atol=1e-12)
+
+
+@given(seed=seeds, outliers=st.integers(0, 15))
+@settings(max_examples=15)
+def test_ground_follows_the_feet_of_most_people(seed, outliers):
+    rng = np.random.default_rng(seed)
+    true = rng.normal(0, [0.01, 0.02, 0.02])
+    xy = rng.uniform(-0.4, 0.4, (100, 2))
+    z = true[0] + xy @ true[1:] + rng.normal(0, 0.001, 100)
+    z[:outliers] += rng.uniform(0.02, 0.2, outliers)
+    found = ground_under_people(np.column_stack([xy, z]), tilt=0.035, offset=0.03)
+    np.testing.assert_allclose(found, true, atol=0.0025)
+
+
+def test_people_in_a_row_leave_the_slope_across_alone():
+    line = np.column_stack([np.linspace(-0.4, 0.4, 50), np.zeros(50), np.full(50, 0.01)])
+    found = ground_under_people(line, tilt=0.035, offset=0.03)
+    np.testing.assert_allclose(found, [0.01, 0, 0], atol=1e-5)
+
+
+def centre_error(scene: Scene, world) -> float:
+    centers = np.asarray(scene.rig.centers)
+    moved = np.asarray(align_centres(centers, world.true_centres)(centers))
+    return float(np.linalg.norm(moved - world.true_centres, axis=-1).mean())
+
+
+@pytest.fixture(scope="module")
+def disturbed():
+    """A crowded world whose cameras are off by 1 degree, 0.3 m and 2 %, and its refinement."""
+    world = make_world("multiviewx", 1, frames=40, rig_error=RigError(1.0, 0.3, 0.02))
+    return world, refine(world.detections, world.scene, PAPER, rounds=4)
+
+
+def test_halves_the_error_of_a_disturbed_rig(disturbed):
+    world, found = disturbed
+    assert centre_error(found.scene, world) < 0.5 * centre_error(world.scene, world)
+
+
+def test_trace_holds_every_round_and_the_best_one_wins(disturbed):
+    world, found = disturbed
+    assert found.residuals.shape == found.people.shape == (5,)
+    assert found.chosen == np.argmin(found.residuals)
+    again = refine(world.detections, found.scene, PAPER, rounds=0)
+    # The residual of the scene that comes back is the one that the trace promises.
+    assert again.residuals[0] == pytest.approx(found.residuals[found.chosen], rel=0.02)
+    assert again.chosen == 0
+    assert again.scene is found.scene
+
+
+def test_keeps_scale_principal_points_and_extent(disturbed):
+    world, found = disturbed
+    before, after = world.scene, found.scene
+    np.testing.assert_array_equal(
+        np.asarray(after.rig.K)[:, :2, 2], np.asarray(before.rig.K)[:, :2, 2]
+    )
+    assert after.extent == before.extent
+    spread = [np.linalg.norm(np.ptp(np.asarray(s.rig.centers), axis=0)) for s in (before, after)]
+    assert spread[1] == pytest.approx(spread[0], rel=0.02)
+
+
+def test_ground_fits_the_people_after_refinement(disturbed):
+    world, found = disturbed
+    to_world = align_centres(np.asarray(found.scene.rig.centers), world.true_centres)
+    normal = np.asarray(to_world.rotation) @ np.asarray(found.scene.ground.normal)
+    assert np.degrees(np.linalg.norm(normal[:2])) < 0.5
+
+
+def test_similarity_of_the_scene_moves_the_result():
+    world = make_world("gmvd6", 0, frames=6, rig_error=RigError(1.0, 0.3, 0.02))
+    turn = Rotation.from_euler("xyz", [1.0, 2.0, 3.0]).as_matrix()
+    moved = Similarity(7.0, turn, np.array([5.0, -3.0, 2.0]))
+    here = refine(world.detections, world.scene, PAPER, rounds=1)
+    there = refine(world.detections, transform_scene(moved, world.scene), PAPER, rounds=1)
+    np.testing.assert_allclose(there.residuals, here.residuals, rtol=1e-3)
+    expected = np.asarray(moved(np.asarray(here.scene.rig.centers)))
+    extent = float(here.scene.extent) * 7
+    np.testing.assert_allclose(np.asarray(there.scene.rig.centers), expected, atol=2e-3 * extent)
+
+
+def test_a_camera_that_is_not_registered_stays_out():
+    world = make_world("ring5", 0, frames=8, rig_error=RigError(1.0, 0.3, 0.02))
+    scene, known = without_camera(world.scene, 2)
+    quick = RefinementSettings(iterations=4)
+    found = refine(world.detections, scene, PAPER, rounds=2, refinement=quick)
+    assert np.isnan(np.asarray(found.scene.rig.t)[2]).all()
+    assert np.isfinite(np.asarray(found.scene.rig.t)[known]).all()
+    np.testing.assert_array_equal(np.asarray(found.scene.rig.K)[2], np.asarray(scene.rig.K)[2])
+
+
+@pytest.mark.parametrize("method", [PAPER, Settings()], ids=["paper", "evidence"])
+def test_what_cannot_be_refined_is_refused(method):
+    world = make_world("ring4", 0, frames=3, people=4)
+    rig = world.scene.rig
+    two = Rig(rig.K, rig.R, rig.t, rig.image_size, registered=np.arange(4) < 2)
+    with pytest.raises(InsufficientDataError, match="only 2 of 4 cameras"):
+        refine(world.detections, Scene(two, world.scene.ground, world.scene.extent), method)
+    with pytest.raises(InvalidInputError, match="the rig has 3 cameras"):
+        refine(world.detections, Scene(rig.select([0, 1, 2]), world.scene.ground, 1.0), method)
+    with pytest.raises(InsufficientDataError, match="No person is seen by 3 cameras"):
+        refine(world.detections[world.detections.camera < 2], world.scene, method)

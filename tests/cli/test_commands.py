@@ -1,0 +1,348 @@
+"""The command line: every command does its work, and every failure is one sentence."""
+
+import csv
+import dataclasses
+import json
+import re
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+from catfree._run._identities import identify_detections
+from catfree._run._report import (
+    Heading,
+    Paragraph,
+    Picture,
+    Table,
+    describe_reliability,
+    to_html,
+    to_markdown,
+)
+from catfree._run._result_folder import read_results, write_results
+from catfree._run._run import RunOutcome
+from catfree.adapters import (
+    read_anipose_toml,
+    read_colmap,
+    read_mot,
+    read_scene_json,
+    read_tracks_csv,
+    write_scene_json,
+)
+from catfree.cli import _commands as cli
+from catfree.errors import CatFreeError
+from catfree.methods._localize import localize
+from catfree.methods.paper._assemble import empty_localization
+from catfree.settings import Settings
+from catfree.synthetic import make_world
+from catfree.synthetic._layouts import ring
+from catfree.types import Origin, Scene
+
+pytest.importorskip("tyro")
+
+FRAMES, SIZE = 30, (1280, 720)
+
+
+@pytest.fixture(scope="module")
+def world():
+    return make_world(ring(3, image_size=SIZE, people=6), frames=FRAMES, people=6)
+
+
+@pytest.fixture(scope="module")
+def outcome(world):
+    found = localize(world.detections, world.scene, Settings.paper())
+    names = ("north side", "east", "south")
+    return RunOutcome(found, world.detections, world.scene, None, names, np.arange(FRAMES))
+
+
+@pytest.fixture(scope="module")
+def results(outcome, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("results")
+    write_results(folder, outcome, Settings.paper())
+    return folder
+
+
+def one_sentence(capsys):
+    """What went to standard error: a single line that names the program, no traceback."""
+    error = capsys.readouterr().err.strip()
+    assert error.startswith("catfree: ")
+    assert "\n" not in error
+    assert "Traceback" not in error
+    return error
+
+
+def test_every_file_of_the_results_can_be_read_again(results, outcome):
+    tracks = read_tracks_csv(results / "tracks.csv")
+    np.testing.assert_array_equal(tracks.position, outcome.localization.tracks.position)
+    scene, names = read_scene_json(results / "scene.json")
+    assert names == outcome.camera_names
+    np.testing.assert_allclose(scene.rig.t, outcome.scene.rig.t)
+    assert set(read_colmap(results / "rig" / "colmap").names) == {"north_side", "east", "south"}
+    assert len(read_anipose_toml(results / "rig" / "calibration.toml").names) == 3
+    assert (results / "tracks_mot.txt").read_text().count("\n") == len(tracks)
+    boxes = [read_mot(results / "boxes" / f"{name}.txt") for name in outcome.camera_names]
+    assert sum(len(table.frame) for table in boxes) == len(outcome.detections)
+    localization, _, _ = read_results(results)
+    np.testing.assert_array_equal(
+        localization.candidates.fate, outcome.localization.candidates.fate
+    )
+    leftovers = [path for path in results.rglob(".*") if path.is_file()]
+    assert leftovers == []
+
+
+def test_every_camera_has_files_of_its_own(outcome, tmp_path):
+    alike = dataclasses.replace(outcome, camera_names=("a/b", "a_b", "a b"))
+    write_results(tmp_path, alike, pictures=False)
+    files = {path.name for path in (tmp_path / "boxes").iterdir()}
+    assert files == {"a_b.txt", "a_b_C2.txt", "a b.txt"}
+    names = read_colmap(tmp_path / "rig" / "colmap").names
+    assert set(names) == {"a/b", "a_b", "a_b_C3"}
+
+
+def test_report_shows_pictures_cameras_and_settings(results, outcome):
+    text = (results / "report.md").read_text()
+    for needle in (
+        "| cameras | 3 of 3 |",
+        f"| positions | {len(outcome.localization.tracks)} (",
+        "| north side |",
+        "| rays.sigma_theta | 0.0206 |",
+        "median sigma of a position",
+        "`tracks.csv`",
+    ):
+        assert needle in text
+    for path in re.findall(r"!\[[^]]*\]\(([^)]*)\)", text):
+        assert cv2.imread(str(results / path)) is not None
+    page = (results / "report.html").read_text()
+    assert page.count("<table>") == text.count("| --- |\n") or "<table>" in page
+
+
+def test_report_blocks_escape_what_they_show():
+    blocks = [
+        Heading("a < b", 1),
+        Paragraph("see `x & y`"),
+        Table(("p|q", "v"), (("<b>", "1"),)),
+        Picture('a".png', "view"),
+    ]
+    page = to_html(blocks)
+    for needle in (
+        "<h1>a &lt; b</h1>",
+        "<code>x &amp; y</code>",
+        "<td>&lt;b&gt;</td>",
+        'src="a&quot;.png"',
+    ):
+        assert needle in page
+    text = to_markdown(blocks)
+    assert "# a < b" in text
+    assert "| p\\|q | v |\n| --- | --- |\n| <b> | 1 |" in text
+
+
+def test_boxes_take_the_identity_of_the_track_they_support(world, outcome):
+    radius = 0.018 * float(world.scene.extent)
+    count = len(world.detections)
+    identity = identify_detections(outcome.localization, world.scene, count, radius=radius)
+    told = identity >= 0
+    detected = (outcome.localization.tracks.origin == Origin.DETECTED).sum()
+    assert told.sum() >= 2 * detected > 0  # each position is seen by two cameras at least
+    # Boxes of one track show one person, nearly always.
+    pure = [
+        np.unique(world.identities[identity == track], return_counts=True)[1].max()
+        / (identity == track).sum()
+        for track in np.unique(identity[told])
+    ]
+    assert np.mean(pure) > 0.9
+
+
+def test_boxes_of_a_sequence_without_tracks(world):
+    identity = identify_detections(empty_localization(3), world.scene, 7, radius=0.4)
+    np.testing.assert_array_equal(identity, -1)
+
+
+def test_evaluate_scores_tracks(world, results, tmp_path, capsys):
+    tracks = read_tracks_csv(results / "tracks.csv")
+    truth = tmp_path / "truth.csv"
+    with truth.open("w") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["frame", "id", "x", "y"])
+        writer.writerows(tracks.to_rows().tolist())
+    assert cli.main(["evaluate", str(results / "tracks.csv"), str(truth)]) == 0
+    shown = capsys.readouterr().out
+    for measure in ("MODA", "IDF1", "HOTA"):
+        assert re.search(rf"{measure}.*100\.00", shown)
+
+
+def test_evaluate_says_what_is_wrong_with_the_truth(results, tmp_path, capsys):
+    truth = tmp_path / "truth.csv"
+    truth.write_text("frame,x,y\n0,1,2\n")
+    assert cli.main(["evaluate", str(results / "tracks.csv"), str(truth)]) == 1
+    assert "no column 'id'" in one_sentence(capsys)
+    truth.write_text("frame,id,x,y\n0,1,here,2\n")
+    assert cli.main(["evaluate", str(results / "tracks.csv"), str(truth)]) == 1
+    assert "here" in one_sentence(capsys)
+
+
+def test_evaluate_needs_somebody_in_the_area(results, tmp_path, capsys):
+    truth = tmp_path / "truth.csv"
+    truth.write_text("frame,id,x,y\n0,1,2,3\n")
+    words = ["evaluate", str(results / "tracks.csv"), str(truth)]
+    assert cli.main([*words, "--area", "50", "51", "50", "51"]) == 1
+    assert "No position of" in one_sentence(capsys)
+    # Nobody found is a score, not a mistake.
+    assert cli.main([*words, "--area", "1.9", "2", "2.9", "3"]) == 0
+    assert "nan" not in capsys.readouterr().out
+
+
+def test_evaluate_names_frames_that_are_no_numbers(results, tmp_path, capsys):
+    text = (results / "tracks.csv").read_text().splitlines()
+    text[1] = "99999999999999999999" + text[1][text[1].index(",") :]
+    (tmp_path / "tracks.csv").write_text("\n".join(text))
+    (tmp_path / "truth.csv").write_text("frame,id,x,y\n0,1,2,3\n")
+    words = ["evaluate", str(tmp_path / "tracks.csv"), str(tmp_path / "truth.csv")]
+    assert cli.main(words) == 1
+    assert "column 'frame'" in one_sentence(capsys)
+
+
+def test_plot_refuses_files_of_two_runs(results, outcome, tmp_path, capsys):
+    for name in ("localization.npz", "scene.json"):
+        (tmp_path / name).write_bytes((results / name).read_bytes())
+    rig = outcome.scene.rig.select([0, 1])
+    write_scene_json(tmp_path / "scene.json", Scene(rig, outcome.scene.ground, 10.0))
+    assert cli.main(["plot", str(tmp_path)]) == 1
+    assert "has 2 cameras, but" in one_sentence(capsys)
+    assert not (tmp_path / "pictures").exists()
+
+
+def test_a_report_about_nobody_says_so(outcome):
+    nobody = empty_localization(3)
+    (_, table, *_) = describe_reliability(nobody, outcome.scene)
+    assert dict(table.rows)["median sigma of a position"] == "nobody found"
+    assert not any("nan" in cell for row in table.rows for cell in row)
+
+
+def test_plot_draws_again(results, tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    assert cli.main(["plot", str(results), "--out", str(tmp_path / "p")]) == 0
+    files = capsys.readouterr().out.split()
+    assert all(cv2.imread(file) is not None for file in files)
+    assert any(file.endswith("bird_eye.png") for file in files)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["run", "a.mp4", "b.mp4"], "Camera 0: There is no video file or image folder a.mp4."),
+        (["run", "a.mp4"], "name at least 2 videos, got 1"),
+        (["calibrate", "a.mp4", "b.mp4"], "no video file"),
+        (["plot", "nowhere"], "There is no file nowhere/scene.json"),
+        (["evaluate", "a.csv", "b.csv"], "There is no file b.csv"),
+        (["demo", "--cameras", "2"], "at least 3 cameras, got 2"),
+        (["demo", "--seed", "-1"], "seed is -1"),
+        (["demo", "--people", "0"], "people is 0"),
+        (["demo", "--frames", "0"], "frames is 0"),
+        (["demo", "--workers", "0"], "workers is 0"),
+        (["demo", "--size", "0", "720"], "size is 0 x 720"),
+    ],
+)
+def test_failures_are_one_sentence(words, sentence, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(words) == 1
+    assert sentence in one_sentence(capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_words_that_make_no_sense_exit_with_two(capsys):
+    for words in (["walk"], ["run", "a", "b", "--stride", "x"], []):
+        with pytest.raises(SystemExit) as exit_:
+            cli.main(words)
+        assert exit_.value.code == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_results_that_cannot_be_written(outcome, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CatFreeError, match="Cannot write the results"):
+        write_results(tmp_path / "file" / "out", outcome, pictures=False)
+
+
+def test_calibrate_and_run_on_footage_without_people(tmp_path, capsys):
+    videos = []
+    for camera in range(2):
+        folder = tmp_path / f"c{camera}"
+        folder.mkdir()
+        for frame in range(10):
+            picture = np.full((90, 160, 3), 100, np.uint8)
+            cv2.imwrite(str(folder / f"{frame}.png"), picture)
+        videos.append(str(folder))
+    for command in ("calibrate", "run"):
+        out = tmp_path / command
+        assert cli.main([command, *videos, "--out", str(out)]) == 1
+        last = capsys.readouterr().err.strip().splitlines()[-1]
+        assert last.startswith("catfree: ")
+        assert not (out / "scene.json").exists()
+
+
+def test_run_with_a_known_scene(world, tmp_path, capsys):
+    videos = []
+    rng = np.random.default_rng(0)
+    still = rng.integers(60, 120, (SIZE[1], SIZE[0], 3)).astype(np.uint8)
+    for camera in range(3):
+        path = tmp_path / f"c{camera}.avi"
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 5, SIZE)
+        for _ in range(10):
+            writer.write(still)
+        writer.release()
+        videos.append(str(path))
+    scene = tmp_path / "scene.json"
+    write_scene_json(scene, world.scene, ["c0", "c1", "c2"])
+    out = tmp_path / "out"
+    words = ["run", *videos, "--scene", str(scene), "--out", str(out), "--no-pictures"]
+    assert cli.main(words) == 0
+    assert "0 tracks with 0 positions in 10 frames, from 3 of 3 cameras" in capsys.readouterr().out
+    assert json.loads((out / "scene.json").read_text())["cameras"][0]["name"] == "c0"
+    assert len(read_tracks_csv(out / "tracks.csv")) == 0
+    assert list((out / "cache").glob("boxes-*.npz"))
+
+
+def test_results_are_written_before_the_overlay(world, tmp_path, monkeypatch, capsys):
+    videos = []
+    for camera in range(3):
+        folder = tmp_path / f"c{camera}"
+        folder.mkdir()
+        for frame in range(10):
+            picture = np.full((SIZE[1], SIZE[0], 3), 100, np.uint8)
+            cv2.imwrite(str(folder / f"{frame}.png"), picture)
+        videos.append(str(folder))
+    scene, out = tmp_path / "scene.json", tmp_path / "out"
+    write_scene_json(scene, world.scene)
+
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("catfree.viz.footage._overlay.write_overlay_video", full)
+    words = ["run", *videos, "--scene", str(scene), "--out", str(out), "--no-pictures"]
+    assert cli.main([*words, "--overlay"]) == 1
+    assert "No space left on device" in capsys.readouterr().err
+    assert (out / "report.html").is_file()
+
+
+def test_help_needs_no_video_library():
+    script = "import sys, catfree.cli; sys.exit(int('cv2' in sys.modules))"
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
+
+
+def test_a_process_says_one_sentence_about_a_video_that_is_none(tmp_path):
+    for name in ("a.mp4", "b.mp4"):
+        (tmp_path / name).write_bytes(b"no video" * 100)
+    words = ["run", "a.mp4", "b.mp4", "--out", "out"]
+    done = subprocess.run(
+        [sys.executable, "-m", "catfree", *words],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("catfree: Camera 0: a.mp4 cannot be decoded")
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,98 @@
+"""What the command line shows: every stage under a name for people, failures on standard error."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import catfree
+from catfree._run._report import Table
+from catfree.cli import _terminal as cli_terminal
+from catfree.cli._terminal import FAILURE, STAGE_LABELS, fail, print_table, print_text
+
+ROOT = Path(catfree.__file__).parent
+CALLBACKS = {"report", "progress"}
+
+
+def reported_stages() -> dict[str, set[str]]:
+    """Stages that modules of the package report through a progress callback, and which do."""
+    found: dict[str, set[str]] = {}
+    for path in sorted(ROOT.rglob("*.py")):
+        tree = ast.parse(path.read_text())
+        constants = {
+            target.id: node.value
+            for node in tree.body
+            if isinstance(node, ast.Assign)
+            for target in node.targets
+            if isinstance(target, ast.Name)
+        }
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.Call) or not node.args:
+                continue
+            name = getattr(node.func, "id", getattr(node.func, "attr", None))
+            if name not in CALLBACKS:
+                continue
+            stage = node.args[0]
+            if isinstance(stage, ast.Name):
+                stage = constants.get(stage.id)
+            where = str(path.relative_to(ROOT))
+            assert isinstance(stage, ast.Constant), f"{where}:{node.lineno} hides its stage"
+            assert isinstance(stage.value, str)
+            found.setdefault(stage.value, set()).add(where)
+    return found
+
+
+def test_every_reported_stage_has_a_label_and_every_label_a_stage():
+    reported = reported_stages()
+    unnamed = {stage: where for stage, where in reported.items() if stage not in STAGE_LABELS}
+    assert unnamed == {}
+    assert set(STAGE_LABELS) - set(reported) == set()
+
+
+def test_labels_fit_their_column_and_differ():
+    assert max(map(len, STAGE_LABELS.values())) <= 30
+    assert len(set(STAGE_LABELS.values())) == len(STAGE_LABELS)
+
+
+def test_bars_show_the_label_of_a_stage(capsys):
+    pytest.importorskip("rich")
+    with cli_terminal.progress_bars() as progress:
+        progress("second look", 1, 2)
+        progress("association", 2, 2)
+    shown = capsys.readouterr().err
+    assert STAGE_LABELS["second look"] in shown
+    assert "2/2" in shown
+
+
+def test_stages_that_begin_again_finish_those_before_them(capsys):
+    pytest.importorskip("rich")
+    with cli_terminal.progress_bars() as progress:
+        for stage in ("self-calibration", "association") * 2:
+            progress(stage, 0, 1)
+    shown = capsys.readouterr().err
+    assert "0/1" not in shown.splitlines()[-1]
+    assert shown.count("1/1") == 2
+
+
+def test_advice_names_the_options_of_the_command_line(capsys):
+    fail("It is damaged. Repair it, or pass on_error='keep' to use what\ncame before it.")
+    error = capsys.readouterr().err
+    assert error.endswith("Repair it, or give --keep-before-damage to use what came before it.\n")
+
+
+def test_paths_that_are_no_text_are_escaped(capsys):
+    print_text("pictures in gr\udcf6\udcdfe")
+    assert capsys.readouterr().out == "pictures in gr\\udcf6\\udcdfe\n"
+
+
+def test_tables_are_printed_whole(capsys):
+    pytest.importorskip("rich")
+    print_table(Table(("measure", "value"), (("MODA", "97.10"),)))
+    shown = capsys.readouterr().out
+    for word in ("measure", "value", "MODA", "97.10"):
+        assert word in shown
+
+
+def test_failures_are_one_line_with_the_name_of_the_program(capsys):
+    assert fail("No video.") == FAILURE
+    assert capsys.readouterr().err == "catfree: No video.\n"

@@ -1,0 +1,106 @@
+"""Looks from frame to frame: ratios by brute force, and who is who after a meeting."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from catfree.methods.evidence._gaussian import Information
+from catfree.methods.evidence.group._appearance import (
+    Appearance,
+    Likeness,
+    Looks,
+    PairRatios,
+    looks_of,
+)
+from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.track._tracking import Motion, follow
+from catfree.settings import EvidenceSettings
+
+LIKENESS = Likeness((0.1, 0.05), (0.7, 0.15), 4.0)
+WEIGHT = EvidenceSettings().appearance_weight
+
+
+def unit(rng, *shape):
+    values = rng.standard_normal(shape)
+    return values / np.linalg.norm(values, axis=-1, keepdims=True)
+
+
+@given(st.integers(0, 10**6), st.integers(1, 6), st.integers(1, 4))
+def test_the_ratio_is_that_of_the_mean_distance_of_all_pairs(seed, groups, cameras):
+    rng = np.random.default_rng(seed)
+    n = groups * cameras
+    embedding = unit(rng, n, 5)
+    blank = rng.random(n) < 0.2
+    embedding[blank] = 0
+    member = np.where(rng.random((groups, cameras)) < 0.7, np.arange(n).reshape(groups, -1), -1)
+    appearance = Appearance(embedding, np.zeros((n, 2), int), np.array([0, n]), n)
+    looks = looks_of(PairRatios(appearance, LIKENESS, WEIGHT), member)
+    found = looks.ratio(looks.total, looks.count, np.arange(groups))
+    for a in range(groups):
+        for b in range(groups):
+            one, two = ([i for i in member[g] if i >= 0 and not blank[i]] for g in (a, b))
+            expected = 0.0
+            if one and two:
+                pairs = [1 - embedding[i] @ embedding[j] for i in one for j in two]
+                expected = WEIGHT * len(two) * float(LIKENESS(np.array([np.mean(pairs)]))[0])
+            assert found[a, b] == pytest.approx(expected, abs=1e-9)
+
+
+def meeting(turn_back: bool):
+    """Two people of one height walk towards each other; (T, 2, 2) their places, in H0."""
+    time = np.arange(-10, 11)
+    x = np.abs(time) if turn_back else -time
+    return np.stack([np.stack([-0.15 * x, 0 * x], -1), np.stack([0.15 * x, 0 * x + 0.02], -1)], 1)
+
+
+def who(places, looks_of_group, deviation=0.1):
+    """(T, 2) track of each person."""
+    T = len(places)
+    state = np.concatenate([places, np.ones((T, 2, 1))], -1).reshape(-1, 3)
+    precision = np.broadcast_to(np.eye(3) / deviation**2, (2 * T, 3, 3)).copy()
+    info = Information(precision, state / deviation**2, (state**2).sum(1) / deviation**2)
+    frame, member = np.repeat(np.arange(T), 2), np.arange(2 * T)[:, None]
+    groups = Groups(frame, member, np.full(2 * T, -1), info, info, np.zeros(2 * T))
+    trails = follow(
+        groups, np.full(2 * T, 5.0), np.arange(T, dtype=float), Motion(0.15, 0.85), 0.01, 0.06,
+        EvidenceSettings(), looks_of_group,
+    )  # fmt: skip
+    track = np.full(2 * T, -1)
+    track[trails.group[trails.group >= 0]] = trails.track[trails.group >= 0]
+    return track.reshape(T, 2)
+
+
+@pytest.mark.parametrize("turn_back", [False, True])
+def test_looks_tell_who_is_who_after_a_meeting(turn_back):
+    places = meeting(turn_back)
+    rng = np.random.default_rng(0)
+    people = unit(rng, 2, 16)
+    seen = np.tile(people, (len(places), 1)) + 0.05 * rng.standard_normal((2 * len(places), 16))
+    seen /= np.linalg.norm(seen, axis=-1, keepdims=True)
+    looks = Looks(seen, np.ones(len(seen), int), LIKENESS, WEIGHT)
+    track = who(places, looks)
+    assert (track == track[0]).all()
+    assert track[0, 0] != track[0, 1]
+    # Motion alone takes them to have gone on, which is right of those who did.
+    alone = who(places, None)
+    assert (alone == alone[0]).all() != turn_back
+
+
+def test_without_embeddings_looks_have_no_say():
+    places = meeting(turn_back=False)
+    blank = Looks(np.zeros((2 * len(places), 4)), np.zeros(2 * len(places), int), LIKENESS, WEIGHT)
+    np.testing.assert_array_equal(who(places, blank), who(places, None))
+
+
+def test_somebody_else_in_the_same_place_is_somebody_new():
+    places = np.zeros((8, 2, 2))
+    places[:, 1] = 50.0  # far from the first
+    people = np.eye(3)
+    seen = np.array([people[[0 if t < 4 else 1, 2]] for t in range(8)]).reshape(-1, 3)
+    likeness = dataclasses.replace(LIKENESS, limit=40.0)
+    track = who(places, Looks(4 * seen, np.full(16, 4), likeness, WEIGHT))
+    assert len(np.unique(track[:4, 0])) == len(np.unique(track[4:, 0])) == 1
+    assert track[3, 0] != track[4, 0]
+    assert (track[:, 1] == track[0, 1]).all()

@@ -1,0 +1,134 @@
+import jax
+import numpy as np
+from hypothesis import given, settings, strategies as st
+
+from catfree.methods.evidence._gaussian import Information, log_evidence
+from catfree.methods.evidence.group._groups import Priors
+from catfree.methods.evidence.group._merge import PAIR_GATE, associate, candidate_pairs
+
+DENSITY, SPREAD = 0.2, 0.05
+
+
+def boxes_near(seed, people, cameras, noise):
+    """Isotropic measurements of people at random places, one box a camera, padded."""
+    rng = np.random.default_rng(seed)
+    state = np.column_stack(
+        [rng.uniform(0, 6, (people, 2)), 1 + 0.05 * rng.standard_normal(people)]
+    )
+    person, camera = (a.ravel() for a in np.meshgrid(np.arange(people), np.arange(cameras)))
+    keep = rng.random(len(person)) < 0.8
+    person, camera = person[keep], camera[keep]
+    n, N = len(person), 64
+    mean = state[person] + noise * rng.standard_normal((n, 3))
+    precision = np.eye(3) / noise**2
+    info = Information(np.zeros((N, 3, 3)), np.zeros((N, 3)), np.zeros(N))
+    info.matrix[:n], info.vector[:n] = precision, mean @ precision
+    info.constant[:n] = (mean**2).sum(1) / noise**2
+    position, covariance = np.zeros((N, 2)), np.zeros((N, 2, 2))
+    position[:n], covariance[:n] = mean[:, :2], noise**2 * np.eye(2)
+    cam, valid = np.zeros(N, int), np.zeros(N, bool)
+    cam[:n], valid[:n] = camera, True
+    return info, position, covariance, cam, valid
+
+
+def greedy(info, camera, valid):
+    """One best pair at a time, the plain way."""
+    groups = [[i] for i in np.flatnonzero(valid)]
+    value = lambda g: float(  # noqa: E731
+        log_evidence(
+            Information(
+                info.matrix[g].sum(0)[None],
+                info.vector[g].sum(0)[None],
+                info.constant[g].sum()[None],
+            ),
+            DENSITY,
+            SPREAD,
+        )[0]
+    )
+    while True:
+        best, pair = 0.0, None
+        for i in range(len(groups)):
+            for j in range(i):
+                if {camera[k] for k in groups[i]} & {camera[k] for k in groups[j]}:
+                    continue
+                gain = value(groups[i] + groups[j]) - value(groups[i]) - value(groups[j])
+                if gain > best + 1e-12:
+                    best, pair = gain, (i, j)
+        if pair is None:
+            return sorted(sorted(map(int, g)) for g in groups)
+        i, j = pair
+        groups = [g for k, g in enumerate(groups) if k not in pair] + [groups[i] + groups[j]]
+
+
+@settings(max_examples=12)
+@given(st.integers(0, 10**6), st.integers(1, 5), st.floats(0.02, 0.3))
+def test_merging_in_rounds_equals_one_best_pair_at_a_time(seed, people, noise):
+    info, position, covariance, camera, valid = boxes_near(seed, people, 3, noise)
+    with jax.enable_x64(True):
+        groups = associate(
+            info, position, covariance, np.zeros(64, int), camera, valid, 3, DENSITY, SPREAD
+        )
+    got = sorted(sorted(int(i) for i in row if i >= 0) for row in groups.member)
+    assert got == greedy(info, camera, valid)
+
+
+@settings(max_examples=12)
+@given(st.integers(0, 10**6), st.integers(1, 6))
+def test_every_box_is_in_exactly_one_group_and_cameras_exclude_themselves(seed, people):
+    info, position, covariance, camera, valid = boxes_near(seed, people, 4, 0.1)
+    with jax.enable_x64(True):
+        groups = associate(
+            info, position, covariance, np.zeros(64, int), camera, valid, 4, DENSITY, SPREAD
+        )
+    rows = groups.member[groups.member >= 0]
+    assert sorted(rows) == list(np.flatnonzero(valid))
+    for c in range(4):
+        own = groups.member[:, c]
+        assert (camera[own[own >= 0]] == c).all()
+    single = (groups.member >= 0).sum(1) == 1
+    np.testing.assert_allclose(groups.gain[single], 0, atol=1e-9)
+    assert (groups.gain[~single] > 0).all()
+
+
+@given(st.integers(0, 10**6), st.integers(0, 40), st.floats(-2.0, 1.0))
+def test_close_pairs_are_those_of_all_pairs(seed, count, spread):
+    rng = np.random.default_rng(seed)
+    position = rng.normal(0, 5, (count, 2))
+    root = rng.normal(0, 1, (count, 2, 2)) * 10 ** rng.uniform(-2, spread, (count, 1, 1))
+    covariance = root @ root.transpose(0, 2, 1) + 1e-4 * np.eye(2)
+    frame, camera = rng.integers(0, 3, count), rng.integers(0, 4, count)
+    items = np.flatnonzero(rng.random(count) < 0.8)
+    i, j = (a.ravel() for a in np.meshgrid(items, items, indexing="ij"))
+    apart = position[i] - position[j]
+    total = np.linalg.inv(covariance[i] + covariance[j])
+    m2 = np.einsum("ni,nij,nj->n", apart, total, apart)
+    close = (i < j) & (frame[i] == frame[j]) & (camera[i] != camera[j]) & (m2 < PAIR_GATE)
+    found = candidate_pairs(position, covariance, frame, camera, items)
+    np.testing.assert_array_equal(found, np.column_stack([i[close], j[close]]))
+
+
+@given(st.integers(0, 10**6), st.integers(1, 6), st.integers(0, 70))
+def test_padding_holds_priors_and_changes_no_group(seed, people, tracks):
+    info, position, covariance, camera, valid = boxes_near(seed, people, 4, 0.05)
+    rng = np.random.default_rng(seed + 1)
+    near = rng.integers(0, max(int(valid.sum()), 1), tracks)
+    priors = Priors(
+        np.zeros(tracks, int),
+        np.column_stack([position[near], np.ones(tracks)]),
+        np.tile(0.01 * np.eye(3), (tracks, 1, 1)),
+    )
+
+    def groups(extra):
+        pad = lambda a: np.concatenate([a, np.zeros((extra, *a.shape[1:]), a.dtype)])  # noqa: E731
+        padded = Information(pad(info.matrix), pad(info.vector), pad(info.constant))
+        with jax.enable_x64(True):
+            return associate(
+                padded, pad(position), pad(covariance), pad(np.zeros(64, int)), pad(camera),
+                pad(valid), 4, DENSITY, SPREAD, priors=priors,
+            )  # fmt: skip
+
+    tight, wide = groups(0), groups(192)
+    np.testing.assert_array_equal(tight.member, wide.member)
+    np.testing.assert_allclose(tight.full.matrix, wide.full.matrix, rtol=1e-12)
+    np.testing.assert_allclose(tight.gain, wide.gain, rtol=1e-9, atol=1e-9)
+    assert (tight.prior >= 0).sum() <= min(tracks, len(tight))

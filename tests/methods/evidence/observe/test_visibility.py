@@ -1,0 +1,222 @@
+"""Who should be seen: hidden shares counted pixel by pixel, borders, and detection rates."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from catfree.methods.evidence.observe._views import ground_views, predict_edges
+from catfree.methods.evidence.observe._visibility import (
+    ASPECT,
+    BODY_RAMP,
+    COLUMNS,
+    COVER_EDGES,
+    Views,
+    covered_feet,
+    covered_share,
+    expected_views,
+    learn_detection_rate,
+)
+from catfree.settings import EvidenceSettings
+from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene
+
+RULES = EvidenceSettings()
+CAMERAS = 4
+VIEWS = ground_views(make_scene(make_rig(CAMERAS)), HEIGHT)
+
+pytestmark = pytest.mark.usefixtures("x64")
+
+SIDE = 16
+whole = st.integers(-4, SIDE + 4)
+
+
+@st.composite
+def rectangles(draw, low=1):
+    """Boxes with corners on whole pixels."""
+    x, y = draw(whole), draw(whole)
+    return [
+        float(v) for v in (x, y, x + draw(st.integers(low, 12)), y + draw(st.integers(low, 30)))
+    ]
+
+
+@settings(max_examples=60)
+@given(st.lists(rectangles(), min_size=1, max_size=6).map(np.array), st.data())
+def test_the_hidden_share_is_that_of_pixels_inside_nearer_boxes(others, data):
+    flags = st.lists(
+        st.sampled_from([True, True, False]), min_size=len(others), max_size=len(others)
+    )
+    active = np.array(data.draw(flags))
+    # Who is nearer stands lower, and hides what is in the columns of the box below its top.
+    nearer = active & (others[:, 3] > SIDE)
+    columns = (np.arange(COLUMNS) + 0.5) * SIDE / COLUMNS
+    rows = np.arange(SIDE)[:, None] + 0.5
+    hidden = np.zeros((SIDE, COLUMNS), bool)
+    for left, top, right, _ in others[nearer]:
+        hidden |= (rows > top) & (columns >= left) & (columns <= right)
+    region = jnp.array([0.0, 0.0, SIDE, SIDE])
+    found = covered_share(region, region[3], jnp.asarray(others), jnp.asarray(active))
+    assert float(found) == pytest.approx(hidden.mean())
+
+
+def seen(state, member=None, box=None, frame=None, table=None):
+    """How all cameras see people at states (H, 3), among boxes of the same frame."""
+    H = len(state)
+    box = np.zeros((1, 4)) if box is None else box
+    table = np.full((1, CAMERAS, 1), -1) if table is None else table
+    found = expected_views(
+        np.asarray(state, float), np.zeros(H, int) if frame is None else frame,
+        np.full((H, CAMERAS), -1) if member is None else member, box, table, VIEWS,
+    )  # fmt: skip
+    return jax.tree.map(np.asarray, found)
+
+
+def outline(state, camera):
+    """The box (4,) of a person of the usual width."""
+    column, top, bottom = map(
+        float, predict_edges(jnp.asarray(VIEWS.matrix[camera]), jnp.asarray(state))
+    )
+    half = ASPECT / 2 * (bottom - top)
+    return np.array([column - half, top, column + half, bottom])
+
+
+near_the_middle = st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(0.8, 1.2))
+
+
+@given(near_the_middle)
+def test_who_stands_alone_in_the_middle_is_seen_whole_by_everyone(state):
+    found = seen([state])
+    np.testing.assert_array_equal(found.cover, 0)
+    np.testing.assert_allclose(found.share, 1)
+    np.testing.assert_array_equal(found.inside, 1)
+    tall = [outline(np.array(state), c) for c in range(CAMERAS)]
+    np.testing.assert_allclose(found.height[0], [b[3] - b[1] for b in tall])
+
+
+@given(near_the_middle, st.floats(0.1, 0.8), st.integers(0, CAMERAS - 1))
+def test_a_nearer_person_hides_in_that_camera_alone_and_never_oneself(state, ahead, camera):
+    state = np.array(state)
+    nearer = state.copy()
+    nearer[:2] += (
+        ahead
+        * (VIEWS.station[camera] - state[:2])
+        / np.linalg.norm(VIEWS.station[camera] - state[:2])
+    )
+    box = np.stack([outline(state, camera), outline(nearer, camera)])
+    table = np.full((1, CAMERAS, 2), -1)
+    table[0, camera] = [0, 1]
+    member = np.full((2, CAMERAS), -1)
+    member[:, camera] = [0, 1]
+    found = seen([state, nearer], member, box, table=table)
+    # The nearer box begins lower: what is left to see of the one behind is above its top.
+    left = (box[1, 1] - box[0, 1]) / (box[0, 3] - box[0, 1])
+    assert found.cover[0, camera] == pytest.approx(1 - left)
+    assert found.cover[1, camera] == 0
+    np.testing.assert_array_equal(np.delete(found.cover, camera, 1), 0)
+
+
+@given(st.floats(-6, 6), st.floats(-6, 6), st.floats(0.5, 1.5))
+def test_the_share_in_the_picture_is_that_of_the_clipped_box(x, y, height):
+    state = np.array([x, y, height])
+    found = seen([state])
+    for c in range(CAMERAS):
+        foot, head = (VIEWS.matrix[c] @ [x, y, h, 1] for h in (0, height))
+        if min(foot[2], head[2]) <= 0.05:
+            continue
+        box = outline(state, c)
+        size = VIEWS.image_size[c]
+        inside = [
+            max(0.0, min(box[i + 2], size[i]) - max(box[i], 0.0)) / (box[i + 2] - box[i])
+            for i in (0, 1)
+        ]
+        assert found.share[0, c] == pytest.approx(np.prod(inside), abs=1e-9)
+        ramp = (np.prod(inside) - BODY_RAMP[0]) / (BODY_RAMP[1] - BODY_RAMP[0])
+        assert found.inside[0, c] == pytest.approx(np.clip(ramp, 0, 1), abs=1e-9)
+
+
+@given(st.integers(0, 10**6), st.permutations(range(9)))
+def test_everybody_is_seen_as_if_asked_alone_even_where_nothing_can_be_seen(seed, order):
+    rng = np.random.default_rng(seed)
+    order = np.array(order)
+    state = np.column_stack([rng.uniform(-12, 12, (9, 2)), rng.uniform(0.1, 2, 9)])
+    state[:2, :2] = VIEWS.station[:2]  # right under a camera
+    state[2, :2] = 2 * VIEWS.station[0]  # behind it
+    box = rng.uniform(0, 700, (6, 4))
+    box[:, 2:] += box[:, :2]
+    table = rng.integers(-1, 6, (2, CAMERAS, 3))
+    frame = rng.integers(0, 2, 9)
+    member = rng.integers(-1, 6, (9, CAMERAS))
+    everyone = seen(state, member, box, frame, table)
+    mixed = seen(state[order], member[order], box, frame[order], table)
+    for all_, some in zip(jax.tree.leaves(everyone), jax.tree.leaves(mixed), strict=True):
+        assert np.isfinite(all_).all()
+        np.testing.assert_array_equal(all_[order], some)
+    for name in ("inside", "cover", "share"):
+        share = getattr(everyone, name)
+        assert (share >= 0).all()
+        assert (share <= 1 + 1e-12).all()  # a ratio of equal areas
+    assert everyone.share[2, 0] == everyone.inside[2, 0] == 0
+
+
+def test_only_boxes_that_stand_in_front_of_the_feet_hide_them():
+    box = np.array(
+        [
+            [100.0, 100, 200, 400],  # feet from row 310 on
+            [100.0, 370, 200, 500],  # in front: hides a third of them
+            [100.0, 100, 200, 399],  # behind
+            [150.0, 355, 300, 500],  # in front, but in another camera
+            [150.0, 310, 300, 500],  # in front, but at another time
+        ]
+    )
+    camera, frame = np.array([0, 0, 0, 1, 0]), np.array([0, 0, 0, 0, 1])
+    table = np.array([[[0, 1, 2], [3, -1, -1]], [[4, -1, -1], [-1, -1, -1]]])
+    found = np.asarray(covered_feet(box, frame, camera, table))
+    assert found[0] == pytest.approx(1 / 3)
+    assert found[1] == found[3] == found[4] == 0
+    assert found[2] == 1  # by the first, which stands a pixel lower
+    # A row of padding belongs to no frame.
+    assert np.asarray(covered_feet(box, frame + 2, camera, table)).max() == 0
+
+
+@settings(max_examples=10)
+@given(st.integers(0, 10**6), st.floats(0.2, 0.95), st.floats(0.2, 0.95))
+def test_the_rate_of_a_camera_is_what_was_drawn_where_others_are_witnesses(seed, rate, usual):
+    rng = np.random.default_rng(seed)
+    H, C = 6000, 6
+    drawn = np.array([rate] + [usual] * (C - 1))
+    hit = rng.random((H, C)) < drawn
+    # As many again are false boxes of a single camera, which all others rightly miss.
+    hit[H // 2 :] = np.eye(C, dtype=bool)[rng.integers(0, C, H // 2)]
+    member = np.where(hit, np.arange(H * C).reshape(H, C), -1)
+    shape = (H, C)
+    views = Views(np.ones(shape), np.full(shape, 100.0), np.zeros(shape), np.ones(shape))
+    size, camera = np.full(H * C, 100.0), np.tile(np.arange(C), H)
+    trials = ((hit.sum(1, keepdims=True) - hit) >= 3).sum(0)
+    found = learn_detection_rate(views, member, size, camera, RULES)(views)
+    # Four standard deviations of a share, beside the pull of the pseudo counts.
+    pull = RULES.detection_rate_pseudo_counts / (trials + RULES.detection_rate_pseudo_counts)
+    limit = 4 * np.sqrt(drawn * (1 - drawn) / trials) + pull
+    assert (np.abs(found[0] - drawn) < limit).all()
+
+
+@given(st.integers(0, 10**6))
+def test_rates_are_probabilities_by_what_hides_and_nothing_outside_is_missed(seed):
+    rng = np.random.default_rng(seed)
+    H, C = 200, 5
+    member = np.where(rng.random((H, C)) < rng.random(C), 0, -1)
+    views = Views(
+        rng.integers(0, 2, (H, C)).astype(float), rng.uniform(20, 400, (H, C)),
+        rng.choice([0.0, 0.3, 0.5, 0.8, 1.0], (H, C)), np.ones((H, C)),
+    )  # fmt: skip
+    found = learn_detection_rate(
+        views, member, rng.uniform(20, 400, 50), rng.integers(0, C, 50), RULES
+    )
+    assert ((found.rate >= 0.01) & (found.rate <= 0.99)).all()
+    assert found.rate.shape == (C, 3, len(COVER_EDGES) + 1)
+    np.testing.assert_array_equal(found(views)[np.asarray(views.inside) == 0], 0)
+
+
+def test_nobody_seen_leaves_the_rate_that_was_assumed():
+    empty = Views(*(np.zeros((0, 3)) for _ in range(4)))
+    found = learn_detection_rate(empty, np.zeros((0, 3), int), np.zeros(0), np.zeros(0, int), RULES)
+    np.testing.assert_allclose(found.rate, RULES.detection_rate_start)

@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+
+from catfree.methods.evidence import EvidenceSettings, solve
+from catfree.methods.evidence._gaussian import Information
+from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.observe._measurement import Measurements, start_noise
+from catfree.methods.evidence.observe._views import ground_views
+from catfree.methods.evidence.report._uneven_ground import ground_shift, with_uneven_ground
+from catfree.methods.evidence.track._tracking import Trails
+from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene, walk
+
+
+def shift_seen_by(cameras, rig, unit=HEIGHT):
+    """Shift of one person at (1, 0.5) metres seen by these cameras of a rig."""
+    views = ground_views(make_scene(rig), unit)
+    C = rig.camera_count
+    member = np.full((1, C), -1)
+    member[0, cameras] = np.arange(len(cameras))
+    xy = (np.array([1.0, 0.5]) @ np.asarray(make_scene(rig).ground.basis)[:2] - views.origin) / unit
+    trails = Trails(
+        np.zeros(1, int), np.zeros(1, int), np.zeros(1, int), np.array([[*xy, 1.0, 0, 0]]),
+        np.eye(5)[None],
+    )  # fmt: skip
+    empty = Information(np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros(1))
+    groups = Groups(np.zeros(1, int), member, np.full(1, -1), empty, empty, np.zeros(1))
+
+    n = len(cameras)
+    measurements = Measurements(
+        Information(np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros(n)),
+        np.zeros((n, 3)), np.zeros((n, 3, 3)), np.full((n, 3), 3.0), np.zeros((n, 3)),
+        np.ones((n, 3), bool), np.ones(n, bool),
+    )  # fmt: skip
+    settings = EvidenceSettings()
+    return ground_shift(trails, groups, measurements, views, start_noise(C, settings), settings)[
+        0
+    ], xy
+
+
+@pytest.mark.usefixtures("x64")
+def test_one_camera_moves_a_raised_person_away_by_distance_over_height():
+    rig = make_rig()
+    shift, xy = shift_seen_by([0], rig)
+    views = ground_views(make_scene(rig), HEIGHT)
+    away = xy - views.station[0]
+    # Raised by z the foot moves away by z / camera height, the head by z / (camera height - H).
+    ratio = shift @ away / (away @ away)
+    assert HEIGHT / 3.0 < ratio < HEIGHT / (3.0 - HEIGHT)
+    assert ratio * np.linalg.norm(away) == pytest.approx(np.linalg.norm(shift), rel=1e-3)
+
+
+@pytest.mark.usefixtures("x64")
+def test_cameras_all_around_cancel_what_cameras_on_one_side_share():
+    rig = make_rig(count=8)
+    one_side, _ = shift_seen_by([0, 1], rig)
+    around, _ = shift_seen_by([0, 2, 4, 6], rig)
+    assert np.linalg.norm(around) < 0.3 * np.linalg.norm(one_side)
+
+
+def test_uneven_ground_widens_along_the_shift_only():
+    widened = with_uneven_ground(np.eye(2)[None] * 0.01, np.array([[2.0, 0.0]]), 0.05)
+    np.testing.assert_allclose(widened[0], [[0.02, 0], [0, 0.01]])
+
+
+def test_reported_positions_are_as_sure_as_the_settings_ask():
+    _, detections, scene = walk(seed=14, frames=6)
+    solution = solve(detections, scene)
+    sigma = np.sqrt(np.linalg.eigvalsh(solution.position_covariance[solution.kept]).max(1))
+    assert solution.kept.any()
+    assert (sigma < EvidenceSettings().report_radius).all()

@@ -1,0 +1,103 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from catfree.methods.evidence import EvidenceSettings
+from catfree.methods.evidence.observe._measurement import start_noise
+from catfree.methods.evidence.observe._views import GroundViews, ground_views
+from catfree.methods.evidence.observe._visibility import Views
+from catfree.methods.evidence.report._working_area import in_working_area
+from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene
+
+SETTINGS = EvidenceSettings()
+CAMERAS = 6
+
+
+def within(share, away=None):
+    """Whether people are in the working area who have these shares of their body in the images.
+
+    They all stand in the middle, equally well seen otherwise, or (n,) H0 `away` from it.
+    """
+    share = np.asarray(share, float)
+    views = ground_views(make_scene(make_rig(CAMERAS)), HEIGHT)
+    return judge(share, views, np.zeros(len(share)) if away is None else np.asarray(away))
+
+
+def judge(share, views: GroundViews, away, cameras=CAMERAS):
+    state = np.column_stack([away, np.zeros(len(away)), np.ones(len(away))])
+    seen = Views(np.ones_like(share), np.full_like(share, 100.0), 0 * share, share)
+    noise = start_noise(share.shape[1], SETTINGS)
+    return in_working_area(state, seen, views, noise, cameras, SETTINGS)
+
+
+def shares(people):
+    """Shares of the body in the images: none, cut, whole."""
+    one = st.lists(st.sampled_from([0.0, 0.5, 1.0]), min_size=CAMERAS, max_size=CAMERAS)
+    return st.lists(one, min_size=people[0], max_size=people[1]).map(np.array)
+
+
+@pytest.mark.usefixtures("x64")
+@settings(max_examples=20, deadline=None)
+@given(shares((1, 12)), st.permutations(range(CAMERAS)))
+def test_the_order_of_the_cameras_says_nothing(share, order):
+    np.testing.assert_array_equal(within(share), within(share[:, order]))
+
+
+@pytest.mark.usefixtures("x64")
+@settings(max_examples=30, deadline=None)
+@given(shares((1, 12)), st.data())
+def test_another_image_of_the_whole_body_takes_nobody_out(share, data):
+    person = data.draw(st.integers(0, len(share) - 1))
+    camera = data.draw(st.integers(0, CAMERAS - 1))
+    before = within(share)[person]
+    share[person, camera] = 1.0
+    assert within(share)[person] >= before
+
+
+def test_a_place_is_left_when_half_of_the_rig_has_turned_away():
+    everywhere = [[1.0] * 6] * 5
+    np.testing.assert_array_equal(
+        within([*everywhere, [1, 1, 1, 1, 0, 0], [1, 1, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0]]),
+        [True] * 6 + [False, False],
+    )
+
+
+def test_three_images_of_the_whole_body_are_enough_anywhere():
+    everywhere = [[1.0] * 6] * 5
+    few = [[1, 1, 1, 0, 0, 0], [1, 0, 0, 1, 0, 1], [1, 1, 0.5, 0.5, 0.5, 0.5]]
+    np.testing.assert_array_equal(within([*everywhere, *few]), [True] * 7 + [False])
+
+
+def test_where_people_are_usually_in_few_images_two_are_enough():
+    usual = [[1, 1, 1, 1, 0, 0], [0, 1, 1, 1, 1, 0], [0, 0, 1, 1, 1, 1]]
+    np.testing.assert_array_equal(
+        within([*usual, [1, 1, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0]]), [True] * 4 + [False]
+    )
+
+
+def test_where_people_are_in_half_of_the_images_nobody_is_excluded():
+    assert within([[1, 1, 1, 0, 0, 0], [0, 0, 1, 1, 0, 0], [1, 1, 0, 0, 0, 0], [0] * 6]).all()
+
+
+def test_cameras_that_see_nobody_do_not_count():
+    share = np.array([[1.0] * 4 + [0.0] * 2] * 5 + [[1.0] * 2 + [0.0] * 4])
+    views = ground_views(make_scene(make_rig(CAMERAS)), HEIGHT)
+    assert judge(share, views, np.zeros(6)).all()
+    found = judge(share, views, np.zeros(6), cameras=4)
+    np.testing.assert_array_equal(found, [True] * 5 + [False])
+
+
+def test_a_cut_body_is_not_seen_but_a_hand_outside_cuts_nobody():
+    everywhere = [[1.0] * 6] * 5
+    np.testing.assert_array_equal(
+        within([*everywhere, [0.97] * 6, [1, 1, 0.6, 0.6, 0.6, 0.6]]), [True] * 6 + [False]
+    )
+
+
+def test_a_place_far_off_is_vague():
+    found = within([[1.0] * 6] * 8, away=[0, 0.5, 1, -0.5, -1, 0.2, 300, 310])
+    np.testing.assert_array_equal(found, [True] * 6 + [False] * 2)
+
+
+def test_nobody_is_nowhere():
+    assert within(np.zeros((0, 6))).shape == (0,)

@@ -1,0 +1,234 @@
+from dataclasses import fields, replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from scipy.spatial.transform import Rotation
+
+import catfree as cf
+from catfree.errors import InsufficientDataError
+from catfree.evaluation import detection_metrics
+from catfree.methods.evidence import EvidenceSettings, clusters_of, localize_by_evidence, solve
+from catfree.synthetic import DetectorModel, make_world
+from catfree.types import Fate, Origin
+from tests.methods.evidence.evidence_worlds import make_rig, make_scene, walk
+
+
+def moda(truth, result):
+    return detection_metrics(truth, result.tracks.to_rows(), threshold=0.5).moda
+
+
+def rows_of(result):
+    t = result.tracks
+    return np.column_stack([t.frame, t.ground_xy])
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_people_who_walk_are_found_and_keep_their_identity(seed):
+    truth, detections, scene = walk(seed=seed)
+    result = localize_by_evidence(detections, scene)
+    assert moda(truth, result) > 97
+    assert len(np.unique(result.tracks.track_id)) == 6
+    assert (result.tracks.existence > 0.5).all()
+    accepted = result.candidates.fate == Fate.ACCEPTED
+    assert accepted.sum() == (result.tracks.origin == Origin.DETECTED).sum()
+
+
+def test_true_positions_lie_inside_the_stated_ellipses():
+    truth, detections, scene = walk(people=8, frames=20, seed=3, noise=0.02)
+    t = localize_by_evidence(detections, scene).tracks
+    inside = []
+    for frame, xy, covariance in zip(t.frame, t.ground_xy, t.covariance, strict=True):
+        there = truth[truth[:, 0] == frame, 2:]
+        error = there[np.argmin(np.linalg.norm(there - xy, axis=1))] - xy
+        inside.append(error @ np.linalg.solve(covariance, error) < 5.99)
+    assert np.mean(inside) > 0.9
+
+
+@settings(max_examples=4)
+@given(
+    st.floats(0.05, 20),
+    st.lists(st.floats(-1, 1), min_size=3, max_size=3),
+    st.lists(st.floats(-50, 50), min_size=3, max_size=3),
+)
+def test_a_similarity_of_the_scene_is_one_of_the_result(scale, rotation, shift):
+    _, detections, scene = walk(frames=6, seed=5)
+    rig = scene.rig
+    Q, v = Rotation.from_rotvec(rotation).as_matrix(), np.array(shift)
+    R = np.asarray(rig.R) @ Q.T
+    t = scale * np.asarray(rig.t) - R @ v
+    normal = Q @ np.array([0.0, 0.0, 1.0])
+    other = cf.Scene(cf.Rig(rig.K, R, t, rig.image_size), cf.Plane(normal, -normal @ v), 18 * scale)
+    a, b = (
+        localize_by_evidence(detections, scene).tracks,
+        localize_by_evidence(detections, other).tracks,
+    )
+    moved = scale * a.position @ Q.T + v
+    order_a = np.lexsort((moved[:, 0].round(4), a.frame))
+    order_b = np.lexsort((b.position[:, 0].round(4), b.frame))
+    assert len(a) == len(b)
+    np.testing.assert_allclose(moved[order_a], b.position[order_b], atol=1e-6 * (scale + 50))
+    np.testing.assert_allclose(scale * a.sigma[order_a], b.sigma[order_b], rtol=1e-6)
+
+
+@settings(max_examples=4)
+@given(st.randoms(use_true_random=False))
+def test_the_order_of_detections_and_cameras_has_no_effect(random):
+    _, detections, scene = walk(frames=6, seed=6)
+    order = list(range(len(detections)))
+    random.shuffle(order)
+    cameras = list(range(5))
+    random.shuffle(cameras)
+    place = np.argsort(cameras)
+    shuffled = detections[order]
+    renamed = cf.Detections(shuffled.frame, place[shuffled.camera], shuffled.box)
+    plain = rows_of(localize_by_evidence(detections, scene))
+    other = rows_of(localize_by_evidence(renamed, make_scene(scene.rig.select(cameras))))
+    plain, other = (r[np.lexsort(r.T[::-1].round(6))] for r in (plain, other))
+    np.testing.assert_allclose(plain, other, atol=1e-7)
+
+
+def test_an_unregistered_camera_has_no_say():
+    truth, detections, scene = walk(seed=7)
+    rig = scene.rig
+    K = np.asarray(rig.K).copy()
+    K[2] = np.nan
+    known = np.arange(5) != 2
+    masked = cf.Rig(K, rig.R, rig.t, rig.image_size, registered=known)
+    result = localize_by_evidence(detections, make_scene(masked))
+    assert moda(truth, result) > 90
+    assert (result.candidates.support[:, 2] == -1).all()
+
+
+def test_one_frame_is_enough_for_positions():
+    truth, detections, scene = walk(frames=1, seed=8, clutter=0.0)
+    result = localize_by_evidence(detections, scene)
+    assert moda(truth, result) > 80
+
+
+def test_a_rolled_and_distorted_rig_is_understood():
+    truth, detections, scene = walk(seed=9, rig=make_rig(roll=np.deg2rad(20)))
+    assert moda(truth, localize_by_evidence(detections, scene)) > 95
+
+
+def test_no_person_on_the_ground_is_an_error_that_says_so():
+    _, _, scene = walk(frames=1)
+    sky = cf.Detections([0, 0], [0, 1], [[100, 20, 110, 30], [100, 20, 110, 30.0]])
+    with pytest.raises(InsufficientDataError, match="2 boxes"):
+        localize_by_evidence(sky, scene)
+
+
+def test_a_blind_frame_of_one_camera_is_not_held_against_people():
+    truth, detections, scene = walk(people=8, seed=10, clutter=0.0)
+    blind = (detections.camera == 1) & (detections.frame == 5)
+    assert moda(truth, localize_by_evidence(detections[~blind], scene)) > 97
+
+
+def test_clusters_are_right_correspondences():
+    truth, detections, scene = walk(seed=11)
+    clusters = clusters_of(solve(detections, scene))
+    strict = clusters.strict()
+    assert strict.sum() > 50
+    for i in np.flatnonzero(strict):
+        rows = clusters.member[i][clusters.member[i] >= 0]
+        assert (detections.frame[rows] == clusters.frame[i]).all()
+        there = truth[truth[:, 0] == clusters.frame[i], 2:]
+        assert np.linalg.norm(there - clusters.ground_xy[i], axis=1).min() < 0.2
+    assert np.isfinite(clusters.sigma[clusters.member >= 0]).all()
+    assert np.isnan(clusters.sigma[clusters.member < 0]).all()
+
+
+@cache
+def poorly_seen():
+    """Nearly every third box is missing, and almost half of the others show nobody."""
+    _, detections, scene = walk(frames=6, seed=12, recall=0.7, clutter=3.0)
+    return detections, scene, localize_by_evidence(detections, scene)
+
+
+@cache
+def crowd_beyond(people=10):
+    """A crowd with looks that walks farther than the rig was built to cover."""
+    detector = DetectorModel(false_positives=3.0)
+    world = make_world("gmvd6", 0, frames=8, people=people, detector=detector)
+    return world.detections, world.scene, localize_by_evidence(world.detections, world.scene)
+
+
+def dense_crowd():
+    """People with looks who pass so close that motion alone takes some for others."""
+    return crowd_beyond(30)
+
+
+# Each ingredient, a world in which it matters, and what it decides there.
+INGREDIENTS = {
+    "use_misses": (poorly_seen, "who"),
+    "self_calibrate": (poorly_seen, "position"),
+    "residual_field": (poorly_seen, "position"),
+    "local_clutter": (poorly_seen, "existence"),
+    "use_height": (poorly_seen, "who"),
+    "track": (poorly_seen, "who"),
+    "use_appearance": (crowd_beyond, "position"),
+    "link_by_looks": (dense_crowd, "position"),
+    "working_area": (crowd_beyond, "who"),
+    "uneven_ground": (poorly_seen, "covariance"),
+    "pose_errors": (poorly_seen, "covariance"),
+}
+
+
+def without(name):
+    """The tracks of the ingredient's world with it and without it."""
+    detections, scene, plain = INGREDIENTS[name][0]()
+    other = localize_by_evidence(detections, scene, replace(EvidenceSettings(), **{name: False}))
+    assert np.isfinite(other.tracks.position).all()
+    return plain.tracks, other.tracks
+
+
+def changes(plain, other):
+    """What differs by more than a hundredth: of the usual deviation, or of certainty."""
+    if len(plain) != len(other) or (plain.frame != other.frame).any():
+        return {"who"}
+    sigma = np.median(plain.sigma)
+    sizes = {"position": sigma, "covariance": sigma**2, "existence": 1.0}
+    return {
+        name
+        for name, size in sizes.items()
+        if np.abs(getattr(plain, name) - getattr(other, name)).max() > 0.01 * size
+    }
+
+
+def test_every_switch_is_an_ingredient():
+    switches = [f.name for f in fields(EvidenceSettings) if isinstance(f.default, bool)]
+    assert switches == list(INGREDIENTS)
+
+
+@pytest.mark.parametrize("name", INGREDIENTS)
+def test_every_ingredient_can_be_switched_off(name):
+    assert INGREDIENTS[name][1] in changes(*without(name))
+
+
+@pytest.mark.parametrize("name", ["uneven_ground", "pose_errors"])
+def test_doubts_about_ground_and_poses_widen_ellipses_and_nothing_else(name):
+    plain, other = without(name)
+    np.testing.assert_array_equal(plain.track_id, other.track_id)
+    np.testing.assert_array_equal(plain.position, other.position)
+    np.testing.assert_array_equal(plain.existence, other.existence)
+    added = np.linalg.eigvalsh(plain.covariance - other.covariance)
+    assert added.min() > -1e-12  # both are squares of floats of the size of one
+    assert added.max(1).min() > 0
+
+
+def test_outside_the_working_area_people_are_found_but_not_reported():
+    plain, other = without("working_area")
+    there = {tuple(row) for row in np.column_stack([other.frame, other.ground_xy])}
+    assert {tuple(row) for row in np.column_stack([plain.frame, plain.ground_xy])} < there
+
+
+def test_looks_tell_people_apart():
+    truth, detections, scene = walk(people=9, frames=8, seed=13, noise=0.03)
+    rng = np.random.default_rng(0)
+    looks = rng.standard_normal((40, 16))
+    looks = looks[rng.integers(0, 40, len(detections))]
+    plain = localize_by_evidence(detections, scene)
+    random = cf.Detections(detections.frame, detections.camera, detections.box, embedding=looks)
+    # Embeddings that say nothing are found out and ignored.
+    assert moda(truth, localize_by_evidence(random, scene)) > moda(truth, plain) - 3

@@ -1,0 +1,82 @@
+"""Worse input makes worse results, but gradually, and never worse than the paper's method."""
+
+import numpy as np
+import pytest
+
+import catfree as cf
+from benchmarks.paper.scoring import score
+from benchmarks.robustness import (
+    CHANGES,
+    ROLL,
+    distorted,
+    modas,
+    simulated,
+    thinned,
+    with_dropped_frames,
+    with_false_boxes,
+)
+from catfree.methods.evidence.observe._boxes import undistort
+from catfree.synthetic import RigError
+
+FRAMES = 8
+
+
+@pytest.fixture(scope="module")
+def world():
+    return simulated("ring6", 8, frames=FRAMES)
+
+
+@pytest.mark.parametrize(
+    ("name", "least"),
+    [
+        ("50 % of the boxes", 70),
+        ("30 % false boxes", 85),
+        ("lenses k1 = -0.1, corrected", 85),
+        ("lenses k1 = -0.1, not corrected", 60),
+    ],
+)
+def test_bad_input_costs_less_than_it_costs_the_papers_method(world, name, least):
+    paper, evidence = modas(CHANGES[name](world))
+    assert evidence > least
+    assert evidence >= paper
+
+
+def test_a_rolled_camera_is_understood():
+    paper, evidence = modas(simulated("ring6", 8, frames=FRAMES, roll=ROLL))
+    assert evidence > 85
+    assert evidence >= paper
+
+
+@pytest.mark.parametrize(
+    ("layout", "seed", "degrees"), [("gmvd8", 33, 0.5), ("wildtrack", 38, 1.0)]
+)
+def test_cameras_that_disagree_make_no_camps(layout, seed, degrees):
+    """Each camp of cameras would report every person in a place of its own, or nobody at all."""
+    rig_error = RigError(rotation_deg=degrees)
+    sequence = simulated(layout, seed, frames=6, rig_error=rig_error)
+    found = score(cf.localize(sequence.detections, sequence.scene), sequence).detection
+    assert found.precision > 98
+    assert found.recall > 65
+
+
+def test_a_camera_that_drops_frames_costs_nothing(world):
+    def moda(sequence):
+        return score(cf.localize(sequence.detections, sequence.scene), sequence).moda
+
+    assert moda(with_dropped_frames(world, 0.2)) > moda(world) - 2
+
+
+def test_the_changes_are_what_they_say(world):
+    boxes = world.detections
+    assert len(thinned(world, 0.5).detections) == pytest.approx(0.5 * len(boxes), rel=0.1)
+    false = len(with_false_boxes(world, 0.3).detections) - len(boxes)
+    assert false / (false + len(boxes)) == pytest.approx(0.3, abs=0.01)
+    lost = with_dropped_frames(world, 0.25).detections
+    assert len(np.unique(lost.frame[lost.camera == 1])) == FRAMES - 2
+    assert (lost.camera != 1).sum() == (boxes.camera != 1).sum()
+    bent = distorted(world, -0.1, known=True)
+    feet = np.stack([bent.detections.box[:, [0, 2]].mean(1), bent.detections.box[:, 3]], -1)
+    straight = undistort(bent.scene.rig, boxes.camera, feet)
+    # The side middles are bent each for itself, so that the foot point is right to a pixel or two.
+    error = np.abs(straight - np.stack([boxes.box[:, [0, 2]].mean(1), boxes.box[:, 3]], -1))
+    assert np.median(error) < 1 < np.median(np.abs(bent.detections.box - boxes.box))

@@ -1,0 +1,67 @@
+import itertools
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from catfree.methods.evidence._solve import probability_within
+from catfree.methods.evidence.observe._boxes import undistort
+from catfree.methods.evidence.observe._visibility import COLUMNS, covered_share
+from catfree.methods.evidence.track._presence import presence
+from catfree.methods.evidence.track._tracking import Trails
+from catfree.types import Rig
+
+
+@given(st.lists(st.floats(-5, 5), min_size=1, max_size=7), st.floats(0.5, 6), st.floats(0, 4))
+def test_presence_is_the_sum_over_all_histories(evidence, appear, leave):
+    n = len(evidence)
+    trails = Trails(
+        np.zeros(n, int), np.arange(n), np.arange(n), np.zeros((n, 5)), np.zeros((n, 5, 5))
+    )
+    got = presence(trails, np.array(evidence), appear, leave)
+    on, total = np.zeros(n), 0.0
+    for history in itertools.product([0, 1], repeat=n):
+        h = np.array(history)
+        # The person may leave with the last frame at no cost.
+        starts = (np.diff(np.r_[0, h]) == 1).sum()
+        stops = (np.diff(h) == -1).sum()
+        weight = np.exp(h @ np.array(evidence) - appear * starts - leave * stops)
+        on, total = on + weight * h, total + weight
+    np.testing.assert_allclose(got, on / total, rtol=1e-6, atol=1e-9)
+
+
+@settings(max_examples=10)
+@given(st.floats(0.05, 1), st.floats(0.05, 1), st.floats(0, 3), st.floats(0.1, 1))
+def test_probability_within_a_radius_matches_sampling(a, b, angle, radius):
+    R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    covariance = R @ np.diag([a**2, b**2]) @ R.T
+    points = np.random.default_rng(1).multivariate_normal([0, 0], covariance, 40000)
+    share = (np.linalg.norm(points, axis=1) < radius).mean()
+    assert abs(probability_within(covariance[None], radius)[0] - share) < 0.012
+
+
+def test_a_box_hides_what_lies_below_its_top():
+    region = jnp.array([0.0, 0.0, 8.0, 10.0])
+    others = jnp.array([[-1.0, 5.0, 3.9, 12.0], [0.0, 0.0, 8.0, 9.0], [2.0, 8.0, 9.0, 11.0]])
+    active = jnp.array([True, True, False])
+    # The first hides the lower half of half the columns; the second ends higher, so it is behind.
+    assert float(covered_share(region, region[3], others, active)) == 0.25
+    both = jnp.array([True, True, True])
+    assert float(covered_share(region, region[3], others, both)) == pytest.approx(0.35)
+    assert COLUMNS == 8
+
+
+@given(st.floats(-0.15, 0.1), st.floats(100, 1180), st.floats(100, 620))
+def test_undistorted_pixels_distort_back(k1, u, v):
+    K = np.array([[900.0, 0, 640], [0, 900, 360], [0, 0, 1]])
+    rig = Rig(K[None], np.eye(3)[None], np.zeros((1, 3)), (1280, 720), [[k1, 0.02, 1e-3, -1e-3, 0]])
+    ideal = undistort(rig, np.zeros(1, int), np.array([[u, v]]))[0]
+    x, y = (ideal[0] - 640) / 900, (ideal[1] - 360) / 900
+    r2 = x * x + y * y
+    radial = 1 + k1 * r2 + 0.02 * r2**2
+    back = [
+        900 * (x * radial + 2e-3 * x * y - 1e-3 * (r2 + 2 * x * x)) + 640,
+        900 * (y * radial + 1e-3 * (r2 + 2 * y * y) - 2e-3 * x * y) + 360,
+    ]
+    np.testing.assert_allclose(back, [u, v], atol=1e-3)

@@ -1,0 +1,75 @@
+"""Two cameras are little, but enough: what three would teach is learned from pairs."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import catfree as cf
+from catfree.evaluation import detection_metrics_in_area
+from catfree.geometry import fit_similarity
+from catfree.methods.evidence import solve
+from catfree.synthetic import DetectorModel, RigError, make_world
+
+
+@pytest.fixture(scope="module")
+def world():
+    return make_world(
+        "ring6",
+        5,
+        frames=20,
+        people=10,
+        background=2,
+        rig_error=RigError(rotation_deg=0.25),
+        detector=DetectorModel(false_positives=0.3),
+    )
+
+
+def seen_by(world, cameras):
+    """Boxes and scene of some cameras; the gauge stays that of all."""
+    detections, scene = world.detections, world.scene
+    own = detections[np.isin(detections.camera, cameras)]
+    numbered = {"camera": np.searchsorted(cameras, own.camera)}
+    fewer = scene.rig.select(np.array(cameras))
+    return (
+        cf.Detections(**(vars(own) | numbered)),
+        cf.Scene(fewer, scene.ground, scene.extent, scene.metric),
+    )
+
+
+def score(world, found):
+    align = fit_similarity(np.asarray(world.scene.rig.centers), world.true_centres)
+    xy = np.asarray(align(found.tracks.position))[:, :2]
+    rows = found.tracks.to_rows(xy)
+    return detection_metrics_in_area(world.ground_truth, rows, world.area).metrics
+
+
+@pytest.mark.parametrize("cameras", [(0, 2), (2, 4), (3, 5), (0, 3)])
+def test_most_people_are_found_and_more_than_by_the_paper(world, cameras):
+    detections, scene = seen_by(world, cameras)
+    found, paper = (
+        score(world, cf.localize(detections, scene, rules))
+        for rules in (cf.Settings(), cf.Settings.paper())
+    )
+    assert found.precision > 90
+    assert found.recall > 50
+    assert found.moda > paper.moda
+
+
+def test_crowding_is_learned_from_pairs(world):
+    detections, scene = seen_by(world, (0, 2))
+    rules = cf.Settings().evidence
+    fixed = dataclasses.replace(rules, self_calibrate=False)
+    assert solve(detections, scene, fixed).noise.density == rules.density_start
+    # Twelve people in 16 by 16 metres, in cells of 2 by 2 heights that anyone visits.
+    assert 0.02 < solve(detections, scene).noise.density < 0.2
+
+
+def test_what_separates_two_cameras_is_shared_and_stays_so(world):
+    detections, scene = seen_by(world, (0, 2))
+    fields = []
+    for rounds in (6, 7):
+        rules = dataclasses.replace(cf.Settings().evidence, calibration_rounds=rounds)
+        fields.append(solve(detections, scene, rules).noise.field)
+    assert np.abs(fields[0]).max() > 5e-3
+    assert np.abs(fields[1] - fields[0]).max() < 0.25 * np.abs(fields[0]).max()

@@ -1,0 +1,209 @@
+"""Log-odds of people: what speaks for them, what against, and how much clutter counts."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from catfree.methods.evidence._gaussian import Information
+from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.observe._boxes import Boxes
+from catfree.methods.evidence.observe._measurement import Measurements
+from catfree.methods.evidence.observe._views import ground_views
+from catfree.methods.evidence.track._existence import (
+    CELLS,
+    clutter_cells,
+    judge_groups,
+    looking,
+    misses,
+)
+from catfree.settings import EvidenceSettings
+from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene
+
+CAMERAS = 4
+VIEWS = ground_views(make_scene(make_rig(CAMERAS)), HEIGHT)
+PLAIN = EvidenceSettings(local_clutter=False)
+
+rates = st.lists(st.floats(0, 1), min_size=CAMERAS, max_size=CAMERAS).map(np.array)
+
+
+class Scene:
+    """Groups with members, at places, and the boxes that they are made of."""
+
+    def __init__(self, there, place, gain, frame=None):
+        there = np.asarray(there, bool)
+        H = len(there)
+        self.frame = np.zeros(H, int) if frame is None else np.asarray(frame, int)
+        self.group, self.camera = np.nonzero(there)
+        n = len(self.group)
+        self.member = np.full(there.shape, -1)
+        self.member[self.group, self.camera] = np.arange(n)
+        empty = Information(np.zeros((H, 3, 3)), np.zeros((H, 3)), np.zeros(H))
+        self.groups = Groups(
+            self.frame, self.member, np.full(H, -1), empty, empty, np.asarray(gain, float)
+        )
+        state = np.column_stack([np.asarray(place)[self.group], np.ones(n)])
+        flags = np.ones((n, 3), bool)
+        self.measurements = Measurements(
+            Information(np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros(n)),
+            state, np.zeros((n, 3, 3)), np.ones((n, 3)), np.ones((n, 3)), flags, flags[:, 0],
+        )  # fmt: skip
+        F = int(self.frame.max(initial=0)) + 1
+        table = np.full((F, CAMERAS, max(n, 1)), -1)
+        for row, (g, c) in enumerate(zip(self.group, self.camera, strict=True)):
+            table[self.frame[g], c, row] = row
+        self.boxes = Boxes(
+            row=np.arange(n), frames=np.arange(F), frame=self.frame[self.group],
+            camera=self.camera, box=np.ones((n, 4)), edges=np.ones((n, 3)), size=np.ones(n),
+            cut=~flags, ankles=flags[:, 0], valid=flags[:, 0], table=table, embedding=None,
+            first=np.arange(F + 1),
+        )  # fmt: skip
+
+    def judged(self, rate, agreement=0.0, rules=PLAIN):
+        H = len(self.groups)
+        rate = np.broadcast_to(rate, (H, CAMERAS))
+        return judge_groups(
+            self.groups, np.full(H, agreement), self.measurements, self.boxes, VIEWS, rate, rules
+        )
+
+
+def one(seen, gain=2.0):
+    """One person in the middle, seen by these cameras; all of them delivered the frame."""
+    return Scene([seen, [True] * CAMERAS], np.zeros((2, 2)), [gain, 0.0])
+
+
+seen_by = st.lists(st.booleans(), min_size=CAMERAS, max_size=CAMERAS).filter(any)
+
+
+@given(seen_by, rates, st.floats(-5, 5))
+def test_log_odds_are_gain_and_finds_and_misses_written_out(seen, rate, gain):
+    expected = gain
+    for found, p in zip(seen, rate, strict=True):
+        if found:
+            expected += np.log(max(p, PLAIN.smallest_detection_rate) / PLAIN.clutter_start)
+        else:
+            expected += np.log(1 - min(p, 0.99))
+    assert one(seen, gain).judged(rate).log_odds[0] == pytest.approx(expected, abs=1e-9)
+
+
+@given(seen_by, rates, st.integers(0, CAMERAS - 1), st.floats(0, 1))
+def test_who_should_be_seen_better_is_believed_less_where_missed_and_more_where_found(
+    seen, rate, camera, other
+):
+    low, high = rate.copy(), rate.copy()
+    low[camera], high[camera] = min(rate[camera], other), max(rate[camera], other)
+    less, more = (one(seen).judged(r).log_odds[0] for r in (low, high))
+    assert more >= less if seen[camera] else more <= less
+
+
+@given(seen_by, rates, st.integers(0, CAMERAS - 1), st.floats(0.01, 3))
+def test_more_evidence_of_any_kind_is_more_belief(seen, rate, camera, more):
+    plain = one(seen).judged(rate).log_odds[0]
+    assert one(seen, 2.0 + more).judged(rate).log_odds[0] == pytest.approx(plain + more)
+    assert one(seen).judged(rate, agreement=more).log_odds[0] == pytest.approx(plain + more)
+    also = seen.copy()
+    also[camera] = True
+    # Found at half the rate of clutter is worth less than nothing, but a likely find is not.
+    likely = np.maximum(rate, 0.5)
+    assert one(also).judged(likely).log_odds[0] >= one(seen).judged(likely).log_odds[0] - 1e-9
+
+
+@given(seen_by, rates)
+def test_without_misses_only_finds_count(seen, rate):
+    rules = EvidenceSettings(local_clutter=False, use_misses=False)
+    blind = np.where(seen, rate, 0.0)
+    first = one(seen).judged(rate, rules=rules).log_odds[0]
+    assert first == pytest.approx(one(seen).judged(blind).log_odds[0], abs=1e-9)
+
+
+@given(rates)
+def test_a_miss_is_bounded_however_sure_the_camera(rate):
+    member = np.array([[-1] * CAMERAS, [0] * CAMERAS])
+    against = misses(np.stack([rate, rate]), member)
+    assert np.isfinite(against).all()
+    assert against[0] <= 0 == against[1]
+    assert against[0] >= CAMERAS * np.log(0.01) - 1e-9
+
+
+def test_a_camera_without_a_picture_is_out_only_where_many_are_expected():
+    there = np.ones((5, CAMERAS), bool)
+    there[:, 2] = False
+    scene = Scene(there, np.zeros((5, 2)), np.zeros(5))
+    few, many = (
+        looking(np.full((5, CAMERAS), rate), scene.member, scene.frame, scene.boxes)
+        for rate in (0.6, 0.61)  # of five people: three, and more than three
+    )
+    assert few.all()
+    np.testing.assert_array_equal(many, [[True, True, False, True]])
+    # It does not speak against anybody, and its rate says that it did not look.
+    found = scene.judged(0.9)
+    assert (found.rate[:, 2] == 0).all()
+    np.testing.assert_allclose(found.log_odds, 3 * np.log(0.9))
+
+
+def test_a_camera_that_saw_anybody_at_all_had_a_picture():
+    there = np.ones((6, CAMERAS), bool)
+    there[:5, 2] = False
+    scene = Scene(there, np.zeros((6, 2)), np.zeros(6))
+    assert looking(np.full((6, CAMERAS), 0.9), scene.member, scene.frame, scene.boxes).all()
+
+
+@given(st.integers(0, 10**6))
+def test_cells_are_square_metres_of_each_camera_ahead_and_aside(seed):
+    rng = np.random.default_rng(seed)
+    camera = rng.integers(0, CAMERAS, 30)
+    ahead, aside = rng.uniform(0, 100, 30), rng.uniform(-60, 60, 30)
+    forward = VIEWS.heading[camera]
+    right = np.column_stack([forward[:, 1], -forward[:, 0]])
+    place = VIEWS.station[camera] + ahead[:, None] * forward + aside[:, None] * right
+    cell = clutter_cells(np.column_stack([place, np.ones(30)]), camera, VIEWS)
+    found = np.stack(np.unravel_index(cell, (CAMERAS, CELLS, CELLS)), -1)
+    expected = np.column_stack([camera, np.floor(ahead) + 8, np.floor(aside) + CELLS // 2])
+    near_a_line = np.abs(np.column_stack([ahead, aside]) % 1 - 0.5).max(1) > 0.5 - 1e-9
+    np.testing.assert_array_equal(found[~near_a_line], expected[~near_a_line])
+
+
+def cluttered(false, true=40):
+    """People in the middle, seen by all, and a place where camera 0 alone sees something."""
+    there = np.zeros((true + false, CAMERAS), bool)
+    there[:true] = True
+    there[true:, 0] = True
+    place = np.zeros((true + false, 2))
+    place[true:] = VIEWS.station[0] + 3 * VIEWS.heading[0]
+    gain = np.where(there.all(1), 8.0, 0.0)
+    return Scene(there, place, gain, np.arange(true + false) % 20)
+
+
+@settings(max_examples=10)
+@given(st.integers(10, 60))
+def test_where_nobody_confirms_a_camera_it_is_believed_less(false):
+    scene, rules = cluttered(false), EvidenceSettings()
+    found = scene.judged(0.9, rules=rules)
+    alone = scene.group >= 40
+    assert found.clutter[alone].min() > found.clutter[~alone].max()
+    low, high = rules.clutter_range
+    assert ((found.clutter >= low) & (found.clutter <= high)).all()
+    # A ratio is of a camera and a place: the others' is as low as it can be.
+    np.testing.assert_array_equal(found.clutter[scene.camera > 0], low)
+    more = cluttered(false + 20).judged(0.9, rules=rules)
+    assert more.clutter[-1] >= found.clutter[-1]
+    assert more.log_odds[-1] <= found.log_odds[-1]
+
+
+@given(st.integers(0, 10**6))
+def test_the_order_of_the_groups_says_nothing(seed):
+    rng = np.random.default_rng(seed)
+    H = 20
+    there = rng.random((H, CAMERAS)) < 0.6
+    there[~there.any(1), 0] = True
+    place, gain = rng.uniform(-2, 2, (H, 2)), rng.normal(2, 3, H)
+    frame, rate = rng.integers(0, 3, H), rng.random((H, CAMERAS))
+    frame[:3] = range(3)
+    order = rng.permutation(H)
+    rules = EvidenceSettings()
+    plain = Scene(there, place, gain, frame).judged(rate, rules=rules)
+    mixed = Scene(there[order], place[order], gain[order], frame[order]).judged(
+        rate[order], rules=rules
+    )
+    np.testing.assert_allclose(mixed.log_odds, plain.log_odds[order], atol=1e-9)
+    np.testing.assert_array_equal(mixed.rate, plain.rate[order])
+    assert np.isfinite(plain.log_odds).all()

@@ -1,0 +1,235 @@
+"""Tracks: the smoother against one dense solution, people who were drawn, and gaps."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import scipy.linalg
+from hypothesis import given, settings, strategies as st
+
+from catfree.methods.evidence._gaussian import Information, mean_and_covariance
+from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.track._tracking import (
+    Motion,
+    _transition,
+    estimate_motion,
+    follow,
+    unlinked,
+)
+from catfree.settings import EvidenceSettings
+
+MOTION = Motion(0.2, 0.85)
+# So few people, and so wide a gate, that no step of theirs is somebody new.
+DENSITY, SPREAD = 1e-6, 0.06
+RULES = EvidenceSettings(gate=40.0)
+
+
+def groups_at(frame, state, deviation):
+    """Groups that were seen at states (H, 3) with a deviation of each place and height."""
+    frame, state = np.asarray(frame, int), np.asarray(state, float)
+    precision = np.broadcast_to(np.eye(3) / deviation**2, (len(frame), 3, 3)).copy()
+    vector = state / deviation**2
+    info = Information(precision, vector, (state**2).sum(1) / deviation**2)
+    member = np.zeros((len(frame), 1), int)
+    return Groups(frame, member, np.full(len(frame), -1), info, info, np.zeros(len(frame)))
+
+
+def tracked(groups, time, log_odds=3.0, rules=RULES):
+    odds = np.full(len(groups), log_odds)
+    return follow(groups, odds, np.asarray(time, float), MOTION, DENSITY, SPREAD, rules)
+
+
+@pytest.mark.parametrize("dt", [0.5, 1.0, 3.0])
+def test_a_step_is_that_of_a_velocity_that_fades_and_is_renewed(dt):
+    # Van Loan's integral of dv = -rate v dt + noise, for a memory so long that the position takes
+    # the velocity of the step's beginning along, as the filter does.
+    motion = Motion(0.2, 0.9999)
+    rate = -np.log(motion.memory)
+    F = np.array([[0.0, 1.0], [0.0, -rate]])
+    G = np.diag([0.0, 2 * rate * motion.speed**2])
+    block = scipy.linalg.expm(np.block([[-F, G], [np.zeros((2, 2)), F.T]]) * dt)
+    exact_A = block[2:, 2:].T
+    exact_Q = exact_A @ block[:2, 2:]
+    A, Q = _transition(motion, dt)
+    jitter = _transition(Motion(0.0, motion.memory), dt)[1]
+    for axis in (0, 1):
+        both = np.ix_([axis, axis + 3], [axis, axis + 3])
+        np.testing.assert_allclose(A[both], exact_A, rtol=1e-3)
+        np.testing.assert_allclose((Q - jitter)[both], exact_Q, rtol=1e-3)
+    assert (np.linalg.eigvalsh(Q) > -1e-15).all()
+
+
+def dense_solution(observed, time):
+    """Mean (T, 5) and covariance (T, 5, 5) of one person from one system of all moments.
+
+    `observed` is the information (3, 3) and (3,) of each moment, or None in a gap.
+    """
+    T = len(time)
+    matrix, vector = np.zeros((5 * T, 5 * T)), np.zeros(5 * T)
+    matrix[2, 2] += SPREAD**-2
+    vector[2] += SPREAD**-2
+    matrix[3:5, 3:5] += np.eye(2) / MOTION.speed**2
+    for t, seen in enumerate(observed):
+        if seen is not None:
+            at = slice(5 * t, 5 * t + 3)
+            matrix[at, at] += seen[0]
+            vector[at] += seen[1]
+        if t:
+            A, Q = _transition(MOTION, time[t] - time[t - 1])
+            step = np.hstack([-A, np.eye(5)])
+            both = slice(5 * t - 5, 5 * t + 5)
+            matrix[both, both] += step.T @ np.linalg.solve(Q, step)
+    covariance = np.linalg.inv(matrix)
+    blocks = [slice(5 * t, 5 * t + 5) for t in range(T)]
+    return (covariance @ vector).reshape(T, 5), np.array([covariance[b, b] for b in blocks])
+
+
+@given(st.integers(0, 10**6), st.integers(1, 9), st.floats(0.02, 0.3))
+def test_a_smoothed_track_is_the_solution_of_all_its_moments_at_once(seed, frames, deviation):
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(rng.uniform(0.5, 1.5, frames))
+    there = rng.random(frames) < 0.7
+    there[[0, -1]] = True
+    seen = np.flatnonzero(there)
+    path = np.cumsum(rng.normal(0, 0.05, (frames, 2)), 0)
+    state = np.column_stack([path, np.full(frames, 1.02)])[seen]
+    groups = groups_at(seen, state + 0.3 * deviation * rng.standard_normal(state.shape), deviation)
+    found = tracked(groups, time, rules=dataclasses.replace(RULES, gap=frames, gap_penalty=0.0))
+    assert len(np.unique(found.track)) == 1
+    np.testing.assert_array_equal(found.frame, np.arange(frames))
+    np.testing.assert_array_equal(found.group >= 0, there)
+    index = np.where(there, np.cumsum(there) - 1, -1)
+    info = groups.info
+    observed = [(info.matrix[i], info.vector[i]) if i >= 0 else None for i in index]
+    mean, covariance = dense_solution(observed, time)
+    np.testing.assert_allclose(found.mean, mean, atol=1e-9)
+    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-6, atol=1e-12)
+
+
+def crowd(seed, people=6, frames=20, deviation=0.05, recall=0.9):
+    """People drawn from the model, kept apart: who, the true place, and groups of those seen."""
+    rng = np.random.default_rng(seed)
+    A, Q = _transition(MOTION, 1.0)
+    start = np.stack(np.meshgrid([0.0, 30, 60], [0.0, 30]), -1).reshape(-1, 2)[:people]
+    height = 1 + SPREAD * rng.standard_normal(people)
+    state = np.column_stack([start, height, MOTION.speed * rng.standard_normal((people, 2))])
+    states = []
+    for _ in range(frames):
+        states.append(state)
+        state = state @ A.T + rng.multivariate_normal(np.zeros(5), Q, people)
+    frame, person = (a.ravel() for a in np.indices((frames, people)))
+    keep = rng.random(len(frame)) < recall
+    true = np.concatenate(states)[keep, :3]
+    groups = groups_at(frame[keep], true + deviation * rng.standard_normal(true.shape), deviation)
+    return person[keep], true[:, :2], groups
+
+
+@settings(max_examples=10)
+@given(st.integers(0, 10**6))
+def test_people_keep_their_track_and_its_smoothing_helps(seed):
+    person, place, groups = crowd(seed)
+    found = tracked(groups, np.arange(20))
+    seen = found.group >= 0
+    np.testing.assert_array_equal(np.sort(found.group[seen]), np.arange(len(groups)))
+    pairs = np.unique(np.column_stack([found.track[seen], person[found.group[seen]]]), axis=0)
+    assert len(pairs) == len(np.unique(found.track)) == len(np.unique(person))
+    error = found.mean[seen, :2] - place[found.group[seen]]
+    raw = mean_and_covariance(groups.info, SPREAD)[0][:, :2] - place
+    assert (error**2).mean() < (raw**2).mean()
+
+
+def test_errors_of_tracks_are_as_large_as_stated():
+    ratio = []
+    for seed in range(40):
+        _, place, groups = crowd(seed)
+        found = tracked(groups, np.arange(20))
+        seen = found.group >= 0
+        error = found.mean[seen, :2] - place[found.group[seen]]
+        inverse = np.linalg.inv(found.covariance[seen, :2, :2])
+        ratio.append(np.einsum("ni,nij,nj->n", error, inverse, error).mean() / 2)
+    # One on average, to within four deviations of the mean of so many crowds.
+    assert np.mean(ratio) == pytest.approx(1, abs=4 * np.std(ratio) / np.sqrt(len(ratio)))
+    assert np.std(ratio) < 0.3
+
+
+@settings(max_examples=10)
+@given(st.integers(0, 10**6), st.randoms(use_true_random=False))
+def test_the_order_within_a_frame_renames_and_no_more(seed, random):
+    _, _, groups = crowd(seed)
+    order = list(range(len(groups)))
+    random.shuffle(order)
+    order = np.array(order)[np.argsort(groups.frame[order], kind="stable")]
+    mixed = Groups(
+        groups.frame[order], groups.member[order], groups.prior[order], groups.info[order],
+        groups.full[order], groups.gain[order],
+    )  # fmt: skip
+    one, other = tracked(groups, np.arange(20)), tracked(mixed, np.arange(20))
+
+    def chains(trails, name):
+        """Each track as the groups that it saw, with where it was."""
+        return {
+            tuple(name[trails.group[rows][trails.group[rows] >= 0]]): trails.mean[rows]
+            for rows in (np.flatnonzero(trails.track == k) for k in np.unique(trails.track))
+        }
+
+    plain, renamed = chains(one, np.arange(len(groups))), chains(other, order)
+    assert plain.keys() == renamed.keys()
+    for key, mean in plain.items():
+        np.testing.assert_allclose(renamed[key], mean, atol=1e-9)
+
+
+@pytest.mark.parametrize("missing", [0, 1, RULES.gap, RULES.gap + 1])
+def test_a_track_bridges_as_many_frames_as_the_settings_allow(missing):
+    rules = dataclasses.replace(RULES, gap_penalty=0.0)
+    frames = np.r_[np.arange(4), 4 + missing + np.arange(4)]
+    groups = groups_at(frames, np.tile([1.0, 2.0, 1.0], (8, 1)), 0.05)
+    found = tracked(groups, np.arange(8 + missing), rules=rules)
+    bridged = missing <= RULES.gap
+    assert len(np.unique(found.track)) == (1 if bridged else 2)
+    # Ends are trimmed: no track lasts beyond the last time that its person was seen.
+    assert (found.group < 0).sum() == (missing if bridged else 0)
+    inside = found.covariance[:, 0, 0]
+    if bridged and missing:
+        assert inside[found.group < 0].min() > inside[found.group >= 0].max()
+
+
+def test_who_is_unlikely_starts_no_track():
+    groups = groups_at([0, 1, 2], np.tile([1.0, 2.0, 1.0], (3, 1)), 0.05)
+    assert len(tracked(groups, np.arange(3), log_odds=-RULES.evidence_limit / 2)) == 0
+    assert len(tracked(groups, np.arange(3), log_odds=0.1 - RULES.evidence_limit / 2)) == 3
+
+
+def test_two_people_farther_apart_than_anyone_walks_are_two():
+    groups = groups_at([0, 1], [[0.0, 0, 1], [5.0, 0, 1]], 0.05)
+    assert len(np.unique(tracked(groups, np.arange(2)).track)) == 2
+
+
+def test_nobody_leaves_no_track():
+    assert len(tracked(groups_at([], np.zeros((0, 3)), 0.1), np.arange(3))) == 0
+    nobody = unlinked(np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3, 3)))
+    assert len(nobody) == 0
+
+
+@settings(max_examples=10)
+@given(st.integers(0, 10**6), st.floats(0.08, 0.6))
+def test_the_speed_of_a_scattered_crowd_is_what_was_drawn(seed, speed):
+    rng = np.random.default_rng(seed)
+    people, frames = 25, 40
+    place = 20.0 * np.stack(np.divmod(np.arange(people), 5), -1)
+    step = np.clip(speed * rng.standard_normal((frames, people, 2)), -1, 1)
+    path = place + np.cumsum(step, 0)
+    frame = np.repeat(np.arange(frames), people)
+    found = estimate_motion(path.reshape(-1, 2), frame, np.arange(frames).astype(float))
+    # Of 2000 steps the deviation is known to a 60th; paths of 40 steps stay within their cells.
+    assert found.speed == pytest.approx(np.sqrt((step[1:] ** 2).mean()), rel=0.1)
+    assert found.speed == pytest.approx(speed, rel=0.12)
+
+
+def test_the_speed_over_a_pause_of_the_recording_says_nothing():
+    frame = np.repeat([0, 1], 12)
+    path = np.arange(24)[:, None] % 12 * np.array([[5.0, 0.0]]) + 0.3 * frame[:, None]
+    close = estimate_motion(path, frame, np.array([0.0, 1.0]))
+    assert close.speed == pytest.approx(0.3)
+    assert estimate_motion(path, frame, np.array([0.0, 9.0])) == estimate_motion(
+        path[:1], frame[:1], np.array([0.0])
+    )

@@ -1,0 +1,414 @@
+"""`localize`: equivariance, precision, edge cases, compilation."""
+
+import dataclasses
+import logging
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings as hypothesis_settings, strategies as st
+from scipy.spatial.transform import Rotation
+
+import catfree as cf
+from catfree import Detections, Fate, Rig, Scene, Settings
+from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.geometry._similarity import Similarity, transform_scene
+from catfree.synthetic import make_world
+
+PAPER = Settings.paper()
+with jax.enable_x64(True):  # so that the scene's rotations are exact to float64
+    WORLD = make_world("ring6", seed=1, frames=10, people=10)
+CAMERAS = 6
+
+
+def change(settings: Settings, **stages) -> Settings:
+    """Settings with some fields of some stages replaced."""
+    return dataclasses.replace(
+        settings,
+        **{
+            stage: dataclasses.replace(getattr(settings, stage), **fields)
+            for stage, fields in stages.items()
+        },
+    )
+
+
+def rows_of(tracks, position) -> np.ndarray:
+    """Frame and position of each row, in an order that does not depend on track numbers."""
+    rows = np.column_stack([tracks.frame, position])
+    return rows[np.lexsort(np.round(rows.T[::-1], 6))]
+
+
+def share_of_agreement(tracks, other, position, tolerance: float) -> float:
+    """Share of positions of two runs that have a partner in the other within the tolerance."""
+    paired = 0
+    for frame in np.union1d(tracks.frame, other.frame):
+        one, two = position[tracks.frame == frame], other.position[other.frame == frame]
+        if len(one) and len(two):
+            distance = np.linalg.norm(one[:, None] - two[None], axis=-1)
+            paired += (distance.min(1) <= tolerance).sum() + (distance.min(0) <= tolerance).sum()
+    total = len(tracks) + len(other)
+    return paired / total if total else 1.0
+
+
+def same_identities(tracks, other, moved, tolerance: float) -> float:
+    """Share of matched positions whose track is the one that its own first position has."""
+    partner: dict[int, int] = {}
+    agree, total = 0, 0
+    for frame in np.intersect1d(tracks.frame, other.frame):
+        one = np.flatnonzero(tracks.frame == frame)
+        two = np.flatnonzero(other.frame == frame)
+        distance = np.linalg.norm(moved[one][:, None] - other.position[two][None], axis=-1)
+        for i, j in enumerate(distance.argmin(1)):
+            if distance[i, j] <= tolerance:
+                a, b = int(tracks.track_id[one[i]]), int(other.track_id[two[j]])
+                agree += partner.setdefault(a, b) == b
+                total += 1
+    return agree / total if total else 1.0
+
+
+def permuted(detections: Detections, scene: Scene, cameras: np.ndarray, rows: np.ndarray):
+    """The same input with rows reordered and camera k renumbered to cameras[k]."""
+    moved = detections[rows]
+    columns = vars(moved) | {"camera": cameras[moved.camera]}
+    rig = scene.rig.select(np.argsort(cameras))
+    return Detections(**columns), Scene(rig, scene.ground, scene.extent, scene.metric)
+
+
+@pytest.fixture(scope="module")
+def reference():
+    with jax.enable_x64(True):
+        return cf.localize(WORLD.detections, WORLD.scene, PAPER)
+
+
+@hypothesis_settings(max_examples=12)
+@given(
+    st.floats(-3, 3),
+    st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1),
+    st.tuples(*[st.floats(-100, 100)] * 3),
+    st.permutations(range(CAMERAS)),
+    st.randoms(),
+)
+def test_a_similarity_and_any_order_give_the_same_tracks(
+    x64, reference, log_scale, quaternion, shift, cameras, random
+):
+    scale = float(np.exp(log_scale))
+    extent = float(WORLD.scene.extent)
+    similarity = Similarity(
+        scale, Rotation.from_quat(quaternion).as_matrix(), np.array(shift) * extent * scale
+    )
+    rows = list(range(len(WORLD.detections)))
+    random.shuffle(rows)
+    moved_scene = transform_scene(similarity, WORLD.scene)
+    detections, scene = permuted(WORLD.detections, moved_scene, np.array(cameras), np.array(rows))
+    found = cf.localize(detections, scene, PAPER)
+    wanted = np.asarray(similarity(reference.tracks.position))
+    tolerance = 1e-5 * scale * extent
+    assert share_of_agreement(reference.tracks, found.tracks, wanted, tolerance) >= 0.995
+    assert same_identities(reference.tracks, found.tracks, wanted, tolerance) >= 0.995
+    assert found.candidates.count_by_fate() == reference.candidates.count_by_fate()
+    for name in ("tau_sigma", "tau_g"):
+        threshold = getattr(reference.thresholds, name)
+        np.testing.assert_allclose(getattr(found.thresholds, name), scale * threshold, rtol=1e-6)
+    np.testing.assert_allclose(
+        np.sort(found.tracks.sigma), scale * np.sort(reference.tracks.sigma), rtol=1e-6
+    )
+
+
+def test_supports_point_at_the_callers_rows(reference):
+    """A supporting detection belongs to the camera of its column and the frame of its row."""
+    candidates, seen = reference.candidates, WORLD.detections
+    row, camera = np.nonzero(candidates.support >= 0)
+    chosen = candidates.support[row, camera]
+    np.testing.assert_array_equal(seen.camera[chosen], camera)
+    np.testing.assert_array_equal(seen.frame[chosen], candidates.frame[row])
+
+
+def test_tracks_are_on_the_ground_and_sorted(reference):
+    tracks, ground = reference.tracks, WORLD.scene.ground
+    assert len(tracks) > 30
+    extent = float(WORLD.scene.extent)
+    np.testing.assert_allclose(ground.signed_distance(tracks.position), 0, atol=1e-9 * extent)
+    np.testing.assert_allclose(
+        tracks.ground_xy, tracks.position @ np.asarray(ground.basis), atol=1e-9 * extent
+    )
+    order = np.lexsort([tracks.track_id, tracks.frame])
+    np.testing.assert_array_equal(order, np.arange(len(tracks)))
+    assert len(np.unique(np.column_stack([tracks.frame, tracks.track_id]), axis=0)) == len(tracks)
+    np.testing.assert_allclose(
+        tracks.sigma, np.sqrt(np.trace(tracks.covariance, axis1=1, axis2=2) / 2), rtol=1e-9
+    )
+
+
+def test_people_are_where_they_are(x64, reference):
+    truth = np.asarray(WORLD.scene_from_world.inverse()(reference.tracks.position))
+    rows = np.column_stack(
+        [reference.tracks.frame, reference.tracks.track_id, truth[:, :2]]
+    ).astype(float)
+    metrics = cf.evaluation.detection_metrics_in_area(WORLD.ground_truth, rows, WORLD.area).metrics
+    assert metrics.moda > 80
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_float32_far_away_is_close_to_float64(reference, scale):
+    extent = float(WORLD.scene.extent)
+    # A scene of about 20 m that is 10 km from the origin.
+    shift = scale * extent * np.array([300.0, -400.0, 50.0])
+    similarity = Similarity(scale, np.eye(3), shift)
+    with jax.enable_x64(True):
+        scene = transform_scene(similarity, WORLD.scene)
+        wanted = np.asarray(similarity(reference.tracks.position))
+    found = cf.localize(WORLD.detections, scene, PAPER)
+    # Rays in float32 are exact to 1e-7 rad; what a threshold decides the other way may differ.
+    agreement = share_of_agreement(reference.tracks, found.tracks, wanted, 1e-4 * scale * extent)
+    assert agreement >= 0.98
+
+
+def test_a_rig_of_float32_and_of_jax_arrays(reference):
+    rig = WORLD.scene.rig
+    narrow = [np.asarray(a, np.float32) for a in (rig.K, rig.R, rig.t)]
+    for arrays in (narrow, [jnp.asarray(a) for a in narrow]):
+        scene = Scene(
+            Rig(arrays[0], arrays[1], arrays[2], rig.image_size),
+            WORLD.scene.ground,
+            WORLD.scene.extent,
+        )
+        found = cf.localize(WORLD.detections, scene, PAPER)
+        tolerance = 1e-3 * float(scene.extent)
+        position = reference.tracks.position
+        assert share_of_agreement(reference.tracks, found.tracks, position, tolerance) >= 0.95
+
+
+# --- edge cases ---------------------------------------------------------------------------------
+
+
+def first_frames(count: int) -> Detections:
+    return WORLD.detections[WORLD.detections.frame < count]
+
+
+def test_no_detections_at_all():
+    found = cf.localize(Detections([], [], []), WORLD.scene, PAPER)
+    assert len(found.tracks) == len(found.candidates) == 0
+    assert found.thresholds.tau_sigma is None
+    assert np.isnan(found.reliability.median_sigma)
+
+
+def test_all_scores_below_the_confidence():
+    weak = Detections(**(vars(WORLD.detections) | {"score": np.full(len(WORLD.detections), 0.1)}))
+    assert len(cf.localize(weak, WORLD.scene, PAPER).candidates) == 0
+    trusting = dataclasses.replace(PAPER, confidence=0.05)
+    assert len(cf.localize(weak, WORLD.scene, trusting).tracks) > 0
+
+
+def test_a_frame_without_detections_ends_tracks_but_not_the_run():
+    seen = WORLD.detections[WORLD.detections.frame != 4]
+    found = cf.localize(seen, WORLD.scene, change(PAPER, trajectories={"extend": False}))
+    assert 4 not in found.tracks.frame
+    for track in np.unique(found.tracks.track_id):
+        frames = found.tracks.frame[found.tracks.track_id == track]
+        assert (frames < 4).all() or (frames > 4).all()
+
+
+def test_a_single_frame_has_positions_but_no_tracks():
+    found = cf.localize(first_frames(1), WORLD.scene, PAPER)
+    assert len(found.tracks) == 0
+    assert (found.candidates.fate == Fate.TEMPORAL_FILTER).any()
+    alone = change(PAPER, trajectories={"enabled": False}, selection={"temporal_frames": 1})
+    found = cf.localize(first_frames(1), WORLD.scene, alone)
+    assert len(found.tracks) > 0
+    assert (found.tracks.track_id == -1).all()
+
+
+@pytest.mark.parametrize("registered", [0, 1])
+def test_fewer_than_two_registered_cameras_is_one_clear_error(registered):
+    rig = WORLD.scene.rig
+    known = np.arange(CAMERAS) < registered
+    few = Rig(rig.K, rig.R, rig.t, rig.image_size, registered=known)
+    scene = Scene(few, WORLD.scene.ground, WORLD.scene.extent)
+    with pytest.raises(
+        InsufficientDataError, match=rf"at least 2 .* has {registered} of {CAMERAS}"
+    ):
+        cf.localize(WORLD.detections, scene, PAPER)
+
+
+def test_one_camera_is_one_clear_error():
+    scene = Scene(WORLD.scene.rig.select([0]), WORLD.scene.ground, WORLD.scene.extent)
+    with pytest.raises(InsufficientDataError, match="at least 2 registered cameras"):
+        cf.localize(WORLD.detections[WORLD.detections.camera == 0], scene, PAPER)
+
+
+def test_a_camera_that_the_rig_does_not_have():
+    at = int(np.argmax(WORLD.detections.camera == 5))
+    scene = Scene(WORLD.scene.rig.select(range(5)), WORLD.scene.ground, WORLD.scene.extent)
+    with pytest.raises(InvalidInputError, match=rf"camera\[{at}\] is 5, but the rig has 5"):
+        cf.localize(WORLD.detections, scene, PAPER)
+
+
+def test_an_unregistered_camera_is_as_good_as_none(reference):
+    rig = WORLD.scene.rig
+    wrong = [np.array(a) for a in (rig.K, rig.R, rig.t)]
+    for array in wrong:
+        array[1] = np.nan
+    known = np.arange(CAMERAS) != 1
+    scene = Scene(
+        Rig(wrong[0], wrong[1], wrong[2], rig.image_size, registered=known),
+        WORLD.scene.ground,
+        WORLD.scene.extent,
+    )
+    found = cf.localize(WORLD.detections, scene, PAPER)
+    assert (found.candidates.support[:, 1] == -1).all()
+    assert np.isfinite(found.tracks.position).all()
+    without = WORLD.detections[known[WORLD.detections.camera]]
+    wanted = cf.localize(without, WORLD.scene, PAPER)
+    assert len(wanted.tracks) > 0
+    np.testing.assert_array_equal(found.tracks.frame, wanted.tracks.frame)
+    np.testing.assert_allclose(found.tracks.position, wanted.tracks.position, atol=1e-4)
+
+
+def test_two_cameras_and_cameras_without_detections():
+    seen = WORLD.detections[np.isin(WORLD.detections.camera, [1, 2])]
+    found = cf.localize(seen, WORLD.scene, PAPER)
+    assert len(found.tracks) > 0
+    assert set(found.tracks.supporting_cameras.tolist()) == {2}
+
+
+def test_boxes_of_one_camera_only():
+    found = cf.localize(WORLD.detections[WORLD.detections.camera == 2], WORLD.scene, PAPER)
+    assert len(found.tracks) == len(found.candidates) == 0
+
+
+@pytest.mark.parametrize("without", ["embedding", "ankles_confirmed", "score"])
+def test_each_cue_is_optional(without):
+    seen = Detections(**(vars(WORLD.detections) | {without: None}))
+    assert len(cf.localize(seen, WORLD.scene, PAPER).tracks) > 0
+
+
+def test_boxes_alone_in_whole_pixels():
+    seen = WORLD.detections
+    box = np.round(seen.box).astype(int)
+    found = cf.localize(Detections(seen.frame, seen.camera, box), WORLD.scene, PAPER)
+    assert len(found.tracks) > 0
+
+
+def test_zero_embeddings_are_finite():
+    nothing = np.zeros((len(WORLD.detections), 4))
+    seen = Detections(**(vars(WORLD.detections) | {"embedding": nothing}))
+    found = cf.localize(seen, WORLD.scene, PAPER)
+    assert np.isfinite(found.tracks.position).all()
+
+
+def test_doubled_detections_do_not_double_people(reference):
+    twice = np.concatenate([np.arange(len(WORLD.detections))] * 2)
+    found = cf.localize(WORLD.detections[twice], WORLD.scene, PAPER)
+    radius = PAPER.selection.suppression_radius * float(WORLD.scene.extent)
+    for frame in np.unique(found.tracks.frame):
+        position = found.tracks.position[found.tracks.frame == frame]
+        apart = np.linalg.norm(position[:, None] - position[None], axis=-1)
+        assert (apart + np.eye(len(apart)) * 2 * radius > radius).all()
+
+
+def test_lens_distortion_bends_the_rays_back(reference):
+    rig = WORLD.scene.rig
+    coefficients = np.array([-0.2, 0.05, 0.001, -0.001, 0.0])
+    seen = WORLD.detections
+    foot = np.empty_like(seen.foot)
+    for camera in range(CAMERAS):
+        mine = seen.camera == camera
+        K = np.asarray(rig.K[camera])
+        x, y = ((seen.foot[mine] - K[:2, 2]) / K[[0, 1], [0, 1]]).T
+        k1, k2, p1, p2, k3 = coefficients
+        r2 = x * x + y * y
+        radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+        bent = np.column_stack(
+            [
+                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+                y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+            ]
+        )
+        foot[mine] = bent * K[[0, 1], [0, 1]] + K[:2, 2]
+    box = seen.box + (foot - seen.foot)[:, [0, 1, 0, 1]]
+    bent_rig = Rig(rig.K, rig.R, rig.t, rig.image_size, np.tile(coefficients, (CAMERAS, 1)))
+    scene = Scene(bent_rig, WORLD.scene.ground, WORLD.scene.extent)
+    found = cf.localize(Detections(**(vars(seen) | {"box": box})), scene, PAPER)
+    position, tolerance = reference.tracks.position, 1e-3 * float(scene.extent)
+    assert share_of_agreement(reference.tracks, found.tracks, position, tolerance) >= 0.9
+
+
+def crowd(cameras: int, frames: int, people: int, seed: int = 0) -> tuple[Detections, Scene]:
+    """A ring of cameras around people who stand still, every one seen by all, with noise."""
+    rng = np.random.default_rng(seed)
+    angle = np.linspace(0, 2 * np.pi, cameras, endpoint=False)
+    centers = np.column_stack([10 * np.cos(angle), 10 * np.sin(angle), np.full(cameras, 4.0)])
+    forward = -centers / np.linalg.norm(centers, axis=1, keepdims=True)
+    right = np.cross(forward, [0.0, 0, 1])
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    R = np.stack([right, np.cross(forward, right), forward], axis=1)
+    K = np.tile(np.array([[900.0, 0, 960], [0, 900, 540], [0, 0, 1]]), (cameras, 1, 1))
+    rig = Rig(K, R, -np.einsum("cij,cj->ci", R, centers), (1920, 1080))
+    place = np.column_stack([rng.uniform(-4, 4, (people, 2)), np.zeros(people)])
+    looks = rng.standard_normal((people, 16))
+    frame, person, camera = np.meshgrid(
+        np.arange(frames), np.arange(people), np.arange(cameras), indexing="ij"
+    )
+    frame, person, camera = frame.ravel(), person.ravel(), camera.ravel()
+    local = np.einsum("nij,nj->ni", R[camera], place[person] - centers[camera])
+    pixel = (local[:, :2] / local[:, 2:]) * 900 + [960, 540] + rng.normal(size=(len(frame), 2))
+    tall = 1.7 * 900 / local[:, 2]
+    box = np.column_stack(
+        [pixel[:, 0] - tall / 6, pixel[:, 1] - tall, pixel[:, 0] + tall / 6, pixel[:, 1]]
+    )
+    embedding = looks[person] + 0.3 * rng.standard_normal((len(frame), 16))
+    ground = cf.Plane([0.0, 0, 1], 0.0)
+    return Detections(frame, camera, box, embedding=embedding), Scene.from_rig(rig, ground, True)
+
+
+def test_forty_cameras():
+    detections, scene = crowd(40, 3, 5)
+    # Every hypothesis is right here, so the adaptive gates have nothing to separate.
+    found = cf.localize(detections, scene, change(PAPER, selection={"gates": "none"}))
+    assert len(found.tracks) == 15
+    assert (found.tracks.supporting_cameras >= 35).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("frames", "people"), [(1, 1700), (50, 34)])
+def test_ten_thousand_detections(frames, people):
+    detections, scene = crowd(CAMERAS, frames, people)
+    assert len(detections) > 10_000
+    found = cf.localize(detections, scene, PAPER)
+    assert len(found.candidates) > 0
+    if frames > 1:
+        assert len(np.unique(found.tracks.track_id)) > 17
+
+
+def test_progress_is_reported_to_the_end():
+    calls = []
+    cf.localize(WORLD.detections, WORLD.scene, PAPER, lambda *call: calls.append(call))
+    assert {"tracklets", "association", "positions", "selection", "trajectories"} <= {
+        stage for stage, _, _ in calls
+    }
+    assert all(0 <= done <= total for _, done, total in calls)
+    assert calls[-1] == ("trajectories", 1, 1)
+
+
+def test_a_sequence_of_another_length_compiles_nothing():
+    cf.localize(WORLD.detections, WORLD.scene, PAPER)
+    other = make_world(WORLD.layout, seed=8, frames=13, people=9)
+    compiled: list[str] = []
+
+    class Listener(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            compiled.append(record.getMessage())
+
+    listener, logger = Listener(), logging.getLogger("jax")
+    logger.addHandler(listener)
+    try:
+        with jax.log_compiles(True):
+            jax.jit(lambda x: x + 12345)(1)  # the listener hears what is compiled
+            heard = sum("Finished XLA compilation" in message for message in compiled)
+            compiled.clear()
+            cf.localize(other.detections, other.scene, PAPER)
+    finally:
+        logger.removeHandler(listener)
+    assert heard == 1
+    assert [message for message in compiled if "Finished XLA compilation" in message] == []

@@ -1,0 +1,309 @@
+"""From pictures to tracks: stages fit together, resume after a kill, and fail in one sentence."""
+
+import multiprocessing
+import os
+import signal
+from dataclasses import replace
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+from catfree._run import _cache as cache_module, _stages as stages_module
+from catfree._run._cache import StageCache, content_hash
+from catfree._run._cached_detection import PIECE
+from catfree._run._run import run, run_stages
+from catfree._run._stages import detect
+from catfree.adapters import ColorEmbedder, FrameDetections, SynchronizedVideos
+from catfree.errors import (
+    CalibrationError,
+    CatFreeError,
+    InsufficientDataError,
+    InvalidInputError,
+)
+from catfree.methods._localize import localize
+from catfree.settings import CalibrationSettings, EvidenceSettings, Settings
+from catfree.synthetic import make_world
+from catfree.synthetic._layouts import ring
+from catfree.types import Detections, Scene
+
+FRAMES, CAMERAS, SIZE = 2 * PIECE + 5, 3, (320, 180)
+
+
+@cache
+def small_world():
+    return make_world(ring(CAMERAS, image_size=SIZE, people=4), frames=FRAMES, people=4)
+
+
+class ReadsItsPicture:
+    """A detector whose pictures say in their first pixel which frame and camera they are."""
+
+    def __init__(self, detections, *, dies_at=None, score=0.9, name="reads its picture"):
+        self.detections, self.dies_at, self.score = detections, dies_at, score
+        self.fingerprint = name
+        self.calls = 0
+
+    def __call__(self, image):
+        self.calls += 1
+        if self.calls == self.dies_at:
+            os.kill(os.getpid(), signal.SIGKILL)
+        frame, camera, _ = (int(value) for value in image[0, 0])
+        rows = (self.detections.frame == frame) & (self.detections.camera == camera)
+        box = self.detections.box[rows]
+        return FrameDetections(box, np.full(len(box), self.score))
+
+
+class Unused:
+    """A reconstructor that nobody calls."""
+
+    fingerprint = "unused"
+
+    def __call__(self, images):
+        raise AssertionError("called")
+
+
+def write_pictures(folder, world, frames=FRAMES):
+    """Noise whose first pixel holds frame and camera, in red and green."""
+    rng = np.random.default_rng(0)
+    for camera in range(CAMERAS):
+        (folder / f"camera {camera}").mkdir(parents=True)
+        for frame in range(frames):
+            image = rng.integers(0, 255, (SIZE[1] // 8, SIZE[0] // 8, 3), np.uint8)
+            image = cv2.resize(image, SIZE)
+            image[0, 0] = (0, camera, frame)  # blue, green, red
+            cv2.imwrite(str(folder / f"camera {camera}/{frame:03d}.png"), image)
+    return [folder / f"camera {camera}" for camera in range(CAMERAS)]
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    return write_pictures(tmp_path_factory.mktemp("pictures"), small_world())
+
+
+def same_content(one, other):
+    return content_hash(one) == content_hash(other)
+
+
+def test_run_is_detection_and_localization_with_a_known_scene(pictures, tmp_path):
+    world = small_world()
+    detector, stages = ReadsItsPicture(world.detections), []
+    outcome = run_stages(
+        pictures,
+        detector,
+        scene=world.scene,
+        settings=Settings.paper(),
+        cache_dir=tmp_path,
+        progress=lambda stage, done, total: stages.append(stage),
+    )
+    assert detector.calls == FRAMES * CAMERAS
+    assert len(outcome.detections) == len(world.detections)
+    alone = localize(outcome.detections, world.scene, Settings.paper())
+    assert same_content(outcome.localization, alone)
+    assert same_content(outcome.scene, world.scene)
+    assert outcome.calibration is None
+    assert outcome.camera_names == ("camera 0", "camera 1", "camera 2")
+    assert len(outcome.localization.tracks) > 0
+    assert stages[0] == "detect"
+
+    # Everything is found again: nobody detects, and the result is the same.
+    again = ReadsItsPicture(world.detections)
+    found = run(pictures, again, scene=world.scene, settings=Settings.paper(), cache_dir=tmp_path)
+    assert same_content(found, outcome.localization)
+    assert again.calls == 0
+
+
+def test_pieces_from_the_cache_are_what_one_pass_gives(pictures, tmp_path):
+    world, videos = small_world(), SynchronizedVideos(pictures)
+    embedder = ColorEmbedder()
+    whole = detect(videos, ReadsItsPicture(world.detections), embedder)
+    stages = StageCache(tmp_path)
+    assert same_content(
+        whole, detect(videos, ReadsItsPicture(world.detections), embedder, cache=stages)
+    )
+    # A piece in the middle is lost: only that one is detected again.
+    lost = sorted(tmp_path.glob("boxes-*"))[0]
+    lost.unlink()
+    detector = ReadsItsPicture(world.detections)
+    assert same_content(whole, detect(videos, detector, embedder, cache=stages))
+    assert detector.calls in (PIECE * CAMERAS, (FRAMES - 2 * PIECE) * CAMERAS)
+    # Without embedder the boxes serve, without anybody looking.
+    detector = ReadsItsPicture(world.detections)
+    bare = detect(videos, detector, cache=stages)
+    assert detector.calls == 0
+    assert bare.embedding is None
+    np.testing.assert_array_equal(bare.box, whole.box)
+
+
+class Grows(ColorEmbedder):
+    """Rows of another length after the first piece."""
+
+    def __init__(self):
+        self.calls = 0
+
+    def __call__(self, image, box):
+        self.calls += 1
+        return np.ones((len(box), 3 if self.calls <= PIECE * CAMERAS else 4))
+
+
+def test_answers_are_checked_over_all_pieces(pictures, tmp_path):
+    world, videos = small_world(), SynchronizedVideos(pictures)
+    for options in ({}, {"cache": StageCache(tmp_path)}):
+        with pytest.raises(InvalidInputError, match=r"Grows, asked about camera .*\(\d+, 3\)"):
+            detect(videos, ReadsItsPicture(world.detections), Grows(), **options)
+
+
+def test_other_content_is_never_reused(pictures, tmp_path):
+    world, stages = small_world(), StageCache(tmp_path)
+    videos = SynchronizedVideos(pictures)
+    detect(videos, ReadsItsPicture(world.detections), cache=stages)
+    for other_videos, name in (
+        (videos, "other weights"),
+        (SynchronizedVideos(pictures, start=1), "reads its picture"),
+        (SynchronizedVideos(pictures[::-1]), "reads its picture"),
+    ):
+        detector = ReadsItsPicture(world.detections, name=name)
+        detect(other_videos, detector, cache=stages)
+        assert detector.calls == other_videos.frame_count * CAMERAS
+
+
+def _detect_until_killed(paths, folder, dies_at):
+    detector = ReadsItsPicture(small_world().detections, dies_at=dies_at)
+    detect(SynchronizedVideos(paths), detector, ColorEmbedder(), cache=StageCache(folder))
+
+
+def _die_before_the_rename(paths, folder):
+    def replace(source, target):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    os.replace = replace
+    _detect_until_killed(paths, folder, None)
+
+
+def killed(function, *arguments):
+    process = multiprocessing.get_context("spawn").Process(target=function, args=arguments)
+    process.start()
+    process.join()
+    return process.exitcode == -signal.SIGKILL
+
+
+def test_a_killed_run_goes_on_where_it_was(pictures, tmp_path):
+    world, videos = small_world(), SynchronizedVideos(pictures)
+    whole = detect(videos, ReadsItsPicture(world.detections), ColorEmbedder())
+    assert killed(_die_before_the_rename, pictures, tmp_path)
+    assert list(tmp_path.glob("*.npz")) == []
+    assert killed(_detect_until_killed, pictures, tmp_path, (PIECE + 3) * CAMERAS)
+    detector = ReadsItsPicture(world.detections)
+    resumed = detect(videos, detector, ColorEmbedder(), cache=StageCache(tmp_path))
+    assert detector.calls == (FRAMES - PIECE) * CAMERAS
+    assert same_content(whole, resumed)
+
+
+def test_pieces_without_people_agree_with_one_pass(pictures, tmp_path):
+    videos = SynchronizedVideos(pictures)
+    seen = small_world().detections
+    for some in (seen[seen.frame < 3], seen[:0]):
+        folder = tmp_path / str(len(some))
+        name = f"sees {len(some)}"
+        whole = detect(videos, ReadsItsPicture(some, name=name), ColorEmbedder())
+        pieces = detect(
+            videos, ReadsItsPicture(some, name=name), ColorEmbedder(), cache=StageCache(folder)
+        )
+        assert same_content(whole, pieces)
+
+
+def test_damaged_footage_is_kept_up_to_the_damage(tmp_path):
+    world = small_world()
+    paths = write_pictures(tmp_path / "pictures", world)
+    (paths[1] / f"{PIECE + 4:03d}.png").write_bytes(b"no picture")
+    videos = SynchronizedVideos(paths, on_error="keep")
+    detector = ReadsItsPicture(world.detections)
+    found = detect(videos, detector, cache=StageCache(tmp_path / "cache"))
+    assert videos.interruption is not None
+    assert found.frame.max() == PIECE + 3
+    # The broken piece is not kept as if it were whole.
+    again = ReadsItsPicture(world.detections)
+    assert same_content(found, detect(videos, again, cache=StageCache(tmp_path / "cache")))
+    assert again.calls == 4 * CAMERAS
+
+
+def test_wrong_input_is_one_sentence(pictures, tmp_path):
+    world = small_world()
+    detector = ReadsItsPicture(world.detections)
+    with pytest.raises(InvalidInputError, match="3 cameras, but there are 2 videos"):
+        run(pictures[:2], detector, scene=world.scene)
+    rig = world.scene.rig
+    other = type(rig)(rig.K, rig.R, rig.t, (640, 360))
+    with pytest.raises(InvalidInputError, match=r"Camera 0 of the scene.*640 x 360.*320 x 180"):
+        run(pictures, detector, scene=Scene(other, world.scene.ground, world.scene.extent))
+    with pytest.raises(InvalidInputError, match="not both"):
+        run(pictures, detector, reconstructor=Unused(), scene=world.scene)
+    nameless = ReadsItsPicture(world.detections, name="")
+    with pytest.raises(InvalidInputError, match="ReadsItsPicture has no fingerprint"):
+        run(pictures, nameless, scene=world.scene, cache_dir=tmp_path)
+
+
+def test_videos_must_be_a_list_with_videos(pictures):
+    for videos in ([], str(pictures[0])):
+        with pytest.raises(InvalidInputError, match=r"^videos must list one video file"):
+            run(videos)
+
+
+def test_nobody_to_calibrate_from(pictures):
+    nobody = ReadsItsPicture(small_world().detections[:0])
+    with pytest.raises((CalibrationError, InsufficientDataError)):
+        run(pictures, nobody)
+
+
+def test_doubtful_boxes_do_not_calibrate(pictures):
+    doubtful = ReadsItsPicture(small_world().detections, score=0.5)
+    with pytest.raises((CalibrationError, InsufficientDataError)):
+        run(pictures, doubtful)
+
+
+def test_the_calibration_gets_the_settings_of_the_run(pictures, monkeypatch):
+    given = []
+
+    def pretend(detections, image_size, settings, **options):
+        given.append((detections, settings))
+        raise CalibrationError("pretended")
+
+    monkeypatch.setattr(stages_module, "calibrate", pretend)
+    detector = ReadsItsPicture(small_world().detections, score=0.5)
+    rules = Settings(
+        calibration_confidence=0.4,
+        calibration=CalibrationSettings(person_height=1.2, maximum_frames=7),
+        evidence=EvidenceSettings(passes=2),
+    )
+    drawn_tight = replace(rules, calibration=replace(rules.calibration, box_slack=0.01))
+    for settings, slack, states in (
+        (rules, CalibrationSettings.box_slack, False),
+        (rules, 0.0, True),
+        (drawn_tight, 0.01, True),
+    ):
+        if states:
+            detector.box_slack = 0.0
+        with pytest.raises(CalibrationError, match="pretended"):
+            run(pictures, detector, settings=settings)
+        detections, found = given[-1]
+        assert len(detections) == len(small_world().detections)
+        assert found.confidence == 0.4  # which `calibrate` drops boxes below
+        assert found.evidence == rules.evidence
+        assert found.calibration == replace(settings.calibration, box_slack=slack)
+
+
+def test_a_full_disk_stops_the_run_with_a_sentence(pictures, tmp_path, monkeypatch):
+    def full(path, kind, arrays):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(cache_module, "save_arrays", full)
+    world = small_world()
+    with pytest.raises(CatFreeError, match=r"No space left on device.*Free some space"):
+        run(pictures, ReadsItsPicture(world.detections), scene=world.scene, cache_dir=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_detections_type_is_what_users_get(pictures):
+    found = detect(SynchronizedVideos(pictures, end=2), ReadsItsPicture(small_world().detections))
+    assert isinstance(found, Detections)
+    assert set(found.frame) <= {0, 1}

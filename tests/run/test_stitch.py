@@ -1,0 +1,196 @@
+"""Pieces of one person's track come together, and nobody else's."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from catfree._run._stitch import squared_displacement, stitch_tracks
+from catfree.methods.paper._assemble import empty_localization
+from catfree.types import (
+    Candidates,
+    Detections,
+    Fate,
+    Localization,
+    Origin,
+    Plane,
+    Rig,
+    Scene,
+    Tracks,
+)
+
+CAMERAS, LOOKS = 2, 16
+
+
+def scene():
+    eye = np.eye(3)[None].repeat(CAMERAS, 0)
+    rig = Rig(eye, eye, np.array([[0.0, 0, -5], [10, 0, -5]]), (640, 480))
+    return Scene(rig, Plane(np.array([0.0, 0, 1]), 0.0), 20.0, metric=True)
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def sequence(people, holes, *, seed=0, frames=60, looks=True):
+    """People who walk straight on, missing in some frames; every piece is a track of its own.
+
+    Args:
+        people: number of people, 3 m apart, at 0.25 m a frame.
+        holes: person to (first, last) frame without positions.
+    """
+    rng = np.random.default_rng(seed)
+    clothes = unit(rng.normal(size=(people, LOOKS)))
+    rows = []
+    for person in range(people):
+        track = 2 * person
+        for frame in range(frames):
+            begin, end = holes.get(person, (frames, frames))
+            if begin <= frame <= end:
+                continue
+            x = 0.25 * frame + rng.normal(0, 0.02)
+            rows.append((frame, track + (frame > end), person, x, 3.0 * person))
+    rows.sort(key=lambda row: (row[0], row[1]))
+    frame, track, person, x, y = (np.array(column) for column in zip(*rows, strict=True))
+    count = len(frame)
+    position = np.column_stack([x, y, np.zeros(count)])
+    tracks = Tracks(
+        frame=frame,
+        track_id=track,
+        position=position,
+        ground_xy=position[:, :2],
+        sigma=np.full(count, 0.02),
+        covariance=np.tile(0.0004 * np.eye(2), (count, 1, 1)),
+        supporting_cameras=np.full(count, CAMERAS),
+        origin=np.full(count, int(Origin.DETECTED)),
+    )
+    support = np.arange(CAMERAS * count).reshape(count, CAMERAS)
+    candidates = Candidates(
+        frame=frame,
+        position=position,
+        sigma=tracks.sigma,
+        ground_distance=np.zeros(count),
+        rms_angle=np.zeros(count),
+        support=support,
+        score=np.ones(count),
+        fate=np.full(count, int(Fate.ACCEPTED)),
+    )
+    seen = unit(
+        clothes[person].repeat(CAMERAS, 0) + 0.05 * rng.normal(size=(CAMERAS * count, LOOKS))
+    )
+    detections = Detections(
+        frame.repeat(CAMERAS),
+        np.tile(np.arange(CAMERAS), count),
+        np.tile([[0.0, 0, 10, 30]], (CAMERAS * count, 1)),
+        embedding=seen if looks else None,
+    )
+    nothing = empty_localization(CAMERAS)
+    return (
+        Localization(tracks, candidates, nothing.thresholds, nothing.reliability),
+        detections,
+        person,
+    )
+
+
+def pairs(labels):
+    return labels[:, None] == labels[None, :]
+
+
+@given(
+    st.integers(9, 12),
+    st.dictionaries(
+        st.integers(0, 8), st.tuples(st.integers(10, 30), st.integers(0, 12)), max_size=5
+    ),
+    st.integers(0, 20),
+    st.booleans(),
+)
+def test_every_person_gets_one_identity(people, cuts, seed, looks):
+    # Without looks, only a short gap leaves no doubt.
+    longest = 12 if looks else 2
+    holes = {one: (begin, begin + min(gap, longest)) for one, (begin, gap) in cuts.items()}
+    localization, detections, person = sequence(people, holes, seed=seed, looks=looks)
+    joined = stitch_tracks(localization, detections, scene()).tracks
+    np.testing.assert_array_equal(joined.position, localization.tracks.position)
+    np.testing.assert_array_equal(pairs(joined.track_id), pairs(person))
+    assert set(joined.track_id) == set(range(people))
+
+
+@given(st.randoms(use_true_random=False))
+def test_names_of_the_pieces_do_not_matter(random):
+    localization, detections, _ = sequence(9, {1: (20, 24), 4: (30, 33)})
+    names = list(range(40, 40 + 18))
+    random.shuffle(names)
+    renamed = eqx.tree_at(
+        lambda result: result.tracks.track_id,
+        localization,
+        np.array(names)[localization.tracks.track_id],
+    )
+    one = stitch_tracks(localization, detections, scene()).tracks
+    two = stitch_tracks(renamed, detections, scene()).tracks
+
+    def by_place(tracks):
+        return tracks.track_id[np.lexsort((tracks.ground_xy[:, 1], tracks.frame))]
+
+    np.testing.assert_array_equal(pairs(by_place(one)), pairs(by_place(two)))
+
+
+def test_another_look_at_the_same_place_is_another_person():
+    localization, detections, person = sequence(9, {3: (20, 24)})
+    late = (detections.frame > 24) & (person.repeat(CAMERAS) == 3)
+    stranger = np.where(late[:, None], -detections.embedding, detections.embedding)
+    swapped = eqx.tree_at(lambda d: d.embedding, detections, stranger)
+    joined = stitch_tracks(localization, swapped, scene()).tracks
+    own = person == 3
+    assert len(set(joined.track_id[own])) == 2
+
+
+def test_nobody_crosses_the_square_in_a_frame():
+    localization, detections, person = sequence(9, {3: (20, 20)}, looks=False)
+    far = (person == 3) & (localization.tracks.frame > 20)
+    moved = localization.tracks.ground_xy + 14 * far[:, None]
+    jumped = eqx.tree_at(lambda result: result.tracks.ground_xy, localization, moved)
+    joined = stitch_tracks(jumped, detections, scene()).tracks
+    assert len(set(joined.track_id[person == 3])) == 2
+
+
+def test_overlapping_pieces_lose_the_overlap_of_the_earlier_one():
+    localization, detections, person = sequence(9, {})
+    tracks = localization.tracks
+    again = (person == 2) & (tracks.frame >= 28) & (tracks.frame < 31)
+    late = (person == 2) & (tracks.frame >= 28)
+    names = np.where(late, 99, tracks.track_id)
+    doubled = tracks[np.r_[np.arange(len(tracks)), np.flatnonzero(again)]]
+    names = np.r_[names, tracks.track_id[again]]
+    doubled = eqx.tree_at(lambda table: table.track_id, doubled, names)
+    doubled = doubled[np.lexsort((doubled.track_id, doubled.frame))]
+    localization = eqx.tree_at(lambda result: result.tracks, localization, doubled)
+    joined = stitch_tracks(localization, detections, scene()).tracks
+    assert len(joined) == len(tracks)
+    rows = np.column_stack([joined.frame, joined.track_id])
+    assert len(np.unique(rows, axis=0)) == len(rows)
+
+
+def test_nothing_to_join():
+    empty = empty_localization(CAMERAS)
+    nobody = Detections([], [], np.zeros((0, 4)))
+    assert stitch_tracks(empty, nobody, scene()) is empty
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.3])
+def test_squared_displacement_of_a_straight_walk(speed):
+    frame = np.arange(30)
+    xy = np.column_stack([speed * frame, np.zeros(30)])
+    tracks = Tracks(
+        frame=frame,
+        track_id=np.zeros(30, int),
+        position=np.pad(xy, ((0, 0), (0, 1))),
+        ground_xy=xy,
+        sigma=np.full(30, 0.01),
+        covariance=np.tile(np.eye(2) * 1e-4, (30, 1, 1)),
+        supporting_cameras=np.full(30, 2),
+        origin=np.zeros(30, int),
+    )
+    spread = squared_displacement(tracks)
+    lag = np.arange(1, len(spread))
+    expected = np.maximum((speed * lag) ** 2 / 2, 1e-4)
+    np.testing.assert_allclose(spread[1:], expected, rtol=1e-6)
