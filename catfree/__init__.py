@@ -21,7 +21,13 @@ from catfree._coverage import (
     coverage as coverage,
     rank_cameras as rank_cameras,
 )
-from catfree._run import run as run
+from catfree._run import (
+    RunOutcome as RunOutcome,
+    read_results as read_results,
+    run as run,
+    run_stages as run_stages,
+    write_results as write_results,
+)
 from catfree.calibration import (
     Calibration as Calibration,
     Refinement as Refinement,

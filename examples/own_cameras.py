@@ -10,8 +10,7 @@ ground from the people. `--detector yolo11x-pose.onnx --embedder osnet.onnx` tak
 import argparse
 
 import catfree as cf
-from catfree._run._result_folder import write_results
-from catfree._run._run import run_stages
+from catfree import run_stages, write_results
 
 
 def main() -> None:

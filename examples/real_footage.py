@@ -18,8 +18,7 @@ import cv2
 import numpy as np
 
 import catfree as cf
-from catfree._run._result_folder import write_results
-from catfree._run._run import RunOutcome, run_stages
+from catfree import RunOutcome, run_stages, write_results
 from catfree._run._second_look import track_heights
 from catfree.adapters import (
     ReIdOnnx,

@@ -13,7 +13,7 @@ from benchmarks.paper.command import Options, main
 from benchmarks.paper.sequences import TWINS, Sequence, twin
 from benchmarks.paper.table import Cell, Table
 from catfree.evaluation import leave_one_camera_out
-from catfree.geometry._similarity import transform_scene
+from catfree.geometry import transform_scene
 from catfree.synthetic import World, angular_residuals
 from catfree.synthetic._silhouettes import observe
 
