@@ -8,7 +8,7 @@ README = Path(__file__).parents[1] / "README.md"
 
 def test_python_blocks_run(capsys):
     blocks = re.findall(r"^```python\n(.*?)^```", README.read_text(), re.DOTALL | re.MULTILINE)
-    assert len(blocks) >= 4
+    assert len(blocks) >= 3
     namespace: dict[str, object] = {}
     for block in blocks:
         exec(compile(block, "README.md", "exec"), namespace)
@@ -17,3 +17,12 @@ def test_python_blocks_run(capsys):
     assert namespace["score"].metrics.moda > 50
     detector = namespace["RedJackets"]()
     assert len(detector(namespace["np"].zeros((90, 160, 3), "uint8")).box) == 0
+
+
+def test_the_readme_is_short_and_its_links_exist():
+    text = README.read_text()
+    assert len(text.splitlines()) <= 130
+    targets = re.findall(r"\]\((?!http)([^)#]+)", text)
+    assert targets
+    for target in targets:
+        assert (README.parent / target).exists(), target
