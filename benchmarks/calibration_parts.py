@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 import catfree as cf
 from benchmarks.paper.scoring import score, score_rows
@@ -39,26 +40,52 @@ def part(sequence: Sequence, begin: float, end: float) -> Sequence:
     )
 
 
-def row(sequence: Sequence) -> str:
-    """One line of the table."""
-    true_rig = sequence.scene.rig
-    given = score(cf.localize(sequence.detections, sequence.scene), sequence).moda
-    head = f"| {sequence.name} | {len(sequence.frames)} |"
+@dataclasses.dataclass(frozen=True)
+class Recovered:
+    """A rig from people alone beside the true one, and what is localized with it.
+
+    Attributes:
+        registered: cameras that were placed.
+        cameras: how many there are.
+        center_error: (registered,) distance to the true centres in metres after a similarity; empty
+            below three cameras, as all that follows is NaN: two centres fit any two others.
+        scale: length found for a true metre.
+        scale_sd: its standard deviation as the calibration states it.
+        moda_similarity: MODA in percent after a similarity of the camera centres.
+        moda_rigid: the same with the scale as found.
+        seconds: CPU time of the calibration.
+    """
+
+    registered: int
+    cameras: int
+    center_error: Float[np.ndarray, " r"]
+    scale: float
+    scale_sd: float
+    moda_similarity: float
+    moda_rigid: float
+    seconds: float
+
+
+def recover(sequence: Sequence) -> Recovered:
+    """Calibrate from the boxes of a sequence alone, localize, and score both.
+
+    Raises:
+        CatFreeError: if the calibration refuses.
+    """
     start = time.process_time()
-    try:
-        found = cf.calibrate(sequence.detections, np.asarray(true_rig.image_size))
-    except CatFreeError as error:
-        return f"{head} {error} | - | - | - | {given:.1f} | - |"
+    found = cf.calibrate(sequence.detections, np.asarray(sequence.scene.rig.image_size))
     seconds = time.process_time() - start
     rig = found.scene.rig
     known = np.asarray(rig.registered)
-    if known.sum() < 3:  # two centres fit any two others
-        return f"{head} {known.sum()}/{len(known)} | - | - | - | {given:.1f} | {seconds:.0f} |"
-    centers, true_centers = np.asarray(rig.centers), np.asarray(true_rig.centers)
+    count = int(known.sum())
+    if count < 3:
+        nothing = (np.zeros(0), np.nan, found.scale_sd, np.nan, np.nan)
+        return Recovered(count, len(known), *nothing, seconds)
+    true = sequence.scene.rig.centers if sequence.true_centres is None else sequence.true_centres
+    centers, true = np.asarray(rig.centers), np.asarray(true)
     tracks = cf.localize(sequence.detections, found.scene).tracks
     similarity, rigid = (
-        align_centres(centers, true_centers, registered=known, fixed_scale=fixed)
-        for fixed in (False, True)
+        align_centres(centers, true, registered=known, fixed_scale=fixed) for fixed in (False, True)
     )
     moda = [
         score_rows(
@@ -66,11 +93,27 @@ def row(sequence: Sequence) -> str:
         ).moda
         for align in (similarity, rigid)
     ]
-    errors = np.linalg.norm(np.asarray(similarity(centers)) - true_centers, axis=1)[known]
+    errors = np.linalg.norm(np.asarray(similarity(centers)) - true, axis=1)[known]
+    scale = 1 / float(similarity.scale)
+    return Recovered(count, len(known), errors, scale, found.scale_sd, *moda, seconds)
+
+
+def row(sequence: Sequence) -> str:
+    """One line of the table."""
+    given = score(cf.localize(sequence.detections, sequence.scene), sequence).moda
+    head = f"| {sequence.name} | {len(sequence.frames)} |"
+    try:
+        found = recover(sequence)
+    except CatFreeError as error:
+        return f"{head} {error} | - | - | - | {given:.1f} | - |"
+    head += f" {found.registered}/{found.cameras} |"
+    if not len(found.center_error):
+        return f"{head} - | - | - | {given:.1f} | {found.seconds:.0f} |"
     return (
-        f"{head} {known.sum()}/{len(known)} | {errors.mean():.2f} ({errors.max():.2f}) | "
-        f"{1 / float(similarity.scale):.3f}, {100 * found.scale_sd:.0f} % | "
-        f"{moda[0]:.1f} / {moda[1]:.1f} | {given:.1f} | {seconds:.0f} |"
+        f"{head} {found.center_error.mean():.2f} ({found.center_error.max():.2f}) | "
+        f"{found.scale:.3f}, {100 * found.scale_sd:.0f} % | "
+        f"{found.moda_similarity:.1f} / {found.moda_rigid:.1f} | {given:.1f} | "
+        f"{found.seconds:.0f} |"
     )
 
 

@@ -10,6 +10,7 @@ import argparse
 import time
 
 import numpy as np
+from jaxtyping import Float
 
 import catfree as cf
 from catfree.calibration import refine
@@ -20,11 +21,11 @@ LAYOUTS = ("wildtrack", "multiviewx", "gmvd6", "gmvd8", "ring4", "ring5", "ring6
 METHODS = {"paper": cf.Settings.paper(), "evidence": cf.Settings()}
 
 
-def center_error(scene: cf.Scene, world: World) -> float:
-    """Mean distance of the camera centres from the true ones in metres."""
+def center_error(scene: cf.Scene, true_centers: Float[np.ndarray, "cam 3"]) -> float:
+    """Mean distance of the camera centres from the true ones in metres, after a similarity."""
     centers = np.asarray(scene.rig.centers)
-    moved = np.asarray(align_centres(centers, world.true_centres)(centers))
-    return float(np.linalg.norm(moved - world.true_centres, axis=-1).mean())
+    moved = np.asarray(align_centres(centers, true_centers)(centers))
+    return float(np.linalg.norm(moved - true_centers, axis=-1).mean())
 
 
 def focal_error(scene: cf.Scene, world: World) -> float:
@@ -71,11 +72,11 @@ def main() -> None:
         for seed in range(options.seeds):
             error = RigError(1.0, 0.3, 0.02, 0.5, 0.05)
             world = make_world(layout, seed, frames=options.frames, rig_error=error)
-            before = center_error(world.scene, world), focal_error(world.scene, world)
+            before = center_error(world.scene, world.true_centres), focal_error(world.scene, world)
             given = moda(world.scene, world)
             for name, settings in METHODS.items():
                 found, seconds = run(world, settings, options.rounds)
-                center = center_error(found.scene, world)
+                center = center_error(found.scene, world.true_centres)
                 ratios[name].append(center / before[0])
                 residual = 1e3 * found.residuals[[0, found.chosen]]
                 focal = 100 * before[1], 100 * focal_error(found.scene, world)

@@ -10,6 +10,7 @@ of reported ones nearly all are near 1.
 """
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
 import equinox as eqx
@@ -49,41 +50,58 @@ WORLDS = (
 )
 
 
+def world(layout: str, seed: int, error: RigError) -> Sequence:
+    """One simulated scene with a disturbed rig."""
+    made = make_world(layout, seed, frames=FRAMES, rig_error=error)
+    return Sequence.of_world(made, f"{layout} {seed}, rig {CONDITIONS[error]}")
+
+
 def worlds() -> list[Sequence]:
     """Simulated scenes: usual, worse and undisturbed rigs."""
-    return [
-        Sequence.of_world(
-            make_world(layout, seed, frames=FRAMES, rig_error=error),
-            f"{layout} {seed}, rig {CONDITIONS[error]}",
-        )
-        for layout, seed, error in WORLDS
-    ]
+    return [world(*row) for row in WORLDS]
 
 
-def judge(sequence: Sequence) -> tuple[EllipseCoverage, CalibrationCurve, CalibrationCurve, float]:
-    """Coverage, calibration of reported and of all considered rows, median sigma in metres."""
+@dataclass(frozen=True)
+class Honesty:
+    """How stated uncertainty compares with the truth.
+
+    Attributes:
+        ellipses: how often true positions lie inside.
+        existence: how often claimed existence came true.
+        sigma: median over positions in metres.
+    """
+
+    ellipses: EllipseCoverage
+    existence: CalibrationCurve
+    sigma: float
+
+
+def judge(tracks: cf.Tracks, sequence: Sequence) -> Honesty:
+    """Compare what tracks say of themselves with the truth, inside the sequence's area."""
+    rows, covariance = ground_rows(tracks, sequence), world_covariance(tracks, sequence)
+    truth, existence = sequence.ground_truth, np.asarray(tracks.existence)
+    if sequence.area is not None:
+        within = inside(rows, sequence.area)
+        rows, covariance, existence = rows[within], covariance[within], existence[within]
+        truth = crop(truth, sequence.area)
+    return Honesty(
+        ellipse_coverage(truth, rows, covariance, sequence.frames, GATE),
+        calibration_curve(existence, matched_predictions(truth, rows)),
+        float(np.median(np.linalg.det(covariance) ** 0.25)),
+    )
+
+
+def judge_considered(sequence: Sequence) -> tuple[Honesty, Honesty]:
+    """The same of the tracks that are reported, and of all that were considered."""
     boxes = sequence.detections
     if boxes.score is not None:
         boxes = boxes[boxes.score >= cf.Settings().confidence]
     solution = solve(boxes, sequence.scene)
     considered = eqx.tree_at(lambda s: s.kept, solution, np.ones_like(solution.kept))
-    curves = []
-    coverage, sigma = None, float("nan")
-    for found in (solution, considered):
-        tracks = describe(found, sequence.scene).tracks
-        rows, covariance = ground_rows(tracks, sequence), world_covariance(tracks, sequence)
-        truth, existence = sequence.ground_truth, np.asarray(tracks.existence)
-        if sequence.area is not None:
-            within = inside(rows, sequence.area)
-            rows, covariance, existence = rows[within], covariance[within], existence[within]
-            truth = crop(truth, sequence.area)
-        correct = matched_predictions(truth, rows)
-        curves.append(calibration_curve(existence, correct))
-        if coverage is None:
-            coverage = ellipse_coverage(truth, rows, covariance, sequence.frames, GATE)
-            sigma = float(np.median(np.linalg.det(covariance) ** 0.25))
-    assert coverage is not None
-    return coverage, curves[0], curves[1], sigma
+    reported, all_of_them = (
+        judge(describe(found, sequence.scene).tracks, sequence) for found in (solution, considered)
+    )
+    return reported, all_of_them
 
 
 def pooled(curves: list[CalibrationCurve]) -> CalibrationCurve:
@@ -119,16 +137,18 @@ def main() -> None:
     for sequence in [*simulated, *others]:
         if options.only not in sequence.name:
             continue
-        coverage, reported, considered, sigma = judge(sequence)
+        reported, considered = judge_considered(sequence)
+        inside_ellipses = reported.ellipses
         print(
-            f"| {sequence.name} | {coverage.share:.3f} | {coverage.sigma_factor:.2f} | {sigma:.3f} "
-            f"| {reported.expected_calibration_error:.3f} "
-            f"| {considered.expected_calibration_error:.3f} |",
+            f"| {sequence.name} | {inside_ellipses.share:.3f} "
+            f"| {inside_ellipses.sigma_factor:.2f} | {reported.sigma:.3f} "
+            f"| {reported.existence.expected_calibration_error:.3f} "
+            f"| {considered.existence.expected_calibration_error:.3f} |",
             flush=True,
         )
         if sequence in simulated:
-            coverages[sequence.name] = coverage
-            curves.append(considered)
+            coverages[sequence.name] = inside_ellipses
+            curves.append(considered.existence)
     if options.picture:
         from matplotlib import pyplot
 

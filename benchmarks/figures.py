@@ -1,0 +1,289 @@
+"""Every figure that the README states, as suites that `benchmarks.gate` runs.
+
+A suite works on one sequence, or on one kind of simulated world: it localizes or calibrates once
+and tells all that follows from it. Keys are the suite's name, a slash, and the figure's name.
+"""
+
+import dataclasses
+import json
+import re
+import tempfile
+from collections.abc import Callable, Mapping
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+
+import catfree as cf
+from benchmarks import calibration, methods, refine, robustness, uncertainty
+from benchmarks.calibration_parts import PARTS, Recovered, part, recover
+from benchmarks.paper import camera_removal
+from benchmarks.paper.scoring import Score, score
+from benchmarks.paper.sequences import Sequence, twin
+from catfree.cli._demo import run_demo
+from catfree.settings import CalibrationSettings
+from catfree.synthetic import RigError, disturb
+
+Figures = Mapping[str, float]
+Measure = Callable[[Path | None], Figures]
+
+METHODS = {"paper": cf.Settings.paper(), "evidence": cf.Settings()}
+WILDTRACK = "wildtrack_0_715"
+ROOMS = ("cmc1", "cmc3")
+REAL = (WILDTRACK, *ROOMS, *(f"{name} FairMOT" for name in ROOMS))
+MULTIVIEWX = ("multiviewx_demo10_yolo26x", "multiviewx_demo10_yolo26x OSNet")
+SCENES = tuple(f"public_{name}" for name in ("gmvd8", "mvx6", "ring5", "uneven7"))
+BARE = tuple(f"{name} (no embeddings)" for name in SCENES)
+DEMO_SEEDS = (0, 1)
+OFF = {"rotation_deg": 1.0, "centre": 0.3, "focal": 0.02}  # of WildTrack's disturbed rigs
+TWIN_SEEDS = (0, 1, 2)
+
+
+@dataclasses.dataclass(frozen=True)
+class Suite:
+    """Figures that are measured together.
+
+    Attributes:
+        name: unique; begins the key of each figure.
+        measure: the figures by name, from the folder of the data.
+        needs: what it reads below that folder, or None.
+        quick: whether it takes seconds.
+    """
+
+    name: str
+    measure: Measure
+    needs: str | None = None
+    quick: bool = False
+
+    def missing(self, data: Path | None) -> str:
+        """Why it cannot run for want of data; "" if it can."""
+        if self.needs is None:
+            return ""
+        if data is None:
+            return f"{self.needs} is needed and no data folder was found"
+        return "" if (data / self.needs).exists() else f"{data} holds no {self.needs}"
+
+
+def file_of(name: str) -> str:
+    """Where the data folder holds a sequence, by the name that `methods.sequences` gives it."""
+    stem = name.split(" ")[0]
+    return f"scenarios/{stem}" if stem.startswith("public_") else f"real/{stem}.json"
+
+
+@cache
+def _sequences(data: Path) -> dict[str, Sequence]:
+    return {sequence.name: sequence for sequence in methods.sequences(data)}
+
+
+def _sequence(data: Path | None, name: str) -> Sequence:
+    assert data is not None
+    return _sequences(data)[name]
+
+
+# With the rig that is given.
+
+
+def given(name: str, data: Path | None) -> Figures:
+    """Both methods with the rig that the data give: the README's table "What to expect"."""
+    sequence = _sequence(data, name)
+    assert data is not None
+    figures: dict[str, float] = {}
+    for method, settings in METHODS.items():
+        result = cf.localize(sequence.detections, sequence.scene, settings)
+        found = score(result, sequence)
+        figures |= _labelled(method, _scores(found))
+        figures |= _labelled(method, _expectation(result, found.moda))
+        area = tracked_area(data / file_of(name))
+        if area is not None:
+            within = score(result, dataclasses.replace(sequence, area=area), tracking=False)
+            figures[f"{method} MODA in the tracked area"] = within.moda
+        if method == "evidence":
+            figures |= _honesty(uncertainty.judge(result.tracks, sequence))
+    return figures
+
+
+def tracked_area(path: Path) -> tuple[float, float, float, float] | None:
+    """The part of a room in which the file's note says people were annotated; None without one.
+
+    The rooms hold people at desks beyond it: seen by all cameras, annotated by nobody.
+    """
+    if not path.is_file():
+        return None
+    bound = r"(-?[\d.]+?)\.\.(-?[\d.]+)"
+    note = json.loads(path.read_text(encoding="utf-8")).get("ground", "")
+    found = re.search(rf"tracked area x {bound}, y {bound}", note)
+    if found is None:
+        return None
+    left, right, bottom, top = map(float, found.groups())
+    return (left, right, bottom, top)
+
+
+def _scores(found: Score) -> Figures:
+    figures = {"MODA": found.moda}
+    if found.tracking is not None and found.hota is not None:
+        figures |= {"IDF1": found.tracking.idf1, "HOTA": found.hota.hota}
+    return figures
+
+
+def _expectation(result: cf.Localization, moda: float) -> Figures:
+    """Whether the MODA that was announced without labels came true."""
+    told = result.reliability
+    if told.expected_moda is None or not np.isfinite(told.expected_moda):
+        return {}
+    assert told.moda_low is not None
+    assert told.moda_high is not None
+    return {
+        "MODA above expectation": moda - told.expected_moda,
+        "MODA inside the 90 % interval": told.moda_low <= moda <= told.moda_high,
+    }
+
+
+def _honesty(found: uncertainty.Honesty) -> Figures:
+    return {
+        "inside the 95 % ellipse": 100 * found.ellipses.share,
+        "calibration error of existence": found.existence.expected_calibration_error,
+    }
+
+
+def _labelled(label: str, figures: Figures) -> Figures:
+    return {f"{label} {name}": value for name, value in figures.items()}
+
+
+# From people alone.
+
+
+def from_people(name: str, data: Path | None) -> Figures:
+    """A rig from the boxes of a sequence: the README's table "From people alone"."""
+    return _recovered(recover(_sequence(data, name)))
+
+
+def from_part(share: tuple[float, float], data: Path | None) -> Figures:
+    """The same from a part of WildTrack, and how much the true rig would give."""
+    sequence = part(_sequence(data, WILDTRACK), *share)
+    true = score(cf.localize(sequence.detections, sequence.scene), sequence, tracking=False)
+    found = recover(sequence)
+    gain = {"MODA above the true rig's": found.moda_similarity - true.moda}
+    return {"MODA, rig given": true.moda, **_recovered(found), **gain}
+
+
+def _recovered(found: Recovered) -> Figures:
+    if not len(found.center_error):
+        return {"cameras": found.registered}
+    return {
+        "cameras": found.registered,
+        "centre error, mean": found.center_error.mean(),
+        "centre error, worst": found.center_error.max(),
+        "scale": found.scale,
+        "stated deviation": 100 * found.scale_sd,
+        "MODA, similarity": found.moda_similarity,
+        "MODA, rigid": found.moda_rigid,
+    }
+
+
+def simulated_rigs(data: Path | None) -> Figures:
+    """Rigs of simulated worlds from people alone."""
+    settings = CalibrationSettings()
+    outcomes = [calibration.run_case(case, settings) for case in calibration.CASES]
+    return dataclasses.asdict(calibration.summarize(outcomes))
+
+
+def refined(seed: int, names: tuple[str, ...], data: Path | None) -> Figures:
+    """WildTrack's true rig disturbed, then refined by the methods of these names."""
+    sequence = _sequence(data, WILDTRACK)
+    scene, true_centers = sequence.scene, np.asarray(sequence.scene.rig.centers)
+    wrong = dataclasses.replace(scene, rig=disturb(scene.rig, **OFF, seed=seed))
+    figures = {"centre error before": refine.center_error(wrong, true_centers)}
+    for method in names:
+        found = cf.refine(sequence.detections, wrong, METHODS[method])
+        figures[f"centre error, {method}"] = refine.center_error(found.scene, true_centers)
+    return figures
+
+
+# Simulated worlds and few cameras.
+
+
+def turned_cameras(layout: str, seed: int, data: Path | None) -> Figures:
+    """A world with the usual rig and with cameras off by a degree."""
+    figures: dict[str, float] = {}
+    for label, error in (("usual rig", None), ("off by 1°", RigError(rotation_deg=1.0))):
+        paper, evidence = robustness.modas(robustness.simulated(layout, seed, rig_error=error))
+        figures |= {f"paper MODA, {label}": paper, f"evidence MODA, {label}": evidence}
+    return figures
+
+
+def honest_world(index: int, data: Path | None) -> Figures:
+    """Uncertainty and existence in one simulated world."""
+    sequence = uncertainty.world(*uncertainty.WORLDS[index])
+    tracks = cf.localize(sequence.detections, sequence.scene).tracks
+    return _honesty(uncertainty.judge(tracks, sequence))
+
+
+def two_of_wildtrack(data: Path | None) -> Figures:
+    """WildTrack's first two cameras."""
+    return _two([_sequence(data, WILDTRACK)])
+
+
+def two_of_twins(data: Path | None) -> Figures:
+    """The first two cameras of its simulated twins."""
+    return _two([twin("WildTrack", seed) for seed in TWIN_SEEDS])
+
+
+def _two(sequences: list[Sequence]) -> Figures:
+    scores = camera_removal.remove_cameras(sequences, 2).scores
+    return {f"{method} MODA": found.moda for method, found in scores.items()}
+
+
+def demo(seed: int, data: Path | None) -> Figures:
+    """The demo: rendered videos through the whole pipeline."""
+    with tempfile.TemporaryDirectory() as folder:
+        similarity, rigid = run_demo(folder, seed, pictures=False).scores
+    error = similarity.centre_error[np.isfinite(similarity.centre_error)]
+    return {
+        "cameras": len(error),
+        "centre error, mean": error.mean(),
+        "scale": similarity.scale,
+        "MODA, similarity": similarity.moda,
+        "MODA, rigid": rigid.moda,
+        "IDF1": similarity.idf1,
+        "HOTA": similarity.hota,
+    }
+
+
+def _suites() -> list[Suite]:
+    """All, cheap ones first."""
+    suites = [
+        Suite(f"turned cameras/{layout}", partial(turned_cameras, layout, seed), quick=True)
+        for layout, seed in robustness.LAYOUTS
+    ]
+    for name in (*MULTIVIEWX, *REAL, *SCENES, *BARE):
+        quick = name not in (WILDTRACK, *SCENES[1:], *BARE[1:])
+        suites.append(Suite(f"given rig/{name}", partial(given, name), file_of(name), quick))
+    suites += [
+        Suite(f"honesty/{layout} {seed}", partial(honest_world, index), quick=index < 3)
+        for index, (layout, seed, _) in enumerate(uncertainty.WORLDS)
+    ]
+    suites += [
+        Suite("two cameras/WildTrack", two_of_wildtrack, file_of(WILDTRACK)),
+        Suite("two cameras/twins", two_of_twins),
+    ]
+    suites += [
+        Suite(f"refined/WildTrack {seed}", partial(refined, seed, names), file_of(WILDTRACK))
+        for seed, names in enumerate((tuple(METHODS), ("evidence",)))
+    ]
+    suites += [
+        Suite(f"from people/{name}", partial(from_people, name), file_of(name), name == "cmc1")
+        for name in ("cmc1", "cmc3", "cmc3 FairMOT", *SCENES, WILDTRACK)
+    ]
+    suites += [
+        Suite(
+            f"parts/{100 * begin:.0f} to {100 * end:.0f} %",
+            partial(from_part, (begin, end)),
+            file_of(WILDTRACK),
+        )
+        for begin, end in PARTS
+    ]
+    suites += [Suite(f"demo/seed {seed}", partial(demo, seed)) for seed in DEMO_SEEDS]
+    return [*suites, Suite("simulated rigs", simulated_rigs)]
+
+
+SUITES = _suites()
