@@ -1,7 +1,7 @@
 """Detection in pieces that are kept: a killed run goes on where it was, not from the start."""
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any
@@ -24,8 +24,7 @@ from catfree.adapters.video._detect_videos import collect_detections, detect_ins
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.types import Detections
-
-Progress = Callable[[str, int, int], None]
+from catfree.types._progress import Progress
 
 # Instants a piece: a network on a processor needs about a minute for six cameras, which is what a
 # kill may cost.

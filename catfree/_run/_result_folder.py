@@ -3,7 +3,7 @@
 import importlib.util
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +26,7 @@ from catfree.errors import FileFormatError, WriteError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._archive import load_arrays, save_arrays
-
-Progress = Callable[[str, int, int], None]
+from catfree.types._progress import Progress
 
 # TrackEval matches two squares at an IoU of one half; in a scene without metres the matching
 # distance is the farthest that a track steps between frames.

@@ -1,7 +1,7 @@
 """`run`: RGB video in, tracks on the ground out; every stage resumes from its cache."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,9 +23,9 @@ from catfree.calibration import Calibration
 from catfree.errors import InvalidInputError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
+from catfree.types._progress import Progress
 from catfree.types._validation import require_instance
 
-Progress = Callable[[str, int, int], None]
 Videos = SynchronizedVideos | Sequence[str | os.PathLike[str]]
 
 

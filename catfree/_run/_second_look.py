@@ -6,7 +6,7 @@ picture shows.
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -26,8 +26,7 @@ from catfree.geometry import project
 from catfree.geometry._buckets import in_blocks
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Localization, Rig, Scene
-
-Progress = Callable[[str, int, int], None]
+from catfree.types._progress import Progress
 
 STAGE = "second look"
 BLOCK = 16384  # points that are projected together

@@ -23,8 +23,8 @@ from catfree.calibration.reconstructions._scene_from_videos import scene_from_vi
 from catfree.methods._localize import localize
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Localization, Scene
+from catfree.types._progress import Progress
 
-Progress = Callable[[str, int, int], None]
 T = TypeVar("T")
 
 

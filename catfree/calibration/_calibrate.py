@@ -1,6 +1,6 @@
 """`calibrate`: a metric rig from boxes alone, registration first, then evidence and adjustment."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from catfree.calibration._evidence_loop import EvidenceLoop
 from catfree.calibration.people import (
@@ -13,6 +13,7 @@ from catfree.calibration.people import (
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections
+from catfree.types._progress import Progress, no_progress
 from catfree.types._validation import require_instance
 
 
@@ -23,7 +24,7 @@ def calibrate(
     *,
     camera_names: Sequence[str] | None = None,
     maximum_offset: int = 0,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Calibration:
     """Find cameras and ground in metres from nothing but boxes of walking people.
 
@@ -71,7 +72,7 @@ def calibrate(
     if rules.evidence_rounds == 0:
         return without_vague_cameras(best, rules, camera_names)
     synchronized = remove_offsets(detections, best.frame_offset)
-    report = progress or (lambda stage, done, total: None)
+    report = progress or no_progress
     best = EvidenceLoop(synchronized, settings, report, camera_names).settle(best)
     best = confirm(best, synchronized, rules)
     return without_vague_cameras(best, rules, camera_names)

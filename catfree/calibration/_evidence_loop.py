@@ -4,7 +4,7 @@ Refinement alone only polishes: a camera that settled beside its place matches e
 stay there, and bends the others towards it. Only without it they show where it belongs.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,7 @@ from catfree.calibration.people._residual_outliers import most_strained, straine
 from catfree.errors import CalibrationError, InsufficientDataError
 from catfree.settings import Settings
 from catfree.types import Detections
+from catfree.types._progress import Progress
 
 FEWEST_TO_FLAG = 3  # of three cameras, two that agree tell that the third does not
 RESTING = 0.2  # standard deviations; a move by less adds two per cent to the error of a camera
@@ -40,7 +41,7 @@ class EvidenceLoop:
 
     detections: Detections
     settings: Settings
-    report: Callable[[str, int, int], None]
+    report: Progress
     names: Sequence[str] | None = None
 
     def settle(self, calibration: Calibration) -> Calibration:

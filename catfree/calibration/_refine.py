@@ -1,6 +1,5 @@
 """Refine a rig with the people that its cameras share, round after round."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,9 +26,8 @@ from catfree.methods.paper.association import (
 )
 from catfree.settings import Settings
 from catfree.types import Detections, Plane, Rays, Rig, Scene
+from catfree.types._progress import Progress, no_progress
 from catfree.types._validation import require_instance, require_known_cameras
-
-Progress = Callable[[str, int, int], None]
 
 RESOLVED = 0.25  # the error of a box stops shrinking at this share of the median height
 GROUND_ITERATIONS = 20  # reweighting settles to a thousandth of the noise
@@ -103,7 +101,7 @@ def refine(
     require_instance(detections, Detections, "detections")
     require_instance(scene, Scene, "scene")
     require_instance(settings, Settings, "settings")
-    report = progress or (lambda stage, done, total: None)
+    report = progress or no_progress
     _require_cameras(detections, scene.rig, refinement.cameras)
     keep = _confident(detections, scene.rig, settings)
     if settings.method == "evidence":

@@ -5,7 +5,6 @@ cameras: that people stand upright on one ground tells focal length, height and 
 feet alone leave open. The moved rig makes the next round's people surer.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -31,6 +30,7 @@ from catfree.methods.paper.association import (
 )
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Rig, Scene
+from catfree.types._progress import Progress
 
 PATIENCE = 3  # rounds without a smaller residual: it has stopped falling
 FEWEST_LEFT = 0.5  # of the people at the start: the few who are left may fit any rig
@@ -51,7 +51,7 @@ def refine_by_evidence(
     settings: Settings,
     rounds: int,
     refinement: RefinementSettings,
-    report: Callable[[str, int, int], None],
+    report: Progress,
 ) -> Refinement:
     """Alternate the evidence method and a bundle adjustment until the residual stops falling.
 

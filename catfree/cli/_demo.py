@@ -26,8 +26,7 @@ from catfree.settings import Settings
 from catfree.synthetic._world import World
 from catfree.synthetic.render import make_demo_world, render_videos
 from catfree.types import Scene
-
-Progress = Callable[[str, int, int], None]
+from catfree.types._progress import Progress
 
 SMALLEST_PICTURE = 32  # pixels; people in smaller ones are dots
 LARGEST_PICTURE = 4096  # pixels; larger ones are beyond common decoders and fill the memory

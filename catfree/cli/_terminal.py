@@ -6,15 +6,14 @@ they do.
 
 import contextlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from catfree.errors import MissingDependencyError
-
-Progress = Callable[[str, int, int], None]
+from catfree.types._progress import Progress
 
 FAILURE, INTERRUPTED = 1, 130
 

@@ -1,7 +1,5 @@
 """`localize`: from person boxes and a scene to tracked ground positions, stage by stage."""
 
-from collections.abc import Callable
-
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool
@@ -23,9 +21,8 @@ from catfree.methods.paper.association import (
 from catfree.methods.paper.trajectories import build_trajectories
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene, Thresholds
+from catfree.types._progress import Progress, no_progress
 from catfree.types._validation import require_instance, require_known_cameras
-
-Progress = Callable[[str, int, int], None]
 
 
 def localize(
@@ -59,7 +56,7 @@ def localize(
     require_instance(detections, Detections, "detections")
     require_instance(scene, Scene, "scene")
     require_instance(settings, Settings, "settings")
-    report = progress or (lambda stage, done, total: None)
+    report = progress or no_progress
     keep = usable(detections, scene, settings)
     if not keep.any():
         found = empty_localization(scene.rig.camera_count, existence=settings.method == "evidence")

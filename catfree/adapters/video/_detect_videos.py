@@ -1,7 +1,7 @@
 """From synchronized videos to `Detections`: detector and embedder on every picture, streaming."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
 from threading import Lock
@@ -26,8 +26,7 @@ from catfree.adapters.protocols import (
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.types import Detections
-
-Progress = Callable[[str, int, int], None]
+from catfree.types._progress import Progress
 
 
 def detect_videos(

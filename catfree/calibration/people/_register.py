@@ -10,15 +10,12 @@ from catfree.calibration.people._box_grid import grid_boxes
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, to_matrices
 from catfree.calibration.people.cameras._scale_deviation import scale_deviation
 from catfree.calibration.people.matching._workspace import Workspace
-from catfree.calibration.people.search._register_cameras import (
-    Progress,
-    RegisteredRig,
-    register_cameras,
-)
+from catfree.calibration.people.search._register_cameras import RegisteredRig, register_cameras
 from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Plane, Rig, Scene
+from catfree.types._progress import Progress, no_progress
 
 
 @dataclass(frozen=True)
@@ -100,7 +97,7 @@ def register(
         raise InvalidInputError(
             f"camera_names has {len(names)} names, but there are {len(size)} cameras."
         )
-    report = progress or (lambda stage, done, total: None)
+    report = progress or no_progress
     work = prepare(detections, size, settings, names)
     offset = np.zeros(len(size), np.int64)
     registered = register_cameras(work, report)

@@ -3,8 +3,6 @@
 Beside the stages and not in `rig/`, because it opens videos: what is in `rig/` works on arrays.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from catfree.adapters.protocols import Reconstructor
@@ -12,8 +10,7 @@ from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration.reconstructions._aggregate import aggregate
 from catfree.calibration.reconstructions._ground import find_ground
 from catfree.types import Detections, Scene
-
-Progress = Callable[[str, int, int], None]
+from catfree.types._progress import Progress, no_progress
 
 INSTANTS = 12  # reconstructed from a video: four of them may be garbage
 
@@ -44,7 +41,7 @@ def scene_from_videos(
         InsufficientDataError: if no instant shows two cameras that can be placed.
         GroundRejectedError: if no plane of the scene can be the ground.
     """
-    report = progress or (lambda stage, done, total: None)
+    report = progress or no_progress
     count = min(instants, videos.frame_count)
     # The middles of equal parts: the first and the last instants are often not usable.
     chosen = ((np.arange(count) + 0.5) * videos.frame_count / count).astype(int)

@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import expit
 
-from catfree.methods.evidence._solve import EvidenceSolution, Progress, probability_within, solve
+from catfree.methods.evidence._solve import EvidenceSolution, probability_within, solve
 from catfree.settings import EvidenceSettings
 from catfree.types import (
     Candidates,
@@ -18,6 +18,7 @@ from catfree.types import (
     Thresholds,
     Tracks,
 )
+from catfree.types._progress import Progress
 
 
 class Clusters(eqx.Module):

@@ -1,6 +1,5 @@
 """The evidence method, stage by stage: measure, self-calibrate, associate, exist, track, report."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -32,8 +31,8 @@ from catfree.methods.evidence.track._suppress_overlapping import alone_in_place
 from catfree.methods.evidence.track._tracking import Trails, estimate_motion, follow, unlinked
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
+from catfree.types._progress import Progress, no_progress
 
-Progress = Callable[[str, int, int], None]
 SURE_LOG_ODDS = 3.0  # groups that teach how fast people move
 VAGUEST_PRIOR = 0.05  # per H0²: a tracked person is somewhere within a few metres
 
@@ -104,7 +103,7 @@ def solve(
         InsufficientDataError: if no box of a registered camera stands on the ground.
     """
     settings = settings or EvidenceSettings()
-    report = progress or (lambda stage, done, total: None)
+    report = progress or no_progress
     with jax.enable_x64(True):
         report("self-calibration", 0, 1)
         views, noise = self_calibrate(detections, scene, settings)

@@ -7,7 +7,7 @@ ground, and a sun that throws shadows of bodies on the ground only.
 
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -25,8 +25,7 @@ from catfree.synthetic.render._painter import Painter
 from catfree.synthetic.render._stage import Stage, build_stage, street_furniture
 from catfree.synthetic.render._textures import ground_picture
 from catfree.types import Rig
-
-Progress = Callable[[str, int, int], None]
+from catfree.types._progress import Progress
 
 STAGE_NAME = "render"
 REPORT_EVERY = 5  # frames between two progress reports

@@ -1,7 +1,7 @@
 """The tracks in the cameras' own pictures, beside the moving bird's-eye view."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from catfree.adapters import SynchronizedVideos
 from catfree.errors import InvalidInputError
 from catfree.types import Detections, Localization, Origin, Scene, Tracks
+from catfree.types._progress import Progress
 from catfree.viz._camera_view import project_points, visible_runs
 from catfree.viz._palette import CAMERA_COLOR, UNTRACKED, track_color
 from catfree.viz._plan_view import camera_names as names_of, view_area
@@ -25,8 +26,6 @@ from catfree.viz.footage._drawing import (
 )
 from catfree.viz.footage._ground_grid import require_camera_picture
 from catfree.viz.footage._plan_canvas import CIRCLE, PlanCanvas
-
-Progress = Callable[[str, int, int], None]
 
 STAGE = "overlay"
 TRAIL = 20  # instants of the past on the bird's-eye view

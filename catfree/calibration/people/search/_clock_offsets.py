@@ -16,15 +16,12 @@ from catfree.calibration.people.matching._group_people import RigState, group_pe
 from catfree.calibration.people.matching._placement import vote
 from catfree.calibration.people.matching._verdict import judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
-from catfree.calibration.people.search._register_cameras import (
-    Progress,
-    RegisteredRig,
-    register_cameras,
-)
+from catfree.calibration.people.search._register_cameras import RegisteredRig, register_cameras
 from catfree.errors import CalibrationError
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
+from catfree.types._progress import Progress
 
 TRIED_OFFSETS = 16  # offsets of an unplaced camera that are refined
 WIDE_TOLERANCE = 0.03  # share of the range, while people are met at the wrong instant

@@ -1,6 +1,5 @@
 """All cameras: pairs, seeds, growth, and the choice between one focal length and many."""
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -17,8 +16,7 @@ from catfree.calibration.people.search._completion import complete_rig
 from catfree.calibration.people.search._growth import drop_harmful, grow_rig, prune_rig
 from catfree.calibration.people.search._seed_pairs import PairHypothesis, search_pair, seed_rig
 from catfree.errors import CalibrationError
-
-Progress = Callable[[str, int, int], None]
+from catfree.types._progress import Progress
 
 THREADS = 2  # array operations release the interpreter lock only in part
 GROWN_SEEDS = 2  # at least; more only where cameras are still missing

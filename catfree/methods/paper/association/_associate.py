@@ -1,7 +1,6 @@
 """Cross-view groups of a whole sequence, a chunk of frames at a time."""
 
 import dataclasses
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +14,8 @@ from catfree.methods.paper.association._observe import Observations
 from catfree.methods.paper.association._ray_weights import pose_ratio, ray_weights
 from catfree.settings import Settings
 from catfree.types import Rays
+from catfree.types._progress import Progress, no_progress
 
-Progress = Callable[[str, int, int], None]
 CHUNK = 8192  # detections associated together: bounds memory, and no sequence recompiles
 
 
@@ -36,7 +35,7 @@ def associate(
     observations: Observations,
     rays: Rays,
     settings: Settings,
-    report: Progress = lambda stage, done, total: None,
+    report: Progress = no_progress,
 ) -> Groups:
     """Partition the detections of every frame into groups of one person each.
 
@@ -93,7 +92,7 @@ def associate_in_two_passes(
     observations: Observations,
     rays: Rays,
     settings: Settings,
-    report: Progress = lambda stage, done, total: None,
+    report: Progress = no_progress,
 ) -> tuple[Groups, Rays, float]:
     """Group the detections; a first pass, unweighted, teaches how far each ray can be trusted.
 
