@@ -10,8 +10,9 @@ from jaxtyping import Array, Bool, Float, Num
 
 from catfree.errors import InvalidInputError
 from catfree.filters._otsu import log_otsu, otsu
-from catfree.filters._sample_arrays import HostOrDevice, as_floating, as_mask
+from catfree.filters._sample_arrays import as_floating, as_mask
 from catfree.settings import Selection
+from catfree.types._array_types import HostOrDevice
 
 Gate = Literal["support", "uncertainty", "ground"]
 Sample = Literal["all", "remaining"]

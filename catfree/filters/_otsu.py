@@ -12,7 +12,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Num
 
-from catfree.filters._sample_arrays import HostOrDevice, as_mask, as_sample
+from catfree.filters._sample_arrays import as_mask, as_sample
+from catfree.types._array_types import HostOrDevice
 
 # Splits whose criterion agrees to so many units of rounding are ties, so that neither the order of
 # the sample nor its unit decides between them.

@@ -2,12 +2,9 @@
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from catfree.errors import InvalidInputError
-
-HostOrDevice = np.ndarray | Array
 
 
 def as_floating(values: jax.typing.ArrayLike) -> Float[Array, "..."]:

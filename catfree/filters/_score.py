@@ -11,7 +11,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Num
 
 from catfree.filters._otsu import otsu, otsu_separability
-from catfree.filters._sample_arrays import HostOrDevice, as_floating, as_mask
+from catfree.filters._sample_arrays import as_floating, as_mask
+from catfree.types._array_types import HostOrDevice
 
 
 class Signal(IntEnum):

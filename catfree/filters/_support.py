@@ -6,7 +6,8 @@ Source: paper, Sec. "Selecting pedestrian positions", support recount.
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Num, ScalarLike
 
-from catfree.filters._sample_arrays import HostOrDevice, as_floating
+from catfree.filters._sample_arrays import as_floating
+from catfree.types._array_types import HostOrDevice
 
 
 def support(

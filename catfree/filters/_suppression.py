@@ -8,7 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Num, ScalarLike
 
 from catfree.errors import InvalidInputError
-from catfree.filters._sample_arrays import HostOrDevice, as_floating, as_mask
+from catfree.filters._sample_arrays import as_floating, as_mask
+from catfree.types._array_types import HostOrDevice
 
 
 def suppress(

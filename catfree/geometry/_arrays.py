@@ -7,10 +7,11 @@ import numpy as np
 from jaxtyping import Array, Float, Real
 from numpy.typing import ArrayLike
 
+from catfree.types._array_types import HostOrDevice
+
 # The standard deviation of a normal variable over the median of its absolute values.
 MEDIAN_TO_DEVIATION = 1.4826
 
-HostOrDevice = np.ndarray | Array
 Scalar = float | int | np.number | Real[HostOrDevice, ""]
 # What NumPy makes an array of: arrays and nested sequences. To type checkers `ArrayLike` alone says
 # so; at run time it leaves tuples out.

@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Real
 
-from catfree.geometry._arrays import HostOrDevice, float_arrays, safe_norm
+from catfree.geometry._arrays import float_arrays, safe_norm
+from catfree.types._array_types import HostOrDevice
 
 # Newton from the distorted point is quadratic; ten steps reach float64 for every lens whose
 # distortion is invertible in its image.

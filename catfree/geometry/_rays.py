@@ -5,9 +5,10 @@ import math
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
-from catfree.geometry._arrays import HostOrDevice, Scalar, float_arrays, safe_norm
+from catfree.geometry._arrays import Scalar, float_arrays, safe_norm
 from catfree.geometry._camera import back_project
 from catfree.geometry._trust import combined_trust, height_trust, pose_trust
+from catfree.types._array_types import HostOrDevice
 
 
 def pixel_to_ray(

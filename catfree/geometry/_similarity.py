@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Array, Float, Real
 
 from catfree.errors import DegenerateGeometryError, InvalidInputError
-from catfree.geometry._arrays import HostOrDevice, epsilon, float_arrays, tiny
+from catfree.geometry._arrays import epsilon, float_arrays, tiny
 from catfree.types import Plane, Rig, Scene
+from catfree.types._array_types import HostOrDevice
 from catfree.types._validation import is_traced
 
 # A singular value below this share of the largest one is zero (rounding of float64 inputs).

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Real
 
 from catfree.geometry import _symmetric3 as symmetric3
-from catfree.geometry._arrays import HostOrDevice, Scalar, float_arrays
+from catfree.geometry._arrays import Scalar, float_arrays
 from catfree.geometry._huber_search import Fit, search_minimizer
 from catfree.geometry._ray_distances import (
     Rays,
@@ -29,6 +29,7 @@ from catfree.geometry._ray_distances import (
     residuals_of,
     solve_regularised,
 )
+from catfree.types._array_types import HostOrDevice
 
 
 class Triangulation(eqx.Module):

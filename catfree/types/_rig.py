@@ -10,10 +10,11 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from catfree.errors import InvalidInputError
 from catfree.types._archive import load_arrays, save_arrays
+from catfree.types._array_types import HostOrDevice
 from catfree.types._validation import (
     as_boolean,
     as_float,
@@ -23,8 +24,6 @@ from catfree.types._validation import (
     require_finite,
     require_shape,
 )
-
-HostOrDevice = np.ndarray | Array
 
 # Names in a saved rig: those that are always there, and those that may be None.
 RIG_FIELDS = (("K", "R", "t", "image_size", "registered"), ("distortion",))

@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 from catfree.errors import InvalidInputError
 from catfree.types._archive import load_arrays, save_arrays
-from catfree.types._rig import RIG_FIELDS, HostOrDevice, Rig
+from catfree.types._array_types import HostOrDevice
+from catfree.types._rig import RIG_FIELDS, Rig
 from catfree.types._validation import (
     as_float,
     is_traced,

@@ -16,8 +16,8 @@ from catfree.calibration.reconstructions._ground_evidence import (
 )
 from catfree.errors import GroundRejectedError, InsufficientDataError
 from catfree.geometry import fit_plane_ransac
-from catfree.geometry._arrays import HostOrDevice
 from catfree.types import Detections, Plane, Rig
+from catfree.types._array_types import HostOrDevice
 
 INLIER_SHARE = 0.01  # of E: the tolerance that the paper grants a ray (delta)
 REMOVED_SHARE = 3.0  # points within so many tolerances go with a rejected plane: its rough border
