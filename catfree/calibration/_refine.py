@@ -27,6 +27,7 @@ from catfree.methods.paper.association import (
 from catfree.settings import Settings
 from catfree.types import Detections, Plane, Rays, Rig, Scene
 from catfree.types._progress import Progress, no_progress
+from catfree.types._sampling import evenly_spread
 from catfree.types._validation import require_instance, require_known_cameras
 
 RESOLVED = 0.25  # the error of a box stops shrinking at this share of the median height
@@ -107,7 +108,8 @@ def refine(
     if settings.method == "evidence":
         boxes = detections[keep]
         return refine_by_evidence(boxes, scene, settings, rounds, refinement, report)
-    keep = keep & _spread(detections.frame, keep, refinement.maximum_frames)
+    frames = evenly_spread(np.unique(detections.frame[keep]), refinement.maximum_frames)
+    keep = keep & np.isin(detections.frame, frames)
     return _refine_by_paper(detections, scene, keep, settings, rounds, refinement, report)
 
 
@@ -168,17 +170,6 @@ def _confident(detections: Detections, rig: Rig, settings: Settings) -> Bool[np.
     if detections.score is not None:
         keep = keep & (detections.score >= settings.confidence)
     return keep
-
-
-def _spread(
-    frame: Int[np.ndarray, " n"], keep: Bool[np.ndarray, " n"], maximum_frames: int
-) -> Bool[np.ndarray, " n"]:
-    """Rows of at most so many frames, evenly spread over those kept."""
-    frames = np.unique(frame[keep])
-    if len(frames) <= maximum_frames:
-        return np.ones(len(frame), bool)
-    chosen = np.linspace(0, len(frames) - 1, maximum_frames).round().astype(int)
-    return np.isin(frame, frames[chosen])
 
 
 def _associated(

@@ -31,6 +31,7 @@ from catfree.methods.paper.association import (
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Rig, Scene
 from catfree.types._progress import Progress
+from catfree.types._sampling import evenly_spread
 
 PATIENCE = 3  # rounds without a smaller residual: it has stopped falling
 FEWEST_LEFT = 0.5  # of the people at the start: the few who are left may fit any rig
@@ -129,7 +130,7 @@ def in_runs(frame: np.ndarray, most: int) -> Bool[np.ndarray, " n"]:
     if len(frames) <= most:
         return np.ones(len(frame), bool)
     length = min(RUN, most)
-    starts = np.linspace(0, len(frames) - length, most // length).round().astype(int)
+    starts = evenly_spread(np.arange(len(frames) - length + 1), most // length)
     return np.isin(frame, frames[np.unique(starts[:, None] + np.arange(length))])
 
 

@@ -13,6 +13,7 @@ from catfree.adapters.onnx._onnx_session import OnnxGraph
 from catfree.adapters.protocols import Image, as_image
 from catfree.errors import InvalidInputError
 from catfree.types._reconstruction import Reconstruction
+from catfree.types._sampling import evenly_spread
 
 _NEEDED = (
     "a VGGT export (input [1, views, 3, H, W]; outputs pose_enc [1, views, 9], world_points "
@@ -151,10 +152,7 @@ class VggtOnnx:
             shown[view][place.inside(target)] = True
         points, confidence = outputs["world_points"][shown], outputs["world_points_conf"][shown]
         sound = np.isfinite(points).all(-1) & np.isfinite(confidence) & (confidence > 0)
-        rows = np.flatnonzero(sound)
-        if len(rows) > self._maximum_points:
-            even = np.linspace(0, len(rows) - 1, self._maximum_points)
-            rows = rows[np.round(even).astype(np.int64)]
+        rows = evenly_spread(np.flatnonzero(sound), self._maximum_points)
         return points[rows].astype(np.float64), confidence[rows].astype(np.float64)
 
 

@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
+from catfree.types._sampling import evenly_spread
 
 
 @dataclass(frozen=True)
@@ -79,10 +80,7 @@ def grid_boxes(
     """
     size = np.asarray(image_size)
     camera_count = len(size)
-    frames = np.unique(detections.frame)
-    if len(frames) > settings.maximum_frames:
-        pick = np.linspace(0, len(frames) - 1, settings.maximum_frames).round().astype(int)
-        frames = frames[pick]
+    frames = evenly_spread(np.unique(detections.frame), settings.maximum_frames)
     box = np.asarray(detections.box, np.float64)
     camera = np.clip(detections.camera, 0, camera_count - 1)
     width, height = size[camera, 0], size[camera, 1]

@@ -22,6 +22,7 @@ from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION, ArrayInput
 from catfree.types import Rig
 from catfree.types._reconstruction import Reconstruction
+from catfree.types._sampling import evenly_spread
 
 REALIGNMENTS = 5  # aligning to the average and averaging again; it settles after two or three
 MAXIMUM_POINTS = 200_000  # kept of the merged cloud, evenly
@@ -176,7 +177,4 @@ def _merged_points(
         typical = float(np.median(reconstruction.confidence))
         confidence.append(reconstruction.confidence / (typical if typical > 0 else 1.0))
     merged, sure = np.concatenate(points), np.concatenate(confidence).astype(np.float64)
-    if len(merged) > MAXIMUM_POINTS:
-        kept = np.linspace(0, len(merged) - 1, MAXIMUM_POINTS).round().astype(int)
-        merged, sure = merged[kept], sure[kept]
-    return merged, sure
+    return evenly_spread(merged, MAXIMUM_POINTS), evenly_spread(sure, MAXIMUM_POINTS)

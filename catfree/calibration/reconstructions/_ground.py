@@ -9,7 +9,6 @@ from jaxtyping import Bool, Float
 
 from catfree.calibration.reconstructions._ground_evidence import (
     GroundCandidate,
-    evenly,
     judge,
     people_of,
     way_up,
@@ -18,6 +17,7 @@ from catfree.errors import GroundRejectedError, InsufficientDataError
 from catfree.geometry import fit_plane_ransac
 from catfree.types import Detections, Plane, Rig
 from catfree.types._array_types import HostOrDevice
+from catfree.types._sampling import evenly_spread
 
 INLIER_SHARE = 0.01  # of E: the tolerance that the paper grants a ray (delta)
 REMOVED_SHARE = 3.0  # points within so many tolerances go with a rejected plane: its rough border
@@ -96,7 +96,7 @@ def find_ground(
         extent = float(np.median(np.linalg.norm(cloud[usable] - middle, axis=-1)))
     tolerance = INLIER_SHARE if threshold is None else threshold / extent
     local = np.where(usable[:, None], (cloud - middle) / extent, np.nan)
-    sample = evenly(np.flatnonzero(usable), SAMPLED_POINTS)
+    sample = evenly_spread(np.flatnonzero(usable), SAMPLED_POINTS)
     people = people_of(rig, detections)
     up = way_up(rig, people)
 

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from catfree.methods.paper.association._observe import expand_ranges
 from catfree.types import Detections, Plane, Rig
+from catfree.types._sampling import evenly_spread
 
 SAMPLED_DETECTIONS = 5_000
 FEWEST_DETECTIONS = 10  # fewer say nothing about the vertical
@@ -70,13 +71,6 @@ class People:
     head: np.ndarray
 
 
-def evenly(rows: np.ndarray, most: int) -> np.ndarray:
-    """At most so many rows, evenly spread over all."""
-    if len(rows) <= most:
-        return rows
-    return rows[np.linspace(0, len(rows) - 1, most).round().astype(int)]
-
-
 def people_of(rig: Rig, detections: Detections | None) -> People | None:
     """Rays of at most so many boxes in whole frames; None if there are too few to say anything."""
     if detections is None:
@@ -88,7 +82,7 @@ def people_of(rig: Rig, detections: Detections | None) -> People | None:
     if known.sum() < FEWEST_DETECTIONS:
         return None
     affordable = max(1, int(SAMPLED_DETECTIONS / counts.mean()))
-    rows = np.flatnonzero(known & np.isin(detections.frame, evenly(frames, affordable)))
+    rows = np.flatnonzero(known & np.isin(detections.frame, evenly_spread(frames, affordable)))
     rows = rows[np.argsort(detections.frame[rows], kind="stable")]
     box, camera = detections.box[rows].astype(np.float64), detections.camera[rows]
     middle = (box[:, 0] + box[:, 2]) / 2

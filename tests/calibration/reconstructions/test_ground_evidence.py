@@ -7,7 +7,6 @@ import pytest
 
 from catfree.calibration.reconstructions._ground_evidence import (
     FEWEST_DETECTIONS,
-    evenly,
     judge,
     people_of,
     way_up,
@@ -62,9 +61,3 @@ def test_people_stand_up_and_so_do_cameras(world):
 def test_few_people_say_nothing(world):
     assert people_of(world.true_rig, None) is None
     assert people_of(world.true_rig, world.detections[: FEWEST_DETECTIONS - 1]) is None
-
-
-def test_rows_are_thinned_evenly():
-    rows = np.arange(100)
-    np.testing.assert_array_equal(evenly(rows, 100), rows)
-    assert evenly(rows, 12).tolist() == [9 * step for step in range(12)]

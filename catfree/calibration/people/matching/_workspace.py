@@ -1,13 +1,14 @@
 """Boxes of one sequence with what is computed once from them."""
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
 from catfree.calibration.people.cameras._single_view import fit_planes
 from catfree.calibration.people.matching._group_people import smallest_boxes
 from catfree.settings import CalibrationSettings
+from catfree.types._sampling import evenly_spread
 
 QUICK_FRAMES = 24  # frames on which many placements are compared
 
@@ -32,9 +33,9 @@ class Workspace:
         self.grid, self.settings = grid, settings
         self.smallest = smallest_boxes(grid)
         count = grid.frame_count
-        self.voting = grid.at_frames(_spread(count, settings.voting_frames))
-        self.quick = grid.at_frames(_spread(count, QUICK_FRAMES))
-        self.scoring = grid.at_frames(_spread(count, settings.scoring_frames))
+        self.voting = grid.at_frames(evenly_spread(np.arange(count), settings.voting_frames))
+        self.quick = grid.at_frames(evenly_spread(np.arange(count), QUICK_FRAMES))
+        self.scoring = grid.at_frames(evenly_spread(np.arange(count), settings.scoring_frames))
         self._planes: dict[tuple[int, float], Float[np.ndarray, "plane 7"]] = {}
 
     def planes(self, camera: int, log_focal: float) -> Float[np.ndarray, "plane 7"]:
@@ -66,8 +67,3 @@ class Workspace:
             foot_offset=self.settings.foot_offset,
             range_tolerance=tolerance,
         )
-
-
-def _spread(count: int, wanted: int) -> Int[np.ndarray, " chosen"]:
-    """Evenly spread frame indices."""
-    return np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))

@@ -22,6 +22,7 @@ from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
 from catfree.types._progress import Progress
+from catfree.types._sampling import evenly_spread
 
 TRIED_OFFSETS = 16  # offsets of an unplaced camera that are refined
 WIDE_TOLERANCE = 0.03  # share of the range, while people are met at the wrong instant
@@ -175,5 +176,4 @@ def _offset_of_unplaced(
 
 def _thinned(grid: BoxGrid, settings: CalibrationSettings) -> BoxGrid:
     """The frames that vote."""
-    count = min(grid.frame_count, settings.voting_frames)
-    return grid.at_frames(np.linspace(0, grid.frame_count - 1, count).round().astype(int))
+    return grid.at_frames(evenly_spread(np.arange(grid.frame_count), settings.voting_frames))

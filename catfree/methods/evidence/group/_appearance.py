@@ -11,6 +11,7 @@ from catfree.geometry._buckets import fine_length
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.settings import EvidenceSettings
+from catfree.types._sampling import evenly_spread
 
 SMALLEST_SAMPLE = 50  # pairs below which nothing is learned
 SMALLEST_SPREAD = 0.01  # cosine distance: narrower samples are copies
@@ -97,10 +98,7 @@ def learn_ratio(
     spread frames as self-calibration takes; None where too little is known or distances do not
     tell people apart.
     """
-    frames = np.arange(len(appearance.first) - 1)
-    if len(frames) > settings.calibration_frames:
-        spread = np.linspace(0, len(frames) - 1, settings.calibration_frames)
-        frames = np.unique(spread.round().astype(int))
+    frames = evenly_spread(np.arange(len(appearance.first) - 1), settings.calibration_frames)
     strong = np.flatnonzero(((groups.member >= 0).sum(1) >= 3) & np.isin(groups.frame, frames))
     g, camera = np.nonzero(groups.member[strong] >= 0)
     label = strong[g]

@@ -15,6 +15,7 @@ from catfree.methods.evidence.observe._views import GroundViews, ground_views
 from catfree.methods.evidence.observe._visibility import covered_feet
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
+from catfree.types._sampling import evenly_spread
 
 # By how much the angular noise is widened at the start (8 times the usual is 1.4 degrees), and
 # rounds: it can at most halve in each.
@@ -106,5 +107,4 @@ def _subset(detections: Detections, limit: int) -> Detections:
     frames = np.unique(detections.frame)
     if len(frames) <= limit:
         return detections
-    chosen = frames[np.unique(np.linspace(0, len(frames) - 1, limit).round().astype(int))]
-    return detections[np.isin(detections.frame, chosen)]
+    return detections[np.isin(detections.frame, evenly_spread(frames, limit))]

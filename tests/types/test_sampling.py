@@ -1,0 +1,23 @@
+import numpy as np
+from hypothesis import given, strategies as st
+
+from catfree.types._sampling import evenly_spread
+
+
+@given(st.integers(0, 300), st.integers(1, 120))
+def test_spread_rows_are_distinct_in_order_and_as_even_as_whole_steps_allow(count, most):
+    rows = np.arange(count)
+    chosen = evenly_spread(rows, most)
+    assert len(chosen) == min(count, most)
+    assert (np.diff(chosen) > 0).all()
+    if count and most > 1:
+        assert chosen[0] == 0
+        assert chosen[-1] == count - 1
+        # Rounded, not truncated: no row is farther than half a step from its even place.
+        even = np.linspace(0, count - 1, len(chosen))
+        assert (np.abs(chosen - even) <= 0.5).all()
+
+
+def test_spread_rows_keep_their_columns():
+    rows = np.arange(20).reshape(10, 2)
+    np.testing.assert_array_equal(evenly_spread(rows, 4), rows[[0, 3, 6, 9]])
