@@ -5,7 +5,7 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -145,6 +145,11 @@ class VideoFile:
         reader = self.open()
         try:
             first = reader.read(0)
+            if _is_art(reader.capture):
+                raise FileFormatError(
+                    f"{path} is a text file, not a video. Boxes of your own go to cf.localize in "
+                    "Python; cf.adapters.read_mot reads MOTChallenge files."
+                )
             if first is None:
                 raise FileFormatError(
                     f"{path} cannot be decoded: it is no video, truncated or in a format that "
@@ -208,6 +213,14 @@ class _CaptureReader:
 
     def close(self) -> None:
         self.capture.release()
+
+
+def _is_art(capture: Any) -> bool:
+    """Whether FFmpeg took a text file for a picture made of letters (ANSI art)."""
+    import cv2
+
+    code = int(capture.get(cv2.CAP_PROP_FOURCC))
+    return code == int.from_bytes(b"ansi", "little")
 
 
 def _grabbed(reader: _CaptureReader) -> Iterator[int]:

@@ -253,6 +253,13 @@ def test_a_file_that_is_no_video(tmp_path, content):
         SynchronizedVideos([path])
 
 
+def test_a_text_file_is_not_decoded_as_ansi_art(tmp_path):
+    rows = (f"{frame},1,{frame}.0,100.0,40.0,120.0,0.9,-1,-1,-1" for frame in range(1, 300))
+    (tmp_path / "boxes.txt").write_text("\n".join(rows))
+    with pytest.raises(FileFormatError, match=r"boxes\.txt is a text file, not a video.*read_mot"):
+        SynchronizedVideos([tmp_path / "boxes.txt"])
+
+
 def test_an_mp4_cut_off_while_recording(tmp_path):
     path = truncate(write_video(tmp_path / "a.mp4", 20))
     with pytest.raises(FileFormatError, match=r"Camera 0: .*a\.mp4 cannot be decoded"):
