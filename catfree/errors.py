@@ -37,5 +37,9 @@ class DegenerateGeometryError(CatFreeError, ValueError):
     """Points or rays are in a position that leaves the answer undetermined."""
 
 
+class ForkedProcessError(CatFreeError, RuntimeError):
+    """A forked process would wait forever; the message says how to start one that does not."""
+
+
 class MissingDependencyError(CatFreeError, ImportError):
     """An optional dependency is not installed; the message holds the pip command."""

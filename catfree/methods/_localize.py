@@ -21,6 +21,7 @@ from catfree.methods.paper.association import (
 from catfree.methods.paper.trajectories import build_trajectories
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene, Thresholds
+from catfree.types._forks import require_own_process
 from catfree.types._progress import Progress, no_progress
 from catfree.types._validation import require_instance, require_known_cameras
 
@@ -47,11 +48,13 @@ def localize(
     Raises:
         InvalidInputError: if a detection names a camera that the rig does not have.
         InsufficientDataError: if fewer than two cameras are registered.
+        ForkedProcessError: in a process forked after JAX was used.
 
     Source:
         Sec. "Method" of the paper for `Settings.paper()`; `catfree.methods.evidence` for the
         default.
     """
+    require_own_process()
     settings = Settings() if settings is None else settings
     require_instance(detections, Detections, "detections")
     require_instance(scene, Scene, "scene")
