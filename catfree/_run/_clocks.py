@@ -1,0 +1,187 @@
+"""Whether the clock of each camera fits a known scene, told without labels.
+
+People stand on the same ground for every camera at the same instant. Where a camera's boxes meet
+the others' better at another shift of its clock, by more than chance reaches at all other shifts,
+its clock is off.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from catfree.settings import CalibrationSettings, EvidenceSettings
+from catfree.types import Detections, Scene
+
+LONGEST = 60  # instants to either side that are tried
+BOXES = 600  # of each camera that are compared, in evenly spread instants
+FEWEST_CHANCES = 20  # shifts that tell what chance reaches
+
+
+@dataclass(frozen=True)
+class GroundFeet:
+    """Where the boxes of one camera stand, padded to instants.
+
+    Attributes:
+        xy: (T, N, 2) ground coordinates in scene units.
+        covariance: (T, N, 3) variance of x, covariance, variance of y.
+        valid: (T, N) whether the slot holds a box that stands on the ground.
+    """
+
+    xy: Float[np.ndarray, "instant slot 2"]
+    covariance: Float[np.ndarray, "instant slot 3"]
+    valid: Bool[np.ndarray, "instant slot"]
+
+
+def find_clock_offsets(detections: Detections, scene: Scene) -> Int[np.ndarray, " cam"]:
+    """Frames by which the frame numbers of each camera are too high, as far as the boxes show it.
+
+    Args:
+        detections: (N,) boxes of cameras that should be synchronized.
+        scene: known cameras and ground.
+
+    Returns:
+        (C,) frames to subtract, as `catfree.calibration.remove_offsets` does; 0 where the clock fits, or
+        where nothing can be said. A camera that started late has a negative number.
+    """
+    count = scene.rig.camera_count
+    found = np.zeros(count, np.int64)
+    frames = np.unique(detections.frame)
+    known = np.flatnonzero(scene.rig.registered).tolist()
+    if len(frames) < 2 or len(known) < 2:
+        return found
+    step = max(1, int(np.median(np.diff(frames))))
+    instant = (detections.frame - frames[0]) // step
+    feet = {c: stand_on_ground(detections, instant, scene, c) for c in known}
+    reach = min(LONGEST, int(instant.max()) // 3)
+    shifts = np.arange(-reach, reach + 1)
+    for _ in known:
+        # One camera at a time, the clearest first: its wrong clock also disturbs the others.
+        offers = [
+            (*_better_shift(agreement(feet, c, shifts), shifts), c) for c in known if not found[c]
+        ]
+        gain, shift, camera = max(offers, default=(0.0, 0, 0))
+        if gain <= 0:
+            break
+        found[camera] = shift
+        feet[camera] = _shifted(feet[camera], shift)
+    return found * step
+
+
+def stand_on_ground(
+    detections: Detections, instant: Int[np.ndarray, " n"], scene: Scene, camera: int
+) -> GroundFeet:
+    """Where one camera's boxes stand, if the middle of the lower edge is on the ground.
+
+    Args:
+        detections: (N,) boxes of all cameras.
+        instant: (N,) of each box, from 0.
+        scene: cameras and ground.
+        camera: index of a registered camera.
+    """
+    import cv2
+
+    length = int(instant.max()) + 1
+    rows = np.flatnonzero(detections.camera == camera)
+    rows = rows[np.argsort(instant[rows], kind="stable")]
+    time = instant[rows]
+    slot = np.arange(len(rows)) - np.searchsorted(time, time)
+    shape = (length, int(slot.max(initial=0)) + 1)
+    feet = GroundFeet(np.zeros((*shape, 2)), np.ones((*shape, 3)), np.zeros(shape, bool))
+    if not len(rows):
+        return feet
+    rig = scene.rig
+    lens = None if rig.distortion is None else np.asarray(rig.distortion[camera], np.float64)
+    K, R = (np.asarray(values[camera], np.float64) for values in (rig.K, rig.R))
+    pixel = np.asarray(detections.foot[rows], np.float64).reshape(-1, 1, 2)
+    ideal = cv2.undistortPoints(pixel, K, lens).reshape(-1, 2)
+    ray = np.column_stack([ideal, np.ones(len(ideal))]) @ R
+    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    center = np.asarray(rig.centers[camera], np.float64)
+    normal, basis = (np.asarray(v, np.float64) for v in (scene.ground.normal, scene.ground.basis))
+    down = ray @ normal
+    edge = CalibrationSettings().edge_deviation(np.asarray(detections.height[rows])) / K[1, 1]
+    noise = np.hypot(edge, EvidenceSettings.angular_noise)
+    # A ray that its own noise lifts to the horizon meets the ground nowhere in particular.
+    lands = down < -noise
+    reach = -float(scene.ground.signed_distance(center)) / np.where(lands, down, -1.0)
+    along = ray @ basis
+    # Noise across the ray, at its length; along the ground it is stretched by the grazing angle.
+    stretch = along[:, :, None] * along[:, None, :] / down[:, None, None] ** 2
+    spread = (noise * reach)[:, None, None] ** 2 * (np.eye(2) + stretch)
+    feet.xy[time, slot] = (center + reach[:, None] * ray) @ basis
+    feet.covariance[time, slot] = spread[:, [0, 0, 1], [0, 1, 1]]
+    feet.valid[time, slot] = lands
+    return feet
+
+
+def agreement(
+    feet: dict[int, GroundFeet], camera: int, shifts: Int[np.ndarray, " shift"]
+) -> Float[np.ndarray, " shift"]:
+    """How well a camera's boxes meet those of the other cameras at shifted times.
+
+    Args:
+        feet: of each camera.
+        camera: whose clock is shifted.
+        shifts: instants by which its clock may be too high.
+
+    Returns:
+        (S,) mean over its boxes of exp(-d²/2), d the Mahalanobis distance to the nearest box of
+        another camera; 0 where none is near, NaN where no box can be compared.
+    """
+    own = feet[camera]
+    others = [feet[c] for c in feet if c != camera]
+    xy, covariance, valid = (
+        np.concatenate([getattr(one, name) for one in others], axis=1)
+        for name in ("xy", "covariance", "valid")
+    )
+    length = len(valid)
+    boxes = own.valid.sum(axis=1)
+    peopled = np.flatnonzero(boxes)
+    wanted = max(1, int(np.ceil(len(peopled) * BOXES / max(boxes.sum(), 1))))
+    chosen = peopled[np.linspace(0, len(peopled) - 1, min(wanted, len(peopled))).astype(int)]
+    time, slot = np.nonzero(own.valid[chosen])
+    time = chosen[time]
+    xy_own, covariance_own = own.xy[time, slot], own.covariance[time, slot]
+    scores = np.full(len(shifts), np.nan)
+    for at, shift in enumerate(shifts):
+        there = time - shift
+        kept = np.flatnonzero((there >= 0) & (there < length))
+        there = there[kept]
+        if not len(kept):
+            continue
+        dx, dy = np.moveaxis(xy[there] - xy_own[kept, None], -1, 0)
+        a, b, c = np.moveaxis(covariance[there] + covariance_own[kept, None], -1, 0)
+        distance = (c * dx * dx - 2 * b * dx * dy + a * dy * dy) / (a * c - b * b)
+        distance = np.where(valid[there], distance, np.inf)
+        scores[at] = np.exp(-distance.min(axis=1) / 2).mean()
+    return scores
+
+
+def _better_shift(
+    score: Float[np.ndarray, " shift"], shifts: Int[np.ndarray, " shift"]
+) -> tuple[float, int]:
+    """The best shift, and by how much more than chance it is better than none; 0 if it is not.
+
+    Chance is what the score does at shifts that are farther from the best than no shift is.
+    """
+    if not np.isfinite(score).any():
+        return 0.0, 0
+    best = int(np.nanargmax(score))
+    far = np.abs(shifts - shifts[best]) > abs(shifts[best])
+    chances = score[far & np.isfinite(score)]
+    if shifts[best] == 0 or len(chances) < FEWEST_CHANCES:
+        return 0.0, 0
+    gain = float(score[best] - score[shifts == 0][0] - np.ptp(chances))
+    return max(gain, 0.0), int(shifts[best])
+
+
+def _shifted(feet: GroundFeet, shift: int) -> GroundFeet:
+    """The feet on a clock that was too high by some instants; what leaves the footage is lost."""
+    length = len(feet.valid)
+    source = np.arange(length) + shift
+    inside = (source >= 0) & (source < length)
+    source = np.clip(source, 0, length - 1)
+    return GroundFeet(
+        feet.xy[source], feet.covariance[source], feet.valid[source] & inside[:, None]
+    )
