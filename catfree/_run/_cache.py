@@ -118,7 +118,7 @@ def to_arrays(value: Any) -> Arrays:
         if dataclasses.is_dataclass(item):
             nested = to_arrays(item)
             arrays |= {f"{field.name}{SEPARATOR}{name}": array for name, array in nested.items()}
-        elif item is not None:
+        elif item is not None and not (isinstance(item, tuple) and not item):
             arrays[field.name] = np.asarray(item)
     return arrays
 
@@ -141,9 +141,12 @@ def from_arrays(kind: type[T], arrays: Arrays) -> T:
         elif name in arrays:
             array = arrays[name]
             scalar = array.ndim == 0 and any(o in (bool, int, float, str) for o in options)
-            values[name] = array.item() if scalar else array
+            listed = any(typing.get_origin(o) is tuple for o in options)
+            values[name] = array.item() if scalar else tuple(array.tolist()) if listed else array
         elif types.NoneType in options:
             values[name] = None
+        elif name in _defaults(kind):  # a field that earlier versions did not have
+            continue
         else:
             raise FileFormatError(f"A stored {kind.__name__} lacks {name!r}.")
     return kind(**values)
@@ -174,6 +177,12 @@ def code_hash(*packages: str) -> str:
 def _field_types(kind: type[Any]) -> dict[str, Any]:
     hints = typing.get_type_hints(kind)
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
+
+
+@functools.cache
+def _defaults(kind: type[Any]) -> frozenset[str]:
+    fields = dataclasses.fields(kind)
+    return frozenset(f.name for f in fields if f.default is not dataclasses.MISSING)
 
 
 def _options(hint: Any) -> tuple[Any, ...]:

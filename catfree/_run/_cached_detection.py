@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
 
@@ -11,6 +11,11 @@ from jaxtyping import Float
 
 from catfree._run._cache import StageCache, code_hash
 from catfree.adapters._validate_plugin_output import Describer, join_descriptions
+from catfree.adapters.background._background_detector import (
+    BackgroundDetector,
+    FittedBackgroundDetector,
+)
+from catfree.adapters.background._foreground_memory import ForegroundMemory
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import (
     BatchDetector,
@@ -87,7 +92,7 @@ def detect_with_cache(
         span = pieces[missing[0] : missing[-1] + 1]
         detectors: list[Detector] = []
         if any(piece.boxes is None for piece in span):
-            detectors = fit_to_cameras(videos, detector, progress)
+            detectors = fit_with_cache(videos, detector, cache, progress)
         shared = detector if isinstance(detector, BatchDetector) else None
         describe = None if embedder is None else Describer(embedder)
         stream = videos.instants_from(span[0].first)
@@ -103,6 +108,43 @@ def detect_with_cache(
     elif progress is not None:
         progress("detect", videos.frame_count, videos.frame_count)
     return _join([piece for piece in pieces if piece.complete], videos)
+
+
+def fit_with_cache(
+    videos: SynchronizedVideos,
+    detector: Detector | FittedToCamera,
+    cache: StageCache,
+    progress: Progress | None = None,
+) -> list[Detector]:
+    """What `fit_to_cameras` gives; a learnt background is kept as soon as it is there.
+
+    Args:
+        videos: as `fit_to_cameras`.
+        detector: as `fit_to_cameras`.
+        cache: where the backgrounds of cameras are that an earlier run learnt.
+        progress: as `fit_to_cameras`.
+
+    Raises:
+        WriteError: if a background cannot be stored.
+    """
+    if not isinstance(detector, BackgroundDetector):
+        return fit_to_cameras(videos, detector, progress)
+    stage, common = "background", (code_hash("adapters", "types"), videos.fingerprint)
+
+    def key(camera: int) -> str:
+        return hash_parameters(stage, *common, detector.fingerprint, camera=camera)
+
+    def keep(camera: int, fitted: Detector) -> None:
+        if isinstance(fitted, FittedBackgroundDetector):
+            cache.store(stage, key(camera), replace(fitted, memory=None))
+
+    known: dict[int, Detector] = {}
+    for camera in range(videos.camera_count):
+        stored = cache.load(stage, key(camera), FittedBackgroundDetector)
+        if stored is not None:
+            memory = ForegroundMemory(stored.background.compare)
+            known[camera] = replace(stored, memory=memory)
+    return fit_to_cameras(videos, detector, progress, known=known, learnt=keep)
 
 
 def fingerprint_of(part: Any, role: str) -> str:

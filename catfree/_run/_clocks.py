@@ -41,7 +41,7 @@ def find_clock_offsets(detections: Detections, scene: Scene) -> Int[np.ndarray, 
         scene: known cameras and ground.
 
     Returns:
-        (C,) frames to subtract, as `catfree.calibration.remove_offsets` does; 0 where the clock fits, or
+        (C,) frames to subtract, as `remove_offsets` does; 0 where the clock fits, or
         where nothing can be said. A camera that started late has a negative number.
     """
     count = scene.rig.camera_count

@@ -13,6 +13,7 @@ from catfree.calibration.people import (
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections
+from catfree.types._forks import require_own_process
 from catfree.types._progress import Progress, no_progress
 from catfree.types._validation import require_instance
 
@@ -52,27 +53,102 @@ def calibrate(
     Raises:
         CalibrationError: if fewer than two cameras can be registered, or those that can disagree.
         InvalidInputError: if shapes do not fit.
+        ForkedProcessError: in a process forked after JAX was used.
     """
+    begun = begin_calibration(
+        detections,
+        image_size,
+        settings,
+        camera_names=camera_names,
+        maximum_offset=maximum_offset,
+        progress=progress,
+    )
+    return finish_calibration(
+        begun, detections, settings, camera_names=camera_names, progress=progress
+    )
+
+
+def begin_calibration(
+    detections: Detections,
+    image_size: ArrayInput,
+    settings: Settings | CalibrationSettings | None = None,
+    *,
+    camera_names: Sequence[str] | None = None,
+    maximum_offset: int = 0,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Place as many cameras as the boxes support: the first half of `calibrate`.
+
+    Args:
+        detections: as `calibrate`.
+        image_size: as `calibrate`.
+        settings: as `calibrate`.
+        camera_names: as `calibrate`.
+        maximum_offset: as `calibrate`.
+        progress: as `calibrate`.
+
+    Returns:
+        The rig as it was registered, for `finish_calibration`.
+
+    Raises:
+        CalibrationError: as `calibrate`.
+        InvalidInputError: as `calibrate`.
+    """
+    detections, settings = _confident(detections, settings)
+    return register(
+        detections,
+        image_size,
+        settings.calibration,
+        camera_names=camera_names,
+        maximum_offset=maximum_offset,
+        progress=progress,
+    )
+
+
+def finish_calibration(
+    begun: Calibration,
+    detections: Detections,
+    settings: Settings | CalibrationSettings | None = None,
+    *,
+    camera_names: Sequence[str] | None = None,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Refine a registered rig by the evidence of its people: the second half of `calibrate`.
+
+    Args:
+        begun: what `begin_calibration` returned.
+        detections: the boxes that it came from.
+        settings: as `calibrate`.
+        camera_names: as `calibrate`.
+        progress: as `calibrate`.
+
+    Returns:
+        What `calibrate` returns.
+
+    Raises:
+        CalibrationError: as `calibrate`.
+    """
+    detections, settings = _confident(detections, settings)
+    rules = settings.calibration
+    if rules.evidence_rounds == 0:
+        return without_vague_cameras(begun, rules, camera_names)
+    synchronized = remove_offsets(detections, begun.frame_offset)
+    report = progress or no_progress
+    best = EvidenceLoop(synchronized, settings, report, camera_names).settle(begun)
+    best = confirm(best, synchronized, rules)
+    return without_vague_cameras(best, rules, camera_names)
+
+
+def _confident(
+    detections: Detections, settings: Settings | CalibrationSettings | None
+) -> tuple[Detections, Settings]:
+    """The boxes that take part, and the settings of a whole run."""
+    require_own_process()
     require_instance(detections, Detections, "detections")
     if not isinstance(settings, Settings):
         rules = CalibrationSettings() if settings is None else settings
         require_instance(rules, CalibrationSettings, "settings")
         settings = Settings(calibration=rules)
-    rules = settings.calibration
     if detections.score is not None:
         detections = detections[detections.score >= settings.confidence]
-    best = register(
-        detections,
-        image_size,
-        rules,
-        camera_names=camera_names,
-        maximum_offset=maximum_offset,
-        progress=progress,
-    )
-    if rules.evidence_rounds == 0:
-        return without_vague_cameras(best, rules, camera_names)
-    synchronized = remove_offsets(detections, best.frame_offset)
-    report = progress or no_progress
-    best = EvidenceLoop(synchronized, settings, report, camera_names).settle(best)
-    best = confirm(best, synchronized, rules)
-    return without_vague_cameras(best, rules, camera_names)
+    return detections, settings

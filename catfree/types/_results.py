@@ -217,9 +217,11 @@ class Localization(eqx.Module):
         candidates: every hypothesis and its fate.
         thresholds: what was estimated from the sequence.
         reliability: label-free summary.
+        warnings: sentences about the input of `cf.run` that the reader should know first.
     """
 
     tracks: Tracks
     candidates: Candidates
     thresholds: Thresholds
     reliability: Reliability
+    warnings: tuple[str, ...] = eqx.field(default=(), static=True)

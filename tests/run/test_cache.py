@@ -1,5 +1,6 @@
 """The cache finds what equal content gave, survives damage, and never shows half a file."""
 
+import dataclasses
 import multiprocessing
 import os
 import subprocess
@@ -197,3 +198,11 @@ def test_code_hash_tells_packages_apart():
     assert code_hash("types") != code_hash("adapters")
     assert code_hash("types") == code_hash("types")
     assert code_hash() != code_hash("types")
+
+
+def test_warnings_come_back_and_results_without_them_can_be_read():
+    warned = dataclasses.replace(empty_localization(2), warnings=("One.", "Two."))
+    arrays = to_arrays(warned)
+    assert from_arrays(Localization, arrays).warnings == ("One.", "Two.")
+    del arrays["warnings"]  # as in files of version 0.1
+    assert from_arrays(Localization, arrays).warnings == ()

@@ -1,7 +1,7 @@
 """From synchronized videos to `Detections`: detector and embedder on every picture, streaming."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
 from threading import Lock
@@ -85,6 +85,9 @@ def fit_to_cameras(
     videos: SynchronizedVideos,
     detector: Detector | FittedToCamera,
     progress: Progress | None = None,
+    *,
+    known: Mapping[int, Detector] | None = None,
+    learnt: Callable[[int, Detector], None] | None = None,
 ) -> list[Detector]:
     """The detector of each camera: fitted to its footage where it must be, else the same for all.
 
@@ -94,13 +97,16 @@ def fit_to_cameras(
         videos: the cameras' pictures.
         detector: as `detect_videos` takes it.
         progress: called as progress("fit", done, total) after each picture of each camera.
+        known: detectors of cameras that were fitted before.
+        learnt: called with camera and detector once a camera is fitted, from its thread.
 
     Raises:
         InsufficientDataError: naming the camera whose footage is too short.
     """
     if not isinstance(detector, FittedToCamera):
         return [detector] * videos.camera_count
-    total = videos.camera_count * videos.frame_count
+    before = {} if known is None else known
+    total = (videos.camera_count - len(before)) * videos.frame_count
     seen, one_at_a_time = count(1), Lock()
 
     def pictures(camera: int) -> Iterator[Image]:
@@ -111,11 +117,16 @@ def fit_to_cameras(
                     progress("fit", next(seen), total)
 
     def fit(camera: int) -> Detector:
+        if camera in before:
+            return before[camera]
         try:
-            return detector.fit(pictures(camera))
+            fitted = detector.fit(pictures(camera))
         except (InsufficientDataError, InvalidInputError) as error:
             name = f"Camera {camera} ({videos.camera_names[camera]!r})"
             raise type(error)(f"{name}: {error}") from error
+        if learnt is not None:
+            learnt(camera, fitted)
+        return fitted
 
     with ThreadPoolExecutor(min(videos.camera_count, os.cpu_count() or 1)) as pool:
         return list(pool.map(fit, range(videos.camera_count)))

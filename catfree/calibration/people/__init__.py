@@ -2,6 +2,7 @@
 
 from catfree.calibration.people._camera_search import (
     confirm as confirm,
+    offset_for as offset_for,
     places_for as places_for,
     reconsider as reconsider,
     without_camera as without_camera,

@@ -15,6 +15,7 @@ from catfree.calibration.people.cameras._camera_model import from_matrices, to_m
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._verdict import Verdict, judge_camera, judge_cameras
 from catfree.calibration.people.matching._workspace import Workspace
+from catfree.calibration.people.search._clock_offsets import offset_of_unplaced
 from catfree.calibration.people.search._growth import accepted_candidates, best_candidate
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
@@ -98,6 +99,33 @@ def places_for(
             work, state, camera, [], calibration.shared_focal
         )
     ]
+
+
+def offset_for(
+    calibration: Calibration,
+    detections: Detections,
+    camera: int,
+    maximum: int,
+    settings: CalibrationSettings,
+) -> int:
+    """The clock offset with which a camera that is missing in a rig can be placed.
+
+    Args:
+        calibration: a rig without the camera.
+        detections: (N,) the boxes that it came from.
+        camera: which camera.
+        maximum: largest offset to try in instants.
+        settings: constants.
+
+    Returns:
+        Frames by which its frame numbers are too high; 0 if it fits nowhere, or as it is.
+    """
+    work, state = _resume(calibration, detections, settings)
+    grid = work.grid
+    reach = min(maximum, grid.frame_count // 3)
+    shifts = sorted(range(-reach, reach + 1), key=abs)
+    _, shift = offset_of_unplaced(work, state, camera, shifts)
+    return shift * max(1, int(np.median(np.diff(grid.frames))))
 
 
 def confirm(

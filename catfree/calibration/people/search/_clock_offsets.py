@@ -67,7 +67,7 @@ def find_offsets(
         state, cameras = registered.rig.state, np.flatnonzero(found == 0)
         # One camera at a time, the clearest first: a wrong clock also bends the others' fit.
         gains = [
-            (_offset_of_placed if state.placed[c] else _offset_of_unplaced)(
+            (_offset_of_placed if state.placed[c] else offset_of_unplaced)(
                 work, state, int(c), shifts
             )
             for c in cameras
@@ -128,10 +128,17 @@ def _offset_of_placed(
         best = top
 
 
-def _offset_of_unplaced(
+def offset_of_unplaced(
     work: Workspace, state: RigState, camera: int, shifts: list[int]
 ) -> tuple[float, int]:
-    """Evidence and shift at which an unplaced camera can be placed; zeros if there is none."""
+    """Evidence and shift at which an unplaced camera can be placed; zeros if there is none.
+
+    Args:
+        work: the sequence.
+        state: the rig without the camera.
+        camera: which camera.
+        shifts: to try, in instants by which its clock may be too high.
+    """
     settings = work.settings
     people = group_people(work.grid, state, settings).ground
     middle = float(np.median(state.parameters[state.placed, LOG_FOCAL]))
