@@ -2,11 +2,20 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from catfree._run._cache import StageCache
+from catfree._run._input_checks import (
+    calibration_warnings,
+    clock_warnings,
+    lost_footage,
+    order_like_videos,
+    require_distinct_videos,
+    tiny_boxes,
+    without_offsets,
+)
 from catfree._run._stages import (
     calibrate_cameras,
     detect,
@@ -23,6 +32,7 @@ from catfree.calibration import Calibration
 from catfree.errors import InvalidInputError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
+from catfree.types._forks import require_own_process
 from catfree.types._progress import Progress
 from catfree.types._validation import require_instance
 
@@ -40,6 +50,8 @@ class RunOutcome:
         calibration: how the scene was found from people, or None where it came from elsewhere.
         camera_names: (C,) names of the cameras, after their files.
         frames: (T,) the frames that were looked at.
+        videos: the footage, on clocks that were corrected where offsets were searched; None where
+            the outcome did not come from videos.
     """
 
     localization: Localization
@@ -48,6 +60,27 @@ class RunOutcome:
     calibration: Calibration | None
     camera_names: tuple[str, ...]
     frames: np.ndarray
+    videos: SynchronizedVideos | None = None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences about the input that the reader should know first."""
+        return self.localization.warnings
+
+
+@dataclass
+class Unfinished:
+    """What a run has so far: filled while it goes on, for those who look at it after an error.
+
+    Attributes:
+        videos: the footage, once it is open.
+        detections: everybody whom the cameras saw, once that is known.
+        warnings: sentences about the input.
+    """
+
+    videos: SynchronizedVideos | None = None
+    detections: Detections | None = None
+    warnings: tuple[str, ...] = ()
 
 
 def run(
@@ -59,6 +92,9 @@ def run(
     settings: Settings | None = None,
     cache_dir: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
+    *,
+    scene_names: Sequence[str] | None = None,
+    maximum_offset: int = 0,
 ) -> Localization:
     """Track people on the ground from the videos of several static cameras.
 
@@ -79,15 +115,20 @@ def run(
         cache_dir: folder in which finished stages are kept. A run that was killed goes on from
             there with an identical result; other videos, weights, settings or code never reuse it.
         progress: called as `progress(stage, done, total)`.
+        scene_names: (C,) names of the scene's cameras: videos that come in another order are
+            matched to them by name.
+        maximum_offset: where the cameras are found from people, search clock offsets of single
+            cameras up to so many frames, and correct them; 0 trusts the frame numbers.
 
     Returns:
-        What `localize` gives for the scene. With the default method, and a detector that learns
-        each camera's background, after a second look at the pictures where the tracks of the first
-        say that people should stand; and with the pieces of one person's track joined by their
-        looks (`catfree._run._stitch`).
+        What `localize` gives for the scene, with `warnings` about the input. With the default
+        method, and a detector that learns each camera's background, after a second look at the
+        pictures where the tracks of the first say that people should stand; and with the pieces of
+        one person's track joined by their looks (`catfree._run._stitch`).
 
     Raises:
-        InvalidInputError: if a video does not exist or the scene has other cameras.
+        InvalidInputError: if a video does not exist, two videos are equal byte for byte, or the
+            scene has other cameras.
         FileFormatError: naming camera and frame, if a picture cannot be decoded.
         InsufficientDataError: if there is too little footage.
         CalibrationError: if no rig can be found from the people.
@@ -102,6 +143,8 @@ def run(
         settings,
         cache_dir=cache_dir,
         progress=progress,
+        scene_names=scene_names,
+        maximum_offset=maximum_offset,
     ).localization
 
 
@@ -115,6 +158,9 @@ def run_stages(
     *,
     cache_dir: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
+    scene_names: Sequence[str] | None = None,
+    maximum_offset: int = 0,
+    unfinished: Unfinished | None = None,
 ) -> RunOutcome:
     """`run` with the results of all stages.
 
@@ -127,6 +173,9 @@ def run_stages(
         settings: as `run`.
         cache_dir: as `run`.
         progress: as `run`.
+        scene_names: as `run`.
+        maximum_offset: as `run`.
+        unfinished: told what there is as soon as it is there.
 
     Returns:
         Detections, scene, calibration and localization.
@@ -134,6 +183,7 @@ def run_stages(
     Raises:
         CatFreeError: as `run`.
     """
+    require_own_process()
     settings = Settings() if settings is None else settings
     require_instance(settings, Settings, "settings")
     if scene is not None:
@@ -153,7 +203,13 @@ def run_stages(
                 f"videos must list one video file or image folder a camera, got {videos!r}."
             )
         videos = SynchronizedVideos(videos)
+    so_far = Unfinished() if unfinished is None else unfinished
+    so_far.videos, so_far.warnings = videos, lost_footage(videos)
+    require_distinct_videos(videos)
     if scene is not None:
+        if scene_names is not None:
+            scene, order = order_like_videos(scene, scene_names, videos)
+            so_far.warnings += order
         _require_same_cameras(scene, videos)
     detector = BackgroundDetector() if detector is None else detector
     if embedder is None and isinstance(detector, BackgroundDetector):
@@ -164,14 +220,27 @@ def run_stages(
     if cache is None and isinstance(detector, FittedToCamera):
         fitted = fit_to_cameras(videos, detector, progress)
     detections = detect(videos, detector, embedder, fitted=fitted, cache=cache, progress=progress)
-    calibration = None
+    so_far.detections = detections
+    calibration, known = None, scene is not None
     if reconstructor is not None:
         scene = reconstruct(videos, reconstructor, detections, cache=cache, progress=progress)
     elif scene is None:
         calibration = calibrate_cameras(
-            videos, detector, detections, settings, cache=cache, progress=progress
+            videos,
+            detector,
+            detections,
+            settings,
+            maximum_offset=maximum_offset,
+            cache=cache,
+            progress=progress,
         )
         scene = calibration.scene
+        so_far.warnings += calibration_warnings(calibration, detections, videos, settings)
+        if calibration.frame_offset.any():
+            videos, detections = without_offsets(videos, detections, calibration.frame_offset)
+            so_far.videos, so_far.detections = videos, detections
+    if known:
+        so_far.warnings += clock_warnings(detections, scene, videos)
     if settings.method != "paper" and isinstance(detector, FittedToCamera):
         detections = detect_again(
             videos,
@@ -184,9 +253,18 @@ def run_stages(
             cache=cache,
             progress=progress,
         )
+    tiny = tiny_boxes(detections, settings.calibration)
+    so_far.warnings += () if tiny is None else (tiny,)
     localization = localize_people(detections, scene, settings, cache=cache, progress=progress)
+    localization = replace(localization, warnings=so_far.warnings)
     return RunOutcome(
-        localization, detections, scene, calibration, tuple(videos.camera_names), videos.frames
+        localization,
+        detections,
+        scene,
+        calibration,
+        tuple(videos.camera_names),
+        videos.frames,
+        videos,
     )
 
 

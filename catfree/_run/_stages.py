@@ -5,7 +5,8 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from catfree._run._cache import StageCache, code_hash, content_hash
-from catfree._run._cached_detection import detect_with_cache, fingerprint_of
+from catfree._run._cached_detection import detect_with_cache, fingerprint_of, fit_with_cache
+from catfree._run._input_checks import tiny_boxes
 from catfree._run._second_look import expected_people, look_again
 from catfree._run._stitch import stitch_tracks
 from catfree.adapters.files._fingerprint import hash_parameters
@@ -19,7 +20,9 @@ from catfree.adapters.protocols import (
 from catfree.adapters.video._detect_videos import detect_videos, fit_to_cameras
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration import Calibration, calibrate
+from catfree.calibration._calibrate import begin_calibration, finish_calibration
 from catfree.calibration.reconstructions._scene_from_videos import scene_from_videos
+from catfree.errors import CalibrationError
 from catfree.methods._localize import localize
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Localization, Scene
@@ -49,6 +52,7 @@ def calibrate_cameras(
     detections: Detections,
     settings: Settings | None = None,
     *,
+    maximum_offset: int = 0,
     cache: StageCache | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
@@ -60,7 +64,8 @@ def calibrate_cameras(
         detections: everybody whom the cameras saw; those of a score below
             `settings.calibration_confidence` do not take part.
         settings: of the run; its `calibration`, `evidence` and confidences count.
-        cache: where a finished calibration is.
+        maximum_offset: search clock offsets of single cameras up to so many frames.
+        cache: where a finished calibration is, or how one began.
         progress: called as `progress(stage, done, total)`.
 
     Raises:
@@ -77,21 +82,40 @@ def calibrate_cameras(
         evidence=given.evidence,
         calibration=rules,
     )
-    return _cached(
-        cache,
-        "calibration",
-        Calibration,
-        lambda: calibrate(
-            detections,
-            videos.image_size,
+    size, names = videos.image_size, videos.camera_names
+    options = {"camera_names": names, "progress": progress}
+
+    def begin() -> Calibration:
+        return begin_calibration(
+            detections, size, settings, maximum_offset=maximum_offset, **options
+        )
+
+    def compute() -> Calibration:
+        if cache is None:
+            return calibrate(detections, size, settings, maximum_offset=maximum_offset, **options)
+        # Placing the cameras takes as long as refining them: a killed run repeats one of the two.
+        begun = remembered("registration", begin)
+        return finish_calibration(begun, detections, settings, **options)
+
+    def remembered(stage: str, step: Callable[[], Calibration]) -> Calibration:
+        return _cached(
+            cache,
+            stage,
+            Calibration,
+            step,
+            (content_hash(detections), *names),
             settings,
-            camera_names=videos.camera_names,
-            progress=progress,
-        ),
-        (content_hash(detections), *videos.camera_names),
-        settings,
-        image_size=videos.image_size.tolist(),
-    )
+            image_size=size.tolist(),
+            maximum_offset=maximum_offset,
+        )
+
+    try:
+        return remembered("calibration", compute)
+    except CalibrationError as error:
+        tiny = tiny_boxes(detections, rules)
+        if tiny is None:
+            raise
+        raise CalibrationError(f"{tiny} Calibration said: {error}") from error
 
 
 def reconstruct(
@@ -149,7 +173,12 @@ def detect_again(
     settings = dataclasses.replace(settings, evidence=vague)
 
     def look() -> Detections:
-        cameras = fit_to_cameras(videos, detector, progress) if fitted is None else fitted
+        if fitted is not None:
+            cameras = fitted
+        elif cache is not None:
+            cameras = fit_with_cache(videos, detector, cache, progress)
+        else:
+            cameras = fit_to_cameras(videos, detector, progress)
         guided = [one for one in cameras if isinstance(one, GuidedDetector)]
         if len(guided) < len(cameras):
             return detections

@@ -12,10 +12,16 @@ import pytest
 
 from catfree._run import _cache as cache_module, _stages as stages_module
 from catfree._run._cache import StageCache, content_hash
-from catfree._run._cached_detection import PIECE
+from catfree._run._cached_detection import PIECE, fit_with_cache
 from catfree._run._run import run, run_stages
 from catfree._run._stages import detect
-from catfree.adapters import ColorEmbedder, FrameDetections, SynchronizedVideos
+from catfree.adapters import (
+    BackgroundDetector,
+    ColorEmbedder,
+    FrameDetections,
+    SynchronizedVideos,
+)
+from catfree.calibration import Calibration, remove_offsets
 from catfree.errors import (
     CalibrationError,
     CatFreeError,
@@ -307,3 +313,144 @@ def test_detections_type_is_what_users_get(pictures):
     found = detect(SynchronizedVideos(pictures, end=2), ReadsItsPicture(small_world().detections))
     assert isinstance(found, Detections)
     assert set(found.frame) <= {0, 1}
+
+
+class Interrupts(ReadsItsPicture):
+    """A detector during which somebody presses Ctrl-C."""
+
+    def __call__(self, image):
+        if self.calls == (PIECE + 1) * CAMERAS:
+            raise KeyboardInterrupt
+        return super().__call__(image)
+
+
+def test_ctrl_c_leaves_finished_pieces_in_the_cache(pictures, tmp_path):
+    world, videos = small_world(), SynchronizedVideos(pictures)
+    with pytest.raises(KeyboardInterrupt):
+        detect(videos, Interrupts(world.detections), cache=StageCache(tmp_path))
+    detector = ReadsItsPicture(world.detections)
+    detect(videos, detector, cache=StageCache(tmp_path))
+    assert detector.calls == (FRAMES - PIECE) * CAMERAS
+
+
+def test_learnt_backgrounds_are_kept(pictures, tmp_path):
+    videos = SynchronizedVideos(pictures, end=10)
+    stages, fits = StageCache(tmp_path), []
+
+    def count(stage, done, total):
+        if stage == "fit":
+            fits.append(total)
+
+    first = fit_with_cache(videos, BackgroundDetector(), stages, count)
+    assert len(fits) == 10 * CAMERAS
+    next(iter(tmp_path.glob("background-*"))).unlink()
+    fits.clear()
+    again = fit_with_cache(videos, BackgroundDetector(), stages, count)
+    assert fits == [10] * 10  # one camera
+    for one, other in zip(first, again, strict=True):
+        assert one.fingerprint == other.fingerprint
+        for _, (image, *_) in videos:
+            found, same = one(image), other(image)
+            np.testing.assert_array_equal(found.box, same.box)
+            np.testing.assert_array_equal(found.score, same.score)
+
+
+def made_up_calibration(offset):
+    nothing = np.zeros(CAMERAS)
+    return Calibration(
+        scene=small_world().scene,
+        association_rate=nothing,
+        log_likelihood_ratio=nothing,
+        focal_sd=nothing,
+        center_covariance=np.zeros((CAMERAS, 3, 3)),
+        shared_focal=True,
+        scale_sd=0.1,
+        foot_offset=0.1,
+        residual=0.3,
+        camera_residual=nothing,
+        sightings=np.zeros(CAMERAS, int),
+        frame_offset=np.array(offset),
+    )
+
+
+def test_a_calibration_killed_in_its_second_half_keeps_the_first(pictures, tmp_path, monkeypatch):
+    steps = []
+
+    def begin(*arguments, **options):
+        steps.append("begin")
+        return made_up_calibration([0, 0, 0])
+
+    def finish(begun, *arguments, **options):
+        steps.append("finish")
+        if steps.count("finish") == 1:
+            raise KeyboardInterrupt
+        return begun
+
+    monkeypatch.setattr(stages_module, "begin_calibration", begin)
+    monkeypatch.setattr(stages_module, "finish_calibration", finish)
+    detector = ReadsItsPicture(small_world().detections)
+    with pytest.raises(KeyboardInterrupt):
+        run(pictures, detector, settings=Settings.paper(), cache_dir=tmp_path)
+    for _ in range(2):
+        run(pictures, detector, settings=Settings.paper(), cache_dir=tmp_path)
+    assert steps == ["begin", "finish", "finish"]
+
+
+def test_clock_offsets_are_removed_and_stated(pictures, monkeypatch):
+    world = small_world()
+    asked = []
+
+    def pretend(detections, image_size, settings, **options):
+        asked.append(options["maximum_offset"])
+        return made_up_calibration([0, -10, 0])
+
+    monkeypatch.setattr(stages_module, "calibrate", pretend)
+    settings = Settings.paper()
+    outcome = run_stages(
+        pictures, ReadsItsPicture(world.detections), settings=settings, maximum_offset=12
+    )
+    assert asked == [12]
+    np.testing.assert_array_equal(outcome.frames, np.arange(10, FRAMES))
+    moved = remove_offsets(world.detections, np.array([0, -10, 0]))
+    moved = moved[(moved.frame >= 10) & (moved.frame < FRAMES)]
+    assert len(outcome.detections) == len(moved)
+    alone = localize(outcome.detections, world.scene, settings)
+    np.testing.assert_array_equal(outcome.localization.tracks.position, alone.tracks.position)
+    assert outcome.warnings == (
+        "Camera 'camera 1' was found to have started about 10 frames after the others; its clock "
+        "was corrected by that.",
+    )
+    # The pictures of the outcome are those that its boxes were found in.
+    frame, images = next(iter(outcome.videos))
+    assert [frame, *(image[0, 0, 0] for image in images)] == [10, 10, 0, 10]
+
+
+def test_boxes_that_are_no_people_explain_a_failed_calibration(pictures):
+    world = small_world()
+    low = world.detections.box * 1.0
+    low[:, 3] = low[:, 1] + 20
+    confetti = Detections(world.detections.frame, world.detections.camera, low)
+    with pytest.raises(CalibrationError, match=r"not people.* is 20 px\. Pass a detector"):
+        run(pictures, ReadsItsPicture(confetti))
+
+
+def test_videos_in_another_order_give_the_same_people(pictures):
+    world = small_world()
+    names = ("camera 0", "camera 1", "camera 2")
+    settings = Settings.paper()
+    given, other = (
+        run_stages(
+            paths,
+            ReadsItsPicture(seen),
+            scene=world.scene,
+            scene_names=names,
+            settings=settings,
+        )
+        for paths, seen in (
+            (pictures, world.detections),
+            (pictures[::-1], world.detections),
+        )
+    )
+    assert given.warnings == ()
+    assert len(other.warnings) == 1
+    np.testing.assert_array_equal(other.scene.rig.t, np.asarray(given.scene.rig.t)[::-1])

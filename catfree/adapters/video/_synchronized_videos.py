@@ -1,10 +1,14 @@
 """The pictures of all cameras, instant by instant, whatever their files and frame rates."""
 
 import contextlib
+import copy
+import functools
 import math
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from numbers import Real
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -19,6 +23,27 @@ from catfree.types._validation import as_count, as_integer
 
 # Nominal rates such as 30 and 29.97 name the same clock.
 _RATE_TOLERANCE = 0.01
+
+
+@dataclass(frozen=True)
+class CameraFootage:
+    """What one camera brings to the common clock.
+
+    Attributes:
+        name: of the camera.
+        path: video file or image folder.
+        frame_count: frames that it claims to hold.
+        fps: frames per second, or None where nothing says so.
+        image_size: width and height in pixels.
+        available: the delivered ticks, had this camera alone been given.
+    """
+
+    name: str
+    path: Path
+    frame_count: int
+    fps: float | None
+    image_size: tuple[int, int]
+    available: range
 
 
 class SynchronizedVideos:
@@ -88,10 +113,9 @@ class SynchronizedVideos:
         self._offsets, self._keep = shifts, on_error == "keep"
         self.camera_names: list[str] = names_of_files([s.path for s in self._sources])
         self._rate = self._common_rate(frame_rate)
+        self._asked, self._stride = (start, end), stride
         self._ticks = self._shared_ticks(start, end, stride)
-        self._stride = stride
         self.interruption: CatFreeError | None = None
-        self._fingerprint: str | None = None
 
     @property
     def camera_count(self) -> int:
@@ -117,6 +141,16 @@ class SynchronizedVideos:
         return None if self._rate is None else self._rate / self._stride
 
     @property
+    def tick_rate(self) -> float | None:
+        """Ticks (frame indices) a second, or None for image folders without a `frame_rate`."""
+        return self._rate
+
+    @property
+    def offsets(self) -> tuple[int, ...]:
+        """(C,) the frame of each camera, in its own frames, that shows tick 0."""
+        return tuple(self._offsets)
+
+    @property
     def image_size(self) -> Int[np.ndarray, "cam 2"]:
         """(C, 2) width and height of each camera's pictures in pixels."""
         return np.array([source.image_size for source in self._sources], np.int64)
@@ -124,16 +158,67 @@ class SynchronizedVideos:
     @property
     def fingerprint(self) -> str:
         """Content hash of all files and of what is delivered from them."""
-        if self._fingerprint is None:
-            self._fingerprint = hash_parameters(
-                "SynchronizedVideos",
-                *(source.content_hash() for source in self._sources),
-                ticks=[self._ticks.start, self._ticks.stop, self._ticks.step],
-                offsets=self._offsets,
-                rate=self._rate,
-                keep=self._keep,
+        return hash_parameters(
+            "SynchronizedVideos",
+            *self.content_hashes,
+            ticks=[self._ticks.start, self._ticks.stop, self._ticks.step],
+            offsets=self._offsets,
+            rate=self._rate,
+            keep=self._keep,
+        )
+
+    @functools.cached_property
+    def content_hashes(self) -> tuple[str, ...]:
+        """(C,) SHA-256 of each camera's file or images."""
+        return tuple(source.content_hash() for source in self._sources)
+
+    @property
+    def footage(self) -> tuple[CameraFootage, ...]:
+        """(C,) what each camera brings, whether it is used or not."""
+        start, end = self._asked
+        brought = []
+        for camera, source in enumerate(self._sources):
+            first, last = self._span(camera)
+            begin = first if start is None else max(first, start)
+            stop = last + 1 if end is None else min(last + 1, end)
+            brought.append(
+                CameraFootage(
+                    self.camera_names[camera],
+                    source.path,
+                    source.frame_count,
+                    source.fps,
+                    source.image_size,
+                    range(begin, max(begin, stop), self._stride),
+                )
             )
-        return self._fingerprint
+        return tuple(brought)
+
+    def without_offsets(self, frame_offset: Sequence[int]) -> "SynchronizedVideos":
+        """The same footage on corrected clocks, with those instants that are still complete.
+
+        `catfree.calibration.remove_offsets` does the same to detections.
+
+        Args:
+            frame_offset: (C,) ticks by which each camera's ticks are too high.
+
+        Raises:
+            InsufficientDataError: if no instant is left that all cameras show.
+        """
+        later = [
+            round(ticks * self._frames_a_tick(camera)) for camera, ticks in enumerate(frame_offset)
+        ]
+        corrected = copy.copy(self)
+        corrected._offsets = [o + more for o, more in zip(self._offsets, later, strict=True)]
+        shared = [corrected._span(camera) for camera in range(self.camera_count)]
+        first, last = max(first for first, _ in shared), min(last for _, last in shared)
+        kept = [tick for tick in self._ticks if first <= tick <= last]
+        if not kept:
+            raise InsufficientDataError(
+                f"With the clocks corrected by {', '.join(map(str, frame_offset))} frames no "
+                "instant lies in all videos. Record longer."
+            )
+        corrected._ticks = range(kept[0], kept[-1] + 1, self._stride)
+        return corrected
 
     def __iter__(self) -> Iterator[tuple[int, list[Image]]]:
         """(frame index, one picture a camera) of each instant in order.
@@ -245,14 +330,15 @@ class SynchronizedVideos:
         # Half-way cases go up, so that the spacing stays even.
         return self._offsets[camera] + math.floor(tick * self._frames_a_tick(camera) + 0.5)
 
+    def _span(self, camera: int) -> tuple[int, int]:
+        """First and last tick of which a camera has a frame."""
+        step, offset = self._frames_a_tick(camera), self._offsets[camera]
+        first = math.ceil((-offset - 0.5) / step - 1e-9)
+        count = self._sources[camera].frame_count
+        return max(first, 0), math.ceil((count - offset - 0.5) / step - 1e-9) - 1
+
     def _shared_ticks(self, start: int | None, end: int | None, stride: int) -> range:
-        firsts, lasts = [], []
-        for camera, source in enumerate(self._sources):
-            step, offset = self._frames_a_tick(camera), self._offsets[camera]
-            first = math.ceil((-offset - 0.5) / step - 1e-9)
-            last = math.ceil((source.frame_count - offset - 0.5) / step - 1e-9) - 1
-            firsts.append(max(first, 0))
-            lasts.append(last)
+        firsts, lasts = zip(*map(self._span, range(self.camera_count)), strict=True)
         begin = max(firsts) if start is None else start
         stop = min(lasts) + 1 if end is None else min(end, min(lasts) + 1)
         if begin < max(firsts):

@@ -1,0 +1,208 @@
+"""What is wrong with the input of a run, as far as it shows.
+
+Mistakes that make a run pointless raise; what a run can live with becomes a sentence.
+"""
+
+import os
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Int
+
+from catfree._run._clocks import LONGEST, find_clock_offsets
+from catfree.adapters.calibration_files._named_rig import default_names
+from catfree.adapters.video import SynchronizedVideos
+from catfree.calibration import Calibration, remove_offsets
+from catfree.calibration.people import offset_for
+from catfree.errors import InvalidInputError
+from catfree.settings import CalibrationSettings, Settings
+from catfree.types import Detections, Scene
+
+WORTH_SAYING = 0.05  # share of a camera's footage; recordings never end on the same frame
+# Rose criterion: a signal stands out from noise at five standard deviations.
+DEVIATIONS_TO_MEASURE = 5.0
+
+
+def require_distinct_videos(videos: SynchronizedVideos) -> None:
+    """Raise if two cameras have the same content under two names.
+
+    Raises:
+        InvalidInputError: naming both files.
+    """
+    sizes = [os.path.getsize(one.path) if one.path.is_file() else -1 for one in videos.footage]
+    if len(set(sizes)) == len(sizes):  # nothing needs to be read
+        return
+    first: dict[str, int] = {}
+    for camera, content in enumerate(videos.content_hashes):
+        other = first.setdefault(content, camera)
+        if other != camera:
+            one, two = videos.footage[other].path, videos.footage[camera].path
+            raise InvalidInputError(
+                f"Cameras {other} and {camera} are the same recording: {one} and {two} are equal "
+                "byte for byte, so that the second adds nothing but false confidence. Leave one "
+                "of them out."
+            )
+
+
+def order_like_videos(
+    scene: Scene, names: Sequence[str], videos: SynchronizedVideos
+) -> tuple[Scene, tuple[str, ...]]:
+    """The scene with its cameras in the order of the videos, where their names tell it.
+
+    Args:
+        scene: with one camera per video.
+        names: (C,) names of its cameras.
+        videos: whose `camera_names` are looked up.
+
+    Returns:
+        The scene, and warnings: what was put in order, or that names do not fit.
+    """
+    wanted, given = list(videos.camera_names), list(names)
+    if wanted == given or len(wanted) != len(given):
+        return scene, ()
+    if sorted(wanted) == sorted(given) and len(set(given)) == len(given):
+        order = [given.index(name) for name in wanted]
+        ordered = Scene(scene.rig.select(order), scene.ground, scene.extent, scene.metric)
+        return ordered, (
+            f"The scene lists its cameras as {', '.join(given)}, the videos come as "
+            f"{', '.join(wanted)}: they were matched by name.",
+        )
+    if given == list(default_names(scene.rig, None)):  # which say nothing
+        return scene, ()
+    return scene, (
+        f"The scene names its cameras {', '.join(given)}, the videos are {', '.join(wanted)}: "
+        "they were matched in the order given. Check that it is the same.",
+    )
+
+
+def lost_footage(videos: SynchronizedVideos) -> tuple[str, ...]:
+    """Warnings about cameras that end long before the others.
+
+    Args:
+        videos: on their common clock.
+
+    Returns:
+        A sentence for each such camera: what of the others is not used.
+    """
+    footage, rate = videos.footage, videos.fps
+    ends = [one.available.stop for one in footage]
+    longest = max(ends)
+    said = []
+    for one, end in zip(footage, ends, strict=True):
+        unused = len(range(end, longest, one.available.step))
+        if end > min(ends) or unused <= WORTH_SAYING * (len(videos) + unused):
+            continue
+        going_on = sum(other > end for other in ends)
+        lasted = f"{unused} instants" + (f" ({unused / rate:.1f} s)" if rate else "")
+        others = "1 other camera shows" if going_on == 1 else f"{going_on} other cameras show"
+        said.append(
+            f"Camera {one.name!r} ends early: {lasted} after it, which {others}, are not used, "
+            f"and {len(videos)} are. Leave the camera out to use them."
+        )
+    return tuple(said)
+
+
+def tiny_boxes(detections: Detections, settings: CalibrationSettings) -> str | None:
+    """A sentence if most boxes are too low to be measured: they are not people, or far away.
+
+    Args:
+        detections: everybody whom the cameras saw.
+        settings: whose noise of box edges counts.
+
+    Returns:
+        The sentence, or None if the boxes are high enough, or there are none.
+    """
+    if not len(detections):
+        return None
+    height = np.asarray(detections.height, np.float64)
+    # The noise of a height is that of its two edges.
+    noise = np.sqrt(2) * settings.edge_deviation(height)
+    if np.mean(height < DEVIATIONS_TO_MEASURE * noise) <= 0.5:
+        return None
+    return (
+        f"These boxes are not people, or people too far away to measure: the median height of "
+        f"{len(detections)} boxes is {np.median(height):.0f} px. Pass a detector of people, or "
+        "larger pictures."
+    )
+
+
+def clock_warnings(
+    detections: Detections, scene: Scene, videos: SynchronizedVideos
+) -> tuple[str, ...]:
+    """Warnings about cameras whose clocks do not fit a known scene.
+
+    Args:
+        detections: everybody whom the cameras saw.
+        scene: known cameras and ground.
+        videos: the footage.
+    """
+    offset = find_clock_offsets(detections, scene)
+    return tuple(
+        f"Camera {videos.camera_names[c]!r} seems to have {_started(offset[c], videos)}: its "
+        f"people fit theirs best then. Nothing was shifted. {_advice(offset, videos)}"
+        for c in np.flatnonzero(offset)
+    )
+
+
+def calibration_warnings(
+    calibration: Calibration,
+    detections: Detections,
+    videos: SynchronizedVideos,
+    settings: Settings,
+) -> tuple[str, ...]:
+    """Warnings about clocks that the calibration corrected, or would have had to.
+
+    Args:
+        calibration: found from the people.
+        detections: everybody whom the cameras saw, on the clocks as given.
+        videos: the footage, on the clocks as given.
+        settings: of the run.
+    """
+    offset = calibration.frame_offset
+    said = [
+        f"Camera {videos.camera_names[c]!r} was found to have {_started(offset[c], videos)}; its "
+        "clock was corrected by that."
+        for c in np.flatnonzero(offset)
+    ]
+    sure = detections
+    if detections.score is not None:
+        least = max(settings.confidence, settings.calibration_confidence)
+        sure = detections[detections.score >= least]
+    sure = remove_offsets(sure, offset)
+    for camera in np.flatnonzero(~calibration.scene.rig.registered):
+        found = offset_for(calibration, sure, int(camera), LONGEST, settings.calibration)
+        if found:
+            alone = offset.copy()
+            alone[camera] = found
+            said.append(
+                f"Camera {videos.camera_names[camera]!r} could not be placed, but would fit if it "
+                f"had {_started(found, videos)}. {_advice(alone, videos)}"
+            )
+    return tuple(said)
+
+
+def without_offsets(
+    videos: SynchronizedVideos, detections: Detections, frame_offset: Int[np.ndarray, " cam"]
+) -> tuple[SynchronizedVideos, Detections]:
+    """Videos and boxes on corrected clocks, as far as all cameras reach.
+
+    Args:
+        videos: the footage on the clocks as given.
+        detections: what was found in it.
+        frame_offset: (C,) frames by which each camera's frame numbers are too high.
+    """
+    corrected = videos.without_offsets(frame_offset.tolist())
+    moved = remove_offsets(detections, frame_offset)
+    return corrected, moved[np.isin(moved.frame, corrected.frames)]
+
+
+def _started(offset: int, videos: SynchronizedVideos) -> str:
+    """When a camera began to record, from the frames by which its numbers are too high."""
+    seconds = "" if videos.tick_rate is None else f" ({abs(offset) / videos.tick_rate:.1f} s)"
+    when = "after" if offset < 0 else "before"
+    return f"started about {abs(offset)} frames{seconds} {when} the others"
+
+
+def _advice(offset: Int[np.ndarray, " cam"], videos: SynchronizedVideos) -> str:
+    given = ", ".join(map(str, videos.without_offsets(offset.tolist()).offsets))
+    return f"If so, pass offsets=({given})."

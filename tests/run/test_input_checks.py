@@ -1,0 +1,123 @@
+"""Mistakes in the input of a run: refused where it would be pointless, said where it goes on."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from catfree._run._input_checks import (
+    lost_footage,
+    order_like_videos,
+    require_distinct_videos,
+    tiny_boxes,
+    without_offsets,
+)
+from catfree.adapters import SynchronizedVideos
+from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.settings import CalibrationSettings
+from catfree.synthetic import make_layout
+from catfree.types import Detections
+
+
+def write_video(path, count, seed=0, fps=5.0):
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), fps, (64, 48))
+    for number in range(count):
+        rng = np.random.default_rng([seed, number])
+        writer.write(rng.integers(0, 255, (48, 64, 3)).astype(np.uint8))
+    writer.release()
+    return path
+
+
+@pytest.fixture(scope="module")
+def clips(tmp_path_factory):
+    """Cameras a, b and c with 40 frames, and one of half the length."""
+    folder = tmp_path_factory.mktemp("clips")
+    paths = {name: write_video(folder / f"{name}.avi", 40, at) for at, name in enumerate("abc")}
+    return paths | {"half": write_video(folder / "half.avi", 20, 9)}
+
+
+def test_equal_files_of_two_names_are_refused(clips, tmp_path):
+    copy = tmp_path / "copy.avi"
+    copy.write_bytes(clips["a"].read_bytes())
+    videos = SynchronizedVideos([clips["a"], clips["b"], copy])
+    with pytest.raises(
+        InvalidInputError,
+        match=r"Cameras 0 and 2 are the same recording.*a\.avi "
+        r"and .*copy\.avi are equal byte for byte",
+    ):
+        require_distinct_videos(videos)
+    require_distinct_videos(SynchronizedVideos([clips["a"], clips["b"]]))
+
+
+def test_equal_folders_of_two_names_are_refused(tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        cv2.imwrite(str(tmp_path / name / "0.png"), np.zeros((8, 8, 3), np.uint8))
+    with pytest.raises(InvalidInputError, match="same recording"):
+        require_distinct_videos(SynchronizedVideos([tmp_path / "one", tmp_path / "two"]))
+
+
+@given(order=st.permutations(range(3)))
+def test_videos_in_any_order_find_their_cameras_by_name(clips, order):
+    scene = make_layout("ring4", 0).scene
+    scene = type(scene)(scene.rig.select([0, 1, 2]), scene.ground, scene.extent, scene.metric)
+    names = ["a", "b", "c"]
+    videos = SynchronizedVideos([clips[names[at]] for at in order])
+    ordered, said = order_like_videos(scene, names, videos)
+    np.testing.assert_array_equal(ordered.rig.t, np.asarray(scene.rig.t)[list(order)])
+    assert bool(said) == (list(order) != [0, 1, 2])
+    assert all("matched by name" in sentence for sentence in said)
+
+
+def test_names_that_do_not_fit_are_told_and_default_ones_are_not(clips):
+    scene = make_layout("ring4", 0).scene
+    scene = type(scene)(scene.rig.select([0, 1]), scene.ground, scene.extent, scene.metric)
+    videos = SynchronizedVideos([clips["a"], clips["b"]])
+    same, (said,) = order_like_videos(scene, ["b", "north"], videos)
+    assert same is scene
+    assert "names its cameras b, north, the videos are a, b" in said
+    assert order_like_videos(scene, ["C1", "C2"], videos) == (scene, ())
+
+
+def test_a_short_video_says_what_is_lost(clips):
+    videos = SynchronizedVideos([clips["a"], clips["half"], clips["b"]])
+    (said,) = lost_footage(videos)
+    assert "'half' ends early: 20 instants (4.0 s) after it, which 2 other cameras show" in said
+    assert lost_footage(SynchronizedVideos([clips["a"], clips["b"]])) == ()
+    # What was not asked for is not lost.
+    assert lost_footage(SynchronizedVideos([clips["a"], clips["half"]], end=20)) == ()
+
+
+@given(height=st.floats(5, 300), count=st.integers(1, 9))
+def test_boxes_are_people_above_the_noise_of_their_edges(height, count):
+    box = np.tile([10.0, 10.0, 20.0, 10.0 + height], (count, 1))
+    boxes = Detections(np.arange(count), np.zeros(count, int), box)
+    said = tiny_boxes(boxes, CalibrationSettings())
+    if height < 28:
+        assert said is not None
+        assert f"median height of {count} boxes is {height:.0f} px. Pass a detector" in said
+    if height > 30:
+        assert said is None
+    # A detector that is ten times as exact measures lower ones.
+    exact = replace(CalibrationSettings(), pixel_sd=0.4)
+    assert tiny_boxes(boxes, exact) is None
+
+
+def test_corrected_clocks_show_the_same_pictures(clips):
+    videos = SynchronizedVideos([clips["a"], clips["b"]], stride=2)
+    corrected = videos.without_offsets([0, -6])
+    assert corrected.offsets == (0, -6)
+    np.testing.assert_array_equal(corrected.frames, np.arange(6, 40, 2))
+    before = dict(videos)
+    for tick, images in corrected:
+        np.testing.assert_array_equal(images[0], before[tick][0])
+        np.testing.assert_array_equal(images[1], before[tick - 6][1])
+    assert corrected.fingerprint != videos.fingerprint
+    boxes = Detections(videos.frames, np.ones(20, int), np.tile([0.0, 0, 1, 2], (20, 1)))
+    same, moved = without_offsets(videos, boxes, np.array([0, -6]))
+    assert same.fingerprint == corrected.fingerprint
+    np.testing.assert_array_equal(moved.frame, np.arange(6, 40, 2))
+    with pytest.raises(InsufficientDataError, match="no instant lies in all videos"):
+        videos.without_offsets([0, -60])
