@@ -12,8 +12,9 @@ import numpy as np
 
 from catfree._run._run import RunOutcome
 from catfree.adapters.files._documents import write_text_atomically
+from catfree.adapters.video import SynchronizedVideos
 from catfree.calibration.people import Calibration
-from catfree.settings import Settings
+from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Localization, Origin, Reliability, Scene
 
 _STYLE = (
@@ -21,6 +22,17 @@ _STYLE = (
     "table{border-collapse:collapse;margin:1rem 0}th,td{border-bottom:1px solid #ddd;"
     "padding:.3rem .8rem;text-align:left}img{max-width:100%}code{background:#f4f4f4}"
 )
+
+# What the fields of `Thresholds` are called in a table.
+THRESHOLD_NAMES = {
+    "tau_sigma": "threshold on sigma (scene units)",
+    "tau_g": "threshold on the distance from the ground (scene units)",
+    "tau_sigma_recovery": "threshold on sigma of recovered positions (scene units)",
+    "tau_g_recovery": "threshold on the distance of recovered positions from the ground",
+    "median_box_height": "median height of a box (px)",
+    "pose_ratio": "weight of boxes without confirmed ankles",
+    "extension_appearance": "largest difference in looks of an extension",
+}
 
 
 @dataclass(frozen=True)
@@ -80,18 +92,55 @@ def write_report(
         The two files.
     """
     root = Path(folder)
-    blocks = [Heading("catfree report", 1), *extra, *describe_result(outcome)]
+    blocks = [Heading("catfree report", 1), *describe_warnings(outcome.warnings), *extra]
+    blocks += describe_result(outcome)
     blocks += [Picture(_relative(path, root), _caption(path)) for path in pictures]
-    blocks += describe_cameras(outcome)
+    if outcome.videos is not None:
+        blocks += [Heading("Footage"), footage_table(outcome.videos)]
+    blocks += describe_cameras(outcome, settings.calibration.person_height)
     blocks += describe_reliability(outcome.localization, outcome.scene)
     blocks += describe_settings(settings)
     if files:
         listed = (f"`{_relative(path, root)}`" for path in files)
         blocks += [Heading("Files"), Paragraph(", ".join(listed) + ".")]
+    return write_blocks(root, blocks)
+
+
+def write_blocks(folder: str | os.PathLike[str], blocks: Sequence[Block]) -> list[Path]:
+    """Write blocks as `report.md` and `report.html`.
+
+    Args:
+        folder: where they go; it must exist.
+        blocks: in their order.
+
+    Returns:
+        The two files.
+    """
+    root = Path(folder)
     return [
         write_text_atomically(root / "report.md", to_markdown(blocks)),
         write_text_atomically(root / "report.html", to_html(blocks)),
     ]
+
+
+def describe_warnings(warnings: Sequence[str]) -> list[Block]:
+    """What the reader should know first; nothing if there is nothing."""
+    if not warnings:
+        return []
+    return [Heading("Warnings"), *(Paragraph(sentence) for sentence in warnings)]
+
+
+def footage_table(videos: SynchronizedVideos) -> Table:
+    """One row per camera: what its file brings, and how much of that is used."""
+    rows = []
+    for one in videos.footage:
+        rate = "" if one.fps is None else f"{one.fps:.4g}"
+        seconds = "" if one.fps is None else f"{one.frame_count / one.fps:.1f}"
+        size = f"{one.image_size[0]} x {one.image_size[1]}"
+        unused = str(one.frame_count - len(videos))
+        rows.append((one.name, str(one.frame_count), rate, seconds, size, unused))
+    header = ("camera", "frames", "frames per second", "seconds", "size (px)", "frames not used")
+    return Table(header, tuple(rows))
 
 
 def describe_result(outcome: RunOutcome) -> list[Block]:
@@ -111,8 +160,15 @@ def describe_result(outcome: RunOutcome) -> list[Block]:
     return [Heading("Result"), Table(("", ""), rows)]
 
 
-def describe_cameras(outcome: RunOutcome) -> list[Block]:
-    """Where the cameras are and how well that is known."""
+def describe_cameras(
+    outcome: RunOutcome, person_height: float = CalibrationSettings.person_height
+) -> list[Block]:
+    """Where the cameras are and how well that is known.
+
+    Args:
+        outcome: what `run_stages` returned.
+        person_height: mean height in metres that the calibration took people to have.
+    """
     rig, calibration = outcome.scene.rig, outcome.calibration
     table = camera_table(outcome.scene, outcome.camera_names, calibration)
     blocks: list[Block] = [Heading("Cameras"), table]
@@ -128,7 +184,8 @@ def describe_cameras(outcome: RunOutcome) -> list[Block]:
         blocks.append(
             Paragraph(
                 "Cameras and ground were found from the people alone. Their heights are taken to "
-                "be 1.70 m on average: if yours are 5 % taller, all lengths are 5 % too short. "
+                f"be {person_height:.2f} m on average: if yours are 5 % taller, all lengths are "
+                "5 % too short. "
                 f"One standard deviation of all lengths is {100 * calibration.scale_sd:.0f} %."
             )
         )
@@ -177,7 +234,7 @@ def describe_reliability(localization: Localization, scene: Scene) -> list[Block
     ]
     for name, value in vars(localization.thresholds).items():
         if value is not None:
-            rows.append((name, f"{value:.4g}"))
+            rows.append((THRESHOLD_NAMES[name], f"{value:.4g}"))
     fates = localization.candidates.count_by_fate()
     counted = tuple((n.replace("_", " "), str(c)) for n, c in fates.items() if c)
     blocks = [Heading("Reliability, without labels"), Table(("measure", "value"), tuple(rows))]

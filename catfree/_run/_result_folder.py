@@ -1,7 +1,6 @@
 """The result folder: tracks, cameras and pictures in the formats that other tools read."""
 
 import importlib.util
-import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +17,6 @@ from catfree.adapters.calibration_files._anipose_toml import write_anipose_toml
 from catfree.adapters.calibration_files._colmap import write_colmap_text
 from catfree.adapters.calibration_files._rig_json import read_scene_json, write_scene_json
 from catfree.adapters.files._camera_names import distinct_names, file_names
-from catfree.adapters.files._documents import write_bytes_atomically
 from catfree.adapters.tables._motchallenge import write_mot_boxes, write_mot_ground
 from catfree.adapters.tables._tracks_table import write_tracks_csv, write_tracks_parquet
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
@@ -27,11 +25,11 @@ from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._archive import load_arrays, save_arrays
 from catfree.types._progress import Progress
+from catfree.viz.footage._contact_sheet import write_sheet
 
 # TrackEval matches two squares at an IoU of one half; in a scene without metres the matching
 # distance is the farthest that a track steps between frames.
 MATCHING_METRES = 1.0
-VIEW_WIDTH = 640  # pixels a camera in the picture of all views
 LOCALIZATION_FILE, SCENE_FILE = "localization.npz", "scene.json"
 
 
@@ -211,8 +209,6 @@ def draw_views(
     Returns:
         `views.jpg`: the cameras' pictures side by side.
     """
-    import cv2
-
     from catfree.viz.footage._overlay import draw_frame
 
     root = Path(folder)
@@ -221,21 +217,11 @@ def draw_views(
     # Footage that broke off has no middle.
     instant = next(videos.instants_from(middle), None) or next(iter(videos))
     frame, images = instant
-    columns = math.ceil(math.sqrt(len(images)))
-    height = round(VIEW_WIDTH * images[0].shape[0] / images[0].shape[1])
-    rows = math.ceil(len(images) / columns)
-    sheet = np.full((rows * height, columns * VIEW_WIDTH, 3), 255, np.uint8)
-    for camera, image in enumerate(images):
-        drawn = draw_frame(
-            image, camera, frame, outcome.detections, outcome.localization, outcome.scene
-        )
-        scale = min(VIEW_WIDTH / image.shape[1], height / image.shape[0])
-        size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
-        small = cv2.resize(drawn, size, interpolation=cv2.INTER_AREA)
-        top, left = height * (camera // columns), VIEW_WIDTH * (camera % columns)
-        sheet[top : top + size[1], left : left + size[0]] = small
-    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))
-    return write_bytes_atomically(root / "views.jpg", encoded.tobytes())
+    drawn = [
+        draw_frame(image, camera, frame, outcome.detections, outcome.localization, outcome.scene)
+        for camera, image in enumerate(images)
+    ]
+    return write_sheet(root / "views.jpg", drawn)
 
 
 def write_overlay(
@@ -277,19 +263,39 @@ def _write_tables(root: Path, outcome: RunOutcome, settings: Settings) -> list[P
         len(outcome.detections),
         radius=settings.selection.suppression_radius * extent,
     )
-    files += _write_boxes(root / "boxes", outcome, identity)
+    files += write_boxes(
+        root / "boxes", outcome.detections, outcome.camera_names, outcome.frames, identity
+    )
     outcome.detections.save(root / "detections.npz")
     arrays = to_arrays(outcome.localization)
     save_arrays(root / LOCALIZATION_FILE, Localization.__name__, arrays)
     return [*files, root / "detections.npz", root / LOCALIZATION_FILE]
 
 
-def _write_boxes(root: Path, outcome: RunOutcome, identity: Int[np.ndarray, " n"]) -> list[Path]:
-    root.mkdir(exist_ok=True)
-    detections: Detections = outcome.detections
+def write_boxes(
+    folder: str | os.PathLike[str],
+    detections: Detections,
+    camera_names: Sequence[str],
+    frames: Int[np.ndarray, " t"],
+    identity: Int[np.ndarray, " n"] | None = None,
+) -> list[Path]:
+    """Write the boxes of each camera as `CAMERA.txt` in MOTChallenge form.
+
+    Args:
+        folder: made if it does not exist.
+        detections: (N,) boxes of all cameras.
+        camera_names: (C,) names.
+        frames: (T,) all frame numbers; the first becomes 1.
+        identity: (N,) track of each box or -1; None for no tracks.
+
+    Returns:
+        The files.
+    """
+    root = Path(folder)
+    root.mkdir(parents=True, exist_ok=True)
     files = []
-    for camera, name in enumerate(file_names(outcome.camera_names)):
+    for camera, name in enumerate(file_names(camera_names)):
         rows = detections.camera == camera
-        path = root / f"{name}.txt"
-        files.append(write_mot_boxes(path, detections[rows], outcome.frames, identity[rows]))
+        known = None if identity is None else identity[rows]
+        files.append(write_mot_boxes(root / f"{name}.txt", detections[rows], frames, known))
     return files

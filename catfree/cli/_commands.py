@@ -1,6 +1,7 @@
 """The command line: a thin shell over the functions of the library."""
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,6 +14,7 @@ from catfree.cli._inputs import (
     open_scene,
     open_videos,
     read_truth,
+    require_files,
     settings_of,
 )
 from catfree.cli._terminal import (
@@ -23,6 +25,7 @@ from catfree.cli._terminal import (
     print_text,
     progress_bars,
     require_tyro,
+    warn,
 )
 from catfree.errors import CatFreeError, InsufficientDataError
 
@@ -55,6 +58,26 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
+@contextlib.contextmanager
+def _report_of_failure(out: Path) -> Iterator[Any]:
+    """What a run has so far; if it fails, that is written, and the error names the report."""
+    from catfree._run._failed_run import write_failure
+    from catfree._run._run import Unfinished
+
+    unfinished = Unfinished()
+    try:
+        yield unfinished
+    except CatFreeError as error:
+        try:
+            files = write_failure(out, error, unfinished)
+        except (CatFreeError, OSError):  # the first error is the one to know
+            files = []
+        if not files:
+            raise
+        said = f"{error} What the detector saw is in {out / 'report.html'}."
+        raise type(error)(said) from error
+
+
 def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
     """The sub-commands; built here because their annotations need tyro."""
     positional = tyro.conf.Positional
@@ -74,6 +97,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         offsets: tuple[int, ...] | None = None,
         frame_rate: float | None = None,
         keep_before_damage: bool = False,
+        max_offset: int = 0,
         pictures: bool = True,
         overlay: bool = False,
     ) -> None:
@@ -96,9 +120,19 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             offsets: the frame of each camera that shows the first common instant.
             frame_rate: frames a second to use; the lowest of the cameras if not given.
             keep_before_damage: go on with what comes before a frame that cannot be decoded.
+            max_offset: where cameras are found from people, search their clock offsets up to so
+                many frames, and correct them.
             pictures: draw plots.
             overlay: write a video of all cameras with the tracks.
         """
+        require_files(
+            videos,
+            detector=detector,
+            embedder=embedder,
+            reconstructor=reconstructor,
+            scene=scene,
+        )
+        from catfree._run._report import footage_table
         from catfree._run._result_folder import write_overlay, write_results
         from catfree._run._run import run_stages
 
@@ -112,17 +146,24 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             frame_rate=frame_rate,
             on_error="keep" if keep_before_damage else "raise",
         )
-        with progress_bars() as progress:
+        known, names = open_scene(scene)
+        networks = open_detector(detector), open_embedder(embedder)
+        finder = open_reconstructor(reconstructor)
+        print_table(footage_table(footage), aside=True)
+        with _report_of_failure(out) as unfinished, progress_bars() as progress:
             outcome = run_stages(
                 footage,
-                open_detector(detector),
-                open_embedder(embedder),
-                open_reconstructor(reconstructor),
-                open_scene(scene),
+                *networks,
+                finder,
+                known,
                 settings,
                 cache_dir=out / "cache" if cache is None else cache,
                 progress=progress,
+                scene_names=names,
+                maximum_offset=max_offset,
+                unfinished=unfinished,
             )
+        footage = outcome.videos or footage
         if footage.interruption is not None:
             fail(f"Used what came before the damage: {footage.interruption}")
         drawn = None if pictures else False
@@ -130,6 +171,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         if overlay:
             with progress_bars() as progress:
                 write_overlay(out, footage, outcome, progress)
+        warn(outcome.warnings)
         print_result(outcome, out)
 
     def demo(
@@ -172,6 +214,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 progress=progress,
             )
         print_table(score_table(done.scores))
+        warn(done.outcome.warnings)
         print_result(done.outcome, out)
         print_text(EASY)
 
@@ -183,6 +226,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         stride: int = 1,
         offsets: tuple[int, ...] | None = None,
         keep_before_damage: bool = False,
+        max_offset: int = 0,
     ) -> None:
         """Find cameras and ground in metres from the people in the videos.
 
@@ -194,23 +238,45 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             stride: use every so-many-th frame.
             offsets: the frame of each camera that shows the first common instant.
             keep_before_damage: go on with what comes before a frame that cannot be decoded.
+            max_offset: search clock offsets of single cameras up to so many frames, and correct
+                them.
         """
+        require_files(videos, detector=detector)
         from catfree._run._cache import StageCache
-        from catfree._run._report import camera_table
+        from catfree._run._input_checks import (
+            calibration_warnings,
+            lost_footage,
+            require_distinct_videos,
+        )
+        from catfree._run._report import camera_table, footage_table
         from catfree._run._result_folder import write_rig
         from catfree._run._stages import calibrate_cameras, detect
         from catfree.adapters.background._background_detector import BackgroundDetector
+        from catfree.settings import Settings
 
         on_error = "keep" if keep_before_damage else "raise"
         footage = open_videos(videos, stride=stride, offsets=offsets, on_error=on_error)
-        stages = StageCache(out / "cache" if cache is None else cache)
         finder = open_detector(detector) or BackgroundDetector()
-        with progress_bars() as progress:
+        print_table(footage_table(footage), aside=True)
+        require_distinct_videos(footage)
+        stages = StageCache(out / "cache" if cache is None else cache)
+        with _report_of_failure(out) as unfinished, progress_bars() as progress:
+            unfinished.videos, unfinished.warnings = footage, lost_footage(footage)
             seen = detect(footage, finder, cache=stages, progress=progress)
-            found = calibrate_cameras(footage, finder, seen, cache=stages, progress=progress)
+            unfinished.detections = seen
+            found = calibrate_cameras(
+                footage,
+                finder,
+                seen,
+                maximum_offset=max_offset,
+                cache=stages,
+                progress=progress,
+            )
+            said = unfinished.warnings + calibration_warnings(found, seen, footage, Settings())
         if footage.interruption is not None:
             fail(f"Used what came before the damage: {footage.interruption}")
         write_rig(out, found.scene, footage.camera_names)
+        warn(said)
         print_table(camera_table(found.scene, footage.camera_names, found))
         print_text(f"The rig is in {out}.")
 

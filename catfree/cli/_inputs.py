@@ -25,6 +25,34 @@ def settings_of(method: str) -> Any:
     return Settings.paper() if method == "paper" else Settings(method="evidence")
 
 
+def require_files(videos: tuple[Path, ...], **others: Path | None) -> None:
+    """Raise if a named file is missing, before anything slow begins.
+
+    Args:
+        videos: of the cameras.
+        others: further files by the option that names them; None for an option that was not given.
+
+    Raises:
+        InvalidInputError: naming the first one that is missing.
+    """
+    _require_two(videos)
+    for camera, path in enumerate(videos):
+        if not path.exists():
+            raise InvalidInputError(
+                f"Camera {camera}: There is no video file or image folder {path}."
+            )
+    for option, path in others.items():
+        if path is not None and not path.is_file():
+            raise InvalidInputError(f"There is no file {path} (--{option}). Check the path.")
+
+
+def _require_two(paths: tuple[Path, ...]) -> None:
+    if len(paths) < 2:
+        raise InvalidInputError(
+            f"People are located where views meet: name at least 2 videos, got {len(paths)}."
+        )
+
+
 def open_videos(paths: tuple[Path, ...], **options: Any) -> Any:
     """The cameras' videos on one clock.
 
@@ -33,10 +61,7 @@ def open_videos(paths: tuple[Path, ...], **options: Any) -> Any:
     """
     from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 
-    if len(paths) < 2:
-        raise InvalidInputError(
-            f"People are located where views meet: name at least 2 videos, got {len(paths)}."
-        )
+    _require_two(paths)
     return SynchronizedVideos(paths, **options)
 
 
@@ -70,14 +95,14 @@ def open_reconstructor(path: Path | None) -> Any:
     return None if path is None else VggtOnnx(path)
 
 
-def open_scene(path: Path | None) -> Any:
-    """Cameras and ground of a saved scene, `.npz` or JSON."""
+def open_scene(path: Path | None) -> tuple[Any, tuple[str, ...] | None]:
+    """Cameras and ground of a saved scene, `.npz` or JSON, and the cameras' names if it has any."""
     from catfree.adapters.calibration_files._rig_json import read_scene_json
     from catfree.types import Scene
 
     if path is None:
-        return None
-    return Scene.load(path) if path.suffix == ".npz" else read_scene_json(path)[0]
+        return None, None
+    return (Scene.load(path), None) if path.suffix == ".npz" else read_scene_json(path)
 
 
 def read_truth(path: Path) -> np.ndarray:

@@ -5,8 +5,9 @@ they do.
 """
 
 import contextlib
+import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,9 @@ FAILURE, INTERRUPTED = 1, 130
 # What the library calls its arguments when it gives advice, and what the command line does.
 OPTIONS = {
     "pass on_error='keep'": "give --keep-before-damage",
+    "Pass a detector": "Give --detector, a detector",
 }
+OFFSETS = re.compile(r"pass offsets=\(([-\d, ]+)\)")
 
 # In the order of a run.
 STAGE_LABELS = {
@@ -132,8 +135,8 @@ def print_result(outcome: Any, out: Path) -> None:
     )
 
 
-def print_table(table: Any) -> None:
-    """A table of `catfree._run._report`, numbers to the right."""
+def print_table(table: Any, *, aside: bool = False) -> None:
+    """A table of `catfree._run._report`, numbers to the right; `aside` on standard error."""
     from rich.console import Console
     from rich.table import Table
 
@@ -142,12 +145,24 @@ def print_table(table: Any) -> None:
         drawn.add_column(name, justify="left" if at == 0 else "right")
     for row in table.rows:
         drawn.add_row(*row)
-    Console().print(drawn)
+    Console(stderr=aside).print(drawn)
 
 
 def fail(sentence: str) -> int:
     """Say on standard error what went wrong, in one line; the exit code for it."""
+    print(f"catfree: {_in_words_of_the_shell(sentence)}", file=sys.stderr)
+    return FAILURE
+
+
+def warn(warnings: Iterable[str]) -> None:
+    """Say on standard error what the reader should know first, one line each."""
+    for sentence in warnings:
+        print(f"catfree: warning: {_in_words_of_the_shell(sentence)}", file=sys.stderr)
+
+
+def _in_words_of_the_shell(sentence: str) -> str:
+    """A sentence of the library in one line, with the options of the command line."""
     for argument, option in OPTIONS.items():
         sentence = sentence.replace(argument, option)
-    print(f"catfree: {' '.join(sentence.split())}", file=sys.stderr)
-    return FAILURE
+    sentence = OFFSETS.sub(lambda m: f"give --offsets {m[1].replace(',', '')}", sentence)
+    return " ".join(sentence.split())

@@ -13,10 +13,12 @@ import pytest
 
 from catfree._run._identities import identify_detections
 from catfree._run._report import (
+    THRESHOLD_NAMES,
     Heading,
     Paragraph,
     Picture,
     Table,
+    describe_cameras,
     describe_reliability,
     to_html,
     to_markdown,
@@ -31,6 +33,7 @@ from catfree.adapters import (
     read_tracks_csv,
     write_scene_json,
 )
+from catfree.calibration import Calibration
 from catfree.cli import _commands as cli
 from catfree.errors import CatFreeError
 from catfree.methods._localize import localize
@@ -38,7 +41,7 @@ from catfree.methods.paper._assemble import empty_localization
 from catfree.settings import Settings
 from catfree.synthetic import make_world
 from catfree.synthetic._layouts import ring
-from catfree.types import Origin, Scene
+from catfree.types import Origin, Scene, Thresholds
 
 pytest.importorskip("tyro")
 
@@ -220,6 +223,35 @@ def test_a_report_about_nobody_says_so(outcome):
     assert not any("nan" in cell for row in table.rows for cell in row)
 
 
+def test_the_report_names_the_height_that_was_assumed(outcome):
+    cameras = np.zeros(3)
+    calibration = Calibration(
+        scene=outcome.scene,
+        association_rate=cameras,
+        log_likelihood_ratio=cameras,
+        focal_sd=cameras,
+        center_covariance=np.zeros((3, 3, 3)),
+        shared_focal=True,
+        scale_sd=0.1,
+        foot_offset=0.1,
+        residual=0.3,
+        camera_residual=cameras,
+        sightings=np.zeros(3, int),
+        frame_offset=np.zeros(3, int),
+    )
+    found = dataclasses.replace(outcome, calibration=calibration)
+    text = to_markdown(describe_cameras(found, 1.2))
+    assert "1.20 m on average" in text
+    assert "1.70" not in text
+
+
+def test_thresholds_are_told_in_words(outcome):
+    assert set(THRESHOLD_NAMES) == {field.name for field in dataclasses.fields(Thresholds)}
+    text = to_markdown(describe_reliability(outcome.localization, outcome.scene))
+    assert "| median height of a box (px) |" in text
+    assert not any(name in text for name in THRESHOLD_NAMES)
+
+
 def test_plot_draws_again(results, tmp_path, capsys):
     pytest.importorskip("matplotlib")
     assert cli.main(["plot", str(results), "--out", str(tmp_path / "p")]) == 0
@@ -271,7 +303,7 @@ def test_calibrate_and_run_on_footage_without_people(tmp_path, capsys):
         folder = tmp_path / f"c{camera}"
         folder.mkdir()
         for frame in range(10):
-            picture = np.full((90, 160, 3), 100, np.uint8)
+            picture = np.full((90, 160, 3), 100 + camera, np.uint8)
             cv2.imwrite(str(folder / f"{frame}.png"), picture)
         videos.append(str(folder))
     for command in ("calibrate", "run"):
@@ -285,8 +317,8 @@ def test_calibrate_and_run_on_footage_without_people(tmp_path, capsys):
 def test_run_with_a_known_scene(world, tmp_path, capsys):
     videos = []
     rng = np.random.default_rng(0)
-    still = rng.integers(60, 120, (SIZE[1], SIZE[0], 3)).astype(np.uint8)
     for camera in range(3):
+        still = rng.integers(60, 120, (SIZE[1], SIZE[0], 3)).astype(np.uint8)
         path = tmp_path / f"c{camera}.avi"
         writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 5, SIZE)
         for _ in range(10):
@@ -310,7 +342,7 @@ def test_results_are_written_before_the_overlay(world, tmp_path, monkeypatch, ca
         folder = tmp_path / f"c{camera}"
         folder.mkdir()
         for frame in range(10):
-            picture = np.full((SIZE[1], SIZE[0], 3), 100, np.uint8)
+            picture = np.full((SIZE[1], SIZE[0], 3), 100 + camera, np.uint8)
             cv2.imwrite(str(folder / f"{frame}.png"), picture)
         videos.append(str(folder))
     scene, out = tmp_path / "scene.json", tmp_path / "out"

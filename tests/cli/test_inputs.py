@@ -30,16 +30,19 @@ def test_one_video_is_too_few(tmp_path):
 
 
 def test_what_is_not_given_is_not_opened():
-    for opened in (open_detector, open_embedder, open_reconstructor, open_scene):
+    for opened in (open_detector, open_embedder, open_reconstructor):
         assert opened(None) is None
+    assert open_scene(None) == (None, None)
 
 
 def test_scenes_of_both_formats(tmp_path):
     scene = make_layout("ring4", 0).scene
     scene.save(tmp_path / "scene.npz")
     write_scene_json(tmp_path / "scene.json", scene, ["a", "b", "c", "d"])
-    for name in ("scene.npz", "scene.json"):
-        np.testing.assert_allclose(open_scene(tmp_path / name).rig.t, scene.rig.t)
+    for name, called in (("scene.npz", None), ("scene.json", ("a", "b", "c", "d"))):
+        opened, names = open_scene(tmp_path / name)
+        np.testing.assert_allclose(opened.rig.t, scene.rig.t)
+        assert names == called
 
 
 @pytest.mark.parametrize("identity", ["id", "track_id"])

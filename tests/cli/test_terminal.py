@@ -8,7 +8,7 @@ import pytest
 import catfree
 from catfree._run._report import Table
 from catfree.cli import _terminal as cli_terminal
-from catfree.cli._terminal import FAILURE, STAGE_LABELS, fail, print_table, print_text
+from catfree.cli._terminal import FAILURE, STAGE_LABELS, fail, print_table, print_text, warn
 
 ROOT = Path(catfree.__file__).parent
 CALLBACKS = {"report", "progress"}
@@ -78,6 +78,14 @@ def test_advice_names_the_options_of_the_command_line(capsys):
     fail("It is damaged. Repair it, or pass on_error='keep' to use what\ncame before it.")
     error = capsys.readouterr().err
     assert error.endswith("Repair it, or give --keep-before-damage to use what came before it.\n")
+
+
+def test_warnings_are_lines_with_the_words_of_the_shell(capsys):
+    warn(("If so, pass offsets=(0, -10, 0).", "Too\nlow. Pass a detector of people."))
+    assert capsys.readouterr().err.splitlines() == [
+        "catfree: warning: If so, give --offsets 0 -10 0.",
+        "catfree: warning: Too low. Give --detector, a detector of people.",
+    ]
 
 
 def test_paths_that_are_no_text_are_escaped(capsys):
