@@ -76,8 +76,9 @@ class EvidenceSettings:
             adults) more likely than not.
         working_sigma: largest uncertainty by design, relative to well-seen people.
         missing_views: a place where the whole body is in fewer images than the typical person's, by
-            at least this share of the registered cameras, is beyond the ground that the rig was
-            built to cover. Where the typical person is in fewer images than that, it excludes none.
+            at least this share of the cameras that see anybody, is beyond the ground that the rig
+            was built to cover. Where the typical person is in fewer images than that, it excludes
+            none.
         enough_views: with the whole body in this many images a place is never too far out for
             that: two cameras make a position of any two boxes, a third one contradicts.
         unevenness: how far off the plane people stand: paving, slopes and kerbs are level to about

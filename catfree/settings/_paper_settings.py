@@ -96,7 +96,7 @@ class SelectionSettings:
         rms_factor: RMS gate in units of sigma_theta.
         support_factor: support radius in units of sigma_theta.
         exclusive_support: a detection supports only its nearest hypothesis (lineage K).
-        gates: which of the nine orders of the ablation runs.
+        gates: which order of the ablation runs.
         fixed_quantile: replace log-Otsu by this quantile of each statistic, or None.
         temporal_frames: frames in which a tracklet pair must be supported; 1 switches it off.
         suppression_radius: NMS radius r as a share of E.

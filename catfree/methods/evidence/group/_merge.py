@@ -91,7 +91,7 @@ def merge_groups(info, camera, pairs, members, looks, slot, density, spread, app
         appearance: whether `looks` counts.
 
     Returns:
-        (N,) the row that represents each item's group; (N) information of the groups; members.
+        (N,) the row that represents each item's group.
     """
     N = camera.shape[0]
     own = log_evidence(info, density, spread)
@@ -146,8 +146,7 @@ def merge_groups(info, camera, pairs, members, looks, slot, density, spread, app
     start = (
         rows, info.matrix, info.vector, info.constant, own, mask, members, jnp.array(True),
     )  # fmt: skip
-    end = jax.lax.while_loop(lambda carry: carry[-1], step, start)
-    return end[0], Information(*end[1:4]), end[6]
+    return jax.lax.while_loop(lambda carry: carry[-1], step, start)[0]
 
 
 def associate(
@@ -211,7 +210,7 @@ def associate(
     boxes = items[camera[items] < cameras]
     members[boxes, camera[boxes]] = boxes
     use = looks is not None
-    root, _, _ = merge_groups(
+    root = merge_groups(
         info, camera, padded, members, looks if use else np.zeros((1, 1, 1)),
         slot if use else np.zeros((total, 2), np.int64), np.asarray(density), np.asarray(spread),
         appearance=use,
