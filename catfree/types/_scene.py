@@ -52,7 +52,7 @@ class Plane(eqx.Module):
             # The squares of very long or short normals leave the range of floats.
             if not 1e-15 < largest < 1e15:
                 with np.errstate(over="ignore"):
-                    normal, offset = normal / largest, offset / largest
+                    normal, offset = normal / largest, np.asarray(offset / largest)
                 require_finite(offset, "The offset of a plane in units of its normal")
             length = np.linalg.norm(np.asarray(normal, np.float64)).astype(normal.dtype)
             # A unit normal stays bit for bit what it was.

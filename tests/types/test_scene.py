@@ -37,6 +37,7 @@ def test_very_long_and_short_normals_have_a_direction(length):
     plane = Plane(np.full(3, length), length)
     np.testing.assert_allclose(plane.normal, np.full(3, 3**-0.5), rtol=1e-15)
     np.testing.assert_allclose(plane.offset, 3**-0.5, rtol=1e-15)
+    assert isinstance(plane.offset, np.ndarray)
     short = Plane(np.full(3, 1e-30, np.float32), np.float32(1e-30))
     np.testing.assert_allclose(short.normal, np.full(3, 3**-0.5), rtol=1e-6)
     with pytest.raises(InvalidInputError, match="offset of a plane in units of its normal"):
