@@ -70,7 +70,12 @@ def expect_moda(
         known = " and ".join(
             "Settings.paper()" if fit.settings.method == "paper" else "Settings()" for fit in fits
         )
-        return _unsaid(reliability, f"The expectation was fitted for {known}, not these settings.")
+        changed = ", ".join(_differences(fits, settings))
+        return _unsaid(
+            reliability,
+            f"The expectation was fitted for {known}; these settings differ in {changed}, on which "
+            "it depends.",
+        )
     total, beyond, note = fit.intercept, 0.0, None
     for term in fit.terms:
         value = term.read(reliability)
@@ -104,9 +109,29 @@ def _unsaid(reliability: Reliability, note: str) -> Reliability:
 
 def _same_method(fitted: Settings, used: Settings) -> bool:
     """Whether two settings localize alike: only the parts that the method reads are compared."""
+    return not _changed_parts(fitted, used)
+
+
+def _changed_parts(fitted: Settings, used: Settings) -> list[str]:
     parts = ["method", "confidence", "rays"]
     if used.method == "evidence":
         parts += ["evidence"]
     else:
         parts += ["tracklets", "association", "triangulation", "selection", "trajectories"]
-    return all(getattr(fitted, part) == getattr(used, part) for part in parts)
+    return [part for part in parts if getattr(fitted, part) != getattr(used, part)]
+
+
+def _differences(fits: Sequence[Fit], used: Settings) -> list[str]:
+    """The settings, by name, that differ from those of the fit of the same method."""
+    fitted = next((fit.settings for fit in fits if fit.settings.method == used.method), None)
+    if fitted is None:
+        return ["method"]
+    names = []
+    for part in _changed_parts(fitted, used):
+        one, other = getattr(fitted, part), getattr(used, part)
+        if not dataclasses.is_dataclass(one):
+            names.append(part)
+            continue
+        fields = (field.name for field in dataclasses.fields(one))
+        names += [f"{part}.{n}" for n in fields if getattr(one, n) != getattr(other, n)]
+    return names
