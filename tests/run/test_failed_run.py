@@ -109,6 +109,21 @@ def test_a_missing_file_is_named_before_anything_is_opened(option, tmp_path):
     assert done.returncode == 1
 
 
+@pytest.mark.parametrize(("command", "module"), [("run", "run"), ("calibrate", "stages")])
+def test_clock_offsets_are_searched_on_request(command, module, tmp_path, monkeypatch):
+    asked = []
+
+    def pretend(*_, maximum_offset, **__):
+        asked.append(maximum_offset)
+        raise CalibrationError("pretended")
+
+    monkeypatch.setattr(f"catfree.{module}.calibrate_cameras", pretend)
+    videos = [str(path) for path in write_noise(tmp_path)]
+    words = [command, *videos, "--out", str(tmp_path / "out"), "--max-offset", "7"]
+    assert cli.main(words) == 1
+    assert asked == [7]
+
+
 def test_equal_videos_are_refused_before_anybody_looks(tmp_path, capsys):
     paths = write_noise(tmp_path)
     for picture in paths[0].iterdir():

@@ -122,6 +122,8 @@ def offset_for(
     """
     work, state = _resume(calibration, detections, settings)
     grid = work.grid
+    if grid.valid[camera].sum() <= settings.minimum_matches:
+        return 0
     reach = min(maximum, grid.frame_count // 3)
     shifts = sorted(range(-reach, reach + 1), key=abs)
     _, shift = offset_of_unplaced(work, state, camera, shifts)

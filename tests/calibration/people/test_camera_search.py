@@ -7,9 +7,11 @@ import pytest
 
 from catfree.calibration.people import (
     confirm,
+    offset_for,
     places_for,
     reconsider,
     register,
+    remove_offsets,
     without_camera,
     without_vague_cameras,
 )
@@ -43,6 +45,15 @@ def test_a_missing_camera_is_found(world, calibration) -> None:
     distance = np.asarray(found.scene.rig.centers) - np.asarray(rig.centers)
     assert np.linalg.norm(distance[CAMERA]) < 0.6
     assert found.log_likelihood_ratio[CAMERA] > RULES.minimum_margin
+
+
+@pytest.mark.parametrize("late", [0, -9])
+def test_a_camera_that_is_missing_for_lateness_gets_its_offset(world, calibration, late) -> None:
+    missing = without_camera(calibration, CAMERA, RULES)
+    offset = np.where(np.arange(6) == CAMERA, -late, 0)
+    boxes = remove_offsets(world.detections, offset)
+    boxes = boxes[boxes.frame >= 0]
+    assert offset_for(missing, boxes, CAMERA, 12, RULES) == late
 
 
 def test_a_misplaced_camera_is_moved_back(world, calibration) -> None:
