@@ -333,26 +333,33 @@ def test_ctrl_c_leaves_finished_pieces_in_the_cache(pictures, tmp_path):
     assert detector.calls == (FRAMES - PIECE) * CAMERAS
 
 
-def test_learnt_backgrounds_are_kept(pictures, tmp_path):
-    videos = SynchronizedVideos(pictures, end=10)
-    stages, fits = StageCache(tmp_path), []
+def test_learnt_backgrounds_are_kept(tmp_path):
+    rng = np.random.default_rng(0)
+    for camera in range(2):
+        (tmp_path / str(camera)).mkdir()
+        empty = rng.integers(90, 110, (90, 160, 3)).astype(np.uint8)
+        for frame in range(10):
+            image = empty.copy()
+            image[30:70, 10 * frame : 10 * frame + 14] = 250  # somebody walks by
+            cv2.imwrite(str(tmp_path / f"{camera}/{frame}.png"), image)
+    videos = SynchronizedVideos([tmp_path / "0", tmp_path / "1"])
+    stages, fits = StageCache(tmp_path / "cache"), []
 
     def count(stage, done, total):
-        if stage == "fit":
-            fits.append(total)
+        fits.append((stage, total))
 
     first = fit_with_cache(videos, BackgroundDetector(), stages, count)
-    assert len(fits) == 10 * CAMERAS
-    next(iter(tmp_path.glob("background-*"))).unlink()
+    assert fits == [("fit", 20)] * 20
+    next(iter(stages.folder.glob("background-*"))).unlink()
     fits.clear()
     again = fit_with_cache(videos, BackgroundDetector(), stages, count)
-    assert fits == [10] * 10  # one camera
-    for one, other in zip(first, again, strict=True):
+    assert fits == [("fit", 10)] * 10  # one camera
+    for camera, (one, other) in enumerate(zip(first, again, strict=True)):
         assert one.fingerprint == other.fingerprint
-        for _, (image, *_) in videos:
-            found, same = one(image), other(image)
-            np.testing.assert_array_equal(found.box, same.box)
-            np.testing.assert_array_equal(found.score, same.score)
+        for image in videos.pictures_of(camera):
+            np.testing.assert_array_equal(one(image).box, other(image).box)
+            np.testing.assert_array_equal(one(image).score, other(image).score)
+    assert sum(len(first[0](image)) for image in videos.pictures_of(0)) > 0
 
 
 def made_up_calibration(offset):
