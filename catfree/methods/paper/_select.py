@@ -14,7 +14,8 @@ from catfree.settings import SelectionSettings
 from catfree.types import Fate
 
 SAMPLE_BLOCK = 16384  # samples of a sequence are padded to this times a power of four
-FRAME_BLOCK = 64  # frames suppressed by one call
+FRAME_BLOCK = 64  # most frames suppressed by one call
+PAIRS_BLOCK = 1 << 22  # most pairs of candidates in one call, if it holds more than one frame
 PLACES_BLOCK = 64  # candidates a frame are padded to this times a power of two
 
 
@@ -193,18 +194,19 @@ def outside_by_frame(
 def _frame_grids(
     frame_index: Int[np.ndarray, " h"], where: Bool[np.ndarray, " h"]
 ) -> list[Int[np.ndarray, "f place"]]:
-    """Rows of the chosen hypotheses, one line a frame, -1 for padding; FRAME_BLOCK lines each."""
+    """Rows of the chosen hypotheses, one line a frame, -1 for padding; so many lines each."""
     rows = np.flatnonzero(where)
     if len(rows) == 0:
         return []
     rows = rows[np.argsort(frame_index[rows], kind="stable")]
     frames, start, count = np.unique(frame_index[rows], return_index=True, return_counts=True)
     places = coarse_length(int(count.max()), PLACES_BLOCK, factor=2)
-    lines = -(-len(frames) // FRAME_BLOCK) * FRAME_BLOCK
+    block = min(FRAME_BLOCK, max(1, PAIRS_BLOCK // places**2))
+    lines = -(-len(frames) // block) * block
     grid = np.full((lines, places), -1)
     line = np.repeat(np.arange(len(frames)), count)
     grid[line, np.arange(len(rows)) - start[line]] = rows
-    return list(grid.reshape(-1, FRAME_BLOCK, places))
+    return list(grid.reshape(-1, block, places))
 
 
 _suppress_frames = jax.jit(jax.vmap(suppress, (0, 0, None, 0)))

@@ -6,6 +6,7 @@ gives exactly the groups that merging one best pair at a time would give.
 """
 
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import jax
@@ -19,6 +20,7 @@ from catfree.methods.evidence.group._groups import Groups, Priors, collect_group
 
 FEWEST_PAIRS = 4096  # to which pairs are padded: so many cost less than compiling for fewer
 BITS = 31  # cameras to a word, with or without 64-bit integers
+PAIRS_AT_A_TIME = 1 << 22  # neighbours looked at together: 100 MB
 PAIR_GATE = 16.0  # squared Mahalanobis distance of two boxes that may start or join a group
 
 
@@ -43,36 +45,58 @@ def candidate_pairs(
     """
     if len(items) < 2:
         return np.zeros((0, 2), np.int64)
-    p, S = position[items], covariance[items]
-    trace, det = S[:, 0, 0] + S[:, 1, 1], S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2
-    largest = np.sqrt(trace / 2 + np.sqrt(np.maximum(trace**2 / 4 - det, 0)))
-    reach = np.sqrt(2 * PAIR_GATE) * largest
-    far = 4 * (np.abs(p).max() + reach.max()) + 1  # frames apart never meet
-    place = np.column_stack([p, frame[items] * far])
+    xx, xy, yy = (covariance[items, k, m] for k, m in ((0, 0), (0, 1), (1, 1)))
+    widest = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)  # variance along the longest axis
+    order = np.argsort(widest, kind="stable")  # each pair is found once, from its vaguer member
+    items, xx, xy, yy, widest = (values[order] for values in (items, xx, xy, yy, widest))
+    (x, y), instant, view = position[items].T, frame[items], camera[items]
+    reach = np.sqrt(2 * PAIR_GATE * widest)
+    far = 4 * (np.abs(position[items]).max() + reach[-1]) + 1  # frames apart never meet
+    place = np.column_stack([x, y, instant * far])
     tree = KDTree(place)
-    # One search for all items of about the same reach; each pair once, from its vaguer member.
-    octave = np.ceil(np.log2(reach / reach.min()))
     found = []
-    for own in (np.flatnonzero(octave == k) for k in np.unique(octave)):
-        near = KDTree(place[own]).sparse_distance_matrix(
-            tree, reach[own].max(), output_type="ndarray"
+    for begin, end in _searches(reach, int(np.unique(instant, return_counts=True)[1].max())):
+        near = KDTree(place[begin:end]).sparse_distance_matrix(
+            tree, reach[end - 1], output_type="ndarray"
         )
-        i, j = own[near["i"]], near["j"]
-        once = (largest[i] > largest[j]) | ((largest[i] == largest[j]) & (i < j))
-        once &= (near["v"] <= reach[i]) & (camera[items[i]] != camera[items[j]])
-        found.append((i[once], j[once]))
-    i, j = (np.concatenate(side) for side in zip(*found, strict=True))
-    d, T = p[i] - p[j], S[i] + S[j]
-    det = T[:, 0, 0] * T[:, 1, 1] - T[:, 0, 1] ** 2
-    m2 = (
-        T[:, 1, 1] * d[:, 0] ** 2 - 2 * T[:, 0, 1] * d[:, 0] * d[:, 1] + T[:, 0, 0] * d[:, 1] ** 2
-    ) / det
-    close = m2 < PAIR_GATE
-    one, two = items[i[close]], items[j[close]]
+        i, j, apart = near["i"] + begin, near["j"], near["v"]
+        # Bounds on the squared distance, from cheap to exact.
+        keep = np.flatnonzero(j < i)
+        i, j, apart = i[keep], j[keep], apart[keep]
+        keep = np.flatnonzero(
+            (apart**2 <= PAIR_GATE * (widest[i] + widest[j])) & (view[i] != view[j])
+        )
+        i, j = i[keep], j[keep]
+        dx, dy, a, c = x[i] - x[j], y[i] - y[j], xx[i] + xx[j], yy[i] + yy[j]
+        keep = np.flatnonzero((dx**2 <= PAIR_GATE * a) & (dy**2 <= PAIR_GATE * c))
+        i, j, dx, dy, a, c = (values[keep] for values in (i, j, dx, dy, a, c))
+        b = xy[i] + xy[j]
+        m2 = (c * dx**2 - 2 * b * dx * dy + a * dy**2) / (a * c - b**2)
+        close = m2 < PAIR_GATE
+        found.append((items[i[close]], items[j[close]]))
+    one, two = (np.concatenate(side) for side in zip(*found, strict=True))
     total = int(items.max()) + 1
     return np.column_stack(
         np.divmod(np.sort(np.minimum(one, two) * total + np.maximum(one, two)), total)
     )
+
+
+def _searches(reach: np.ndarray, crowd: int) -> list[tuple[int, int]]:
+    """Runs of items, first and end, to search around at once.
+
+    Their reaches differ by less than a factor of two, and all their neighbours fit into memory.
+
+    Args:
+        reach: (n,) how far to search around each, ascending.
+        crowd: items of the fullest instant: so many neighbours one item may have.
+    """
+    octaves = np.flatnonzero(np.diff(np.ceil(np.log2(reach / reach[0])))) + 1
+    step = max(PAIRS_AT_A_TIME // crowd, 1)
+    return [
+        (first, min(first + step, end))
+        for begin, end in pairwise([0, *octaves.tolist(), len(reach)])
+        for first in range(begin, end, step)
+    ]
 
 
 @partial(jax.jit, static_argnames=("appearance",))

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 from catfree.methods.evidence.observe._views import GroundViews, safe_ratio
 from catfree.settings import EvidenceSettings
 
+ENTRIES = 1 << 17  # boxes that are compared with regions at a time: what a cache holds
 COLUMNS = 8  # sampled columns of a box; its rows are integrated exactly
 ASPECT = 0.4  # width of a standing person over the height
 COVER_EDGES = (0.15, 0.4, 0.7, 0.95)  # between classes of hidden share, each its own rate
@@ -50,13 +51,15 @@ def covered_feet(box, frame, camera, table) -> Float[Array, " box"]:
     """Share of the lower part of each box that is hidden by boxes in front of it."""
     rows = jnp.arange(box.shape[0])
 
-    def one(row, box_, f, c):
+    def one(row_of_box):
+        row, box_, f, c = row_of_box
         others = jnp.asarray(table)[jnp.minimum(f, table.shape[0] - 1), c]
         active = (others >= 0) & (others != row) & (f < table.shape[0])
         low = jnp.stack([box_[0], box_[3] - LOWER_BODY * (box_[3] - box_[1]), box_[2], box_[3]])
         return covered_share(low, box_[3], box[jnp.maximum(others, 0)], active)
 
-    return jax.vmap(one)(rows, box, frame, camera)
+    batch = max(1, ENTRIES // table.shape[2])
+    return jax.lax.map(one, (rows, box, frame, camera), batch_size=batch)
 
 
 class Views(eqx.Module):
@@ -115,12 +118,15 @@ def expected_views(state, frame, member, box, table, views: GroundViews) -> View
         return seen[0], jnp.where(front, height, 1.0), cover, seen[1]
 
     per_camera = jax.vmap(one, in_axes=(None, None, 0, 0, 0, 0, 0))
-    everyone = jax.vmap(per_camera, in_axes=(0, 0, 0, None, None, None, None))
-    inside, height, cover, share = everyone(
-        jnp.asarray(state), jnp.asarray(frame), jnp.asarray(member), jnp.asarray(views.matrix),
-        jnp.asarray(views.image_size), jnp.asarray(views.registered),
+    cameras = (
+        jnp.asarray(views.matrix), jnp.asarray(views.image_size), jnp.asarray(views.registered),
         jnp.arange(views.focal.shape[0]),
     )  # fmt: skip
+    inside, height, cover, share = jax.lax.map(
+        lambda person: per_camera(*person, *cameras),
+        (jnp.asarray(state), jnp.asarray(frame), jnp.asarray(member)),
+        batch_size=max(1, ENTRIES // (table.shape[1] * table.shape[2])),
+    )
     return Views(inside, height, cover, share)
 
 

@@ -22,6 +22,7 @@ USUAL_SPEED = 0.4  # H0 a frame and axis, where too few steps tell: strolling at
 MEMORY = 0.85  # correlation of the velocity over one frame: people turn within a few steps
 SPEED_RANGE = (0.05, 1.0)  # H0 a frame: standing at video rate, walking fast at two a second
 CONSECUTIVE = 1.5  # usual steps: frames farther apart do not tell the speed
+LINKS_AT_A_TIME = 1 << 18  # pairs of a track and a group: 100 MB
 FEWEST_STEPS = 10  # below which the usual speed is assumed
 
 
@@ -172,7 +173,14 @@ def follow(
         info = groups.info[here]
         seen = np.full(len(track), -1)
         if len(track) and len(here):
-            gain = _link_gain(mean[:, :3], cov[:, :3, :3], info, density, spread, settings.gate)
+            step = max(1, LINKS_AT_A_TIME // len(here))
+            gain = np.concatenate([
+                _link_gain(
+                    mean[i : i + step, :3], cov[i : i + step, :3, :3], info, density, spread,
+                    settings.gate,
+                )
+                for i in range(0, len(track), step)
+            ])  # fmt: skip
             gain = gain - settings.gap_penalty * gap[:, None]
             if looks is not None:
                 gain = gain + looks.ratio(look, boxes, here)
