@@ -4,6 +4,39 @@ Each message is a sentence that says what was wrong, where (file, camera, frame,
 do about it. Catch `CatFreeError` to catch them all.
 """
 
+import reprlib
+from typing import Any
+
+_LONGEST_QUOTE = 120  # characters: a matrix row still fits, a damaged megabyte does not
+
+_short_repr = reprlib.Repr()
+_short_repr.maxlevel = 3
+_short_repr.maxstring = _short_repr.maxother = _short_repr.maxlong = _LONGEST_QUOTE
+_short_repr.maxlist = _short_repr.maxtuple = _short_repr.maxdict = 8
+
+
+def quoted(value: Any) -> str:
+    """A value of a file or a caller as a message quotes it, its middle left out where it is long.
+
+    An exception is quoted in its own words, without the full stop, anything else by its `repr`.
+    """
+    if isinstance(value, BaseException):
+        text = str(value).rstrip(". ")
+    else:
+        try:
+            text = _short_repr.repr(value)
+        except ValueError:  # Python prints no numbers of thousands of digits
+            text = f"a number of {value.bit_length()} bits"
+    return shortened(text)
+
+
+def shortened(text: str) -> str:
+    """Text such as a camera's name, its middle left out where it is long."""
+    if len(text) <= _LONGEST_QUOTE:
+        return text
+    half = _LONGEST_QUOTE // 2
+    return f"{text[:half]} ... {text[-half:]}"
+
 
 class CatFreeError(Exception):
     """Base class of every error that catfree raises on purpose."""

@@ -14,7 +14,15 @@ from typing import Any, TypeVar
 import numpy as np
 
 from catfree.errors import FileFormatError, InvalidInputError, WriteError
+from catfree.types import Localization, Tracks
 from catfree.types._archive import load_arrays, save_arrays
+from catfree.types._result_checks import (
+    options_of,
+    require_declared_types,
+    require_sound_localization,
+    require_sound_tracks,
+)
+from catfree.types._writing import is_temporary, make_folder
 
 T = TypeVar("T")
 Arrays = dict[str, Any]
@@ -23,6 +31,12 @@ Arrays = dict[str, Any]
 # left by a killed run.
 ABANDONED_AFTER = 3600.0
 SEPARATOR = "."
+
+# What is asked of a result that was read; of any other that its fields are what they declare.
+_CHECKS: dict[type, Callable[[Any], None]] = {
+    Localization: require_sound_localization,
+    Tracks: require_sound_tracks,
+}
 
 
 class StageCache:
@@ -39,17 +53,12 @@ class StageCache:
         Raises:
             WriteError: if the folder cannot be made.
         """
-        self.folder = Path(folder)
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise WriteError(
-                f"Cannot make the cache folder {self.folder} ({_reason(error)}). Name another one."
-            ) from error
-        for leftover in self.folder.glob(".*.npz.*"):
+        self.folder = make_folder(folder)
+        for file in self.folder.iterdir():
             try:
-                if time.time() - leftover.stat().st_mtime > ABANDONED_AFTER:
-                    leftover.unlink()
+                old = time.time() - file.stat().st_mtime > ABANDONED_AFTER
+                if is_temporary(file.name) and file.suffix == ".npz" and old:
+                    file.unlink()
             except OSError:  # another run was faster
                 continue
 
@@ -84,10 +93,9 @@ class StageCache:
         path = self.path(stage, key)
         try:
             save_arrays(path, type(value).__name__, to_arrays(value))
-        except (OSError, InvalidInputError) as error:
+        except (WriteError, InvalidInputError) as error:
             raise WriteError(
-                f"Cannot write {path} ({_reason(error)}). Free some space or name another cache "
-                "folder; stages that are already there will be found again."
+                f"{error} Stages that are in the cache already will be found again."
             ) from error
 
     def result(self, stage: str, key: str, kind: type[T], compute: Callable[[], T]) -> T:
@@ -128,11 +136,12 @@ def from_arrays(kind: type[T], arrays: Arrays) -> T:
 
     Raises:
         FileFormatError: if a field that cannot be None is missing.
+        InvalidInputError: if a field is not what it declares, or breaks what its type promises.
     """
     values: dict[str, Any] = {}
     hints = _field_types(kind)
     for name, hint in hints.items():
-        options = _options(hint)
+        options = options_of(hint)
         prefix = name + SEPARATOR
         inner = {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
         nested = next((o for o in options if dataclasses.is_dataclass(o)), None)
@@ -140,8 +149,10 @@ def from_arrays(kind: type[T], arrays: Arrays) -> T:
             values[name] = from_arrays(nested, inner)
         elif name in arrays:
             array = arrays[name]
-            scalar = array.ndim == 0 and any(o in (bool, int, float, str) for o in options)
+            scalar = any(o in (bool, int, float, str) for o in options)
             listed = any(typing.get_origin(o) is tuple for o in options)
+            if scalar and array.ndim:
+                raise FileFormatError(f"A stored {kind.__name__} has several values of {name!r}.")
             values[name] = array.item() if scalar else tuple(array.tolist()) if listed else array
         elif types.NoneType in options:
             values[name] = None
@@ -149,7 +160,9 @@ def from_arrays(kind: type[T], arrays: Arrays) -> T:
             continue
         else:
             raise FileFormatError(f"A stored {kind.__name__} lacks {name!r}.")
-    return kind(**values)
+    value = kind(**values)
+    _CHECKS.get(kind, require_declared_types)(value)
+    return value
 
 
 def content_hash(value: Any) -> str:
@@ -183,13 +196,3 @@ def _field_types(kind: type[Any]) -> dict[str, Any]:
 def _defaults(kind: type[Any]) -> frozenset[str]:
     fields = dataclasses.fields(kind)
     return frozenset(f.name for f in fields if f.default is not dataclasses.MISSING)
-
-
-def _options(hint: Any) -> tuple[Any, ...]:
-    """The members of a union, or the type itself."""
-    union = typing.get_origin(hint) in (typing.Union, types.UnionType)
-    return typing.get_args(hint) if union else (hint,)
-
-
-def _reason(error: BaseException) -> str:
-    return getattr(error, "strerror", None) or str(error)

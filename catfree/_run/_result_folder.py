@@ -20,11 +20,12 @@ from catfree.adapters.files._camera_names import distinct_names, file_names
 from catfree.adapters.tables._motchallenge import write_mot_boxes, write_mot_ground
 from catfree.adapters.tables._tracks_table import write_tracks_csv, write_tracks_parquet
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
-from catfree.errors import FileFormatError, WriteError
+from catfree.errors import FileFormatError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
-from catfree.types._archive import load_arrays, save_arrays
+from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._progress import Progress
+from catfree.types._writing import cannot_write, replacing
 from catfree.viz.footage._contact_sheet import write_sheet
 
 # TrackEval matches two squares at an IoU of one half; in a scene without metres the matching
@@ -87,10 +88,7 @@ def write_results(
         files += drawn
         files += write_report(root, outcome, settings, files, drawn)
     except OSError as error:
-        raise WriteError(
-            f"Cannot write the results to {root}: {error.strerror or error}. Free some space or "
-            "name another folder."
-        ) from error
+        raise cannot_write(root, error) from error
     return files
 
 
@@ -123,13 +121,13 @@ def read_results(folder: str | os.PathLike[str]) -> tuple[Localization, Scene, t
     """Localization, scene and camera names of a folder that `write_results` wrote.
 
     Raises:
-        InvalidInputError: if a file is not there.
+        InvalidInputError: if a file is not there, or a value in it is out of range.
         FileFormatError: if a file holds something else, or the files are of two runs.
     """
     root = Path(folder)
     scene, names = read_scene_json(root / SCENE_FILE)
     arrays = load_arrays(root / LOCALIZATION_FILE, Localization.__name__, required=None)
-    localization = from_arrays(Localization, arrays)
+    localization = naming_file(root / LOCALIZATION_FILE, lambda: from_arrays(Localization, arrays))
     cameras = localization.candidates.support.shape[-1]
     if cameras != scene.rig.camera_count:
         raise FileFormatError(
@@ -185,12 +183,10 @@ def draw_pictures(
         figures["gates.png"] = plot_gates(localization, scene)[0].figure
     written = []
     for name, figure in figures.items():
-        partial = root / f".partial_{os.getpid()}_{name}"
         try:
-            figure.savefig(partial, dpi=130)
-            os.replace(partial, root / name)
+            with replacing(root / name) as stream:
+                figure.savefig(stream, dpi=130, format="png")
         finally:
-            partial.unlink(missing_ok=True)
             pyplot.close(figure)
         written.append(root / name)
     return written

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.errors import FileFormatError, InvalidInputError, quoted
 
 TRUTH_COLUMNS = ("frame", "id", "x", "y")
 
@@ -119,7 +119,9 @@ def read_truth(path: Path) -> np.ndarray:
         words = ((reader.line_num, [word.strip() for word in row]) for row in reader)
         lines = [(line, row) for line, row in words if row not in ([], [""])]
     except csv.Error as error:
-        raise FileFormatError(f"{path}: line {reader.line_num} is not CSV: {error}.") from error
+        raise FileFormatError(
+            f"{path}: line {reader.line_num} is not CSV: {quoted(error)}."
+        ) from error
     header = lines[0][1] if lines else []
     # Tracks of catfree can be the truth of another run.
     identity = "track_id" if "track_id" in header else "id"
@@ -154,6 +156,6 @@ def _truth_row(words: list[str], names: list[str], path: Path, line: int) -> lis
         whole = name not in ("x", "y")
         if not math.isfinite(value) or (whole and (value != round(value) or abs(value) >= 2**53)):
             kind = "a whole number" if whole else "a finite number"
-            raise FileFormatError(f"{path}: {name} in line {line} is {word!r}, not {kind}.")
+            raise FileFormatError(f"{path}: {name} in line {line} is {quoted(word)}, not {kind}.")
         row.append(value)
     return row

@@ -35,7 +35,7 @@ def as_rows(rows: ArrayInput, name: str, *, identified: bool = False) -> Rows:
         array = np.asarray(as_float(rows), np.float64)
     except (TypeError, ValueError) as error:
         raise InvalidInputError(
-            f"{name} must be an (N, 4) array of numbers [frame, id, x, y]: {error}."
+            f"{name} must be an (N, 4) array of numbers [frame, id, x, y]. {error}"
         ) from error
     if array.size == 0:
         return np.zeros((0, 4))

@@ -1,6 +1,6 @@
 """The settings of a whole run: the paper's stages, catfree's own method, the calibration."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Literal, get_args
 
 from catfree.errors import InvalidInputError
@@ -51,7 +51,14 @@ class Settings:
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for a method that does not exist: none stands in for it."""
+        """Raise InvalidInputError for a method that does not exist, or a part of another type."""
+        for part in fields(self):
+            value, kind = getattr(self, part.name), part.default_factory
+            if isinstance(kind, type) and not isinstance(value, kind):
+                raise InvalidInputError(
+                    f"settings.{part.name} must be {kind.__name__}, got {type(value).__name__}. "
+                    f"Pass Settings({part.name}={kind.__name__}(...))."
+                )
         if self.method not in get_args(Method):
             raise InvalidInputError(
                 f"settings.method is {self.method!r}; it must be a known method: "

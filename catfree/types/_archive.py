@@ -1,31 +1,30 @@
-"""Arrays to and from one `.npz` file: no pickle, atomic, bit for bit."""
+"""Arrays to and from one `.npz` file: no pickle, atomic, bit for bit, never more than announced."""
 
-import contextlib
+import math
 import os
-import uuid
 import zipfile
-import zlib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import BinaryIO
+from typing import TypeVar
 
 import numpy as np
 
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
+from catfree.types._writing import replacing
+
+T = TypeVar("T")
 
 _KIND = "catfree_kind"
 
-# What damage anywhere in a zip of arrays is known to raise in NumPy and the standard library.
-_DAMAGE = (
-    OSError,
-    ValueError,
-    TypeError,
-    EOFError,
-    RuntimeError,
-    NotImplementedError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
+# An archive may unpack to so many times its own size, or to this many bytes where that is more: a
+# few megabytes of nothing but zeros would otherwise fill the memory.
+_LARGEST_RATIO = 100
+_ALWAYS_ALLOWED = 2**28
+
+_HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
 
 
 def save_arrays(path: str | os.PathLike[str], kind: str, arrays: Mapping[str, object]) -> Path:
@@ -41,38 +40,18 @@ def save_arrays(path: str | os.PathLike[str], kind: str, arrays: Mapping[str, ob
 
     Raises:
         InvalidInputError: if the folder does not exist, or the path is one itself.
-        OSError: if the disk is full or not writable; no partial file is left behind.
+        WriteError: if the disk is full or not writable; no partial file is left behind.
     """
     present = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
+    present[_KIND] = np.array(kind)
     with replacing(path) as stream:
-        np.savez_compressed(stream, allow_pickle=False, **{_KIND: np.array(kind)}, **present)
+        np.savez_compressed(stream, allow_pickle=False, **present)
+        # What compresses so well that it would be refused as a bomb is stored as it is.
+        if sum(array.nbytes for array in present.values()) > _largest_content(stream.tell()) // 2:
+            stream.seek(0)
+            stream.truncate()
+            np.savez(stream, allow_pickle=False, **present)
     return Path(path)
-
-
-@contextlib.contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """A stream whose content takes the place of a file once all of it is written.
-
-    Raises:
-        InvalidInputError: if the folder does not exist, or the path is one itself.
-        OSError: if the disk is full or not writable; no partial file is left behind.
-    """
-    target = Path(path)
-    if not target.parent.is_dir():
-        raise InvalidInputError(
-            f"Cannot write {target}: the folder {target.parent} does not exist. Create it first."
-        )
-    if target.is_dir():
-        raise InvalidInputError(f"Cannot write {target}: it is a folder. Name a file in it.")
-    # Not a file of `tempfile`, which only its owner may read.
-    temporary = target.with_name(f".{target.name}.{uuid.uuid4().hex}")
-    try:
-        with temporary.open("xb") as stream:
-            yield stream
-        os.replace(temporary, target)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
 
 
 def load_arrays(
@@ -100,31 +79,87 @@ def load_arrays(
     source = Path(path)
     if not source.is_file():
         raise InvalidInputError(f"Cannot load {kind}: there is no file {source}.")
-    if not zipfile.is_zipfile(source):
-        raise FileFormatError(
-            f"{source} is not a readable catfree archive: it is no .npz file, or damaged. Give a "
-            f"file that {kind}.save() wrote."
-        )
-    try:
-        # Opened here, because NumPy leaves a file that it cannot read open.
-        with source.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except _DAMAGE as error:
-        raise FileFormatError(
-            f"{source} is not a readable catfree archive ({error}). Save it again with .save()."
-        ) from error
+    arrays = read_archive(source)
     stored = str(arrays.pop(_KIND, "nothing of catfree"))
     if stored != kind:
         raise FileFormatError(
-            f"{source} holds {stored}, not {kind}. Load it with the type that saved it."
+            f"{source} holds {shortened(stored)}, not {kind}. Load it with the type that saved it."
         )
     if required is None:
         return arrays
     missing = [name for name in required if name not in arrays]
     unknown = [name for name in arrays if name not in (*required, *optional)]
     if missing or unknown:
-        what = f"lacks {missing[0]}" if missing else f"holds the unknown entry {unknown[0]}"
+        entry = shortened((missing or unknown)[0])
+        what = f"lacks {entry}" if missing else f"holds the unknown entry {entry}"
         raise FileFormatError(
             f"{source} {what}, so another version wrote this {kind}. Save it again with .save()."
         )
     return arrays
+
+
+def read_archive(
+    path: str | os.PathLike[str], names: Collection[str] | None = None
+) -> dict[str, np.ndarray]:
+    """Read arrays of any `.npz` file without pickle, bounded before memory is asked for.
+
+    Args:
+        path: the file, which must exist.
+        names: arrays to read, where the file has them; None for all.
+
+    Returns:
+        Name to array.
+
+    Raises:
+        FileFormatError: if it is no archive of arrays, is damaged, or unpacks to many times its
+            size.
+    """
+    try:
+        size = os.path.getsize(path)
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+            content = sum(member.file_size for member in members)
+            if content > _largest_content(size):
+                raise ValueError(
+                    f"it would unpack to {content} bytes, more than {_LARGEST_RATIO} times its size"
+                )
+            chosen = {member.filename.removesuffix(".npy"): member for member in members}
+            return {
+                name: _read_member(archive, member)
+                for name, member in chosen.items()
+                if names is None or name in names
+            }
+    # Damage makes the standard library and NumPy raise anything: MemoryError, RecursionError, ...
+    except Exception as error:
+        raise FileFormatError(
+            f"{path} is not a readable .npz file ({quoted(error)}). Is it complete, and did "
+            "catfree or NumPy write it?"
+        ) from error
+
+
+def naming_file(source: str | os.PathLike[str], build: Callable[[], T]) -> T:
+    """Call a type's constructor or a check, and put the file's name before its complaint."""
+    try:
+        return build()
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{source}: {error}") from error
+
+
+def _read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+    """One array, whose header must ask for exactly what the archive holds."""
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError("it is compressed in a way that NumPy never uses")
+    with archive.open(member) as stream:
+        shape, _, dtype = _HEADERS[np.lib.format.read_magic(stream)](stream)
+        if dtype.hasobject:
+            raise ValueError("it holds Python objects")
+        asked = math.prod(shape) * dtype.itemsize
+        if min(shape, default=0) < 0 or asked != member.file_size - stream.tell():
+            raise ValueError(f"an array of shape {shape} does not fit into it")
+    with archive.open(member) as stream:
+        return np.lib.format.read_array(stream, allow_pickle=False)
+
+
+def _largest_content(size: int) -> int:
+    """Bytes that an archive of `size` bytes may unpack to."""
+    return max(_ALWAYS_ALLOWED, _LARGEST_RATIO * size)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.errors import InvalidInputError
-from catfree.types._archive import load_arrays, save_arrays
+from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._validation import (
     as_boolean,
     as_float,
@@ -18,12 +18,15 @@ from catfree.types._validation import (
     require_shape,
 )
 
+WIDEST_SPAN = 2**53  # frames; beyond it differences are no exact floats (104 days in nanoseconds)
+
 
 class Detections(eqx.Module):
     """Person detections of all cameras and frames, one row each, in any order.
 
     Attributes:
-        frame: (N,) int64, the synchronized frame (time index) of each box; any integers.
+        frame: (N,) int64, the synchronized frame (time index) of each box; any integers
+            less than 2^53 apart.
         camera: (N,) int64, index into the rig's cameras, 0-based.
         box: (N, 4) x1, y1, x2, y2 in original image pixels, the centre of the top-left pixel at
             (0, 0); float dtype is kept, other numbers become float64.
@@ -56,7 +59,8 @@ class Detections(eqx.Module):
 
         Raises:
             InvalidInputError: naming the first entry that has a wrong shape, a value that is not
-                finite, a box without area, a negative camera or a score outside [0, 1].
+                finite, a box without area, a negative camera or a score outside [0, 1]; or if the
+                frames span 2^53 or more.
         """
         self.frame = as_integer(frame, "frame")
         self.camera = as_integer(camera, "camera")
@@ -77,6 +81,11 @@ class Detections(eqx.Module):
     def _check(self) -> None:
         require_shape(self.frame, (None,), "frame")
         n = len(self.frame)
+        if n and int(self.frame.max()) - int(self.frame.min()) >= WIDEST_SPAN:
+            raise InvalidInputError(
+                f"frame goes from {self.frame.min()} to {self.frame.max()}: differences beyond "
+                "2^53 are not exact. Count frames, or time, from the first one."
+            )
         require_shape(self.camera, (n,), "camera")
         require_shape(self.box, (n, 4), "box")
         require_finite(self.box, "box")
@@ -132,7 +141,12 @@ class Detections(eqx.Module):
         return np.stack([(self.box[:, 0] + self.box[:, 2]) / 2, self.box[:, 3]], axis=-1)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write to one `.npz` file (no pickle); `load` returns it bit for bit."""
+        """Write to one `.npz` file (no pickle); `load` returns it bit for bit.
+
+        Raises:
+            InvalidInputError: if the folder does not exist.
+            WriteError: if the disk is full or not writable.
+        """
         save_arrays(path, "Detections", vars(self))
 
     @classmethod
@@ -140,9 +154,10 @@ class Detections(eqx.Module):
         """Read what `save` wrote.
 
         Raises:
-            InvalidInputError: if there is no such file.
+            InvalidInputError: if there is no such file, or a row in it is invalid.
             FileFormatError: if the file holds something else.
         """
         optional = ("score", "ankles_confirmed", "embedding", "keypoints")
         required = ("frame", "camera", "box")
-        return cls(**load_arrays(path, "Detections", required=required, optional=optional))
+        arrays = load_arrays(path, "Detections", required=required, optional=optional)
+        return naming_file(path, lambda: cls(**arrays))

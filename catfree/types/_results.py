@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.types._archive import load_arrays, save_arrays
+from catfree.types._archive import load_arrays, naming_file, save_arrays
 
 
 class Fate(IntEnum):
@@ -142,12 +142,17 @@ class Tracks(eqx.Module):
         """Read what `save` wrote.
 
         Raises:
-            InvalidInputError: if there is no such file.
+            InvalidInputError: if there is no such file, or a number in it is out of range.
             FileFormatError: if the file holds something else.
         """
         optional = ("existence",)
         required = [name for name in cls.__annotations__ if name not in optional]
-        return cls(**load_arrays(path, "Tracks", required=required, optional=optional))
+        tracks = cls(**load_arrays(path, "Tracks", required=required, optional=optional))
+        # Imported here, because the checks name this type.
+        from catfree.types._result_checks import require_sound_tracks
+
+        naming_file(path, lambda: require_sound_tracks(tracks))
+        return tracks
 
 
 class Thresholds(eqx.Module):

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.errors import InvalidInputError
-from catfree.types._archive import load_arrays, save_arrays
+from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._array_types import HostOrDevice
 from catfree.types._validation import (
     as_boolean,
@@ -112,7 +112,7 @@ class Rig(eqx.Module):
                 "[0, 0, 1]]. Divide by K[2, 2], and check that it is not transposed."
             )
         R = np.asarray(self.R, np.float64)
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):
             error = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max((-1, -2))
             rotation_bad = known & ~((error < ROTATION_TOLERANCE) & (np.linalg.det(R) > 0))
         if rotation_bad.any():
@@ -142,7 +142,12 @@ class Rig(eqx.Module):
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write to one `.npz` file (no pickle)."""
+        """Write to one `.npz` file (no pickle).
+
+        Raises:
+            InvalidInputError: if the folder does not exist.
+            WriteError: if the disk is full or not writable.
+        """
         save_arrays(path, "Rig", vars(self))
 
     @classmethod
@@ -150,8 +155,9 @@ class Rig(eqx.Module):
         """Read what `save` wrote.
 
         Raises:
-            InvalidInputError: if there is no such file.
+            InvalidInputError: if there is no such file, or a camera in it is invalid.
             FileFormatError: if the file holds something else.
         """
         required, optional = RIG_FIELDS
-        return cls(**load_arrays(path, "Rig", required=required, optional=optional))
+        arrays = load_arrays(path, "Rig", required=required, optional=optional)
+        return naming_file(path, lambda: cls(**arrays))

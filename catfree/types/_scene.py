@@ -9,16 +9,19 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.errors import InvalidInputError
-from catfree.types._archive import load_arrays, save_arrays
+from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._array_types import HostOrDevice
 from catfree.types._rig import RIG_FIELDS, Rig
 from catfree.types._validation import (
+    as_boolean,
     as_float,
     is_traced,
     require_finite,
     require_instance,
     require_shape,
 )
+
+HIGHEST_CAMERA = 100.0  # metres
 
 
 class Plane(eqx.Module):
@@ -105,8 +108,9 @@ class Scene(eqx.Module):
         """Validate and store.
 
         Raises:
-            InvalidInputError: if rig or ground is something else, the extent is not positive or
-                the cameras are below the ground.
+            InvalidInputError: if rig or ground is something else, the extent is not positive, the
+                cameras are below the ground, or a camera of a metric scene hangs so high that the
+                rig must be in another unit.
         """
         require_instance(rig, Rig, "rig")
         require_instance(ground, Plane, "ground")
@@ -123,10 +127,29 @@ class Scene(eqx.Module):
                 "The cameras are on the negative side of the ground (median "
                 f"{np.median(height):.3g} scene units). Flip the plane: Plane(-normal, -offset)."
             )
+        if self.metric and height.size and height.max() >= HIGHEST_CAMERA:
+            at = int(np.flatnonzero(rig.registered)[height.argmax()])
+            raise InvalidInputError(
+                f"Camera {at} hangs {height.max():.5g} m above the ground, but cameras that show "
+                f"people hang below {HIGHEST_CAMERA:g} m. If the rig is in millimetres or "
+                "centimetres, divide t by 1000 or 100 (the readers of calibration files have "
+                "metres_per_unit); if its units are not known, pass metric=False."
+            )
 
     @classmethod
-    def from_rig(cls, rig: Rig, ground: Plane, metric: bool = False) -> "Scene":
-        """A scene whose extent is twice the median distance of the centres from their mean."""
+    def from_rig(cls, rig: Any, ground: Plane, metric: bool = False) -> "Scene":
+        """A scene whose extent is twice the median distance of the centres from their mean.
+
+        Args:
+            rig: a `Rig`, or what holds one as its `rig`: what a reader of a calibration file gave.
+            ground: the plane people stand on, cameras on its positive side.
+            metric: whether the rig is in metres.
+
+        Raises:
+            InvalidInputError: if fewer than 2 cameras are registered, or as `Scene`.
+        """
+        rig = getattr(rig, "rig", rig)
+        require_instance(rig, Rig, "rig")
         centers = np.asarray(rig.centers)[rig.registered]
         if len(centers) < 2:
             raise InvalidInputError(
@@ -137,7 +160,12 @@ class Scene(eqx.Module):
         return cls(rig, ground, extent, metric)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write to one `.npz` file (no pickle)."""
+        """Write to one `.npz` file (no pickle).
+
+        Raises:
+            InvalidInputError: if the folder does not exist.
+            WriteError: if the disk is full or not writable.
+        """
         save_arrays(
             path,
             "Scene",
@@ -151,15 +179,21 @@ class Scene(eqx.Module):
         """Read what `save` wrote.
 
         Raises:
-            InvalidInputError: if there is no such file.
+            InvalidInputError: if there is no such file, or a value in it is invalid.
             FileFormatError: if the file holds something else.
         """
-        of_rig, optional = ([f"rig_{name}" for name in names] for names in RIG_FIELDS)
-        required = [*of_rig, "normal", "offset", "extent", "metric"]
+        always, optional = ([f"rig_{name}" for name in names] for names in RIG_FIELDS)
+        required = [*always, "normal", "offset", "extent", "metric"]
         arrays = load_arrays(path, "Scene", required=required, optional=optional)
-        rig = Rig(**{k.removeprefix("rig_"): v for k, v in arrays.items() if k.startswith("rig_")})
-        ground = Plane(arrays["normal"], arrays["offset"])
-        return cls(rig, ground, arrays["extent"], bool(arrays["metric"]))
+        of_rig = {k.removeprefix("rig_"): v for k, v in arrays.items() if k.startswith("rig_")}
+
+        def build() -> Scene:
+            metric = as_boolean(arrays["metric"], "metric")
+            require_shape(metric, (), "metric")
+            ground = Plane(arrays["normal"], arrays["offset"])
+            return cls(Rig(**of_rig), ground, arrays["extent"], bool(metric))
+
+        return naming_file(path, build)
 
 
 class Rays(eqx.Module):

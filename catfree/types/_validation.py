@@ -27,11 +27,17 @@ def require_instance(value: Any, kind: type, name: str) -> None:
 
 
 def _as_array(value: Any) -> np.ndarray:
+    if hasattr(value, "to_rows"):
+        raise InvalidInputError(
+            f"Expected an array of numbers, got {type(value).__name__}. Pass its to_rows()."
+        )
     try:
         return np.asarray(value)
     except ValueError as error:
         raise InvalidInputError(
             "Expected an array, got lists of different lengths. Give every row as many entries."
+            if isinstance(value, list | tuple)
+            else f"Expected an array of numbers, got {type(value).__name__}."
         ) from error
 
 
@@ -100,9 +106,12 @@ def as_boolean(value: Any, name: str) -> np.ndarray:
     array = _as_array(value)
     if array.dtype == bool:
         return array
+    if array.size and array.dtype.kind not in "iuf":
+        raise InvalidInputError(f"{name} must hold true and false, got dtype {array.dtype}.")
     bad = ~np.isin(array, (0, 1))
     if bad.any():
-        raise InvalidInputError(f"{name}[{first_index(bad)}] is neither true nor false.")
+        entry = f"{name}[{first_index(bad)}]" if bad.ndim else name
+        raise InvalidInputError(f"{entry} is neither true nor false.")
     return array.astype(bool)
 
 

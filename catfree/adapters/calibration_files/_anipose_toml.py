@@ -1,5 +1,6 @@
 """The `calibration.toml` that aniposelib, Pose2Sim, FreeMoCap and Caliscope exchange."""
 
+import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,10 +20,17 @@ from catfree.adapters.files._documents import (
     naming_file,
     numbers,
     read_text,
+    text_of,
     write_text_atomically,
 )
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.errors import FileFormatError, quoted, shortened
 from catfree.types import Rig
+
+# A camera takes some 500 bytes, and a line of it has nine decimal points. The time and the depth
+# of the parser grow much faster than a file, and fastest with the parts of a dotted key.
+_LARGEST_FILE = 2**20
+_MOST_DOTS = 64
+_TOML_STRING = re.compile(r'"(?:[^"\\\n]|\\.)*"?|\'[^\'\n]*\'?')
 
 
 def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRig:
@@ -42,21 +50,32 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
 
     Raises:
         InvalidInputError: if there is no such file or a camera is invalid.
-        FileFormatError: if it is no TOML of this form, or a camera is a fisheye.
+        FileFormatError: if it is no TOML of this form, a camera is a fisheye, or two cameras have
+            one name.
     """
     source = Path(path)
-    try:
-        document = tomllib.loads(read_text(source, "calibration"))
-    except tomllib.TOMLDecodeError as error:
+    text = read_text(source, "calibration")
+    if len(text) > _LARGEST_FILE:
         raise FileFormatError(
-            f"{source} is not valid TOML ({error}). Is the file complete?"
+            f"{source} has {len(text)} characters; no calibration has more than {_LARGEST_FILE}."
+        )
+    for at, line in enumerate(_TOML_STRING.sub('""', text).split("\n"), start=1):
+        if line.count(".") > _MOST_DOTS:
+            raise FileFormatError(
+                f"{source}: line {at} has {line.count('.')} dots, which no calibration has."
+            )
+    try:
+        document = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise FileFormatError(
+            f"{source} is not valid TOML ({quoted(error)}). Is the file complete?"
         ) from error
     cameras = {key: value for key, value in document.items() if _is_camera(value)}
     if not cameras:
         raise FileFormatError(f"{source} holds no camera (a table with a 'matrix').")
     K, R, t, size, lens = [], [], [], [], []
     for key, camera in cameras.items():
-        where = f"camera [{key}]"
+        where = f"camera [{shortened(key)}]"
         if camera.get("fisheye", False):
             raise FileFormatError(
                 f"{source}: {where} is a fisheye, which is not supported. Undistort its images."
@@ -66,14 +85,15 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
         K.append(numbers(part["matrix"], (3, 3), source, f"matrix of {where}"))
         size.append(numbers(part["size"], (2,), source, f"size of {where}"))
         vector = numbers(part["rotation"], (3,), source, f"rotation of {where}")
-        if not np.isfinite(vector).all():
-            raise InvalidInputError(f"{source}: the rotation of {where} is not finite.")
         R.append(rotation_from_vector(vector))
         t.append(numbers(part["translation"], (3,), source, f"translation of {where}"))
         values = camera.get("distortions", [])
         coefficients = numbers(values, None, source, f"distortions of {where}")
         lens.append(five_coefficients(coefficients, source, where))
-    names = tuple(str(camera.get("name", key)) for key, camera in cameras.items())
+    names = tuple(
+        text_of(camera.get("name", key), source, f"the name of camera [{shortened(key)}]")
+        for key, camera in cameras.items()
+    )
     rig = naming_file(
         source,
         lambda: Rig(
@@ -84,7 +104,7 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
             distortion=np.stack(lens) if np.any(lens) else None,
         ),
     )
-    return NamedRig(rig, names)
+    return naming_file(source, lambda: NamedRig(rig, names))
 
 
 def write_anipose_toml(

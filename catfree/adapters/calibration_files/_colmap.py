@@ -28,8 +28,9 @@ from catfree.adapters.files._documents import (
     require_folder,
     write_text_atomically,
 )
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Rig
+from catfree.types._writing import make_folder
 
 
 def read_colmap(folder: StrPath) -> NamedRig:
@@ -66,14 +67,17 @@ def read_colmap(folder: StrPath) -> NamedRig:
     images = sorted(images, key=lambda image: image[0])
     K, lens, R, t, size = [], [], [], [], []
     for name, camera_id, quaternion, translation in images:
+        label = shortened(name)
         if camera_id not in cameras:
-            raise FileFormatError(f"{source}: image {name} has camera {camera_id}, not in cameras.")
+            raise FileFormatError(
+                f"{source}: image {label} has camera {camera_id}, not in cameras."
+            )
         model, width, height, parameters = cameras[camera_id]
-        matrix, coefficients = intrinsics(model, parameters, root, name)
+        matrix, coefficients = intrinsics(model, parameters, root, label)
         with np.errstate(over="ignore"):
             norm = np.linalg.norm(quaternion)
         if not (np.isfinite(norm) and norm > 0):
-            raise InvalidInputError(f"{source}: image {name} has no valid rotation quaternion.")
+            raise InvalidInputError(f"{source}: image {label} has no valid rotation quaternion.")
         K.append(matrix)
         lens.append(coefficients)
         R.append(Rotation.from_quat(np.roll(quaternion, -1)).as_matrix())
@@ -83,7 +87,8 @@ def read_colmap(folder: StrPath) -> NamedRig:
     rig = naming_file(
         root, lambda: Rig(np.stack(K), np.stack(R), np.stack(t), np.array(size), distortion)
     )
-    return NamedRig(rig, tuple(image[0] for image in images), points)
+    names = tuple(image[0] for image in images)
+    return naming_file(source, lambda: NamedRig(rig, names, points))
 
 
 def write_colmap_text(
@@ -107,8 +112,9 @@ def write_colmap_text(
         The folder.
 
     Raises:
-        InvalidInputError: if the folder cannot be made, no camera is registered, a name has a
-            space, or a K has skew, which COLMAP's models do not know.
+        InvalidInputError: if the parent folder does not exist, no camera is registered, a name has
+            a space, or a K has skew, which COLMAP's models do not know.
+        WriteError: if the disk is full or not writable.
     """
     root = Path(folder)
     rig, labels = registered_cameras(rig, names, root)
@@ -119,12 +125,12 @@ def write_colmap_text(
     for at, name in enumerate(labels):
         if not name or any(letter.isspace() for letter in name):
             raise InvalidInputError(
-                f"Cannot write {root}: camera name {name!r} is empty or has a space."
+                f"Cannot write {root}: camera name {quoted(name)} is empty or has a space."
             )
         if abs(K[at, 0, 1]) > 1e-9 * K[at, 0, 0]:
             raise InvalidInputError(
-                f"Cannot write {root}: camera {name} has skew {K[at, 0, 1]:.3g}, which no COLMAP "
-                "model knows."
+                f"Cannot write {root}: camera {shortened(name)} has skew {K[at, 0, 1]:.3g}, which "
+                "no COLMAP model knows."
             )
         focal = [K[at, 0, 0], K[at, 1, 1]]
         centre = [K[at, 0, 2] + PIXEL_CENTRE, K[at, 1, 2] + PIXEL_CENTRE]
@@ -148,7 +154,7 @@ def write_colmap_text(
         )
     if root.exists() and not root.is_dir():
         raise InvalidInputError(f"Cannot write {root}: the path {root.name} is not a folder.")
-    root.mkdir(exist_ok=True)
+    make_folder(root)
     for file, lines in (("cameras", cameras), ("images", images), ("points3D", cloud)):
         write_text_atomically(root / f"{file}.txt", "\n".join(lines) + "\n")
     return root
@@ -167,7 +173,9 @@ def _integer(word: str, source: Path, where: str) -> int:
     try:
         return int(word)
     except ValueError as error:
-        raise FileFormatError(f"{source}: {where} has {word!r} instead of a number.") from error
+        raise FileFormatError(
+            f"{source}: {where} has {quoted(word)} instead of a number."
+        ) from error
 
 
 def _text_cameras(path: Path) -> dict[int, ColmapCamera]:
@@ -193,10 +201,10 @@ def _text_images(path: Path) -> list[ColmapImage]:
             continue
         words = line.split(maxsplit=9)
         if len(words) < 10:
-            raise FileFormatError(f"{path}: the line of image {words[0]} is incomplete.")
+            raise FileFormatError(f"{path}: the line of image {shortened(words[0])} is incomplete.")
         name = words[9]
-        pose = numbers(words[1:8], (7,), path, f"image {name}")
-        camera_id = _integer(words[8], path, f"image {name}")
+        pose = numbers(words[1:8], (7,), path, f"image {shortened(name)}")
+        camera_id = _integer(words[8], path, f"image {shortened(name)}")
         images.append((name, camera_id, pose[:4], pose[4:]))
         next(lines, None)  # its image points, possibly an empty line
     return images
@@ -206,5 +214,5 @@ def _text_points(path: Path) -> np.ndarray | None:
     if not path.is_file():
         return None
     rows = [line.split() for line in filter(None, _lines(path, "COLMAP points"))]
-    points = [numbers(row[1:4], (3,), path, f"point {row[0]}") for row in rows]
+    points = [numbers(row[1:4], (3,), path, f"point {shortened(row[0])}") for row in rows]
     return np.array(points).reshape(-1, 3)

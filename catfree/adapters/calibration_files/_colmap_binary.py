@@ -17,8 +17,8 @@ from catfree.adapters.calibration_files._colmap_models import (
     ColmapImage,
     supported_model,
 )
-from catfree.adapters.files._documents import require_file
-from catfree.errors import FileFormatError
+from catfree.adapters.files._documents import numbers, require_file
+from catfree.errors import FileFormatError, quoted
 
 
 class _Bytes:
@@ -26,7 +26,10 @@ class _Bytes:
 
     def __init__(self, path: Path, meaning: str) -> None:
         self.path = require_file(path, meaning)
-        self.data, self.at = self.path.read_bytes(), 0
+        try:
+            self.data, self.at = self.path.read_bytes(), 0
+        except OSError as error:
+            raise FileFormatError(f"{self.path} cannot be read: {quoted(error)}.") from error
 
     def take(self, layout: str) -> tuple:
         size = struct.calcsize("<" + layout)
@@ -39,10 +42,10 @@ class _Bytes:
         self.at += size
 
     def name(self) -> str:
-        end = self.data.find(b"\0", self.at)
-        start, self.at = self.at, end + 1
+        start, end = self.at, self.data.find(b"\0", self.at)
+        self.skip((end if end >= 0 else len(self.data)) - start + 1)
         try:
-            return self.data[start : end if end >= 0 else start].decode("utf-8")
+            return self.data[start:end].decode("utf-8")
         except UnicodeDecodeError as error:
             raise FileFormatError(f"{self.path} has an image name that is no text.") from error
 
@@ -85,4 +88,4 @@ def binary_points(path: Path) -> np.ndarray | None:
     for _ in stream.records():
         points.append(stream.take("Q3d3Bd")[1:4])
         stream.skip(8 * stream.take("Q")[0])  # image id and point index of each observation
-    return np.array(points).reshape(-1, 3)
+    return numbers(points, (len(points), 3), path, "a point")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from catfree.adapters.calibration_files._distortion import five_coefficients
-from catfree.errors import FileFormatError
+from catfree.errors import FileFormatError, shortened
 
 # Number, name and parameters of the supported models; coefficients are OpenCV's.
 MODELS = {
@@ -55,7 +55,7 @@ def supported_model(model: str, source: Path, camera_id: int) -> str:
     """
     if model not in PARAMETERS:
         raise FileFormatError(
-            f"{source}: camera {camera_id} has the model {model}; supported are "
+            f"{source}: camera {camera_id} has the model {shortened(model)}; supported are "
             f"{', '.join(PARAMETERS)}. Undistort the images with COLMAP first."
         )
     return model

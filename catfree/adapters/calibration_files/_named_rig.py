@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from catfree.adapters.files._camera_names import is_text
 from catfree.adapters.files._documents import StrPath
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, shortened
 from catfree.types import Rig
 
 
@@ -26,6 +26,10 @@ class NamedRig:
     names: tuple[str, ...]
     points: Float[np.ndarray, "p 3"] | None = None
 
+    def __post_init__(self) -> None:
+        """Raise InvalidInputError if the names do not fit the cameras; see `default_names`."""
+        default_names(self.rig, self.names)
+
 
 def default_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
     """The given names, or C1, C2, ...
@@ -41,10 +45,13 @@ def default_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
     for camera, name in enumerate(names):
         if not (isinstance(name, str) and is_text(name)):
             raise InvalidInputError(
-                f"The name of camera {camera} is {name!a}; it must be text that UTF-8 can hold."
+                f"The name of camera {camera} is {shortened(ascii(name))}; it must be text that "
+                "UTF-8 can hold."
             )
     if len(set(names)) < len(names):
-        raise InvalidInputError(f"Two cameras have the same name: {', '.join(names)}.")
+        raise InvalidInputError(
+            f"Two cameras have the same name: {shortened(', '.join(names))}. Rename one of them."
+        )
     return tuple(names)
 
 

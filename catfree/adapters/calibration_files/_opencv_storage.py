@@ -9,27 +9,40 @@ import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from catfree.adapters.files._documents import StrPath, numbers, read_text
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.errors import FileFormatError, quoted
 
 _MATRIX = "opencv-matrix"
 _YAML_ENTRY = re.compile(r"([A-Za-z_][\w.-]*)\s*:\s*(.*)")
+_YAML_DATA = re.compile(r"\bdata:\s*\[")
 _YAML_SPECIAL = {".nan": "nan", ".inf": "inf", "+.inf": "inf", "-.inf": "-inf"}
 
 
-def read_storage(path: StrPath, meaning: str) -> dict[str, np.ndarray]:
-    """The matrices, numbers and lists of numbers at the top of a file; other entries are skipped.
+class Storage(NamedTuple):
+    """The entries at the top of a file, by name.
+
+    Attributes:
+        numbers: (n,) float64 of each matrix, row by row, and of each number or list of numbers.
+        words: what is neither, as text.
+    """
+
+    numbers: dict[str, np.ndarray]
+    words: dict[str, str]
+
+
+def read_storage(path: StrPath, meaning: str) -> Storage:
+    """The matrices, numbers, lists of numbers and words at the top of a file.
 
     Args:
         path: the file; the first character tells XML (`<`), JSON (`{`) and YAML apart.
         meaning: what it is, for messages: `intrinsics of camera C1`.
 
     Returns:
-        Name to (n,) float64 array; a matrix row by row.
+        Numbers and words; entries of other kinds are skipped.
 
     Raises:
         InvalidInputError: if there is no such file.
@@ -38,18 +51,22 @@ def read_storage(path: StrPath, meaning: str) -> dict[str, np.ndarray]:
     source = Path(path)
     text = read_text(source, meaning).strip()
     parse = {"<": _xml_entries, "{": _json_entries}.get(text[:1], _yaml_entries)
-    values = {}
+    found = Storage({}, {})
     try:
         for name, entry in parse(text):
             if (plain := _plain_numbers(entry)) is not None:
-                values[name] = plain
+                found.numbers[name] = plain
+            elif isinstance(entry, str):
+                found.words[name] = entry
+            elif isinstance(entry, list) and all(isinstance(word, str) for word in entry):
+                found.words[name] = " ".join(entry)
     except (ElementTree.ParseError, ValueError, KeyError, RecursionError) as error:
         raise FileFormatError(
-            f"{source} ({meaning}) is malformed ({error}). Is the file complete?"
+            f"{source} ({meaning}) is malformed ({quoted(error)}). Is the file complete?"
         ) from error
-    if not values:
+    if not found.numbers:
         raise FileFormatError(f"{source} ({meaning}) holds no numbers that OpenCV could have put.")
-    return values
+    return found
 
 
 def read_matrices(
@@ -66,14 +83,12 @@ def read_matrices(
         InvalidInputError: if there is no such file or a number is not finite.
         FileFormatError: if it is malformed or lacks one of the matrices.
     """
-    values = read_storage(path, meaning)
+    values = read_storage(path, meaning).numbers
     matrices = {}
     for name, shape in shapes.items():
         if name not in values:
             raise FileFormatError(f"{path} ({meaning}) has no {name!r}.")
         matrices[name] = numbers(values[name], shape, path, f"{name!r}")
-        if not np.isfinite(matrices[name]).all():
-            raise InvalidInputError(f"{path} ({meaning}): {name!r} is not finite.")
     return matrices
 
 
@@ -116,10 +131,10 @@ def _yaml_entries(text: str) -> Iterable[tuple[str, Any]]:
     for name, lines in blocks:
         body = "\n".join(lines)
         if lines[0].startswith(f"!!{_MATRIX}"):
-            data = re.search(r"\bdata:\s*\[(.*)\]", body, re.DOTALL)
-            if data is None:
+            data, end = _YAML_DATA.search(body), body.rfind("]")
+            if data is None or end < data.end():
                 raise ValueError(f"matrix {name} is incomplete")
-            yield name, _yaml_words(data[1])
+            yield name, _yaml_words(body[data.end() : end])
         elif lines[0].startswith("["):
             if not body.rstrip().endswith("]"):
                 raise ValueError(f"list {name} is incomplete")

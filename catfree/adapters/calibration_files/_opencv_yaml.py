@@ -1,6 +1,7 @@
 """Calibrations as OpenCV writes them: one YAML, XML or JSON file a camera."""
 
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -8,9 +9,9 @@ import numpy as np
 
 from catfree.adapters.calibration_files._distortion import five_coefficients
 from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
-from catfree.adapters.calibration_files._opencv_storage import read_storage
+from catfree.adapters.calibration_files._opencv_storage import Storage, read_storage
 from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
-from catfree.adapters.files._camera_names import file_names
+from catfree.adapters.files._camera_names import file_names, names_of_files
 from catfree.adapters.files._documents import (
     StrPath,
     naming_file,
@@ -37,6 +38,9 @@ _WIDTH = ("image_width", "image_Width", "width")
 _HEIGHT = ("image_height", "image_Height", "height")
 _SIZE = ("image_size", "imageSize", "size")
 
+# Words by which files and tools call the lens model of `cv2.fisheye`.
+_FISHEYE = re.compile("fish_?eye|equidistant|kannala", re.IGNORECASE)
+
 
 def read_opencv_yaml(
     paths: StrPath | Sequence[StrPath],
@@ -51,17 +55,24 @@ def read_opencv_yaml(
     vector, or `rvec`; `t` or `tvec`), and the image size (`image_width` and `image_height`, or
     `image_size`).
 
+    Four coefficients are k1, k2, p1, p2 of an old pinhole calibration or k1 to k4 of
+    `cv2.fisheye.calibrate`, and read as the wrong ones they move people by metres: unless all are
+    0, the file must say which, by `fisheye_model: 0` or another entry whose name has "model" in it
+    (`distortion_model: plumb_bob`), or by a fifth coefficient.
+
     Args:
         paths: one file or several, in the order of the rig's cameras.
         image_size: width and height in pixels for files that do not tell.
         metres_per_unit: the files' unit of length: 0.001 for millimetres.
 
     Returns:
-        The rig, each camera named after its file.
+        The rig, each camera named after its file, and after its folder, too, where files of several
+        folders have one name.
 
     Raises:
-        InvalidInputError: if a file is missing or a camera is invalid.
-        FileFormatError: if a file is not of this form.
+        InvalidInputError: if a file is missing or given twice, or a camera is invalid.
+        FileFormatError: if a file is not of this form, or of a fisheye, or does not say of which
+            lens its four coefficients are.
     """
     if isinstance(paths, str | os.PathLike):
         paths = (paths,)
@@ -70,17 +81,18 @@ def read_opencv_yaml(
         raise InvalidInputError("read_opencv_yaml needs at least one file.")
     K, R, t, size, lens = [], [], [], [], []
     for source in sources:
-        values = read_storage(source, "calibration")
+        storage = read_storage(source, "calibration")
+        values = storage.numbers
         K.append(numbers(_first(values, _INTRINSICS, source, "intrinsics"), (3, 3), source, "K"))
         rotation = _first(values, _ROTATION, source, "rotation")
         if rotation.size == 3:
-            if not np.isfinite(rotation).all():
-                raise InvalidInputError(f"{source}: the rotation is not finite.")
-            rotation = rotation_from_vector(rotation)
+            vector = numbers(rotation, (3,), source, "the rotation")
+            rotation = rotation_from_vector(vector)
         R.append(numbers(rotation, (3, 3), source, "the rotation"))
         shift = _first(values, _TRANSLATION, source, "translation")
         t.append(numbers(shift, (3,), source, "the translation") * metres_per_unit)
         coefficients = _first(values, _DISTORTION, source, None)
+        _refuse_fisheye(storage, coefficients, source)
         lens.append(five_coefficients(coefficients, source, "the camera"))
         size.append(_image_size(values, source, image_size))
     rig = naming_file(
@@ -93,7 +105,7 @@ def read_opencv_yaml(
             distortion=np.stack(lens) if np.any(lens) else None,
         ),
     )
-    return NamedRig(rig, tuple(source.stem for source in sources))
+    return NamedRig(rig, tuple(names_of_files(sources)))
 
 
 def write_opencv_yaml(
@@ -138,6 +150,23 @@ def write_opencv_yaml(
         target = Path(folder) / f"{name}.yml"
         paths.append(write_text_atomically(target, "\n".join(lines) + "\n"))
     return tuple(paths)
+
+
+def _refuse_fisheye(storage: Storage, coefficients: np.ndarray, source: Path) -> None:
+    """Raise if a file says that its lens is a fisheye, or does not say it but may well mean it."""
+    models = {key: text for key, text in storage.words.items() if "model" in key.lower()}
+    flag = storage.numbers.get("fisheye_model", storage.numbers.get("fisheye", np.empty(0)))
+    if flag.any() or any(_FISHEYE.search(text) for text in models.values()):
+        raise FileFormatError(
+            f"{source} is of a fisheye lens, which is not supported. Undistort its images with "
+            "cv2.fisheye, and give the calibration of the undistorted ones."
+        )
+    if coefficients.size == 4 and coefficients.any() and not (models or flag.size):
+        raise FileFormatError(
+            f"{source} has 4 distortion coefficients and does not say of which lens. For k1, k2, "
+            "p1, p2 of a pinhole add k3 = 0 as the fifth, or the line `fisheye_model: 0`; if they "
+            "are k1 to k4 of cv2.fisheye, undistort the images."
+        )
 
 
 def _first(

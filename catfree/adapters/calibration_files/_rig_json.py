@@ -15,9 +15,10 @@ from catfree.adapters.files._documents import (
     naming_file,
     numbers,
     read_json,
+    text_of,
     write_text_atomically,
 )
-from catfree.errors import FileFormatError
+from catfree.errors import FileFormatError, quoted
 from catfree.types import Plane, Rig, Scene
 
 _CONVENTIONS = {
@@ -138,20 +139,20 @@ def _write(path: StrPath, document: dict[str, Any]) -> Path:
 def _read_rig(document: Any, source: Path) -> NamedRig:
     units = entry(document, "units", source, "the file")
     if units not in _UNITS.values():
-        raise FileFormatError(f"{source} has units {units!r}; known are 'm' and 'arbitrary'.")
+        raise FileFormatError(f"{source} has units {quoted(units)}; known are 'm' and 'arbitrary'.")
     cameras = entry(document, "cameras", source, "the file")
     if not isinstance(cameras, list) or not cameras:
         raise FileFormatError(f"{source}: cameras must be a list with at least one camera.")
     names, K, R, t, size, lens, registered = [], [], [], [], [], [], []
     for at, camera in enumerate(cameras):
         where = f"camera {at}"
-        names.append(str(entry(camera, "name", source, where)))
-        K.append(numbers(entry(camera, "K", source, where), (3, 3), source, f"K of {where}"))
-        R.append(numbers(entry(camera, "R", source, where), (3, 3), source, f"R of {where}"))
-        t.append(numbers(entry(camera, "t", source, where), (3,), source, f"t of {where}"))
+        names.append(text_of(entry(camera, "name", source, where), source, f"the name of {where}"))
+        registered.append(bool(camera.get("registered", True)))
+        for values, key, shape in ((K, "K", (3, 3)), (R, "R", (3, 3)), (t, "t", (3,))):
+            value, place = entry(camera, key, source, where), f"{key} of {where}"
+            values.append(numbers(value, shape, source, place, finite=registered[-1]))
         pair = [entry(camera, key, source, where) for key in ("width", "height")]
         size.append(numbers(pair, (2,), source, f"the image size of {where}"))
-        registered.append(bool(camera.get("registered", True)))
         values = camera.get("distortion")
         if values is not None and registered[-1]:
             values = numbers(values, None, source, f"the distortion of {where}")
@@ -168,4 +169,4 @@ def _read_rig(document: Any, source: Path) -> NamedRig:
             np.stack(K), np.stack(R), np.stack(t), np.stack(size), distortion, np.array(registered)
         ),
     )
-    return NamedRig(rig, tuple(names))
+    return naming_file(source, lambda: NamedRig(rig, tuple(names)))

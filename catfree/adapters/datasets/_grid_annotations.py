@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 
 from catfree.adapters.datasets._sequence import MultiViewSequence, metric_scene
-from catfree.adapters.files._documents import entry, numbers, read_json
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.adapters.files._documents import entry, is_whole, numbers, read_json
+from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Detections, Rig
 
 InvalidBoxes = Literal["raise", "drop"]
@@ -76,11 +76,19 @@ def numbered_files(folder: Path, pattern: str) -> dict[int, Path]:
     Args:
         folder: where to look; a missing folder holds no files.
         pattern: regular expression that the suffix must match, without the dot: `json`.
+
+    Raises:
+        FileFormatError: if a number is too large to be counted exactly.
     """
     name = re.compile(rf"(\d+)\.({pattern})", re.IGNORECASE)
     files = sorted(folder.iterdir()) if folder.is_dir() else []
     found = ((name.fullmatch(file.name), file) for file in files)
-    return dict(sorted((int(match[1]), file) for match, file in found if match))
+    numbered = sorted((int(match[1]), file) for match, file in found if match)
+    if numbered and not is_whole(numbered[-1][0]):
+        raise FileFormatError(
+            f"{numbered[-1][1]}: the number of this file is too large for a frame. Rename it."
+        )
+    return dict(numbered)
 
 
 def read_annotations(
@@ -135,7 +143,7 @@ def read_annotations(
                     )
                 place = f"the box of {where} in camera {camera_names[camera]}"
                 values = [entry(view, key, source, place) for key in _CORNERS]
-                box = numbers(values, (4,), source, place)
+                box = numbers(values, (4,), source, place, finite=False)
                 if (box == -1).all():
                     continue
                 if not (box[2] > box[0] and box[3] > box[1] and np.isfinite(box).all()):
@@ -212,6 +220,8 @@ def image_numbers(folder: Path, camera_names: tuple[str, ...]) -> np.ndarray:
 
 
 def _whole(value: Any, source: Path, where: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise FileFormatError(f"{source}: {where} has {value!r} where a whole number belongs.")
+    if not (isinstance(value, int) and is_whole(value)):
+        raise FileFormatError(
+            f"{source}: {where} has {quoted(value)} where a whole number below 2^53 belongs."
+        )
     return value

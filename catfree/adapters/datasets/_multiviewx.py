@@ -188,4 +188,7 @@ def _table(path: Path, columns: int, meaning: str) -> np.ndarray:
         raise FileFormatError(f"{path} ({meaning}) holds something else than numbers.") from error
     if not np.isfinite(table).all():
         raise InvalidInputError(f"{path} ({meaning}) has a number that is not finite.")
+    index = table[:, :2]
+    if (np.abs(index) >= 2.0**53).any() or (index != np.round(index)).any():
+        raise FileFormatError(f"{path} ({meaning}): frame and person must be whole numbers.")
     return table

@@ -16,7 +16,9 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Detections, Plane, Rig, Scene
+from catfree.types._validation import as_float
 
+_TRUTH = {"frame": 1, "id": 1, "xy": 2}  # arrays of gt.npz and their columns
 _MOST_FRAMES = 10_000_000  # a larger count is a damaged file
 
 
@@ -44,8 +46,10 @@ def read_scenario(folder: StrPath) -> MultiViewSequence:
     scene, fps, frame_count = _read_scene(root / "rig.json")
     detections = _read_detections(root / "detections.npz", scene.rig.camera_count)
     truth = read_npz(root / "gt.npz", "true positions", ("frame", "id", "xy"))
-    ground_truth = np.column_stack([truth["frame"], truth["id"], truth["xy"]]).astype(np.float64)
-    numbers(ground_truth, (len(truth["frame"]), 4), root / "gt.npz", "frame, id, xy")
+    columns = [_rows(truth[name], at, root / "gt.npz", name) for name, at in _TRUTH.items()]
+    if len({len(column) for column in columns}) > 1:
+        raise FileFormatError(f"{root / 'gt.npz'}: frame, id and xy differ in length.")
+    ground_truth = np.concatenate(columns, axis=1)
     protocol = read_json(root / "eval.json", "evaluation protocol")
     centres = entry(protocol, "true_centres", root / "eval.json", "the file")
     area = entry(protocol, "area", root / "eval.json", "the file")
@@ -65,11 +69,16 @@ def read_scenario(folder: StrPath) -> MultiViewSequence:
             centres, (scene.rig.camera_count, 3), root / "eval.json", "true_centres"
         ),
         points=(
-            read_npz(cloud, "scene points", ("points",))["points"].astype(np.float64)
+            _rows(read_npz(cloud, "scene points", ("points",))["points"], 3, cloud, "points")
             if cloud.is_file()
             else None
         ),
     )
+
+
+def _rows(values: np.ndarray, columns: int, source: Path, name: str) -> np.ndarray:
+    """(N, columns) float64."""
+    return numbers(values, (values.size // columns, columns), source, name)
 
 
 def _read_scene(path: Path) -> tuple[Scene, float, int]:
@@ -103,10 +112,10 @@ def _read_detections(path: Path, camera_count: int) -> Detections:
         lambda: Detections(
             arrays["frame"],
             arrays["cam"],
-            arrays["box"].astype(np.float64),
-            score=arrays["score"].astype(np.float64),
+            as_float(arrays["box"]).astype(np.float64),
+            score=as_float(arrays["score"]).astype(np.float64),
             ankles_confirmed=arrays["ankle"],
-            embedding=arrays["emb"].astype(np.float32),
+            embedding=as_float(arrays["emb"]).astype(np.float32),
         ),
     )
     if len(detections) and detections.camera.max() >= camera_count:

@@ -15,13 +15,16 @@ from catfree.adapters.datasets._sequence import (
 from catfree.adapters.files._documents import (
     StrPath,
     entry,
+    is_file,
+    is_whole,
     naming_file,
     numbers,
     read_json,
     read_npz,
+    text_of,
 )
 from catfree.adapters.protocols import ankles_confirmed
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Detections, Rig
 
 
@@ -56,12 +59,15 @@ def read_uniform_json(
     source = Path(path)
     document = read_json(source, "sequence")
     if entry(document, "units", source, "the file") != "m":
-        raise FileFormatError(f"{source} has units {document['units']!r}; convert it to 'm'.")
+        raise FileFormatError(f"{source} has units {quoted(document['units'])}; convert it to 'm'.")
     cameras = _list(entry(document, "cameras", source, "the file"), source, "cameras")
     records = _list(entry(document, "frames", source, "the file"), source, "frames")
-    names = tuple(str(entry(c, "name", source, f"camera {i}")) for i, c in enumerate(cameras))
+    names = tuple(
+        text_of(entry(c, "name", source, f"camera {i}"), source, f"the name of camera {i}")
+        for i, c in enumerate(cameras)
+    )
     if len(set(names)) < len(names):
-        raise FileFormatError(f"{source} names two cameras alike: {', '.join(names)}.")
+        raise FileFormatError(f"{source} names two cameras alike: {shortened(', '.join(names))}.")
     frames = _frame_numbers(records, source)
     order = np.argsort(frames, kind="stable")
     table = _BoxTable(source, names)
@@ -73,10 +79,14 @@ def read_uniform_json(
 
     rig = _read_rig(cameras, source)
     fps = document.get("fps")
+    if fps is not None:
+        fps = float(numbers(fps, (), source, "fps"))
+        if not fps > 0:
+            raise InvalidInputError(f"{source}: fps is {fps}; it must be frames per second.")
     if rig is not None:
         require_people_in_front(rig, positions[:, 2:], source)
     return MultiViewSequence(
-        name=str(document.get("name", source.stem)),
+        name=text_of(document.get("name", source.stem), source, "the name"),
         detections=table.detections(embedding),
         rig=rig,
         scene=None
@@ -85,7 +95,7 @@ def read_uniform_json(
         ground_truth=positions,
         frames=frames[order],
         camera_names=names,
-        fps=None if fps is None else float(numbers(fps, (), source, "fps")),
+        fps=fps,
         evaluation_area=_area(document.get("evaluation_area"), source),
         true_centres=None if rig is None else np.asarray(rig.centers),
         images=_images([records[i] for i in order], names, source),
@@ -107,8 +117,8 @@ class _BoxTable:
         unknown = sorted(set(views) - set(self.camera_names))
         if unknown:
             raise FileFormatError(
-                f"{self.source}: frame {frame} has boxes of camera {unknown[0]!r}, which is not "
-                f"among its cameras {', '.join(self.camera_names)}."
+                f"{self.source}: frame {frame} has boxes of camera {quoted(unknown[0])}, which is "
+                f"not among its cameras {shortened(', '.join(self.camera_names))}."
             )
         for camera, name in enumerate(self.camera_names):
             boxes = _list(views.get(name, []), self.source, f"{name} of frame {frame}")
@@ -116,7 +126,7 @@ class _BoxTable:
 
     def place(self, row: int) -> str:
         frame, camera, index, _ = self.rows[row]
-        return f"box {index} of camera {self.camera_names[camera]} in frame {frame}"
+        return f"box {index} of camera {shortened(self.camera_names[camera])} in frame {frame}"
 
     def column(self, key: str, shape: tuple[int, ...]) -> np.ndarray | None:
         """(N, *shape) values of a key that all boxes or none must have."""
@@ -136,7 +146,7 @@ class _BoxTable:
         if array.shape != (len(values), *shape):  # slow path only to name the offending box
             array = np.stack(
                 [
-                    numbers(v, shape, self.source, f"{key!r} of {self.place(i)}")
+                    numbers(v, shape, self.source, f"{key!r} of {self.place(i)}", finite=False)
                     for i, v in enumerate(values)
                 ]
             )
@@ -180,6 +190,8 @@ class _BoxTable:
         archive = self.source.with_suffix(".npz")
         vectors = read_npz(archive, "appearance vectors", (name,))[name]
         index = self.column("emb_index", ())
+        if vectors.dtype.kind not in "biuf":
+            raise FileFormatError(f"{archive}: {name!r} has type {vectors.dtype}, not numbers.")
         if vectors.ndim != 2 or index is None:
             raise FileFormatError(
                 f"{self.source}: the boxes have no 'emb_index' into the rows of {archive}."
@@ -200,20 +212,14 @@ class _BoxTable:
         if all(value is None for value in values):
             return None
         for at, value in enumerate(values):
-            if value is not None and not _is_whole(value):
-                raise FileFormatError(f"{self.source}: {self.place(at)} has id {value!r}.")
+            if value is not None and not is_whole(value):
+                raise FileFormatError(f"{self.source}: {self.place(at)} has id {quoted(value)}.")
         return np.array([-1 if value is None else value for value in values], np.int64)
-
-
-def _is_whole(value: Any) -> bool:
-    """Whether this is a whole number that float64 holds exactly."""
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and abs(value) <= 2**53 and value == int(value)
 
 
 def _existing(folder: Path, name: Any) -> Path | None:
     path = folder / name if isinstance(name, str) and name else None
-    return path if path is not None and path.is_file() else None
+    return path if path is not None and is_file(path) else None
 
 
 def _list(value: Any, source: Path, where: str) -> list[Any]:
@@ -225,8 +231,10 @@ def _list(value: Any, source: Path, where: str) -> list[Any]:
 def _frame_numbers(records: list[Any], source: Path) -> np.ndarray:
     values = [entry(record, "frame", source, f"frames[{i}]") for i, record in enumerate(records)]
     for at, value in enumerate(values):
-        if not _is_whole(value):
-            raise FileFormatError(f"{source}: frames[{at}] has the number {value!r}, not a whole.")
+        if not is_whole(value):
+            raise FileFormatError(
+                f"{source}: frames[{at}] has the number {quoted(value)}, not a whole."
+            )
     frames = np.array(values, np.int64)
     distinct, counts = np.unique(frames, return_counts=True)
     if (counts > 1).any():
@@ -240,11 +248,11 @@ def _ground_truth(record: dict[str, Any], frame: int, source: Path) -> list[tupl
         where = f"gt {at} of frame {frame}"
         xy = [entry(person, axis, source, where) for axis in ("x", "y")]
         x, y = numbers(xy, (2,), source, where)
-        if not np.isfinite([x, y]).all():
-            raise InvalidInputError(f"{source}: {where} is not finite. Remove that position.")
         identity = -1 if person.get("id") is None else person["id"]
-        if not _is_whole(identity):
-            raise FileFormatError(f"{source}: {where} has id {identity!r}, not a whole number.")
+        if not is_whole(identity):
+            raise FileFormatError(
+                f"{source}: {where} has id {quoted(identity)}, not a whole number."
+            )
         rows.append((frame, identity, x, y))
     return rows
 
@@ -254,7 +262,7 @@ def _read_rig(cameras: list[Any], source: Path) -> Rig | None:
         return None
     parts: dict[str, list[np.ndarray]] = {"K": [], "R": [], "t": [], "size": [], "dist": []}
     for camera in cameras:
-        where = f"camera {camera['name']}"
+        where = f"camera {shortened(str(camera['name']))}"
         for key, shape in (("K", (3, 3)), ("R", (3, 3)), ("t", (3,))):
             parts[key].append(numbers(entry(camera, key, source, where), shape, source, where))
         size = [entry(camera, key, source, where) for key in ("width", "height")]

@@ -8,6 +8,8 @@ from catfree.errors import InvalidInputError
 
 # More folders than these before the file would be a path, not a name.
 DEEPEST = 3
+# Bytes of a file's name before its suffix; file systems hold 255 in all.
+LONGEST = 200
 
 
 def require_readable_name(path: Path) -> None:
@@ -36,7 +38,7 @@ def names_of_files(paths: Sequence[Path]) -> list[str]:
     """One name a camera, no two alike: the file's, with folders or suffix where that is not enough.
 
     Args:
-        paths: (C,) video files and image folders.
+        paths: (C,) files or image folders.
 
     Returns:
         (C,) names such as `video`, `cam1/video`, `video.mp4`, or `C1_video` where neither folders
@@ -50,7 +52,7 @@ def names_of_files(paths: Sequence[Path]) -> list[str]:
         first = seen.setdefault(path.resolve(), camera)
         if first != camera:
             raise InvalidInputError(
-                f"Cameras {first} and {camera} are the same video, {path}. Name each video once."
+                f"Cameras {first} and {camera} are the same file, {path}. Name each file once."
             )
     places = [Path(os.path.abspath(path)) for path in paths]
     bare = [place.with_suffix("") if place.is_file() else place for place in places]
@@ -75,10 +77,16 @@ def file_names(names: Sequence[str]) -> list[str]:
         names: (C,) camera names, which may be parts of paths.
 
     Returns:
-        (C,) the names with `_` for what separates folders, distinct as `distinct_names` makes them.
+        (C,) the names with `_` for what separates folders, cut to what file systems hold, and
+        distinct as `distinct_names` makes them.
     """
     plain = ("".join("_" if c in "/\\:\0" else c for c in name) for name in names)
-    return distinct_names([name.lstrip(".") for name in plain])
+    return distinct_names([_fitting(name.lstrip(".")) for name in plain])
+
+
+def _fitting(name: str) -> str:
+    """The beginning of a name that leaves a file system room for suffix and number."""
+    return name.encode("utf-8", "replace")[:LONGEST].decode("utf-8", "ignore")
 
 
 def distinct_names(names: Sequence[str]) -> list[str]:

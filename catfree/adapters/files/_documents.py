@@ -2,18 +2,22 @@
 
 import json
 import os
+import re
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
-from catfree.errors import FileFormatError, InvalidInputError
-from catfree.types._archive import replacing
+from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
+from catfree.types._archive import naming_file as naming_file, read_archive
+from catfree.types._writing import replacing
 
 StrPath = str | os.PathLike[str]
-T = TypeVar("T")
+
+_SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
+# Beyond it, not every whole number is a float.
+_LARGEST_WHOLE = 2**53
 
 
 def require_file(path: StrPath, meaning: str) -> Path:
@@ -27,9 +31,17 @@ def require_file(path: StrPath, meaning: str) -> Path:
         InvalidInputError: if there is none.
     """
     source = Path(path)
-    if not source.is_file():
+    if not is_file(source):
         raise InvalidInputError(f"There is no file {source} ({meaning}). Check the path.")
     return source
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is a file, also for names that no file system holds."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def require_folder(path: StrPath, meaning: str) -> Path:
@@ -55,7 +67,9 @@ def read_text(path: StrPath, meaning: str) -> str:
     try:
         return source.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise FileFormatError(f"{source} ({meaning}) is not readable text: {error}.") from error
+        raise FileFormatError(
+            f"{source} ({meaning}) is not readable text: {quoted(error)}."
+        ) from error
 
 
 def read_json(path: StrPath, meaning: str) -> Any:
@@ -63,14 +77,18 @@ def read_json(path: StrPath, meaning: str) -> Any:
 
     Raises:
         InvalidInputError: if there is no such file.
-        FileFormatError: if it is not JSON, with the line and column, as for a truncated file.
+        FileFormatError: if it is not JSON, with the line and column, as for a truncated file, or
+            its strings hold half a character (a lone surrogate), which no other file could hold.
     """
     text = read_text(path, meaning)
     try:
-        return json.loads(text)
+        document = json.loads(text)
+        if _SURROGATE.search(text):
+            json.dumps(document, ensure_ascii=False).encode("utf-8")
+        return document
     except (ValueError, RecursionError) as error:
         raise FileFormatError(
-            f"{path} ({meaning}) is not valid JSON ({error}). Is the file complete?"
+            f"{path} ({meaning}) is not valid JSON ({quoted(error)}). Is the file complete?"
         ) from error
 
 
@@ -86,17 +104,14 @@ def read_npz(path: StrPath, meaning: str, names: tuple[str, ...]) -> dict[str, n
         InvalidInputError: if there is no such file.
         FileFormatError: if it is no archive, is truncated, or lacks one of the arrays.
     """
-    source = require_file(path, meaning)
-    try:
-        with source.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            stored = sorted(archive.files)
-            arrays = {name: archive[name] for name in names if name in stored}
-    except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-        raise FileFormatError(f"{source} ({meaning}) is not a readable .npz: {error}.") from error
+    arrays = read_archive(require_file(path, meaning), names)
     missing = [name for name in names if name not in arrays]
     if missing:
+        with zipfile.ZipFile(path) as archive:
+            stored = sorted(name.removesuffix(".npy") for name in archive.namelist())
         raise FileFormatError(
-            f"{source} ({meaning}) has no array {missing[0]!r}; it holds {', '.join(stored)}."
+            f"{path} ({meaning}) has no array {missing[0]!r}; it holds "
+            f"{shortened(', '.join(stored))}."
         )
     return arrays
 
@@ -110,22 +125,56 @@ def entry(mapping: Any, key: str, source: StrPath, where: str) -> Any:
     if not isinstance(mapping, dict):
         raise FileFormatError(f"{source}: {where} must be an object with named entries.")
     if key not in mapping:
-        raise FileFormatError(f"{source}: {where} has no {key!r}.")
+        raise FileFormatError(f"{source}: {where} has no {quoted(key)}.")
     return mapping[key]
 
 
-def numbers(value: Any, shape: tuple[int, ...] | None, source: StrPath, where: str) -> np.ndarray:
-    """A float64 array of this shape; nested lists and flat lists are both accepted.
-
-    A shape of None stands for a list of any length.
+def text_of(value: Any, source: StrPath, where: str) -> str:
+    """A name as a parsed document gives it: a string, or a number.
 
     Raises:
         FileFormatError: naming the file and the place in it.
     """
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise FileFormatError(f"{source}: {where} is {quoted(value)}, not a name.")
+    return value if isinstance(value, str) else quoted(value)
+
+
+def is_whole(value: Any) -> bool:
+    """Whether this is a whole number that float64 holds exactly."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and abs(value) <= _LARGEST_WHOLE and value == int(value)
+
+
+def numbers(
+    value: Any,
+    shape: tuple[int, ...] | None,
+    source: StrPath,
+    where: str,
+    *,
+    finite: bool = True,
+) -> np.ndarray:
+    """A float64 array of this shape; nested lists and flat lists are both accepted.
+
+    Args:
+        value: what the file holds.
+        shape: of the result; None stands for a list of any length.
+        source: the file, for messages.
+        where: the place in it, for messages.
+        finite: whether NaN and infinity are errors; otherwise the caller looks for them.
+
+    Raises:
+        FileFormatError: naming the file and the place in it.
+        InvalidInputError: if a number is not finite.
+    """
     try:
+        if isinstance(value, np.ndarray) and value.dtype.kind not in "biuf":
+            raise TypeError(f"{value.dtype} is no real number")
         array = np.asarray(value, np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise FileFormatError(f"{source}: {where} does not hold numbers only.") from error
+    if finite and not np.isfinite(array).all():
+        raise InvalidInputError(f"{source}: {where} is not finite. Correct or remove it.")
     if shape is None:
         return array.ravel()
     if array.size != int(np.prod(shape)):
@@ -136,20 +185,12 @@ def numbers(value: Any, shape: tuple[int, ...] | None, source: StrPath, where: s
     return array.reshape(shape)
 
 
-def naming_file(source: StrPath, build: Callable[[], T]) -> T:
-    """Call a type's constructor and put the file's name in front of its complaint."""
-    try:
-        return build()
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{source}: {error}") from error
-
-
 def write_bytes_atomically(path: StrPath, content: bytes) -> Path:
     """Write a file so that a reader never sees half of it.
 
     Raises:
         InvalidInputError: if the folder does not exist, or the path is one itself.
-        OSError: if the disk is full or not writable; no partial file is left behind.
+        WriteError: if the disk is full or not writable; no partial file is left behind.
     """
     with replacing(path) as stream:
         stream.write(content)
@@ -161,6 +202,7 @@ def write_text_atomically(path: StrPath, content: str) -> Path:
 
     Raises:
         InvalidInputError: if the text holds what UTF-8 cannot, such as a name in another encoding.
+        WriteError: if the disk is full or not writable.
     """
     try:
         encoded = content.encode("utf-8")

@@ -44,7 +44,7 @@ class OnnxGraph:
         Raises:
             InvalidInputError: if there is no such file or a provider is not installed.
             FileFormatError: if it is not an ONNX graph with one image input.
-            MissingDependencyError: if onnxruntime is not installed.
+            MissingDependencyError: if onnxruntime is not installed, or does not load.
         """
         self.path, self.needed = Path(path), needed
         if not self.path.is_file():
@@ -116,13 +116,24 @@ def _axes(shape: Sequence[int | str | None]) -> Shape:
     return tuple(axis if isinstance(axis, int) and axis > 0 else None for axis in shape)
 
 
+def _broken_runtime(error: Exception) -> MissingDependencyError:
+    return MissingDependencyError(
+        f"Running ONNX files needs onnxruntime, which is installed but does not load: {error}. "
+        "Install a build of it that fits this machine and the other packages."
+    )
+
+
 def _open(path: Path, needed: str, providers: Sequence[Any] | None) -> Any:
     try:
         import onnxruntime
-    except ImportError as error:
+    except ModuleNotFoundError as error:
+        if error.name != "onnxruntime":
+            raise _broken_runtime(error) from error
         raise MissingDependencyError(
             "Running ONNX files needs onnxruntime: pip install onnxruntime."
         ) from error
+    except (ImportError, OSError) as error:
+        raise _broken_runtime(error) from error
     available = onnxruntime.get_available_providers()
     # The Azure provider calls a web service; it is never what a local file wants.
     chosen = [p for p in available if not p.startswith("Azure")] if providers is None else providers

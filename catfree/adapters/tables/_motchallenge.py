@@ -9,9 +9,9 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from catfree.adapters.files._documents import StrPath, read_text, write_text_atomically
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Detections, Tracks
-from catfree.types._validation import as_integer
+from catfree.types._validation import as_float, as_integer, require_shape
 
 # TrackEval matches two boxes at an overlap of 0.5. Squares of side s that are shifted along one
 # axis by d overlap by (s - d) / (s + d), which is 0.5 at d = s / 3.
@@ -100,8 +100,11 @@ def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
         try:
             rows.append([float(word) for word in words])
         except ValueError as error:
-            raise FileFormatError(f"{source}: line {line} holds no number: {error}.") from error
-        if not np.isfinite(rows[-1]).all():
+            raise FileFormatError(
+                f"{source}: line {line} holds no number: {quoted(error)}."
+            ) from error
+        _, _, left, top, width, height, *_ = rows[-1]
+        if not np.isfinite([*rows[-1], left + width, top + height]).all():
             raise InvalidInputError(f"{source}: line {line} has a number that is not finite.")
         if rows[-1][0] != int(rows[-1][0]) or rows[-1][1] != int(rows[-1][1]):
             raise FileFormatError(f"{source}: frame and id of line {line} must be whole numbers.")
@@ -169,9 +172,9 @@ def write_mot_boxes(
 
 
 def write_mot_ground(
-    path: StrPath, tracks: Tracks, frames: ArrayLike, *, threshold: float = 1.0
+    path: StrPath, tracks: Tracks | ArrayLike, frames: ArrayLike, *, threshold: float = 1.0
 ) -> Path:
-    """Write ground tracks as squares around each position, so that TrackEval can score them.
+    """Write tracks or true positions as squares around each, so that TrackEval can score them.
 
     TrackEval compares boxes in images. A square of side `3 threshold` around each position, for
     truth and tracks alike, overlaps another by half when they are `threshold` apart along an
@@ -180,7 +183,8 @@ def write_mot_ground(
 
     Args:
         path: the file.
-        tracks: what to write; frames and identities are written from 1 on.
+        tracks: what to write: tracks, or (N, 4) rows [frame, id, x, y] such as the ground truth of
+            a sequence; frames and identities are written from 1 on.
         frames: (F,) all frame numbers of the sequence; the first becomes 1, the next 2, ...
         threshold: matching distance in scene units.
 
@@ -189,14 +193,24 @@ def write_mot_ground(
 
     Raises:
         InvalidInputError: if a frame is not among `frames`, a position is not finite, the threshold
-            is not positive, or the folder does not exist.
+            is not positive, rows are of another shape, or the folder does not exist.
+        WriteError: if the disk is full or not writable.
     """
     if not 0 < threshold < np.inf:
         raise InvalidInputError(f"threshold is {threshold}; it must be a positive length.")
-    side = np.full((len(tracks), 2), _SIDES_PER_THRESHOLD * threshold)
-    corner = np.asarray(tracks.ground_xy, np.float64) - side / 2
-    score = np.ones(len(tracks)) if tracks.existence is None else tracks.existence
-    return _write(path, tracks.frame, frames, tracks.track_id + 1, corner, side, score, "1,1")
+    score = None
+    if isinstance(tracks, Tracks):
+        frame, identity, score = tracks.frame, tracks.track_id, tracks.existence
+        xy = np.asarray(tracks.ground_xy, np.float64)
+    else:
+        rows = np.asarray(as_float(tracks), np.float64)
+        rows = rows.reshape(0, 4) if rows.size == 0 else rows
+        require_shape(rows, (None, 4), "rows [frame, id, x, y]")
+        frame, identity = as_integer(rows[:, 0], "frame"), as_integer(rows[:, 1], "id")
+        xy = rows[:, 2:]
+    side = np.full((len(xy), 2), _SIDES_PER_THRESHOLD * threshold)
+    score = np.ones(len(xy)) if score is None else score
+    return _write(path, frame, frames, identity + 1, xy - side / 2, side, score, "1,1")
 
 
 def _ascending(frames: ArrayLike) -> np.ndarray:

@@ -6,9 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from catfree.adapters.files._documents import StrPath, read_text, write_bytes_atomically
-from catfree.errors import FileFormatError, MissingDependencyError
+from catfree.adapters.files._documents import (
+    StrPath,
+    naming_file,
+    read_text,
+    write_bytes_atomically,
+)
+from catfree.errors import FileFormatError, MissingDependencyError, quoted
 from catfree.types import Origin, Tracks
+from catfree.types._result_checks import require_sound_tracks
 
 _COLUMNS = (
     "frame",
@@ -63,14 +69,15 @@ def read_tracks_csv(path: StrPath) -> Tracks:
         The tracks, number for number.
 
     Raises:
-        InvalidInputError: if there is no such file.
+        InvalidInputError: if there is no such file, or a number in it is not finite or a sigma
+            negative.
         FileFormatError: naming the column or line that is not of this form.
     """
     source = Path(path)
     try:
         lines = list(csv.reader(io.StringIO(read_text(source, "tracks"))))
     except csv.Error as error:
-        raise FileFormatError(f"{source} is not valid CSV: {error}.") from error
+        raise FileFormatError(f"{source} is not valid CSV: {quoted(error)}.") from error
     header, rows = (lines[0], lines[1:]) if lines else ([], [])
     missing = [name for name in _COLUMNS if name not in header]
     if missing:
@@ -90,11 +97,13 @@ def read_tracks_csv(path: StrPath) -> Tracks:
             else:
                 column[name] = np.array(values, np.int64 if name in _WHOLE else np.float64)
         except (ValueError, KeyError, OverflowError) as error:
-            raise FileFormatError(f"{source}: column {name!r} is invalid: {error}.") from error
+            raise FileFormatError(
+                f"{source}: column {quoted(name)} is invalid: {quoted(error)}."
+            ) from error
     cross = column["covariance_xy"]
     covariance = [[column["covariance_xx"], cross], [cross, column["covariance_yy"]]]
     position = [column[f"position_{axis}"] for axis in "xyz"]
-    return Tracks(
+    tracks = Tracks(
         frame=column["frame"],
         track_id=column["track_id"],
         position=np.stack(position, axis=-1),
@@ -105,6 +114,8 @@ def read_tracks_csv(path: StrPath) -> Tracks:
         origin=column["origin"],
         existence=column.get("existence"),
     )
+    naming_file(source, lambda: require_sound_tracks(tracks))
+    return tracks
 
 
 def write_tracks_parquet(path: StrPath, tracks: Tracks) -> Path:

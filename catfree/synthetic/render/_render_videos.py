@@ -26,6 +26,7 @@ from catfree.synthetic.render._stage import Stage, build_stage, street_furniture
 from catfree.synthetic.render._textures import ground_picture
 from catfree.types import Rig
 from catfree.types._progress import Progress
+from catfree.types._writing import make_folder, replacement
 
 STAGE_NAME = "render"
 REPORT_EVERY = 5  # frames between two progress reports
@@ -89,9 +90,9 @@ def render_videos(
     Raises:
         InvalidInputError: if OpenCV cannot write such videos there, or workers is below 1.
         CatFreeError: if the processes cannot be started.
+        WriteError: if the folder cannot be made, or is not writable.
     """
-    target = Path(folder)
-    target.mkdir(parents=True, exist_ok=True)
+    target = make_folder(folder)
     stage = build_stage(
         world.area, world.columns, world.true_centres, seed=world.seed, shadows=shadows
     )
@@ -175,23 +176,20 @@ def _render_camera(
     background = render_background(stage, rig, camera, ground)
     painter = Painter(walkers, rig, camera, background, stage)
     size = (int(rig.image_size[camera, 0]), int(rig.image_size[camera, 1]))
-    partial = path.with_name(f".{path.stem}.partial.mp4")
-    writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), walkers.fps, size)
-    try:
-        if not writer.isOpened():
-            raise InvalidInputError(
-                f"OpenCV cannot write an MP4 video of {size[0]} x {size[1]} pixels to {path}. Use "
-                "even sizes and a writable folder."
-            )
-        frames, waiting = len(walkers.present), 0
-        for frame in range(frames):
-            writer.write(painter.paint(frame))
-            waiting += 1
-            if waiting == REPORT_EVERY or frame == frames - 1:
-                yield waiting
-                waiting = 0
-        writer.release()
-        os.replace(partial, path)
-    finally:
-        writer.release()
-        partial.unlink(missing_ok=True)
+    with replacement(path) as partial:
+        writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), walkers.fps, size)
+        try:
+            if not writer.isOpened():
+                raise InvalidInputError(
+                    f"OpenCV cannot write an MP4 video of {size[0]} x {size[1]} pixels to {path}. "
+                    "Use even sizes."
+                )
+            frames, waiting = len(walkers.present), 0
+            for frame in range(frames):
+                writer.write(painter.paint(frame))
+                waiting += 1
+                if waiting == REPORT_EVERY or frame == frames - 1:
+                    yield waiting
+                    waiting = 0
+        finally:
+            writer.release()

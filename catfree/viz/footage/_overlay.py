@@ -10,6 +10,7 @@ from catfree.adapters import SynchronizedVideos
 from catfree.errors import InvalidInputError
 from catfree.types import Detections, Localization, Origin, Scene, Tracks
 from catfree.types._progress import Progress
+from catfree.types._writing import replacement
 from catfree.viz._camera_view import project_points, visible_runs
 from catfree.viz._palette import CAMERA_COLOR, UNTRACKED, track_color
 from catfree.viz._plan_view import camera_names as names_of, view_area
@@ -126,6 +127,7 @@ def write_overlay_video(
         InvalidInputError: if the number of videos or their sizes do not fit the scene, or OpenCV
             cannot write the file.
         FileFormatError: if a picture cannot be decoded.
+        WriteError: if the folder is not writable.
     """
     import cv2
 
@@ -139,36 +141,33 @@ def write_overlay_video(
         person_height = estimate_person_height(detections, localization, scene)
     board = _Board(scene, localization.tracks, names_of(scene.rig, camera_names), width)
     target = Path(path)
-    partial = target.with_name(f".{target.stem}.partial.mp4")
     rate = fps or source.fps or DEFAULT_FPS
-    writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), rate, board.size)
-    try:
-        if not writer.isOpened():
-            raise InvalidInputError(
-                f"OpenCV cannot write an MP4 video to {target}. Use an existing, writable folder."
-            )
-        for done, (frame, images) in enumerate(source, start=1):
-            pictures = [
-                draw_frame(
-                    image,
-                    camera,
-                    frame,
-                    detections,
-                    localization,
-                    scene,
-                    person_height=person_height,
-                    stroke=board.stroke_in(camera),
+    with replacement(target, suffix=".mp4") as partial:
+        writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), rate, board.size)
+        try:
+            if not writer.isOpened():
+                raise InvalidInputError(
+                    f"OpenCV cannot write an MP4 video to {target}. Use another OpenCV build."
                 )
-                for camera, image in enumerate(images)
-            ]
-            writer.write(board.assemble(frame, pictures)[..., ::-1].copy())
-            if progress is not None:
-                progress(STAGE, done, source.frame_count)
-        writer.release()
-        os.replace(partial, target)
-    finally:
-        writer.release()
-        partial.unlink(missing_ok=True)
+            for done, (frame, images) in enumerate(source, start=1):
+                pictures = [
+                    draw_frame(
+                        image,
+                        camera,
+                        frame,
+                        detections,
+                        localization,
+                        scene,
+                        person_height=person_height,
+                        stroke=board.stroke_in(camera),
+                    )
+                    for camera, image in enumerate(images)
+                ]
+                writer.write(board.assemble(frame, pictures)[..., ::-1].copy())
+                if progress is not None:
+                    progress(STAGE, done, source.frame_count)
+        finally:
+            writer.release()
     return target
 
 

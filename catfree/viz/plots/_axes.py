@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from catfree.errors import InvalidInputError, MissingDependencyError
+from catfree.errors import InvalidInputError, MissingDependencyError, shortened
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,6 +45,23 @@ def axes_or_new(
     narrowest = 0.65 * LONGER_SIDE
     size = (max(width * scale, narrowest) + legend, max(height * scale, 0.4 * LONGER_SIDE) + legend)
     return pyplot.subplots(figsize=size, layout="constrained")[1]
+
+
+def plain_label(text: str) -> str:
+    """A name that matplotlib draws as it is: no formula between dollars, no missing glyph.
+
+    Letters that the fonts of `rcParams` lack become question marks, as OpenCV draws them.
+    """
+    from matplotlib.font_manager import FontProperties, findfont, get_font
+
+    families = FontProperties().get_family()
+    fonts = [get_font(findfont(FontProperties(family=[family]))) for family in families]
+
+    def drawable(letter: str) -> bool:
+        return letter.isprintable() and any(font.get_char_index(ord(letter)) for font in fonts)
+
+    plain = "".join(letter if drawable(letter) else "?" for letter in shortened(text))
+    return plain.replace("$", r"\$")
 
 
 def figure_of(ax: "Axes") -> "Figure":

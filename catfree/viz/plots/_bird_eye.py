@@ -16,7 +16,7 @@ from catfree.viz._plan_view import (
     place_labels,
     view_area,
 )
-from catfree.viz.plots._axes import axes_or_new, figure_of
+from catfree.viz.plots._axes import axes_or_new, figure_of, plain_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -114,7 +114,7 @@ def draw_cameras(ax: "Axes", scene: Scene, names: Sequence[str]) -> np.ndarray:
         ax.fill(*wedge.T, **look, zorder=3, path_effects=halo)
         ax.plot(*wedge[0], "s", markersize=4.5, color=color, zorder=6, path_effects=halo)
     anchors = [wedge[0] for wedge in wedges.values()]
-    texts = [names[camera] for camera in wedges]
+    texts = [plain_label(names[camera]) for camera in wedges]
     if not texts:
         return np.zeros((0, 4))
     at, half = _display(ax, np.asarray(anchors)), 4.0

@@ -7,7 +7,7 @@ import numpy as np
 
 from catfree.evaluation import CalibrationCurve, EllipseCoverage
 from catfree.viz._palette import TRACK_COLORS, fraction, line_style
-from catfree.viz.plots._axes import require_pyplot
+from catfree.viz.plots._axes import plain_label, require_pyplot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,7 +79,9 @@ def plot_ellipse_coverage(
             where="post",
             color=color,
             linestyle=line_style(index),
-            label=f"{name}: {100 * coverage.share:.0f} % in {100 * coverage.level:g} %",
+            label=(
+                f"{plain_label(name)}: {100 * coverage.share:.0f} % in {100 * coverage.level:g} %"
+            ),
         )
     if coverages:
         ax.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.02, 0.5))

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from catfree.errors import InvalidInputError, MissingDependencyError
 from catfree.geometry import CanonicalFrame
 from catfree.types import Localization, Scene
+from catfree.types._writing import replacement, replacing
 from catfree.viz._palette import CAMERA_COLOR, Color, track_color
 from catfree.viz._plan_view import camera_names as names_of
 from catfree.viz.scene3d._scene_geometry import (
@@ -98,13 +99,8 @@ def write_glb(
         rings = tube(local(line), TUBE_RADIUS * extent, np.array([0.0, 1.0, 0.0]))
         name = f"track_{identity}"
         model.add_geometry(mesh(*rings, track_color(identity)), node_name=name, geom_name=name)
-    data = export_glb(model)
-    partial = target.with_name(f".{target.name}.partial")
-    try:
-        partial.write_bytes(data)
-        os.replace(partial, target)
-    finally:
-        partial.unlink(missing_ok=True)
+    with replacing(target) as stream:
+        stream.write(export_glb(model))
     return target
 
 
@@ -132,6 +128,8 @@ def write_rerun(
 
     Raises:
         MissingDependencyError: if rerun is not installed.
+        InvalidInputError: if the folder does not exist.
+        WriteError: if the disk is full or not writable.
     """
     try:
         import rerun  # pyright: ignore[reportMissingImports]
@@ -142,39 +140,38 @@ def write_rerun(
     target, rig, extent = Path(path), scene.rig, float(scene.extent)
     names, tracks = names_of(rig, camera_names), tracks_of(localization)
     recording = rerun.RecordingStream("catfree")
-    partial = target.with_name(f".{target.name}.partial")
-    recording.save(partial)
-    outline = ground_corners(scene, tracks)
-    border = rerun.LineStrips3D([np.vstack([outline, outline[:1]])], colors=[GROUND_COLOR])
-    recording.log("ground", border, static=True)
-    for camera in np.flatnonzero(rig.registered).tolist():
-        pose = rerun.Transform3D(
-            translation=np.asarray(rig.centers)[camera], mat3x3=np.asarray(rig.R)[camera].T
-        )
-        K = np.asarray(rig.K)[camera]
-        lens = rerun.Pinhole(
-            image_from_camera=K,
-            resolution=rig.image_size[camera],
-            image_plane_distance=FRUSTUM_DEPTH * extent,
-        )
-        recording.log(f"cameras/{names[camera]}", pose, lens, static=True)
-    if points is not None and len(points):
-        shade = [CLOUD_COLOR] if colors is None else np.asarray(colors, np.uint8)
-        recording.log("cloud", rerun.Points3D(points, colors=shade), static=True)
-    for identity, line in track_lines(tracks).items():
-        strip = rerun.LineStrips3D([line], colors=[track_color(identity)])
-        recording.log(f"tracks/{identity}", strip, static=True)
-    for frame in np.unique(tracks.frame):
-        now = tracks[tracks.frame == frame]
-        recording.set_time("frame", sequence=int(frame))
-        dots = rerun.Points3D(
-            now.position,
-            colors=[track_color(identity) for identity in now.track_id],
-            labels=[str(identity) for identity in now.track_id],
-            radii=4 * TUBE_RADIUS * extent,
-        )
-        recording.log("people", dots)
-    recording.flush()
-    recording.disconnect()  # closes the file
-    os.replace(partial, target)
+    with replacement(target) as partial:
+        recording.save(partial)
+        outline = ground_corners(scene, tracks)
+        border = rerun.LineStrips3D([np.vstack([outline, outline[:1]])], colors=[GROUND_COLOR])
+        recording.log("ground", border, static=True)
+        for camera in np.flatnonzero(rig.registered).tolist():
+            pose = rerun.Transform3D(
+                translation=np.asarray(rig.centers)[camera], mat3x3=np.asarray(rig.R)[camera].T
+            )
+            K = np.asarray(rig.K)[camera]
+            lens = rerun.Pinhole(
+                image_from_camera=K,
+                resolution=rig.image_size[camera],
+                image_plane_distance=FRUSTUM_DEPTH * extent,
+            )
+            recording.log(f"cameras/{names[camera]}", pose, lens, static=True)
+        if points is not None and len(points):
+            shade = [CLOUD_COLOR] if colors is None else np.asarray(colors, np.uint8)
+            recording.log("cloud", rerun.Points3D(points, colors=shade), static=True)
+        for identity, line in track_lines(tracks).items():
+            strip = rerun.LineStrips3D([line], colors=[track_color(identity)])
+            recording.log(f"tracks/{identity}", strip, static=True)
+        for frame in np.unique(tracks.frame):
+            now = tracks[tracks.frame == frame]
+            recording.set_time("frame", sequence=int(frame))
+            dots = rerun.Points3D(
+                now.position,
+                colors=[track_color(identity) for identity in now.track_id],
+                labels=[str(identity) for identity in now.track_id],
+                radii=4 * TUBE_RADIUS * extent,
+            )
+            recording.log("people", dots)
+        recording.flush()
+        recording.disconnect()  # closes the file
     return target

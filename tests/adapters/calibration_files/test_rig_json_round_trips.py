@@ -359,6 +359,7 @@ def test_opencv_yaml_by_hand(tmp_path):
         "%YAML:1.0\n---\n# made by hand\ncamera: left\n"
         "K: [ 1000., 0., 960.,\n   0., 1010., 540., 0., 0., 1. ]\n"
         "dist:\n   - -1.0e-01\n   - 2.0e-01\n   - 0.\n   - -0.5\n"
+        "distortion_model: plumb_bob\n"
         "rvec: [0, 0, 1.5707963267948966]\ntvec:\n- 1\n- -2\n- 3\n"
         "image_size: [1920, 1080]\n"
     )

@@ -40,7 +40,7 @@ def test_one_file_is_one_camera(tmp_path):
     link = tmp_path / "c.mp4"
     link.symlink_to(first)
     for again in (first, tmp_path / ".." / tmp_path.name / "a.mp4", link):
-        with pytest.raises(InvalidInputError, match="Cameras 0 and 2 are the same video"):
+        with pytest.raises(InvalidInputError, match="Cameras 0 and 2 are the same file"):
             names_of_files([first, other, again])
 
 

@@ -1,0 +1,141 @@
+"""SIGKILL at random moments: what a run leaves is whole, and the next one goes on from it."""
+
+import json
+import shutil
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from benchmarks.reliability.tally import Tally
+from catfree._run._result_folder import write_results
+from catfree._run._run import run_stages
+from catfree.adapters.protocols import FrameDetections
+from catfree.settings import Settings
+from catfree.synthetic import World, make_world, ring
+
+CAMERAS, FRAMES, SIZE = 3, 60, (160, 120)
+KILLS_PER_RUN = 3
+ROW = "kills"
+
+
+class FromPicture:
+    """Looks its boxes up by the camera and frame that the picture's first pixel holds."""
+
+    fingerprint = "reliability"
+
+    def __init__(self, world: World) -> None:
+        self._boxes = world.detections
+
+    def __call__(self, image: Any) -> FrameDetections:
+        """The boxes of one picture."""
+        time.sleep(0.005)  # so that kills hit the detection, too
+        frame, camera = int(image[0, 0, 0]), int(image[0, 0, 1])
+        boxes = self._boxes[(self._boxes.frame == frame) & (self._boxes.camera == camera)]
+        return FrameDetections(boxes.box, np.ones(len(boxes)))
+
+
+def kill(tally: Tally, folder: Path, seed: int, kills: int) -> None:
+    """Kill a small run again and again, then let it finish, and compare every byte.
+
+    Args:
+        tally: where the outcomes go.
+        folder: an empty folder to work in.
+        seed: everything random follows from it.
+        kills: how often.
+    """
+    rng = np.random.default_rng([seed, 7])
+    pictures = folder / "pictures"
+    for camera in range(CAMERAS):
+        (pictures / str(camera)).mkdir(parents=True)
+        for frame in range(FRAMES):
+            image = rng.integers(0, 255, (SIZE[1], SIZE[0], 3), np.uint8)
+            image[0, 0] = (0, camera, frame)  # blue, green, red
+            cv2.imwrite(str(pictures / str(camera) / f"{frame:03d}.png"), image)
+    first = folder / "whole"
+    started = _start(pictures, first)
+    begin = time.perf_counter()
+    started.wait()
+    span = time.perf_counter() - begin
+    whole = _contents(first)
+    if started.returncode or not whole:
+        tally.count(ROW, "loss", "the uninterrupted run failed")
+        return
+    for number in range(kills):
+        out = folder / f"run_{number // KILLS_PER_RUN}"
+        process = _start(pictures, out)
+        time.sleep(float(rng.uniform(0, span)))
+        process.kill()
+        process.wait()
+        faults = [fault for path in _files(out) if (fault := _half(path))]
+        for fault in faults:
+            tally.count(ROW, "loss", f"kill {number} left {fault}")
+        if (number + 1) % KILLS_PER_RUN and number + 1 < kills:
+            tally.count(ROW, "valid")
+            continue
+        last = _start(pictures, out)
+        last.wait()
+        again = _contents(out)
+        differ = sorted(n for n in whole.keys() | again.keys() if whole.get(n) != again.get(n))
+        lost = last.returncode != 0 or bool(differ)
+        tally.count(ROW, "loss" if lost else "valid", f"kill {number}: {differ}")
+        shutil.rmtree(out, ignore_errors=True)
+
+
+def _start(pictures: Path, out: Path) -> subprocess.Popen[str]:
+    """A run in a process of its own, once it has imported what it needs."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "benchmarks.reliability.kills", str(pictures), str(out)],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).parents[2],
+    )
+    assert process.stdout is not None
+    process.stdout.readline()
+    process.stdout.close()
+    return process
+
+
+def _files(folder: Path) -> list[Path]:
+    return [path for path in folder.rglob("[!.]*") if path.is_file()]
+
+
+def _contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in _files(folder)}
+
+
+def _half(path: Path) -> str | None:
+    """The name of a file that is not whole."""
+    try:
+        if path.suffix == ".npz":
+            with zipfile.ZipFile(path) as archive:
+                return path.name if archive.testzip() else None
+        if path.suffix == ".json":
+            json.loads(path.read_text())
+    except (zipfile.BadZipFile, ValueError):
+        return path.name
+    return path.name if not path.stat().st_size and path.parent.name != "boxes" else None
+
+
+def main(pictures: Path, out: Path) -> None:
+    """The run that is killed."""
+    world = make_world(ring(CAMERAS, image_size=SIZE, people=4), frames=FRAMES, people=4)
+    print("ready", flush=True)
+    settings = Settings.paper()
+    outcome = run_stages(
+        [pictures / str(camera) for camera in range(CAMERAS)],
+        FromPicture(world),
+        scene=world.true_scene,
+        settings=settings,
+        cache_dir=out / "cache",
+    )
+    write_results(out, outcome, settings, pictures=False)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

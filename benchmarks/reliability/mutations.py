@@ -1,0 +1,228 @@
+"""Seeded damage to the bytes, the words and the arrays of a file."""
+
+import io
+import re
+import struct
+import zipfile
+from collections.abc import Callable
+
+import numpy as np
+
+Generator = np.random.Generator
+_NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
+_WORD = re.compile(rb"[A-Za-z_][\w-]*")
+_TOKENS = (
+    *(b"NaN", b"nan", b".nan", b"Infinity", b"-Infinity", b"inf", b"-inf", b"1e308", b"-1e308"),
+    *(
+        b"1e400",
+        b"1e-320",
+        b"9223372036854775808",
+        b"-9223372036854775809",
+        b"18446744073709551616",
+    ),
+    *(b"0", b"-1", b"-0", b"0.5", b"9" * 5000, b"", b"null", b"true", b'"x"', b"[]", b"{}", b"1 2"),
+    *(b"0x10", b"1_000", b"\xff\xfe", b"1970-01-01", b"[" * 3000, b'{"a":' * 3000, b"a." * 3000),
+)
+_STRINGS = (b"", b"x" * 5000, b"\\ud800", b"../../x", b"$a_b_c$", b"\x00", b"<b>", b'"', b"'")
+
+
+def damaged(content: bytes, rng: Generator) -> bytes:
+    """Another content, nearly always different from the one given."""
+    is_archive = content[:2] == b"PK"
+    is_text = not is_archive and b"\0" not in content
+    ways: list[Callable[[bytes, Generator], bytes]] = list(_BYTES)
+    ways += _ARCHIVE * 2 if is_archive else _TEXT * 2 if is_text else _BINARY * 2
+    for _ in range(int(rng.choice([1, 1, 1, 2, 3]))):
+        content = ways[rng.integers(len(ways))](content, rng)
+    return content
+
+
+def flipped(content: bytes, rng: Generator) -> bytes:
+    """Some bits turned over."""
+    data = bytearray(content)
+    for _ in range(int(rng.integers(1, 9)) if data else 0):
+        data[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
+    return bytes(data)
+
+
+def truncated(content: bytes, rng: Generator) -> bytes:
+    """The beginning only."""
+    return content[: rng.integers(len(content) + 1)]
+
+
+def appended(content: bytes, rng: Generator) -> bytes:
+    """More than belongs there."""
+    return content + rng.bytes(int(rng.integers(1, 200)))
+
+
+def zeroed(content: bytes, rng: Generator) -> bytes:
+    """A block of zeros, as a disk leaves it after a power failure."""
+    a, b = _span(content, rng)
+    return content[:a] + bytes(b - a) + content[b:]
+
+
+def cut(content: bytes, rng: Generator) -> bytes:
+    """A block left out."""
+    a, b = _span(content, rng)
+    return content[:a] + content[b:]
+
+
+def doubled(content: bytes, rng: Generator) -> bytes:
+    """A block twice."""
+    a, b = _span(content, rng)
+    return content[:b] + content[a:]
+
+
+def swapped(content: bytes, rng: Generator) -> bytes:
+    """Two neighbouring blocks in the wrong order."""
+    a, b = _span(content, rng)
+    c = min(2 * b - a, len(content))
+    return content[:a] + content[b:c] + content[a:b] + content[c:]
+
+
+def other_number(content: bytes, rng: Generator) -> bytes:
+    """Some number replaced by an odd one."""
+    return _replace(_NUMBER, content, rng, _TOKENS)
+
+
+def other_word(content: bytes, rng: Generator) -> bytes:
+    """Some word replaced by an odd one, or by another word of the file."""
+    return _replace(_WORD, content, rng, _STRINGS + tuple(_WORD.findall(content)[:50]))
+
+
+def other_line(content: bytes, rng: Generator) -> bytes:
+    """A line left out, doubled, or moved."""
+    lines = content.splitlines(keepends=True)
+    if len(lines) < 2:
+        return cut(content, rng)
+    a, b = (int(at) for at in rng.integers(len(lines), size=2))
+    way = rng.integers(3)
+    if way == 0:
+        del lines[a]
+    elif way == 1:
+        lines.insert(b, lines[a])
+    else:
+        lines[a], lines[b] = lines[b], lines[a]
+    return b"".join(lines)
+
+
+def other_field(content: bytes, rng: Generator) -> bytes:
+    """Eight bytes replaced by a huge count, NaN or infinity."""
+    if len(content) < 8:
+        return content
+    at = int(rng.integers(len(content) - 7))
+    values = (2**63 - 1, 2**64 - 1, 2**32, 0)
+    packed = [struct.pack("<Q", value) for value in values]
+    packed += [struct.pack("<d", value) for value in (np.nan, np.inf, 1e308, -1e308)]
+    return content[:at] + packed[rng.integers(len(packed))] + content[at + 8 :]
+
+
+def other_array(content: bytes, rng: Generator) -> bytes:
+    """An archive whose checksums are right and one of whose arrays is not."""
+    members = _members(content)
+    if not members:
+        return content
+    name = list(members)[rng.integers(len(members))]
+    try:
+        array = np.load(io.BytesIO(members[name]), allow_pickle=False)
+    except Exception:
+        return content
+    flat = array.ravel()
+    way = int(rng.integers(9))
+    with np.errstate(all="ignore"):
+        if way == 0 and array.dtype.kind == "f" and array.size:
+            flat[rng.integers(flat.size)] = rng.choice([np.nan, np.inf, -np.inf, -1.0, 1e308])
+            array = flat.reshape(array.shape)
+        elif way == 1:
+            array = array.astype("S12" if array.dtype.kind in "US" else complex)
+        elif way == 2:
+            array = np.full(array.shape, np.datetime64("1970-01-01"))
+        elif way == 3:
+            array = array.astype(str)
+        elif way == 4:
+            array = flat[: flat.size // 2]
+        elif way == 5:
+            array = np.concatenate([flat, flat])
+        elif way == 6:
+            array = array[None]
+        elif way == 7 and array.dtype.kind in "iu" and array.size:
+            array = array.astype(np.int64).ravel()
+            array[rng.integers(array.size)] = rng.choice([2**62, -(2**62), -1, 2**40])
+            array = array.reshape(np.shape(np.load(io.BytesIO(members[name]))))
+        else:
+            array = np.zeros(array.shape, [("a", "f8")])
+    stream = io.BytesIO()
+    np.save(stream, array, allow_pickle=False)
+    members[name] = stream.getvalue()
+    return _archive(members)
+
+
+def other_header(content: bytes, rng: Generator) -> bytes:
+    """An archive whose checksums are right and one of whose array headers is not."""
+    members = _members(content)
+    if not members:
+        return content
+    name = list(members)[rng.integers(len(members))]
+    length = 10 + struct.unpack_from("<H", members[name] + bytes(10), 8)[0]
+    header, rest = members[name][:length], members[name][length:]
+    way = rng.integers(3)
+    if way == 0:
+        header = flipped(header, rng)
+    else:
+        header = other_number(header, rng) if way == 1 else other_word(header, rng)
+        text = header[10:].rstrip(b" \n")[:60000]
+        header = header[:8] + struct.pack("<H", len(text) + 1) + text + b"\n"
+    members[name] = header + rest
+    return _archive(members)
+
+
+def other_members(content: bytes, rng: Generator) -> bytes:
+    """An archive with one member left out, renamed or twice."""
+    members = _members(content)
+    if not members:
+        return content
+    name = list(members)[rng.integers(len(members))]
+    way = rng.integers(3)
+    taken = members.pop(name)
+    if way == 1:
+        members["x" * int(rng.integers(1, 3000)) + ".npy"] = taken
+    elif way == 2:
+        members |= {name: taken, name.removesuffix(".npy"): taken}
+    return _archive(members)
+
+
+def _members(content: bytes) -> dict[str, bytes]:
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            return {name: archive.read(name) for name in archive.namelist()}
+    except Exception:  # it was damaged before
+        return {}
+
+
+def _archive(members: dict[str, bytes]) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+    return stream.getvalue()
+
+
+def _span(content: bytes, rng: Generator) -> tuple[int, int]:
+    a = int(rng.integers(len(content) + 1))
+    return a, min(a + int(rng.integers(1, 65)), len(content))
+
+
+def _replace(
+    pattern: re.Pattern[bytes], content: bytes, rng: Generator, tokens: tuple[bytes, ...]
+) -> bytes:
+    found = list(pattern.finditer(content))
+    if not found:
+        return content
+    match = found[rng.integers(len(found))]
+    return content[: match.start()] + tokens[rng.integers(len(tokens))] + content[match.end() :]
+
+
+_BYTES = [flipped, truncated, appended, zeroed, cut, doubled, swapped]
+_TEXT = [other_number, other_number, other_number, other_word, other_line]
+_BINARY = [other_field, other_field]
+_ARCHIVE = [other_array, other_array, other_array, other_header, other_members]

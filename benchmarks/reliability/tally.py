@@ -1,0 +1,143 @@
+"""One attempt at something that must work or end in one sentence, and the count of all of them."""
+
+import collections
+import contextlib
+import dataclasses
+import signal
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from catfree.errors import CatFreeError
+from catfree.types import Candidates, Reliability, Rig, Thresholds
+
+LONGEST = 5.0  # seconds
+LONGEST_MESSAGE = 1000  # characters without the path
+COLUMNS = ("clean error", "valid", "absent", "traceback", "silent NaN", "hang", "loss")
+FAILURES = ("traceback", "silent NaN", "hang", "loss")
+# What documents NaN or infinity as an answer.
+_MAY_BE_NAN = (Candidates, Reliability, Thresholds)
+
+
+@dataclasses.dataclass
+class Tally:
+    """Outcomes by row of the table, and a few failures in words."""
+
+    rows: dict[str, collections.Counter[str]] = dataclasses.field(default_factory=dict)
+    examples: list[str] = dataclasses.field(default_factory=list)
+
+    def count(self, row: str, outcome: str, detail: str = "") -> None:
+        """Enter one outcome."""
+        self.rows.setdefault(row, collections.Counter())[outcome] += 1
+        if outcome in FAILURES and self.rows[row][outcome] <= 3:
+            self.examples.append(f"{row}: {outcome}: {detail}")
+
+    def attempt(
+        self,
+        row: str,
+        action: Callable[[], Any],
+        *,
+        detail: str = "",
+        folder: Path | None = None,
+        same: Callable[[Any], bool] | None = None,
+        absent: bool = False,
+    ) -> None:
+        """Call something that must return sound values or raise one `CatFreeError`.
+
+        Args:
+            row: of the table.
+            action: what to call.
+            detail: how to do it again.
+            folder: whose name does not count in the length of messages.
+            same: whether the returned value is right, where that can be told.
+            absent: whether None is an answer.
+        """
+        start = time.perf_counter()
+        try:
+            with _deadline(), warnings.catch_warnings():
+                warnings.simplefilter("error")
+                value = action()
+                fault = unsound(value)
+        except CatFreeError as error:
+            text = str(error).replace(str(folder), "")
+            long = len(text) > LONGEST_MESSAGE
+            outcome, more = (
+                ("traceback", f"{len(text)} characters") if long else ("clean error", "")
+            )
+        except _Late:
+            outcome, more = "hang", f"more than {LONGEST} s"
+        except Exception as error:
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            outcome, more = "traceback", f"{type(error).__name__}: {str(error)[:200]} at {place}"
+        else:
+            if value is None and absent:
+                outcome, more = "absent", ""
+            elif fault is not None:
+                outcome, more = "silent NaN", fault
+            elif same is not None and not same(value):
+                outcome, more = "loss", "silently different"
+            else:
+                outcome, more = "valid", ""
+        if time.perf_counter() - start > LONGEST:
+            outcome, more = "hang", f"{time.perf_counter() - start:.1f} s"
+        self.count(row, outcome, f"{detail} {more}")
+
+    @property
+    def failures(self) -> int:
+        """How much was not as it must be."""
+        return sum(row[outcome] for row in self.rows.values() for outcome in FAILURES)
+
+    def __str__(self) -> str:
+        width = max(map(len, self.rows), default=0)
+        head = f"{'':{width}}" + "".join(f"{name:>13}" for name in ("tries", *COLUMNS))
+        total = sum(self.rows.values(), collections.Counter())
+        lines = [head]
+        for name, row in [*self.rows.items(), ("all", total)]:
+            values = (row.total(), *(row[column] for column in COLUMNS))
+            lines.append(f"{name:{width}}" + "".join(f"{value:>13}" for value in values))
+        return "\n".join([*lines, *self.examples])
+
+
+def unsound(value: Any, name: str = "value") -> str | None:
+    """The first place with NaN, infinity or no real numbers; None if all is well."""
+    if isinstance(value, _MAY_BE_NAN) or value is None:
+        return None
+    if isinstance(value, Rig):
+        value = dict(vars(value.select(value.registered)))
+    if isinstance(value, np.ndarray | jax.Array | float | complex):
+        array = np.asarray(value)
+        if array.dtype.kind not in "biufU":
+            return f"{name} has type {array.dtype}"
+        real = array.dtype.kind != "f" or bool(np.isfinite(array).all())
+        return None if real else f"{name} is not finite"
+    if dataclasses.is_dataclass(value):
+        value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    elif isinstance(value, tuple | list):
+        value = {str(at): item for at, item in enumerate(value)}
+    if isinstance(value, dict):
+        return next((f for k, v in value.items() if (f := unsound(v, f"{name}.{k}"))), None)
+    return None
+
+
+class _Late(BaseException):
+    pass
+
+
+@contextlib.contextmanager
+def _deadline() -> Iterator[None]:
+    def late(number: int, frame: Any) -> None:
+        raise _Late
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, LONGEST)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
