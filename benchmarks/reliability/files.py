@@ -34,9 +34,17 @@ from catfree.adapters import (
 from catfree.adapters.calibration_files._colmap_models import MODELS, PARAMETERS
 from catfree.adapters.calibration_files._rotation_vectors import rotation_to_vector
 from catfree.cli._inputs import read_truth
-from catfree.methods._localize import localize
 from catfree.synthetic import make_world, ring
-from catfree.types import Detections, Localization, Rig, Scene, Tracks
+from catfree.types import (
+    Candidates,
+    Detections,
+    Localization,
+    Reliability,
+    Rig,
+    Scene,
+    Thresholds,
+    Tracks,
+)
 from catfree.types._archive import save_arrays
 
 WILDTRACK_LABELS = ("CVLab1", "CVLab2", "CVLab3", "CVLab4", "IDIAP1", "IDIAP2", "IDIAP3")
@@ -63,16 +71,16 @@ class Reader:
 
 
 class Material:
-    """What the files hold: a small world and what localization makes of it."""
+    """What the files hold: a small world and a result such as localization gives."""
 
-    def __init__(self, seed: int) -> None:
-        layout = ring(3, seed=seed, image_size=(320, 240), people=3)
+    def __init__(self, seed: int, cameras: int = 3) -> None:
+        layout = ring(cameras, seed=seed, image_size=(320, 240), people=3)
         world = make_world(layout, seed, frames=8, people=3)
         self.scene, self.detections = world.true_scene, world.detections
-        self.names = ("north", "east", "south")
+        self.names = ("north", "east", "south", "west")[:cameras]
         self.rig = self.scene.rig
-        self.localization = localize(self.detections, self.scene)
-        self.tracks = self.localization.tracks if len(self.localization.tracks) else _one_track()
+        self.localization = _result(cameras)
+        self.tracks = self.localization.tracks
 
     def lens_rig(self) -> Rig:
         """The rig with a little distortion, so that files hold coefficients."""
@@ -174,20 +182,35 @@ def _load(kind: Any) -> Callable[[Path], Any]:
     return lambda folder: kind.load(folder / "a.npz")
 
 
-def _one_track() -> Tracks:
-    index = np.arange(4)
-    one = np.ones(4)
-    return Tracks(
-        frame=index,
-        track_id=np.zeros(4, np.int64),
-        position=np.zeros((4, 3)),
-        ground_xy=np.zeros((4, 2)),
-        sigma=one,
-        covariance=np.tile(np.eye(2), (4, 1, 1)),
-        supporting_cameras=2 * np.ones(4, np.int64),
-        origin=np.zeros(4, np.int64),
-        existence=one,
+def _result(cameras: int) -> Localization:
+    """Two people who walk through eight frames, without running anything."""
+    count = 16
+    frame, person = np.divmod(np.arange(count), 2)
+    xy = np.stack([0.3 * frame, 2.0 * person - 1], axis=-1)
+    position, sigma = np.column_stack([xy, np.zeros(count)]), np.full(count, 0.1)
+    tracks = Tracks(
+        frame=frame,
+        track_id=person,
+        position=position,
+        ground_xy=xy,
+        sigma=sigma,
+        covariance=np.tile(0.01 * np.eye(2), (count, 1, 1)),
+        supporting_cameras=np.full(count, 2),
+        origin=np.zeros(count, np.int64),
+        existence=np.full(count, 0.9),
     )
+    candidates = Candidates(
+        frame=frame,
+        position=position,
+        sigma=sigma,
+        ground_distance=np.zeros(count),
+        rms_angle=np.full(count, np.nan),
+        support=np.full((count, cameras), -1),
+        score=np.ones(count),
+        fate=np.zeros(count, np.int64),
+    )
+    reliability = Reliability(0.1, 0.2, 0.0, 0.0, 2.0, 0.9)
+    return Localization(tracks, candidates, Thresholds(median_box_height=80.0), reliability)
 
 
 def _write_results(folder: Path, m: Material) -> None:

@@ -4,11 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.reliability.files import Material
 from benchmarks.reliability.tally import Tally
 from catfree._run._result_folder import draw_pictures, read_results, write_results
 from catfree._run._run import RunOutcome
-from catfree.methods._localize import localize
-from catfree.synthetic import make_world, ring
 
 SETS = {
     "path traversal": ("../../evil", "/etc/passwd", "a/../b", ".."),
@@ -38,9 +37,8 @@ def odd_names(tally: Tally, folder: Path, *, pictures: bool) -> None:
         folder: an empty folder to work in.
         pictures: draw them, too.
     """
-    world = make_world(ring(4, image_size=(320, 240), people=3), frames=8, people=3)
-    scene, boxes = world.true_scene, world.detections
-    found = localize(boxes, scene)
+    m = Material(0, cameras=4)
+    scene, boxes, found = m.scene, m.detections, m.localization
     for number, (what, names) in enumerate(SETS.items()):
         root = folder / str(number) / "deep" / "result"
         outcome = RunOutcome(found, boxes, scene, None, names, np.arange(8))

@@ -22,7 +22,7 @@ from catfree.types._result_checks import (
     require_sound_localization,
     require_sound_tracks,
 )
-from catfree.types._writing import is_temporary, make_folder
+from catfree.types._writing import cannot_write, is_temporary, make_folder
 
 T = TypeVar("T")
 Arrays = dict[str, Any]
@@ -93,9 +93,10 @@ class StageCache:
         path = self.path(stage, key)
         try:
             save_arrays(path, type(value).__name__, to_arrays(value))
-        except (WriteError, InvalidInputError) as error:
+        except (OSError, InvalidInputError) as error:
+            told = cannot_write(path, error) if isinstance(error, OSError) else error
             raise WriteError(
-                f"{error} Stages that are in the cache already will be found again."
+                f"{told} Stages that are in the cache already will be found again."
             ) from error
 
     def result(self, stage: str, key: str, kind: type[T], compute: Callable[[], T]) -> T:

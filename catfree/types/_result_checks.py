@@ -48,13 +48,18 @@ def require_declared_types(value: Any) -> None:
 def require_sound_tracks(tracks: Tracks) -> None:
     """Raise unless tracks are finite, with lengths and probabilities in range.
 
+    A position that fewer than two cameras support may have an infinite sigma.
+
     Raises:
         InvalidInputError: naming the first column and row.
     """
     require_declared_types(tracks)
-    for name in ("position", "ground_xy", "sigma", "covariance", "existence"):
+    unknown = np.isposinf(tracks.sigma) & (tracks.supporting_cameras < 2)
+    for name in ("position", "ground_xy", "existence"):
         if getattr(tracks, name) is not None:
             require_finite(getattr(tracks, name), name)
+    for name in ("sigma", "covariance"):
+        require_finite(getattr(tracks, name), name, ~unknown)
     _require((np.asarray(tracks.sigma) >= 0), tracks.sigma, "sigma", "a length")
     _require(np.isin(tracks.origin, list(Origin)), tracks.origin, "origin", "a known origin")
     if tracks.existence is not None:

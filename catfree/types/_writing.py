@@ -87,15 +87,15 @@ def make_folder(path: str | os.PathLike[str], *, parents: bool = True) -> Path:
     try:
         folder.mkdir(parents=parents, exist_ok=True)
     except OSError as error:
-        raise cannot_write(folder, error) from error
+        raise cannot_write(folder, error, "make the folder") from error
     return folder
 
 
-def cannot_write(path: str | os.PathLike[str], error: OSError) -> WriteError:
+def cannot_write(path: str | os.PathLike[str], error: OSError, task: str = "write") -> WriteError:
     """The error of a file or folder that could not be written, with advice that fits the reason."""
     if isinstance(error, WriteError):
         return error
     advice = "Free some space, or name" if error.errno in _NO_SPACE else "Name"
-    made = WriteError(f"Cannot write {path}: {error.strerror or error}. {advice} another place.")
+    made = WriteError(f"Cannot {task} {path}: {error.strerror or error}. {advice} another place.")
     made.errno = error.errno
     return made

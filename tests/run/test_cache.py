@@ -128,14 +128,37 @@ def test_a_damaged_file_counts_as_absent(tmp_path_factory, data):
 
 
 def test_leftovers_of_killed_runs_are_swept_and_living_ones_kept(tmp_path):
-    old, young = tmp_path / ".a.npz.0123", tmp_path / ".b.npz.4567"
-    for path in (old, young):
-        path.write_bytes(b"half")
+    old, young = (tmp_path / f".catfree-{letter * 32}.npz" for letter in "ab")
+    foreign = [
+        tmp_path / name
+        for name in (".thesis.npz.bak", ".data.npz.Ab12Cd", f".catfree-{'g' * 32}.npz", ".a.npz")
+    ]
     past = time.time() - 2 * ABANDONED_AFTER
-    os.utime(old, (past, past))
+    for path in (old, young, *foreign):
+        path.write_bytes(b"half")
+        if path != young:
+            os.utime(path, (past, past))
     StageCache(tmp_path)
     assert not old.exists()
     assert young.exists()
+    assert all(path.exists() for path in foreign)
+
+
+def test_what_the_cache_sweeps_is_what_writing_leaves(tmp_path, monkeypatch):
+    def killed(source, destination):
+        raise SystemExit
+
+    monkeypatch.setattr(os, "replace", killed)
+    monkeypatch.setattr(os, "unlink", killed)
+    monkeypatch.setattr("pathlib.Path.unlink", lambda path, missing_ok=False: None)
+    with pytest.raises(SystemExit):
+        StageCache(tmp_path).store("stage", "a", Inner(np.zeros(1)))
+    (left,) = tmp_path.iterdir()
+    monkeypatch.undo()
+    past = time.time() - 2 * ABANDONED_AFTER
+    os.utime(left, (past, past))
+    StageCache(tmp_path)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_full_disk_is_one_sentence_and_leaves_no_file(tmp_path):
@@ -160,13 +183,13 @@ def test_a_full_disk_is_one_sentence_and_leaves_no_file(tmp_path):
         [sys.executable, "-c", script, str(tmp_path)], capture_output=True, text=True, check=True
     )
     assert "Cannot write" in done.stdout
-    assert "Free some space" in done.stdout
+    assert "File too large. Name another place." in done.stdout
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_that_cannot_be_made(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(WriteError, match="Cannot make the cache folder"):
+    with pytest.raises(WriteError, match="Cannot make the folder"):
         StageCache(tmp_path / "file" / "cache")
 
 

@@ -10,14 +10,15 @@ from catfree.errors import FileFormatError
 
 def tracks(count: int, dtype=np.float64, *, existence: bool = False) -> Tracks:
     rng = np.random.default_rng(count)
+    cameras = rng.integers(0, 5, count)
     return Tracks(
         frame=np.sort(rng.integers(0, 5, count)),
         track_id=rng.integers(0, 3, count),
         position=rng.standard_normal((count, 3)).astype(dtype),
         ground_xy=rng.standard_normal((count, 2)).astype(dtype),
-        sigma=np.where(rng.random(count) < 0.5, np.inf, 1.0).astype(dtype),
+        sigma=np.where(cameras < 2, np.inf, 1.0).astype(dtype),
         covariance=rng.standard_normal((count, 2, 2)).astype(dtype),
-        supporting_cameras=rng.integers(0, 5, count),
+        supporting_cameras=cameras,
         origin=rng.integers(0, 3, count),
         existence=rng.random(count).astype(dtype) if existence else None,
     )
