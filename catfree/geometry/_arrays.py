@@ -1,4 +1,4 @@
-"""Inputs of the geometry as JAX arrays of one float dtype, and norms that differentiate at zero."""
+"""Conversion of inputs to JAX arrays of one float dtype, and norms differentiable at zero."""
 
 from typing import Any
 
@@ -9,19 +9,19 @@ from numpy.typing import ArrayLike
 
 from catfree.types._array_types import HostOrDevice
 
-# The standard deviation of a normal variable over the median of its absolute values.
+# Standard deviation of a zero-mean normal variable over the median of its absolute value.
 MEDIAN_TO_DEVIATION = 1.4826
 
 Scalar = float | int | np.number | Real[HostOrDevice, ""]
-# What NumPy makes an array of: arrays and nested sequences. To type checkers `ArrayLike` alone says
-# so; at run time it leaves tuples out.
+# Anything that NumPy converts to an array. `ArrayLike` alone is enough for type checkers, but
+# excludes tuples at run time.
 ArrayInput = ArrayLike | tuple[Any, ...]
 
 
 def float_arrays(*values: Any) -> tuple[Any, ...]:
     """Convert everything to JAX arrays of one float dtype; None stays None.
 
-    The dtype is the widest float among the arrays, or JAX's default float where there is none;
+    The dtype is the widest float among the arrays, or JAX's default float if there are none.
     Python scalars never widen it.
     """
     # A Python scalar that was passed through `jax.jit` arrives as a weakly typed array.

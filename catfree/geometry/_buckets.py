@@ -1,4 +1,4 @@
-"""Lengths to which arrays are padded, so that the next sequence finds its code compiled."""
+"""Padded array lengths, so that sequences of different length reuse compiled code."""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,13 +6,13 @@ from typing import Any
 import jax
 import numpy as np
 
-SHORT = 2**15  # rows: computing twice as many takes less than the second that compiling takes
+SHORT = 2**15  # rows; computing twice as many takes less than the second that compiling takes
 
 
 def coarse_length(count: int, block: int, factor: int = 4) -> int:
     """The smallest of block, block · factor, block · factor², ... that holds `count`.
 
-    For stages whose cost hardly depends on the padding: the fewest compilations.
+    For stages whose cost hardly depends on the padding: it needs the fewest compilations.
 
     Args:
         count: rows to hold.
@@ -29,10 +29,10 @@ def coarse_length(count: int, block: int, factor: int = 4) -> int:
 
 
 def fine_length(count: int, minimum: int = 64) -> int:
-    """The smallest of few lengths that holds `count`: doubling ones, then four an octave.
+    """The smallest length that holds `count`: doubling up to `SHORT`, then four per octave.
 
-    For stages whose cost grows with the padding. Short arrays are computed faster than code for
-    another length is compiled; of long ones at most a quarter is wasted.
+    For stages whose cost grows with the padding. Computing a padded short array is faster than
+    compiling for another length; the padding of long arrays is at most a quarter.
 
     Args:
         count: rows to hold.
@@ -49,19 +49,20 @@ def fine_length(count: int, minimum: int = 64) -> int:
 
 
 def in_blocks(function: Callable[..., Any], rows: tuple[Any, ...], *blocks: int) -> Any:
-    """Apply a compiled function of rows to any number of them, at one of few lengths.
+    """Apply a compiled row-wise function to any number of rows, in blocks of few fixed lengths.
 
-    For stages whose cost hardly depends on how many rows a call has: compiled once for each length,
-    and of the last block alone some is wasted.
+    For stages whose cost hardly depends on the number of rows per call: the function is compiled
+    once per length, and only the last block is padded.
 
     Args:
-        function: of arrays of `block` rows each, to arrays (or pytrees of them) of as many; every
-            row on its own.
+        function: maps arrays of `block` rows to arrays (or pytrees of them) of as many rows, each
+            row independently.
         rows: arrays (n, ...) or pytrees of them.
-        blocks: rows of a call, ascending: the shortest that holds all rows, else the longest.
+        blocks: rows per call, ascending; the shortest that holds all rows is used, else the
+            longest.
 
     Returns:
-        What the function returns for all n rows, on the host.
+        The function's results for all n rows, on the host.
     """
     n = len(jax.tree.leaves(rows)[0])
     block = next((length for length in blocks if length >= n), blocks[-1])

@@ -1,7 +1,7 @@
-"""The pinhole camera with OpenCV's five distortion coefficients, forwards and backwards.
+"""Projection and back-projection of a pinhole camera with OpenCV's five distortion coefficients.
 
 Conventions: `x_camera = R x_world + t`, camera axes x right, y down, z forward; pixels with the
-centre of the top-left pixel at (0, 0); distortion k1, k2, p1, p2, k3.
+center of the top-left pixel at (0, 0); distortion k1, k2, p1, p2, k3.
 """
 
 import jax
@@ -11,12 +11,12 @@ from jaxtyping import Array, Float, Real
 from catfree.geometry._arrays import float_arrays, safe_norm
 from catfree.types._array_types import HostOrDevice
 
-# Newton from the distorted point is quadratic; ten steps reach float64 for every lens whose
-# distortion is invertible in its image.
+# Newton's method converges quadratically from the distorted point; ten steps reach float64
+# precision for every lens whose distortion is invertible in its image.
 UNDISTORTION_STEPS = 10
 # Longest Newton step in units of 1 + radius: keeps points outside the invertible disc finite.
 UNDISTORTION_TRUST = 0.3
-# A point is in front of a camera if its depth is at least this share of its distance; beyond
+# A point is in front of a camera if its depth is more than this share of its distance. Below it
 # (89.99 degrees off the axis) no pinhole image exists and powers of the radius overflow float32.
 FRONT_SHARE = 1e-4
 
@@ -24,7 +24,7 @@ FRONT_SHARE = 1e-4
 def distort(
     point: Real[HostOrDevice, "2"], distortion: Real[HostOrDevice, "5"]
 ) -> Float[Array, "2"]:
-    """Where a lens moves a point of the normalized image plane.
+    """Apply lens distortion to a point of the normalized image plane.
 
     Args:
         point: (2,) ideal coordinates x/z, y/z in the camera frame, without unit.
@@ -51,7 +51,7 @@ def distort(
 def undistort(
     point: Real[HostOrDevice, "2"], distortion: Real[HostOrDevice, "5"]
 ) -> Float[Array, "2"]:
-    """The inverse of `distort`, by a fixed number of Newton steps (hence differentiable).
+    """Invert `distort` by a fixed number of Newton steps (hence differentiable).
 
     Args:
         point: (2,) distorted normalized coordinates, without unit.
@@ -67,7 +67,7 @@ def undistort(
 
 @jax.jit
 def _undistort(distorted: Array, coefficients: Array) -> Array:
-    """`undistort`, compiled: without, each single call would trace its loop anew."""
+    """Compiled body of `undistort`: uncompiled, every call would trace its loop again."""
 
     def newton_step(estimate: Array, _: None) -> tuple[Array, None]:
         error = distort(estimate, coefficients) - distorted
@@ -94,7 +94,7 @@ def project(
     point: Real[HostOrDevice, "3"],
     distortion: Real[HostOrDevice, "5"] | None = None,
 ) -> tuple[Float[Array, "2"], Float[Array, ""]]:
-    """The pixel at which a camera sees a world point, and the point's depth.
+    """Project a world point to its pixel and its depth.
 
     Args:
         K: (3, 3) intrinsics in pixels.
@@ -104,8 +104,7 @@ def project(
         distortion: (5,) OpenCV coefficients, or None for a pinhole.
 
     Returns:
-        pixel: (2,) in original image pixels; finite but without meaning where depth is not
-            positive.
+        pixel: (2,) in original image pixels; finite but meaningless where depth is not positive.
         depth: () coordinate along the optical axis in scene units, negative behind the camera.
     """
     intrinsics, rotation, translation, world, distortion = float_arrays(K, R, t, point, distortion)
@@ -113,7 +112,7 @@ def project(
     depth = in_camera[2]
     distance = safe_norm(in_camera)
     in_front = depth > FRONT_SHARE * distance
-    # Elsewhere divide by the distance: finite, and of no meaning anyway.
+    # Elsewhere divide by the distance: finite, though meaningless.
     divisor = jnp.where(in_front, depth, jnp.where(distance > 0, distance, 1))
     normalized = in_camera[:2] / divisor
     if distortion is not None:

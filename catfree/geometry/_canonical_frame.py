@@ -8,15 +8,15 @@ from catfree.types import Rig, Scene
 
 
 class CanonicalFrame(eqx.Module):
-    """Coordinates in which the ground is z = 0, lengths are shares of E, and the cameras are near.
+    """Frame with the ground at z = 0, lengths as shares of E, and the cameras near the origin.
 
     Everything after the adapters runs in this frame: float32 stays accurate 10 km from the origin
     and at any scale, and the result moves with the scene.
 
     Attributes:
         axes: (3, 3) columns P and the ground normal in world coordinates.
-        center: (3,) mean camera centre in world coordinates.
-        offset: signed height of the centre above the ground in scene units.
+        center: (3,) mean camera center in world coordinates.
+        offset: signed height of `center` above the ground in scene units.
         extent: E in scene units.
     """
 
@@ -46,7 +46,7 @@ class CanonicalFrame(eqx.Module):
         return local @ self.axes.T + self.center
 
     def rig(self, rig: Rig) -> Rig:
-        """The rig in the canonical frame; cameras that are not registered keep their numbers."""
+        """The rig in the canonical frame; unregistered cameras keep their values."""
         rotation = np.asarray(rig.R, np.float64) @ self.axes
         centers = self.to_canonical(np.asarray(rig.centers))
         return Rig(

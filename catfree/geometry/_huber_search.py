@@ -18,34 +18,35 @@ from catfree.geometry._ray_distances import (
     norm,
     present_rays,
     residuals_of,
-    solve_regularised,
+    solve_regularized,
 )
 from catfree.geometry._symmetric3 import Vector
 
 # Bounds the work: over half a million random problems of 2 to 7 rays with up to 30 % wrong ones,
 # the mean was at most 9 steps and the largest number 31.
 MAXIMUM_STEPS = 60
-# After so many steps a predicted gain below the rounding of the loss is taken for noise (float32
+# After this many steps a predicted gain below the rounding of the loss counts as noise (float32
 # pairs whose loss is almost flat).
 PATIENT_STEPS = 20
-# Problems that take their steps together at most: more would not stay in a core's cache.
+# Most problems that step together: more would not fit in a core's cache.
 BLOCK = 16384
-# By so much the damping falls where a step did as predicted. Between 3 and 30 it hardly matters.
+# Factor by which the damping falls after a step that gained as predicted. Any value between 3 and
+# 30 performs about the same.
 FALL = 10
 # Half the problems converge in 5 steps and four fifths in 6; the slowest of a block takes 13. So
-# the last quarter goes on without the others, and again, and again, down to so few that a step
-# costs little more than its calls.
+# the unconverged last quarter continues in a smaller array, repeatedly, down to this many problems,
+# where a step costs little more than its function calls.
 FEW = 64
 
 
 class Fit(NamedTuple):
-    """A position and what each ray had to do with it.
+    """A fitted position and the role of each ray.
 
     Attributes:
-        center: (3,) the weighted mean of the present camera centres.
-        position: (3,) from there.
+        center: (3,) the weighted mean of the present camera centers.
+        position: (3,) relative to `center`.
         distances: (C,) of the position to each ray's line; 0 for absent rays.
-        inliers: (C,) bool, the rays near enough.
+        inliers: (C,) bool, the rays within `factor * delta` of the first fit.
         used: (C,) bool, the rays whose loss the position minimizes.
     """
 
@@ -60,9 +61,9 @@ class Fit(NamedTuple):
 def search_minimizer(
     origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, refit: Array
 ) -> Fit:
-    """The fit to (C, 3) origins and directions, without derivatives.
+    """Fit a position to (C, 3) origins and directions, without derivatives.
 
-    The second of two rounds is for the inliers alone, where they are enough and not all.
+    If at least two rays but not all are inliers, a second round uses the inliers only.
     """
     shape, size = delta.shape, delta.size
     blocks = max(1, -(-size // BLOCK))
@@ -85,7 +86,7 @@ def search_minimizer(
 def _search_block(
     origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, refit: Array
 ) -> Fit:
-    """`search_minimizer` of problems that take their steps together."""
+    """`search_minimizer` for one block of problems that step together."""
     rays, center = present_rays(origins, directions, weights)
     present = rays.weights > 0
 
@@ -95,8 +96,8 @@ def _search_block(
         distances = norm(residuals_of(rays, position))
         inliers = present & (distances <= (factor * delta)[None])
         again = refit & (jnp.sum(inliers, 0) >= 2) & jnp.any(present & ~inliers, 0)
-        # Without rays the second search ends at once, so only those who need it pay for it. The
-        # loss is convex: from where the first ended, the second finds the same minimum sooner.
+        # Without rays the second search ends at once, so only problems that need it pay for it. The
+        # loss is convex: starting at the first result only shortens the second search.
         again_from = _Start(inliers & again[None], position, full / FALL, jnp.ones((), jnp.int32))
         return again_from, (jnp.stack(position), distances, inliers, again)
 
@@ -109,7 +110,7 @@ def _search_block(
 
 
 class _Start(NamedTuple):
-    """Which rays a search is for, from where, and with how much of the Hessian it begins."""
+    """Rays of a search, its starting point, damping and step count."""
 
     kept: Array
     position: Vector
@@ -118,7 +119,7 @@ class _Start(NamedTuple):
 
 
 class _State(NamedTuple):
-    """Where a search is; `loss` is twice Huber's loss, infinite before the first step."""
+    """State of a search; `loss` is twice Huber's loss, infinite before the first step."""
 
     position: Vector
     loss: Array
@@ -128,7 +129,7 @@ class _State(NamedTuple):
 
 
 class _Problem(NamedTuple):
-    """What a search minimizes over, and how far the origins are from the middle."""
+    """Rays and Huber scale of a search; `reach` is each origin's distance from the center."""
 
     rays: Rays
     delta: Array
@@ -136,7 +137,7 @@ class _Problem(NamedTuple):
 
 
 def _iterate(rays: Rays, delta: Array, start: _Start) -> Vector:
-    """The minimizer of the loss from a start: steps until all have converged."""
+    """Minimize the loss from a start: step until all problems have converged."""
     problem = _Problem(rays, delta, norm(entries(rays.origins)))
     state = _State(
         position=start.position,
@@ -149,27 +150,27 @@ def _iterate(rays: Rays, delta: Array, start: _Start) -> Vector:
 
 
 def _take_all_steps(problem: _Problem, state: _State) -> Vector:
-    """Until all have converged, in ever smaller company."""
+    """Step until all problems have converged, moving the last ones to ever smaller arrays."""
     width = len(state.converged)
     if width <= 8 * FEW:
         return _take_steps(problem, state, until=0).position
     few = width // 4 if width >= 32 * FEW else FEW
     state = _take_steps(problem, state, until=few)
     (left,) = jnp.nonzero(~state.converged, size=few, fill_value=width)
-    problem, rest = jax.tree.map(
+    problem, remaining = jax.tree.map(
         lambda a: jnp.take(a, left, axis=-1, mode="clip"), (problem, state._replace(steps=()))
     )
-    rest = rest._replace(steps=state.steps, converged=left == width)
-    found = _take_all_steps(problem, rest)
+    remaining = remaining._replace(steps=state.steps, converged=left == width)
+    positions = _take_all_steps(problem, remaining)
     x, y, z = (
         everywhere.at[left].set(some, mode="drop")
-        for everywhere, some in zip(state.position, found, strict=True)
+        for everywhere, some in zip(state.position, positions, strict=True)
     )
     return x, y, z
 
 
 def _take_steps(problem: _Problem, state: _State, *, until: int) -> _State:
-    """Go on until at most so many problems have not converged."""
+    """Step until at most `until` problems have not converged."""
     return jax.lax.while_loop(
         lambda state: (jnp.sum(~state.converged) > until) & (state.steps <= MAXIMUM_STEPS),
         partial(_step, problem),
@@ -178,7 +179,7 @@ def _take_steps(problem: _Problem, state: _State, *, until: int) -> _State:
 
 
 def _step(problem: _Problem, state: _State) -> _State:
-    """Reweighted least squares that turns into Newton's method as far as that proves itself.
+    """Take one step between reweighted least squares and Newton's method.
 
     A reweighted step solves with `A = sum_i w_i c_i (I - d_i d_iᵀ)`, c_i = min(1, delta / r_i),
     and never raises the loss, but converges only linearly, and arbitrarily slowly where two rays
@@ -191,15 +192,15 @@ def _step(problem: _Problem, state: _State) -> _State:
     first = state.steps == 0
     residuals = residuals_of(rays, state.position)
     distances = norm(residuals)
-    # To the first step every ray is near: it finds the least-squares solution.
+    # The first step treats every ray as near: it finds the least-squares solution.
     far = (distances > delta[None]) & ~first
     shrink = jnp.where(far, 1 / jnp.where(far, distances, 1), 0)
     weights = rays.weights * jnp.where(far, delta[None] * shrink, 1)
     bend = (1 - state.damping)[None] * weights * shrink * shrink
     gradient = gradient_of(weights, residuals)
-    move = solve_regularised(hessian_of(rays, weights, bend, residuals), gradient)
+    move = solve_regularized(hessian_of(rays, weights, bend, residuals), gradient)
     predicted = dot(gradient, move)
-    # Rounding alone changes the loss by so much: distances are differences of lengths.
+    # Rounding alone changes the loss by this much: distances are differences of lengths.
     error = 4 * unit * (reach + norm(state.position)[None])
     rounding = jnp.sum(weights * error * (2 * distances + error), 0)
 

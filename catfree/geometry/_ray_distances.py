@@ -1,7 +1,7 @@
 """Distances of a position to rays, with the first and second derivatives of their squares.
 
-Coordinates come first, then the cameras, last a batch if there is one: so the short sums over
-coordinates and cameras run along the batch.
+The axes are coordinates, cameras, then an optional batch, so that the short sums over coordinates
+and cameras vectorize along the batch.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from catfree.geometry._symmetric3 import Triangle, Vector
 
 
 class Rays(NamedTuple):
-    """Present rays in centred coordinates; absent rows hold harmless numbers and weight 0."""
+    """Present rays in centered coordinates; absent rows hold finite values and weight 0."""
 
     origins: Float[Array, "3 cam *batch"]
     directions: Float[Array, "3 cam *batch"]
@@ -29,10 +29,10 @@ def present_rays(
     directions: Float[Array, "cam 3 *batch"],
     weights: Float[Array, "cam *batch"],
 ) -> tuple[Rays, Float[Array, "3 *batch"]]:
-    """Rays in coordinates centred on the weighted mean of the present origins, and that mean."""
+    """Rays in coordinates centered on the weighted mean of the present origins, and that mean."""
     present = weights > 0  # false for NaN too
     weights = jnp.where(present, weights, 0)
-    # The double where: NaN of absent rows must reach neither the value nor the gradient.
+    # Double where: NaN in absent rows must reach neither the value nor the gradient.
     origins = jnp.where(present[None], jnp.swapaxes(origins, 0, 1), 0)
     directions = jnp.where(present[None], jnp.swapaxes(directions, 0, 1), 0)
     total = jnp.sum(weights, axis=0)[None]
@@ -41,7 +41,7 @@ def present_rays(
 
 
 def batch_last(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Let `jax.vmap` put its axis behind all others, where it is contiguous, not in front."""
+    """Make `jax.vmap` add its axis last, where it is contiguous, instead of first."""
     batched = jax.custom_batching.custom_vmap(function)
 
     @batched.def_vmap
@@ -50,8 +50,8 @@ def batch_last(function: Callable[..., Any]) -> Callable[..., Any]:
             jnp.moveaxis(a, 0, -1) if mapped else jnp.broadcast_to(a[..., None], (*a.shape, size))
             for a, mapped in zip(arguments, in_batch, strict=True)
         ]
-        found = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), batched(*moved))
-        return found, jax.tree.map(lambda _: True, found)
+        results = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), batched(*moved))
+        return results, jax.tree.map(lambda _: True, results)
 
     return batched
 
@@ -69,15 +69,15 @@ def norm(vector: Vector) -> Array:
 
 
 def entries(vector: Array) -> Vector:
-    """The three coordinates of an array that has them first."""
+    """The three coordinates along the first axis of an array."""
     return vector[0], vector[1], vector[2]
 
 
 def residuals_of(rays: Rays, position: Vector) -> Vector:
-    """Perpendicular vectors from each line to the position, (C, ...) each coordinate.
+    """Perpendicular vectors from each line to the position, (C, ...) per coordinate.
 
-    Projected twice: the first leaves rounding errors along the ray, as long as the viewing
-    distance times epsilon, that would dominate what nearly parallel rays say about depth.
+    Projects twice: the first projection leaves rounding errors along the ray of about the viewing
+    distance times epsilon, which would dominate the depth information of nearly parallel rays.
     """
     x, y, z = (p[None] - o for p, o in zip(position, rays.origins, strict=True))
     u, v, w = entries(rays.directions)
@@ -88,7 +88,7 @@ def residuals_of(rays: Rays, position: Vector) -> Vector:
 
 
 def huber_weights(distances: Array, delta: Array) -> Array:
-    """`min(1, delta / distance)`: what turns Huber's loss into weighted least squares."""
+    """`min(1, delta / distance)`: the weights that turn Huber's loss into least squares."""
     far = distances > delta
     return jnp.where(far, delta / jnp.where(far, distances, 1), 1)
 
@@ -112,11 +112,11 @@ def hessian_of(rays: Rays, weights: Array, bend: Array, residuals: Vector) -> Tr
     )
 
 
-def solve_regularised(matrix: Triangle, vector: Vector) -> Vector:
+def solve_regularized(matrix: Triangle, vector: Vector) -> Vector:
     """Solve with the matrix plus a few epsilons of its trace.
 
-    That bounds what degenerate rays leave open; rounding the matrix's own entries changes the
-    solution of a well-posed problem as much.
+    This bounds the solution where the rays are degenerate, and changes that of a well-posed
+    problem no more than rounding the matrix does.
     """
     a00, a10, a11, a20, a21, a22 = matrix
     scale = 4 * epsilon(a00.dtype) * (a00 + a11 + a22)

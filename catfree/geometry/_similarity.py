@@ -1,4 +1,4 @@
-"""Similarity transforms: the freedom of a reconstruction, and the alignment that removes it."""
+"""Similarity transforms: the gauge freedom of a reconstruction, and the fit that removes it."""
 
 from typing import Any
 
@@ -63,7 +63,7 @@ class Similarity(eqx.Module):
 
     @classmethod
     def identity(cls, dimension: int = 3) -> "Similarity":
-        """The transform that moves nothing."""
+        """The identity transform."""
         return cls(1.0, np.eye(dimension), np.zeros(dimension))
 
 
@@ -74,24 +74,24 @@ def fit_similarity(
     *,
     fixed_scale: bool = False,
 ) -> Similarity:
-    """The similarity that moves points closest to their counterparts, in least squares.
+    """Fit the least-squares similarity that maps points to their counterparts.
 
     Args:
         source: (N, D) points in the source frame, D 2 or 3.
         target: (N, D) the same points in the target frame.
-        weights: (N,) weight of each pair, 0 for an absent one; None for all equal.
+        weights: (N,) weight of each pair, 0 for an absent pair; None for equal weights.
         fixed_scale: keep scale 1 (a rigid transform).
 
     Returns:
         Similarity with `target ~= scale * rotation @ source + translation`; the rotation is
-        proper even where a mirror image would fit better. Differentiable. Under tracing, points
-        that leave it undetermined give one of the best, with finite value and gradient.
+        proper even where a mirror image would fit better. Differentiable. Under tracing,
+        degenerate points give one of the optimal solutions, with finite value and gradient.
 
     Raises:
-        InvalidInputError: if there are no points, or not as many of both.
+        InvalidInputError: if there are no points, or the two shapes differ.
         DegenerateGeometryError: if points are not finite, or leave the rotation or scale
-            undetermined (fewer than three distinct points in 3-D, or all on a line); only with
-            concrete values.
+            undetermined (fewer than three distinct points in 3-D, or all on a line); raised only
+            for concrete values.
 
     Source: Umeyama (1991), "Least-squares estimation of transformation parameters between two
         point patterns".
@@ -99,8 +99,8 @@ def fit_similarity(
     source, target, given = float_arrays(source, target, weights)
     if source.ndim != 2 or source.shape != target.shape or source.shape[0] == 0:
         raise InvalidInputError(
-            "A similarity is fitted to pairs of points in arrays of one shape (n, 3) or (n, 2), "
-            f"n at least 1, got {source.shape} and {target.shape}."
+            "A similarity needs two arrays of points of one shape (n, 3) or (n, 2) with n at least "
+            f"1, got {source.shape} and {target.shape}."
         )
     given = jnp.ones(source.shape[0], source.dtype) if given is None else given
     present = jnp.asarray(given) > 0  # false for NaN too
@@ -113,7 +113,7 @@ def fit_similarity(
     target_offsets = target - target_mean[None, :]
     covariance = jnp.einsum("n,ni,nj->ij", shares, target_offsets, source_offsets)
     variance = jnp.sum(shares[:, None] * source_offsets * source_offsets)
-    # All points coincide, but for what centring them rounds.
+    # A smaller spread is the rounding of coinciding points.
     resolution = 4 * epsilon(source.dtype) * jnp.max(jnp.abs(source))
     spread = variance > jnp.maximum(resolution * resolution, tiny(source.dtype))
     if not is_traced(covariance, variance):
@@ -181,14 +181,14 @@ def nearest_rotation(matrix: Float[Array, "dim dim"]) -> Float[Array, "dim dim"]
 
 
 def transform_rig(similarity: Similarity, rig: Rig) -> Rig:
-    """The same cameras in the moved world: every moved point keeps its pixel.
+    """Transform the cameras of a rig: every transformed point keeps its pixel.
 
     Args:
         similarity: from the rig's world frame to the new one, 3-D.
-        rig: any rig; cameras that are not registered keep their NaN.
+        rig: any rig; unregistered cameras keep their NaN.
 
     Returns:
-        Rig of NumPy arrays if it was one (and nothing is traced), else of JAX arrays.
+        Rig of NumPy arrays if the given one is (and nothing is traced), else of JAX arrays.
     """
     scale, rotation, translation, xp = _parts(similarity, rig.R)
     turned = xp.einsum("cij,kj->cik", rig.R, rotation)
@@ -197,14 +197,14 @@ def transform_rig(similarity: Similarity, rig: Rig) -> Rig:
 
 
 def transform_plane(similarity: Similarity, plane: Plane) -> Plane:
-    """The plane through the moved points of a plane, with the same side positive.
+    """Transform a plane, keeping its positive side.
 
     Args:
         similarity: from the plane's world frame to the new one, 3-D.
         plane: any plane.
 
     Returns:
-        Plane of the same kind of arrays as `transform_rig`.
+        Plane of NumPy or JAX arrays, as in `transform_rig`.
     """
     scale, rotation, translation, xp = _parts(similarity, plane.normal)
     normal = rotation @ plane.normal
@@ -212,15 +212,15 @@ def transform_plane(similarity: Similarity, plane: Plane) -> Plane:
 
 
 def transform_scene(similarity: Similarity, scene: Scene, *, metric: bool | None = None) -> Scene:
-    """The scene in another world frame: rig, ground and extent moved together.
+    """Transform the rig, ground and extent of a scene.
 
     Args:
         similarity: from the scene's world frame to the new one, 3-D.
         scene: any scene.
-        metric: whether the new units are metres; None keeps the scene's flag.
+        metric: whether the new units are meters; None keeps the scene's flag.
 
     Returns:
-        Scene of the same kind of arrays as `transform_rig`.
+        Scene of NumPy or JAX arrays, as in `transform_rig`.
     """
     scale, _, _, xp = _parts(similarity, scene.extent)
     return Scene(
@@ -231,11 +231,11 @@ def transform_scene(similarity: Similarity, scene: Scene, *, metric: bool | None
     )
 
 
-def _parts(similarity: Similarity, beside: Any) -> tuple[Any, Any, Any, Any]:
-    """Scale, rotation, translation in the array kind and dtype of `beside`, and its namespace."""
+def _parts(similarity: Similarity, like: Any) -> tuple[Any, Any, Any, Any]:
+    """Scale, rotation and translation as arrays of the kind and dtype of `like`, and its module."""
     parts = (similarity.scale, similarity.rotation, similarity.translation)
-    if isinstance(beside, np.ndarray) and not is_traced(*parts):
-        scale, rotation, translation = (np.asarray(part, beside.dtype) for part in parts)
+    if isinstance(like, np.ndarray) and not is_traced(*parts):
+        scale, rotation, translation = (np.asarray(part, like.dtype) for part in parts)
         return scale, rotation, translation, np
-    scale, rotation, translation = (jnp.asarray(part, beside.dtype) for part in parts)
+    scale, rotation, translation = (jnp.asarray(part, like.dtype) for part in parts)
     return scale, rotation, translation, jnp

@@ -24,7 +24,7 @@ def lower_triangle(matrix: Float[Array, "3 3"]) -> Triangle:
 
 
 def factorize(matrix: Triangle) -> tuple[Vector, Vector]:
-    """The factors of `matrix = L D Lᵀ`, its pivots D kept above rounding noise.
+    """Factorize `matrix = L D Lᵀ`, with the pivots D kept above rounding noise.
 
     Args:
         matrix: lower triangle of a symmetric positive semi-definite matrix, or of many.
@@ -40,9 +40,9 @@ def factorize(matrix: Triangle) -> tuple[Vector, Vector]:
     r0 = 1 / jnp.maximum(a00, floor)
     l10, l20 = a10 * r0, a20 * r0
     r1 = 1 / jnp.maximum(a11 - l10 * a10, floor)
-    rest = a21 - l20 * a10
-    l21 = rest * r1
-    r2 = 1 / jnp.maximum(a22 - l20 * a20 - l21 * rest, floor)
+    reduced = a21 - l20 * a10
+    l21 = reduced * r1
+    r2 = 1 / jnp.maximum(a22 - l20 * a20 - l21 * reduced, floor)
     return (l10, l20, l21), (r0, r1, r2)
 
 
@@ -66,8 +66,8 @@ def solve(matrix: Float[Array, "3 3"], vector: Float[Array, "3"]) -> Float[Array
         vector: (3,) right-hand side.
 
     Returns:
-        (3,) the solution, as exact as the matrix's condition allows; finite, and of no meaning
-        along the null space, where the matrix is singular.
+        (3,) the solution, as accurate as the matrix's condition allows; finite but meaningless
+        along the null space of a singular matrix.
     """
     return jnp.stack(solve_triangle(lower_triangle(matrix), (vector[0], vector[1], vector[2])))
 
@@ -83,7 +83,7 @@ def inverse(matrix: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
         (see `reciprocal_condition`).
     """
     (l10, l20, l21), (r0, r1, r2) = factorize(lower_triangle(matrix))
-    # With M = L⁻¹, whose entries below the diagonal are -l10, m20, -l21, it is Mᵀ D⁻¹ M.
+    # With M = L⁻¹, whose entries below the diagonal are -l10, m20, -l21, A⁻¹ = Mᵀ D⁻¹ M.
     m20 = l10 * l21 - l20
     a02, a12 = m20 * r2, -l21 * r2
     a01 = -l10 * r1 - l21 * a02
@@ -94,11 +94,11 @@ def inverse(matrix: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
 def reciprocal_condition(
     matrix: Float[Array, "3 3"], inverted: Float[Array, "3 3"]
 ) -> Float[Array, ""]:
-    """`1 / (tr(A) tr(A⁻¹))`: between a ninth of smallest over largest eigenvalue and that ratio.
+    """`1 / (tr(A) tr(A⁻¹))`: between a ninth of the smallest-to-largest eigenvalue ratio and it.
 
     Args:
         matrix: (3, 3) symmetric positive semi-definite A.
-        inverted: (3, 3) what `inverse` made of it.
+        inverted: (3, 3) the result of `inverse(matrix)`.
 
     Returns:
         () in [0, 1/9]; a few epsilons or less where the matrix is numerically singular.

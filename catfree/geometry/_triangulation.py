@@ -1,7 +1,7 @@
 """One point from several rays: weighted least squares and its robust Huber version.
 
 The objective is the paper's `sum_i w_i rho_delta(|(I - d_i d_iᵀ)(x - o_i)|)`. Coordinates are
-centred on the weighted mean of the present camera centres before anything is solved, so float32
+centered on the weighted mean of the present camera centers before anything is solved, so float32
 keeps its digits in scenes far from the origin. Derivatives are those of the minimizer (implicit
 function theorem), not of the iterations that found it.
 """
@@ -27,19 +27,19 @@ from catfree.geometry._ray_distances import (
     norm,
     present_rays,
     residuals_of,
-    solve_regularised,
+    solve_regularized,
 )
 from catfree.types._array_types import HostOrDevice
 
 
 class Triangulation(eqx.Module):
-    """A position from rays, and what each ray had to do with it.
+    """A triangulated position, its distance to each ray, and the rays near it.
 
     Attributes:
         position: (3,) in the world frame, scene units.
         distances: (C,) perpendicular distance of the position to each ray's line in scene units;
             0 for absent rays.
-        inliers: (C,) bool, the rays that the position rests on.
+        inliers: (C,) bool, the rays within `outlier_factor` deltas of the first fit.
     """
 
     position: Float[Array, "3"]
@@ -56,25 +56,25 @@ def triangulate(
     refit: bool = True,
     outlier_factor: float = 3.0,
 ) -> Triangulation:
-    """The point that best fits the rays of one person, whatever a few wrong rays say.
+    """Find the point that best fits the rays of one person, robust to a few wrong rays.
 
-    Minimizes the Huber loss from the weighted least-squares start to convergence; if some rays are
-    then farther than `outlier_factor * huber_scale` and at least two are not, solves again for
-    those alone.
+    Minimizes the Huber loss from the weighted least-squares start to convergence. If some rays are
+    then farther than `outlier_factor * huber_scale` and at least two are not, solves again with
+    the near ones only.
 
     Args:
-        origins: (C, 3) camera centres in scene units.
+        origins: (C, 3) camera centers in scene units.
         directions: (C, 3) unit vectors in the world frame.
-        weights: (C,) reliability of each ray; 0 marks an absent one, whose numbers are not used.
-        huber_scale: () delta in scene units: distances beyond count linearly.
+        weights: (C,) reliability of each ray; 0 marks an absent ray, whose values are ignored.
+        huber_scale: () delta in scene units; distances beyond it count linearly.
         refit: solve again without the outliers.
-        outlier_factor: a ray is an outlier beyond this many deltas.
+        outlier_factor: rays farther than this many deltas are outliers.
 
     Returns:
         Triangulation. Differentiable in origins, directions and weights; `inliers` is piecewise
-        constant. What the rays leave undetermined (one ray, parallel rays) is taken nearest to
-        the weighted mean of the camera centres, so one ray gives its own origin; without any
-        present ray the position is the zero vector.
+        constant. If the rays do not determine a point (one ray, parallel rays), it is the solution
+        nearest to the weighted mean of the camera centers, so one ray gives its own origin.
+        Without any present ray the position is the zero vector.
 
     Source: paper, Sec. "Robust 3D position estimation"; Huber (1964) for the loss.
     """
@@ -86,7 +86,7 @@ def triangulate(
 def _triangulate(
     origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, refit: Array
 ) -> Triangulation:
-    """`triangulate`, compiled: without, each single call would trace its loops anew."""
+    """Compiled body of `triangulate`: uncompiled, every call would trace its loops again."""
     fit = _fit(origins, directions, weights, delta, factor, refit)
     return Triangulation(fit.center + fit.position, fit.distances, fit.inliers)
 
@@ -96,7 +96,7 @@ _fit = jax.custom_jvp(search_minimizer)
 
 @_fit.defjvp
 def _differentiate_fit(primals: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Fit, Fit]:
-    """The fit, and how it moves with rays, weights and delta while it uses the same rays."""
+    """The fit and its tangent with respect to rays, weights and delta, for fixed inliers."""
     fit = _fit(*primals)
 
     def moving(
@@ -121,14 +121,14 @@ def triangulate_least_squares(
     """The point with the smallest weighted sum of squared distances to the rays' lines.
 
     Args:
-        origins: (C, 3) camera centres in scene units.
+        origins: (C, 3) camera centers in scene units.
         directions: (C, 3) unit vectors in the world frame.
-        weights: (C,) reliability of each ray; 0 marks an absent one, whose numbers are not used.
+        weights: (C,) reliability of each ray; 0 marks an absent ray, whose values are ignored.
 
     Returns:
         (3,) position in scene units; degenerate rays are treated as in `triangulate`.
 
-    Source: paper, Sec. "Robust 3D position estimation", with the square for rho.
+    Source: paper, Sec. "Robust 3D position estimation", with rho the square.
     """
     return _triangulate_least_squares(*float_arrays(origins, directions, weights))
 
@@ -142,23 +142,20 @@ def _triangulate_least_squares(origins: Array, directions: Array, weights: Array
 
 @batch_last
 def _least_squares(origins: Array, directions: Array, weights: Array) -> Array:
-    """Weighted least squares, refined with residuals that are more exact than the matrix."""
+    """Weighted least squares, refined with residuals that are more accurate than the matrix."""
     rays = Rays(origins, directions, weights)
     zero = jnp.zeros_like(weights)
     matrix = hessian_of(rays, weights, zero, (zero, zero, zero))
 
     def refine(_: Any, position: Array) -> Array:
         gradient = gradient_of(weights, residuals_of(rays, entries(position)))
-        return position - jnp.stack(solve_regularised(matrix, gradient))
+        return position - jnp.stack(solve_regularized(matrix, gradient))
 
     return jax.lax.fori_loop(0, 3, refine, jnp.zeros_like(origins[:, 0]))
 
 
 def _attach_derivative(rays: Rays, position: Array, delta: Array | None) -> Array:
-    """The given minimizer of the objective with the derivatives of a minimizer.
-
-    delta None stands for least squares.
-    """
+    """Attach the derivatives of the minimizer to its value; delta None means least squares."""
 
     def gradient(position: Array) -> Array:
         residuals = residuals_of(rays, entries(position))
@@ -167,11 +164,11 @@ def _attach_derivative(rays: Rays, position: Array, delta: Array | None) -> Arra
             weights = weights * huber_weights(norm(residuals), delta)
         return jnp.stack(gradient_of(weights, residuals))
 
-    return jax.lax.custom_root(gradient, position, lambda _, found: found, _solve_tangent)
+    return jax.lax.custom_root(gradient, position, lambda _, start: start, _solve_tangent)
 
 
 def _solve_tangent(linear: Any, right_side: Array) -> Array:
     """Solve `linear(x) = right_side` for the symmetric Hessian of the objective."""
     hessian = jax.vmap(linear)(jnp.eye(3, dtype=right_side.dtype))
     triangle = symmetric3.lower_triangle((hessian + hessian.T) / 2)
-    return jnp.stack(solve_regularised(triangle, entries(right_side)))
+    return jnp.stack(solve_regularized(triangle, entries(right_side)))

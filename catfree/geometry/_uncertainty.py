@@ -31,19 +31,19 @@ def information(
     weights: Real[HostOrDevice, " cam"],
     sigma_theta: Scalar,
 ) -> Float[Array, "3 3"]:
-    """Fisher information of a position that is seen along rays with angular noise.
+    """Fisher information of a position seen along rays with angular noise.
 
     Args:
         position: (3,) in scene units.
-        origins: (C, 3) camera centres in scene units.
+        origins: (C, 3) camera centers in scene units.
         directions: (C, 3) unit vectors in the world frame.
-        weights: (C,) reliability of each ray; 0 marks an absent one, whose numbers are not used.
+        weights: (C,) reliability of each ray; 0 marks an absent ray, whose values are ignored.
         sigma_theta: () standard deviation in radians of each of the two angular components of a
             ray of weight 1.
 
     Returns:
-        (3, 3) Lambda in 1 / scene units². A ray that starts at the position itself says nothing
-        about it and is left out.
+        (3, 3) Lambda in 1 / scene units². A ray whose origin is the position carries no
+        information and is left out.
 
     Source: paper, Eq. sigma.
     """
@@ -64,7 +64,7 @@ def information(
 def ground_covariance(
     information: Real[HostOrDevice, "3 3"], plane: HasBasis
 ) -> Float[Array, "2 2"]:
-    """Covariance of a position along the ground, its height being unknown.
+    """Covariance of a position along the ground, with its height unknown.
 
     Args:
         information: (3, 3) Lambda in 1 / scene units².
@@ -105,9 +105,9 @@ def _covariance(matrix: Array, basis: Array) -> tuple[Array, Array]:
     scale = matrix[0, 0] + matrix[1, 1] + matrix[2, 2]
     usable = (scale > tiny(matrix.dtype)) & jnp.isfinite(scale)
     scale = jnp.where(usable, scale, 1)
-    # Trace 1: the pivots neither overflow nor vanish in float32 whatever the scene's unit is.
+    # Trace 1: the pivots neither overflow nor vanish in float32, whatever the scene's unit.
     matrix = jnp.where(usable, matrix, jnp.eye(3, dtype=matrix.dtype)) / scale
-    # Its pivots are bounded, so value and gradient are finite where the matrix is singular too.
+    # The pivots are bounded, so value and gradient are finite even if the matrix is singular.
     inverted = symmetric3.inverse(matrix)
     condition = symmetric3.reciprocal_condition(matrix, inverted)
     singular = ~usable | ~(condition > SINGULAR_EPSILONS * epsilon(matrix.dtype))
