@@ -1,4 +1,4 @@
-"""Which hypotheses are people: thresholds, gates, support, persistence, suppression, score."""
+"""Selection of hypotheses: thresholds, gates, support, persistence, suppression, score."""
 
 from catfree.filters._gates import Gates as Gates, select as select
 from catfree.filters._otsu import (

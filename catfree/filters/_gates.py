@@ -1,4 +1,4 @@
-"""The two adaptive filters, in every order of the ablation: uncertainty sigma, ground distance g.
+"""The adaptive filters on uncertainty sigma and ground distance g, in every order of the ablation.
 
 Source: paper, Sec. "Selecting pedestrian positions" and Table "gates".
 """
@@ -17,7 +17,7 @@ from catfree.types._array_types import HostOrDevice
 Gate = Literal["support", "uncertainty", "ground"]
 Sample = Literal["all", "remaining"]
 
-# Each order of the ablation: its gates as they run, and the candidates their thresholds come from.
+# Each order of the ablation: its gates in order, and the candidates that set their thresholds.
 ORDERS: dict[Selection, tuple[tuple[Gate, Sample], ...]] = {
     "none": (),
     "support": (("support", "all"),),
@@ -31,18 +31,18 @@ ORDERS: dict[Selection, tuple[tuple[Gate, Sample], ...]] = {
 
 
 class Gates(NamedTuple):
-    """What the gates decided about H candidates.
+    """Decisions of the gates on H hypotheses.
 
-    Every candidate is in exactly one of the four masks; what is no candidate is in none.
+    Every candidate is in exactly one of the four masks, every other hypothesis in none.
 
     Attributes:
         keep: (H,) bool; passed every gate.
         uncertain: (H,) bool; removed by the uncertainty gate.
         off_ground: (H,) bool; removed by the ground gate.
         unsupported: (H,) bool; removed by the camera support gate.
-        tau_sigma: () threshold of sigma in scene units, +inf where that gate did not run.
-        tau_g: () threshold of g in scene units, +inf where that gate did not run.
-        tau_support: () threshold of the weighted support, -inf where that gate did not run.
+        tau_sigma: () threshold of sigma in scene units, +inf if that gate did not run.
+        tau_g: () threshold of g in scene units, +inf if that gate did not run.
+        tau_support: () threshold of the weighted support, -inf if that gate did not run.
     """
 
     keep: Bool[Array, " h"]
@@ -59,7 +59,7 @@ def quantile(
     share: float,
     where: Bool[HostOrDevice, " n"] | None = None,
 ) -> Float[Array, ""]:
-    """The quantile of a masked sample, linear between neighbours.
+    """The quantile of a masked sample, linear between neighbors.
 
     Args:
         values: (n,) sample, any unit. Entries that are not finite are not part of it.
@@ -67,7 +67,7 @@ def quantile(
         where: (n,) which entries are part of the sample; the others may hold anything.
 
     Returns:
-        () in the unit of the values; +inf without any value.
+        () in the unit of the values; +inf for an empty sample.
     """
     values = as_floating(values)
     if values.shape[0] == 0:
@@ -88,11 +88,11 @@ def support_threshold(
     """The weighted camera support that a candidate must reach (Q): Otsu's threshold of the sample.
 
     Args:
-        weighted_support: (H,) sum of the reliabilities w of the supporting rays, one a camera.
+        weighted_support: (H,) sum of the reliabilities w of the supporting rays, one per camera.
         where: (H,) which hypotheses are candidates.
 
     Returns:
-        () threshold; -inf without any candidate.
+        () threshold; -inf without candidates.
     """
     threshold = otsu(weighted_support, where)
     return jnp.where(jnp.isfinite(threshold), threshold, -jnp.inf)
@@ -107,17 +107,17 @@ def select(
     gates: Selection = "uncertainty_then_ground",
     fixed_quantile: float | None = None,
 ) -> Gates:
-    """Which hypotheses are well determined and stand on the ground.
+    """Select the hypotheses that are well determined and stand on the ground.
 
-    A gate accepts up to and including its threshold. The orders that "add" put their gates beside
-    the camera support gate Q, each with a threshold from all candidates; the orders that "replace"
-    drop Q, and what comes second is estimated on the survivors of what came first.
+    The gates on sigma and g accept values up to and including their threshold. The orders that
+    "add" keep the camera support gate Q and compute each threshold from all candidates. The orders
+    that "replace" drop Q and compute the second threshold from the survivors of the first gate.
 
     Args:
         sigma: (H,) ground uncertainty (Eq. sigma) in scene units; +inf (fewer than two cameras)
-            is no part of any estimate and fails the uncertainty gate.
+            is excluded from every estimate and fails the uncertainty gate.
         ground_distance: (H,) distance g to the ground in scene units, 0 or more.
-        weighted_support: (H,) sum of the reliabilities w of the supporting rays, one a camera.
+        weighted_support: (H,) sum of the reliabilities w of the supporting rays, one per camera.
         candidate: (H,) bool; other rows may hold anything.
         gates: the order of the ablation (Table "gates"); the paper's method is
             "uncertainty_then_ground".

@@ -1,4 +1,4 @@
-"""How the filters read their arguments: NumPy or JAX arrays in, JAX arrays of one float type."""
+"""Conversion of the filters' arguments from NumPy or JAX arrays to JAX arrays of one float type."""
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +8,7 @@ from catfree.errors import InvalidInputError
 
 
 def as_floating(values: jax.typing.ArrayLike) -> Float[Array, "..."]:
-    """A JAX array of the input's float type; integers and booleans get the default float."""
+    """Convert to a JAX array of the input's float type, or the default float for integers."""
     array = jnp.asarray(values)
     if jnp.issubdtype(array.dtype, jnp.floating):
         return array
@@ -16,7 +16,7 @@ def as_floating(values: jax.typing.ArrayLike) -> Float[Array, "..."]:
 
 
 def as_sample(values: jax.typing.ArrayLike) -> Float[Array, " n"]:
-    """`as_floating` of a flat array; a batch of samples goes through `jax.vmap`."""
+    """`as_floating` of a flat array; use `jax.vmap` for a batch of samples."""
     array = as_floating(values)
     if array.ndim != 1:
         raise InvalidInputError(
@@ -26,5 +26,5 @@ def as_sample(values: jax.typing.ArrayLike) -> Float[Array, " n"]:
 
 
 def as_mask(where: jax.typing.ArrayLike | None, shape: tuple[int, ...]) -> Bool[Array, "..."]:
-    """A boolean JAX array; None means everything counts."""
+    """Convert to a boolean JAX array; None means all true."""
     return jnp.ones(shape, bool) if where is None else jnp.asarray(where, bool)

@@ -1,4 +1,4 @@
-"""The auxiliary score: seven signals of a hypothesis, each weighted by how well it separates.
+"""The auxiliary score: seven signals of each hypothesis, weighted by their separability.
 
 Source: paper, Sec. "The Scoring Stage".
 """
@@ -16,7 +16,7 @@ from catfree.types._array_types import HostOrDevice
 
 
 class Signal(IntEnum):
-    """The columns of the signals; in each, more is better."""
+    """The columns of the signals; higher is better in each."""
 
     SUPPORTING_RAYS = 0
     NEGATIVE_MEDIAN_RESIDUAL = 1
@@ -32,7 +32,7 @@ class AuxiliaryScore(NamedTuple):
 
     Attributes:
         score: (H,) weighted mean of the standardized signals; 0 is average.
-        weights: (7,) weight of each signal, 0 where it is missing or the same for all.
+        weights: (7,) weight of each signal, 0 if it is missing or constant.
         threshold: () Otsu's threshold of the score.
     """
 
@@ -44,30 +44,30 @@ class AuxiliaryScore(NamedTuple):
 def auxiliary_score(
     signals: Num[HostOrDevice, "h 7"], where: Bool[HostOrDevice, " h"] | None = None
 ) -> AuxiliaryScore:
-    """Rank the hypotheses of a sequence by what their images say about them.
+    """Rank the hypotheses of a sequence by seven signals from the images.
 
     Each signal is standardized over the sequence and weighted by its Otsu separability; the weight
     of the reconstruction confidence is also multiplied by its correlation with the consensus of
     the other six, where that is positive.
 
     Args:
-        signals: (H, 7) in the order of `Signal`, each in its own unit, higher is better. An entry
-            that is not finite is missing: it counts as average.
+        signals: (H, 7) in the order of `Signal`, each in its own unit, higher is better. Entries
+            that are not finite are missing and count as average.
         where: (H,) which hypotheses take part; the others may hold anything and score 0.
 
     Returns:
-        Score, weights and threshold. Shifting or scaling a signal changes nothing.
+        Score, weights and threshold. They do not depend on the offset or scale of any signal.
 
     Source: paper, Sec. "The Scoring Stage".
     """
     signals = as_floating(signals)
     present = as_mask(where, signals.shape[:1])
-    known = present[:, None] & jnp.isfinite(signals)
-    standardized = jax.vmap(_standardize, (1, 1), 1)(signals, known)
-    weights = jax.vmap(otsu_separability, (1, 1))(signals, known)
+    valid = present[:, None] & jnp.isfinite(signals)
+    standardized = jax.vmap(_standardize, (1, 1), 1)(signals, valid)
+    weights = jax.vmap(otsu_separability, (1, 1))(signals, valid)
     last = Signal.RECONSTRUCTION_CONFIDENCE
     consensus = standardized[:, :last] @ weights[:last]
-    agreement = _correlation(standardized[:, last], consensus, known[:, last])
+    agreement = _correlation(standardized[:, last], consensus, valid[:, last])
     weights = weights.at[last].multiply(jnp.maximum(agreement, 0))
     total = jnp.sum(weights)
     score = standardized @ weights / jnp.where(total > 0, total, 1)
@@ -77,20 +77,20 @@ def auxiliary_score(
 def view_support_ratio(
     supporting: Bool[HostOrDevice, " cam"], seeing: Bool[HostOrDevice, " cam"]
 ) -> Float[Array, ""]:
-    """Of the cameras that should see a position, the share that does.
+    """Share of the cameras that should see a position and do.
 
     Args:
         supporting: (C,) cameras with a supporting ray.
         seeing: (C,) cameras whose image contains the position; supporting cameras count as seeing.
 
     Returns:
-        () in [0, 1]; 0 where no camera sees the position.
+        () in [0, 1]; 0 if no camera sees the position.
 
     Source: paper, Sec. "The Scoring Stage", which names the signal but gives no formula.
     """
     supporting = jnp.asarray(supporting)
-    seen = jnp.sum(supporting | jnp.asarray(seeing))
-    ratio = jnp.sum(supporting) / jnp.maximum(seen, 1)
+    seeing_count = jnp.sum(supporting | jnp.asarray(seeing))
+    ratio = jnp.sum(supporting) / jnp.maximum(seeing_count, 1)
     return ratio.astype(jnp.result_type(float))
 
 
@@ -104,7 +104,7 @@ def median_residual(
         where: (C,) cameras with a supporting ray; the others may hold anything.
 
     Returns:
-        () in radians; NaN (a missing signal) without any supporting ray.
+        () in radians; NaN (a missing signal) without supporting rays.
 
     Source: paper, Sec. "The Scoring Stage", of the angles of Eq. theta.
     """
@@ -121,10 +121,10 @@ def implied_height(
     normal: Num[HostOrDevice, "3"],
     offset: Num[HostOrDevice, ""],
 ) -> Float[Array, ""]:
-    """How tall a person at a position would be if the top of the box were the top of the head.
+    """Height of a person at a position, taking the top of the box as the top of the head.
 
-    The height above the ground at which the vertical through the position and the ray through the
-    middle of the upper box edge come closest.
+    This is the height above the ground at which the vertical through the position and the ray
+    through the middle of the upper box edge come closest.
 
     Args:
         K: (3, 3) intrinsics in pixels; lens distortion is neglected.
@@ -136,11 +136,9 @@ def implied_height(
         offset: () of the ground plane in scene units.
 
     Returns:
-        () in scene units. Always finite: for a ray along the vertical, which meets it everywhere,
-        the height of the camera.
+        () in scene units. Always finite: for a vertical ray it is the height of the camera.
 
-    Source: paper, Sec. "The Scoring Stage", which names implied heights but gives no formula; the
-        nearest points of two lines are elementary.
+    Source: paper, Sec. "The Scoring Stage", which names implied heights but gives no formula.
     """
     K, R, t, box, position, normal, offset = map(
         as_floating, (K, R, t, box, position, normal, offset)
@@ -150,29 +148,29 @@ def implied_height(
     u = (x - K[0, 2] - K[0, 1] * v) / K[0, 0]
     direction = R.T @ jnp.stack([u, v, jnp.ones_like(u)])
     direction = direction / jnp.sqrt(direction @ direction)
-    centre = -(R.T @ t)
+    center = -(R.T @ t)
     rise = normal @ direction
     level = direction - rise * normal
-    towards = position - centre
+    towards = position - center
     squared = level @ level
-    # Below this the ray is vertical to within the rounding of its direction.
+    # At or below this the ray is vertical to within the rounding of its direction.
     upright = squared <= jnp.square(8 * jnp.finfo(squared.dtype).eps)
     along = jnp.where(upright, 0, level @ towards / jnp.where(upright, 1, squared))
-    return normal @ centre + offset + jnp.maximum(along, 0) * rise
+    return normal @ center + offset + jnp.maximum(along, 0) * rise
 
 
 def height_consistency(
     heights: Num[HostOrDevice, " cam"], where: Bool[HostOrDevice, " cam"]
 ) -> Float[Array, ""]:
-    """How well the cameras agree on a person's height: minus the relative spread.
+    """Agreement of the cameras on a person's height: minus the relative spread.
 
     Args:
         heights: (C,) implied heights, any unit.
         where: (C,) which cameras have one; the others may hold anything.
 
     Returns:
-        () minus standard deviation over mean magnitude, 0 at best; NaN (a missing signal) where
-        fewer than two cameras can be compared.
+        () minus standard deviation over mean magnitude, at most 0; NaN (a missing signal) if fewer
+        than two cameras can be compared.
 
     Source: paper, Sec. "The Scoring Stage", which names the signal but gives no formula.
     """
@@ -189,13 +187,13 @@ def height_consistency(
     return jnp.where(comparable, -spread / jnp.where(comparable, magnitude, 1), jnp.nan)
 
 
-def _standardize(values: Float[Array, " h"], known: Bool[Array, " h"]) -> Float[Array, " h"]:
-    """Zero mean and unit variance over the known entries; 0 elsewhere, and where all are equal."""
-    count = jnp.maximum(jnp.sum(known), 1).astype(values.dtype)
-    values = jnp.where(known, values, 0)
-    # Centring twice leaves a constant column at exactly 0 to within its rounding.
-    values = jnp.where(known, values - jnp.sum(values) / count, 0)
-    values = jnp.where(known, values - jnp.sum(values) / count, 0)
+def _standardize(values: Float[Array, " h"], valid: Bool[Array, " h"]) -> Float[Array, " h"]:
+    """Scale to zero mean and unit variance over the valid entries; 0 elsewhere or if all equal."""
+    count = jnp.maximum(jnp.sum(valid), 1).astype(values.dtype)
+    values = jnp.where(valid, values, 0)
+    # Centering twice brings a constant column to 0 within its rounding.
+    values = jnp.where(valid, values - jnp.sum(values) / count, 0)
+    values = jnp.where(valid, values - jnp.sum(values) / count, 0)
     variance = jnp.sum(jnp.square(values)) / count
     return values / jnp.sqrt(jnp.where(variance > 0, variance, 1))
 
@@ -203,7 +201,7 @@ def _standardize(values: Float[Array, " h"], known: Bool[Array, " h"]) -> Float[
 def _correlation(
     first: Float[Array, " h"], second: Float[Array, " h"], where: Bool[Array, " h"]
 ) -> Float[Array, ""]:
-    """Pearson's correlation over the entries where both are known; 0 where one is constant."""
+    """Pearson's correlation over the entries in `where`; 0 if one is constant."""
     first, second = _standardize(first, where), _standardize(second, where)
     count = jnp.maximum(jnp.sum(where), 1).astype(first.dtype)
     return jnp.clip(jnp.sum(first * second) / count, -1, 1)

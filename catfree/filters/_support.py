@@ -1,4 +1,4 @@
-"""Which cameras confirm a position, whatever group their detections were assigned to.
+"""Cameras that confirm a position, regardless of the groups of their detections.
 
 Source: paper, Sec. "Selecting pedestrian positions", support recount.
 """
@@ -21,15 +21,15 @@ def support(
 
     Args:
         position: (3,) in scene units.
-        origins: (C, 3) camera centres in scene units.
+        origins: (C, 3) camera centers in scene units.
         directions: (C, D, 3) unit directions of the rays of each camera, world frame.
         weights: (C, D) reliability w; rays with weight 0 are absent and may hold anything.
         radius: largest angle between a ray and the direction to the position in radians, below
-            a quarter turn.
+            pi / 2.
 
     Returns:
-        (C,) int32 index of the supporting ray, -1 where the camera has none. Of equal weights the
-        ray with the smaller angle wins, then the lower index.
+        (C,) int32 index of the supporting ray, -1 if the camera has none. Of rays with equal
+        weights the one with the smaller angle wins, then the lower index.
 
     Source: paper, Sec. "Selecting pedestrian positions", recount of the supporting cameras.
     """
@@ -37,8 +37,8 @@ def support(
     weights = as_floating(weights)
     if directions.shape[1] == 0:
         return jnp.full(origins.shape[0], -1, jnp.int32)
-    # tan² of the angle from cross and dot product: as accurate in float32 as arctan2 at these small
-    # angles, where a cosine has no digits left, and several times faster.
+    # tan² of the angle from cross and dot product: at these small angles, where the cosine loses
+    # all digits, it is as accurate in float32 as arctan2 and several times faster.
     x, y, z = (offset[:, None] for offset in (position[None, :] - origins).T)
     u, v, w = directions[..., 0], directions[..., 1], directions[..., 2]
     across = jnp.square(v * z - w * y) + jnp.square(w * x - u * z) + jnp.square(u * y - v * x)
@@ -55,7 +55,7 @@ def support(
 def weighted_support(
     index: Int[HostOrDevice, " cam"], weights: Num[HostOrDevice, "cam ray"]
 ) -> Float[Array, ""]:
-    """How strongly the cameras confirm a position: the sum of w over the supporting rays.
+    """Sum of the reliabilities w of the rays that support a position.
 
     Args:
         index: (C,) supporting ray of each camera, or -1 (from `support`).

@@ -1,4 +1,4 @@
-"""One position a person: greedy non-maximum suppression on the ground, and what it leaves free.
+"""One position per person: greedy non-maximum suppression on the ground, and the area left free.
 
 Source: paper, Sec. "Selecting pedestrian positions", duplicate removal and recovery.
 """
@@ -20,14 +20,14 @@ def suppress(
 ) -> Bool[Array, " h"]:
     """Keep the strongest of positions that are closer than a radius (greedy NMS).
 
-    In order of falling priority, a position is kept if it is farther than the radius from all that
-    were kept before. Computed in parallel rounds: whoever is not beaten by an undecided neighbour
-    is kept, and its neighbours are removed, until all are decided.
+    In order of descending priority, a position is kept if it is farther than the radius from all
+    positions kept before. Computed in parallel rounds: positions that no undecided neighbor beats
+    are kept and their neighbors removed, until all are decided.
 
     Args:
         positions: (H, 2) on the ground, any unit.
         priority: (H,), or (H, k) where later columns break ties of earlier ones. The lower index
-            wins what is still tied.
+            wins remaining ties.
         radius: in the unit of the positions, 0 or more; a distance equal to it suppresses.
         where: (H,) which positions take part; the others may hold anything and are not kept.
 
@@ -35,7 +35,8 @@ def suppress(
         (H,) bool, which positions are kept.
 
     Raises:
-        InvalidInputError: if there are not as many priorities as positions, or not 2 coordinates.
+        InvalidInputError: if the numbers of priorities and positions differ, or positions do not
+            have 2 coordinates.
 
     Source: paper, Sec. "Selecting pedestrian positions", duplicate removal.
     """
@@ -43,7 +44,7 @@ def suppress(
     count = positions.shape[0]
     if positions.shape != (count, 2) or priority.shape[:1] != (count,):
         raise InvalidInputError(
-            "Suppression needs positions of shape (n, 2) and one priority each, got shapes "
+            "Suppression needs positions of shape (n, 2) with one priority each, got shapes "
             f"{positions.shape} and {priority.shape}."
         )
     if count == 0:
@@ -63,22 +64,22 @@ def outside(
     radius: ScalarLike,
     where: Bool[HostOrDevice, " h"] | None = None,
 ) -> Bool[Array, " h"]:
-    """Which positions are farther than a radius from all accepted ones: candidates of the recovery.
+    """Find the positions farther than a radius from all accepted ones, for the recovery.
 
     Args:
         positions: (H, 2) on the ground, any unit.
         accepted: (H,) which positions are accepted.
         radius: in the unit of the positions, 0 or more.
-        where: (H,) which positions are asked about; the others may hold anything unless accepted.
+        where: (H,) which positions to test; the others may hold anything unless accepted.
 
     Returns:
-        (H,) bool; false where `where` is, and for accepted positions.
+        (H,) bool; false where `where` is false, and for accepted positions.
 
     Source: paper, Sec. "Selecting pedestrian positions", recovery.
     """
     positions, accepted = as_floating(positions), jnp.asarray(accepted)
-    asked = as_mask(where, accepted.shape) & ~accepted
-    return asked & ~jnp.any(_within(positions, positions, radius, asked, accepted), axis=1)
+    tested = as_mask(where, accepted.shape) & ~accepted
+    return tested & ~jnp.any(_within(positions, positions, radius, tested, accepted), axis=1)
 
 
 def _within(
@@ -88,7 +89,7 @@ def _within(
     row_present: Bool[Array, " h"],
     column_present: Bool[Array, " k"],
 ) -> Bool[Array, "h k"]:
-    """Which pairs of present positions are at most the radius apart."""
+    """Mark the pairs of present positions that are at most the radius apart."""
     rows = jnp.where(row_present[:, None], rows, 0)
     columns = jnp.where(column_present[:, None], columns, 0)
     x = rows[:, 0][:, None] - columns[:, 0][None, :]
@@ -97,9 +98,9 @@ def _within(
     return near & row_present[:, None] & column_present[None, :]
 
 
-@jax.jit  # compiled once a shape: outside of jit, its loop would be compiled at every call
+@jax.jit  # compiled once per shape: outside jit, its loop would be compiled at every call
 def _greedy(beaten_by: Bool[Array, "h h"], present: Bool[Array, " h"]) -> Bool[Array, " h"]:
-    """Keep, in rounds, what no undecided position beats, and remove what the kept ones beat."""
+    """Keep in rounds the positions that no undecided one beats, and remove those they beat."""
 
     def decide(
         state: tuple[Bool[Array, " h"], Bool[Array, " h"]],

@@ -1,8 +1,8 @@
-"""Matches must last: the same two tracklets have to meet in more than one frame.
+"""Temporal consistency: the same two tracklets must match in more than one frame.
 
-On the host, in NumPy: the output is a mask of whole sequences that nothing differentiates, and
-counting distinct keys by sorting takes NumPy a few milliseconds where XLA's CPU sort takes tens,
-compiled again for every length of a sequence.
+Runs in NumPy: the output is a mask over a whole sequence that needs no derivatives, and counting
+distinct keys by sorting takes NumPy a few milliseconds. XLA's CPU sort takes tens and is compiled
+again for every sequence length.
 
 Source: paper, Sec. "Selecting pedestrian positions", temporal consistency.
 """
@@ -18,7 +18,7 @@ def frames_of_pairs(
     tracklet: Int[HostOrDevice, "h cam"],
     where: Bool[HostOrDevice, " h"] | None = None,
 ) -> Int[np.ndarray, " h"]:
-    """How long the most lasting match of each hypothesis lasts.
+    """Count the frames of the longest-lasting match of each hypothesis.
 
     A match is a pair of tracklets of two cameras that support one hypothesis.
 
@@ -63,18 +63,18 @@ def temporally_consistent(
     *,
     minimum_frames: int = 2,
 ) -> Bool[np.ndarray, " h"]:
-    """Which hypotheses rest on a match that was seen in several frames.
+    """Select the hypotheses with a match that occurs in several frames.
 
     Args:
         frame: (H,) frame of each hypothesis.
         tracklet: (H, C) tracklet of the supporting detection of each camera, -1 where absent.
             Tracklet numbers are unique over all cameras.
         where: (H,) which hypotheses count.
-        minimum_frames: distinct frames that one pair of tracklets must occur in; up to 1, every
-            hypothesis that counts is kept.
+        minimum_frames: number of distinct frames in which one pair of tracklets must occur; 1 or
+            less keeps every hypothesis that counts.
 
     Returns:
-        (H,) bool; false where `where` is.
+        (H,) bool; false where `where` is false.
     """
     counted = np.ones(len(frame), bool) if where is None else np.asarray(where)
     if minimum_frames <= 1:
