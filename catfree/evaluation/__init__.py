@@ -1,4 +1,4 @@
-"""How good the result is: detection, tracking, alignment and uncertainty against ground truth."""
+"""Evaluation against ground truth: detection, tracking, alignment and uncertainty."""
 
 from catfree.evaluation._alignment import (
     LeaveOneOut as LeaveOneOut,

@@ -1,4 +1,4 @@
-"""Alignment of a reconstruction with the annotations, and how much of the score comes from it."""
+"""Alignment of a reconstruction with the annotations, and its influence on the score."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from catfree.geometry import Similarity, fit_similarity
 from catfree.geometry._arrays import ArrayInput
 from catfree.types._validation import as_boolean, as_float
 
-MINIMUM_CENTRES = 3
+MINIMUM_CENTERS = 3
 
 
 def align_centres(
@@ -24,45 +24,45 @@ def align_centres(
     registered: ArrayInput | None = None,
     fixed_scale: bool = False,
 ) -> Similarity:
-    """The similarity that moves estimated camera centres onto the annotated ones.
+    """Fit the similarity from estimated to annotated camera centers.
 
-    It removes the gauge freedom of a reconstruction (position, orientation, scale) without looking
-    at any person. It is computed in JAX's default float width.
+    It removes the gauge freedom of a reconstruction (position, orientation, scale) without using
+    any person. It is computed in JAX's default float width.
 
     Args:
         estimated_centres: (C, 3) in scene units.
-        true_centres: (C, 3) in metres, the same cameras in the same order.
-        registered: (C,) which cameras to use, None for all; the others may be NaN.
+        true_centres: (C, 3) in meters, the same cameras in the same order.
+        registered: (C,) which cameras to use, None for all; unused centers may be NaN.
         fixed_scale: keep the scene's scale (a rigid alignment, six degrees of freedom).
 
     Returns:
-        The transform from scene units to metres.
+        The transform from scene units to meters.
 
     Raises:
-        InvalidInputError: if the arrays do not fit together or a used centre is not finite.
+        InvalidInputError: if the shapes differ or a used center is not finite.
         InsufficientDataError: if fewer than three cameras are used.
-        DegenerateGeometryError: if the centres lie on one line.
+        DegenerateGeometryError: if the centers lie on one line.
 
     Source:
-        CAT-Free, evaluation protocol: a 7-DoF similarity fitted to the camera centres.
+        CAT-Free, evaluation protocol: a 7-DoF similarity fitted to the camera centers.
     """
-    estimated, true, used = _centres(estimated_centres, true_centres, registered)
-    if len(used) < MINIMUM_CENTRES:
+    estimated, true, used = _paired_centers(estimated_centres, true_centres, registered)
+    if len(used) < MINIMUM_CENTERS:
         raise InsufficientDataError(
-            f"Cannot align camera centres: {len(used)} cameras, {MINIMUM_CENTRES} needed."
+            f"Cannot align camera centers: {len(used)} cameras, {MINIMUM_CENTERS} needed."
         )
     return fit_similarity(estimated[used], true[used], fixed_scale=fixed_scale)
 
 
-def _centres(
+def _paired_centers(
     estimated: ArrayInput, true: ArrayInput, registered: ArrayInput | None
 ) -> tuple[Float[np.ndarray, "cam 3"], Float[np.ndarray, "cam 3"], Int[np.ndarray, " used"]]:
-    """Both arrays in float64 and the indices of the cameras that are used."""
+    """Convert both arrays to float64 and return them with the indices of the used cameras."""
     estimated = np.asarray(as_float(estimated), np.float64)
     true = np.asarray(as_float(true), np.float64)
     if estimated.ndim != 2 or estimated.shape[1] != 3 or true.shape != estimated.shape:
         raise InvalidInputError(
-            f"Camera centres must be two (C, 3) arrays, got {estimated.shape} and {true.shape}."
+            f"Camera centers must be two (C, 3) arrays, got {estimated.shape} and {true.shape}."
         )
     chosen = (
         np.ones(len(true), dtype=bool)
@@ -71,13 +71,13 @@ def _centres(
     )
     if chosen.shape != (len(true),):
         raise InvalidInputError(
-            f"registered must have shape ({len(true)},), one a camera, got {chosen.shape}."
+            f"registered must have shape ({len(true)},), one per camera, got {chosen.shape}."
         )
     used = np.flatnonzero(chosen)
     finite = np.isfinite(estimated[used]).all(axis=1) & np.isfinite(true[used]).all(axis=1)
     if not finite.all():
         raise InvalidInputError(
-            f"The centre of camera {used[np.argmin(finite)]} is not finite: mark it as not "
+            f"The center of camera {used[np.argmin(finite)]} is not finite: mark it as not "
             "registered."
         )
     return estimated, true, used
@@ -85,14 +85,14 @@ def _centres(
 
 @dataclass(frozen=True, eq=False)
 class LeaveOneOut:
-    """A score under alignments that each withhold one camera.
+    """Scores under alignments that each withhold one camera.
 
     Attributes:
         value: the score with all cameras.
         cameras: (L,) the withheld camera of each refit.
         values: (L,) the score of each refit.
         held_out_centre_error: (L,) distance between the withheld camera's aligned and annotated
-            centres in metres: the quality of the rig itself.
+            centers in meters: the quality of the rig itself.
     """
 
     value: float
@@ -119,7 +119,7 @@ class LeaveOneOut:
         return (
             f"all cameras {self.value:.2f}  leave one out: mean {self.mean:.2f}  "
             f"min {self.min:.2f}  SD {self.std:.2f}  "
-            f"held-out centre error {self.held_out_centre_error.mean():.2f} m"
+            f"held-out center error {self.held_out_centre_error.mean():.2f} m"
         )
 
 
@@ -132,35 +132,35 @@ def leave_one_camera_out(
     registered: ArrayInput | None = None,
     fixed_scale: bool = False,
 ) -> LeaveOneOut:
-    """How much of a score depends on the alignment: refit without each camera and score again.
+    """Refit the alignment without each camera and score again, to see how the score depends on it.
 
     Args:
         estimated_centres: (C, 3) in scene units.
-        true_centres: (C, 3) in metres.
+        true_centres: (C, 3) in meters.
         positions: (M, 3) predictions in scene units, all of them scored each time.
-        score_function: takes the aligned positions (M, 3) in metres, returns a number; for
-            instance MODA of them.
+        score_function: takes the aligned positions (M, 3) in meters and returns a number, for
+            instance their MODA.
         registered: (C,) which cameras to use, None for all.
         fixed_scale: see `align_centres`.
 
     Returns:
-        The scores, and where each withheld camera landed.
+        The scores, and the center error of each withheld camera.
 
     Raises:
         InsufficientDataError: if fewer than four cameras are used.
-        InvalidInputError: as `align_centres`, or if positions are not (M, 3).
-        DegenerateGeometryError: if the centres that remain lie on one line.
+        InvalidInputError: as in `align_centres`, or if positions are not (M, 3).
+        DegenerateGeometryError: if the remaining centers lie on one line.
 
     Source:
         CAT-Free, appendix "Effect of evaluation alignment" (Table gauge).
     """
-    estimated, true, used = _centres(estimated_centres, true_centres, registered)
+    estimated, true, used = _paired_centers(estimated_centres, true_centres, registered)
     points = np.asarray(as_float(positions), np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InvalidInputError(f"positions must have shape (M, 3), got {points.shape}.")
-    if len(used) <= MINIMUM_CENTRES:
+    if len(used) <= MINIMUM_CENTERS:
         raise InsufficientDataError(
-            f"Cannot leave one camera out: {len(used)} cameras, {MINIMUM_CENTRES + 1} needed."
+            f"Cannot leave one camera out: {len(used)} cameras, {MINIMUM_CENTERS + 1} needed."
         )
 
     def score(alignment: Similarity) -> float:
@@ -173,22 +173,20 @@ def leave_one_camera_out(
         refit = fit_similarity(estimated[others], true[others], fixed_scale=fixed_scale)
         values[k] = score(refit)
         errors[k] = np.linalg.norm(np.asarray(refit(estimated[camera])) - true[camera])
-    everyone = fit_similarity(estimated[used], true[used], fixed_scale=fixed_scale)
-    return LeaveOneOut(
-        value=score(everyone), cameras=used, values=values, held_out_centre_error=errors
-    )
+    full = fit_similarity(estimated[used], true[used], fixed_scale=fixed_scale)
+    return LeaveOneOut(value=score(full), cameras=used, values=values, held_out_centre_error=errors)
 
 
 @dataclass(frozen=True, eq=False)
 class PositionAlignment:
-    """What is left of the errors after an alignment on the people themselves.
+    """Position errors before and after an alignment on the people themselves.
 
     Attributes:
-        similarity: (2-D) moves predicted x, y onto the true ones.
-        rows: (P, 4) the predictions, moved.
+        similarity: 2-D transform from predicted to true x, y.
+        rows: (P, 4) the transformed predictions.
         matched: number of pairs it was fitted to.
-        rms_before: root mean square distance of those pairs in metres.
-        rms_after: the same after the move.
+        rms_before: root mean square distance of those pairs in meters.
+        rms_after: the same after the transform.
     """
 
     similarity: Similarity
@@ -211,15 +209,15 @@ def align_positions(
     *,
     fixed_scale: bool = False,
 ) -> PositionAlignment:
-    """Align predictions on the annotated people: a diagnostic, never a score.
+    """Align predictions with the annotated people: a diagnostic, never a score.
 
     If the error falls a lot, the calibration or its alignment is off rather than the localization.
-    The fit has seen the ground truth, so no metric of the moved rows may be reported as a result.
+    The fit uses the ground truth, so no metric of the moved rows may be reported as a result.
 
     Args:
-        ground_truth: (G, 4) rows [frame, id, x, y], metres.
+        ground_truth: (G, 4) rows [frame, id, x, y], meters.
         predictions: (P, 4) rows of the same form, already roughly aligned.
-        threshold: largest distance of a pair in metres.
+        threshold: largest distance of a pair in meters.
         fixed_scale: keep scale 1.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Detection metrics inside a rectangle of the ground, with both ways to count what lies outside."""
+"""Detection metrics inside a rectangle of the ground, ignoring or counting predictions outside."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ from catfree.geometry._arrays import ArrayInput
 
 
 def crop(rows: ArrayInput, area: Any) -> Float[np.ndarray, "n 4"]:
-    """The rows whose position lies in a rectangle, its border included.
+    """Keep the rows whose position lies in a rectangle, including its border.
 
     Args:
-        rows: (N, 4) rows [frame, id, x, y], metres.
-        area: (x_min, x_max, y_min, y_max) in metres, or {"x": (x_min, x_max), "y": (y_min, y_max)}.
+        rows: (N, 4) rows [frame, id, x, y], meters.
+        area: (x_min, x_max, y_min, y_max) in meters, or {"x": (x_min, x_max), "y": (y_min, y_max)}.
 
     Returns:
-        The rows inside, in their order.
+        The rows inside, in input order.
 
     Raises:
         InvalidInputError: if a row or the area is malformed.
@@ -31,14 +31,14 @@ def crop(rows: ArrayInput, area: Any) -> Float[np.ndarray, "n 4"]:
 
 
 def inside(rows: Float[np.ndarray, "n 4"], area: Any) -> Bool[np.ndarray, " n"]:
-    """Which rows lie in an axis-aligned rectangle, its border included.
+    """Mark the rows that lie in an axis-aligned rectangle, including its border.
 
     Args:
-        rows: (N, 4) `[frame, id, x, y]` in metres.
-        area: `x_min, x_max, y_min, y_max` in metres, or a mapping with the pairs `x` and `y`.
+        rows: (N, 4) `[frame, id, x, y]` in meters.
+        area: `x_min, x_max, y_min, y_max` in meters, or a mapping with the pairs `x` and `y`.
 
     Returns:
-        (N,) those that `crop` would keep.
+        (N,) bool, the rows that `crop` would keep.
 
     Raises:
         InvalidInputError: if the area is malformed.
@@ -50,7 +50,7 @@ def inside(rows: Float[np.ndarray, "n 4"], area: Any) -> Bool[np.ndarray, " n"]:
         raise InvalidInputError(
             f"area is {area!r}; give (x_min, x_max, y_min, y_max) or a mapping with x and y ranges."
         ) from error
-    # Written so that nan fails too; infinite bounds are fine.
+    # In this form nan fails too; infinite bounds are valid.
     if not (x_min < x_max and y_min < y_max):
         raise InvalidInputError(f"area is {area!r}; it must have x_min < x_max and y_min < y_max.")
     x, y = rows[:, 2], rows[:, 3]
@@ -59,12 +59,12 @@ def inside(rows: Float[np.ndarray, "n 4"], area: Any) -> Bool[np.ndarray, " n"]:
 
 @dataclass(frozen=True, eq=False)
 class AreaMetrics:
-    """Detection metrics of an area, and how much was outside it.
+    """Detection metrics inside an area, and the number of rows outside it.
 
     Attributes:
         metrics: the metrics.
-        ground_truth_outside: ground-truth rows outside the area; they never count.
-        predictions_outside: predictions outside the area.
+        ground_truth_outside: number of ground-truth rows outside the area; they never count.
+        predictions_outside: number of predictions outside the area.
         outside: how those predictions were counted.
     """
 
@@ -90,20 +90,20 @@ def detection_metrics_in_area(
     outside: str = "ignore",
     compat: str | None = None,
 ) -> AreaMetrics:
-    """Detection metrics of the people annotated in an area.
+    """Compute detection metrics of the people annotated in an area.
 
-    Benchmarks annotate a rectangle only, and people walk outside it. Counting a prediction there as
-    a false positive punishes being right; ignoring it hides junk. Report which one was done.
+    Benchmarks annotate only a rectangle, and people walk outside it. Counting predictions there as
+    false positives penalizes correct ones; ignoring them hides wrong ones. Report which was done.
 
     Args:
-        ground_truth: (G, 4) rows [frame, id, x, y], metres; rows outside the area are dropped.
+        ground_truth: (G, 4) rows [frame, id, x, y], meters; rows outside the area are dropped.
         predictions: (P, 4) rows of the same form, in the same coordinates.
         area: see `crop`.
         frames: the frames to evaluate, also those without rows; rows of other frames are ignored.
             None evaluates every frame that either array mentions, inside the area or not.
-        threshold: largest distance of a match in metres.
+        threshold: largest distance of a match in meters.
         outside: "ignore" drops predictions outside the area; "false_positive" keeps them, so each
-            is a false positive unless it matches someone just inside.
+            is a false positive unless it matches a person just inside.
         compat: see `detection_metrics`.
 
     Returns:

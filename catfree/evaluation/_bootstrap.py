@@ -1,4 +1,4 @@
-"""Confidence intervals of the detection metrics, by drawing frames with replacement."""
+"""Confidence intervals of the detection metrics by resampling frames with replacement."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -16,7 +16,7 @@ class Interval(NamedTuple):
     Attributes:
         low: lower end.
         high: upper end.
-        value: the value of the whole sequence.
+        value: the value over the whole sequence.
     """
 
     low: float
@@ -64,11 +64,11 @@ def bootstrap(
     level: Number = 0.95,
     block_length: int = 1,
 ) -> DetectionIntervals:
-    """How much the metrics would vary had other frames of the same scene been annotated.
+    """Estimate how much the metrics would vary if other frames of the scene had been annotated.
 
-    Frames are drawn with replacement as often as there are frames. Neighbouring frames show the
-    same people, so their errors are alike and single frames give intervals that are too narrow:
-    blocks of successive frames (wrapping around the end) keep that dependence.
+    Each resample draws as many frames as there are, with replacement. Neighboring frames show the
+    same people, so their errors are correlated and drawing single frames gives intervals that are
+    too narrow. Blocks of successive frames (wrapping around the end) keep that dependence.
 
     Args:
         metrics: the counts of every frame, from `detection_metrics`.

@@ -13,7 +13,7 @@ from catfree.evaluation._rows import Frames, Number, Sequence, as_positive, read
 from catfree.geometry._arrays import ArrayInput
 
 # Positions of the public data sets lie on grids of 2.5 cm, so distances of exactly 0.5 m are
-# common; the tolerance keeps them inside the gate after the conversion from cells to metres.
+# common; the tolerance keeps them inside the gate after the conversion from cells to meters.
 GATE_TOLERANCE = 1e-9
 
 
@@ -35,9 +35,9 @@ def detection_rates(
         tp: matched pairs.
         fp: unmatched predictions.
         fn: unmatched ground truth.
-        distance_sum: summed distance of the matched pairs in metres.
-        threshold: the gate in metres, at which a pair is worth nothing to MODP.
-        clamped: whether a MODA that is negative or nan becomes 0.
+        distance_sum: summed distance of the matched pairs in meters.
+        threshold: the gate in meters, the distance at which a pair adds 0 to MODP.
+        clamped: whether a negative or nan MODA becomes 0.
 
     Returns:
         The rates. MODA without ground truth is nan, or -inf if there are predictions; the others
@@ -65,8 +65,8 @@ class DetectionMetrics:
         tp_per_frame: (F,) matched pairs.
         fp_per_frame: (F,) unmatched predictions.
         fn_per_frame: (F,) unmatched ground truth.
-        distance_sum_per_frame: (F,) summed distance of the matched pairs in metres.
-        threshold: the gate in metres.
+        distance_sum_per_frame: (F,) summed distance of the matched pairs in meters.
+        threshold: the gate in meters.
         clamped: whether negative MODA is reported as 0 (one historical evaluator does).
     """
 
@@ -142,19 +142,19 @@ def detection_metrics(
     *,
     compat: str | None = None,
 ) -> DetectionMetrics:
-    """Compare predicted with true ground positions, frame by frame, regardless of identity.
+    """Compare predicted with true ground positions in each frame, regardless of identity.
 
     In each frame, pairs at most `threshold` apart are matched one to one: as many pairs as
     possible, then the smallest total distance. Nothing is cropped; a prediction outside the
-    annotated area is a false positive unless `crop` removed it.
+    annotated area is a false positive unless removed before, for instance with `crop`.
 
     Args:
-        ground_truth: (G, 4) rows [frame, id, x, y], x and y in metres on the ground; the id is
+        ground_truth: (G, 4) rows [frame, id, x, y], x and y in meters on the ground; the id is
             ignored.
         predictions: (P, 4) rows of the same form, in the same coordinates.
         frames: the frames to evaluate, also those without rows; rows of other frames are ignored.
             None evaluates every frame that either array mentions.
-        threshold: largest distance of a match in metres.
+        threshold: largest distance of a match in meters.
         compat: None for the definition above. "mvdet_frames" evaluates only frames with
             predictions, so ground truth elsewhere is never missed. "mvdet_python" reproduces the
             Python evaluator of MVDet: it also drops the frames after the last one that has both,
@@ -198,24 +198,24 @@ def detection_metrics(
 
 
 def _evaluated(sequence: Sequence, compat: str | None) -> np.ndarray:
-    """(F,) which frames count."""
-    seen = np.array([len(rows) > 0 for rows in sequence.predicted_rows], dtype=bool)
+    """Mark the frames that count, (F,) bool."""
+    predicted = np.array([len(rows) > 0 for rows in sequence.predicted_rows], dtype=bool)
     true = np.array([len(rows) > 0 for rows in sequence.truth_rows], dtype=bool)
     if compat is None:
         return np.ones(len(sequence.frames), dtype=bool)
     if compat == "mvdet_frames":
-        return seen
+        return predicted
     if compat == "mvdet_python":
-        both = np.flatnonzero(seen & true)
+        both = np.flatnonzero(predicted & true)
         last = both[-1] if len(both) else -1
-        return seen & (np.arange(len(seen)) <= last)
+        return predicted & (np.arange(len(predicted)) <= last)
     raise InvalidInputError(
         f"compat is {compat!r}; it must be None, 'mvdet_python' or 'mvdet_frames'."
     )
 
 
 def combine_detection(parts: Iterable[DetectionMetrics]) -> DetectionMetrics:
-    """Metrics of several sequences together: their frames are put one after the other.
+    """Combine the metrics of several sequences by concatenating their frames.
 
     Args:
         parts: metrics of the sequences, all made with the same threshold and `compat`.
@@ -224,7 +224,7 @@ def combine_detection(parts: Iterable[DetectionMetrics]) -> DetectionMetrics:
         The metrics of the pooled counts.
 
     Raises:
-        InvalidInputError: if there are no parts or they differ in threshold.
+        InvalidInputError: if there are no parts, or their thresholds or MODA clamping differ.
     """
     parts = list(parts)
     if not parts or len({(part.threshold, part.clamped) for part in parts}) > 1:

@@ -11,8 +11,8 @@ from catfree.errors import InvalidInputError
 from catfree.evaluation._rows import Frames, Number, Sequence, as_positive, read_sequence
 from catfree.geometry._arrays import ArrayInput
 
-# Written as the reference evaluator does: similarities on a grid fall exactly on these values,
-# and another expression for them differs in the last bit.
+# The expression of the reference evaluator: similarities on a grid fall exactly on these values,
+# and any other expression differs in the last bit.
 ALPHAS = np.arange(0.05, 0.99, 0.05)
 _EPSILON = np.finfo(np.float64).eps
 
@@ -33,7 +33,7 @@ class HotaMetrics:
         association_sum: (19,) sum over matched rows of their pair's association accuracy.
         association_recall_sum: (19,) the same for association recall.
         association_precision_sum: (19,) the same for association precision.
-        zero_distance: distance in metres at which similarity is 0.
+        zero_distance: distance in meters at which similarity is 0.
     """
 
     tp: PerAlpha
@@ -147,16 +147,16 @@ def hota(
 ) -> HotaMetrics:
     """Compare predicted with true trajectories by HOTA.
 
-    The similarity of two positions d metres apart is max(0, 1 - d / zero_distance). Each frame is
+    The similarity of two positions d meters apart is max(0, 1 - d / zero_distance). Each frame is
     matched once, for the largest sum of similarity times how well the two identities agree over
     the whole sequence; each alpha then keeps the pairs whose similarity reaches it.
 
     Args:
-        ground_truth: (G, 4) rows [frame, id, x, y], x and y in metres on the ground.
+        ground_truth: (G, 4) rows [frame, id, x, y], x and y in meters on the ground.
         predictions: (P, 4) rows of the same form, in the same coordinates.
         frames: the frames to evaluate, also those without rows; rows of other frames are ignored.
             None evaluates every frame that either array mentions.
-        zero_distance: distance in metres at which the similarity is 0.
+        zero_distance: distance in meters at which the similarity is 0.
 
     Returns:
         The metrics, in percent.
@@ -216,9 +216,9 @@ def hota(
 def _agreement(
     sequence: Sequence, similarities: list[np.ndarray], person: np.ndarray, hypothesis: np.ndarray
 ) -> Float[np.ndarray, "people hypotheses"]:
-    """Frames that each pair of identities shares, each counted softly.
+    """Soft count of the frames that each pair of identities shares.
 
-    A frame counts fully for a pair that resembles only each other, less where others compete.
+    A frame counts fully if the two are similar only to each other, less if others compete.
     """
     shared = np.zeros((person.max(initial=-1) + 1, hypothesis.max(initial=-1) + 1))
     for (truth, predicted), similarity in zip(sequence, similarities, strict=True):
@@ -229,16 +229,16 @@ def _agreement(
 
 
 def combine_hota(parts: Iterable[HotaMetrics]) -> HotaMetrics:
-    """HOTA of several sequences together: all sums are added at each alpha.
+    """Combine the HOTA metrics of several sequences by adding all sums at each alpha.
 
     Args:
         parts: metrics of the sequences, all made with the same zero_distance.
 
     Returns:
-        The metrics of the added sums: association is weighted by matched rows.
+        The metrics of the added sums; association is weighted by matched rows.
 
     Raises:
-        InvalidInputError: if there are no parts or they differ in zero_distance.
+        InvalidInputError: if there are no parts or their zero_distance differs.
     """
     parts = list(parts)
     if not parts or len({part.zero_distance for part in parts}) > 1:

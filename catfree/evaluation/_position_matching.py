@@ -15,7 +15,7 @@ class Matching(NamedTuple):
     Attributes:
         truth: (m,) index of the ground-truth point of each pair.
         predicted: (m,) index of its prediction.
-        distance: (m,) their distance in metres.
+        distance: (m,) their distance in meters.
     """
 
     truth: Int[np.ndarray, " m"]
@@ -24,17 +24,17 @@ class Matching(NamedTuple):
 
 
 def match(distance: Float[np.ndarray, "g p"], admissible: Bool[np.ndarray, "g p"]) -> Matching:
-    """Match true points to predictions, only along admissible pairs.
+    """Match true points to predictions, using only admissible pairs.
 
     Args:
-        distance: (g, p) distances in metres; anything where a pair is not admissible.
+        distance: (g, p) distances in meters; pairs that are not admissible may hold anything.
         admissible: (g, p) which pairs may be matched.
 
     Returns:
         The matching with the most pairs and, among those, the smallest total distance.
     """
-    # One pair more must outweigh any saving on the others, so a forbidden pair costs more than
-    # all admissible ones together. An infinite cost would make the assignment infeasible.
+    # One more pair must outweigh any saving on the others, so a forbidden pair costs more than all
+    # admissible pairs together. An infinite cost would make the assignment infeasible.
     largest = distance[admissible].max(initial=0.0)
     forbidden = 2 * min(distance.shape) * (largest + 1) + 1
     truth, predicted = linear_sum_assignment(np.where(admissible, distance, forbidden))
@@ -50,7 +50,7 @@ def matched_rows(
 
     Args:
         sequence: ground truth and predictions.
-        gate: largest distance of a pair in metres.
+        gate: largest distance of a pair in meters.
 
     Returns:
         Indices of the paired rows in `sequence.truth` and in `sequence.predicted`.

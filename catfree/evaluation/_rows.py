@@ -1,4 +1,4 @@
-"""Ground truth and predictions as rows [frame, id, x, y]: checked once, read frame by frame."""
+"""Ground truth and predictions as rows [frame, id, x, y], checked and grouped by frame."""
 
 from collections.abc import Iterator, Set
 from dataclasses import dataclass
@@ -17,19 +17,18 @@ Frames = ArrayInput | Set[int | np.integer]
 
 
 def as_rows(rows: ArrayInput, name: str, *, identified: bool = False) -> Rows:
-    """Rows as a (N, 4) float64 array, or a sentence about the first bad one.
+    """Check rows and convert them to an (N, 4) float64 array.
 
     Args:
-        rows: (N, 4) frame, identity, x, y in metres; anything empty counts as (0, 4).
-        name: what to call the rows in an error.
-        identified: whether identities matter: then they must be whole numbers and no identity may
-            appear twice in a frame.
+        rows: (N, 4) frame, identity, x, y in meters; anything empty counts as (0, 4).
+        name: name of the rows in error messages.
+        identified: require identities to be whole numbers, each at most once per frame.
 
     Returns:
         (N, 4) float64.
 
     Raises:
-        InvalidInputError: naming the first row that breaks the above.
+        InvalidInputError: naming the first invalid row.
     """
     try:
         array = np.asarray(as_float(rows), np.float64)
@@ -57,15 +56,15 @@ def as_rows(rows: ArrayInput, name: str, *, identified: bool = False) -> Rows:
 
 def _refuse(array: Rows, bad: Any, name: str, reason: str) -> None:
     if bad.any():
-        at = int(np.argmax(bad))
-        raise InvalidInputError(f"{name}[{at}] is {array[at].tolist()}: {reason}.")
+        row = int(np.argmax(bad))
+        raise InvalidInputError(f"{name}[{row}] is {array[row].tolist()}: {reason}.")
 
 
 def as_positive(value: Any, name: str) -> float:
-    """A finite number above zero.
+    """Convert to float and check that the number is finite and above zero.
 
     Raises:
-        InvalidInputError: if it is anything else.
+        InvalidInputError: if it is not.
     """
     number = float(value)
     if not (np.isfinite(number) and number > 0):
@@ -92,13 +91,13 @@ class Sequence:
     predicted_rows: list[np.ndarray]
 
     def __iter__(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """The indices of the true and of the predicted rows, frame by frame."""
+        """Iterate over frames: the indices of their true and of their predicted rows."""
         return zip(self.truth_rows, self.predicted_rows, strict=True)
 
     def distances(
         self, truth: Int[np.ndarray, " g"], predicted: Int[np.ndarray, " p"]
     ) -> Float[np.ndarray, "g p"]:
-        """(g, p) Euclidean distances in metres between the rows with these indices."""
+        """(g, p) Euclidean distances in meters between the rows with these indices."""
         difference = self.truth[truth, None, 2:] - self.predicted[None, predicted, 2:]
         return np.linalg.norm(difference, axis=-1)
 
@@ -110,16 +109,14 @@ def read_sequence(
     *,
     identified: bool = False,
 ) -> Sequence:
-    """Check both row arrays and sort them into frames.
+    """Check both row arrays and group them by frame.
 
     Args:
-        ground_truth: (G, 4) rows [frame, id, x, y], metres.
+        ground_truth: (G, 4) rows [frame, id, x, y], meters.
         predictions: (P, 4) rows of the same form, in the same coordinates.
-        frames: the frames to evaluate. One without rows is legitimate: nobody was there and nobody
-            was reported, which is neither right nor wrong, and a frame where only one of the two
-            arrays has rows counts all of them as errors. Rows of other frames are ignored, so that
-            a list of test frames picks them out. None evaluates every frame that either array
-            mentions, and so cannot know of frames in which there was nothing.
+        frames: the frames to evaluate. A listed frame without rows contributes nothing; in a frame
+            where only one of the two arrays has rows, all of them are errors. Rows of other frames
+            are ignored. None evaluates every frame that either array mentions.
         identified: whether identities matter (see `as_rows`).
 
     Returns:

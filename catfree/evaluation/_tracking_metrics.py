@@ -18,17 +18,17 @@ MOSTLY_LOST = 0.2
 
 
 def _ratio(numerator: Number, denominator: Number) -> float:
-    """The quotient; nan or an infinity where the denominator is 0."""
+    """The quotient; nan or infinite if the denominator is 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(np.divide(numerator, denominator))
 
 
 @dataclass(frozen=True)
 class TrackingMetrics:
-    """Tracking quality over a sequence: counts, and the rates that follow from them.
+    """Tracking quality over a sequence: counts, and the rates computed from them.
 
-    Rates are percent. A rate without denominator is nan; MOTA without ground truth is -inf if
-    there are predictions.
+    Rates are in percent. A rate whose denominator is 0 is nan; MOTA without ground truth is -inf
+    if there are predictions.
 
     Attributes:
         num_frames: evaluated frames.
@@ -39,7 +39,7 @@ class TrackingMetrics:
         id_switches: matched pairs whose person was last matched to another prediction id.
         fp: unmatched predictions.
         fn: unmatched ground truth.
-        distance_sum: summed distance of all matched pairs in metres.
+        distance_sum: summed distance of all matched pairs in meters.
         idtp: rows explained by the best one-to-one assignment of whole identities.
         idfp: predictions it does not explain.
         idfn: ground truth it does not explain.
@@ -47,7 +47,7 @@ class TrackingMetrics:
         partially_tracked: people between the two.
         mostly_lost: people matched in less than 20 percent.
         fragmentations: interruptions between a person's first and last matched frame.
-        threshold: the gate in metres.
+        threshold: the gate in meters.
     """
 
     num_frames: int
@@ -80,12 +80,12 @@ class TrackingMetrics:
 
     @property
     def motp(self) -> float:
-        """Mean distance of the matched pairs in metres: lower is better."""
+        """Mean distance of the matched pairs in meters: lower is better."""
         return _ratio(self.distance_sum, self.tp)
 
     @property
     def motp_percent(self) -> float:
-        """100 (1 - MOTP / threshold), the form that papers with a gate of 1 m print."""
+        """100 (1 - MOTP / threshold), the form that papers with a gate of 1 m report."""
         return 100 * (1 - self.motp / self.threshold)
 
     @property
@@ -131,16 +131,16 @@ def tracking_metrics(
 
     CLEAR MOT goes through the frames in ascending order. A person keeps the prediction id it was
     last matched to, however long ago, whenever that id is within the gate and not yet taken
-    (ground-truth rows in input order). The rest is matched one to one, most pairs first, then
-    smallest total distance. The identity scores instead assign whole trajectories one to one so
-    that as many rows as possible agree within the gate.
+    (ground-truth rows in input order). The remaining rows are matched one to one: as many pairs as
+    possible, then the smallest total distance. The identity scores instead assign whole
+    trajectories one to one so that as many rows as possible agree within the gate.
 
     Args:
-        ground_truth: (G, 4) rows [frame, id, x, y], x and y in metres on the ground.
+        ground_truth: (G, 4) rows [frame, id, x, y], x and y in meters on the ground.
         predictions: (P, 4) rows of the same form, in the same coordinates.
         frames: the frames to evaluate, also those without rows; rows of other frames are ignored.
             None evaluates every frame that either array mentions.
-        threshold: largest distance of a match in metres, itself included.
+        threshold: largest distance of a match in meters, inclusive.
 
     Returns:
         The metrics.
@@ -165,8 +165,8 @@ def tracking_metrics(
     mostly_tracked = int((tracked >= MOSTLY_TRACKED).sum())
     mostly_lost = int((tracked < MOSTLY_LOST).sum())
 
-    # An identity left alone costs all its rows twice over the two error counts, a pair saves its
-    # shared frames in both: fewest errors is therefore most shared frames.
+    # Every unmatched row is an error, and a pair of identities removes its shared frames from both
+    # error counts: the fewest errors are therefore the most shared frames.
     idtp = int(shared[linear_sum_assignment(shared, maximize=True)].sum())
     tp = int(clear.matched.sum())
     switches = int(clear.switched.sum())
@@ -192,12 +192,12 @@ def tracking_metrics(
 
 
 class _ClearMatches(NamedTuple):
-    """What became of every ground-truth row.
+    """Match of each ground-truth row.
 
     Attributes:
         matched: (G,) whether it has a prediction.
         switched: (G,) whether that prediction's id differs from the person's last one.
-        distance: (G,) to that prediction in metres, 0 where there is none.
+        distance: (G,) to that prediction in meters, 0 if there is none.
     """
 
     matched: Bool[np.ndarray, " g"]
@@ -212,7 +212,7 @@ def _match_frames(
     shared: Int[np.ndarray, "people hypotheses"],
     gate: float,
 ) -> _ClearMatches:
-    """Match frame by frame with continuity; counts the frames each pair shares in `shared`."""
+    """Match each frame with continuity, and count in `shared` the frames that each pair shares."""
     matched = np.zeros(len(person), dtype=bool)
     switched = np.zeros(len(person), dtype=bool)
     distance = np.zeros(len(person))
@@ -252,17 +252,17 @@ def _match_frames(
 def _fragmentations(
     frame: Float[np.ndarray, " g"], person: Int[np.ndarray, " g"], matched: Bool[np.ndarray, " g"]
 ) -> int:
-    """Times that a matched person is lost and found again."""
+    """Count how often a matched person is lost and matched again."""
     order = np.lexsort((frame, person))
-    # Between two successive matches of one person there is an interruption unless they are
-    # neighbours in the person's own list of rows.
+    # Two successive matches of one person are interrupted unless they are neighbors in the list of
+    # that person's rows.
     position = np.flatnonzero(matched[order])
     same_person = np.diff(person[order][position]) == 0
     return int((same_person & (np.diff(position) > 1)).sum())
 
 
 def combine_tracking(parts: Iterable[TrackingMetrics]) -> TrackingMetrics:
-    """Metrics of several sequences together: all counts are added.
+    """Combine the metrics of several sequences by adding all counts.
 
     Args:
         parts: metrics of the sequences, all made with the same threshold.
@@ -271,7 +271,7 @@ def combine_tracking(parts: Iterable[TrackingMetrics]) -> TrackingMetrics:
         The metrics of the summed counts.
 
     Raises:
-        InvalidInputError: if there are no parts or they differ in threshold.
+        InvalidInputError: if there are no parts or their thresholds differ.
     """
     parts = list(parts)
     if not parts or len({part.threshold for part in parts}) > 1:

@@ -1,4 +1,4 @@
-"""Whether reported uncertainties are honest: covariance ellipses and existence probabilities."""
+"""Calibration of reported uncertainties: covariance ellipses and existence probabilities."""
 
 from dataclasses import dataclass
 
@@ -15,15 +15,15 @@ from catfree.geometry._arrays import ArrayInput
 def matched_predictions(
     ground_truth: ArrayInput, predictions: ArrayInput, threshold: Number = 0.5
 ) -> Bool[np.ndarray, " p"]:
-    """Which predictions are true positives, in the sense of `detection_metrics`.
+    """Mark the predictions that are true positives, as defined by `detection_metrics`.
 
     Args:
-        ground_truth: (G, 4) rows [frame, id, x, y], metres.
+        ground_truth: (G, 4) rows [frame, id, x, y], meters.
         predictions: (P, 4) rows of the same form.
-        threshold: largest distance of a match in metres.
+        threshold: largest distance of a match in meters.
 
     Returns:
-        (P,) in the order of `predictions`; what `calibration_curve` takes as `correct`.
+        (P,) bool in the order of `predictions`, for the argument `correct` of `calibration_curve`.
 
     Raises:
         InvalidInputError: naming the first bad row.
@@ -37,10 +37,10 @@ def matched_predictions(
 
 @dataclass(frozen=True, eq=False)
 class EllipseCoverage:
-    """How often true positions lie inside the uncertainty ellipses of their predictions.
+    """Share of true positions inside the uncertainty ellipses of their predictions.
 
     Attributes:
-        level: the share that should be inside.
+        level: the expected share inside.
         squared_mahalanobis: (M,) of each matched pair; chi-square with two degrees of freedom if
             the covariances are right.
     """
@@ -60,7 +60,7 @@ class EllipseCoverage:
 
     @property
     def share(self) -> float:
-        """Share inside the ellipse, nan without pairs: `level` if honest, less if overconfident."""
+        """Share inside the ellipse, nan without pairs; below `level` if overconfident."""
         inside = self.squared_mahalanobis <= self._limit
         return float(inside.mean()) if self.matched else float("nan")
 
@@ -94,11 +94,11 @@ def ellipse_coverage(
     should be well above the sigmas: otherwise the coverage looks better than it is.
 
     Args:
-        ground_truth: (G, 4) rows [frame, id, x, y], metres.
+        ground_truth: (G, 4) rows [frame, id, x, y], meters.
         predictions: (P, 4) rows of the same form, in the same coordinates.
-        covariance: (P, 2, 2) of the predicted x, y in square metres, symmetric positive definite.
+        covariance: (P, 2, 2) of the predicted x, y in square meters, symmetric positive definite.
         frames: the frames to use; rows of other frames are ignored. None uses all.
-        threshold: largest distance of a match in metres.
+        threshold: largest distance of a match in meters.
         level: probability content of the ellipse.
 
     Returns:
@@ -116,7 +116,7 @@ def ellipse_coverage(
     n = len(everything.predicted)
     if covariances.shape != (n, 2, 2) and (n or covariances.size):
         raise InvalidInputError(
-            f"covariance must have shape ({n}, 2, 2), one a prediction, got {covariances.shape}."
+            f"covariance must have shape ({n}, 2, 2), one per prediction, got {covariances.shape}."
         )
     covariances = covariances.reshape(n, 2, 2)
     _require_positive_definite(covariances)
@@ -133,22 +133,22 @@ def _require_positive_definite(covariances: Float[np.ndarray, "p 2 2"]) -> None:
         good = (xx > 0) & (yy > 0) & (xx * yy - xy * yx > 0) & np.isclose(xy, yx, atol=0)
     good &= np.isfinite(covariances).all(axis=(1, 2))
     if not good.all():
-        at = int(np.argmin(good))
+        row = int(np.argmin(good))
         raise InvalidInputError(
-            f"covariance[{at}] is {covariances[at].tolist()}; it must be finite, symmetric and "
+            f"covariance[{row}] is {covariances[row].tolist()}; it must be finite, symmetric and "
             "positive definite."
         )
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationCurve:
-    """Reliability diagram of probabilities: what was claimed against what happened.
+    """Reliability diagram: claimed probabilities against observed frequencies.
 
     Attributes:
         edges: (B + 1,) borders of the bins in [0, 1].
-        count: (B,) probabilities in each bin.
-        mean_probability: (B,) mean claim, nan where a bin is empty.
-        observed_frequency: (B,) share that was correct, nan where a bin is empty.
+        count: (B,) number of probabilities in each bin.
+        mean_probability: (B,) mean claimed probability, nan for an empty bin.
+        observed_frequency: (B,) share that was correct, nan for an empty bin.
         expected_calibration_error: mean gap between the two, weighted by `count`.
         brier_score: mean squared difference between probability and outcome.
     """
@@ -170,12 +170,12 @@ class CalibrationCurve:
 def calibration_curve(
     probability: ArrayInput, correct: ArrayInput, bins: int = 10
 ) -> CalibrationCurve:
-    """Compare claimed probabilities with how often they came true.
+    """Compare claimed probabilities with observed frequencies.
 
     Args:
         probability: (N,) claimed probabilities in [0, 1].
         correct: (N,) whether each came true.
-        bins: number of bins of equal width; a value on a border belongs to the upper one.
+        bins: number of bins of equal width; a value on a border belongs to the upper bin.
 
     Returns:
         The curve; its scores are nan if N is 0.
@@ -190,14 +190,15 @@ def calibration_curve(
     outcome = np.asarray(correct).astype(np.float64)
     if claimed.ndim != 1 or outcome.shape != claimed.shape:
         raise InvalidInputError(
-            f"probability {claimed.shape} and correct {outcome.shape} must be flat, of one length."
+            f"probability {claimed.shape} and correct {outcome.shape} must be flat and of the same "
+            "length."
         )
     if bins < 1:
         raise InvalidInputError(f"bins is {bins}; at least 1 is needed.")
     bad = ~((claimed >= 0) & (claimed <= 1))
     if bad.any():
-        at = int(np.argmax(bad))
-        raise InvalidInputError(f"probability[{at}] is {claimed[at]}; it must be in [0, 1].")
+        row = int(np.argmax(bad))
+        raise InvalidInputError(f"probability[{row}] is {claimed[row]}; it must be in [0, 1].")
     bad = ~np.isin(outcome, (0.0, 1.0))
     if bad.any():
         raise InvalidInputError(f"correct[{int(np.argmax(bad))}] is neither true nor false.")

@@ -113,7 +113,7 @@ def test_unregistered_cameras_may_be_nan():
         registered=registered,
     )
     assert result.cameras.tolist() == [0, 2, 3, 4]
-    with pytest.raises(InvalidInputError, match="centre of camera 1 is not finite"):
+    with pytest.raises(InvalidInputError, match="center of camera 1 is not finite"):
         evaluation.align_centres(estimated, CENTRES)
 
 
