@@ -1,4 +1,4 @@
-"""Seeded worlds with known truth: people, cameras, detections, rendered video."""
+"""Seeded synthetic worlds with known truth: people, cameras, detections, rendered video."""
 
 from catfree.synthetic._disturbance import (
     RigError as RigError,

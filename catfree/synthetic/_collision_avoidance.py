@@ -1,27 +1,27 @@
-"""How walkers give way: to each other, and to things that stand in their path."""
+"""Collision avoidance of walkers: with each other, and with obstacles in their path."""
 
 import numpy as np
 from jaxtyping import Float, Int
 
-PERSONAL_SPACE = 0.55  # metres between two body axes below which strangers clearly give way
-FALL_OFF = 0.25  # metres over which giving way fades by a factor e
+PERSONAL_SPACE = 0.55  # meters between two body axes below which strangers clearly give way
+FALL_OFF = 0.25  # meters over which giving way fades by a factor e
 YIELD_SPEED = 1.5  # m/s of giving way at the edge of personal space
 COMPANION_SHARE = 0.6  # of it towards members of one's own group
-BODY_RADIUS = 0.25  # metres
-LOOK_AHEAD = 1.5  # metres from an obstacle at which walkers begin to pass it
+BODY_RADIUS = 0.25  # meters
+LOOK_AHEAD = 1.5  # meters from an obstacle at which walkers begin to pass it
 
 
 def avoidance(
     position: Float[np.ndarray, "p 2"], group: Int[np.ndarray, " p"]
 ) -> Float[np.ndarray, "p 2"]:
-    """Velocity (P, 2) in m/s that gives way to others, who are nearer the stronger."""
+    """Velocity (P, 2) in m/s away from others, stronger for nearer ones."""
     offset = position[:, None] - position[None]
     distance = np.sqrt(np.einsum("pqi,pqi->pq", offset, offset) + 1e-9)
     strength = YIELD_SPEED * np.exp((PERSONAL_SPACE - distance) / FALL_OFF)
     strength[group[:, None] == group[None]] *= COMPANION_SHARE
     np.fill_diagonal(strength, 0.0)
     total = np.einsum("pq,pqi->pi", strength / distance, offset)
-    # Half of it is sideways, always to the right: two who meet pass instead of stopping.
+    # Half of it is added to the right: two people who meet pass instead of stopping.
     return total + 0.5 * np.stack([total[:, 1], -total[:, 0]], -1)
 
 
@@ -30,7 +30,7 @@ def around_obstacles(
     velocity: Float[np.ndarray, "p 2"],
     obstacles: Float[np.ndarray, "k 3"],
 ) -> Float[np.ndarray, "p 2"]:
-    """Sideways velocity (P, 2) in m/s for those whose way meets an obstacle (x, y, radius)."""
+    """Sideways velocity (P, 2) in m/s of people whose path meets an obstacle (x, y, radius)."""
     if not len(obstacles) or not len(points):
         return np.zeros_like(points)
     ahead = unit(velocity)
@@ -39,7 +39,7 @@ def around_obstacles(
     leftwards = to_obstacle[..., 1] * ahead[:, None, 0] - to_obstacle[..., 0] * ahead[:, None, 1]
     reach = obstacles[None, :, 2] + 2 * BODY_RADIUS
     meets = (along > -BODY_RADIUS) & (along < reach + LOOK_AHEAD) & (np.abs(leftwards) < reach)
-    # Pass on the side that is nearer, the more decidedly the straighter the way leads into it.
+    # Pass on the nearer side; the push is stronger the more central the path meets the obstacle.
     side = np.where(leftwards >= 0, -1, 1)
     push = np.where(meets, side * (1 - np.abs(leftwards) / reach), 0).sum(1)
     speed = np.linalg.norm(velocity, axis=-1)
@@ -52,7 +52,7 @@ def outside_obstacles(
     obstacles: Float[np.ndarray, "k 3"],
     clearance: float = BODY_RADIUS,
 ) -> Float[np.ndarray, "p 2"]:
-    """The points, those within `clearance` of an obstacle moved straight out of it."""
+    """Move points within `clearance` of an obstacle straight out of it."""
     for x, y, radius in obstacles:
         offset = points - [x, y]
         distance = np.linalg.norm(offset, axis=-1, keepdims=True)
@@ -63,12 +63,12 @@ def outside_obstacles(
 
 
 def unit(vectors: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """Vectors of length one in the same directions; zero stays zero."""
+    """Normalize vectors to length one; zero stays zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.where(length > 1e-9, vectors / np.maximum(length, 1e-9), 0.0)
 
 
 def limited(vectors: Float[np.ndarray, "n 2"], longest: float) -> Float[np.ndarray, "n 2"]:
-    """The vectors, those longer than `longest` shortened to it."""
+    """Shorten vectors longer than `longest` to that length."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors * np.minimum(1.0, longest / np.maximum(length, 1e-9))

@@ -1,8 +1,8 @@
-"""How a crowd moves: groups follow waypoints, their members keep their places and their distance.
+"""Motion of a crowd: groups follow waypoints, members keep formation and avoid collisions.
 
 Velocities relax towards a desired velocity, as in the social force model (Helbing and Molnár,
-"Social force dynamics for pedestrian motion", 1995): a walker can always turn towards its target,
-so nobody circles around a waypoint.
+"Social force model for pedestrian dynamics", 1995). Walkers can always turn towards their target,
+so they do not circle around a waypoint.
 """
 
 from dataclasses import dataclass
@@ -18,19 +18,19 @@ from catfree.synthetic._collision_avoidance import (
     unit,
 )
 
-RELAXATION = 0.5  # seconds in which a velocity adapts
+RELAXATION = 0.5  # seconds, time constant of the velocity
 PREFERRED_SPEED = (1.25, 0.2)  # m/s, mean and spread of free walking
-TOP_SPEED = 2.2  # m/s, a brisk walk to catch up
+TOP_SPEED = 2.2  # m/s, a brisk walk to catch up with the group
 TOP_ACCELERATION = 3.0  # m/s²
-ARRIVAL = 0.7  # metres from a waypoint at which it counts as reached
-STANDING_CHANCE = 0.35  # that a reached waypoint is a place to stand
-STEP_LENGTH = 0.72  # metres of one step
-BYSTANDER_CLEARANCE = 0.3  # metres that bystanders keep from the area
+ARRIVAL = 0.7  # meters from a waypoint at which it counts as reached
+STANDING_CHANCE = 0.35  # probability that a group stands at a reached waypoint
+STEP_LENGTH = 0.72  # meters of one step
+BYSTANDER_CLEARANCE = 0.3  # meters that bystanders keep from the area
 
 
 @dataclass
 class Crowd:
-    """The state of P people in G groups while it is being integrated; lengths in metres."""
+    """State of P people in G groups during the integration; lengths in meters."""
 
     group: Int[np.ndarray, " p"]
     start: Float[np.ndarray, " g"]
@@ -59,7 +59,7 @@ class Crowd:
 
     @property
     def present(self) -> Bool[np.ndarray, " p"]:
-        """(P,) whether each person is in the world now."""
+        """(P,) whether each person is in the world at the current time."""
         return ((self.start <= self.time) & ~self.gone)[self.group]
 
     @classmethod
@@ -78,7 +78,7 @@ class Crowd:
         entry_margin: float,
         background_band: tuple[float, float],
     ) -> "Crowd":
-        """People in motion at time zero; later groups wait at their entry points."""
+        """Draw people in motion at time zero; later groups wait at their entry points."""
         groups, count = len(start), len(group)
         crowd = cls(
             group=group,
@@ -105,16 +105,16 @@ class Crowd:
             heading=np.zeros(count),
             stride=rng.uniform(0, 2 * np.pi, count),
         )
-        # Members walk abreast, 0.7 m apart, each a little ahead or behind.
+        # Members walk abreast, 0.7 m apart, each slightly ahead or behind.
         size = np.bincount(group, minlength=groups)
         rank = np.arange(count) - np.searchsorted(group, group)
         crowd.slot[:, 0] = 0.7 * (rank - (size[group] - 1) / 2)
         crowd.slot[:, 1] = rng.uniform(-0.2, 0.2, count)
-        everybody = np.arange(groups)
-        crowd.anchor = _waypoints(crowd, rng, everybody)
+        all_groups = np.arange(groups)
+        crowd.anchor = _waypoints(crowd, rng, all_groups)
         late = np.flatnonzero(start > 0)
         crowd.anchor[late] = _gates(crowd, rng, late)
-        crowd.target = _waypoints(crowd, rng, everybody)
+        crowd.target = _waypoints(crowd, rng, all_groups)
         stands = (rng.uniform(size=groups) < standing) & (start <= 0)
         crowd.stand_until = np.where(stands, rng.exponential(standing_time, groups), 0.0)
         direction = unit(crowd.target - crowd.anchor)
@@ -124,23 +124,23 @@ class Crowd:
         crowd.position = _places(crowd)
         crowd.position = outside_obstacles(crowd.position, obstacles)
         crowd.velocity = crowd.anchor_velocity[group].copy()
-        turned = crowd.slot.sum(-1)  # any direction serves somebody who stands
+        turned = crowd.slot.sum(-1)  # a standing person may face any direction
         crowd.heading = np.where(stands[group], crowd.heading + turned, crowd.heading)
         return crowd
 
 
 def advance(crowd: Crowd, rng: np.random.Generator, dt: float) -> None:
-    """Move everybody by `dt` seconds, in place."""
+    """Advance the crowd by `dt` seconds, in place."""
     crowd.time += dt
     _choose_targets(crowd, rng)
     moving = crowd.time >= crowd.stand_until
     active = crowd.start <= crowd.time
 
-    # The anchor of a group walks to its waypoint, slowing down within a metre if it will stand.
+    # The anchor of a group walks to its waypoint.
     to_target = crowd.target - crowd.anchor
     desired = unit(to_target) * (crowd.speed * (moving & active))[:, None]
     desired = desired + around_obstacles(crowd.anchor, desired, crowd.obstacles)
-    # Members who fell behind are waited for.
+    # The anchor waits for members who fall behind.
     behind = _group_mean(crowd, np.linalg.norm(_places(crowd) - crowd.position, axis=-1))
     desired = desired * np.clip(1.5 - behind, 0.2, 1.0)[:, None]
     crowd.anchor_velocity += (
@@ -155,14 +155,14 @@ def advance(crowd: Crowd, rng: np.random.Generator, dt: float) -> None:
         dt=dt,
     )
 
-    # Each member heads for its place beside the anchor and gives way to others.
+    # Each member heads for its place beside the anchor and avoids others.
     present = crowd.present
     to_place = _places(crowd) - crowd.position
     wanted = crowd.anchor_velocity[crowd.group] + to_place / 0.8
-    here = np.flatnonzero(present)
-    wanted[here] += avoidance(crowd.position[here], crowd.group[here])
+    people = np.flatnonzero(present)
+    wanted[people] += avoidance(crowd.position[people], crowd.group[people])
     wanted = wanted + around_obstacles(crowd.position, wanted, crowd.obstacles)
-    # Somebody who stands does not shuffle about for a few centimetres.
+    # Standing people do not shuffle about by a few centimeters.
     calm = np.linalg.norm(wanted, axis=-1) < 0.15
     wanted = np.where(calm[:, None], 0.0, wanted)
     change = (limited(wanted, TOP_SPEED) - crowd.velocity) / RELAXATION
@@ -179,7 +179,7 @@ def advance(crowd: Crowd, rng: np.random.Generator, dt: float) -> None:
 
 
 def _choose_targets(crowd: Crowd, rng: np.random.Generator) -> None:
-    """Give a new waypoint to groups that arrived, stopped standing, or have to go."""
+    """Give a new waypoint to groups that arrived, and a gate to groups that leave."""
     arrived = np.linalg.norm(crowd.target - crowd.anchor, axis=-1) < ARRIVAL
     arrived &= (crowd.time >= crowd.stand_until) & (crowd.start <= crowd.time)
     crowd.gone |= arrived & crowd.leaving
@@ -188,32 +188,32 @@ def _choose_targets(crowd: Crowd, rng: np.random.Generator) -> None:
     if going.size:
         crowd.leaving[going] = True
         crowd.target[going] = _gates(crowd, rng, going)
-    next_one = np.flatnonzero(arrived & ~crowd.leaving)
-    if next_one.size:
-        crowd.target[next_one] = _waypoints(crowd, rng, next_one)
-        stands = rng.uniform(size=next_one.size) < STANDING_CHANCE
-        pause = rng.exponential(crowd.standing_time, next_one.size)
-        crowd.stand_until[next_one] = np.where(stands, crowd.time + pause, 0.0)
+    staying = np.flatnonzero(arrived & ~crowd.leaving)
+    if staying.size:
+        crowd.target[staying] = _waypoints(crowd, rng, staying)
+        stands = rng.uniform(size=staying.size) < STANDING_CHANCE
+        pause = rng.exponential(crowd.standing_time, staying.size)
+        crowd.stand_until[staying] = np.where(stands, crowd.time + pause, 0.0)
 
 
-def _waypoints(crowd: Crowd, rng: np.random.Generator, who: np.ndarray) -> np.ndarray:
-    """Places to go: anywhere in the area, or along their own side for bystanders."""
+def _waypoints(crowd: Crowd, rng: np.random.Generator, groups: np.ndarray) -> np.ndarray:
+    """Draw a waypoint per group: anywhere in the area, or for bystanders along their side."""
     x_min, x_max, y_min, y_max = crowd.area
-    share = rng.uniform(0.03, 0.97, (len(who), 2))
+    share = rng.uniform(0.03, 0.97, (len(groups), 2))
     inside = np.array([x_min, y_min]) + share * [x_max - x_min, y_max - y_min]
     near, far = crowd.background_band
-    away = near + rng.uniform(size=len(who)) * (far - near)
-    along = rng.uniform(-0.1, 1.1, len(who))
-    outside = _beside(crowd, crowd.side[who], along, away)
-    points = np.where(crowd.background[who][:, None], outside, inside)
+    away = near + rng.uniform(size=len(groups)) * (far - near)
+    along = rng.uniform(-0.1, 1.1, len(groups))
+    outside = _beside(crowd, crowd.side[groups], along, away)
+    points = np.where(crowd.background[groups][:, None], outside, inside)
     return outside_obstacles(points, crowd.obstacles, clearance=1.0)
 
 
-def _gates(crowd: Crowd, rng: np.random.Generator, who: np.ndarray) -> np.ndarray:
-    """Points outside the area where groups appear and vanish."""
-    side = rng.integers(4, size=len(who))
-    along = rng.uniform(0.05, 0.95, len(who))
-    return _beside(crowd, side, along, np.full(len(who), crowd.entry_margin))
+def _gates(crowd: Crowd, rng: np.random.Generator, groups: np.ndarray) -> np.ndarray:
+    """Draw a point per group outside the area, where it appears or vanishes."""
+    side = rng.integers(4, size=len(groups))
+    along = rng.uniform(0.05, 0.95, len(groups))
+    return _beside(crowd, side, along, np.full(len(groups), crowd.entry_margin))
 
 
 def _beside(crowd: Crowd, side: np.ndarray, along: np.ndarray, away: np.ndarray) -> np.ndarray:
@@ -230,7 +230,7 @@ def _beside(crowd: Crowd, side: np.ndarray, along: np.ndarray, away: np.ndarray)
 
 
 def _places(crowd: Crowd) -> Float[np.ndarray, "p 2"]:
-    """Where each member belongs: abreast of the anchor, across its direction of travel."""
+    """Target place of each member: abreast of the anchor, across its direction of travel."""
     angle = crowd.ahead[crowd.group]
     ahead = np.stack([np.cos(angle), np.sin(angle)], -1)
     across = np.stack([-ahead[:, 1], ahead[:, 0]], -1)
@@ -247,7 +247,7 @@ def _bystanders_outside(crowd: Crowd, points: np.ndarray) -> np.ndarray:
 
 
 def _turn(crowd: Crowd, speed: np.ndarray, dt: float) -> None:
-    """Walkers face where they go; who stands in a group faces its middle."""
+    """Turn walking people to their direction, and people standing in a group to its middle."""
     size = np.bincount(crowd.group, minlength=len(crowd.start))
     middle = np.stack([_group_mean(crowd, crowd.position[:, i]) for i in (0, 1)], -1)
     inward = middle[crowd.group] - crowd.position
@@ -260,7 +260,7 @@ def _turn(crowd: Crowd, speed: np.ndarray, dt: float) -> None:
 def _turned(
     angle: np.ndarray, goal: np.ndarray, turns: np.ndarray, *, rate: float, dt: float
 ) -> np.ndarray:
-    """Angles turned towards goal vectors, at most `rate` rad/s, where `turns` is true."""
+    """Turn angles towards goal vectors by at most `rate` rad/s where `turns` is true."""
     error = np.arctan2(goal[:, 1], goal[:, 0]) - angle
     error = (error + np.pi) % (2 * np.pi) - np.pi
     return angle + np.where(turns, np.clip(rate * error, -rate, rate), 0.0) * dt

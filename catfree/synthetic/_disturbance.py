@@ -1,4 +1,4 @@
-"""What separates a recovered scene from the true one: errors of stated size, an arbitrary gauge."""
+"""Disturbance of a true scene into a recovered one: errors of given size, an arbitrary gauge."""
 
 from dataclasses import dataclass
 
@@ -12,19 +12,19 @@ from catfree.types import Plane, Rig, Scene
 
 @dataclass(frozen=True)
 class RigError:
-    """How wrong a recovered scene is.
+    """Errors of a recovered scene.
 
     Over the layouts and three seeds, the median angle between a foot ray of the disturbed cameras
-    and the true position is 0.010 to 0.019 rad with the defaults, 0.003 to 0.009 rad without any
-    error, and 0.016 to 0.023 rad, about the sigma_theta of 0.0206 rad that the paper assumes, with
-    `RigError(rotation_deg=1.0)`.
+    and the true position is 0.010 to 0.019 rad with the defaults and 0.003 to 0.009 rad without
+    any error. With `RigError(rotation_deg=1.0)` it is 0.016 to 0.023 rad, about the sigma_theta of
+    0.0206 rad that the paper assumes.
 
     Attributes:
-        rotation_deg: angle by which each camera is turned about a random axis, degrees.
-        centre: distance by which each camera centre is moved in a random direction, metres.
+        rotation_deg: rotation angle of each camera about a random axis, degrees.
+        centre: displacement of each camera center in a random direction, meters.
         focal: relative error of each focal length, of random sign.
         ground_tilt_deg: angle between the true ground and the recovered one, degrees.
-        ground_offset: distance between the two below the middle of the area, metres.
+        ground_offset: distance between the two grounds below the middle of the area, meters.
     """
 
     rotation_deg: float | int = 0.5
@@ -42,14 +42,14 @@ def disturb(
     focal: float | int = 0.0,
     seed: int = 0,
 ) -> Rig:
-    """The rig with every camera off by exactly the stated amounts, in random directions.
+    """Disturb every camera by exactly the given amounts, in random directions.
 
     Args:
         rig: the true cameras.
         rotation_deg: angle of each camera's extra rotation in degrees.
-        centre: length of each camera centre's displacement in scene units.
+        centre: length of each camera center's displacement in scene units.
         focal: relative change of each focal length; the sign is drawn.
-        seed: the same directions for the same seed, whatever the amounts.
+        seed: the same seed gives the same directions for any amounts.
 
     Returns:
         The disturbed rig.
@@ -77,14 +77,14 @@ def disturb_ground(
     about: Float[np.ndarray, "3"],
     seed: int = 0,
 ) -> Plane:
-    """The plane tilted and moved by exactly the stated amounts, in random directions.
+    """Tilt and move a plane by exactly the given amounts, in random directions.
 
     Args:
         ground: the true plane.
         tilt_deg: angle between the two normals in degrees; the direction of the tilt is drawn.
         offset: distance between the two planes at `about` in scene units; the sign is drawn.
         about: (3,) the point whose projection on the true plane is moved, scene units.
-        seed: the same directions for the same seed, whatever the amounts.
+        seed: the same seed gives the same directions for any amounts.
 
     Returns:
         The disturbed plane.
@@ -100,18 +100,18 @@ def disturb_ground(
 
 
 def arbitrary_gauge(scene: Scene, seed: int = 0) -> tuple[Scene, Similarity]:
-    """The scene in a random frame, as an image-based reconstruction delivers it.
+    """Transform a scene to a random frame, like that of an image-based reconstruction.
 
     Args:
         scene: any scene.
-        seed: rotation (uniform), scale (log-uniform, 0.02 to 2) and translation follow from it.
+        seed: determines rotation (uniform), scale (log-uniform, 0.02 to 2) and translation.
 
     Returns:
         The transformed scene, not metric, and the similarity from the old frame to the new one.
     """
     rng = np.random.default_rng([seed, 2])
     scale = float(np.exp(rng.uniform(np.log(0.02), np.log(2.0))))
-    quaternion = rng.standard_normal(4)  # uniform over rotations once it is normalised
+    quaternion = rng.standard_normal(4)  # uniform over rotations after normalization
     rotation = Rotation.from_quat(quaternion).as_matrix()
     translation = scale * float(scene.extent) * rng.normal(size=3)
     similarity = Similarity(scale, rotation, translation)

@@ -1,7 +1,7 @@
-"""Where simulated cameras stand: rings and the manners of the public benchmarks.
+"""Layouts of simulated cameras: rings, and layouts like those of the public benchmarks.
 
 No real calibration is copied: every layout is drawn from the generic parameters stated here.
-Worlds are metres, z up, ground z = 0, the evaluation area centred on the origin.
+World coordinates are meters, z up, ground z = 0, with the evaluation area centered on the origin.
 """
 
 from collections.abc import Callable
@@ -14,15 +14,15 @@ from catfree.errors import InvalidInputError
 from catfree.synthetic._walkers import Area
 from catfree.types import Plane, Rig, Scene
 
-# A self-calibration may try 0.5, 0.7 and 0.9 image widths first. Focal lengths are drawn between
-# these bounds and at least 6 % away from each of those, so that no guess is right by chance.
+# Self-calibration may try 0.5, 0.7 and 0.9 image widths first. Focal lengths are drawn between
+# these bounds and at least 6 % away from each guess, so that no guess is right by chance.
 FOCAL_RANGE = (0.53, 0.86)
 LONG_FOCAL_RANGE = (0.75, 1.1)  # cameras that watch a long area
 ASSUMED_FOCALS = (0.5, 0.7, 0.9)
 FOCAL_CLEARANCE = 0.06
 FOCAL_SPREAD = 0.05  # relative standard deviation between the cameras of one world
-ROLL = 1.0  # degrees, standard deviation: nobody mounts a camera perfectly level
-SCENE_POINT_HEIGHT = 0.9  # metres: cameras look at the middle of people's bodies
+ROLL = 1.0  # degrees, standard deviation: cameras are never mounted perfectly level
+SCENE_POINT_HEIGHT = 0.9  # meters: cameras look at the middle of people's bodies
 
 
 @dataclass(frozen=True)
@@ -30,10 +30,10 @@ class Layout:
     """Cameras around an evaluation area.
 
     Attributes:
-        name: what the layout imitates.
-        rig: the true cameras, metres, z up.
-        area: evaluation area (x_min, x_max, y_min, y_max) in metres.
-        fps: frames a second of the footage.
+        name: name of the layout.
+        rig: the true cameras in meters, z up.
+        area: evaluation area (x_min, x_max, y_min, y_max) in meters.
+        fps: frames per second of the footage.
         people: usual number of people in the area.
     """
 
@@ -59,15 +59,15 @@ def ring(
     fps: float | int = 5.0,
     people: int = 14,
 ) -> Layout:
-    """Cameras evenly around a square of `side` metres, all aimed near its middle.
+    """Place cameras evenly around a square of `side` meters, all aimed near its middle.
 
     Args:
         cameras: number of cameras.
-        seed: everything random follows from it.
-        side: length of the area's sides in metres.
-        height: range of the cameras' heights in metres.
+        seed: determines all random draws.
+        side: length of the area's sides in meters.
+        height: range of the cameras' heights in meters.
         image_size: width and height in pixels.
-        fps: frames a second.
+        fps: frames per second.
         people: usual number of people.
 
     Returns:
@@ -85,16 +85,16 @@ def ring(
 
 
 def wildtrack_like(seed: int = 0) -> Layout:
-    """Seven cameras, 12 x 36 m, 2 fps, coverage uneven: most look at one half of the area.
+    """Seven cameras, 12 x 36 m, 2 fps, uneven coverage: most look at one half of the area.
 
     Cameras stand 1 to 5 m outside the border at heights of 2.2 to 3.5 m; five look into the
-    near half, two look along the whole length.
+    near half, two along the whole length.
 
     Args:
-        seed: everything random follows from it.
+        seed: determines all random draws.
 
     Returns:
-        The layout in metres.
+        The layout in meters.
 
     Source: extent, number of cameras and frame rate of WildTrack (Chavdarova et al. 2018).
     """
@@ -118,10 +118,10 @@ def multiviewx_like(seed: int = 0) -> Layout:
     """Six cameras around 16 x 25 m, 2 fps, crowded, 2 to 3 m high, aimed at the middle.
 
     Args:
-        seed: everything random follows from it.
+        seed: determines all random draws.
 
     Returns:
-        The layout in metres.
+        The layout in meters.
 
     Source: extent, number of cameras and frame rate of MultiviewX (Hou et al. 2020).
     """
@@ -135,11 +135,11 @@ def gmvd_like(seed: int = 0, *, cameras: int = 6) -> Layout:
     """Six or eight cameras around a 20 x 24 m courtyard, 4 to 6 m high, 2 fps.
 
     Args:
-        seed: everything random follows from it.
+        seed: determines all random draws.
         cameras: number of cameras.
 
     Returns:
-        The layout in metres.
+        The layout in meters.
 
     Source: numbers of cameras of scene 5 of GMVD (Vora et al. 2023), configurations 1 and 2.
     """
@@ -157,14 +157,14 @@ LAYOUTS: dict[str, Callable[[int], Layout]] = {
 
 
 def make_layout(name: str, seed: int = 0) -> Layout:
-    """A layout by name.
+    """Make a layout by name.
 
     Args:
         name: `wildtrack`, `multiviewx`, `gmvd6`, `gmvd8`, or `ringN` with N cameras.
-        seed: everything random follows from it.
+        seed: determines all random draws.
 
     Returns:
-        The layout in metres.
+        The layout in meters.
 
     Raises:
         InvalidInputError: if there is no layout of that name.
@@ -182,7 +182,7 @@ def make_layout(name: str, seed: int = 0) -> Layout:
 def draw_focals(
     rng: np.random.Generator, count: int, focal_range: tuple[float, float] = FOCAL_RANGE
 ) -> Float[np.ndarray, " cam"]:
-    """Focal lengths in image widths: one level a world, a small spread, away from usual guesses."""
+    """Draw focal lengths in image widths: one level per world, little spread, no usual guess."""
 
     def clear(focal: np.ndarray) -> np.ndarray:
         ratio = np.abs(np.log(focal[:, None] / np.array(ASSUMED_FOCALS)))
@@ -202,11 +202,11 @@ def draw_focals(
 def look_at(
     center: Float[np.ndarray, "3"], target: Float[np.ndarray, "3"], roll: float = 0.0
 ) -> Float[np.ndarray, "3 3"]:
-    """World-to-camera rotation of a camera at `center` that looks at `target`, z up.
+    """World-to-camera rotation of a camera at `center` looking at `target`, z up.
 
     Args:
-        center: (3,) camera centre, metres.
-        target: (3,) the point in the middle of the picture, metres, not straight below.
+        center: (3,) camera center, meters.
+        target: (3,) the point at the image center, meters, not straight below.
         roll: rotation about the viewing axis in radians.
 
     Returns:
@@ -230,7 +230,7 @@ def _around(
     fps: float | int,
     people: int,
 ) -> Layout:
-    """Cameras at even distances along a rectangle 0.5 to 2.5 m outside the area."""
+    """Place cameras evenly along a rectangle 0.5 to 2.5 m outside the area."""
     x_min, x_max, y_min, y_max = area
     half = np.array([x_max - x_min, y_max - y_min]) / 2
     middle = np.array([x_min + x_max, y_min + y_max]) / 2
@@ -251,7 +251,7 @@ def _aimed_rig(
     image_size: tuple[int, int],
     focal_range: tuple[float, float] = FOCAL_RANGE,
 ) -> Rig:
-    """Cameras above `ground`, looking at `aim`, with drawn focal lengths and rolls."""
+    """Rig of cameras above `ground` that look at `aim`, with drawn focal lengths and rolls."""
     cameras = len(ground)
     width, rows = image_size
     focal = draw_focals(rng, cameras, focal_range) * width

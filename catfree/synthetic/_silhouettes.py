@@ -1,4 +1,4 @@
-"""What of each person a camera sees: body boxes, and the shares that nearer things hide."""
+"""Body boxes in each camera, and the shares of each body that nearer objects hide."""
 
 from dataclasses import dataclass
 
@@ -8,10 +8,10 @@ from jaxtyping import Bool, Float, Int, UInt64
 from catfree.synthetic._walkers import Walkers
 from catfree.types import Rig
 
-NEAREST = 0.5  # metres in front of a camera below which nothing is seen
+NEAREST = 0.5  # meters in front of a camera below which nothing is seen
 
 # A body in units of its height: (across, ahead, up) of points on head, shoulders, hips and hands.
-# A shoulder breadth of 0.26 and the rest are common anthropometric shares.
+# The shoulder breadth of 0.26 and the other values are common anthropometric proportions.
 _UPPER_BODY = np.array(
     [
         *[(0.055 * np.cos(a), 0.055 * np.sin(a), 0.985) for a in np.arange(8) * np.pi / 4],
@@ -23,12 +23,13 @@ _UPPER_BODY = np.array(
 _FOOT_ACROSS = 0.055  # from the middle of the body to a foot's middle
 _FOOT_HALF_WIDTH = 0.026
 _TOE, _HEEL = 0.105, -0.045  # ahead of the ankle
-# Walking freely, an ankle swings so far to either side of the body, is lifted so much on its way
-# forward, and the heel behind rises so much. A larger swing would make feet slide on the ground.
+# In free walking, an ankle swings this far ahead of and behind the body, is lifted this much on its
+# way forward, and the rear heel rises this much. A larger swing would make feet slide on the
+# ground.
 STRIDE_SHARE, LIFT, HEEL_RISE = 0.165, 0.035, 0.045
-FREE_SPEED = 1.3  # m/s, from which legs swing fully
+FREE_SPEED = 1.3  # m/s, above which legs swing fully
 
-# Visibility is sampled on 16 rows x 4 columns of each box: one bit a sample.
+# Visibility is sampled on 16 rows x 4 columns of each box: one bit per sample.
 ROWS, COLUMNS = 16, 4
 _HALF_WIDTH = np.interp(np.arange(ROWS) + 0.5, [0, 2, 3, 8, 16], [0.3, 0.35, 0.9, 0.85, 0.6])
 
@@ -38,11 +39,11 @@ class Silhouettes:
     """M bodies seen by cameras, sorted by camera, then frame, then distance.
 
     Attributes:
-        camera, frame, person: (M,) whose body, when, seen by which camera.
-        box: (M, 4) x1, y1, x2, y2 around the whole body in pixels, hidden or outside parts too.
-        distance: (M,) metres from the camera centre to the body axis at half height.
+        camera, frame, person: (M,) indices.
+        box: (M, 4) x1, y1, x2, y2 in pixels around the whole body, including hidden parts.
+        distance: (M,) meters from the camera center to the body axis at half height.
         visible: (M, ROWS) share of each row of the box, from head to feet, that the camera sees.
-        hidden_by: (M,) the person who hides most of it, or -1.
+        hidden_by: (M,) the person who hides most of the body, or -1.
     """
 
     camera: Int[np.ndarray, " m"]
@@ -55,10 +56,10 @@ class Silhouettes:
 
 
 def body_points(walkers: Walkers) -> Float[np.ndarray, "t p k 3"]:
-    """(T, P, K, 3) points on everybody's outline, in metres; the last 8 are heels and toes.
+    """(T, P, K, 3) points on the outline of each body, in meters; the last 8 are heels and toes.
 
     The legs swing with the walking cycle, so the foot nearest to a camera, which sets the bottom
-    of a box, is ahead of the body axis: a bias that real boxes have too.
+    of a box, is ahead of the body axis. Real boxes have the same bias.
     """
     amount = np.clip(np.linalg.norm(walkers.velocity, axis=-1) / FREE_SPEED, 0, 1)
     swing = STRIDE_SHARE * amount * np.sin(walkers.stride)
@@ -82,15 +83,15 @@ def body_points(walkers: Walkers) -> Float[np.ndarray, "t p k 3"]:
 def observe(
     walkers: Walkers, rig: Rig, columns: Float[np.ndarray, "k 4"] | None = None
 ) -> Silhouettes:
-    """Boxes of everybody in every camera, and what nearer people and columns hide of them.
+    """Compute the box of each body in every camera, and the parts hidden by people and columns.
 
     Args:
         walkers: the people.
-        rig: true cameras in metres, z up.
-        columns: (K, 4) x, y, radius and height in metres of static occluders, or None.
+        rig: true cameras in meters, z up.
+        columns: (K, 4) x, y, radius and height in meters of static occluders, or None.
 
     Returns:
-        Every body of which a part is inside an image; whole bodies hidden by others too.
+        Every body that is partly inside an image, even if hidden completely.
     """
     points = body_points(walkers)
     fixed = _column_points(np.zeros((0, 4)) if columns is None else np.asarray(columns))
@@ -114,13 +115,14 @@ def _observe_one(
     width, height = (int(pixels) for pixels in rig.image_size[camera])
     pixel, depth = project(rig, camera, points)
     box = np.concatenate([pixel.min(2), pixel.max(2)], -1)
-    seen = walkers.present & (depth.min(2) > NEAREST)
-    seen &= (box[..., 2] > 0) & (box[..., 0] < width) & (box[..., 3] > 0) & (box[..., 1] < height)
+    in_image = walkers.present & (depth.min(2) > NEAREST)
+    in_image &= (box[..., 2] > 0) & (box[..., 0] < width)
+    in_image &= (box[..., 3] > 0) & (box[..., 1] < height)
     axis = np.concatenate(
-        [walkers.position, np.broadcast_to(walkers.height[:, None] / 2, (*seen.shape, 1))], -1
+        [walkers.position, np.broadcast_to(walkers.height[:, None] / 2, (*in_image.shape, 1))], -1
     )
     distance = np.linalg.norm(axis - np.asarray(rig.centers)[camera], axis=-1)
-    frame, person = np.nonzero(seen)
+    frame, person = np.nonzero(in_image)
     order = np.lexsort((distance[frame, person], frame))
     frame, person = frame[order], person[order]
     box, distance = box[frame, person], distance[frame, person]
@@ -146,13 +148,13 @@ def _observe_one(
 def _hidden_by_people(
     frame: np.ndarray, person: np.ndarray, box: np.ndarray
 ) -> tuple[UInt64[np.ndarray, " m"], Int[np.ndarray, " m"]]:
-    """Bits hidden by nearer bodies of the same frame, rows sorted by frame, then distance."""
+    """Samples hidden by nearer bodies of the same frame; rows sorted by frame, then distance."""
     count = len(frame)
     hidden = np.zeros(count, np.uint64)
     hidden_by = np.full(count, -1)
     most = np.zeros(count, int)
     per_frame = int(np.bincount(frame).max()) if count else 0
-    # The body k places nearer in the list hides this one: vectorised over everybody, for each k.
+    # For each k, vectorized over all bodies: the body k places before may hide this one.
     for k in range(1, per_frame):
         back = np.flatnonzero(frame[k:] == frame[:-k]) + k
         a, b = box[back], box[back - k]
@@ -170,7 +172,7 @@ def _hidden_by_people(
 
 
 def _samples(box: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Columns' x (M, ROWS, COLUMNS) and rows' y (M, ROWS) inside the outline of each body."""
+    """Sample positions x (M, ROWS, COLUMNS) and y (M, ROWS) inside the outline of each body."""
     middle, half = (box[:, 0] + box[:, 2]) / 2, (box[:, 2] - box[:, 0]) / 2
     share = ((np.arange(COLUMNS) + 0.5) / COLUMNS * 2 - 1)[None] * _HALF_WIDTH[:, None]
     x = middle[:, None, None] + half[:, None, None] * share
@@ -192,7 +194,7 @@ def _inside_bits(box: np.ndarray, width: int, height: int) -> UInt64[np.ndarray,
 def _covered_bits(
     box: np.ndarray, cover: np.ndarray, *, straight: bool = False
 ) -> UInt64[np.ndarray, " m"]:
-    """Which samples of each body lie inside the outline of the thing in front of it."""
+    """Samples of each body inside the outline of the object in front of it."""
     x, y = _samples(box)
     up = (y - cover[:, 1:2]) / (cover[:, 3:] - cover[:, 1:2])
     row = np.clip((up * ROWS).astype(int), 0, ROWS - 1)

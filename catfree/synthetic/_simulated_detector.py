@@ -1,6 +1,6 @@
-"""A simulated person detector with pose and appearance: it misses, truncates, imagines and errs.
+"""A simulated person detector with pose and appearance: misses, cut boxes, false positives, noise.
 
-No constant here was set to make a method look good or bad; each says what it imitates.
+No constant here was chosen to favor a method; each states what it imitates.
 """
 
 from dataclasses import dataclass
@@ -14,33 +14,33 @@ from catfree.synthetic._silhouettes import ROWS, Silhouettes, observe
 from catfree.synthetic._walkers import Walkers
 from catfree.types import Detections, Rig
 
-FALSE_POSITIVE = -1  # identity of a detection that is nobody
+FALSE_POSITIVE = -1  # identity of a detection that shows no person
 SMALLEST_BOX = 8.0  # pixels of height; detectors report nothing smaller
 STATIC_SHARE = 0.5  # of the false positives stay at one place (signs, bins, reflections)
-STATIC_PLACES = 3  # such places a camera
+STATIC_PLACES = 3  # such places per camera
 
 
 @dataclass(frozen=True)
 class DetectorModel:
-    """How good the simulated detector, pose estimator and appearance network are.
+    """Quality of the simulated detector, pose estimator and appearance network.
 
     Attributes:
-        detection_rate: probability to find a person who is large and fully visible.
+        detection_rate: probability of detecting a person who is large and fully visible.
         half_visible: visible share of the body at which that probability is halved.
         half_height: box height in pixels at which that probability is halved.
-        persistence: seconds over which a miss or a find persists.
+        persistence: seconds over which a miss or a detection persists.
         box_noise: standard deviation of each box side as a share of the box height.
-        pixel_noise: standard deviation in pixels that adds to it.
-        truncation: probability that a box with hidden feet ends at the lowest visible row; the
-            others are guessed, with a foot error of `guess_noise` box heights.
+        pixel_noise: standard deviation in pixels, added to `box_noise`.
+        truncation: probability that a box with hidden feet ends at the lowest visible row; in the
+            other boxes the feet are guessed with an error of `guess_noise` box heights.
         guess_noise: see `truncation`.
-        false_positives: mean number a camera and frame.
+        false_positives: mean number per camera and frame.
         ankle_rate: probability that two visible ankles are confirmed.
-        false_ankle_rate: probability that hidden ones are.
+        false_ankle_rate: probability that hidden ankles are confirmed.
         embedding_size: D, or 0 for none.
         common, identity, view, camera, noise: variances of the five parts of an embedding: shared
-            by all people, the person's own, the person as this camera sees them, the camera's
-            colours, and each detection's own. The expected cosine distance within a person is
+            by all people, of the person, of the person in this camera, of the camera, and of the
+            single detection. The expected cosine distance between detections of one person is
             noise / total in one camera and (view + camera + noise) / total between cameras.
     """
 
@@ -71,32 +71,32 @@ def detect(
     columns: Float[np.ndarray, "k 4"] | None = None,
     seed: int = 0,
 ) -> tuple[Detections, Int[np.ndarray, " n"]]:
-    """What a detector reports of a crowd in every camera and frame.
+    """Simulate the detections of a crowd in every camera and frame.
 
     Args:
         walkers: the people.
-        rig: the true cameras in metres, z up.
+        rig: the true cameras in meters, z up.
         model: quality of the detector, or None for the default.
-        columns: (K, 4) x, y, radius and height in metres of static occluders, or None.
-        seed: everything random follows from it.
+        columns: (K, 4) x, y, radius and height in meters of static occluders, or None.
+        seed: determines all random draws.
 
     Returns:
-        Detections sorted by frame, then camera, and (N,) whom each shows, -1 for nobody.
+        Detections sorted by frame, then camera, and (N,) the person in each, -1 for no person.
     """
     model = DetectorModel() if model is None else model
     rng = np.random.default_rng([seed, 3])
-    seen = observe(walkers, rig, columns)
-    found = _found(rng, seen, walkers, rig.camera_count, model)
-    visible = seen.visible[found]
-    person, camera, frame = seen.person[found], seen.camera[found], seen.frame[found]
-    box, feet_seen = _noisy_boxes(rng, seen.box[found], visible, model)
+    bodies = observe(walkers, rig, columns)
+    detected = _draw_detected(rng, bodies, walkers, rig.camera_count, model)
+    visible, person = bodies.visible[detected], bodies.person[detected]
+    camera, frame = bodies.camera[detected], bodies.frame[detected]
+    box, feet_seen = _noisy_boxes(rng, bodies.box[detected], visible, model)
     ankle_rate = np.where(feet_seen, model.ankle_rate, model.false_ankle_rate)
     ankles = rng.uniform(size=len(box)) < ankle_rate
     score = np.clip(0.3 + 0.6 * visible.mean(-1) + rng.normal(0, 0.08, len(box)), 0.05, 0.98)
 
     false_frame, false_camera, false_box = _false_positives(rng, walkers, rig, box, model)
     count = len(false_box)
-    everything = {
+    arrays = {
         "frame": np.concatenate([frame, false_frame]),
         "camera": np.concatenate([camera, false_camera]),
         "box": np.concatenate([box, false_box]),
@@ -105,40 +105,40 @@ def detect(
     }
     identity = np.concatenate([person, np.full(count, FALSE_POSITIVE)])
     if model.embedding_size:
-        hider = np.concatenate([seen.hidden_by[found], np.full(count, FALSE_POSITIVE)])
+        occluder = np.concatenate([bodies.hidden_by[detected], np.full(count, FALSE_POSITIVE)])
         share = np.concatenate([1 - visible.mean(-1), np.zeros(count)])
-        everything["embedding"] = _embeddings(
-            rng, identity, hider, share, everything["camera"], len(walkers.height), rig, model
+        arrays["embedding"] = _embeddings(
+            rng, identity, occluder, share, arrays["camera"], len(walkers.height), rig, model
         )
-    sizes = np.asarray(rig.image_size)[everything["camera"]]
-    everything["box"], kept = _inside_image(everything["box"], sizes)
+    sizes = np.asarray(rig.image_size)[arrays["camera"]]
+    arrays["box"], kept = _inside_image(arrays["box"], sizes)
     order = np.flatnonzero(kept)
-    order = order[np.lexsort((everything["camera"][order], everything["frame"][order]))]
-    return Detections(**{name: value[order] for name, value in everything.items()}), identity[order]
+    order = order[np.lexsort((arrays["camera"][order], arrays["frame"][order]))]
+    return Detections(**{name: value[order] for name, value in arrays.items()}), identity[order]
 
 
-def _found(
+def _draw_detected(
     rng: np.random.Generator,
-    seen: Silhouettes,
+    bodies: Silhouettes,
     walkers: Walkers,
     cameras: int,
     model: DetectorModel,
 ) -> Bool[np.ndarray, " m"]:
-    """Whom the detector finds: likelier when visible and large, and alike for a while."""
-    height = seen.box[:, 3] - seen.box[:, 1]
-    visible = seen.visible.mean(-1)
+    """Draw the detected bodies: likelier if visible and large, and correlated in time."""
+    height = bodies.box[:, 3] - bodies.box[:, 1]
+    visible = bodies.visible.mean(-1)
     rate = (
         model.detection_rate
         * expit((visible - model.half_visible) / 0.06)
         * expit((height - model.half_height) / 6.0)
     )
-    # A luck of standard normal margin that is a first-order process in time, a person and camera.
+    # A first-order process in time with standard normal marginals, one per person and camera.
     memory = np.exp(-1 / (walkers.fps * model.persistence)) if model.persistence > 0 else 0.0
     frames, people = walkers.present.shape
     drive = rng.standard_normal((frames, people, cameras))
     drive[1:] *= np.sqrt(1 - memory**2)
     luck = ndtr(lfilter([1.0], [1.0, -memory], drive, axis=0))
-    return luck[seen.frame, seen.person, seen.camera] < rate
+    return luck[bodies.frame, bodies.person, bodies.camera] < rate
 
 
 def _noisy_boxes(
@@ -147,12 +147,12 @@ def _noisy_boxes(
     visible: Float[np.ndarray, "n row"],
     model: DetectorModel,
 ) -> tuple[Float[np.ndarray, "n 4"], Bool[np.ndarray, " n"]]:
-    """Boxes as reported, and whether the feet were seen."""
+    """Boxes with noise and hidden feet, and whether the feet are visible."""
     height = box[:, 3] - box[:, 1]
     feet_seen = visible[:, -2:].min(-1) >= 0.5
-    shown = visible >= 0.5
-    lowest = np.where(shown.any(-1), ROWS - np.argmax(shown[:, ::-1], -1), ROWS)
-    # Nobody is cut above the waist: such stumps are not taken for people.
+    row_visible = visible >= 0.5
+    lowest = np.where(row_visible.any(-1), ROWS - np.argmax(row_visible[:, ::-1], -1), ROWS)
+    # No box is cut above the waist: detectors do not take such stumps for people.
     cut = box[:, 1] + height * np.maximum(lowest, ROWS // 2) / ROWS
     guess = box[:, 3] + model.guess_noise * height * rng.standard_normal(len(box))
     truncated = rng.uniform(size=len(box)) < model.truncation
@@ -166,7 +166,7 @@ def _noisy_boxes(
 def _inside_image(
     box: Float[np.ndarray, "n 4"], size: Int[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, "n 4"], Bool[np.ndarray, " n"]]:
-    """Boxes clipped at the image border, and which of them are left with a height and width."""
+    """Clip boxes at the image border, and mark those that are still large enough."""
     limit = np.concatenate([size - 1, size - 1], -1)
     clipped: np.ndarray = np.clip(box, 0, limit)
     wide = clipped[:, 2] - clipped[:, 0] > SMALLEST_BOX / 4
@@ -181,7 +181,7 @@ def _false_positives(
     box: Float[np.ndarray, "n 4"],
     model: DetectorModel,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Boxes of nobody: some at fixed places of a camera, some anywhere, sized like people."""
+    """Draw false boxes of person size: some at fixed places per camera, some anywhere."""
     frames, cameras = len(walkers.present), rig.camera_count
     empty = np.zeros(0, int), np.zeros(0, int), np.zeros((0, 4))
     if not len(box) or model.false_positives <= 0:
@@ -216,14 +216,14 @@ def _false_positives(
 def _embeddings(
     rng: np.random.Generator,
     identity: Int[np.ndarray, " n"],
-    hider: Int[np.ndarray, " n"],
+    occluder: Int[np.ndarray, " n"],
     hidden: Float[np.ndarray, " n"],
     camera: Int[np.ndarray, " n"],
     people: int,
     rig: Rig,
     model: DetectorModel,
 ) -> Float[np.ndarray, "n d"]:
-    """Appearance that is strong in time and weak across views; who hides somebody blends in."""
+    """Draw appearance, stable in time, weaker across views and mixed with the occluder's."""
     size, cameras = model.embedding_size, rig.camera_count
 
     def part(variance: float, *shape: int) -> np.ndarray:
@@ -232,13 +232,14 @@ def _embeddings(
     common = part(model.common)
     person = part(model.identity, people)
     as_seen = part(model.view, cameras, people)
-    colours = part(model.camera, cameras)
+    colors = part(model.camera, cameras)
     look = person[None] + as_seen
     real = identity >= 0
-    own = look[camera, np.where(real, identity, 0)]
-    # False positives look like nothing else: a new "person" each.
-    own = np.where(real[:, None], own, part(model.identity + model.view, len(identity)))
-    share = np.where(hider >= 0, np.clip(hidden, 0, 0.6), 0.0)[:, None]
-    mixed = (1 - share) * own + share * look[camera, np.maximum(hider, 0)]
-    vector = common + mixed + colours[camera] + part(model.noise, len(identity))
+    appearance = look[camera, np.where(real, identity, 0)]
+    # False positives resemble nothing else: each is a new "person".
+    unrelated = part(model.identity + model.view, len(identity))
+    appearance = np.where(real[:, None], appearance, unrelated)
+    share = np.where(occluder >= 0, np.clip(hidden, 0, 0.6), 0.0)[:, None]
+    mixed = (1 - share) * appearance + share * look[camera, np.maximum(occluder, 0)]
+    vector = common + mixed + colors[camera] + part(model.noise, len(identity))
     return vector / np.linalg.norm(vector, axis=-1, keepdims=True)

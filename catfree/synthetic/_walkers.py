@@ -1,4 +1,4 @@
-"""People on a plane over time: they walk in groups, stand, enter, leave, and give way."""
+"""Simulated people on a plane who walk in groups, stand, enter, leave and avoid each other."""
 
 from dataclasses import dataclass
 
@@ -10,25 +10,25 @@ from catfree.synthetic._crowd_motion import Crowd, advance
 
 Area = tuple[float, float, float, float]
 
-# Adults differ by about 0.08 m within a population; the mean of a population is itself unknown,
-# and is drawn so that it never agrees with the 1.70 m that a method may assume.
+# Adults within a population differ by about 0.08 m. The mean of a population is unknown too, and is
+# drawn so that it never equals the 1.70 m that a method may assume.
 ASSUMED_HEIGHT = 1.70
 HEIGHT_MEAN_SHIFT = (0.03, 0.08)
 HEIGHT_SPREAD = 0.08
 
-# Share of pedestrians who walk in groups of one, two, three and four (Moussaïd et al. 2010 find
-# about half of the people of a street in groups, mostly pairs).
+# Share of groups of one, two, three and four pedestrians (Moussaïd et al. 2010 find about half of
+# the people in a street in groups, mostly pairs).
 GROUP_SIZE_SHARE = (0.5, 0.32, 0.12, 0.06)
 
-ENTRY_MARGIN = 3.0  # metres outside the area at which people appear and vanish
-WALK_OUT = 6.0  # seconds between a decision to leave and the next arrival, about the way out
-BACKGROUND_BAND = (1.0, 5.0)  # metres outside the area where bystanders stay
+ENTRY_MARGIN = 3.0  # meters outside the area at which people appear and vanish
+WALK_OUT = 6.0  # seconds between a decision to leave and the next arrival, about the walk out
+BACKGROUND_BAND = (1.0, 5.0)  # meters outside the area where bystanders stay
 LONGEST_STEP = 0.125  # seconds; longer frame intervals are integrated in several steps
 
 
 @dataclass(frozen=True)
 class Walkers:
-    """T frames of P people in metres on the ground z = 0, dense in time and person.
+    """T frames of P people in meters on the ground z = 0, dense in time and person.
 
     Attributes:
         position: (T, P, 2) where each person's body axis meets the ground.
@@ -40,7 +40,7 @@ class Walkers:
         background: (P,) bystanders, who never enter the evaluation area.
         group: (P,) people with equal numbers walk together.
         area: evaluation area (x_min, x_max, y_min, y_max).
-        fps: frames a second.
+        fps: frames per second.
     """
 
     position: Float[np.ndarray, "t p 2"]
@@ -56,13 +56,13 @@ class Walkers:
 
     @property
     def inside(self) -> Bool[np.ndarray, "t p"]:
-        """(T, P) who is present and within the evaluation area."""
+        """(T, P) whether each person is present and inside the evaluation area."""
         x_min, x_max, y_min, y_max = self.area
         x, y = self.position[..., 0], self.position[..., 1]
         return self.present & (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
 
     def rows(self, inside_only: bool = True) -> Float[np.ndarray, "n 4"]:
-        """(N, 4) rows [frame, id, x, y] in metres, as `cf.evaluation` takes them."""
+        """(N, 4) rows [frame, id, x, y] in meters, as `cf.evaluation` takes them."""
         frame, person = np.nonzero(self.inside if inside_only else self.present)
         return np.column_stack([frame, person, self.position[frame, person]]).astype(np.float64)
 
@@ -80,19 +80,19 @@ def simulate_walkers(
     standing_time: float | int = 12.0,
     obstacles: Float[np.ndarray, "k 3"] | None = None,
 ) -> Walkers:
-    """People who walk, stand, enter and leave an area, and bystanders around it.
+    """Simulate people who walk, stand, enter and leave an area, and bystanders around it.
 
     Args:
-        area: evaluation area (x_min, x_max, y_min, y_max) in metres.
+        area: evaluation area (x_min, x_max, y_min, y_max) in meters.
         frames: number of frames T.
-        people: people in or around the area at any time; who leaves is replaced.
-        background: bystanders outside the area.
-        fps: frames a second.
-        seed: everything random follows from it.
-        stay: mean time in seconds until somebody leaves.
+        people: number of people in or around the area at any time; those who leave are replaced.
+        background: number of bystanders outside the area.
+        fps: frames per second.
+        seed: determines all random draws.
+        stay: mean time in seconds until a group leaves.
         standing: share of groups that stand when the sequence begins.
         standing_time: mean time in seconds for which a group stands.
-        obstacles: (K, 3) x, y and radius in metres of what people walk around, or None.
+        obstacles: (K, 3) x, y and radius in meters of obstacles to walk around, or None.
 
     Returns:
         The people, sorted by the time at which they appear.
@@ -105,7 +105,7 @@ def simulate_walkers(
         raise InvalidInputError(f"area is {area}; it must be (x_min, x_max, y_min, y_max).")
     if frames < 1 or people < 0 or background < 0 or fps <= 0:
         raise InvalidInputError(
-            f"frames={frames}, people={people}, background={background}, fps={fps}: needs at "
+            f"frames={frames}, people={people}, background={background}, fps={fps}: give at "
             "least one frame, no negative count and a positive frame rate."
         )
     rng = np.random.default_rng(seed)
@@ -155,10 +155,9 @@ def _body_heights(rng: np.random.Generator, count: int) -> Float[np.ndarray, " p
 def _schedule(
     rng: np.random.Generator, people: int, background: int, *, duration: float, stay: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Draw who walks with whom (P,), and when each group comes and goes (G,), in seconds.
+    """Draw the group of each person (P,), and when each group comes and goes (G,), in seconds.
 
-    A slot is a place in the population: when its group leaves, a new one of the same size
-    comes. Bystanders never leave.
+    When a group leaves, a new group of the same size comes. Bystanders never leave.
     """
     size: list[int] = []
     start: list[float] = []

@@ -1,4 +1,4 @@
-"""A whole seeded world in one call: people, cameras, detections, a recovered scene, the truth."""
+"""A complete seeded world: people, cameras, detections, a recovered scene and the truth."""
 
 from dataclasses import dataclass
 
@@ -20,22 +20,22 @@ from catfree.types import Detections, Rig, Scene
 
 @dataclass(frozen=True)
 class World:
-    """What a method gets (`detections`, `scene`) and the truth that it is scored against.
+    """Input of a method (`detections`, `scene`) and the truth to score it against.
 
     Attributes:
-        detections: what the simulated detector reports.
-        scene: disturbed rig and ground in an arbitrary gauge: what a reconstruction delivers.
-        ground_truth: (N, 4) rows [frame, id, x, y] in metres of people inside the area.
-        true_rig: cameras in metres, z up, ground z = 0.
-        true_centres: (C, 3) their centres in metres.
-        area: evaluation area (x_min, x_max, y_min, y_max) in metres.
-        identities: (len(detections),) whom each detection shows, -1 for nobody.
-        scene_from_world: similarity from metres to the gauge of `scene`; the disturbance is not
+        detections: output of the simulated detector.
+        scene: disturbed rig and ground in an arbitrary gauge, as from a reconstruction.
+        ground_truth: (N, 4) rows [frame, id, x, y] in meters of people inside the area.
+        true_rig: cameras in meters, z up, ground z = 0.
+        true_centres: (C, 3) their centers in meters.
+        area: evaluation area (x_min, x_max, y_min, y_max) in meters.
+        identities: (len(detections),) person in each detection, -1 for no person.
+        scene_from_world: similarity from meters to the gauge of `scene`; the disturbance is not
             part of it.
-        walkers: everybody, bystanders and those outside the area too.
-        layout: where the cameras stand.
-        columns: (K, 4) x, y, radius and height in metres of static occluders.
-        seed: the seed that it all follows from.
+        walkers: all people, including bystanders and people outside the area.
+        layout: the camera layout.
+        columns: (K, 4) x, y, radius and height in meters of static occluders.
+        seed: the seed of the world.
     """
 
     detections: Detections
@@ -53,7 +53,7 @@ class World:
 
     @property
     def true_scene(self) -> Scene:
-        """The undisturbed scene in metres."""
+        """The undisturbed scene in meters."""
         return self.layout.scene
 
 
@@ -71,25 +71,25 @@ def make_world(
     standing: float | int = 0.3,
     standing_time: float | int = 12.0,
 ) -> World:
-    """A world with people in it, as a method sees it and as it is.
+    """Simulate a world with people: the input of a method and the truth.
 
-    `make_world("ring4", frames=10, people=6)` takes a hundredth of a second: small enough for a
-    unit test. `RigError` says which angular noise of foot rays results.
+    `make_world("ring4", frames=10, people=6)` takes a hundredth of a second, fast enough for a
+    unit test. `RigError` states the resulting angular noise of foot rays.
 
-    What is easy about these worlds: errors of different cameras and people are independent, the
-    ground is flat, lenses have no distortion, and frames are synchronized exactly.
+    These worlds are easier than real ones: errors of different cameras and people are independent,
+    the ground is flat, lenses have no distortion, and frames are exactly synchronized.
 
     Args:
         layout: a name for `make_layout` or a layout.
-        seed: everything random follows from it.
+        seed: determines all random draws.
         frames: number of frames.
-        people: people in the area at a time; None: as usual for the layout.
-        background: bystanders outside the area; None: a third as many as people.
-        columns: (K, 4) x, y, radius and height in metres of static occluders, which people walk
+        people: number of people in the area at a time; None: the layout's usual number.
+        background: number of bystanders outside the area; None: a third of `people`.
+        columns: (K, 4) x, y, radius and height in meters of static occluders, which people walk
             around, or None.
-        rig_error: how wrong the recovered scene is; None: `RigError()`.
-        detector: how good the detector is; None: `DetectorModel()`.
-        stay: mean time in seconds until somebody leaves the area.
+        rig_error: errors of the recovered scene; None: `RigError()`.
+        detector: quality of the detector; None: `DetectorModel()`.
+        stay: mean time in seconds until a group leaves the area.
         standing: share of groups that stand when the sequence begins.
         standing_time: mean time in seconds for which a group stands.
 
@@ -131,31 +131,31 @@ def make_world(
 
 
 def angular_residuals(world: World, rig: Rig | None = None) -> Float[np.ndarray, " n"]:
-    """Angles between foot rays and the true positions of whom they show: real sigma_theta.
+    """Angles between foot rays and the true positions of their people, to measure sigma_theta.
 
     Args:
         world: the world.
-        rig: the cameras that shoot the rays, in metres and the world's frame; None: the true ones,
-            which leaves the detector's part alone.
+        rig: the cameras that cast the rays, in meters in the world's frame; None: the true ones,
+            so that the angles contain only the detector's errors.
 
     Returns:
-        (N,) radians, false positives left out.
+        (N,) radians, without false positives.
     """
     rig = world.true_rig if rig is None else rig
     real = world.identities >= 0
-    seen = world.detections[real]
-    pixel = np.column_stack([seen.foot, np.ones(len(seen))])
-    K, R = np.asarray(rig.K)[seen.camera], np.asarray(rig.R)[seen.camera]
+    people = world.detections[real]
+    pixel = np.column_stack([people.foot, np.ones(len(people))])
+    K, R = np.asarray(rig.K)[people.camera], np.asarray(rig.R)[people.camera]
     ray = np.einsum("nji,nj->ni", R, np.linalg.solve(K, pixel[..., None])[..., 0])
-    position = world.walkers.position[seen.frame, world.identities[real]]
-    center = np.asarray(rig.centers)[seen.camera]
-    to_person = np.column_stack([position, np.zeros(len(seen))]) - center
+    position = world.walkers.position[people.frame, world.identities[real]]
+    center = np.asarray(rig.centers)[people.camera]
+    to_person = np.column_stack([position, np.zeros(len(people))]) - center
     sine = np.linalg.norm(np.cross(ray, to_person), axis=-1)
     return np.arctan2(sine, np.einsum("ni,ni->n", ray, to_person))
 
 
 def _disturbed(scene: Scene, error: RigError, seed: int) -> Scene:
-    """The scene with a wrong rig and a wrong ground, still in metres."""
+    """The scene with a disturbed rig and ground, still in meters."""
     rig = disturb(
         scene.rig,
         rotation_deg=error.rotation_deg,

@@ -1,4 +1,4 @@
-"""Pictures of a world: a textured square among houses, furniture, shadows, people who walk."""
+"""Rendering of a world: a textured square with houses, furniture, shadows and walking people."""
 
 from catfree.synthetic.render._render_videos import (
     make_demo_world as make_demo_world,

@@ -1,4 +1,4 @@
-"""One still picture a camera: rays cast at the ground, the house fronts, furniture and trees."""
+"""One still picture per camera, ray-cast from ground, house fronts, furniture and trees."""
 
 from dataclasses import dataclass
 
@@ -25,20 +25,20 @@ from catfree.synthetic.render._textures import (
 )
 from catfree.types import Rig
 
-FRONT_HEIGHT = 10.5  # metres
-FAR_GROUND = 16.0  # metres from which the ground is looked up in a coarser picture
-HAZE = 140.0  # metres in which the air takes about two thirds of the contrast
-HAZE_COLOUR = np.array([0.86, 0.8, 0.75], np.float32)
+FRONT_HEIGHT = 10.5  # meters
+FAR_GROUND = 16.0  # meters beyond which the ground is sampled from a coarser picture
+HAZE = 140.0  # meters over which haze removes about two thirds of the contrast
+HAZE_COLOR = np.array([0.86, 0.8, 0.75], np.float32)
 
 
 @dataclass(frozen=True)
 class Background:
-    """What a camera sees without people.
+    """View of a camera without people.
 
     Attributes:
         picture: (H, W, 3) uint8 BGR.
-        distance: (H, W) metres to furniture and trees, inf where there are none.
-        sunlit: (H, W) 255 where the ground is in the sun: where people throw shadows.
+        distance: (H, W) meters to furniture and trees, inf elsewhere.
+        sunlit: (H, W) 255 where the ground is in the sun, so that people cast shadows.
     """
 
     picture: UInt8[np.ndarray, "row column 3"]
@@ -52,13 +52,13 @@ def render_background(
     camera: int,
     ground: tuple[UInt8[np.ndarray, "y x 3"], UInt8[np.ndarray, "y x"]] | None = None,
 ) -> Background:
-    """The picture, the furniture's distances and the sunlit ground of one camera.
+    """Render the picture, the furniture's distances and the sunlit ground of one camera.
 
     Args:
-        stage: what stands there.
-        rig: the true cameras in metres.
-        camera: which of them.
-        ground: `ground_picture(stage)` where it is known already.
+        stage: the static objects.
+        rig: the true cameras in meters.
+        camera: index of the camera.
+        ground: `ground_picture(stage)` if already computed, or None.
     """
     canvas = Canvas(rig, camera)
     _sky(canvas, stage)
@@ -77,9 +77,9 @@ def render_background(
             else:
                 cast_block(canvas, window, ray, solid, stage)
     haze = np.exp(-np.minimum(canvas.distance, 1e4) / HAZE)[..., None]
-    colour = canvas.colour * haze + HAZE_COLOUR * (1 - haze)
+    color = canvas.color * haze + HAZE_COLOR * (1 - haze)
     size = tuple(int(n) for n in rig.image_size[camera])
-    smooth = cv2.resize(colour, size, interpolation=cv2.INTER_AREA)
+    smooth = cv2.resize(color, size, interpolation=cv2.INTER_AREA)
     solid_distance = np.where(canvas.solid, canvas.distance, np.float32(np.inf))
     return Background(
         picture=np.clip(_vignette(smooth) * 255, 0, 255).astype(np.uint8),
@@ -109,7 +109,7 @@ def _sky(canvas: Canvas, stage: Stage) -> None:
     up = np.clip(canvas.ray[:height, :, 2], 0, 0.5)[..., None] * 2
     low, high = np.array([0.9, 0.84, 0.78], np.float32), np.array([0.85, 0.62, 0.42], np.float32)
     clouds = np.clip(0.3 * cloud(rng, (height, width), width / 6), 0, 1)[..., None]
-    canvas.colour[:height] = (low + (high - low) * up) * (1 - clouds) + clouds * 0.95
+    canvas.color[:height] = (low + (high - low) * up) * (1 - clouds) + clouds * 0.95
 
 
 def _lookup(texture: np.ndarray, column: np.ndarray, row: np.ndarray) -> np.ndarray:
@@ -127,7 +127,7 @@ def _ground(canvas: Canvas, ground: tuple[np.ndarray, np.ndarray], stage: Stage)
     below = np.flatnonzero((canvas.ray[..., 2] < -1e-3).any(-1))
     if not below.size:
         return
-    # The horizon is almost level: everything from its highest row on is looked up.
+    # The horizon is almost level: sample every row from its highest row down.
     rows = slice(int(below[0]), None)
     ray = canvas.ray[rows]
     steep = np.minimum(ray[..., 2], -1e-3)
@@ -136,15 +136,15 @@ def _ground(canvas: Canvas, ground: tuple[np.ndarray, np.ndarray], stage: Stage)
     column = (corner[0] + distance * ray[..., 0]) / TEXEL - 0.5
     row = (corner[1] + distance * ray[..., 1]) / TEXEL - 0.5
     picture = _lookup(texture, column, row)
-    # Far away a sample covers many texels: look into a picture of a quarter of the size there.
+    # A far sample covers many texels: take it from a picture of a quarter of the size.
     coarse = cv2.resize(texture, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
     last = int(np.flatnonzero((distance > FAR_GROUND).any(-1)).max(initial=0)) + 1
     far = _lookup(coarse, (column[:last] + 0.5) / 4 - 0.5, (row[:last] + 0.5) / 4 - 0.5)
     share = np.clip(distance[:last] / FAR_GROUND - 1, 0, 1)[..., None]
     picture[:last] = picture[:last] * (1 - share) + far * share
     down = ray[..., 2] < -1e-3
-    canvas.colour[rows] = np.where(
-        down[..., None], picture * np.float32(1 / 255), canvas.colour[rows]
+    canvas.color[rows] = np.where(
+        down[..., None], picture * np.float32(1 / 255), canvas.color[rows]
     )
     canvas.distance[rows] = np.where(down, distance, np.inf)
     canvas.sunlit[rows] = np.where(down, _lookup(sunlit, column, row), 0)
@@ -177,8 +177,8 @@ def _fronts(canvas: Canvas, stage: Stage) -> None:
         normal = np.zeros(3)
         normal[axis] = -side
         column, row = np.where(hit, along, 0), np.where(hit, FRONT_HEIGHT - up, 0)
-        colour = _lookup(picture, column / FRONT_TEXEL, row / FRONT_TEXEL) * np.float32(
+        color = _lookup(picture, column / FRONT_TEXEL, row / FRONT_TEXEL) * np.float32(
             float(light(normal, stage)) / 255
         )
-        np.copyto(canvas.colour[window], colour, where=hit[..., None])
+        np.copyto(canvas.color[window], color, where=hit[..., None])
         np.copyto(canvas.distance[window], distance, where=hit)

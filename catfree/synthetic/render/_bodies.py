@@ -1,8 +1,7 @@
-"""Walking bodies as meshes of swept tubes, and what people wear.
+"""Walking bodies as meshes of swept tubes.
 
-Everything is in shares of the body height, in body axes: x to the right, y ahead, z up. The ankles
-swing as `silhouettes.body_points` swings them, so boxes around drawn people and simulated boxes
-agree.
+Lengths are shares of the body height, in body axes: x to the right, y ahead, z up. The ankles swing
+as in `_silhouettes.body_points`, so boxes around drawn people agree with simulated boxes.
 """
 
 from dataclasses import dataclass
@@ -12,11 +11,11 @@ from jaxtyping import Float, Int
 
 from catfree.synthetic._silhouettes import FREE_SPEED, HEEL_RISE, LIFT, STRIDE_SHARE
 
-SIDES = 10  # of a tube's cross-section
+SIDES = 10  # sides of a tube's cross-section
 THIGH = SHANK = 0.234
 UPPER_ARM, FOREARM = 0.165, 0.145
 
-# Parts that have a colour of their own.
+# Parts with their own color.
 SHIRT, SLEEVE, FOREARM_PART, TROUSERS, SHANK_PART, SHOES, SKIN, HAIR, BAG = range(9)
 
 
@@ -26,8 +25,8 @@ class Mesh:
 
     Attributes:
         faces: (F, 4) vertex indices, counter-clockwise from outside.
-        part: (F,) which part's colour a face has.
-        tube: (V,) which tube a vertex belongs to: each throws a convex shadow.
+        part: (F,) part that colors each face.
+        tube: (V,) tube of each vertex; each tube casts a convex shadow.
     """
 
     faces: Int[np.ndarray, "f 4"]
@@ -35,7 +34,7 @@ class Mesh:
     tube: Int[np.ndarray, " v"]
 
 
-# Rings of each tube: the part that the segment after a ring belongs to.
+# Per tube: the part of the segment after each ring.
 _LEG_PARTS = (TROUSERS, TROUSERS, SHANK_PART, SHANK_PART)
 _SHOE_PARTS = (SHOES,) * 4
 _TORSO_PARTS = (TROUSERS, TROUSERS, SHIRT, SHIRT, SHIRT, SHIRT)
@@ -61,7 +60,7 @@ def build_mesh() -> Mesh:
     faces, parts, tubes, start = [], [], [], 0
     side = np.arange(SIDES)
     following = (side + 1) % SIDES
-    # The face looks ahead (to +y) on the sides around a quarter turn, where skin shows.
+    # The face is on the sides that look ahead (+y); they show skin.
     front = np.sin((side + 0.5) * 2 * np.pi / SIDES) > 0.3
     for tube, segments in enumerate(_TUBES):
         for ring, part in enumerate(segments):
@@ -83,7 +82,7 @@ def body_vertices(
 
     Args:
         stride: (N,) phase of the walking cycle in radians.
-        speed: (N,) in m/s; who stands has straight legs.
+        speed: (N,) in m/s; at 0 the legs are straight.
     """
     amount = np.clip(speed / FREE_SPEED, 0, 1)
     swing = STRIDE_SHARE * amount * np.sin(stride)
@@ -135,9 +134,9 @@ _BAG_RINGS = np.array(
 
 
 def _still(rings: np.ndarray, bob: np.ndarray) -> np.ndarray:
-    """Tube with horizontal rings that only bobs up and down."""
+    """Sweep a tube of horizontal rings that only bobs up and down."""
     center = np.broadcast_to(rings[:, :3], (len(bob), len(rings), 3)).copy()
-    # The crown keeps its height: people are as tall in the picture as the truth says.
+    # The crown keeps its height, so that drawn people have their true height.
     center[..., 2] += bob[:, None] * np.clip((1.0 - rings[:, 2]) / 0.15, 0, 1)
     radius = np.broadcast_to(rings[:, 3:], (len(bob), len(rings), 2))
     across = np.broadcast_to(np.array([1.0, 0, 0]), center.shape)
@@ -146,7 +145,7 @@ def _still(rings: np.ndarray, bob: np.ndarray) -> np.ndarray:
 
 
 def _leg(side: int, ahead: np.ndarray, ankle: np.ndarray, bob: np.ndarray) -> np.ndarray:
-    """Hip, knee and ankle in a plane through the direction of travel; the knee bends forwards."""
+    """Sweep a leg from hip to ankle in the plane of travel; the knee bends forward."""
     hip = np.stack([np.zeros_like(ahead), 0.507 + bob], -1)
     foot = np.stack([ahead, ankle], -1)
     knee = _joint(hip, foot, THIGH, SHANK)
@@ -158,7 +157,7 @@ def _leg(side: int, ahead: np.ndarray, ankle: np.ndarray, bob: np.ndarray) -> np
 
 
 def _shoe(side: int, ahead: np.ndarray, lift: np.ndarray, heel: np.ndarray) -> np.ndarray:
-    """From heel to toe; the heel rises behind."""
+    """Sweep a shoe from heel to toe; the rear heel rises."""
     share = np.array([0.0, 0.1, 0.45, 0.85, 1.0])
     y = ahead[:, None] - 0.045 + 0.15 * share
     rise = np.array([0.024, 0.026, 0.026, 0.019, 0.016])
@@ -167,12 +166,12 @@ def _shoe(side: int, ahead: np.ndarray, lift: np.ndarray, heel: np.ndarray) -> n
     center = np.stack([np.full_like(y, side * 0.055), y, z], -1)
     across = np.broadcast_to(np.array([1.0, 0, 0]), center.shape)
     up = np.broadcast_to(np.array([0, 0, 1.0]), center.shape)
-    # Swept forwards: right x up points backwards, so the cross-section runs the other way.
+    # Swept forward: right x up points backward, so the cross-section runs the other way.
     return _sweep(center, -across, up, np.broadcast_to(radius, (*y.shape, 2)))
 
 
 def _arm(side: int, angle: np.ndarray, bob: np.ndarray) -> np.ndarray:
-    """Shoulder, elbow, wrist and hand; the elbow bends more as the arm swings forward."""
+    """Sweep an arm from shoulder to hand; the elbow bends more as the arm swings forward."""
     shoulder = np.stack([np.zeros_like(angle), 0.80 + bob], -1)
     upper = np.stack([np.sin(angle), -np.cos(angle)], -1)
     bent = angle + 0.25 + 0.35 * np.maximum(angle, 0)
@@ -196,22 +195,22 @@ def _arm(side: int, angle: np.ndarray, bob: np.ndarray) -> np.ndarray:
 
 
 def _joint(hip: np.ndarray, foot: np.ndarray, upper: float, lower: float) -> np.ndarray:
-    """Knee of a two-bone leg, bent forwards; straight where the foot is out of reach."""
+    """Knee of a two-bone leg, bent forward; straight if the foot is out of reach."""
     reach = foot - hip
     length = np.clip(np.linalg.norm(reach, axis=-1, keepdims=True), 1e-6, None)
     bend = np.sqrt(np.maximum(upper**2 - (length / 2) ** 2, 0)) if upper == lower else 0 * length
-    forwards = np.stack([-reach[..., 1], reach[..., 0]], -1) / length
-    return hip + reach / 2 + bend * forwards
+    forward = np.stack([-reach[..., 1], reach[..., 0]], -1) / length
+    return hip + reach / 2 + bend * forward
 
 
 def _sagittal(x: np.ndarray, path: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """Tube along a (y, z) path at sideways positions x, rings square to the path."""
+    """Sweep a tube along a (y, z) path at sideways positions x, with rings square to the path."""
     center = np.concatenate([x[..., None], path], -1)
     step = np.gradient(path, axis=1)
     step = step / np.maximum(np.linalg.norm(step, axis=-1, keepdims=True), 1e-9)
     across = np.broadcast_to(np.array([1.0, 0, 0]), center.shape)
     zero = np.zeros(step.shape[:2])
-    # Downward paths: `ahead` is the step turned by a quarter towards +y.
+    # Downward paths: `ahead` is the step turned by 90 degrees towards +y.
     ahead = np.stack([zero, -step[..., 1], step[..., 0]], -1)
     return _sweep(center, -across, ahead, np.broadcast_to(radius, (*x.shape, 2)))
 
@@ -219,7 +218,7 @@ def _sagittal(x: np.ndarray, path: np.ndarray, radius: np.ndarray) -> np.ndarray
 def _sweep(
     center: np.ndarray, first: np.ndarray, second: np.ndarray, radius: np.ndarray
 ) -> np.ndarray:
-    """Vertices (N, rings * SIDES, 3) of elliptic rings around centres."""
+    """Vertices (N, rings * SIDES, 3) of elliptic rings around centers."""
     angle = np.arange(SIDES) * 2 * np.pi / SIDES
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
     ring = (

@@ -1,4 +1,4 @@
-"""What people wear: colours of every part of a body, and who carries a bag."""
+"""Clothes of rendered people: the color of every body part, and bags."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -52,32 +52,33 @@ _SHOES = np.array([(0.1, 0.1, 0.1), (0.8, 0.8, 0.8), (0.14, 0.2, 0.3), (0.25, 0.
 
 
 def dress(people: int, seed: int) -> tuple[Float[np.ndarray, "p part 3"], Bool[np.ndarray, " p"]]:
-    """Draw everybody's clothes.
+    """Draw the clothes of each person.
 
     Args:
-        people: P.
-        seed: everything random follows from it.
+        people: number of people P.
+        seed: determines all random draws.
 
     Returns:
-        (P, parts, 3) colours in BGR, indexed by the parts of `bodies`, and (P,) who has a bag.
-        Neighbouring identities get different shirts until the palette is used up.
+        (P, parts, 3) colors in BGR, indexed by the parts of `_bodies`, and (P,) whether the person
+        has a bag.
+        Neighboring identities get different shirts until the palette is used up.
     """
     rng = np.random.default_rng([seed, 11])
 
     def choose(palette: np.ndarray) -> np.ndarray:
         order = [rng.permutation(len(palette)) for _ in range(people // len(palette) + 1)]
-        colour = palette[np.concatenate(order)[:people]]
-        return np.clip(colour * rng.uniform(0.85, 1.15, (people, 1)), 0, 1)
+        color = palette[np.concatenate(order)[:people]]
+        return np.clip(color * rng.uniform(0.85, 1.15, (people, 1)), 0, 1)
 
-    colours = np.zeros((people, 9, 3))
+    colors = np.zeros((people, 9, 3))
     shirt, trousers, skin = choose(_SHIRTS), choose(_TROUSERS), choose(_SKINS)
     warm = rng.uniform(size=people)
-    colours[:, SHIRT] = colours[:, SLEEVE] = shirt
-    colours[:, FOREARM_PART] = np.where((warm < 0.5)[:, None], skin, shirt)
-    colours[:, TROUSERS] = trousers
-    colours[:, SHANK_PART] = np.where((warm < 0.2)[:, None], skin, trousers)
-    colours[:, SHOES] = choose(_SHOES)
-    colours[:, SKIN] = skin
-    colours[:, HAIR] = choose(_HAIRS)
-    colours[:, BAG] = 0.8 * choose(_SHIRTS)
-    return colours, rng.uniform(size=people) < 0.35
+    colors[:, SHIRT] = colors[:, SLEEVE] = shirt
+    colors[:, FOREARM_PART] = np.where((warm < 0.5)[:, None], skin, shirt)
+    colors[:, TROUSERS] = trousers
+    colors[:, SHANK_PART] = np.where((warm < 0.2)[:, None], skin, trousers)
+    colors[:, SHOES] = choose(_SHOES)
+    colors[:, SKIN] = skin
+    colors[:, HAIR] = choose(_HAIRS)
+    colors[:, BAG] = 0.8 * choose(_SHIRTS)
+    return colors, rng.uniform(size=people) < 0.35

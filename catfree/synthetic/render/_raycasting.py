@@ -1,4 +1,4 @@
-"""Rays of a camera, the nearest thing that each meets, and the three shapes that furniture has."""
+"""Ray casting: the rays of a camera, their nearest hits, and the three shapes of furniture."""
 
 import numpy as np
 
@@ -7,29 +7,29 @@ from catfree.synthetic.render._stage import Block, Cylinder, Sphere, Stage
 from catfree.synthetic.render._textures import cloud
 from catfree.types import Rig
 
-OVERSAMPLING = 2  # rays a pixel and direction; the picture is averaged down
+OVERSAMPLING = 2  # rays per pixel along each axis; the picture is averaged down
 
 
 class Canvas:
-    """The rays of a camera and the nearest thing that each has met so far."""
+    """The rays of a camera and the nearest hit of each so far."""
 
     def __init__(self, rig: Rig, camera: int) -> None:
         self.rig, self.camera = rig, camera
         width, height = (int(n) * OVERSAMPLING for n in rig.image_size[camera])
         self.center = np.asarray(rig.centers)[camera].astype(np.float32)
-        # Sample positions are in pixels of the picture, whose first pixel has its centre at 0.
+        # Sample positions in pixels of the picture, with the center of the first pixel at 0.
         u = (np.arange(width, dtype=np.float32) + 0.5) / OVERSAMPLING - 0.5
         v = (np.arange(height, dtype=np.float32) + 0.5) / OVERSAMPLING - 0.5
         inverse = (np.asarray(rig.R)[camera].T @ np.linalg.inv(rig.K[camera])).astype(np.float32)
         ray = u[None, :, None] * inverse[:, 0] + v[:, None, None] * inverse[:, 1] + inverse[:, 2]
         self.ray = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
         self.distance = np.full((height, width), np.inf, np.float32)
-        self.colour = np.zeros((height, width, 3), np.float32)
+        self.color = np.zeros((height, width, 3), np.float32)
         self.solid = np.zeros((height, width), bool)
         self.sunlit = np.zeros((height, width), np.float32)
 
     def window(self, outline: np.ndarray) -> tuple[slice, slice] | None:
-        """Rows and columns of the rays that may meet a convex hull, or None."""
+        """Rows and columns of the rays that may hit a convex hull, or None."""
         pixel, depth = project(self.rig, self.camera, outline)
         if depth.min() < 0.2:
             return (slice(None), slice(None)) if depth.max() > 0.2 else None
@@ -40,16 +40,16 @@ class Canvas:
             return None
         return slice(max(low[1], 0), high[1]), slice(max(low[0], 0), high[0])
 
-    def put(self, window: tuple[slice, slice], distance: np.ndarray, colour: np.ndarray) -> None:
-        """Where a solid at `distance` (NaN: missed) is nearer, it is what the rays meet."""
+    def put(self, window: tuple[slice, slice], distance: np.ndarray, color: np.ndarray) -> None:
+        """Record a solid at `distance` (NaN: no hit) where it is the nearest hit."""
         nearer = distance < self.distance[window]
         np.copyto(self.distance[window], distance, where=nearer)
-        np.copyto(self.colour[window], colour, where=nearer[..., None])
+        np.copyto(self.color[window], color, where=nearer[..., None])
         self.solid[window] |= nearer
 
 
 def light(normal: np.ndarray, stage: Stage) -> np.ndarray:
-    """Brightness (..., ) of surfaces with these unit normals, out of any shadow."""
+    """Brightness (...,) of unshadowed surfaces with these unit normals."""
     sky = stage.skylight * (0.75 + 0.25 * normal[..., 2])
     sun = np.maximum(normal @ stage.sun.astype(normal.dtype), 0)
     return np.asarray(sky + stage.sunlight * sun)
@@ -63,16 +63,16 @@ def cast_sphere(
     stage: Stage,
     index: int,
 ) -> None:
-    """Put a sphere of mottled colour where the rays (rows, columns, 3) of a window meet it."""
+    """Draw a sphere of mottled color where the rays (rows, columns, 3) of a window hit it."""
     offset = (canvas.center - solid.center).astype(np.float32)
     b = ray @ offset
     distance = -b - np.sqrt(b**2 - (offset @ offset - solid.radius**2))
     normal = (offset + distance[..., None] * ray) / np.float32(solid.radius)
     rng = np.random.default_rng([stage.seed, 9, index, canvas.camera])
     leaves = 1 + solid.roughness * 0.45 * cloud(rng, distance.shape, 5)
-    # The inside of foliage is dark: what faces down gets little light.
+    # The inside of foliage is dark: surfaces that face down get little light.
     shade = light(normal, stage) * leaves * (0.8 + 0.2 * normal[..., 2])
-    canvas.put(window, distance, shade[..., None] * np.array(solid.colour, np.float32))
+    canvas.put(window, distance, shade[..., None] * np.array(solid.color, np.float32))
 
 
 def cast_cylinder(
@@ -82,7 +82,7 @@ def cast_cylinder(
     solid: Cylinder,
     stage: Stage,
 ) -> None:
-    """Put an upright cylinder with its lid where the rays of a window meet it."""
+    """Draw an upright cylinder with its lid where the rays of a window hit it."""
     offset = (canvas.center[:2] - solid.center).astype(np.float32)
     flat = ray[..., :2]
     a = (flat**2).sum(-1)
@@ -92,19 +92,19 @@ def cast_cylinder(
     side = (up >= solid.bottom) & (up <= solid.top) & (distance > 0)
     radial = (offset + distance[..., None] * flat) / np.float32(solid.radius)
     normal = np.concatenate([radial, np.zeros_like(radial[..., :1])], -1)
-    colour = _painted(solid, radial, up, stage) * light(normal, stage)[..., None]
-    canvas.put(window, np.where(side, distance, np.nan), colour)
+    color = _painted(solid, radial, up, stage) * light(normal, stage)[..., None]
+    canvas.put(window, np.where(side, distance, np.nan), color)
     lid = (solid.top - canvas.center[2]) / ray[..., 2]
     beyond = offset + lid[..., None] * flat
     on_lid = (lid > 0) & ((beyond**2).sum(-1) < solid.radius**2)
     top_light = np.float32(float(light(np.array([0.0, 0.0, 1.0]), stage)))
-    top = np.broadcast_to(np.array(solid.colour, np.float32) * top_light, colour.shape)
+    top = np.broadcast_to(np.array(solid.color, np.float32) * top_light, color.shape)
     canvas.put(window, np.where(on_lid, lid, np.nan), top)
 
 
 def _painted(solid: Cylinder, radial: np.ndarray, up: np.ndarray, stage: Stage) -> np.ndarray:
-    """The colour of each point of a cylinder's side: posters, bricks, bands or bark."""
-    base = np.broadcast_to(np.array(solid.colour, np.float32), (*up.shape, 3))
+    """Color of each point on a cylinder's side: posters, bricks, bands or bark."""
+    base = np.broadcast_to(np.array(solid.color, np.float32), (*up.shape, 3))
     angle = np.nan_to_num(np.arctan2(radial[..., 1], radial[..., 0]) / (2 * np.pi) + 0.5)
     level = np.nan_to_num(np.clip(up, 0, 10))
     if solid.style == "posters":
@@ -130,7 +130,7 @@ def _painted(solid: Cylinder, radial: np.ndarray, up: np.ndarray, stage: Stage) 
 def cast_block(
     canvas: Canvas, window: tuple[slice, slice], ray: np.ndarray, solid: Block, stage: Stage
 ) -> None:
-    """Put an upright box where the rays of a window meet it: the slab test in its own axes."""
+    """Draw an upright box where the rays of a window hit it: the slab test in its own axes."""
     c, s = np.cos(solid.angle), np.sin(solid.angle)
     turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]], np.float32)  # world to block
     middle = np.array([*solid.center, (solid.bottom + solid.top) / 2])
@@ -148,5 +148,5 @@ def cast_block(
     )
     shade = shades[(sign > 0).astype(int), axis]
     hit = (distance < leaving) & (distance > 0)
-    colour = shade[..., None] * np.array(solid.colour, np.float32)
-    canvas.put(window, np.where(hit, distance, np.nan), colour)
+    color = shade[..., None] * np.array(solid.color, np.float32)
+    canvas.put(window, np.where(hit, distance, np.nan), color)

@@ -1,4 +1,4 @@
-"""The set of a rendered world: sun, furniture, trees, buildings, and how large everything is."""
+"""The stage of a rendered world: sun, furniture, trees and buildings, with their sizes."""
 
 from dataclasses import dataclass
 
@@ -8,38 +8,38 @@ from jaxtyping import Float
 from catfree.errors import InvalidInputError
 from catfree.synthetic._walkers import Area
 
-# Furniture as (radius, height) in metres: people walk around the circle, cameras see the thing.
+# Furniture as (radius, height) in meters; people walk around the circle.
 PILLAR = (0.17, 4.0)
 ADVERTISING_COLUMN = (0.55, 2.7)
 PLANTER = (0.95, 0.75)
 BENCH = (0.85, 0.46)
 
-PLAZA_MARGIN = 5.0  # metres of paving beyond the area
+PLAZA_MARGIN = 5.0  # meters of paving beyond the area
 LAWN_WIDTH = 3.0
-BUILDING_DISTANCE = 13.0  # metres from the border of the area to the house fronts
+BUILDING_DISTANCE = 13.0  # meters from the border of the area to the house fronts
 
-Colour = tuple[float, float, float]  # blue, green, red in [0, 1]
+Color = tuple[float, float, float]  # blue, green, red in [0, 1]
 
 
 @dataclass(frozen=True)
 class Sphere:
-    """A round thing of one colour, in metres."""
+    """A sphere of one color, in meters."""
 
     center: Float[np.ndarray, "3"]
     radius: float
-    colour: Colour
+    color: Color
     roughness: float
 
 
 @dataclass(frozen=True)
 class Cylinder:
-    """An upright cylinder on the ground; stripes and posters are painted on by its style."""
+    """An upright cylinder; its style paints stripes, posters, bricks or bark on it."""
 
     center: Float[np.ndarray, "2"]
     radius: float
     bottom: float
     top: float
-    colour: Colour
+    color: Color
     style: str = "plain"
 
 
@@ -52,7 +52,7 @@ class Block:
     bottom: float
     top: float
     angle: float
-    colour: Colour
+    color: Color
 
 
 @dataclass(frozen=True)
@@ -60,13 +60,13 @@ class Stage:
     """Everything that does not move.
 
     Attributes:
-        area: evaluation area in metres.
+        area: evaluation area in meters.
         front: half extents (x, y) of the rectangle of house fronts around its middle.
         sun: (3,) unit vector towards the sun.
         sunlight, skylight: brightness of the two lights.
-        shadow_blur: metres over which the edge of a shadow fades.
+        shadow_blur: meters over which the edge of a shadow fades.
         solids: furniture and trees.
-        seed: the seed that textures follow from.
+        seed: seed of the textures.
     """
 
     area: Area
@@ -80,7 +80,7 @@ class Stage:
 
     @property
     def middle(self) -> Float[np.ndarray, "2"]:
-        """(2,) centre of the area."""
+        """(2,) center of the area."""
         x_min, x_max, y_min, y_max = self.area
         return np.array([(x_min + x_max) / 2, (y_min + y_max) / 2])
 
@@ -99,19 +99,19 @@ def street_furniture(
     others: int = 4,
     cameras: Float[np.ndarray, "cam 3"] | None = None,
 ) -> Float[np.ndarray, "k 4"]:
-    """Pillars, advertising columns, planters and benches spread over an area.
+    """Spread pillars, advertising columns, planters and benches over an area.
 
     Args:
-        area: evaluation area (x_min, x_max, y_min, y_max) in metres.
-        seed: everything random follows from it.
-        pillars: how many thin tall ones.
-        others: how many of the others, in turn.
-        cameras: (C, 3) camera centres, from which tall things keep 5 m or more away
-            where there is room, or None.
+        area: evaluation area (x_min, x_max, y_min, y_max) in meters.
+        seed: determines all random draws.
+        pillars: number of pillars.
+        others: number of planters, benches and advertising columns, in turn.
+        cameras: (C, 3) camera centers, from which tall objects keep 5 m or more away if there is
+            room, or None.
 
     Returns:
-        (K, 4) x, y, radius, height in metres: the `columns` of `make_world`. Things keep 2.5 m
-        apart where there is room.
+        (K, 4) x, y, radius, height in meters: the `columns` of `make_world`. Objects keep 2.5 m
+        apart if there is room.
     """
     rng = np.random.default_rng([seed, 4])
     kinds = [PILLAR] * pillars + [
@@ -120,7 +120,7 @@ def street_furniture(
     x_min, x_max, y_min, y_max = area
     placed: list[tuple[float, float, float, float]] = []
     for radius, height in kinds:
-        # What blocks the view stands near the border, as in a real square.
+        # Objects that block the view stand near the border, as in a real square.
         lowest = 0.0 if height < 1 else 0.3
         clear = 2.5 + 2 * radius
         best, best_gap = np.zeros(2), -np.inf
@@ -148,20 +148,20 @@ def build_stage(
     seed: int = 0,
     shadows: str | None = None,
 ) -> Stage:
-    """A square among houses, with trees behind the cameras.
+    """Build a square among houses, with trees behind the cameras.
 
     Args:
-        area: evaluation area in metres.
+        area: evaluation area in meters.
         columns: (K, 4) x, y, radius and height of the furniture.
-        cameras: (C, 3) camera centres; houses and trees keep behind them.
-        seed: sun, weather and colours follow from it.
-        shadows: "hard" on a clear day, "soft" through thin clouds, None: drawn.
+        cameras: (C, 3) camera centers; houses and trees stay behind them.
+        seed: determines sun, weather and colors.
+        shadows: "hard" for a clear day, "soft" for thin clouds, None to draw one.
 
     Returns:
         The stage.
 
     Raises:
-        InvalidInputError: if `shadows` is something else.
+        InvalidInputError: if `shadows` is none of these.
     """
     if shadows not in (None, "hard", "soft"):
         raise InvalidInputError(f"shadows is {shadows!r}; it must be 'hard', 'soft' or None.")
@@ -194,7 +194,7 @@ def build_stage(
 
 
 def _furniture(rng: np.random.Generator, column: np.ndarray) -> list[Sphere | Cylinder | Block]:
-    """The thing that a column of this radius and height stands for."""
+    """Solids of the furniture that a column of this radius and height represents."""
     place, radius, height = column[:2], float(column[2]), float(column[3])
     if height >= 3.5 or radius < 0.4:
         dark = (0.16, 0.15, 0.15)
@@ -236,7 +236,7 @@ def _furniture(rng: np.random.Generator, column: np.ndarray) -> list[Sphere | Cy
 
 
 def _tree_places(rng: np.random.Generator, middle: np.ndarray, front: np.ndarray) -> np.ndarray:
-    """Two trees a side, 3 m before the house fronts: behind every camera."""
+    """Two trees per side, 3 m in front of the houses and behind every camera."""
     places = []
     for axis in (0, 1):
         for side in (-1, 1):

@@ -6,9 +6,9 @@ from jaxtyping import Float, UInt8
 
 from catfree.synthetic.render._stage import LAWN_WIDTH, PLAZA_MARGIN, Block, Cylinder, Sphere, Stage
 
-TEXEL = 0.025  # metres of ground a texel
-FRONT_TEXEL = 0.04  # metres of house front a texel
-TILE = 0.6  # metres, side of a paving slab
+TEXEL = 0.025  # meters of ground per texel
+FRONT_TEXEL = 0.04  # meters of house front per texel
+TILE = 0.6  # meters, side of a paving slab
 
 Picture = UInt8[np.ndarray, "row column 3"]
 
@@ -16,7 +16,7 @@ Picture = UInt8[np.ndarray, "row column 3"]
 def cloud(
     rng: np.random.Generator, shape: tuple[int, int], scale: float | int
 ) -> Float[np.ndarray, "row column"]:
-    """Smooth noise of unit deviation with features of about `scale` pixels."""
+    """Smooth noise of unit standard deviation with features of about `scale` pixels."""
     rows, columns = shape
     coarse = rng.standard_normal((int(rows / scale) + 4, int(columns / scale) + 4))
     smooth = cv2.resize(coarse.astype(np.float32), (columns, rows), interpolation=cv2.INTER_CUBIC)
@@ -24,9 +24,9 @@ def cloud(
 
 
 def ground_picture(stage: Stage) -> tuple[Picture, UInt8[np.ndarray, "row column"]]:
-    """The ground seen from above, and where the sun reaches it (255) or not (0).
+    """Texture of the ground seen from above, and a mask of the sunlit ground (255; shadow 0).
 
-    Rows run along y and columns along x from the corner `middle - front`, `TEXEL` metres each.
+    Rows run along y and columns along x from the corner `middle - front`, `TEXEL` meters each.
     """
     rng = np.random.default_rng([stage.seed, 6])
     columns, rows = (int(np.ceil(2 * extent / TEXEL)) for extent in stage.front)
@@ -64,7 +64,7 @@ def ground_picture(stage: Stage) -> tuple[Picture, UInt8[np.ndarray, "row column
 def _paving(
     rng: np.random.Generator, x: np.ndarray, y: np.ndarray, stage: Stage
 ) -> Float[np.ndarray, "row column 3"]:
-    """Slabs of slightly different greys with joints, darker bands, and rings in the middle."""
+    """Slabs of slightly different grays with joints, darker bands, and rings in the middle."""
     column, row = np.floor(x / TILE).astype(int), np.floor(y / TILE).astype(int)
     column, row = column - column.min(), row - row.min()
     tone = 0.64 + 0.035 * rng.standard_normal((row.max() + 1, column.max() + 1))
@@ -78,13 +78,13 @@ def _paving(
     joint = (np.mod(x, TILE) < 0.025)[None, :] | (np.mod(y, TILE) < 0.025)[:, None]
     radius = np.hypot(x[None, :], y[:, None]) / float(min(stage.half))
     edge = TEXEL / float(min(stage.half))
-    for inner, outer, colour in (
+    for inner, outer, color in (
         (-1.0, 0.1, (0.6, 0.68, 0.82)),
         (0.24, 0.29, (0.46, 0.54, 0.92)),
         (0.42, 0.48, (0.66, 0.56, 0.5)),
     ):
         ring = np.clip(np.minimum(radius - inner, outer - radius) / edge + 0.5, 0, 1)[..., None]
-        picture *= 1 - ring * (1 - np.array(colour, np.float32))
+        picture *= 1 - ring * (1 - np.array(color, np.float32))
     picture[joint] *= 0.72
     return picture
 
@@ -103,7 +103,7 @@ def _baked_shadows(stage: Stage, shape: tuple[int, int]) -> Float[np.ndarray, "r
 
 
 def _contact_shadows(stage: Stage, shape: tuple[int, int]) -> Float[np.ndarray, "row column"]:
-    """Skylight that things on the ground take from the ground beside them."""
+    """Share of skylight left on the ground beside objects that stand on it."""
     mask = np.zeros((shape[0] // 4, shape[1] // 4), np.uint8)
     for solid in stage.solids:
         outline = solid_outline(solid)
@@ -118,7 +118,7 @@ def _contact_shadows(stage: Stage, shape: tuple[int, int]) -> Float[np.ndarray, 
 
 
 def solid_outline(solid: Sphere | Cylinder | Block) -> Float[np.ndarray, "n 3"]:
-    """Points whose convex hull is the solid, in metres."""
+    """Points whose convex hull is the solid, in meters."""
     angle = np.arange(16) * np.pi / 8
     circle = np.stack([np.cos(angle), np.sin(angle)], -1)
     if isinstance(solid, Sphere):
@@ -137,7 +137,7 @@ def solid_outline(solid: Sphere | Cylinder | Block) -> Float[np.ndarray, "n 3"]:
 
 
 def front_picture(stage: Stage, wall: int, length: float | int, height: float | int) -> Picture:
-    """A house front with windows and a cornice: columns run along the wall, rows downwards."""
+    """Draw a house front with windows and a cornice: columns run along the wall, rows down."""
     rng = np.random.default_rng([stage.seed, 7, wall])
     columns, rows = int(length / FRONT_TEXEL), int(height / FRONT_TEXEL)
     base = np.array(
@@ -166,7 +166,7 @@ def front_picture(stage: Stage, wall: int, length: float | int, height: float | 
 def _window(
     rng: np.random.Generator, picture: np.ndarray, top: int, bottom: int, left: int, right: int
 ) -> None:
-    """A window with a light frame, a sill and panes that mirror the sky to different degrees."""
+    """Draw a window with a light frame, a sill and panes that mirror the sky differently."""
     frame = 3
     picture[top - frame : bottom + frame, left - frame : right + frame] = 0.86
     pane = np.array([0.42, 0.36, 0.3]) * rng.uniform(0.5, 1.1)
