@@ -99,8 +99,8 @@ def fit_similarity(
     source, target, given = float_arrays(source, target, weights)
     if source.ndim != 2 or source.shape != target.shape or source.shape[0] == 0:
         raise InvalidInputError(
-            "A similarity needs two arrays of points of one shape (n, 3) or (n, 2) with n at least "
-            f"1, got {source.shape} and {target.shape}."
+            "A similarity needs pairs of points: two arrays of the same shape (n, 3) or (n, 2), "
+            f"n at least 1, got {source.shape} and {target.shape}."
         )
     given = jnp.ones(source.shape[0], source.dtype) if given is None else given
     present = jnp.asarray(given) > 0  # false for NaN too
