@@ -1,4 +1,4 @@
-"""Pictures: plots (with matplotlib), overlays on the footage (with OpenCV), 3-D scenes."""
+"""Visualization: plots (with matplotlib), overlays on the footage (with OpenCV), 3-D scenes."""
 
 from catfree.viz.footage._ground_grid import draw_ground_grid as draw_ground_grid
 from catfree.viz.footage._overlay import (

@@ -1,4 +1,4 @@
-"""World points in a camera's picture, with the lines between them cut where they leave the view."""
+"""Projection of points and lines into a camera's picture, with lines cut outside the view."""
 
 from functools import partial
 
@@ -10,15 +10,15 @@ from catfree.geometry import angular_residual, pixel_to_ray, project
 from catfree.types import Rig
 
 BLOCK = 256  # points are padded to multiples of this, so that few sizes compile
-# A lens polynomial folds far-off points back into the picture; beyond this many radians from the
-# ray of its pixel a point is not what the camera shows there.
+# A lens polynomial may fold points far outside the view back into the picture. Such a point is
+# farther than this angle in radians from the ray of its pixel.
 FOLD_TOLERANCE = 1e-2
 
 
 def project_points(
     rig: Rig, camera: int, points: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
-    """Pixels of world points, and which of them the camera has in front of it.
+    """Project world points to pixels, and mark those in front of the camera.
 
     Args:
         rig: the cameras.
@@ -26,8 +26,8 @@ def project_points(
         points: (N, 3) in scene units.
 
     Returns:
-        pixel: (N, 2), also outside the picture.
-        in_front: (N,) false where the pixel means nothing.
+        pixel: (N, 2), possibly outside the picture.
+        in_front: (N,) bool; false where the pixel is meaningless.
     """
     padded = _padded(np.asarray(points, np.float64))
     distortion = None if rig.distortion is None else rig.distortion[camera]
@@ -52,10 +52,10 @@ def visible_runs(
     in_front: Bool[np.ndarray, " n"],
     image_size: tuple[int, int],
 ) -> list[Float[np.ndarray, "k 2"]]:
-    """The parts of a polyline that can be drawn: pieces of at least two points in front.
+    """Split a polyline into the drawable pieces: at least two successive points in front.
 
-    Points farther than one picture size outside the picture end a piece too, because drawing
-    routines overflow on them.
+    A point more than one picture size outside the picture also ends a piece, because drawing
+    routines overflow on it.
     """
     size = np.asarray(image_size, np.float64)
     near = ((pixel > -size) & (pixel < 2 * size)).all(-1) & in_front

@@ -1,4 +1,4 @@
-"""Colours that stay apart for colour-blind readers, and stay with an identity in every picture."""
+"""Colors that color-blind readers can tell apart, the same for an identity in every picture."""
 
 import numpy as np
 
@@ -6,9 +6,9 @@ from catfree.types import Fate
 
 Color = tuple[int, int, int]
 
-# Six of the hues of Okabe and Ito ("Color universal design", 2008; black and yellow, which
-# mark other things or vanish on white, then a dark version of each: twelve colours, red, green
-# and blue in 0..255.
+# Six of the hues of Okabe and Ito ("Color universal design", 2008), without black (used for other
+# marks) and yellow (invisible on white), then a dark version of each: twelve colors, red, green and
+# blue in 0..255.
 _HUES: tuple[Color, ...] = (
     (0, 114, 178),
     (213, 94, 0),
@@ -21,12 +21,12 @@ TRACK_COLORS: tuple[Color, ...] = (
     *_HUES,
     *((r * 11 // 20, g * 11 // 20, b * 11 // 20) for r, g, b in _HUES),
 )
-LINE_STYLES = ("-", "--", ":")  # with the colours: identities repeat after 36 tracks
+LINE_STYLES = ("-", "--", ":")  # combined with the colors, they repeat after 36 tracks
 UNTRACKED: Color = (120, 120, 120)
 CAMERA_COLOR: Color = (40, 40, 40)
 TRUTH_COLOR: Color = (0, 0, 0)
 
-# Kept fates in green and blue, removed ones from yellow to grey in the order of the filters.
+# Green and blue for kept candidates, other colors for removed ones.
 FATE_COLORS: dict[Fate, Color] = {
     Fate.ACCEPTED: (0, 158, 115),
     Fate.RECOVERED: (0, 114, 178),
@@ -43,15 +43,15 @@ FATE_COLORS: dict[Fate, Color] = {
 
 
 def track_color(track_id: int | np.integer) -> Color:
-    """Red, green and blue in 0..255 of an identity: the same in every picture; grey for -1."""
+    """Red, green and blue in 0..255 of an identity, the same in every picture; gray for -1."""
     return UNTRACKED if track_id < 0 else TRACK_COLORS[int(track_id) % len(TRACK_COLORS)]
 
 
 def line_style(track_id: int | np.integer) -> str:
-    """Matplotlib line style of an identity; tells apart tracks that share a colour."""
+    """Matplotlib line style of an identity, to tell apart tracks of the same color."""
     return LINE_STYLES[max(int(track_id), 0) // len(TRACK_COLORS) % len(LINE_STYLES)]
 
 
 def fraction(color: Color) -> tuple[float, float, float]:
-    """The colour as matplotlib takes it, 0..1."""
+    """Convert a color to matplotlib's range 0..1."""
     return color[0] / 255, color[1] / 255, color[2] / 255

@@ -1,4 +1,4 @@
-"""What every picture from above needs: ground coordinates, camera wedges, ellipses, labels."""
+"""Helpers of every plan view: ground coordinates, camera wedges, ellipses, labels."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from catfree.errors import InvalidInputError
 from catfree.types import Rig, Scene
 from catfree.viz._camera_view import rays_of_pixels
 
-WEDGE_LENGTH = 0.08  # of a camera's field of view on the plan, share of E
+WEDGE_LENGTH = 0.08  # length of a camera's field of view on the plan, as a share of E
 
 
 def to_plan(scene: Scene, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 2"]:
@@ -25,19 +25,19 @@ def from_plan(scene: Scene, xy: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, 
 
 
 def length_unit(scene: Scene) -> str:
-    """What to write behind a length: `m`, or `scene units` where the scale is unknown."""
+    """Unit of lengths: `m`, or `scene units` if the scale is unknown."""
     return "m" if scene.metric else "scene units"
 
 
 def camera_wedge(scene: Scene, camera: int) -> Float[np.ndarray, "3 2"]:
-    """The field of view of a camera from above: its centre and the left and right end.
+    """The field of view of a camera from above: its center, and its left and right end.
 
     Args:
         scene: the scene.
         camera: index of a registered camera.
 
     Returns:
-        (3, 2) ground coordinates. The ends lie `WEDGE_LENGTH * E` away from the centre, towards
+        (3, 2) ground coordinates. The ends lie `WEDGE_LENGTH * E` away from the center, towards
         the left and right border of the picture at its middle row.
     """
     rig = scene.rig
@@ -47,16 +47,16 @@ def camera_wedge(scene: Scene, camera: int) -> Float[np.ndarray, "3 2"]:
     center = to_plan(scene, np.asarray(rig.centers)[camera])
     direction = to_plan(scene, rays_of_pixels(rig, camera, borders))
     length = np.linalg.norm(direction, axis=-1, keepdims=True)
-    # A camera that looks straight down has no direction on the plan.
+    # A ray straight down has no direction on the plan.
     direction = direction / np.where(length > 0, length, 1)
     return np.vstack([center, center + WEDGE_LENGTH * float(scene.extent) * direction])
 
 
 def camera_names(rig: Rig, names: Sequence[str] | None = None) -> list[str]:
-    """One label a camera: the given names, or C1, C2, ...
+    """One label per camera: the given names, or C1, C2, ...
 
     Raises:
-        InvalidInputError: if there is not one name a camera.
+        InvalidInputError: if there is not one name per camera.
     """
     if names is None:
         return [f"C{camera + 1}" for camera in range(rig.camera_count)]
@@ -71,7 +71,7 @@ def camera_names(rig: Rig, names: Sequence[str] | None = None) -> list[str]:
 def confidence_ellipse(
     covariance: Float[np.ndarray, "2 2"], confidence: float = 0.95
 ) -> tuple[float, float, float]:
-    """The region that holds a Gaussian position with this probability.
+    """The ellipse that holds a Gaussian position with this probability.
 
     Args:
         covariance: (2, 2) in scene units squared.
@@ -94,21 +94,22 @@ def view_area(
     area: Sequence[float | int] | np.ndarray | None = None,
     margin: float = 0.05,
 ) -> tuple[float, float, float, float]:
-    """The rectangle x_min, x_max, y_min, y_max that shows all cameras and nearly all positions.
+    """Rectangle x_min, x_max, y_min, y_max that shows all cameras and nearly all positions.
 
     Args:
         scene: the scene.
-        xy: (N, 2) positions in ground coordinates; the outermost 1 % may stay outside.
-        area: x_min, x_max, y_min, y_max to show too, or None.
+        xy: (N, 2) positions in ground coordinates; the outermost 1 % along each axis may be
+            outside.
+        area: x_min, x_max, y_min, y_max of an area to include, or None.
         margin: empty border as a share of the larger side.
     """
     registered = np.flatnonzero(scene.rig.registered)
-    shown = [camera_wedge(scene, int(camera)) for camera in registered]
+    parts = [camera_wedge(scene, int(camera)) for camera in registered]
     if len(xy):
-        shown.append(np.quantile(xy, [0.005, 0.995], axis=0))
+        parts.append(np.quantile(xy, [0.005, 0.995], axis=0))
     if area is not None:
-        shown.append(np.reshape(np.asarray(area, np.float64), (2, 2)).T)
-    points = np.concatenate(shown) if shown else np.array([[-1.0, -1.0], [1.0, 1.0]])
+        parts.append(np.reshape(np.asarray(area, np.float64), (2, 2)).T)
+    points = np.concatenate(parts) if parts else np.array([[-1.0, -1.0], [1.0, 1.0]])
     low, high = points.min(0), points.max(0)
     border = margin * max(float((high - low).max()), 1e-3 * float(scene.extent))
     return (
@@ -126,26 +127,26 @@ def place_labels(
     occupied: Float[np.ndarray, "k 4"] | None = None,
     gap: float = 4.0,
 ) -> list[tuple[float, float] | None]:
-    """Where to write labels beside their anchors so that none covers another.
+    """Place labels beside their anchors so that none covers another.
 
-    Earlier labels have first choice among eight places around their anchor; a label without a free
-    place is left out.
+    Each label, in order, takes the first free of eight places around its anchor; a label without a
+    free place is left out.
 
     Args:
         anchors: (N, 2) points in display units, in order of importance.
         sizes: (N, 2) width and height of each label.
-        bounds: x_min, x_max, y_min, y_max that labels must stay inside.
-        occupied: (K, 4) rectangles x_min, y_min, x_max, y_max that are taken already.
+        bounds: x_min, x_max, y_min, y_max that the labels must stay inside.
+        occupied: (K, 4) rectangles x_min, y_min, x_max, y_max that are already taken.
         gap: distance of a label from its anchor.
 
     Returns:
-        Lower left corner of each label, or None where there was no room.
+        Lower left corner of each label, or None if there is no room.
     """
     taken = [] if occupied is None else [tuple(box) for box in occupied]
     places: list[tuple[float, float] | None] = []
     steps = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))
     for (x, y), (width, height) in zip(anchors, sizes, strict=True):
-        found = None
+        place = None
         for right, up in steps:
             left = x + right * gap + (right - 1) * width / 2
             low = y + up * gap + (up - 1) * height / 2
@@ -157,10 +158,10 @@ def place_labels(
                 and box[3] <= bounds[3]
             )
             if inside and not any(_overlap(box, other) for other in taken):
-                found = (float(left), float(low))
+                place = (float(left), float(low))
                 taken.append(box)
                 break
-        places.append(found)
+        places.append(place)
     return places
 
 

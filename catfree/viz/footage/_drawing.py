@@ -1,4 +1,4 @@
-"""Drawing on pictures with OpenCV: lines, text with a background, round steps."""
+"""Drawing on pictures with OpenCV: lines, polygons, labels, and round grid steps."""
 
 from collections.abc import Sequence
 
@@ -27,7 +27,7 @@ def draw_polyline(
     *,
     closed: bool = False,
 ) -> None:
-    """A line through pixels (N, 2), drawn in place; points must be finite and not far outside."""
+    """Draw a line through pixels (N, 2) in place; points must be finite and not far outside."""
     import cv2
 
     # Sub-pixel positions as fixed-point numbers with four binary digits.
@@ -38,7 +38,7 @@ def draw_polyline(
 def fill_polygon(
     image: Image, points: Float[np.ndarray, "n 2"], color: Color, opacity: float
 ) -> None:
-    """A translucent polygon, drawn in place."""
+    """Draw a translucent polygon in place."""
     import cv2
 
     low = np.maximum(np.floor(points.min(0)).astype(int), 0)
@@ -64,13 +64,13 @@ def text_size(text: str, stroke: float) -> tuple[int, int]:
 def draw_label(
     image: Image, text: str, place: tuple[float | int, float | int], color: Color, stroke: float
 ) -> None:
-    """Text in white on a background of `color`; `place` is the upper left corner in pixels."""
+    """Write text on a background of `color`; `place` is the upper left corner in pixels."""
     import cv2
 
     width, height = text_size(text, stroke)
     x, y, pad = round(place[0]), round(place[1]), round(2 * stroke)
     cv2.rectangle(image, (x, y), (x + width - 1, y + height - 1), color, cv2.FILLED)
-    # The lighter colours of the palette need dark letters.
+    # Lighter colors of the palette need dark letters.
     light = 0.299 * color[0] + 0.587 * color[1] + 0.114 * color[2] > 150
     ink = (0, 0, 0) if light else WHITE
     at = (x + pad, y + height - 1 - pad)
@@ -88,12 +88,12 @@ def draw_labels(
     occupied: Float[np.ndarray, "k 4"] | None = None,
     gap: float = 3.0,
 ) -> Float[np.ndarray, "taken 4"]:
-    """Labels beside their anchors, where they cover neither each other nor `occupied`.
+    """Draw labels beside their anchors so that they cover neither each other nor `occupied`.
 
     `gap` is their distance from the anchors in strokes.
 
     Returns:
-        The rectangles x_min, y_min, x_max, y_max that are taken now.
+        All occupied rectangles x_min, y_min, x_max, y_max, including the new labels.
     """
     taken = np.zeros((0, 4)) if occupied is None else occupied
     if not texts:
@@ -110,12 +110,12 @@ def draw_labels(
 
 
 def round_step(length: float) -> float:
-    """The largest of 1, 2 or 5 times a power of ten that is not above `length`."""
+    """The largest number at most `length` that is 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(length))
     steps = [step for step in (1.0, 2.0, 5.0) if step * power <= length * (1 + 1e-9)]
     return float(max(steps, default=1.0) * power)
 
 
 def _font(stroke: float) -> tuple[float, int]:
-    # A capital of OpenCV's simple Hershey font is 21 pixels high at scale 1.
+    # A capital letter of OpenCV's simple Hershey font is 21 pixels high at scale 1.
     return TEXT_HEIGHT * stroke / 2 / 21 + 0.25, max(1, round(0.6 * stroke))

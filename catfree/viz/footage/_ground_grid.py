@@ -1,4 +1,4 @@
-"""The ground's grid in a camera's picture: the look that tells whether a calibration is right."""
+"""The ground's grid in a camera's picture, to check a calibration by eye."""
 
 from collections.abc import Sequence
 
@@ -29,7 +29,7 @@ SHADOW: Color = (30, 30, 30)
 
 
 def grid_spacing(scene: Scene) -> float:
-    """A round distance between grid lines in scene units: 1 m on a square of usual size."""
+    """Round distance between grid lines in scene units: 1 m on a square of usual size."""
     return round_step(float(scene.extent) / LINES_PER_EXTENT)
 
 
@@ -44,8 +44,8 @@ def ground_grid(
         spacing: distance between the lines in scene units.
 
     Returns:
-        (axis, index, points): the axis "x" or "y" that is constant, its value over the spacing,
-        and points (N, 2) along the line in ground coordinates.
+        (axis, index, points): the constant axis "x" or "y", its value divided by the spacing, and
+        points (N, 2) along the line in ground coordinates.
     """
     lines = []
     x_min, x_max, y_min, y_max = (float(edge) for edge in area)
@@ -70,23 +70,24 @@ def draw_ground_grid(
     spacing: float | int | None = None,
     stroke: float | int | None = None,
 ) -> Image:
-    """A copy of a camera's picture with the ground's grid, its axes in colour.
+    """Draw the ground's grid, with its axes in color, on a copy of a camera's picture.
 
-    Where lines follow the floor's edges and stop at walls, rig and ground are right.
+    If lines follow the edges of the floor and stop at walls, rig and ground are right.
 
     Args:
         image: (H, W, 3) uint8 RGB of the camera's original size.
         scene: the scene.
         camera: index of a registered camera.
-        area: x_min, x_max, y_min, y_max in ground coordinates; None for what two cameras see.
-        spacing: distance between lines in scene units; None for `grid_spacing(scene)`.
-        stroke: line thickness in pixels; None to suit the picture.
+        area: x_min, x_max, y_min, y_max in ground coordinates; None for the area that two cameras
+            see.
+        spacing: distance between lines in scene units; None for the round number below E / 16.
+        stroke: line thickness in pixels; None for a default that suits the picture size.
 
     Returns:
-        (H, W, 3) uint8 RGB. Orange is the line y = 0, blue x = 0; every fifth line is labelled.
+        (H, W, 3) uint8 RGB. Orange is the line y = 0, blue x = 0; every fifth line is labeled.
 
     Raises:
-        InvalidInputError: if the picture has another size than the camera, the camera is not
+        InvalidInputError: if the picture and the camera differ in size, the camera is not
             registered, or the spacing is not positive.
     """
     require_camera_picture(image, scene, camera)
@@ -112,10 +113,10 @@ def draw_ground_grid(
 
 
 def require_camera_picture(image: Image, scene: Scene, camera: int) -> None:
-    """Raise unless the picture can be one of this registered camera.
+    """Raise unless the camera is registered and the picture has its size.
 
     Raises:
-        InvalidInputError: saying which camera and size.
+        InvalidInputError: naming the camera and the sizes.
     """
     rig = scene.rig
     if not 0 <= camera < rig.camera_count or not rig.registered[camera]:
@@ -127,7 +128,7 @@ def require_camera_picture(image: Image, scene: Scene, camera: int) -> None:
     if image.shape[:2] != (height, width):
         raise InvalidInputError(
             f"The picture of camera {camera} is {image.shape[1]} x {image.shape[0]} px, but the "
-            f"scene's camera has {width} x {height} px. Give the original picture."
+            f"scene's camera has {width} x {height} px: pass the original picture."
         )
 
 

@@ -12,13 +12,13 @@ from catfree.viz.footage._drawing import Image, draw_labels, draw_polyline, fill
 
 PAPER = (250, 250, 250)
 GRID = (222, 222, 222)
-GRID_LINES = 6  # about so many along the longer side
+GRID_LINES = 6  # approximate number along the longer side
 DOT = 3.0  # radius of a position in strokes
 CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 49)), np.sin(np.linspace(0, 2 * np.pi, 49))])
 
 
 class PlanCanvas:
-    """A picture of the ground from above, on which instants are drawn one after the other."""
+    """A picture of the ground from above, on which single frames are drawn."""
 
     def __init__(
         self,
@@ -28,7 +28,7 @@ class PlanCanvas:
         names: Sequence[str],
         stroke: float = 1.0,
     ) -> None:
-        """Draw what does not move: grid and cameras.
+        """Draw the static parts: grid and cameras.
 
         Args:
             scene: the scene.
@@ -51,36 +51,37 @@ class PlanCanvas:
         """Pixels (..., 2) of ground coordinates (..., 2); y points up on the ground."""
         return self._origin + self._scale * np.asarray(xy, np.float64) * np.array([1, -1])
 
-    def draw(self, now: Tracks, trail: Tracks) -> Image:
-        """The picture of one instant.
+    def draw(self, positions: Tracks, trail: Tracks) -> Image:
+        """Draw the picture of one frame.
 
         Args:
-            now: positions of the instant.
-            trail: positions of the last instants, which the tracks in `now` came along.
+            positions: positions in the frame.
+            trail: positions of the same tracks in the last frames.
         """
         image = self._background.copy()
-        for row in range(len(now)):
-            if np.isfinite(now.covariance[row]).all():
-                major, minor, angle = confidence_ellipse(now.covariance[row])
+        for row in range(len(positions)):
+            if np.isfinite(positions.covariance[row]).all():
+                major, minor, angle = confidence_ellipse(positions.covariance[row])
                 turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-                outline = now.ground_xy[row] + (turn @ (CIRCLE * [[major], [minor]])).T
-                # An ellipse far larger than the picture says nothing and overflows.
+                outline = positions.ground_xy[row] + (turn @ (CIRCLE * [[major], [minor]])).T
+                # An ellipse far larger than the picture is useless and overflows.
                 if major * self._scale < 2 * max(image.shape):
-                    color = track_color(now.track_id[row])
+                    color = track_color(positions.track_id[row])
                     fill_polygon(image, self.to_pixels(outline), color, 0.22)
-        for identity in np.unique(now.track_id[now.track_id >= 0]):
+        for identity in np.unique(positions.track_id[positions.track_id >= 0]):
             path = self.to_pixels(trail.ground_xy[trail.track_id == identity])
             if len(path) > 1:
                 draw_polyline(image, path, track_color(identity), self._stroke)
-        pixel = self.to_pixels(now.ground_xy)
-        for at, identity, origin in zip(pixel, now.track_id, now.origin, strict=True):
+        pixel = self.to_pixels(positions.ground_xy)
+        for at, identity, origin in zip(pixel, positions.track_id, positions.origin, strict=True):
             draw_dot(image, at, int(identity), bool(origin != Origin.DETECTED), self._stroke)
-        known, reach = now.track_id >= 0, DOT * self._stroke
+        tracked, reach = positions.track_id >= 0, DOT * self._stroke
         dots = np.concatenate([pixel - reach, pixel + reach], axis=-1)
         taken = np.concatenate([self._occupied, dots])
-        texts = [str(identity) for identity in now.track_id[known]]
-        colors = [track_color(identity) for identity in now.track_id[known]]
-        draw_labels(image, texts, pixel[known], colors, self._stroke, occupied=taken, gap=DOT + 1.5)
+        texts = [str(identity) for identity in positions.track_id[tracked]]
+        colors = [track_color(identity) for identity in positions.track_id[tracked]]
+        anchors, gap = pixel[tracked], DOT + 1.5
+        draw_labels(image, texts, anchors, colors, self._stroke, occupied=taken, gap=gap)
         return image
 
     def _draw_grid(self, unit: str) -> None:
@@ -101,16 +102,16 @@ class PlanCanvas:
         )
 
     def _draw_cameras(self, scene: Scene, names: Sequence[str]) -> None:
-        known = np.flatnonzero(scene.rig.registered)
-        wedges = [self.to_pixels(camera_wedge(scene, int(camera))) for camera in known]
+        registered = np.flatnonzero(scene.rig.registered)
+        wedges = [self.to_pixels(camera_wedge(scene, int(camera))) for camera in registered]
         for wedge in wedges:
             fill_polygon(self._background, wedge, CAMERA_COLOR, 0.2)
             draw_polyline(self._background, wedge, CAMERA_COLOR, self._stroke, closed=True)
         self._occupied = draw_labels(
             self._background,
-            [names[int(camera)] for camera in known],
+            [names[int(camera)] for camera in registered],
             np.array([wedge[0] for wedge in wedges]).reshape(-1, 2),
-            [CAMERA_COLOR] * len(known),
+            [CAMERA_COLOR] * len(registered),
             self._stroke,
             occupied=self._occupied,
         )
@@ -119,7 +120,7 @@ class PlanCanvas:
 def draw_dot(
     image: Image, at: Float[np.ndarray, "2"], identity: int, hollow: bool, stroke: float
 ) -> None:
-    """A dot in the colour of an identity; hollow for a position that no detection gave."""
+    """Draw a dot in the color of an identity; hollow if no detection supports the position."""
     import cv2
 
     center, radius = (round(float(at[0])), round(float(at[1]))), max(2, round(DOT * stroke))

@@ -1,4 +1,4 @@
-"""Matplotlib is optional: asked for only when a plot is drawn."""
+"""Axes of the plots; matplotlib is optional and imported only when a plot is drawn."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ LONGER_SIDE = 7.5  # inches
 
 
 def require_pyplot() -> Any:
-    """`matplotlib.pyplot`.
+    """Import `matplotlib.pyplot`.
 
     Raises:
         MissingDependencyError: if matplotlib is not installed.
@@ -33,9 +33,9 @@ def axes_or_new(
 
     Args:
         ax: axes to draw on, or None.
-        view: x_min, x_max, y_min, y_max that will be shown with both axes of one scale; gives the
-            shape of a new figure.
-        legend: room for legend and labels at the side and below in inches.
+        view: x_min, x_max, y_min, y_max to show with equal axis scales; sets the shape of a new
+            figure.
+        legend: room in inches for legend and labels, beside and below.
     """
     pyplot = require_pyplot()
     if ax is not None:
@@ -65,12 +65,12 @@ def plain_label(text: str) -> str:
 
 
 def figure_of(ax: "Axes") -> "Figure":
-    """The whole figure that axes belong to, also from inside a sub-figure.
+    """The top-level figure of axes, also of axes inside a sub-figure.
 
     Raises:
         InvalidInputError: if the axes were removed from their figure.
     """
     figure = ax.get_figure(root=True)
     if figure is None:
-        raise InvalidInputError("The given axes belong to no figure any more. Pass new ones.")
+        raise InvalidInputError("The given axes were removed from their figure: pass new ones.")
     return figure

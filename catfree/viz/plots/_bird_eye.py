@@ -1,4 +1,4 @@
-"""The scene from above: tracks, their uncertainty, and the cameras that saw them."""
+"""The scene from above: tracks, their uncertainty, and the cameras."""
 
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -40,28 +40,29 @@ def plot_bird_eye(
     """Draw tracks on the ground with identities, uncertainty, cameras and, if given, the truth.
 
     Every track is a line that ends in a dot with its identity and an ellipse that holds the true
-    position with probability `confidence`. Hollow dots are positions that the trajectories added.
-    Colours belong to identities and are the same in every picture of catfree.
+    position with probability `confidence`. Hollow dots are extended or interpolated positions.
+    Each identity has the same color in every picture of catfree.
 
     Args:
-        localization: what `cf.localize` returned.
-        scene: the scene it was made with.
+        localization: the result of `cf.localize`.
+        scene: the scene it was computed with.
         ax: matplotlib axes to draw on; None for a new figure.
         ground_truth: (N, 4) rows [frame, id, x, y] in the ground coordinates of the scene, or None.
-        area: x_min, x_max, y_min, y_max to frame with a dashed line, such as the evaluation area.
+        area: x_min, x_max, y_min, y_max to outline with a dashed line, such as the evaluation
+            area, or None.
         frames: the frames to draw; None for all.
         camera_names: (C,) labels of the cameras; None for C1, C2, ...
         confidence: probability of the ellipses.
-        detail_limit: draw identity, ellipse and added positions of at most so many tracks, the
-            longest, and the others as thin lines: more cannot be told apart.
-        legend: explain the marks.
+        detail_limit: number of tracks, the longest, drawn with identity, ellipse and added
+            positions; the others are thin lines, because more cannot be told apart.
+        legend: whether to draw a legend.
 
     Returns:
-        The axes, in ground coordinates (metres for a metric scene), both axes of one scale.
+        The axes, in ground coordinates (meters for a metric scene) with equal scales.
 
     Raises:
         MissingDependencyError: if matplotlib is not installed.
-        InvalidInputError: if confidence, area or camera names are impossible.
+        InvalidInputError: if confidence, area, ground truth or camera names are invalid.
     """
     if not 0 < confidence < 1:
         raise InvalidInputError(f"confidence is {confidence}; it must be between 0 and 1.")
@@ -100,9 +101,9 @@ def plot_bird_eye(
 
 
 def draw_cameras(ax: "Axes", scene: Scene, names: Sequence[str]) -> np.ndarray:
-    """Draw the cameras with field of view and name; returns the labels' display rectangles (K, 4).
+    """Draw the cameras with field of view and name; return the labels' display rectangles (K, 4).
 
-    The axes' limits must be final. Cameras that are not registered are left out.
+    The axes' limits must be final. Unregistered cameras are left out.
     """
     from matplotlib.patheffects import withStroke
 
@@ -136,7 +137,7 @@ def _rows(ground_truth: Any) -> np.ndarray:
 def _draw_tracks(
     ax: "Axes", tracks: Tracks, confidence: float, detail_limit: int
 ) -> list[tuple[int, np.ndarray]]:
-    """Draw every track; returns identity and last position of each, the longest first."""
+    """Draw every track; return the identity and last position of each, the longest first."""
     identities, lengths = np.unique(tracks.track_id, return_counts=True)
     tracked = identities >= 0
     ends = []
@@ -195,7 +196,7 @@ def _write(
     size: float,
     weight: str,
 ) -> np.ndarray:
-    """Write labels where they cover neither each other nor what is occupied; returns (K, 4)."""
+    """Write labels that cover neither each other nor `occupied`; return all rectangles (K, 4)."""
     from matplotlib.patheffects import withStroke
 
     if not texts:
@@ -230,7 +231,7 @@ def _write(
 
 
 def _display(ax: "Axes", points: np.ndarray) -> np.ndarray:
-    """Display coordinates of data points, after the layout has settled."""
+    """Display coordinates of data points, after the layout is final."""
     figure_of(ax).draw_without_rendering()
     return ax.transData.transform(points)
 
@@ -241,16 +242,16 @@ def _explain(ax: "Axes", confidence: float, *, with_truth: bool, with_area: bool
     def mark(label: str, marker: str = "", line: Any = "", **style: Any) -> Line2D:
         return Line2D([], [], marker=marker, linestyle=line, label=label, **style)
 
-    grey = fraction(track_color(-1))
+    gray = fraction(track_color(-1))
     marks = [
-        mark("track, last position", "o", "-", color=grey, markersize=4),
-        mark("extended or interpolated", "o", color=grey, markerfacecolor="white", markersize=4),
+        mark("track, last position", "o", "-", color=gray, markersize=4),
+        mark("extended or interpolated", "o", color=gray, markerfacecolor="white", markersize=4),
         mark(
             f"{100 * confidence:g} % ellipse",
             "o",
-            color=(*grey, 0.25),
+            color=(*gray, 0.25),
             markersize=10,
-            markeredgecolor=grey,
+            markeredgecolor=gray,
         ),
         mark("camera and field of view", "s", color=fraction(CAMERA_COLOR), markersize=4.5),
     ]

@@ -1,4 +1,4 @@
-"""Coverage as a map: where the rig is precise, and where its cameras share their view."""
+"""Maps of coverage: expected uncertainty, or the number of cameras."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ from catfree.viz.plots._bird_eye import draw_cameras
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-ISO_LINES = 6  # about so many lines of equal sigma
+ISO_LINES = 6  # approximate number of lines of equal sigma
 
 
 def plot_coverage(
@@ -31,12 +31,12 @@ def plot_coverage(
     """Draw expected uncertainty with iso-lines, or the number of cameras, over the ground.
 
     Args:
-        coverage: what `cf.coverage` returned.
-        scene: the scene it was made with.
+        coverage: the result of `cf.coverage`.
+        scene: the scene it was computed with.
         ax: matplotlib axes to draw on; None for a new figure.
         quantity: "sigma" for the uncertainty (hatched where fewer than two cameras see the
-            ground), "cameras" for how many cameras see it.
-        localization: what `cf.localize` returned, whose tracks are drawn on top; None for none.
+            ground), "cameras" for the number of cameras that see it.
+        localization: result of `cf.localize` whose tracks are drawn on top, or None.
         camera_names: (C,) labels of the cameras; None for C1, C2, ...
 
     Returns:
@@ -44,7 +44,7 @@ def plot_coverage(
 
     Raises:
         MissingDependencyError: if matplotlib is not installed.
-        InvalidInputError: if there is no such quantity.
+        InvalidInputError: if `quantity` is unknown.
     """
     if quantity not in ("sigma", "cameras"):
         raise InvalidInputError(f"quantity is {quantity!r}; it must be 'sigma' or 'cameras'.")
@@ -69,7 +69,7 @@ def iso_levels(sigma: np.ndarray, count: int = ISO_LINES) -> np.ndarray:
 
     Args:
         sigma: any shape, may hold inf.
-        count: at most so many levels; every so-many-th is kept if there are more.
+        count: largest number of levels; if there are more, every k-th is kept.
     """
     finite = sigma[np.isfinite(sigma) & (sigma > 0)]
     if len(finite) == 0:
@@ -86,7 +86,7 @@ def _draw_sigma(ax: "Axes", coverage: Coverage, unit: str) -> None:
     from matplotlib.patheffects import withStroke
 
     x_min, x_max, y_min, y_max = coverage.area
-    seen = np.isfinite(coverage.sigma)
+    covered = np.isfinite(coverage.sigma)
     ax.fill_between(
         [x_min, x_max],
         y_min,
@@ -97,12 +97,12 @@ def _draw_sigma(ax: "Axes", coverage: Coverage, unit: str) -> None:
         linewidth=0,
         zorder=0,
     )
-    if not seen.any():
+    if not covered.any():
         return
-    low, high = (float(q) for q in np.quantile(coverage.sigma[seen], [0.01, 0.99]))
+    low, high = (float(q) for q in np.quantile(coverage.sigma[covered], [0.01, 0.99]))
     norm = LogNorm(low, high if high > low else 2 * low, clip=True)
     image = ax.imshow(
-        np.ma.masked_where(~seen, coverage.sigma),
+        np.ma.masked_where(~covered, coverage.sigma),
         extent=coverage.area,
         origin="lower",
         cmap="viridis_r",
@@ -119,7 +119,7 @@ def _draw_sigma(ax: "Axes", coverage: Coverage, unit: str) -> None:
         lines = ax.contour(
             coverage.x,
             coverage.y,
-            np.ma.masked_where(~seen, coverage.sigma),
+            np.ma.masked_where(~covered, coverage.sigma),
             levels=levels.tolist(),
             colors="black",
             linewidths=0.8,
@@ -130,7 +130,7 @@ def _draw_sigma(ax: "Axes", coverage: Coverage, unit: str) -> None:
 
 
 def _draw_paths(ax: "Axes", localization: Localization) -> None:
-    """The tracks in the colours of their identities; positions without one as dots."""
+    """Draw tracks in the colors of their identities; positions without an identity as dots."""
     from matplotlib.patheffects import withStroke
 
     tracks = localization.tracks

@@ -1,4 +1,4 @@
-"""Whether probabilities and ellipses keep their word: reliability diagrams."""
+"""Reliability diagrams of probabilities and of uncertainty ellipses."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -16,28 +16,28 @@ SMALLEST_DOT, LARGEST_DOT = 12.0, 160.0  # square points
 
 
 def plot_reliability(curve: CalibrationCurve, *, ax: "Axes | None" = None) -> "Axes":
-    """Draw how often claimed probabilities came true, one dot a bin, larger with more claims.
+    """Draw how often claimed probabilities came true, one dot per bin, larger for more claims.
 
     Args:
-        curve: what `cf.evaluation.calibration_curve` returned.
+        curve: the result of `cf.evaluation.calibration_curve`.
         ax: matplotlib axes to draw on; None for a new figure.
 
     Returns:
-        The axes: claimed probability to the right, share that came true upwards.
+        The axes, with claimed probability on x and the share that came true on y.
 
     Raises:
         MissingDependencyError: if matplotlib is not installed.
     """
     ax = _square(ax, "claimed probability", "share that came true")
-    there = curve.count > 0
-    claimed, true = curve.mean_probability[there], curve.observed_frequency[there]
-    count = curve.count[there]
+    filled = curve.count > 0
+    claimed, true = curve.mean_probability[filled], curve.observed_frequency[filled]
+    count = curve.count[filled]
     ax.plot(claimed, true, color="0.6", linewidth=1, zorder=1)
     largest = float(np.log1p(count).max(initial=1.0))
     size = SMALLEST_DOT + (LARGEST_DOT - SMALLEST_DOT) * np.log1p(count) / largest
     ax.scatter(claimed, true, size, color=fraction(TRACK_COLORS[0]), zorder=2)
     for x, y, n in zip(claimed, true, count, strict=True):
-        low = y > 0.85  # inside the picture
+        low = y > 0.85  # below the dot, to stay inside the picture
         ax.annotate(
             f"{n}",
             (x, y),
@@ -55,21 +55,22 @@ def plot_reliability(curve: CalibrationCurve, *, ax: "Axes | None" = None) -> "A
 def plot_ellipse_coverage(
     coverages: Mapping[str, EllipseCoverage], *, ax: "Axes | None" = None
 ) -> "Axes":
-    """Draw which share of true positions lies inside the ellipses of every probability content.
+    """Draw the share of true positions inside the ellipses of each probability content.
 
     Args:
-        coverages: what `cf.evaluation.ellipse_coverage` returned, by name.
+        coverages: results of `cf.evaluation.ellipse_coverage`, by name.
         ax: matplotlib axes to draw on; None for a new figure.
 
     Returns:
-        The axes: content of the ellipse to the right, share inside upwards.
+        The axes, with the content of the ellipse on x and the share inside on y.
 
     Raises:
         MissingDependencyError: if matplotlib is not installed.
     """
     ax = _square(ax, "probability content of the ellipse", "share of true positions inside")
     for index, (name, coverage) in enumerate(coverages.items()):
-        # The content of the smallest ellipse that holds each position: chi-square, two degrees.
+        # Content of the smallest ellipse that holds each position: chi-square with two degrees of
+        # freedom.
         content = np.sort(-np.expm1(-0.5 * coverage.squared_mahalanobis))
         share = np.arange(1, len(content) + 1) / max(len(content), 1)
         color = fraction(TRACK_COLORS[index % len(TRACK_COLORS)])
@@ -89,7 +90,7 @@ def plot_ellipse_coverage(
 
 
 def _square(ax: "Axes | None", xlabel: str, ylabel: str) -> "Axes":
-    """Both axes from 0 to 1, with the diagonal of those that keep their word."""
+    """Axes from 0 to 1 with the diagonal of perfect calibration."""
     made: Axes = ax or require_pyplot().subplots(figsize=(5, 5), layout="constrained")[1]
     made.plot([0, 1], [0, 1], color="black", linewidth=1, linestyle=":", zorder=0)
     made.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), xlabel=xlabel, ylabel=ylabel, aspect="equal")

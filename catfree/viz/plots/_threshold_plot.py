@@ -1,4 +1,4 @@
-"""Which candidates the two estimated thresholds keep: the histograms that Otsu's method cuts."""
+"""Histograms of the two statistics that Otsu's method splits, with the estimated thresholds."""
 
 from typing import TYPE_CHECKING
 
@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 BINS = 60
-# Of the smallest values, this share is collected in the first bin: single candidates that lie on
-# the ground to the last digit would stretch the logarithmic axis over many decades.
+# The first bin collects this share of the smallest values: single candidates that lie almost
+# exactly on the ground would stretch the logarithmic axis over many decades.
 TAIL = 0.002
 
 
@@ -25,16 +25,16 @@ def plot_gates(
     axes: "tuple[Axes, Axes] | None" = None,
     suppression_radius: float = SelectionSettings().suppression_radius,
 ) -> "tuple[Axes, Axes]":
-    """Draw the histograms of sigma and of g with the thresholds that were estimated from them.
+    """Draw the histograms of sigma and of g with the thresholds estimated from them.
 
-    Left: sigma of all candidates that pass the angular gate. Right: g of those among them with
-    sigma up to its threshold. Both in units of the suppression radius, on a logarithmic axis,
-    coloured by what became of the candidates. What the threshold accepts is shaded; a dotted line
-    is the threshold that the recovery estimated on the rest.
+    Left: sigma of all candidates that pass the angular gate. Right: g of those among them whose
+    sigma is at most its threshold. Both in units of the suppression radius, on a logarithmic axis,
+    colored by the fate of the candidates. The accepted range is shaded; a dotted line is the
+    threshold that the recovery estimated from the remaining candidates.
 
     Args:
-        localization: what `cf.localize` returned.
-        scene: the scene it was made with.
+        localization: the result of `cf.localize`.
+        scene: the scene it was computed with.
         axes: two matplotlib axes to draw on; None for a new figure.
         suppression_radius: r as a share of E.
 
@@ -64,20 +64,20 @@ def plot_gates(
 
 
 def gate_samples(localization: Localization) -> tuple[np.ndarray, np.ndarray]:
-    """Which candidates (H,) each of the two histograms holds.
+    """Select the candidates (H,) of each of the two histograms.
 
     First: those that passed the angular gate and have a finite sigma. Second: those of the first
-    with sigma up to its threshold (all of them where there is none).
+    whose sigma is at most its threshold (all of them if there is no threshold).
     """
     candidates, limit = localization.candidates, localization.thresholds.tau_sigma
     first = (candidates.fate != Fate.RMS_GATE) & np.isfinite(candidates.sigma)
-    # The threshold lies midway between two values: float32 rounding cannot reach either.
+    # The threshold lies midway between two values, so float32 rounding does not matter.
     second = first if limit is None else first & (candidates.sigma <= limit)
     return first, second
 
 
 def _histogram(ax: "Axes", candidates: Candidates, chosen: np.ndarray, values: np.ndarray) -> None:
-    """Stacked by fate, on a logarithmic axis."""
+    """Draw a histogram stacked by fate on a logarithmic axis."""
     ax.set_xscale("log")
     ax.tick_params(labelsize=8)
     positive = values[chosen & (values > 0)]
@@ -87,13 +87,13 @@ def _histogram(ax: "Axes", candidates: Candidates, chosen: np.ndarray, values: n
     low, high = np.quantile(positive, TAIL), positive.max()
     low, high = (low, high) if low < high else (low / 2, high * 2)
     edges = np.geomspace(low, high * (1 + 1e-9), BINS + 1)
-    shown = [fate for fate in FATE_COLORS if (candidates.fate[chosen] == fate).any()]
+    fates = [fate for fate in FATE_COLORS if (candidates.fate[chosen] == fate).any()]
     ax.hist(
-        [np.clip(values[chosen & (candidates.fate == fate)], low, high) for fate in shown],
+        [np.clip(values[chosen & (candidates.fate == fate)], low, high) for fate in fates],
         bins=edges.tolist(),
         stacked=True,
-        color=[fraction(FATE_COLORS[fate]) for fate in shown],
-        label=[fate.name.lower().replace("_", " ") for fate in shown],
+        color=[fraction(FATE_COLORS[fate]) for fate in fates],
+        label=[fate.name.lower().replace("_", " ") for fate in fates],
     )
     ax.set_xlim(float(edges[0]), float(edges[-1]))
     ax.set_ylim(0, 1.15 * ax.get_ylim()[1])  # room for the threshold's name above the bars

@@ -1,4 +1,4 @@
-"""The scene in three dimensions: a GLB file for any viewer, a `.rrd` file for rerun."""
+"""Export of a scene in 3-D: a GLB file for any viewer, a `.rrd` file for rerun."""
 
 import os
 from collections.abc import Sequence
@@ -37,25 +37,25 @@ def write_glb(
     colors: Any = None,
     camera_names: Sequence[str] | None = None,
 ) -> Path:
-    """Write cameras, ground, cloud and tracks as a GLB file, which every 3-D viewer opens.
+    """Write cameras, ground, cloud and tracks as a GLB file, which any 3-D viewer opens.
 
-    Nodes are called `ground`, `camera_<name>`, `cloud` and `track_<id>`. The file's y axis points
-    up, as glTF wants; lengths are scene units, and the origin lies on the ground below the
-    cameras' middle, where float32 is accurate.
+    Nodes are named `ground`, `camera_<name>`, `cloud` and `track_<id>`. The file's y axis points
+    up, as glTF requires; lengths are scene units, and the origin lies on the ground below the mean
+    camera center, where float32 is accurate.
 
     Args:
         path: the GLB file.
-        scene: cameras, ground and extent; cameras that are not registered are left out.
-        localization: its tracks are drawn as coloured tubes, or None.
+        scene: cameras, ground and extent; unregistered cameras are left out.
+        localization: its tracks are drawn as colored tubes, or None.
         points: (N, 3) reconstructed points in scene units, or None.
-        colors: (N, 3) uint8 RGB of the points, or None for grey.
+        colors: (N, 3) uint8 RGB of the points, or None for gray.
         camera_names: (C,) labels; None for C1, C2, ...
 
     Returns:
         The path.
 
     Raises:
-        InvalidInputError: if colors do not fit the points, or the folder does not exist.
+        InvalidInputError: if colors do not match the points, or the folder does not exist.
     """
     import trimesh
     from trimesh.exchange.gltf import export_glb
@@ -64,7 +64,7 @@ def write_glb(
 
     target = Path(path)
     if not target.parent.is_dir():
-        raise InvalidInputError(f"Cannot write {target}: the folder does not exist. Create it.")
+        raise InvalidInputError(f"Cannot write {target}: the folder does not exist, create it.")
     names, tracks = names_of(scene.rig, camera_names), tracks_of(localization)
     frame, extent = CanonicalFrame.of(scene), float(scene.extent)
 
@@ -113,14 +113,14 @@ def write_rerun(
     colors: Any = None,
     camera_names: Sequence[str] | None = None,
 ) -> Path:
-    """Write the scene with moving tracks as a recording that `rerun FILE.rrd` plays.
+    """Write the scene with moving tracks as a recording to play with `rerun FILE.rrd`.
 
     Args:
         path: the `.rrd` file.
         scene: cameras, ground and extent.
         localization: its positions are logged on the timeline "frame", or None.
         points: (N, 3) reconstructed points in scene units, or None.
-        colors: (N, 3) uint8 RGB of the points, or None for grey.
+        colors: (N, 3) uint8 RGB of the points, or None for gray.
         camera_names: (C,) labels; None for C1, C2, ...
 
     Returns:
@@ -163,12 +163,12 @@ def write_rerun(
             strip = rerun.LineStrips3D([line], colors=[track_color(identity)])
             recording.log(f"tracks/{identity}", strip, static=True)
         for frame in np.unique(tracks.frame):
-            now = tracks[tracks.frame == frame]
+            people = tracks[tracks.frame == frame]
             recording.set_time("frame", sequence=int(frame))
             dots = rerun.Points3D(
-                now.position,
-                colors=[track_color(identity) for identity in now.track_id],
-                labels=[str(identity) for identity in now.track_id],
+                people.position,
+                colors=[track_color(identity) for identity in people.track_id],
+                labels=[str(identity) for identity in people.track_id],
                 radii=4 * TUBE_RADIUS * extent,
             )
             recording.log("people", dots)

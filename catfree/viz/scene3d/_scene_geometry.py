@@ -1,4 +1,4 @@
-"""What three-dimensional scenes are made of: camera pyramids, tubes, paths, the ground."""
+"""Geometry of the 3-D scenes: camera pyramids, tubes, paths, the ground."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -7,18 +7,18 @@ from catfree.types import Localization, Scene, Tracks
 from catfree.viz._camera_view import rays_of_pixels
 from catfree.viz._plan_view import from_plan, view_area
 
-FRUSTUM_DEPTH = 0.06  # of a camera's pyramid, share of E
-TUBE_RADIUS = 0.003  # of a track, share of E: 7 cm on a square of usual size
+FRUSTUM_DEPTH = 0.06  # depth of a camera's pyramid, as a share of E
+TUBE_RADIUS = 0.003  # radius of a track, as a share of E: 7 cm on a square of usual size
 TUBE_SIDES = 8
 
 
 def frustum_corners(scene: Scene, camera: int, depth: float) -> Float[np.ndarray, "5 3"]:
-    """The camera centre, then the four corners of the picture at this depth.
+    """The camera center, then the four corners of the picture at this depth.
 
     Args:
         scene: the scene.
         camera: index of a registered camera.
-        depth: distance from the centre along the optical axis in scene units.
+        depth: distance from the center along the optical axis in scene units.
 
     Returns:
         (5, 3) world points; corners run from the top left one clockwise around the picture.
@@ -29,7 +29,7 @@ def frustum_corners(scene: Scene, camera: int, depth: float) -> Float[np.ndarray
     ray = rays_of_pixels(rig, camera, corners)
     axis = np.asarray(rig.R, np.float64)[camera, 2]
     center = np.asarray(rig.centers, np.float64)[camera]
-    # The border of a very wide lens may look sideways, where no plane of that depth is met.
+    # The border rays of a very wide lens may point sideways and never reach that depth.
     along = np.maximum(ray @ axis, 0.05)
     return np.vstack([center, center + depth * ray / along[:, None]])
 
@@ -37,10 +37,10 @@ def frustum_corners(scene: Scene, camera: int, depth: float) -> Float[np.ndarray
 def tube(
     points: Float[np.ndarray, "n 3"], radius: float, up: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """A closed tube around a polyline that lies in a plane.
+    """Build a closed tube around a polyline that lies in a plane.
 
     Args:
-        points: (N, 3) at least two, no two successive ones equal.
+        points: (N, 3) at least two points, successive ones distinct.
         radius: of the tube, in the units of the points.
         up: (3,) unit normal of the plane.
 
@@ -53,16 +53,19 @@ def tube(
     tangent = np.vstack([step[:1], step[:-1] + step[1:], step[-1:]])
     side = np.cross(up, tangent)
     length = np.linalg.norm(side, axis=-1, keepdims=True)
-    turned = np.cross(up, np.vstack([step, step[-1:]]))  # where the track turns right back
+    turned = np.cross(up, np.vstack([step, step[-1:]]))  # where the track reverses
     side = np.where(length > 1e-6, side / np.maximum(length, 1e-6), turned)
     angle = 2 * np.pi * np.arange(TUBE_SIDES) / TUBE_SIDES
     ring = np.cos(angle)[None, :, None] * side[:, None] + np.sin(angle)[None, :, None] * up
     rings = (points[:, None] + radius * ring).reshape(-1, 3)
     count, k = len(points), TUBE_SIDES
-    here = (np.arange(count - 1)[:, None] * k + np.arange(k)).ravel()
-    beside = (np.arange(count - 1)[:, None] * k + np.roll(np.arange(k), -1)).ravel()
+    corner = (np.arange(count - 1)[:, None] * k + np.arange(k)).ravel()
+    following = (np.arange(count - 1)[:, None] * k + np.roll(np.arange(k), -1)).ravel()
     walls = np.concatenate(
-        [np.stack([here, beside, here + k], -1), np.stack([beside, beside + k, here + k], -1)]
+        [
+            np.stack([corner, following, corner + k], -1),
+            np.stack([following, following + k, corner + k], -1),
+        ]
     )
     first, last = len(rings), len(rings) + 1
     rim, turn = np.arange(k), np.roll(np.arange(k), -1)
@@ -76,9 +79,9 @@ def tube(
 
 
 def track_lines(tracks: Tracks) -> dict[int, Float[np.ndarray, "n 3"]]:
-    """The path of every identity (N, 3) in scene units, standing still left out.
+    """The path of every identity (N, 3) in scene units, without the frames of standing still.
 
-    Tracks that never move have no path and do not appear.
+    Tracks that never move are left out.
     """
     lines = {}
     for identity in np.unique(tracks.track_id[tracks.track_id >= 0]).tolist():
@@ -90,12 +93,12 @@ def track_lines(tracks: Tracks) -> dict[int, Float[np.ndarray, "n 3"]]:
 
 
 def tracks_of(localization: Localization | None) -> Tracks:
-    """The tracks of a run; none where there was no run."""
+    """The tracks of a run; empty tracks for None."""
     if localization is not None:
         return localization.tracks
-    whole, real = np.zeros(0, np.int64), np.zeros(0)
-    flat = np.zeros((0, 3)), np.zeros((0, 2))
-    return Tracks(whole, whole, *flat, real, np.zeros((0, 2, 2)), whole, whole)
+    integers, floats = np.zeros(0, np.int64), np.zeros(0)
+    points = np.zeros((0, 3)), np.zeros((0, 2))
+    return Tracks(integers, integers, *points, floats, np.zeros((0, 2, 2)), integers, integers)
 
 
 def ground_corners(scene: Scene, tracks: Tracks) -> Float[np.ndarray, "4 3"]:
