@@ -1,8 +1,8 @@
-"""How well a rig can localize people, place by place, before anybody has walked there.
+"""Prediction of how well a rig can localize people at each place, before recording anyone.
 
 Only the cameras are needed: where two of them see the same ground, the angular noise of foot rays
-says how uncertain a position there will be. Occlusion by other people and by walls is not known,
-so every answer is an upper bound of what the site will deliver.
+determines the uncertainty of a position. Occlusion by people and walls is not modeled, so every
+result is an upper bound on the actual accuracy.
 """
 
 from catfree._coverage._camera_ranking import (

@@ -1,4 +1,4 @@
-"""What single cameras are worth: without one, with one more, and which matters least."""
+"""The value of single cameras: coverage without one, with one more, and a ranking."""
 
 from typing import Any, Unpack
 
@@ -20,18 +20,18 @@ from catfree.geometry._arrays import ArrayInput
 from catfree.types import Plane, Rig, Scene
 from catfree.types._validation import as_point, require_instance
 
-PARALLEL = 1e-6  # sine of the angle to the ground's normal below which "upright" means nothing
+PARALLEL = 1e-6  # sine of the angle to the ground's normal below which upright is undefined
 
 
 class CameraRanking(eqx.Module):
-    """What the rig would lose with each of its cameras.
+    """Loss of the rig without each of its cameras.
 
     Attributes:
-        order: (K,) the registered cameras, the one that matters least first.
+        order: (K,) the registered cameras, the least important first.
         accuracy: `Coverage.accuracy` of the whole rig.
         accuracy_without: (K,) the same without each camera of `order`.
-        covered_without: (K,) share of the area then seen by two cameras.
-        median_sigma_without: (K,) median sigma then, scene units.
+        covered_without: (K,) share of the area seen by two cameras without it.
+        median_sigma_without: (K,) median sigma without it, scene units.
     """
 
     order: Int[np.ndarray, " k"]
@@ -42,11 +42,11 @@ class CameraRanking(eqx.Module):
 
 
 class CameraGain(eqx.Module):
-    """What one more camera would give.
+    """Gain from one more camera.
 
     Attributes:
-        before: coverage of the rig as it is.
-        after: coverage with the new camera, the last one, over the same cells.
+        before: coverage of the present rig.
+        after: coverage with the new camera, which is the last one, over the same cells.
     """
 
     before: Coverage
@@ -54,7 +54,7 @@ class CameraGain(eqx.Module):
 
     @property
     def accuracy(self) -> float:
-        """Gain in `Coverage.accuracy`, never below 0 but for rounding."""
+        """Gain in `Coverage.accuracy`, never below 0 except for rounding."""
         return self.after.accuracy - self.before.accuracy
 
     @property
@@ -64,10 +64,10 @@ class CameraGain(eqx.Module):
 
     @property
     def sigma_ratio(self) -> Float[np.ndarray, "height width"]:
-        """(H, W) sigma after over before: at most 1, 0 where only the new camera makes two."""
-        known = np.isfinite(self.before.sigma)
-        ratio = self.after.sigma / np.where(known, self.before.sigma, 1)
-        return np.where(known, ratio, np.where(np.isfinite(self.after.sigma), 0.0, 1.0))
+        """(H, W) sigma after over sigma before: at most 1, 0 where the new camera is the second."""
+        finite = np.isfinite(self.before.sigma)
+        ratio = self.after.sigma / np.where(finite, self.before.sigma, 1)
+        return np.where(finite, ratio, np.where(np.isfinite(self.after.sigma), 0.0, 1.0))
 
     def __str__(self) -> str:
         return (
@@ -79,7 +79,7 @@ class CameraGain(eqx.Module):
 def coverage_without(
     scene: Scene, camera: int, area: Area | None = None, **options: Unpack[CoverageOptions]
 ) -> Coverage:
-    """The coverage that is left if one camera fails.
+    """Compute the coverage if one camera fails.
 
     Args:
         scene: cameras, ground and extent.
@@ -88,10 +88,10 @@ def coverage_without(
         **options: the other options of `coverage`.
 
     Returns:
-        Coverage of the cameras that are left; `visible` is false for the one left out.
+        Coverage of the remaining cameras; `visible` is false for the camera left out.
 
     Raises:
-        InvalidInputError: if there is no such camera.
+        InvalidInputError: if the rig has no camera of this index.
     """
     count = scene.rig.camera_count
     if not 0 <= camera < count:
@@ -117,7 +117,7 @@ def coverage_with(
     area: Area | None = None,
     **options: Unpack[CoverageOptions],
 ) -> Coverage:
-    """The coverage with one camera more, which stands nowhere yet.
+    """Compute the coverage with one more camera.
 
     Args:
         scene: cameras, ground and extent.
@@ -159,34 +159,34 @@ def camera_gain(
     like: int | None = None,
     **options: Unpack[CoverageOptions],
 ) -> CameraGain:
-    """What one more camera at a place would give.
+    """Compute the gain from one more camera at a given place.
 
     Args:
         scene: cameras, ground and extent.
-        center: (3,) where it would hang, scene units.
-        target: (3,) the point that it would look at, scene units; the camera is held upright.
+        center: (3,) its center, scene units.
+        target: (3,) the point that it looks at, scene units; the camera is held upright.
         area: as in `coverage`; None for the area of the present rig.
-        like: the camera of the rig that it would be a copy of (focal length, image size, lens
-            distortion left out); None for the first registered one.
+        like: index of the camera to copy (focal length and image size, without lens distortion);
+            None for the first registered camera.
         **options: the other options of `coverage`.
 
     Returns:
-        Coverage before and after. It moves with the scene under similarity transforms, and a
+        Coverage before and after. It moves with the scene under similarity transforms, and another
         camera never makes any place worse.
 
     Raises:
         InsufficientDataError: if fewer than two cameras are registered.
-        InvalidInputError: if the camera to copy is not registered, or a point is none.
+        InvalidInputError: if the camera to copy is not registered, or a point is not (3,).
         DegenerateGeometryError: if the camera would look along the ground's normal.
     """
     require_instance(scene, Scene, "scene")
-    known = np.asarray(scene.rig.registered)
+    registered = np.asarray(scene.rig.registered)
     area = visible_area(scene) if area is None else area
-    like = int(np.argmax(known)) if like is None else like
-    if not (0 <= like < len(known) and known[like]):
+    like = int(np.argmax(registered)) if like is None else like
+    if not (0 <= like < len(registered) and registered[like]):
         raise InvalidInputError(
-            f"like is {like}, which is no registered camera; the rig has {len(known)}, registered "
-            f"are {np.flatnonzero(known).tolist()}."
+            f"like is {like}, which is not a registered camera; choose one of "
+            f"{np.flatnonzero(registered).tolist()}."
         )
     center, target = as_point(center, "center"), as_point(target, "target")
     rotation = _upright(center, target, np.asarray(scene.ground.normal, np.float64))
@@ -205,7 +205,7 @@ def camera_gain(
 def rank_cameras(
     scene: Scene, area: Area | None = None, **options: Unpack[CoverageOptions]
 ) -> CameraRanking:
-    """Which camera matters least, and what each one is worth.
+    """Rank the cameras by the accuracy of the rig without them.
 
     Args:
         scene: cameras, ground and extent.
@@ -213,30 +213,30 @@ def rank_cameras(
         **options: the other options of `coverage`.
 
     Returns:
-        Cameras sorted by the accuracy that is left without them, the most dispensable first.
+        Cameras sorted by the accuracy without them, the least important first.
     """
     area = visible_area(scene) if area is None else area
     cameras = np.flatnonzero(scene.rig.registered)
-    rest = [coverage_without(scene, int(camera), area, **options) for camera in cameras]
-    left = np.array([one.accuracy for one in rest])
-    order = np.argsort(-left, kind="stable")
+    without = [coverage_without(scene, int(camera), area, **options) for camera in cameras]
+    accuracy_without = np.array([reduced.accuracy for reduced in without])
+    order = np.argsort(-accuracy_without, kind="stable")
     return CameraRanking(
         order=cameras[order],
         accuracy=coverage(scene, area, **options).accuracy,
-        accuracy_without=left[order],
-        covered_without=np.array([one.covered for one in rest])[order],
-        median_sigma_without=np.array([one.median_sigma for one in rest])[order],
+        accuracy_without=accuracy_without[order],
+        covered_without=np.array([reduced.covered for reduced in without])[order],
+        median_sigma_without=np.array([reduced.median_sigma for reduced in without])[order],
     )
 
 
 def _upright(center: Any, target: Any, up: np.ndarray) -> Float[np.ndarray, "3 3"]:
-    """World-to-camera rotation of a camera that looks at the target with its rows level."""
+    """World-to-camera rotation of a camera that looks at the target with level image rows."""
     sight = np.asarray(target, np.float64) - np.asarray(center, np.float64)
     right = np.cross(sight, up)
     if not np.linalg.norm(right) > PARALLEL * np.linalg.norm(sight):
         raise DegenerateGeometryError(
             f"A camera at {np.asarray(center)} that looks at {np.asarray(target)} looks straight "
-            "up or down, so upright means nothing; move one of the two points aside."
+            "up or down, so its roll is undefined: move one of the two points aside."
         )
     forward, right = sight / np.linalg.norm(sight), right / np.linalg.norm(right)
     return np.stack([right, np.cross(forward, right), forward])

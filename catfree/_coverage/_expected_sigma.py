@@ -17,7 +17,7 @@ Area = Sequence[float | int] | Float[np.ndarray, "4"]
 
 SIGMA_THETA = RaySettings().sigma_theta
 SUPPRESSION_RADIUS = SelectionSettings().suppression_radius
-MOST_CELLS = 4_000_000  # a hundred times those of the default resolution
+MOST_CELLS = 4_000_000  # a hundred times as many as at the default resolution
 CELLS_PER_EXTENT = 100  # default resolution: a cell of E / 100 is half the suppression radius
 
 
@@ -28,7 +28,7 @@ class CoverageOptions(TypedDict, total=False):
         resolution: side of a cell in scene units; None for E / 100.
         sigma_theta: angular noise of a foot ray in radians.
         person_height: height in scene units up to which a person must be in the picture; None
-            looks at the feet alone.
+            requires only the feet.
     """
 
     resolution: float | int | None
@@ -40,9 +40,9 @@ class Coverage(eqx.Module):
     """Expected uncertainty and number of cameras over a rectangle of the ground.
 
     Attributes:
-        x: (W,) first ground coordinate of the cell centres (along `Plane.basis`), scene units.
+        x: (W,) first ground coordinate of the cell centers (along `Plane.basis`), scene units.
         y: (H,) second ground coordinate.
-        visible: (C, H, W) which camera sees a person who stands in the cell.
+        visible: (C, H, W) whether each camera sees a person standing in the cell.
         sigma: (H, W) expected ground uncertainty (Eq. sigma with w = 1) in scene units; inf where
             fewer than two cameras see the cell.
         radius: length in scene units within which `accuracy` counts a position as right.
@@ -61,21 +61,21 @@ class Coverage(eqx.Module):
 
     @property
     def xy(self) -> Float[np.ndarray, "height width 2"]:
-        """(H, W, 2) ground coordinates of the cell centres."""
+        """(H, W, 2) ground coordinates of the cell centers."""
         return np.stack(np.meshgrid(self.x, self.y), axis=-1)
 
     @property
     def area(self) -> tuple[float, float, float, float]:
         """x_min, x_max, y_min, y_max of the outer edges of the cells."""
         edges = []
-        for centres in (self.x, self.y):
-            half = (centres[1] - centres[0]) / 2 if len(centres) > 1 else self.radius / 2
-            edges += [float(centres[0] - half), float(centres[-1] + half)]
+        for centers in (self.x, self.y):
+            half = (centers[1] - centers[0]) / 2 if len(centers) > 1 else self.radius / 2
+            edges += [float(centers[0] - half), float(centers[-1] + half)]
         return edges[0], edges[1], edges[2], edges[3]
 
     @property
     def covered(self) -> float:
-        """Share of the area that at least two cameras see: elsewhere nobody can be localized."""
+        """Share of the area that at least two cameras see, where people can be localized."""
         return float((self.cameras >= 2).mean())
 
     @property
@@ -85,10 +85,10 @@ class Coverage(eqx.Module):
 
     @property
     def accuracy(self) -> float:
-        """Chance that a person anywhere in the area is localized within `radius`.
+        """Probability that a person anywhere in the area is localized within `radius`.
 
         The mean of `1 - exp(-radius² / (2 sigma²))`, the mass of an isotropic Gaussian in a disc;
-        0 where sigma is infinite. One finite number that never falls when a camera is added.
+        0 where sigma is infinite. It is finite and never falls when a camera is added.
         """
         with np.errstate(over="ignore"):
             return float(np.mean(-np.expm1(-((self.radius / self.sigma) ** 2) / 2)))
@@ -109,7 +109,7 @@ def coverage(
     sigma_theta: float | int = SIGMA_THETA,
     person_height: float | int | None = None,
 ) -> Coverage:
-    """Where on the ground this rig can localize people, and how precisely.
+    """Predict where on the ground the rig can localize people, and how precisely.
 
     Args:
         scene: cameras, ground and extent.
@@ -117,8 +117,8 @@ def coverage(
             for `visible_area(scene)`.
         resolution: side of a cell in scene units; None for E / 100.
         sigma_theta: angular noise of a foot ray in radians.
-        person_height: a person counts as seen only if the head, so far above the feet (scene
-            units), is inside the picture too; None looks at the feet alone.
+        person_height: height of the head above the feet in scene units; a person counts as seen
+            only if both are inside the picture. None requires only the feet.
 
     Returns:
         The map. It moves with the scene under similarity transforms.
@@ -132,29 +132,29 @@ def coverage(
         paper, Eq. sigma, with the true directions and weight 1.
     """
     require_instance(scene, Scene, "scene")
-    known = np.asarray(scene.rig.registered)
-    return coverage_of(scene, known, area, resolution, sigma_theta, person_height)
+    registered = np.asarray(scene.rig.registered)
+    return coverage_of(scene, registered, area, resolution, sigma_theta, person_height)
 
 
 def visible_area(scene: Scene) -> tuple[float, float, float, float]:
-    """The rectangle around the ground that at least two cameras see, not beyond E from the rig.
+    """Rectangle around the ground that at least two cameras see, within E of the mean camera.
 
     Args:
         scene: cameras, ground and extent.
 
     Returns:
         x_min, x_max, y_min, y_max in ground coordinates, scene units; the square of side 2 E
-        around the cameras' middle if no two of them see any common ground.
+        around the mean camera center if no two cameras see common ground.
     """
-    known = np.asarray(scene.rig.registered)
-    require_two(known)
-    middle = np.asarray(scene.rig.centers, np.float64)[known].mean(0) @ np.asarray(
+    registered = np.asarray(scene.rig.registered)
+    require_two(registered)
+    middle = np.asarray(scene.rig.centers, np.float64)[registered].mean(0) @ np.asarray(
         scene.ground.basis, np.float64
     )
     reach, extent = np.linspace(-1, 1, CELLS_PER_EXTENT + 1), float(scene.extent)
     offset = np.stack(np.meshgrid(reach, reach), -1).reshape(-1, 2)
     offset = offset[np.linalg.norm(offset, axis=-1) <= 1]
-    visible, _ = look(scene, known, middle + extent * offset, SIGMA_THETA, None)
+    visible, _ = look(scene, registered, middle + extent * offset, SIGMA_THETA, None)
     shared = offset[visible.sum(0) >= 2]
     shared = offset if len(shared) == 0 else shared
     margin = 1 / CELLS_PER_EXTENT
@@ -171,7 +171,7 @@ def coverage_of(
     sigma_theta: float | int,
     person_height: float | int | None,
 ) -> Coverage:
-    """`coverage` by the cameras of which `active` (C,) is true."""
+    """`coverage` by the cameras for which `active` (C,) is true."""
     require_two(np.asarray(scene.rig.registered))
     extent = float(scene.extent)
     cell = extent / CELLS_PER_EXTENT if resolution is None else float(resolution)
@@ -186,9 +186,9 @@ def coverage_of(
     if (sides[0] / cell + 1) * (sides[1] / cell + 1) > MOST_CELLS:
         raise InvalidInputError(
             f"A resolution of {cell:.3g} over an area of {sides[0]:.3g} x {sides[1]:.3g} gives "
-            f"more than {MOST_CELLS} cells. Choose larger cells or a smaller area."
+            f"more than {MOST_CELLS} cells: choose larger cells or a smaller area."
         )
-    x, y = _cell_centres(bounds[0], bounds[1], cell), _cell_centres(bounds[2], bounds[3], cell)
+    x, y = _cell_centers(bounds[0], bounds[1], cell), _cell_centers(bounds[2], bounds[3], cell)
     places = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     visible, sigma = look(scene, active, places, sigma_theta, person_height)
     shape = (len(y), len(x))
@@ -212,7 +212,7 @@ def _bounds(area: Area) -> tuple[float, float, float, float]:
     return bounds
 
 
-def _cell_centres(low: float, high: float, cell: float) -> np.ndarray:
+def _cell_centers(low: float, high: float, cell: float) -> np.ndarray:
     count = max(int(np.ceil((high - low) / cell - 1e-6)), 1)
     return low + (high - low) * (np.arange(count) + 0.5) / count
 

@@ -1,4 +1,4 @@
-"""Who sees a place of the ground, and how precisely the cameras together pin it down."""
+"""Visibility of places on the ground, and the precision of positions there."""
 
 from functools import partial
 from typing import Any
@@ -19,8 +19,8 @@ from catfree.geometry import (
 from catfree.types import Plane, Scene
 
 PLACES_BLOCK = 4096  # places evaluated together; grids are padded to it, so that few sizes compile
-# A lens polynomial can fold what lies far outside the picture back into it; the ray of such a pixel
-# misses the place by far more than this angle in radians.
+# A lens polynomial can fold points far outside the picture back into it. The ray of such a pixel
+# misses the point by far more than this angle in radians.
 FOLD_TOLERANCE = 1e-2
 
 
@@ -31,17 +31,18 @@ def look(
     sigma_theta: float | int,
     person_height: float | int | None,
 ) -> tuple[Bool[np.ndarray, "cam n"], Float[np.ndarray, " n"]]:
-    """Who sees each place of the ground, and the sigma in scene units.
+    """Compute which cameras see each place on the ground, and its sigma.
 
     Args:
         scene: cameras, ground and extent.
-        active: (C,) cameras that take part.
+        active: (C,) bool, the cameras to use.
         places: (N, 2) ground coordinates in scene units.
         sigma_theta: angular noise of a foot ray in radians.
-        person_height: the head, so far above (scene units), must be in the picture too; or None.
+        person_height: height in scene units of the head, which must be in the picture too, or None.
 
     Returns:
-        (C, N) who sees each place, and (N,) its sigma, inf below two cameras.
+        (C, N) whether each camera sees each place, and (N,) sigma in scene units, inf below two
+        cameras.
     """
     frame = CanonicalFrame.of(scene)
     rig = frame.rig(scene.rig)
@@ -52,7 +53,7 @@ def look(
     points = np.pad(frame.to_canonical(world), ((0, -count % PLACES_BLOCK), (0, 0)))
     points[:, 2] = 0
     height = None if person_height is None else jnp.asarray(person_height / frame.extent)
-    # A camera that is not registered may hold NaN.
+    # Unregistered cameras may hold NaN.
     K, R, t = (
         jnp.asarray(np.where(np.reshape(active, (-1,) + (1,) * (a.ndim - 1)), a, b))
         for a, b in ((rig.K, np.eye(3)), (rig.R, np.eye(3)), (rig.t, np.zeros(3)))
@@ -92,7 +93,7 @@ def _look_at(
     sigma_theta: Array,
     height: Array | None,
 ) -> tuple[Array, Array]:
-    """(C,) who sees a canonical ground point, and its sigma as a share of E."""
+    """(C,) whether each camera sees a canonical ground point, and its sigma as a share of E."""
     inside = partial(_inside, distorted=distortion is not None)
     see = jax.vmap(inside, (0, 0, 0, 0, None if distortion is None else 0, None))
     visible = active & see(K, R, t, size, distortion, point)
@@ -118,7 +119,7 @@ def _inside(
     *,
     distorted: bool,
 ) -> Array:
-    """Whether a camera has a point in its picture (whose border is half a pixel out)."""
+    """Whether a point is in the picture, whose border is half a pixel outside pixel centers."""
     pixel, depth = project(K, R, t, point, distortion)
     inside = (depth > 0) & jnp.all((pixel >= -0.5) & (pixel <= size - 0.5))
     if distorted:
