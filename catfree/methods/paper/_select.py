@@ -16,11 +16,11 @@ from catfree.types import Fate
 SAMPLE_BLOCK = 16384  # samples of a sequence are padded to this times a power of four
 FRAME_BLOCK = 64  # most frames suppressed by one call
 PAIRS_BLOCK = 1 << 22  # most pairs of candidates in one call, if it holds more than one frame
-PLACES_BLOCK = 64  # candidates a frame are padded to this times a power of two
+PLACES_BLOCK = 64  # candidates per frame are padded to this times a power of two
 
 
 class Hypotheses(NamedTuple):
-    """What the filters look at, one row a hypothesis; lengths are shares of E.
+    """Input of the filters, one row per hypothesis; lengths are shares of E.
 
     Attributes:
         frame_index: (H,) index of the frame.
@@ -76,7 +76,7 @@ def select_positions(
     """Decide the fate of every hypothesis.
 
     Args:
-        hypotheses: what is known of each, lengths as shares of E.
+        hypotheses: their measurements, lengths as shares of E.
         settings: which filters run, and their radii.
         sigma_theta: angular noise in radians.
 
@@ -91,8 +91,8 @@ def select_positions(
     consistent = h.rms_angle <= settings.rms_factor * sigma_theta
     fate[~consistent] = Fate.RMS_GATE
     keep, tau_sigma, tau_g = _gate(h, consistent, fate, settings)
-    # A match counts wherever its two tracklets support a hypothesis together, in their own group
-    # or in another's, accepted or not.
+    # A match counts wherever its two tracklets support a hypothesis together, in their own group or
+    # another, accepted or not.
     matched = temporally_consistent(
         np.concatenate([h.frame_index, h.frame_index]),
         np.concatenate([h.tracklet, h.supporting_tracklet]),
@@ -125,7 +125,7 @@ def _gate(
     fate: Int[np.ndarray, " h"],
     settings: SelectionSettings,
 ) -> tuple[Bool[np.ndarray, " h"], float | None, float | None]:
-    """Run the adaptive gates on some hypotheses, writing the fate of those they remove."""
+    """Run the adaptive gates on the candidates, and write the fate of those they remove."""
     count = len(candidate)
     padding = (0, coarse_length(count, SAMPLE_BLOCK) - count)
     gates = _select(
@@ -154,17 +154,17 @@ def suppress_by_frame(
     candidate: Bool[np.ndarray, " h"],
     radius: float,
 ) -> Bool[np.ndarray, " h"]:
-    """Non-maximum suppression in every frame.
+    """Apply non-maximum suppression in every frame.
 
     Args:
         frame_index: (H,) frame of each position.
         ground_xy: (H, 2) position on the ground.
-        priority: (H, k) rank, later columns break ties.
+        priority: (H, k) rank; later columns break ties.
         candidate: (H,) which positions take part.
         radius: suppression radius in the unit of the positions.
 
     Returns:
-        (H,) bool, which are kept.
+        (H,) bool, which positions are kept.
     """
     keep = np.zeros(len(candidate), bool)
     for grid in _frame_grids(frame_index, candidate):
@@ -180,7 +180,7 @@ def outside_by_frame(
     candidate: Bool[np.ndarray, " h"],
     radius: float,
 ) -> Bool[np.ndarray, " h"]:
-    """Candidates farther than the radius from every accepted position of their frame, (H,)."""
+    """Mark candidates farther than the radius from all accepted positions of their frame, (H,)."""
     free = np.zeros(len(candidate), bool)
     for grid in _frame_grids(frame_index, candidate | accepted):
         present = grid >= 0
@@ -194,7 +194,7 @@ def outside_by_frame(
 def _frame_grids(
     frame_index: Int[np.ndarray, " h"], where: Bool[np.ndarray, " h"]
 ) -> list[Int[np.ndarray, "f place"]]:
-    """Rows of the chosen hypotheses, one line a frame, -1 for padding; so many lines each."""
+    """Rows of the chosen hypotheses, one line per frame, -1 for padding, in blocks of lines."""
     rows = np.flatnonzero(where)
     if len(rows) == 0:
         return []

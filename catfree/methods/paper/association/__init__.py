@@ -1,4 +1,4 @@
-"""Which detections are one person: tracklets, ray reliability, cross-view groups, hypotheses."""
+"""Association of detections with people: tracklets, ray reliability, groups, hypotheses."""
 
 from catfree.methods.paper.association._associate import (
     Groups as Groups,

@@ -1,4 +1,4 @@
-"""Cross-view groups of a whole sequence, a chunk of frames at a time."""
+"""Cross-view groups of a whole sequence, computed in chunks of frames."""
 
 import dataclasses
 from typing import NamedTuple
@@ -16,14 +16,14 @@ from catfree.settings import Settings
 from catfree.types import Rays
 from catfree.types._progress import Progress, no_progress
 
-CHUNK = 8192  # detections associated together: bounds memory, and no sequence recompiles
+CHUNK = 8192  # detections associated together: bounds memory and avoids recompilation
 
 
 class Groups(NamedTuple):
     """Detections that may be one person.
 
     Attributes:
-        member: (G, C) observation of each camera, or -1; at least two a group.
+        member: (G, C) observation of each camera, or -1; at least two per group.
         frame_index: (G,) frame of each group.
     """
 
@@ -58,7 +58,7 @@ def associate(
     while first < frames:
         report("association", first, frames)
         last = int(np.searchsorted(starts, starts[first] + CHUNK, side="right")) - 1
-        last = max(last, first + 1)  # a frame is never cut
+        last = max(last, first + 1)  # never split a frame
         begin, end = int(starts[first]), int(starts[last])
         padding = (0, coarse_length(end - begin, CHUNK) - (end - begin))
         chunk = Rays(
@@ -94,13 +94,13 @@ def associate_in_two_passes(
     settings: Settings,
     report: Progress = no_progress,
 ) -> tuple[Groups, Rays, float]:
-    """Group the detections; a first pass, unweighted, teaches how far each ray can be trusted.
+    """Group the detections twice: the first, unweighted pass provides the pose ratio of the second.
 
     Args:
         observations: detections in canonical order.
         rays: their rays in the canonical frame, all of weight 1.
-        settings: thresholds of the association, and which cues of reliability are used.
-        report: as `associate`.
+        settings: thresholds of the association, and the reliability cues to use.
+        report: as in `associate`.
 
     Returns:
         The groups, the rays with their weights, and the pose ratio.
@@ -117,7 +117,7 @@ def associate_in_two_passes(
 
 
 def weigh_rays(observations: Observations, rays: Rays, ratio: float, settings: Settings) -> Rays:
-    """The rays with the weights of Eq. w for a pose ratio; heights are against their median."""
+    """Weight the rays by Eq. w for a pose ratio, with box heights relative to their median."""
     height = observations.height
     median = float(np.median(height)) if len(height) else 1.0
     weight = ray_weights(height, observations.ankles_confirmed, ratio, median, settings.rays)
@@ -127,7 +127,7 @@ def weigh_rays(observations: Observations, rays: Rays, ratio: float, settings: S
 def learn_pose_ratio(
     observations: Observations, rays: Rays, groups: Groups, settings: Settings
 ) -> float:
-    """The pose ratio, from the residuals of an unweighted triangulation.
+    """Estimate the pose ratio from the residuals of an unweighted triangulation.
 
     Args:
         observations: detections with ankle flags.
@@ -143,8 +143,8 @@ def learn_pose_ratio(
     """
     if observations.ankles_confirmed is None:
         return 1.0
-    # The estimators of the baselines differ in positions, not in what a ray is worth: a single
-    # ray has no residual that could tell.
+    # Always the full estimator: the baselines change positions, not the reliability of rays, and a
+    # single ray has no residual.
     triangulation = dataclasses.replace(settings.triangulation, estimator="rays")
     _, residual = triangulate_groups(
         rays, groups.member, triangulation, sigma_theta=settings.rays.sigma_theta

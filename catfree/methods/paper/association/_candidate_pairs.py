@@ -1,4 +1,4 @@
-"""Which detections of two cameras could be one person, and in which order they may merge."""
+"""Pairs of detections in two cameras that may be one person, in merging order."""
 
 from typing import NamedTuple
 
@@ -15,8 +15,8 @@ from catfree.methods.paper.association._observe import (
 from catfree.settings import AssociationSettings
 from catfree.types import Rays
 
-PAIR_BLOCK = 65536  # pairs evaluated by one call: fixed, so that no sequence recompiles
-PAIRS_AT_ONCE = 1 << 20  # pairs held in memory: bounds the cost of a crowded frame
+PAIR_BLOCK = 65536  # pairs per call; fixed to avoid recompilation
+PAIRS_AT_ONCE = 1 << 20  # pairs held in memory, a bound for crowded frames
 
 
 class CandidatePairs(NamedTuple):
@@ -25,8 +25,8 @@ class CandidatePairs(NamedTuple):
     Attributes:
         first: (P,) observation.
         second: (P,) observation of another camera in the same frame.
-        singletons_only: (P,) whether the pair is allowed only by its uniqueness, so that both must
-            still be alone when their turn comes.
+        singletons_only: (P,) whether the pair qualifies only by its uniqueness, so that both
+            detections must still be ungrouped when it is tried.
     """
 
     first: Int[np.ndarray, " p"]
@@ -37,18 +37,18 @@ class CandidatePairs(NamedTuple):
 def pair_residual(
     origins: Float[Array, "2 3"], directions: Float[Array, "2 3"], weights: Float[Array, "2"]
 ) -> Float[Array, ""]:
-    """Larger angular residual of two rays at the point that fits both best, in radians.
+    """Larger angular residual of two rays at their weighted least-squares point, in radians.
 
     The weighted least-squares point lies on the common perpendicular of the two lines and divides
     it in the inverse ratio of the weights, so no linear system is needed.
 
     Args:
-        origins: (2, 3) camera centres.
+        origins: (2, 3) camera centers.
         directions: (2, 3) unit directions.
         weights: (2,) positive reliabilities.
 
     Returns:
-        Angle in [0, pi]; pi for parallel rays, pi/2 where they meet in a camera centre, above pi/2
+        Angle in [0, pi]; pi for parallel rays, pi/2 where they meet in a camera center, above pi/2
         where the lines meet behind a camera.
     """
     baseline = origins[1] - origins[0]
@@ -64,7 +64,7 @@ def pair_residual(
     )
     gap = jnp.abs(baseline @ normal) / jnp.sqrt(safe)
     share = weights[::-1] / weights.sum()
-    # At the camera centre itself (two cameras in one place) no angle is defined: never a match.
+    # At the camera center (two cameras in one place) the angle is undefined: never a match.
     at_center = (depth == 0) & (gap * share == 0)
     angle = jnp.where(at_center, jnp.pi / 2, jnp.arctan2(gap * share, depth)).max()
     return jnp.where(parallel, jnp.asarray(jnp.pi, origins.dtype), angle)
@@ -109,17 +109,16 @@ def candidate_pairs(
     sigma_theta: float,
     settings: AssociationSettings,
 ) -> CandidatePairs:
-    """Pairs that may merge in the frames `frames[0] <= index < frames[1]`, in merging order.
+    """Find pairs that may merge in the frames `frames[0] <= index < frames[1]`, in merging order.
 
     A pair qualifies when its residual is at most `residual_factor * sigma_theta` and its appearance
     distance is at most the threshold, or when it is unique: its residual is at most
     `uniqueness_ratio` times that of the best alternative of either detection in the other's camera.
-    Pairs are ordered by appearance distance, then residual; without embeddings by residual alone.
+    Pairs are ordered by appearance distance, then residual; without embeddings only by residual.
 
     Args:
         observations: detections in canonical order.
-        rays: the rays of those frames' observations, from the first one on; rows behind them are
-            padding.
+        rays: the rays of those frames' observations, followed by padding.
         frames: first frame index and one past the last.
         sigma_theta: angular noise in radians.
         settings: thresholds.
@@ -132,14 +131,14 @@ def candidate_pairs(
     """
     begin, end = observations.frame_start(np.asarray(frames))
     members = np.arange(begin, end)
-    own_cell_end = observations.cell_start[observations.cell[members] + 1]
+    cell_end = observations.cell_start[observations.cell[members] + 1]
     frame_end = observations.frame_start(observations.frame_index[members] + 1)
     limit = settings.residual_factor * sigma_theta
     uniqueness = _Uniqueness(observations.camera[members], observations.camera_count)
     near: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    for rows in _slices_of_work(frame_end - own_cell_end, PAIRS_AT_ONCE):
-        # Everything behind the own cell and inside the frame belongs to a later camera.
-        first, second = expand_ranges(own_cell_end[rows] - begin, frame_end[rows] - begin)
+    for rows in _slices_of_work(frame_end - cell_end, PAIRS_AT_ONCE):
+        # All observations of the frame after the detection's cell belong to later cameras.
+        first, second = expand_ranges(cell_end[rows] - begin, frame_end[rows] - begin)
         first = first + rows.start
         residual = pair_residuals(rays, first, second)
         if observations.appearance is not None:
@@ -159,7 +158,7 @@ def candidate_pairs(
 
 
 def _slices_of_work(work: Int[np.ndarray, " n"], most: int) -> list[slice]:
-    """Consecutive rows in slices of at most so much work, or of one row; at least one slice."""
+    """Split rows into slices of at most `most` total work, or of one row; at least one slice."""
     total = np.concatenate([[0], np.cumsum(work)])
     slices, first = [], 0
     while first < len(work) or not slices:
@@ -170,10 +169,10 @@ def _slices_of_work(work: Int[np.ndarray, " n"], most: int) -> list[slice]:
 
 
 class _Uniqueness:
-    """The two smallest residuals of every detection with each other camera, pairs added in parts.
+    """The two smallest residuals of every detection with each other camera.
 
-    Two are enough: the best alternative of the best pair is the second one, that of any other pair
-    is the best one.
+    Two are enough: the best alternative of the best pair is the second best, and that of any other
+    pair is the best.
     """
 
     def __init__(self, camera: Int[np.ndarray, " n"], camera_count: int) -> None:
@@ -184,7 +183,7 @@ class _Uniqueness:
     def _keys(
         self, first: Int[np.ndarray, " p"], second: Int[np.ndarray, " p"]
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
-        """The cells (detection, other camera) that both ends of each pair belong to."""
+        """The (detection, other camera) cells of both ends of each pair."""
         cameras, camera = self._camera_count, self._camera
         return first * cameras + camera[second], second * cameras + camera[first]
 
@@ -194,7 +193,7 @@ class _Uniqueness:
         second: Int[np.ndarray, " p"],
         residual: Float[np.ndarray, " p"],
     ) -> None:
-        """Take note of pairs; every pair comes once."""
+        """Add pairs; each pair must be added once."""
         best, runner_up = self._smallest
         for key in self._keys(first, second):
             new_best, new_runner_up = np.full_like(self._smallest, np.inf)

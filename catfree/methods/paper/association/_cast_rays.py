@@ -1,4 +1,4 @@
-"""The ray of every detection through the bottom centre of its box."""
+"""The ray of every detection through the bottom center of its box."""
 
 from functools import partial
 
@@ -11,7 +11,7 @@ from catfree.geometry import pixel_to_ray
 from catfree.methods.paper.association._observe import Observations
 from catfree.types import Rays, Rig
 
-DETECTION_BLOCK = 8192  # arrays of detections are padded to this: no sequence recompiles
+DETECTION_BLOCK = 8192  # arrays of detections are padded to this to avoid recompilation
 
 
 @partial(jax.jit, static_argnames="distorted")
@@ -33,11 +33,11 @@ def _directions(
 
 
 def cast_rays(observations: Observations, rig: Rig) -> Rays:
-    """The ray of every observation through the bottom centre of its box.
+    """Cast the ray of every observation through the bottom center of its box.
 
     Args:
         observations: detections in canonical order.
-        rig: cameras in the frame in which the rays are wanted.
+        rig: cameras in the frame of the rays.
 
     Returns:
         (N, ...) rays with weight 1, NumPy arrays in JAX's default float dtype.

@@ -1,11 +1,10 @@
 """The greedy cross-view partition: groups of rays that agree on one 3-D point.
 
-Pairs are tried in a given order and a pair merges the groups of its two detections if the groups
-share no camera and every ray of the merged group is close to the merged least-squares point. What
-happens to a pair depends only on the earlier pairs that touch one of its two groups. Hence a pair
-that comes before all other pending pairs of both its groups can be decided at once, and all such
-pairs of all frames are decided together, round after round: the outcome is exactly that of the
-sequential loop.
+Pairs are tried in a given order. A pair merges the groups of its two detections if the groups share
+no camera and every ray of the merged group is close to the merged least-squares point. The decision
+on a pair depends only on earlier pairs that touch one of its two groups. A pair that precedes all
+other pending pairs of both its groups can therefore be decided at once. All such pairs of all
+frames are decided together in rounds, with exactly the result of the sequential loop.
 """
 
 from functools import partial
@@ -21,17 +20,17 @@ from catfree.methods.paper.association._candidate_pairs import CandidatePairs
 from catfree.methods.paper.association._on_ground import least_squares_on_ground
 from catfree.types import Rays
 
-WINDOW = 8192  # pairs looked at together; later pairs wait, which cannot change the outcome
-DECISIONS = 1024  # merges tested in one round at most; the rest wait for the next round
+WINDOW = 8192  # pairs processed together; later pairs wait, which cannot change the result
+DECISIONS = 1024  # most merges tested in one round; the others wait for the next round
 
 
 class _Groups(NamedTuple):
-    """The partition so far; the last row stands for 'nothing' and absorbs padding.
+    """The partition so far; the last row means "no detection" and absorbs padding.
 
     Attributes:
-        root: (N + 1,) the group of each detection, named by one of its detections.
-        members: (N + 1, C) detection of each camera in the group of that name, or -1.
-        cameras: (N + 1, words) the same as a bit set.
+        root: (N + 1,) the group of each detection, identified by one of its detections.
+        members: (N + 1, C) detection of each camera in the group with that root, or -1.
+        cameras: (N + 1, words) bit set of the cameras in that group.
     """
 
     root: Int[Array, " n"]
@@ -48,7 +47,7 @@ def greedy_partition(
     tolerance: float,
     constrain_to_ground: bool = False,
 ) -> Int[np.ndarray, "g cam"]:
-    """Merge detections of different cameras into groups of at most one detection a camera.
+    """Merge detections of different cameras into groups with at most one detection per camera.
 
     Args:
         rays: (N, ...) ray of each detection; weight 0 marks padding.
@@ -56,7 +55,7 @@ def greedy_partition(
         pairs: candidate pairs in merging order, of any number of frames.
         camera_count: C.
         tolerance: largest angular residual of any ray of a merged group, radians.
-        constrain_to_ground: look for the common point on the ground z = 0 only (ablation).
+        constrain_to_ground: restrict the common point to the ground z = 0 (ablation).
 
     Returns:
         (G, C) detection of each camera in each group of at least two, or -1; ordered by the first
@@ -113,7 +112,7 @@ def _merge_window(
     rank = jnp.arange(first.shape[0], dtype=jnp.int32)
 
     def still_possible(groups: _Groups, pending: Bool[Array, " p"]) -> Bool[Array, " p"]:
-        # Groups only grow: once two share a camera, or are the same, they can never merge.
+        # Groups only grow: two groups that share a camera, or are the same, can never merge.
         one = groups.cameras[groups.root[first]]
         other = groups.cameras[groups.root[second]]
         disjoint = ~jnp.any((one & other) != 0, axis=-1)
@@ -162,7 +161,7 @@ def _agree(
     *,
     constrained: bool,
 ) -> Bool[Array, ""]:
-    """Whether every present ray passes the least-squares point of all within the tolerance."""
+    """Whether every present ray passes the common least-squares point within the tolerance."""
     solve = least_squares_on_ground if constrained else triangulate_least_squares
     position = solve(origins, directions, weights)
     residual = jax.vmap(angular_residual, (None, 0, 0))(position, origins, directions)

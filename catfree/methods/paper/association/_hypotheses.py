@@ -1,6 +1,6 @@
-"""Position hypotheses: a group of rays becomes a 3-D point, its residual, support and uncertainty.
+"""Position hypotheses: the 3-D point of each group of rays, its support and uncertainty.
 
-All functions here work in the canonical frame: ground z = 0, E = 1.
+All functions work in the canonical frame: ground z = 0, E = 1.
 """
 
 from functools import partial
@@ -26,7 +26,7 @@ from catfree.methods.paper.association._on_ground import ground_point, triangula
 from catfree.settings import TriangulationSettings
 from catfree.types import Plane, Rays
 
-HYPOTHESIS_BLOCK = 4096  # hypotheses evaluated by one call: fixed, so that no sequence recompiles
+HYPOTHESIS_BLOCK = 4096  # hypotheses per call; fixed to avoid recompilation
 RESIDUALS_AT_ONCE = 1 << 21  # bounds the memory of the recount in crowded frames
 MINIMUM_RAYS_PER_CELL = 16
 
@@ -34,10 +34,10 @@ GROUND = Plane(np.array([0.0, 0.0, 1.0]), np.array(0.0))
 
 
 class RayTable(NamedTuple):
-    """Rays by frame, camera and place in their cell, padded with weight 0.
+    """Rays by frame, camera and index within this cell, padded with weight 0.
 
     Attributes:
-        origin: (C, 3) camera centres.
+        origin: (C, 3) camera centers.
         direction: (F, C, D, 3) unit directions.
         weight: (F, C, D) reliability, 0 for padding.
         cell_start: (F, C) observation of the first ray of each cell.
@@ -50,7 +50,7 @@ class RayTable(NamedTuple):
 
 
 class Support(NamedTuple):
-    """What the cameras say about positions.
+    """Camera support of positions, and their uncertainty.
 
     Attributes:
         member: (H, C) supporting observation of each camera, or -1.
@@ -75,7 +75,7 @@ class Support(NamedTuple):
 def ray_table(
     observations: Observations, rays: Rays, centers: Float[np.ndarray, "cam 3"]
 ) -> RayTable:
-    """Lay the rays out so that a hypothesis finds those of its frame by indexing."""
+    """Arrange the rays so that a hypothesis finds those of its frame by indexing."""
     frames, cameras = len(observations.frames), observations.camera_count
     starts = observations.cell_start[:-1]
     longest = int(np.diff(observations.cell_start).max(initial=0))
@@ -100,7 +100,7 @@ def _gather(
     Float[np.ndarray, "block cam 3"],
     Float[np.ndarray, "block cam"],
 ]:
-    """Rays of each row's members, padded to a block; absent ones have weight 0."""
+    """Rays of each row's members, padded to a block; absent members have weight 0."""
     padded = np.pad(member, ((0, HYPOTHESIS_BLOCK - len(member)), (0, 0)), constant_values=-1)
     weight = np.where(padded >= 0, rays.weight[padded], 0)
     return np.asarray(rays.origin)[padded], np.asarray(rays.direction)[padded], weight
@@ -113,7 +113,7 @@ def triangulate_groups(
     *,
     sigma_theta: float,
 ) -> tuple[Float[np.ndarray, "h 3"], Float[np.ndarray, "h cam"]]:
-    """The position of each group of rays and the angular residual of each of its rays.
+    """Triangulate each group of rays, and measure the angular residual of each ray.
 
     Args:
         rays: ray of each observation in the canonical frame.
@@ -180,7 +180,7 @@ def _best_pair(
     weights: Float[Array, " cam"],
     sigma_theta: Scalar,
 ) -> Float[Array, " cam"]:
-    """Weights of the pair of rays with the smallest sigma at its own point (baseline B)."""
+    """Weights that keep only the pair of rays with the smallest sigma (baseline B)."""
     pairs = jnp.asarray(np.stack(np.triu_indices(len(origins), k=1), axis=-1))
 
     def uncertainty(pair: Int[Array, "2"]) -> Float[Array, ""]:
@@ -200,7 +200,7 @@ def find_support(
     *,
     radius: float,
 ) -> Int[np.ndarray, "h cam"]:
-    """Which ray of each camera supports each position: the most reliable one within the radius.
+    """Find the ray of each camera that supports each position: the most reliable in the radius.
 
     Args:
         table: all rays.
@@ -224,10 +224,10 @@ def find_support(
         padding = (0, block - len(position[rows]))
         frame = np.pad(frame_index[rows], padding)
         points = np.pad(position[rows], (padding, (0, 0)))
-        found = _find_block(
+        supporting = _find_block(
             points, table.origin, table.direction[frame], table.weight[frame], radius
         )
-        index[rows] = np.asarray(found)[: len(position[rows])]
+        index[rows] = np.asarray(supporting)[: len(position[rows])]
     return np.where(index >= 0, index + table.cell_start[frame_index], -1)
 
 
@@ -241,7 +241,7 @@ def measure_support(
     *,
     sigma_theta: float,
 ) -> Support:
-    """How well given supporting rays determine each position.
+    """Measure how well the supporting rays determine each position.
 
     Args:
         rays: ray of each observation in the canonical frame.
@@ -292,7 +292,7 @@ def _measure_block(
 
 
 def exclusive_support(support: Support) -> Int[np.ndarray, "h cam"]:
-    """Leave each ray only to the position it passes closest (lineage K), (H, C)."""
+    """Assign each ray only to the position that it passes closest (lineage K), (H, C)."""
     present = support.member >= 0
     nearest = np.full(int(support.member.max(initial=0)) + 1, np.inf, support.residual.dtype)
     np.minimum.at(nearest, support.member[present], support.residual[present])

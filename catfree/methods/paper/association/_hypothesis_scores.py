@@ -1,4 +1,4 @@
-"""The seven signals of the auxiliary score, measured on every hypothesis."""
+"""The seven signals of the auxiliary score of every hypothesis."""
 
 import jax
 import jax.numpy as jnp
@@ -32,7 +32,7 @@ def hypothesis_scores(
     *,
     reconstruction_confidence: Float[np.ndarray, " h"] | None = None,
 ) -> Float[np.ndarray, " h"]:
-    """The auxiliary score of every hypothesis.
+    """Compute the auxiliary score of every hypothesis.
 
     Args:
         observations: detections in canonical order.
@@ -41,11 +41,11 @@ def hypothesis_scores(
         support: their support.
         frame_index: (H,) frame of each position.
         tracklet: (H, C) tracklet of each detection of the group, or -1.
-        reconstruction_confidence: (H,) mean confidence of the reconstruction at the rays' pixels;
-            without it that signal is missing.
+        reconstruction_confidence: (H,) mean confidence of the reconstruction at the rays' pixels,
+            or None if this signal is missing.
 
     Returns:
-        (H,) scores, 0 is average.
+        (H,) scores; 0 is average.
 
     Source:
         Sec. "The Scoring Stage".
@@ -57,11 +57,12 @@ def hypothesis_scores(
     cameras = support.cameras
     signals = np.full((count, len(Signal)), np.nan, position.dtype)
     signals[:, Signal.SUPPORTING_RAYS] = cameras
-    some = cameras > 0
-    signals[some, Signal.NEGATIVE_MEDIAN_RESIDUAL] = -np.nanmedian(support.residual[some], axis=1)
+    supported = cameras > 0
+    residual = np.nanmedian(support.residual[supported], axis=1)
+    signals[supported, Signal.NEGATIVE_MEDIAN_RESIDUAL] = -residual
     if observations.score is not None:
         total = np.where(present, observations.score[member], 0).sum(axis=1)
-        signals[some, Signal.DETECTOR_CONFIDENCE] = total[some] / cameras[some]
+        signals[supported, Signal.DETECTOR_CONFIDENCE] = total[supported] / cameras[supported]
     boxes = observations.box[member].astype(position.dtype)
     ratio, consistency = _view_signals(rig, position, boxes, present)
     signals[:, Signal.VIEW_SUPPORT_RATIO] = ratio
@@ -83,7 +84,7 @@ def _view_signals(
     boxes: Float[np.ndarray, "h cam 4"],
     present: np.ndarray,
 ) -> tuple[Float[np.ndarray, " h"], Float[np.ndarray, " h"]]:
-    """Share of the seeing cameras that support, and agreement of the implied heights."""
+    """View support ratio and height consistency of every hypothesis."""
     dtype = position.dtype
     cameras = [np.asarray(a, dtype) for a in (rig.K, rig.R, rig.t, rig.image_size)]
     ratio, consistency = np.empty(len(position), dtype), np.empty(len(position), dtype)

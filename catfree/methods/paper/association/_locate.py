@@ -1,4 +1,4 @@
-"""From groups to everything that the filters look at."""
+"""Position hypotheses of the groups, with all measurements that the filters need."""
 
 from typing import NamedTuple
 
@@ -28,7 +28,7 @@ class Located(NamedTuple):
     Attributes:
         position: (H, 3) free 3-D positions.
         support: the recounted support of each.
-        hypotheses: what the filters look at.
+        hypotheses: the input of the filters.
         table: all rays by frame and camera, for further recounts.
     """
 
@@ -57,7 +57,7 @@ def locate(
         settings: estimator and radii.
 
     Returns:
-        The hypotheses, one a group.
+        The hypotheses, one per group.
 
     Source:
         Sec. "Robust 3D position estimation" and "Selecting pedestrian positions".
@@ -69,7 +69,7 @@ def locate(
     table = ray_table(observations, rays, np.asarray(rig.centers))
     radius = settings.selection.support_factor * sigma_theta
     if settings.triangulation.estimator == "best_pair":
-        # What this baseline measures is two cameras: nothing else may speak for its position.
+        # This baseline uses two cameras: no other camera may support its position.
         groups = groups._replace(member=np.where(np.isfinite(residual), groups.member, -1))
         member = groups.member
     else:
@@ -78,10 +78,12 @@ def locate(
     if settings.selection.exclusive_support:
         member = exclusive_support(support)
         support = measure_support(rays, member, position, sigma_theta=sigma_theta)
-    own = np.where(groups.member >= 0, tracklet[groups.member], -1)
+    group_tracklet = np.where(groups.member >= 0, tracklet[groups.member], -1)
     score = np.zeros(len(position), position.dtype)
     if settings.selection.use_score:
-        score = hypothesis_scores(observations, rig, position, support, groups.frame_index, own)
+        score = hypothesis_scores(
+            observations, rig, position, support, groups.frame_index, group_tracklet
+        )
     used = np.maximum(np.isfinite(residual).sum(axis=1), 1)
     hypotheses = Hypotheses(
         frame_index=groups.frame_index,
@@ -91,7 +93,7 @@ def locate(
         sigma=support.sigma,
         weight=support.weight,
         cameras=support.cameras,
-        tracklet=own,
+        tracklet=group_tracklet,
         supporting_tracklet=np.where(member >= 0, tracklet[member], -1),
         score=score,
     )

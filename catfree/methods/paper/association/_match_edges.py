@@ -15,17 +15,16 @@ def match_edges(
 ) -> Bool[np.ndarray, " e"]:
     """Choose edges so that no source and no target is used twice, at the smallest total cost.
 
-    SciPy's dense Hungarian solver runs once a problem (a pair of consecutive frames of a camera):
-    measured on 280 problems of 30 x 30 it is 16 times faster than one call of SciPy's sparse solver
-    on all of them.
+    SciPy's dense Hungarian solver runs once per problem (two consecutive frames of a camera).
+    On 280 problems of 30 x 30 this is 16 times faster than one call of SciPy's sparse solver.
 
     Args:
         problem: (E,) label of the independent problem that each edge belongs to.
         source: (E,) index of each edge's source.
         target: (E,) index of each edge's target.
         cost: (E,) finite cost of each edge.
-        unmatched_cost: an edge is only worth its cost below this. None asks for as many edges as
-            possible first, then for the smallest cost.
+        unmatched_cost: cost of leaving a pair unmatched; only edges below it are chosen. None
+            maximizes the number of edges first, then minimizes the cost.
 
     Returns:
         (E,) which edges are chosen.
@@ -51,7 +50,7 @@ def match_edges(
 
 
 def chain_labels(predecessor: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Number the chains of a predecessor map, in order of their heads.
+    """Number the chains of a predecessor map in order of their heads.
 
     Args:
         predecessor: (N,) index of the element before each one, or -1 at the head of a chain.

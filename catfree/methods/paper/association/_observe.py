@@ -1,4 +1,4 @@
-"""The detections that take part, in one canonical order: the caller's order has no effect."""
+"""The kept detections in a canonical order, so that the caller's order has no effect."""
 
 import equinox as eqx
 import numpy as np
@@ -13,7 +13,7 @@ class Observations(eqx.Module):
     Attributes:
         row: (N,) row of each observation in the caller's `Detections`.
         frame: (N,) the caller's frame number.
-        frames: (F,) the distinct frame numbers, rising.
+        frames: (F,) the distinct frame numbers, ascending.
         frame_index: (N,) index into `frames`.
         time: (F,) whole time steps of `frames`: consecutive frames differ by one.
         camera: (N,) camera index.
@@ -48,7 +48,7 @@ class Observations(eqx.Module):
 
     @property
     def foot(self) -> Float[np.ndarray, "n 2"]:
-        """(N, 2) bottom centre in pixels."""
+        """(N, 2) bottom center in pixels."""
         return np.stack([(self.box[:, 0] + self.box[:, 2]) / 2, self.box[:, 3]], axis=-1)
 
     @property
@@ -62,11 +62,11 @@ class Observations(eqx.Module):
 
 
 def time_steps(frames: Int[np.ndarray, " f"]) -> Int[np.ndarray, " f"]:
-    """Whole time steps of rising frame numbers whose usual distance is one step.
+    """Convert ascending frame numbers to whole time steps, where the median distance is one step.
 
-    Annotated sequences often number every fifth frame: 0, 5, 10. The median distance is one step
-    (the lower one of an even number), so a frame in which nobody was detected leaves a gap instead
-    of joining its neighbours.
+    Annotated sequences often number every fifth frame: 0, 5, 10. A frame without detections leaves
+    a gap instead of joining its neighbors. For an even number of distances the lower median is one
+    step.
     """
     if len(frames) < 2:
         return np.zeros(len(frames), np.int64)
@@ -81,7 +81,7 @@ def observe(detections: Detections, rig: Rig, *, keep: Bool[np.ndarray, " n"]) -
 
     Args:
         detections: the caller's detections.
-        rig: cameras; only their number matters here.
+        rig: cameras; only their number is used.
         keep: (N,) which detections take part.
 
     Returns:
@@ -137,7 +137,7 @@ def appearance_distance(
 ) -> Float[np.ndarray, " p"]:
     """Cosine distance in [0, 2] of pairs of unit vectors; 1 where one of them is zero.
 
-    Worked off in slices, so that memory does not grow with the number of pairs.
+    Computed in slices, so that temporary memory does not grow with the number of pairs.
     """
     distance = np.empty(len(first), np.float32)
     step = max(1, 4_000_000 // max(1, appearance.shape[1]))

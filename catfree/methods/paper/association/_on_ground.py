@@ -1,4 +1,4 @@
-"""Positions held on the ground z = 0: the ablation 'constrained to ground' and its baseline A."""
+"""Positions constrained to the ground z = 0: the ablation 'constrained to ground', baseline A."""
 
 import jax
 import jax.numpy as jnp
@@ -7,11 +7,11 @@ from jaxtyping import Array, Float, ScalarLike
 from catfree.geometry._arrays import Scalar
 
 ITERATIONS = 30  # reweighting converges linearly; this reaches float32 rounding
-SHALLOWEST_DESCENT = 1e-3  # a ray that does not descend meets the ground a thousand heights away
+SHALLOWEST_DESCENT = 1e-3  # rays that do not descend meet the ground 1000 heights away
 
 
 def ground_point(origin: Float[Array, "3"], direction: Float[Array, "3"]) -> Float[Array, "3"]:
-    """Where a ray meets the ground, (3,); far ahead for a ray that does not descend."""
+    """Intersect a ray with the ground, (3,); far ahead for a ray that does not descend."""
     descent = jnp.maximum(-direction[2], SHALLOWEST_DESCENT)
     return (origin + direction * (origin[2] / descent)) * jnp.array([1, 1, 0], origin.dtype)
 
@@ -24,7 +24,7 @@ def least_squares_on_ground(
     """The point of the ground with the smallest weighted sum of squared distances to the rays.
 
     Args:
-        origins: (C, 3) camera centres in the canonical frame.
+        origins: (C, 3) camera centers in the canonical frame.
         directions: (C, 3) unit directions.
         weights: (C,) reliabilities, 0 for absent rays.
 
@@ -53,10 +53,10 @@ def triangulate_on_ground(
     *,
     refit: bool,
 ) -> Float[Array, "3"]:
-    """The robust position with the height held at 0: the same loss and refit as the free estimate.
+    """Robust position with the height fixed at 0, with the loss and refit of the free estimate.
 
     Args:
-        origins: (C, 3) camera centres in the canonical frame.
+        origins: (C, 3) camera centers in the canonical frame.
         directions: (C, 3) unit directions.
         weights: (C,) reliabilities, 0 for absent rays.
         huber_scale: delta as a share of E.

@@ -1,4 +1,4 @@
-"""How far each ray can be trusted: confirmed ankles and box height, learned from the sequence."""
+"""Reliability of each ray from confirmed ankles and box height, estimated from the sequence."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -10,22 +10,22 @@ from catfree.settings import RaySettings
 def pose_ratio(
     residual: Float[np.ndarray, " n"], ankles_confirmed: Bool[np.ndarray, " n"]
 ) -> float:
-    """Weight of rays without confirmed ankles against rays with them.
+    """Weight of rays without confirmed ankles relative to rays with them.
 
     Args:
         residual: (N,) angular residuals of an unweighted triangulation in radians; NaN for
-            detections that belong to no group.
+            detections outside any group.
         ankles_confirmed: (N,) bool.
 
     Returns:
-        min(1, (s_pose / s_other)²) with s the medians; 1 where one of the two classes is empty or
-        s_other is 0, since then nothing speaks against the others.
+        min(1, (s_pose / s_other)²) with s the medians; 1 if one of the two classes is empty or
+        s_other is 0.
 
     Source:
         Sec. "Pedestrian observations and ray reliability".
     """
-    known = np.isfinite(residual)
-    confirmed, other = residual[known & ankles_confirmed], residual[known & ~ankles_confirmed]
+    finite = np.isfinite(residual)
+    confirmed, other = residual[finite & ankles_confirmed], residual[finite & ~ankles_confirmed]
     if len(confirmed) == 0 or len(other) == 0:
         return 1.0
     return float(pose_trust(np, np.median(confirmed), np.median(other)))
@@ -42,10 +42,10 @@ def ray_weights(
 
     Args:
         height: (N,) box heights in pixels.
-        ankles_confirmed: (N,) bool, or None where no pose estimator ran.
+        ankles_confirmed: (N,) bool, or None without a pose estimator.
         ratio: the pose ratio.
         median_height: median box height of the sequence in pixels.
-        settings: which cues are used, and the floor.
+        settings: the cues to use, and the floor.
 
     Returns:
         (N,) weights.
@@ -53,8 +53,8 @@ def ray_weights(
     Source:
         Eq. w.
     """
-    known = settings.use_ankles and ankles_confirmed is not None
-    confirmed = ankles_confirmed if known else np.ones(len(height), bool)
+    by_ankles = settings.use_ankles and ankles_confirmed is not None
+    confirmed = ankles_confirmed if by_ankles else np.ones(len(height), bool)
     median = height.dtype.type(median_height)  # a Python number would not keep the dtype
     by_height = height_trust(np, height, median) if settings.use_box_height else 1.0
     return combined_trust(np, by_height, confirmed, ratio, settings.minimum_weight)

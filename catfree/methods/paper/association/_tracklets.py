@@ -1,4 +1,4 @@
-"""Short per-camera tracks: boxes of consecutive frames joined by nearness and appearance."""
+"""Short per-camera tracks: boxes of consecutive frames linked by distance and appearance."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -27,8 +27,8 @@ def link_tracklets(
         settings: gates; the defaults if None.
 
     Returns:
-        (N,) tracklet of each observation, numbered from 0 over all cameras; a detection without a
-        partner is a tracklet of its own.
+        (N,) tracklet of each observation, numbered from 0 over all cameras; an unlinked detection
+        is its own tracklet.
 
     Source:
         Sec. "Pedestrian observations and ray reliability": "detections are linked into short
@@ -55,11 +55,11 @@ def _near_pairs(
     second: Int[np.ndarray, " p"],
     maximum_shift: float,
 ) -> tuple[Int[np.ndarray, " e"], Float[np.ndarray, " e"]]:
-    """Pairs whose feet are near, and the displacement of each in heights of the smaller box.
+    """Select pairs whose feet are near, with their displacement in heights of the smaller box.
 
-    A box's height is the person's, so this is a length in bodies wherever the person stands. The
-    overlap of the boxes is no measure: at two frames a second a walker leaves his own box.
-    Worked off in slices: memory grows with what is near, not with all pairs.
+    The box height is the person's height, so this is a length in body heights anywhere in the
+    image. Box overlap is not usable: at two frames per second a walker leaves the previous box.
+    Computed in slices: memory grows with the number of near pairs, not of all pairs.
     """
     foot, height = observations.foot.astype(np.float64), observations.height.astype(np.float64)
     edges, shifts = [np.zeros(0, np.int64)], [np.zeros(0)]

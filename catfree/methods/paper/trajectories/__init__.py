@@ -1,4 +1,4 @@
-"""Accepted positions become tracks: link, extend."""
+"""Tracks from accepted positions: linking and extension."""
 
 from catfree.methods.paper.trajectories._build_trajectories import (
     build_trajectories as build_trajectories,

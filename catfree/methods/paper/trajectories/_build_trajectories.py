@@ -1,4 +1,4 @@
-"""From accepted positions to tracks: link, drop what is short, extend."""
+"""Tracks from accepted positions: link, drop short tracks, extend."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -23,17 +23,18 @@ def build_trajectories(
     selection: Selection,
     settings: Settings,
 ) -> tuple[Positions, float | None]:
-    """Link the accepted positions, drop short tracks, extend the rest.
+    """Link the accepted positions, drop short tracks, extend the others.
 
     Args:
         observations: detections in canonical order.
         rays: their weighted rays in the canonical frame.
         located: the hypotheses.
         selection: their fates.
-        settings: rules of the trajectories.
+        settings: settings of the run.
 
     Returns:
-        The positions of all tracks, and the appearance threshold of the extension, if it was used.
+        The positions of all tracks, and the appearance threshold of the extension, or None if it
+        was not used.
 
     Source:
         Sec. "Trajectories".

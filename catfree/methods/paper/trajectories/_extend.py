@@ -1,4 +1,4 @@
-"""Tracks are continued beyond both ends where the cameras still see the person."""
+"""Extension of tracks beyond both ends while the cameras still see the person."""
 
 from collections.abc import Callable
 
@@ -26,27 +26,28 @@ _otsu = jax.jit(otsu)
 
 
 def appearance_threshold(positions: Positions, appearance: Float[np.ndarray, "n d"]) -> float:
-    """Largest appearance distance between a track and the best of the detections that extend it.
+    """Estimate the largest appearance distance between a track and an extension.
 
-    Otsu's threshold between the distances of positions to their own track and to the other tracks
-    of the same frame, each measured as an extension is: by the most similar supporting detection.
+    It is Otsu's threshold between the distances of positions to their own track and to the other
+    tracks of the same frame. Each distance is that of the most similar supporting detection, as in
+    the extension.
 
     Args:
         positions: linked positions, sorted by frame.
         appearance: (N, D) unit vectors of the observations.
 
     Returns:
-        The threshold; inf without any distance.
+        The threshold; inf without distances.
 
     Source:
         Sec. "Trajectories".
     """
-    looks = track_appearance(positions, appearance)
+    track_looks = track_appearance(positions, appearance)
     frame = positions.frame_index
     start = np.searchsorted(frame, frame, side="left")
     stop = np.searchsorted(frame, frame, side="right")
     row, other = expand_ranges(start, stop)
-    distance = _closest(looks, positions.track[other], appearance, positions.member[row])
+    distance = _closest(track_looks, positions.track[other], appearance, positions.member[row])
     length = coarse_length(len(distance), SAMPLE_BLOCK)
     sample = np.pad(distance, (0, length - len(distance)), constant_values=np.inf)
     return float(_otsu(sample))
@@ -72,20 +73,20 @@ def extend_tracks(
     *,
     occupied_radius: float,
 ) -> tuple[Positions, float | None]:
-    """Predict each track beyond its ends and keep what detections confirm.
+    """Predict each track beyond its ends, and keep the predictions that detections confirm.
 
-    All tracks take one step at a time: forward once, forward twice, then backward. A prediction is
-    added if enough cameras support it, no other track is within the suppression radius, and one
-    supporting detection looks like the track; a track stops at its first failure.
+    All tracks are extended together, one step at a time, first forward, then backward. A prediction
+    is added if enough cameras support it, no other track is within the suppression radius, and one
+    supporting detection looks like the track. A track stops at its first failure.
 
     Args:
         positions: linked positions, tracks numbered from 0.
         time: (F,) whole time step of each frame.
         appearance: (N, D) unit vectors of the observations, or None.
-        recount: from frame index and ground position to the supporting observation of each camera
+        recount: maps frame index and ground position to the supporting observation of each camera
             and the weighted support.
-        settings: limits.
-        occupied_radius: the area of a person as a share of E.
+        settings: limits of the extension.
+        occupied_radius: radius around a person that excludes other tracks, as a share of E.
 
     Returns:
         The positions with the extensions, sorted by frame, and the appearance threshold used.
@@ -95,10 +96,10 @@ def extend_tracks(
     """
     if len(positions.track) == 0:
         return positions, None
-    threshold, looks = None, None
+    threshold, track_looks = None, None
     if appearance is not None and settings.appearance_in_extension:
         threshold = appearance_threshold(positions, appearance)
-        looks = track_appearance(positions, appearance)
+        track_looks = track_appearance(positions, appearance)
     frame_at = {int(step): index for index, step in enumerate(time)}
     for direction in (1, -1):
         end_xy, end_time, velocity, moving = _ends(positions, time, direction, settings)
@@ -106,8 +107,8 @@ def extend_tracks(
         for step in range(1, settings.extension_frames + 1):
             track = np.flatnonzero(active)
             target = end_time[track] + direction * step
-            known = np.array([int(t) in frame_at for t in target], bool)
-            track, target = track[known], target[known]
+            exists = np.array([int(t) in frame_at for t in target], bool)
+            track, target = track[exists], target[exists]
             active = np.zeros_like(active)
             if len(track) == 0:
                 break
@@ -116,9 +117,9 @@ def extend_tracks(
             member, weight = recount(frame, xy)
             good = (member >= 0).sum(1) >= settings.extension_cameras
             good &= _unoccupied(positions, frame, xy, occupied_radius)
-            if looks is not None and appearance is not None and threshold is not None:
-                good &= _closest(looks, track, appearance, member) <= threshold
-            # Several tracks may run into one place: the best supported one has it.
+            if track_looks is not None and appearance is not None and threshold is not None:
+                good &= _closest(track_looks, track, appearance, member) <= threshold
+            # If several tracks reach one place, the best supported one keeps it.
             good = suppress_by_frame(frame, xy, weight[:, None], good, occupied_radius)
             active[track[good]] = True
             positions = Positions(
@@ -143,9 +144,9 @@ def _ends(
     Float[np.ndarray, "t 2"],
     Bool[np.ndarray, " t"],
 ]:
-    """Last position, its time, velocity a time step, and whether there is one, for each track.
+    """Last position, its time, velocity per time step, and whether there is one, for each track.
 
-    The velocity is the mean of the last steps at that end: one step alone is mostly noise.
+    The velocity is the mean of the last steps at that end, because a single step is mostly noise.
     """
     order = np.lexsort([direction * time[positions.frame_index], positions.track])
     track = positions.track[order]
@@ -161,17 +162,17 @@ def _ends(
 
 
 def _closest(
-    looks: Float[np.ndarray, "t d"],
+    track_looks: Float[np.ndarray, "t d"],
     track: Int[np.ndarray, " k"],
     appearance: Float[np.ndarray, "n d"],
     member: Int[np.ndarray, "k cam"],
 ) -> Float[np.ndarray, " k"]:
-    """Appearance distance of each track to its most similar supporting detection; inf without."""
+    """Appearance distance of each track to its most similar supporting detection; inf if none."""
     closest = np.full(len(track), np.inf, np.float32)
-    both = np.concatenate([looks, appearance])
+    both = np.concatenate([track_looks, appearance])
     for column in member.T:  # one camera at a time bounds the memory
         row = np.flatnonzero(column >= 0)
-        distance = appearance_distance(both, track[row], len(looks) + column[row])
+        distance = appearance_distance(both, track[row], len(track_looks) + column[row])
         closest[row] = np.minimum(closest[row], distance)
     return closest
 
@@ -182,13 +183,13 @@ def _unoccupied(
     xy: Float[np.ndarray, "k 2"],
     radius: float,
 ) -> Bool[np.ndarray, " k"]:
-    """Whether no position of the same frame is within the radius."""
+    """Whether the places are farther than the radius from all positions of the same frame."""
     taken = np.concatenate([np.isin(positions.frame_index, frame), np.zeros(len(frame), bool)])
-    asked = np.concatenate([np.zeros(len(positions.track), bool), np.ones(len(frame), bool)])
+    tested = np.concatenate([np.zeros(len(positions.track), bool), np.ones(len(frame), bool)])
     return outside_by_frame(
         np.concatenate([positions.frame_index, frame]),
         np.concatenate([positions.ground_xy, xy]),
         taken,
-        asked,
+        tested,
         radius,
-    )[asked]
+    )[tested]

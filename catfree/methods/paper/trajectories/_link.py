@@ -1,4 +1,4 @@
-"""Accepted positions of consecutive frames become tracks."""
+"""Linking of accepted positions in consecutive frames into tracks."""
 
 from typing import NamedTuple
 
@@ -32,7 +32,7 @@ class Positions(NamedTuple):
 def position_appearance(
     appearance: Float[np.ndarray, "n d"], member: Int[np.ndarray, "m cam"]
 ) -> Float[np.ndarray, "m d"]:
-    """Unit mean of the supporting detections' appearance, (M, D); zero without any."""
+    """Unit mean of the supporting detections' appearance, (M, D); zero without detections."""
     total = np.zeros((len(member), appearance.shape[1]), np.float32)
     for column in member.T:  # one camera at a time bounds the memory
         present = column >= 0
@@ -47,10 +47,10 @@ def link_positions(
     appearance: Float[np.ndarray, "n d"] | None,
     settings: TrajectorySettings,
 ) -> Int[np.ndarray, " m"]:
-    """Join positions of consecutive frames one to one.
+    """Link positions of consecutive frames one to one.
 
-    Only positions within the link radius can be joined; among them the Hungarian algorithm takes as
-    many as possible at the smallest sum of distance / radius + weight x appearance distance.
+    Only positions within the link radius can be linked. Among them the Hungarian algorithm makes as
+    many links as possible at the smallest sum of distance / radius + weight x appearance distance.
 
     Args:
         positions: accepted positions, sorted by frame.
@@ -76,8 +76,8 @@ def link_positions(
     first, second = first[near], second[near]
     cost = distance[near] / settings.link_radius
     if appearance is not None and settings.appearance_in_linking:
-        looks = position_appearance(appearance, positions.member)
-        difference = appearance_distance(looks, first, second)
+        position_looks = position_appearance(appearance, positions.member)
+        difference = appearance_distance(position_looks, first, second)
         cost = cost + settings.appearance_weight * difference
     chosen = match_edges(frame[first], first, second, cost)
     predecessor = np.full(len(frame), -1)
@@ -90,7 +90,7 @@ def drop_short(
     ground_xy: Float[np.ndarray, "m 2"],
     settings: TrajectorySettings,
 ) -> Bool[np.ndarray, " m"]:
-    """Which positions belong to a track that is long enough, and not short and static.
+    """Mark the positions of tracks that are long enough, and not short and static.
 
     Args:
         track: (M,) track numbers from 0.
@@ -115,10 +115,10 @@ def drop_short(
 
 
 def fill_gaps(positions: Positions, time: Int[np.ndarray, " f"]) -> Positions:
-    """Insert straight-line positions into the frames that a track skips, without support.
+    """Insert straight-line positions, without support, into the frames that a track skips.
 
-    Links join consecutive frames only, so that tracks of `link_positions` have no gaps; tracks that
-    were joined by another linker may.
+    Tracks of `link_positions` have no gaps, because links join consecutive frames only; tracks of
+    another linker may have them.
     """
     order = np.lexsort([positions.frame_index, positions.track])
     track, frame = positions.track[order], positions.frame_index[order]
