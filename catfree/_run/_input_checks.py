@@ -138,7 +138,7 @@ def clock_warnings(
     """
     offset = find_clock_offsets(detections, scene)
     return tuple(
-        f"Camera {videos.camera_names[c]!r} seems to have {_started(offset[c], videos)}: its "
+        f"Camera {videos.camera_names[c]!r} seems to have {_started(int(offset[c]), videos)}: its "
         f"people fit theirs best then. Nothing was shifted. {_advice(offset, videos)}"
         for c in np.flatnonzero(offset)
     )
@@ -160,7 +160,7 @@ def calibration_warnings(
     """
     offset = calibration.frame_offset
     said = [
-        f"Camera {videos.camera_names[c]!r} was found to have {_started(offset[c], videos)}; its "
+        f"Camera {videos.camera_names[c]!r} was found to have {_started(int(offset[c]), videos)}; its "
         "clock was corrected by that."
         for c in np.flatnonzero(offset)
     ]

@@ -1,5 +1,6 @@
 """What a failed run leaves behind, and what the command line says about mistakes in its input."""
 
+import importlib
 import json
 import subprocess
 import sys
@@ -117,7 +118,9 @@ def test_clock_offsets_are_searched_on_request(command, module, tmp_path, monkey
         asked.append(maximum_offset)
         raise CalibrationError("pretended")
 
-    monkeypatch.setattr(f"catfree.{module}.calibrate_cameras", pretend)
+    # The function `run` hides the module of its name.
+    place = importlib.import_module(f"catfree.{module}")
+    monkeypatch.setattr(place, "calibrate_cameras", pretend)
     videos = [str(path) for path in write_noise(tmp_path)]
     words = [command, *videos, "--out", str(tmp_path / "out"), "--max-offset", "7"]
     assert cli.main(words) == 1
