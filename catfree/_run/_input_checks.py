@@ -160,8 +160,8 @@ def calibration_warnings(
     """
     offset = calibration.frame_offset
     said = [
-        f"Camera {videos.camera_names[c]!r} was found to have {_started(int(offset[c]), videos)}; its "
-        "clock was corrected by that."
+        f"Camera {videos.camera_names[c]!r} was found to have {_started(int(offset[c]), videos)}; "
+        "its clock was corrected by that."
         for c in np.flatnonzero(offset)
     ]
     sure = detections
