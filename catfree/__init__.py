@@ -50,7 +50,7 @@ from catfree.types import (
     Tracks as Tracks,
 )
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"  # the only place: distributions read it from here
 
 _LAZY = ("synthetic", "testing", "viz")  # imported at first use: they need extras, or time
 

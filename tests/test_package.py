@@ -157,12 +157,6 @@ def test_importing_is_light_and_silent():
     assert fresh(code).splitlines() == ["[]", "True False"]
 
 
-def test_the_version_is_that_of_the_distribution():
-    from importlib.metadata import version
-
-    assert cf.__version__ == version("catfree")
-
-
 # Where users find what the library offers.
 FOLDERS = ("adapters", "calibration", "evaluation", "filters", "geometry", "methods")
 FOLDERS += ("methods.evidence", "synthetic", "testing", "viz")

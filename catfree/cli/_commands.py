@@ -1,12 +1,14 @@
 """The command line: a thin shell over the functions of the library."""
 
 import contextlib
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 
+import catfree
 from catfree.cli._inputs import (
     open_detector,
     open_embedder,
@@ -34,18 +36,23 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command line.
 
     Args:
-        arguments: the words after `catfree`; None for those of the process.
+        arguments: the words after `catfree`; None for those of the process. `--version` alone
+            prints the version.
 
     Returns:
         The exit code: 0, or 1 after an error, which is one sentence on standard error. Words that
         make no sense exit with 2.
     """
+    if (sys.argv[1:] if arguments is None else arguments) == ["--version"]:
+        print_text(f"catfree {catfree.__version__}")
+        return 0
     try:
         tyro = require_tyro()
         tyro.extras.subcommand_cli_from_dict(
             _commands(tyro),
             prog="catfree",
-            description="Videos of static cameras in, tracked people on the ground out.",
+            description="Videos of static cameras in, tracked people on the ground out. "
+            "`--version` prints the version.",
             args=arguments,
         )
     except CatFreeError as error:

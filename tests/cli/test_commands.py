@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+import catfree
 from catfree._run._identities import identify_detections
 from catfree._run._report import (
     THRESHOLD_NAMES,
@@ -160,6 +161,12 @@ def test_boxes_take_the_identity_of_the_track_they_support(world, outcome):
 def test_boxes_of_a_sequence_without_tracks(world):
     identity = identify_detections(empty_localization(3), world.scene, 7, radius=0.4)
     np.testing.assert_array_equal(identity, -1)
+
+
+def test_the_version_is_told_without_further_libraries(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "tyro", None)
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"catfree {catfree.__version__}\n"
 
 
 def test_evaluate_scores_tracks(world, results, tmp_path, capsys):
