@@ -32,7 +32,7 @@ Arrays = dict[str, Any]
 ABANDONED_AFTER = 3600.0
 SEPARATOR = "."
 
-# What is asked of a result that was read; of any other that its fields are what they declare.
+# What is asked of a result that was read, beyond that its fields are what they declare.
 _CHECKS: dict[type, Callable[[Any], None]] = {
     Localization: require_sound_localization,
     Tracks: require_sound_tracks,
@@ -161,8 +161,10 @@ def from_arrays(kind: type[T], arrays: Arrays) -> T:
             continue
         else:
             raise FileFormatError(f"A stored {kind.__name__} lacks {name!r}.")
+    require_declared_types(kind, values)
     value = kind(**values)
-    _CHECKS.get(kind, require_declared_types)(value)
+    if kind in _CHECKS:
+        _CHECKS[kind](value)
     return value
 
 

@@ -77,7 +77,7 @@ def load_arrays(
         FileFormatError: if the file is not an archive of that kind with those names.
     """
     source = Path(path)
-    if not source.is_file():
+    if not os.path.isfile(source):  # unlike Path.is_file also for names that are too long
         raise InvalidInputError(f"Cannot load {kind}: there is no file {source}.")
     arrays = read_archive(source)
     stored = str(arrays.pop(_KIND, "nothing of catfree"))

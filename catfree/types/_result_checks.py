@@ -3,6 +3,7 @@
 import dataclasses
 import types
 import typing
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -19,18 +20,22 @@ def options_of(hint: Any) -> tuple[Any, ...]:
     return typing.get_args(hint) if union else (hint,)
 
 
-def require_declared_types(value: Any) -> None:
-    """Raise unless the arrays and numbers of a dataclass are what its fields declare.
+def require_declared_types(kind: type, values: Mapping[str, Any]) -> None:
+    """Raise unless arrays and numbers are what the fields of a dataclass declare.
 
     One letter stands for one length in all fields, so columns of unequal length are found, too.
+
+    Args:
+        kind: the dataclass.
+        values: what its fields are to hold.
 
     Raises:
         InvalidInputError: naming the first field.
     """
-    hints = typing.get_type_hints(type(value))
+    hints = typing.get_type_hints(kind)
     with jaxtyped("context"):
-        for field in dataclasses.fields(value):
-            item, options = getattr(value, field.name), options_of(hints[field.name])
+        for field in dataclasses.fields(kind):
+            item, options = values.get(field.name), options_of(hints[field.name])
             arrays = tuple(o for o in options if _is_array_type(o))
             if item is None and types.NoneType in options:
                 continue
@@ -53,7 +58,6 @@ def require_sound_tracks(tracks: Tracks) -> None:
     Raises:
         InvalidInputError: naming the first column and row.
     """
-    require_declared_types(tracks)
     unknown = np.isposinf(tracks.sigma) & (tracks.supporting_cameras < 2)
     for name in ("position", "ground_xy", "existence"):
         if getattr(tracks, name) is not None:
@@ -74,8 +78,6 @@ def require_sound_localization(localization: Localization) -> None:
         InvalidInputError: naming the first field or row.
     """
     require_sound_tracks(localization.tracks)
-    for part in (localization.candidates, localization.thresholds, localization.reliability):
-        require_declared_types(part)
     candidates = localization.candidates
     for name in ("position", "ground_distance", "score"):
         require_finite(getattr(candidates, name), f"candidates.{name}")

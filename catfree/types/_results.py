@@ -147,10 +147,12 @@ class Tracks(eqx.Module):
         """
         optional = ("existence",)
         required = [name for name in cls.__annotations__ if name not in optional]
-        tracks = cls(**load_arrays(path, "Tracks", required=required, optional=optional))
+        arrays = load_arrays(path, "Tracks", required=required, optional=optional)
         # Imported here, because the checks name this type.
-        from catfree.types._result_checks import require_sound_tracks
+        from catfree.types._result_checks import require_declared_types, require_sound_tracks
 
+        naming_file(path, lambda: require_declared_types(cls, arrays))
+        tracks = cls(**arrays)
         naming_file(path, lambda: require_sound_tracks(tracks))
         return tracks
 

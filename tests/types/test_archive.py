@@ -1,6 +1,7 @@
 """Files: never half-written, and damage is one clear error that leaves nothing open."""
 
 import contextlib
+import errno
 import os
 import pickle
 import zipfile
@@ -9,8 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree import Detections, Rig, Scene, Tracks
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree import Detections, Plane, Rig, Scene, Tracks
+from catfree.adapters import write_colmap_text, write_rig_json, write_tracks_csv
+from catfree.errors import CatFreeError, FileFormatError, InvalidInputError, WriteError
+from catfree.methods.paper._assemble import empty_localization
 from catfree.types._archive import load_arrays, save_arrays
 
 VALUES = {"x": np.arange(6.0), "y": np.array(3, np.int8)}
@@ -133,3 +136,35 @@ def test_damage_is_noticed_or_harmless(tmp_path, data):
 def test_a_folder_is_no_file_to_write(tmp_path):
     with pytest.raises(InvalidInputError, match="is a folder"):
         save_arrays(tmp_path, "thing", VALUES)
+
+
+def test_every_saver_names_the_file_that_cannot_be_written(tmp_path, monkeypatch):
+    rig = Rig(
+        np.diag([500.0, 500, 1])[None].repeat(2, 0),
+        np.eye(3)[None].repeat(2, 0),
+        np.eye(2, 3),
+        (64, 48),
+    )
+    scene = Scene(rig, Plane([0, 0, -1.0], 9.0), 1.0)
+    tracks = empty_localization(2).tracks
+    savers = {
+        "rig.npz": rig.save,
+        "scene.npz": scene.save,
+        "detections.npz": Detections([], [], []).save,
+        "tracks.npz": tracks.save,
+        "rig.json": lambda path: write_rig_json(path, rig),
+        "tracks.csv": lambda path: write_tracks_csv(path, tracks),
+        "colmap": lambda path: write_colmap_text(path, rig),
+    }
+
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "replace", full)
+    for name, save in savers.items():
+        with pytest.raises(WriteError, match=rf"{name}.*No space.*Free some space"):
+            save(tmp_path / name)
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+    (tmp_path / "file").touch()
+    with pytest.raises(CatFreeError, match="not a folder"):
+        write_colmap_text(tmp_path / "file", rig)

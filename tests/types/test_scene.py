@@ -7,6 +7,7 @@ import pytest
 from hypothesis import assume, given, strategies as st
 
 from catfree import Plane, Rig, Scene
+from catfree.adapters.calibration_files._named_rig import NamedRig
 from catfree.errors import InvalidInputError
 from catfree.synthetic import make_layout
 from tests.types.camera_parameters import K, parameters
@@ -128,3 +129,25 @@ def test_the_offset_may_be_fixed_while_the_normal_is_differentiated(x64):
     # |n · x / |n|| with x = (1, 2, 3) and n = z: the derivative is the part of x across n.
     gradient = jax.grad(lambda normal: Plane(normal, 0.0).signed_distance(np.array([1.0, 2, 3])))
     np.testing.assert_allclose(gradient(jnp.array([0.0, 0, 1])), [1, 2, 0], atol=1e-15)
+
+
+def test_a_metric_rig_in_millimetres_or_centimetres_is_refused():
+    K = np.tile([[1000.0, 0, 320], [0, 1000, 240], [0, 0, 1]], (2, 1, 1))
+    R = np.tile(np.diag([1.0, -1.0, -1.0]), (2, 1, 1))
+    plane = Plane([0.0, 0.0, 1.0], 0.0)
+    for unit in (100.0, 1000.0):
+        t = np.array([[0.0, 0.0, 0.5], [3.0, 0.0, 3.0]]) * unit
+        rig = Rig(K, R, t, (640, 480))
+        with pytest.raises(InvalidInputError, match=rf"Camera 1 hangs {3 * unit:g} m .*by 1000"):
+            Scene(rig, plane, 1.0, metric=True)
+        assert not Scene(rig, plane, 1.0).metric
+
+
+def test_a_rig_with_names_is_taken_for_its_rig():
+    K = np.tile([[1000.0, 0, 320], [0, 1000, 240], [0, 0, 1]], (2, 1, 1))
+    R = np.tile(np.diag([1.0, -1.0, -1.0]), (2, 1, 1))
+    rig = Rig(K, R, [[0.0, 0, 3], [1.0, 0, 3]], (640, 480))
+    plane = Plane([0.0, 0.0, 1.0], 0.0)
+    assert Scene.from_rig(NamedRig(rig, ("a", "b")), plane).rig is rig
+    with pytest.raises(InvalidInputError, match="rig must be a Rig, got str"):
+        Scene.from_rig("rig.json", plane)

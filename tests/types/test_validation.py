@@ -62,7 +62,8 @@ import numpy as np
 import catfree as cf
 from catfree.adapters import SynchronizedVideos, write_anipose_toml, write_colmap_text
 from catfree.adapters import write_scene_json
-from catfree.evaluation import align_centres
+from catfree.evaluation import align_centres, detection_metrics, tracking_metrics
+from catfree.methods.paper._assemble import empty_localization
 from catfree.synthetic import make_layout
 
 scene = make_layout("ring4", 0).scene
@@ -70,6 +71,8 @@ folder, videos = sys.argv[1], sys.argv[2:]
 footage = SynchronizedVideos(videos)
 open_ = lambda **options: SynchronizedVideos(videos, **options)
 names = [1, 2, 3, 4]
+tracks = empty_localization(4).tracks
+boxes = lambda frames: cf.Detections(frames, [0, 1], [[0, 0, 9, 9.0]] * 2)
 calls = {
     "stride[0] is": lambda: open_(stride=[1.5]),
     "stride is 1.5": lambda: open_(stride=1.5),
@@ -95,6 +98,14 @@ calls = {
     "registered[0] is neither": lambda: align_centres(np.eye(3), np.eye(3), registered=[3, 1, 1]),
     "name of camera 0 is 1": lambda: write_anipose_toml(f"{folder}/a.toml", scene.rig, names),
     "of camera 0 is 1": lambda: write_colmap_text(f"{folder}/colmap", scene.rig, names),
+    "got Tracks. Pass its to_rows().": lambda: detection_metrics([], tracks),
+    "ground_truth must be an (N, 4) array": lambda: tracking_metrics(tracks, []),
+    "[frame, id, x, y]. Expected an array, got lists": lambda: detection_metrics([[1], [1, 2]], []),
+    "got object": lambda: detection_metrics(object(), []),
+    "settings.evidence must be EvidenceSettings, got dict": lambda: cf.Settings(evidence={"gap": 2}),
+    "settings.rays must be RaySettings, got NoneType": lambda: cf.Settings(rays=None),
+    "settings.calibration must be": lambda: cf.Settings(calibration=cf.Settings()),
+    "frame goes from": lambda: boxes([-(2**62), 2**62]),
     "camera 0 is 1": lambda: write_scene_json(f"{folder}/scene.json", scene, names),
 }
 for needle, call in calls.items():
@@ -102,6 +113,7 @@ for needle, call in calls.items():
         call()
     except cf.CatFreeError as error:
         assert needle in str(error), f"{needle}: {error}"
+        assert ".." not in str(error), error
     else:
         raise AssertionError(needle)
 """

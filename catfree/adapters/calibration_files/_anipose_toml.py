@@ -28,7 +28,7 @@ from catfree.types import Rig
 
 # A camera takes some 500 bytes, and a line of it has nine decimal points. The time and the depth
 # of the parser grow much faster than a file, and fastest with the parts of a dotted key.
-_LARGEST_FILE = 2**20
+_LARGEST_FILE = 2**17
 _MOST_DOTS = 64
 _TOML_STRING = re.compile(r'"(?:[^"\\\n]|\\.)*"?|\'[^\'\n]*\'?')
 

@@ -1,6 +1,7 @@
 """One JSON file for a whole sequence: cameras, boxes and true positions in metres."""
 
 import dataclasses
+import os
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,6 @@ from catfree.adapters.datasets._sequence import (
 from catfree.adapters.files._documents import (
     StrPath,
     entry,
-    is_file,
     is_whole,
     naming_file,
     numbers,
@@ -219,7 +219,7 @@ class _BoxTable:
 
 def _existing(folder: Path, name: Any) -> Path | None:
     path = folder / name if isinstance(name, str) and name else None
-    return path if path is not None and is_file(path) else None
+    return path if path is not None and os.path.isfile(path) else None
 
 
 def _list(value: Any, source: Path, where: str) -> list[Any]:

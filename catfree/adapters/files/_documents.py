@@ -31,17 +31,9 @@ def require_file(path: StrPath, meaning: str) -> Path:
         InvalidInputError: if there is none.
     """
     source = Path(path)
-    if not is_file(source):
+    if not os.path.isfile(source):  # unlike Path.is_file also for names that are too long
         raise InvalidInputError(f"There is no file {source} ({meaning}). Check the path.")
     return source
-
-
-def is_file(path: Path) -> bool:
-    """Whether there is a file, also for names that no file system holds."""
-    try:
-        return path.is_file()
-    except OSError:
-        return False
 
 
 def require_folder(path: StrPath, meaning: str) -> Path:

@@ -1,9 +1,16 @@
+import builtins
+
 import numpy as np
 import pytest
 
 from catfree.adapters.onnx._onnx_batching import run_batched
 from catfree.adapters.onnx._onnx_session import OnnxGraph
-from catfree.errors import CatFreeError, FileFormatError, InvalidInputError
+from catfree.errors import (
+    CatFreeError,
+    FileFormatError,
+    InvalidInputError,
+    MissingDependencyError,
+)
 
 
 def open_graph(path, **options):
@@ -74,3 +81,27 @@ def test_the_content_hash_follows_the_bytes(constant_graph):
     same = open_graph(constant_graph([1, 3, 2, 2], {"out": np.zeros(2)}, name="b.onnx"))
     other = open_graph(constant_graph([1, 3, 2, 2], {"out": np.ones(2)}, name="c.onnx"))
     assert first.content_hash == same.content_hash != other.content_hash
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (ModuleNotFoundError("No module named 'onnxruntime'", name="onnxruntime"), "pip install"),
+        (ModuleNotFoundError("No module named 'flatbuffers'", name="flatbuffers"), "flatbuffers"),
+        (ImportError("DLL load failed: too old"), "does not load: DLL load failed: too old"),
+    ],
+)
+def test_the_reason_why_the_runtime_does_not_load_is_told(error, message, tmp_path, monkeypatch):
+    load = builtins.__import__
+
+    def broken(name, *rest):
+        if name == "onnxruntime":
+            raise error
+        return load(name, *rest)
+
+    (tmp_path / "a.onnx").touch()
+    monkeypatch.setattr(builtins, "__import__", broken)
+    with pytest.raises(MissingDependencyError, match=message) as raised:
+        OnnxGraph(tmp_path / "a.onnx", needed="a test graph")
+    assert raised.value.__cause__ is error
+    assert ("pip install" in str(raised.value)) == (error.name == "onnxruntime")

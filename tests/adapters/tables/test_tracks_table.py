@@ -271,3 +271,22 @@ def lines(path: Path) -> list[str]:
 def test_writers_need_the_folder(write, tmp_path):
     with pytest.raises(InvalidInputError, match="does not exist"):
         write(tmp_path / "nowhere" / "tracks", one_track())
+
+
+def test_true_positions_are_written_as_tracks_are(tmp_path):
+    rows = np.array([[5, 1, 0.5, 2.0], [0, 0, -1.0, 3.0]])
+    one = Tracks(
+        frame=rows[:, 0].astype(np.int64),
+        track_id=rows[:, 1].astype(np.int64),
+        position=np.zeros((2, 3)),
+        ground_xy=rows[:, 2:],
+        sigma=np.ones(2),
+        covariance=np.zeros((2, 2, 2)),
+        supporting_cameras=np.ones(2, np.int64),
+        origin=np.zeros(2, np.int64),
+    )
+    truth = write_mot_ground(tmp_path / "gt.txt", rows, [0, 5])
+    assert truth.read_text() == write_mot_ground(tmp_path / "tracks.txt", one, [0, 5]).read_text()
+    assert write_mot_ground(tmp_path / "none.txt", [], [0]).read_text() == ""
+    with pytest.raises(InvalidInputError, match=r"must have shape \(n, 4\), got \(2, 3\)"):
+        write_mot_ground(tmp_path / "a.txt", rows[:, :3], [0, 5])

@@ -21,6 +21,7 @@ from catfree.viz._plan_view import (
     to_plan,
     view_area,
 )
+from catfree.viz.plots._axes import plain_label
 from catfree.viz.plots._threshold_plot import gate_samples
 
 ANGLES = st.floats(-3.0, 3.0)
@@ -247,3 +248,19 @@ def test_without_matplotlib_the_error_names_the_command(world, localization, mon
         plot_bird_eye(localization, world.scene)
     with pytest.raises(MissingDependencyError, match=r"pip install 'catfree\[plot\]'"):
         plot_gates(localization, world.scene)
+
+
+@pytest.mark.parametrize("name", ["lobby$a_b_c$", "$$", "大厅🎥", "a\nb", "x" * 700])
+def test_names_of_cameras_are_no_formulas_and_need_no_glyphs(name, world, localization, tmp_path):
+    # Warnings are errors in these tests.
+    names = [name, "b", "c", "d"]
+    drawn = plot_bird_eye(localization, world.scene, camera_names=names)
+    drawn.figure.savefig(tmp_path / "a.png")
+    texts = [text.get_text() for text in drawn.texts]
+    assert "b" in texts
+    assert all(len(text) < 200 for text in texts)
+
+
+def test_a_dollar_is_drawn_as_a_dollar():
+    assert plain_label("a$b_c$") == r"a\$b_c\$"
+    assert plain_label("north 大厅") == "north ??"

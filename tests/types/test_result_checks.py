@@ -1,0 +1,82 @@
+"""A stored result is believed only if every column is what its type declares."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from catfree._run._cache import StageCache, from_arrays, to_arrays
+from catfree.errors import CatFreeError, InvalidInputError
+from catfree.methods.paper._assemble import empty_localization
+from catfree.types import Localization, Tracks
+from catfree.types._archive import save_arrays
+from catfree.types._result_checks import require_sound_localization, require_sound_tracks
+
+
+def tracks(count: int = 3) -> Tracks:
+    return Tracks(
+        frame=np.arange(count),
+        track_id=np.zeros(count, np.int64),
+        position=np.zeros((count, 3)),
+        ground_xy=np.zeros((count, 2)),
+        sigma=np.ones(count),
+        covariance=np.tile(np.eye(2), (count, 1, 1)),
+        supporting_cameras=np.full(count, 2),
+        origin=np.zeros(count, np.int64),
+        existence=np.full(count, 0.5),
+    )
+
+
+WRONG = {
+    "NaN": {"position": np.full((3, 3), np.nan)},
+    "infinite sigma of two cameras": {"sigma": np.array([1, np.inf, 1])},
+    "negative sigma": {"sigma": np.array([1, -1.0, 1])},
+    "complex": {"sigma": np.ones(3, complex)},
+    "dates": {"frame": np.zeros(3, "datetime64[s]")},
+    "bytes": {"ground_xy": np.zeros((3, 2), "S1")},
+    "fractions of a frame": {"frame": np.zeros(3)},
+    "a short column": {"track_id": np.zeros(2, np.int64)},
+    "another shape": {"covariance": np.zeros((3, 3, 3))},
+    "no probability": {"existence": np.array([0.0, 1.5, 1.0])},
+    "an unknown origin": {"origin": np.array([0, 1, 99])},
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_wrong_columns_are_named_wherever_they_are_read(what, tmp_path):
+    require_sound_tracks(tracks())
+    (name,) = WRONG[what]
+    columns = vars(tracks()) | WRONG[what]
+    save_arrays(tmp_path / "tracks.npz", "Tracks", columns)
+    with pytest.raises(InvalidInputError, match=rf"tracks\.npz: {name}"):
+        Tracks.load(tmp_path / "tracks.npz")
+    whole = to_arrays(dataclasses.replace(empty_localization(3, existence=True), tracks=tracks()))
+    assert from_arrays(Localization, whole).tracks.sigma.tolist() == [1, 1, 1]
+    whole |= {f"tracks.{name}": value for name, value in WRONG[what].items()}
+    with pytest.raises(CatFreeError, match=name):
+        from_arrays(Localization, whole)
+    cache = StageCache(tmp_path)
+    save_arrays(cache.path("localize", "a"), "Localization", whole)
+    assert cache.load("localize", "a", Localization) is None
+
+
+def test_one_camera_may_not_know_how_sure_it_is():
+    one = dataclasses.replace(
+        tracks(),
+        sigma=np.full(3, np.inf),
+        covariance=np.full((3, 2, 2), np.inf),
+        supporting_cameras=np.ones(3, np.int64),
+    )
+    require_sound_tracks(one)
+
+
+def test_an_empty_result_is_sound():
+    require_sound_localization(empty_localization(3))
+    require_sound_localization(empty_localization(3, existence=True))
+
+
+def test_thresholds_are_numbers(tmp_path):
+    arrays = to_arrays(empty_localization(3))
+    for value in (np.array("x"), np.array(1j), np.zeros(2)):
+        with pytest.raises(CatFreeError, match="tau_g"):
+            from_arrays(Localization, arrays | {"thresholds.tau_g": value})

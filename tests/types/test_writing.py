@@ -1,0 +1,66 @@
+"""Files appear whole or not at all, under names that nobody can foresee, and errors name them."""
+
+import errno
+import os
+
+import pytest
+
+from catfree.errors import InvalidInputError, WriteError
+from catfree.types._writing import cannot_write, is_temporary, make_folder, replacement, replacing
+
+
+def test_a_link_at_any_former_temporary_name_is_not_followed(tmp_path):
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    for name in (f".partial_{os.getpid()}_a.png", ".a.png.partial", ".a.partial.mp4"):
+        (tmp_path / name).symlink_to(victim)
+    for _ in range(2):
+        with replacing(tmp_path / "a.png") as stream:
+            stream.write(b"new")
+    assert victim.read_text() == "mine"
+    assert (tmp_path / "a.png").read_bytes() == b"new"
+
+
+def test_temporary_names_differ_keep_the_suffix_and_are_known(tmp_path):
+    seen = set()
+    for _ in range(3):
+        with replacement(tmp_path / "a.mp4") as temporary:
+            seen.add(temporary.name)
+            assert temporary.suffix == ".mp4"
+            assert is_temporary(temporary.name)
+    assert len(seen) == 3
+    assert not is_temporary("a.mp4")
+    assert not is_temporary(".a.npz.0123")
+
+
+def test_a_name_as_long_as_file_systems_hold_can_be_written(tmp_path):
+    for name in ("x" * 251 + ".txt", "." + "y" * 254, "x." + "z" * 253):
+        with replacing(tmp_path / name) as stream:
+            stream.write(b"1")
+        assert (tmp_path / name).read_bytes() == b"1"
+    with (
+        pytest.raises(WriteError, match=r"too long\. Name another place"),
+        replacing(tmp_path / ("x" * 256)),
+    ):
+        pass
+    assert len(os.listdir(tmp_path)) == 3
+
+
+@pytest.mark.parametrize(
+    ("number", "advice"),
+    [(errno.ENOSPC, "Free some space"), (errno.EDQUOT, "Free some space"), (errno.EROFS, "Name")],
+)
+def test_only_a_full_disk_asks_for_space(number, advice, tmp_path):
+    with pytest.raises(WriteError, match=rf"a\.txt: .*\. {advice}"), replacing(tmp_path / "a.txt"):
+        raise OSError(number, os.strerror(number))
+    assert os.listdir(tmp_path) == []
+    again = cannot_write("elsewhere", cannot_write("first", OSError(number, "")))
+    assert "first" in str(again)
+
+
+def test_a_folder_in_the_way_is_one_sentence(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(WriteError, match="Cannot make the folder"):
+        make_folder(tmp_path / "file" / "below")
+    with pytest.raises(InvalidInputError, match="is a folder"), replacing(tmp_path):
+        pass
