@@ -114,12 +114,13 @@ class Rig(eqx.Module):
         R = np.asarray(self.R, np.float64)
         with np.errstate(invalid="ignore", over="ignore"):
             error = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max((-1, -2))
-            rotation_bad = known & ~((error < ROTATION_TOLERANCE) & (np.linalg.det(R) > 0))
+            turn = np.linalg.det(R)
+        rotation_bad = known & ~((error < ROTATION_TOLERANCE) & (turn > 0))
         if rotation_bad.any():
             at = int(np.argmax(rotation_bad))
             raise InvalidInputError(
                 f"R[{at}] is not a rotation (|R Rᵀ - I| = {error[at]:.3g}, det = "
-                f"{np.linalg.det(R[at]):.3g}). A determinant of -1 means a mirrored frame: flip "
+                f"{turn[at]:.3g}). A determinant of -1 means a mirrored frame: flip "
                 "one world axis."
             )
 

@@ -156,7 +156,8 @@ class Scene(eqx.Module):
                 f"The extent of a scene needs at least 2 registered cameras, got {len(centers)}. "
                 "Pass extent= to Scene instead."
             )
-        extent = 2 * np.median(np.linalg.norm(centers - centers.mean(0), axis=-1))
+        with np.errstate(over="ignore"):  # an infinite extent is refused
+            extent = 2 * np.median(np.linalg.norm(centers - centers.mean(0), axis=-1))
         return cls(rig, ground, extent, metric)
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -102,7 +102,7 @@ calls = {
     "ground_truth must be an (N, 4) array": lambda: tracking_metrics(tracks, []),
     "[frame, id, x, y]. Expected an array, got lists": lambda: detection_metrics([[1], [1, 2]], []),
     "got object": lambda: detection_metrics(object(), []),
-    "settings.evidence must be EvidenceSettings, got dict": lambda: cf.Settings(evidence={"gap": 2}),
+    "must be EvidenceSettings, got dict": lambda: cf.Settings(evidence={"gap": 2}),
     "settings.rays must be RaySettings, got NoneType": lambda: cf.Settings(rays=None),
     "settings.calibration must be": lambda: cf.Settings(calibration=cf.Settings()),
     "frame goes from": lambda: boxes([-(2**62), 2**62]),
