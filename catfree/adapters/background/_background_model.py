@@ -79,13 +79,15 @@ class PictureSamples:
 class BackgroundModel:
     """The empty scene.
 
+    Colours are kept in planes, one per channel: NumPy is slow along an axis of length three.
+
     Attributes:
-        scene: (h, w, 3) median colour of each pixel.
+        scene: (3, h, w) median colour of each pixel.
         noise: (h, w) standard deviation of an unchanged pixel in grey values.
         darkest: logarithm of the share of the light that the darkest shadows leave.
     """
 
-    scene: Float[np.ndarray, "h w 3"]
+    scene: Float[np.ndarray, "3 h w"]
     noise: Float[np.ndarray, "h w"]
     darkest: float = DARKEST_SHADOW
 
@@ -102,27 +104,22 @@ class BackgroundModel:
                 f"{len(pictures)}. Use longer footage, a smaller stride, or a detector that needs "
                 "no background."
             )
-        stack = np.stack(pictures)
-        middle = len(stack) // 2
-        scene = np.partition(stack, middle, axis=0)[middle]
-        model = cls(scene.astype(np.float32), _noise(stack, scene))
-        step = -(-len(stack) // SHADOW_SAMPLES)
+        scene, noise = zip(*(_learn_channel(pictures, c) for c in range(3)), strict=True)
+        model = cls(np.stack(scene).astype(np.float32), _pool_noise(noise))
+        step = -(-len(pictures) // SHADOW_SAMPLES)
         return replace(model, darkest=model._learn_darkest(pictures[::step]))
 
     def compare(self, picture: Image) -> Foreground:
         """What stands before the background in a picture of the same camera."""
         import cv2
 
-        if picture.shape != self.scene.shape:
+        if picture.shape[:2] != self.noise.shape:
             raise InvalidInputError(
                 f"The picture is {picture.shape[1]} x {picture.shape[0]} reduced pixels, but the "
-                f"background {self.scene.shape[1]} x {self.scene.shape[0]}: one detector serves "
+                f"background {self.noise.shape[1]} x {self.noise.shape[0]}: one detector serves "
                 "one camera."
             )
-        seen = picture.astype(np.float32)
-        expected = self.scene * self._exposure(seen)
-        difference = _largest(np.abs(seen - expected))
-        weak = (difference > WEAK_DEVIATIONS * self.noise).astype(np.uint8)
+        seen, expected, difference, weak = self._differ(picture)
         lit = weak & ~self._shadow(seen, expected, weak)
         mask = np.asarray(cv2.medianBlur(lit, 3), np.uint8)
         sure = _touching(mask, (difference > STRONG_DEVIATIONS * self.noise) & (mask > 0))
@@ -133,26 +130,39 @@ class BackgroundModel:
         edges = np.linspace(DARKEST_SHADOW, 0, LEVELS + 1)
         counts = np.zeros(LEVELS, np.int64)
         for picture in pictures:
-            seen = picture.astype(np.float32)
-            expected = self.scene * self._exposure(seen)
-            weak = _largest(np.abs(seen - expected)) > WEAK_DEVIATIONS * self.noise
-            shadow = self._shadow(seen, expected, weak.astype(np.uint8)) > 0
-            light = _mean(np.log((seen + 1) / (expected + 1)))[shadow]
+            seen, expected, _, weak = self._differ(picture)
+            shadow = self._shadow(seen, expected, weak) > 0
+            light = _mean(np.log((seen[:, shadow] + 1) / (expected[:, shadow] + 1)))
             counts += np.histogram(light, edges)[0]
         if not counts.any():
             return DARKEST_SHADOW
         common = np.flatnonzero(counts >= COMMON_LEVEL * counts.max())
         return max(float(edges[common[0]]) - LEVEL_MARGIN, DARKEST_SHADOW)
 
-    def _exposure(self, seen: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "3"]:
+    def _differ(
+        self, picture: Image
+    ) -> tuple[
+        Float[np.ndarray, "3 h w"],
+        Float[np.ndarray, "3 h w"],
+        Float[np.ndarray, "h w"],
+        UInt8[np.ndarray, "h w"],
+    ]:
+        """The picture, the scene at its exposure, their largest difference and where it counts."""
+        seen = np.moveaxis(picture, 2, 0).astype(np.float32, order="C")
+        expected = self.scene * self._exposure(seen)[:, None, None]
+        difference = np.abs(seen - expected).max(axis=0)
+        weak = (difference > WEAK_DEVIATIONS * self.noise).astype(np.uint8)
+        return seen, expected, difference, weak
+
+    def _exposure(self, seen: Float[np.ndarray, "3 h w"]) -> Float[np.ndarray, "3"]:
         """Change of the camera's gain and white balance: the median ratio of each channel."""
-        ratio = (seen[::8, ::8] + 1) / (self.scene[::8, ::8] + 1)
-        return np.median(ratio.reshape(-1, 3), axis=0).astype(np.float32)
+        ratio = (seen[:, ::8, ::8] + 1) / (self.scene[:, ::8, ::8] + 1)
+        return np.median(ratio.reshape(3, -1), axis=1).astype(np.float32)
 
     def _shadow(
         self,
-        seen: Float[np.ndarray, "h w 3"],
-        expected: Float[np.ndarray, "h w 3"],
+        seen: Float[np.ndarray, "3 h w"],
+        expected: Float[np.ndarray, "3 h w"],
         weak: UInt8[np.ndarray, "h w"],
     ) -> UInt8[np.ndarray, "h w"]:
         """1 where the picture is the background under less light."""
@@ -163,10 +173,13 @@ class BackgroundModel:
         if width == 0:
             return shadow
         part = np.s_[y : y + height, x : x + width]
-        ratio = np.log((seen[part] + 1) / (expected[part] + 1))
-        colour = cv2.blur(ratio, (3, 3))
+        inside = (slice(None), *part)
+        ratio = np.log((seen[inside] + 1) / (expected[inside] + 1))
+        colour = np.empty_like(ratio)
+        for channel, blurred in zip(ratio, colour, strict=True):
+            cv2.blur(channel, (3, 3), dst=blurred)
         light = _mean(colour)
-        neutral = _largest(np.abs(colour - light[..., None])) < SHADOW_COLOUR
+        neutral = np.abs(colour - light).max(axis=0) < SHADOW_COLOUR
         candidate = weak[part] * (neutral & (light < 0) & (light > self.darkest))
         # Spread over the dimmed pixels alone: the lit ground and the shoe beside a shadow are no
         # part of it.
@@ -176,7 +189,7 @@ class BackgroundModel:
         grey = _mean(ratio)
         mean = cv2.blur(grey * dimmed, window) / share
         variance = cv2.blur(grey * grey * dimmed, window) / share - mean * mean
-        own = (self.noise[part] / (_mean(seen[part]) + 1)) ** 2
+        own = (self.noise[part] / (_mean(seen[inside]) + 1)) ** 2
         core = candidate * (variance < SHADOW_TEXTURE**2 + own)
         edge = np.ones((2 * SHADOW_EDGE + 1, 2 * SHADOW_EDGE + 1), np.uint8)
         likely = candidate * cv2.dilate(core, edge)
@@ -185,13 +198,8 @@ class BackgroundModel:
         return shadow
 
 
-# NumPy reduces an axis of length three slowly.
-def _largest(colour: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:
-    return np.maximum(np.maximum(colour[..., 0], colour[..., 1]), colour[..., 2])
-
-
-def _mean(colour: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:
-    return (colour[..., 0] + colour[..., 1] + colour[..., 2]) / np.float32(3)
+def _mean(colour: Float[np.ndarray, "3 *pixel"]) -> Float[np.ndarray, "*pixel"]:
+    return (colour[0] + colour[1] + colour[2]) / np.float32(3)
 
 
 def _resting_on(
@@ -207,34 +215,44 @@ def _resting_on(
     reach = np.zeros((2 * CONTACT_GAP + 1, 1), np.uint8)
     reach[CONTACT_GAP:] = 1  # looks downwards
     below = cv2.dilate(body, reach)
-    columns = shadow.shape[1]
-    at = np.broadcast_to(np.arange(columns)[None, :], shadow.shape)
-    touching = (below & shadow) > 0
-    contacts, width = (
-        np.bincount(np.unique(labels[where] * columns + at[where]) // columns, minlength=count)
-        for where in (touching, shadow > 0)
-    )
+    contacts, width = (_count_columns(labels, count, where) for where in (below & shadow, shadow))
     resting = contacts >= RESTING_SHARE * np.maximum(width, 1)
-    resting[0] = False
-    return resting[labels].astype(np.uint8)
+    return _only(shadow, labels, resting)
 
 
-def _noise(
-    stack: UInt8[np.ndarray, "n h w 3"], scene: UInt8[np.ndarray, "h w 3"]
-) -> Float[np.ndarray, "h w"]:
-    """Standard deviation of each pixel's unchanged values, alike within a small window.
+def _count_columns(
+    labels: Int[np.ndarray, "h w"], count: int, where: UInt8[np.ndarray, "h w"]
+) -> Int[np.ndarray, " part"]:
+    """In how many columns each part has a marked pixel."""
+    at = np.flatnonzero(where.view(bool))
+    marked = np.zeros((count, labels.shape[1]), bool)
+    marked[labels.ravel()[at], at % labels.shape[1]] = True
+    return np.count_nonzero(marked, axis=1)
+
+
+def _learn_channel(
+    pictures: Sequence[Image], channel: int
+) -> tuple[UInt8[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
+    """The median of one channel, and the mean square of the smaller half of what differs from it.
 
     People and shadows cover a pixel in the smaller part of the pictures; the smaller half of its
     deviations is noise alone.
     """
+    # Partitioned along the last axis and in 16 bits, for which NumPy has vector instructions.
+    values = np.stack([picture[..., channel] for picture in pictures], axis=-1).astype(np.int16)
+    middle = values.shape[-1] // 2
+    values.partition(middle, axis=-1)
+    scene = values[..., middle].astype(np.uint8)
+    deviation = np.abs(values - scene[..., None])
+    deviation.partition(middle, axis=-1)
+    return scene, (deviation[..., :middle].astype(np.float32) ** 2).mean(axis=-1)
+
+
+def _pool_noise(squares: Sequence[Float[np.ndarray, "h w"]]) -> Float[np.ndarray, "h w"]:
+    """Standard deviation of each pixel's unchanged values, alike within a small window."""
     import cv2
 
-    half = len(stack) // 2
-    deviation = np.zeros(scene.shape[:2], np.float32)
-    for channel in range(3):
-        values = stack[..., channel].astype(np.int16) - scene[None, ..., channel]
-        smaller = np.partition(np.abs(values), half, axis=0)[:half]
-        deviation += cv2.blur((smaller.astype(np.float32) ** 2).mean(axis=0), (NOISE_WINDOW,) * 2)
+    deviation = sum(cv2.blur(square, (NOISE_WINDOW,) * 2) for square in squares)
     # The smaller half of a normal distribution's magnitudes has a mean square of 0.143 sigma².
     noise = np.maximum(np.sqrt(deviation / 3 / 0.143), SMALLEST_NOISE)
     # Where a crowd stays, even the smaller half is not.
@@ -246,10 +264,19 @@ def _touching(
 ) -> UInt8[np.ndarray, "h w"]:
     """The connected parts of a mask that hold a strong pixel."""
     count, labels = _number_parts(mask)
-    kept = np.zeros(count, np.uint8)
-    kept[np.unique(labels[strong])] = 1
-    kept[0] = 0
-    return kept[labels]
+    kept = np.zeros(count, bool)
+    kept[labels.ravel()[np.flatnonzero(strong)]] = True
+    return _only(mask, labels, kept)
+
+
+def _only(
+    mask: UInt8[np.ndarray, "h w"], labels: Int[np.ndarray, "h w"], kept: Bool[np.ndarray, " part"]
+) -> UInt8[np.ndarray, "h w"]:
+    """The mask with only some of its parts; few pixels of a picture are in any."""
+    at = np.flatnonzero(mask.view(bool))  # a view, for NumPy is slow at finding bytes
+    only = np.zeros_like(mask)
+    only.ravel()[at[kept[labels.ravel()[at]]]] = 1
+    return only
 
 
 def _number_parts(mask: UInt8[np.ndarray, "h w"]) -> tuple[int, Int[np.ndarray, "h w"]]:

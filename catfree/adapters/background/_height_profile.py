@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
+from scipy.ndimage import find_objects
 
 # A standing person's silhouette is 0.25 to 0.6 as wide as tall; groups are wider, posts narrower.
 NARROWEST, WIDEST = 0.2, 0.6
@@ -67,17 +68,21 @@ class Blobs:
         import cv2
 
         joined = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones(GAP, np.uint8))
-        _, labels, stats, _ = cv2.connectedComponentsWithStats(joined, connectivity=8)
-        kept = np.flatnonzero(stats[1:, cv2.CC_STAT_AREA] >= least_area) + 1
-        renumber = np.zeros(len(stats), np.int32)
-        renumber[kept] = np.arange(1, len(kept) + 1)
-        x, y, width, height, area = stats[kept].T
+        _, labels = cv2.connectedComponents(joined, connectivity=8)
+        # Few pixels of a picture are in any blob: theirs are the only ones to be counted.
+        at = np.flatnonzero(joined.view(bool))
+        part = labels.ravel()[at] - 1
+        area = np.bincount(part)
+        kept = area >= least_area
+        number = np.where(kept, np.cumsum(kept), 0)
+        numbered = np.zeros(mask.shape, np.int32)
+        numbered.ravel()[at] = number[part]
+        corners = [(x.start, y.start, x.stop, y.stop) for y, x in find_objects(numbered)]
+        box = np.array(corners, np.int64).reshape(-1, 4)
         rows, columns = mask.shape
-        complete = (x > 0) & (y > 0) & (x + width < columns) & (y + height < rows)
-        box = np.stack([x, y, x + width, y + height], axis=-1)
-        labels = renumber[np.asarray(labels, np.int32)]
-        trimmed = [_trim(labels == i + 1, own) for i, own in enumerate(box)]
-        return cls(labels, np.array(trimmed, np.int64).reshape(-1, 4), area, complete)
+        complete = (box[:, :2] > 0).all(axis=1) & (box[:, 2:] < [columns, rows]).all(axis=1)
+        trimmed = [_trim(numbered, index, own) for index, own in enumerate(corners, start=1)]
+        return cls(numbered, np.array(trimmed, np.int64).reshape(-1, 4), area[kept], complete)
 
     def alone(self) -> Bool[np.ndarray, " n"]:
         """Whether each blob has the shape of one whole standing person."""
@@ -87,10 +92,12 @@ class Blobs:
         return self.complete & shape & filled & (height >= SMALLEST_HEIGHT)
 
 
-def _trim(blob: Any, box: Any) -> tuple[int, int, int, int]:
-    """The box without thin ends at its left and right."""
-    x1, y1, x2, y2 = (int(side) for side in box)
-    part = blob[y1:y2, x1:x2]
+def _trim(
+    labels: Int[np.ndarray, "h w"], index: int, box: tuple[int, int, int, int]
+) -> tuple[int, int, int, int]:
+    """A blob's box without thin ends at its left and right."""
+    x1, y1, x2, y2 = box
+    part = labels[y1:y2, x1:x2] == index
     columns = np.flatnonzero(part.sum(axis=0) >= THIN * (y2 - y1))
     if not columns.size:
         return x1, y1, x2, y2
