@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from catfree.adapters.embedders._crops import clipped_crops, unit_rows
 from catfree.adapters.files._fingerprint import hash_parameters
@@ -41,27 +41,27 @@ class ColorEmbedder:
     def __call__(self, image: Image, box: Any) -> Float[np.ndarray, "n d"]:
         """One unit vector for each box (n, 4) xyxy in pixels of the picture; (0, D) for none."""
         crops = clipped_crops(as_image(image), box, (CROP_WIDTH, CROP_HEIGHT))
-        length = len(ZONES) * (HUES + LIGHTNESS_LEVELS)
-        rows = [_describe(crop) for crop in crops]
-        return unit_rows(np.array(rows, np.float32).reshape(-1, length))
+        stack = np.array(crops, np.uint8).reshape(-1, CROP_HEIGHT, CROP_WIDTH, 3)
+        return unit_rows(_describe(stack).astype(np.float32))
 
 
-def _describe(crop: Image) -> Float[np.ndarray, " d"]:
-    """Roots of the weighted histograms of all zones."""
-    rgb = crop.astype(np.float32) / 255
-    high, low = rgb.max(axis=2), rgb.min(axis=2)
+def _describe(crops: UInt8[np.ndarray, "n h w 3"]) -> Float[np.ndarray, "n d"]:
+    """Roots of the weighted histograms of all zones of each person."""
+    channels = np.moveaxis(crops, -1, 0).astype(np.float32, order="C") / 255
+    high, low = channels.max(axis=0), channels.min(axis=0)
     chroma = high - low
     saturation = chroma / np.maximum(high, 0.05)
     coloured = saturation**2 / (saturation**2 + GREY_SATURATION**2)
-    hue = _hue(rgb, high, chroma)
+    hue = _hue(channels, high, chroma)
     middle = (np.arange(CROP_WIDTH) + 0.5) / CROP_WIDTH - 0.5
-    weight = np.exp(-0.5 * (middle / COLUMN_SPREAD) ** 2)[None, :] * np.ones_like(high)
+    weight = np.exp(-0.5 * (middle / COLUMN_SPREAD) ** 2) * np.ones_like(high)
     # Exposure scales all pixels of a person alike: lightness counts against the person's own.
-    usual = max(float(np.average(high, weights=weight)), 0.02)
+    usual = np.average(high, axis=(1, 2), weights=weight, keepdims=True)
+    usual = np.maximum(usual, 0.02).astype(np.float32)
     lightness = np.clip(0.5 + 0.25 * np.log2(np.maximum(high, 0.004) / usual), 0, 1)
     parts = []
     for (top, bottom), share in zip(ZONES, ZONE_WEIGHTS, strict=True):
-        rows = slice(round(top * CROP_HEIGHT), round(bottom * CROP_HEIGHT))
+        rows = np.s_[:, round(top * CROP_HEIGHT) : round(bottom * CROP_HEIGHT)]
         colour = _soft_histogram(hue[rows] * HUES, (weight * coloured)[rows], HUES, circular=True)
         grey = _soft_histogram(
             lightness[rows] * (LIGHTNESS_LEVELS - 1),
@@ -69,18 +69,18 @@ def _describe(crop: Image) -> Float[np.ndarray, " d"]:
             LIGHTNESS_LEVELS,
             circular=False,
         )
-        histogram = np.concatenate([colour, grey])
-        parts.append(np.sqrt(share * histogram / histogram.sum()))
-    return np.concatenate(parts)
+        histogram = np.concatenate([colour, grey], axis=1)
+        parts.append(np.sqrt(share * histogram / histogram.sum(axis=1, keepdims=True)))
+    return np.concatenate(parts, axis=1)
 
 
 def _hue(
-    rgb: Float[np.ndarray, "h w 3"],
-    high: Float[np.ndarray, "h w"],
-    chroma: Float[np.ndarray, "h w"],
-) -> Float[np.ndarray, "h w"]:
+    channels: Float[np.ndarray, "3 *pixel"],
+    high: Float[np.ndarray, "*pixel"],
+    chroma: Float[np.ndarray, "*pixel"],
+) -> Float[np.ndarray, "*pixel"]:
     """Hue in [0, 1), 0 where there is no colour."""
-    red, green, blue = np.moveaxis(rgb, 2, 0)
+    red, green, blue = channels
     scale = np.where(chroma > 0, chroma, 1)
     sextant = np.select(
         [high == red, high == green],
@@ -91,15 +91,19 @@ def _hue(
 
 
 def _soft_histogram(
-    place: Float[np.ndarray, "h w"],
-    weight: Float[np.ndarray, "h w"],
+    place: Float[np.ndarray, "n h w"],
+    weight: Float[np.ndarray, "n h w"],
     bins: int,
     *,
     circular: bool,
-) -> Float[np.ndarray, " b"]:
+) -> Float[np.ndarray, "n b"]:
     """Votes shared by the two nearest bins, so that a small change moves a small vote."""
     lower = np.floor(place).astype(np.int64)
     upper_share = place - lower
-    wrap = (lambda i: i % bins) if circular else (lambda i: np.clip(i, 0, bins - 1))
-    votes = np.bincount(wrap(lower).ravel(), ((1 - upper_share) * weight).ravel(), bins)
-    return votes + np.bincount(wrap(lower + 1).ravel(), (upper_share * weight).ravel(), bins)
+    count = len(place)
+    first = bins * np.arange(count)[:, None, None]
+    votes = np.zeros(count * bins)
+    for index, share in ((lower, 1 - upper_share), (lower + 1, upper_share)):
+        wrapped = index % bins if circular else np.clip(index, 0, bins - 1)
+        votes += np.bincount((first + wrapped).ravel(), (share * weight).ravel(), count * bins)
+    return votes.reshape(count, bins)

@@ -105,5 +105,5 @@ def test_hue_agrees_with_opencv():
     rgb = np.random.default_rng(0).integers(0, 256, (20, 30, 3), np.uint8).astype(np.float32) / 255
     high, low = rgb.max(axis=2), rgb.min(axis=2)
     expected = cv2.cvtColor(rgb, cv2.COLOR_RGB2HSV)[..., 0] / 360
-    difference = np.abs(_hue(rgb, high, high - low) - expected)
+    difference = np.abs(_hue(np.moveaxis(rgb, 2, 0), high, high - low) - expected)
     assert np.minimum(difference, 1 - difference).max() < 1e-5
