@@ -32,13 +32,23 @@ class Canvas:
         """Rows and columns of the rays that may hit a convex hull, or None."""
         pixel, depth = project(self.rig, self.camera, outline)
         if depth.min() < 0.2:
-            return (slice(None), slice(None)) if depth.max() > 0.2 else None
+            seen = depth.max() > 0.2 and not self._is_beside(outline)
+            return (slice(None), slice(None)) if seen else None
         low = np.floor((pixel.min(0) - 1) * OVERSAMPLING).astype(int)
         high = np.ceil((pixel.max(0) + 2) * OVERSAMPLING).astype(int)
         height, width = self.distance.shape
         if (high <= 0).any() or low[0] >= width or low[1] >= height:
             return None
         return slice(max(low[1], 0), high[1]), slice(max(low[0], 0), high[0])
+
+    def _is_beside(self, outline: np.ndarray) -> bool:
+        """Whether a plane through the center and an edge of the picture hides a convex hull."""
+        rig, camera = self.rig, self.camera
+        matrix = np.asarray(rig.K)[camera] @ np.asarray(rig.R)[camera]
+        # Not divided by the depth, so that points behind the camera count as they must.
+        place = (outline - np.asarray(rig.centers)[camera]) @ matrix.T
+        low, high = -2 * place[:, 2:], (rig.image_size[camera] + 1) * place[:, 2:]
+        return bool((place[:, :2] < low).all(0).any() or (place[:, :2] > high).all(0).any())
 
     def put(self, window: tuple[slice, slice], distance: np.ndarray, color: np.ndarray) -> None:
         """Record a solid at `distance` (NaN: no hit) where it is the nearest hit."""
