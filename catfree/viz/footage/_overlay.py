@@ -105,7 +105,7 @@ def write_overlay_video(
 ) -> Path:
     """Write an MP4 of all cameras with boxes, identities and posts, beside the bird's-eye view.
 
-    One instant is in memory at a time.
+    Two instants are in memory at a time.
 
     Args:
         path: the MP4 file; it appears once it is complete.
