@@ -79,8 +79,8 @@ class EvidenceSettings:
             this many H0 (half a meter for adults).
         working_sigma: largest predicted uncertainty, relative to well-seen people.
         missing_views: a place is outside the working area if the whole body is in fewer images
-            there than for the typical person, by at least this share of the cameras that see anybody.
-            If the typical person is in fewer images than that share, no place is excluded.
+            there than for the typical person, by at least this share of the cameras that see
+            anybody. If the typical person is in fewer images than that, no place is excluded.
         enough_views: a place with the whole body in this many images is never excluded by
             `missing_views`: two cameras make a position of any two boxes, a third can contradict.
         unevenness: how far off the plane people stand: paving, slopes and curbs are level to about
