@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from catfree._coverage import coverage
 from catfree._run._cache import from_arrays, to_arrays
@@ -21,7 +21,7 @@ from catfree.adapters.tables._tracks_table import write_tracks_csv, write_tracks
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import FileFormatError
 from catfree.settings import Settings
-from catfree.types import Localization, Scene
+from catfree.types import Detections, Localization, Scene
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._progress import Progress
 from catfree.types._writing import cannot_write, replacing

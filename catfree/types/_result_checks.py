@@ -40,9 +40,9 @@ def require_declared_types(kind: type, values: Mapping[str, Any]) -> None:
             if item is None and types.NoneType in options:
                 continue
             if arrays and not isinstance(item, arrays):
-                kind = f"shape {getattr(item, 'shape', '?')}, type {getattr(item, 'dtype', '?')}"
+                given = f"shape {getattr(item, 'shape', '?')}, type {getattr(item, 'dtype', '?')}"
                 raise InvalidInputError(
-                    f"{field.name} ({kind}) does not fit the other columns or the "
+                    f"{field.name} ({given}) does not fit the other columns or the "
                     f"{arrays[0].__name__} that belongs there."
                 )
             plain = tuple(o for o in options if o in (bool, int, float, str))

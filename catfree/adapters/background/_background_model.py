@@ -121,7 +121,7 @@ class BackgroundModel:
             )
         seen, expected, difference, weak = self._differ(picture)
         lit = weak & ~self._shadow(seen, expected, weak)
-        mask = np.asarray(cv2.medianBlur(lit, 3), np.uint8)
+        mask = np.asarray(cv2.medianBlur(lit.view(np.uint8), 3), np.uint8)
         sure = _touching(mask, (difference > STRONG_DEVIATIONS * self.noise) & (mask > 0))
         return Foreground(sure, difference * sure)
 

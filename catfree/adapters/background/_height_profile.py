@@ -74,7 +74,7 @@ class Blobs:
         _, labels = cv2.connectedComponents(joined, connectivity=8)
         # Few pixels of a picture are in any blob: theirs are the only ones to be counted.
         at = np.flatnonzero(joined.view(bool))
-        part = labels.ravel()[at] - 1
+        part = np.asarray(labels, np.int64).ravel()[at] - 1
         area = np.bincount(part)
         kept = area >= least_area
         number = np.where(kept, np.cumsum(kept), 0)
@@ -83,7 +83,7 @@ class Blobs:
         corners = [(x.start, y.start, x.stop, y.stop) for y, x in find_objects(numbered)]
         box = np.array(corners, np.int64).reshape(-1, 4)
         rows, columns = mask.shape
-        complete = (box[:, :2] > 0).all(axis=1) & (box[:, 2:] < [columns, rows]).all(axis=1)
+        complete = ((box[:, :2] > 0) & (box[:, 2:] < [columns, rows])).all(axis=1)
         trimmed = [_trim(numbered, index, own) for index, own in enumerate(corners, start=1)]
         return cls(numbered, np.array(trimmed, np.int64).reshape(-1, 4), box, area[kept], complete)
 

@@ -118,12 +118,10 @@ def expected_views(state, frame, member, box, table, views: GroundViews) -> View
         return seen[0], jnp.where(front, height, 1.0), cover, seen[1]
 
     per_camera = jax.vmap(one, in_axes=(None, None, 0, 0, 0, 0, 0))
-    cameras = (
-        jnp.asarray(views.matrix), jnp.asarray(views.image_size), jnp.asarray(views.registered),
-        jnp.arange(views.focal.shape[0]),
-    )  # fmt: skip
+    matrix, image_size = jnp.asarray(views.matrix), jnp.asarray(views.image_size)
+    cameras = (matrix, image_size, jnp.asarray(views.registered), jnp.arange(len(views.focal)))
     inside, height, cover, share = jax.lax.map(
-        lambda person: per_camera(*person, *cameras),
+        lambda person: per_camera(person[0], person[1], person[2], *cameras),
         (jnp.asarray(state), jnp.asarray(frame), jnp.asarray(member)),
         batch_size=max(1, ENTRIES // (table.shape[1] * table.shape[2])),
     )
