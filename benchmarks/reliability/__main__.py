@@ -40,7 +40,7 @@ def main() -> int:
             (root / name).mkdir()
             faulthandler.dump_traceback_later(STUCK * (1 if options.short else 15), exit=True)
             run(root / name)
-            print(f"{name}: done", file=sys.stderr, flush=True)
+            print(f"{name}: {tally.failures} failures so far", file=sys.stderr, flush=True)
         faulthandler.cancel_dump_traceback_later()
     print(tally)
     return 1 if tally.failures else 0

@@ -97,7 +97,7 @@ def test_a_wrong_number_of_videos_is_named_and_leaves_no_file(
     target = tmp_path / "overlay.mp4"
     with pytest.raises(InvalidInputError, match="3 videos for 4 cameras"):
         write_overlay_video(target, videos[:3], detections, localization, scene)
-    with pytest.raises(InvalidInputError, match="cannot write"):
+    with pytest.raises(InvalidInputError, match="Cannot write"):
         write_overlay_video(
             tmp_path / "missing" / "overlay.mp4", videos, detections, localization, scene
         )
