@@ -7,7 +7,6 @@ from jaxtyping import Array, Bool, Float, Real
 
 from catfree.geometry._arrays import Scalar, float_arrays, safe_norm
 from catfree.geometry._camera import back_project
-from catfree.geometry._trust import combined_trust, height_trust, pose_trust
 from catfree.types._array_types import HostOrDevice
 
 
@@ -85,7 +84,10 @@ def height_weight(height: Scalar, median_height: Scalar) -> Float[Array, ""]:
 
     Source: paper, Eq. w.
     """
-    return height_trust(jnp, *float_arrays(height, median_height))
+    height, median_height = float_arrays(height, median_height)
+    usable = median_height > 0  # false for NaN too
+    share = height / jnp.where(usable, median_height, 1)
+    return jnp.where(usable, jnp.minimum(1, share**2), 1)
 
 
 def pose_ratio(median_residual_pose: Scalar, median_residual_other: Scalar) -> Float[Array, ""]:
@@ -101,7 +103,10 @@ def pose_ratio(median_residual_pose: Scalar, median_residual_other: Scalar) -> F
 
     Source: paper, Eq. w_pose; the bound of 1 keeps w in (0, 1].
     """
-    return pose_trust(jnp, *float_arrays(median_residual_pose, median_residual_other))
+    pose, other = float_arrays(median_residual_pose, median_residual_other)
+    usable = (other > 0) & ~jnp.isnan(pose)
+    ratio = jnp.where(usable, pose, 1) / jnp.where(usable, other, 1)
+    return jnp.minimum(1, ratio * ratio)
 
 
 def ray_weight(
@@ -126,5 +131,5 @@ def ray_weight(
     Source: paper, Eq. w.
     """
     height, median_height, ratio, minimum = float_arrays(height, median_height, ratio, minimum)
-    trust = height_trust(jnp, height, median_height)
-    return combined_trust(jnp, trust, jnp.asarray(ankles_confirmed), ratio, minimum)
+    trust = height_weight(height, median_height)
+    return jnp.maximum(jnp.where(jnp.asarray(ankles_confirmed), 1, ratio) * trust, minimum)

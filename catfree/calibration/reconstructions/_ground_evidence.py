@@ -8,9 +8,11 @@ planes come from is the matter of `ground`.
 
 from dataclasses import dataclass
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
+from catfree.geometry import intersect_ray
 from catfree.methods.paper.association._observe import expand_ranges
 from catfree.types import Detections, Plane, Rig
 from catfree.types._sampling import evenly_spread
@@ -23,6 +25,8 @@ LARGEST_CAMERA_TILT = np.deg2rad(50.0)  # without people: cameras that look down
 CAMERAS_ABOVE = 0.9  # share of the cameras
 FEET_AHEAD = 0.8  # share of the foot rays that meet the ground; some boxes are wrong
 CAMERA_HEIGHT = (0.2, 60.0)  # in heights of a person: from a toy tripod to a 100 m tower
+
+_meet = jax.jit(jax.vmap(intersect_ray, (None, 0, 0)))
 
 
 @dataclass(frozen=True)
@@ -146,13 +150,13 @@ def judge(
 def _measure(plane: Plane, people: People) -> tuple[float, float, float]:
     """Share of feet ahead, camera height and distance between cameras' feet, in people."""
     height = plane.signed_distance(people.center)
-    slope = people.foot @ plane.normal
-    meets = (slope * height < 0) & (height > 0)
+    with jax.enable_x64(True):
+        foot, ahead = map(np.asarray, _meet(plane, people.center, people.foot))
+    meets = ahead & (height > 0)
     share = float(meets.mean())
     if not meets.any():
         return share, np.nan, np.nan
-    along = -height[meets] / slope[meets]
-    foot = people.center[meets] + along[:, None] * people.foot[meets]
+    foot = foot[meets]
     # The point of the vertical through the foot that is closest to the head ray.
     to_center = people.center[meets] - foot
     head = people.head[meets]

@@ -1,10 +1,16 @@
 """Reliability of each ray from confirmed ankles and box height, estimated from the sequence."""
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from catfree.geometry._trust import combined_trust, height_trust, pose_trust
+from catfree import geometry
+from catfree.geometry._buckets import in_blocks
 from catfree.settings import RaySettings
+
+DETECTION_BLOCK = 8192  # detections weighed by one call
+
+_weigh = jax.jit(jax.vmap(geometry.ray_weight, (0, None, 0, None, None)))
 
 
 def pose_ratio(
@@ -28,7 +34,8 @@ def pose_ratio(
     confirmed, other = residual[finite & ankles_confirmed], residual[finite & ~ankles_confirmed]
     if len(confirmed) == 0 or len(other) == 0:
         return 1.0
-    return float(pose_trust(np, np.median(confirmed), np.median(other)))
+    with jax.enable_x64(True):
+        return float(geometry.pose_ratio(float(np.median(confirmed)), float(np.median(other))))
 
 
 def ray_weights(
@@ -55,6 +62,10 @@ def ray_weights(
     """
     by_ankles = settings.use_ankles and ankles_confirmed is not None
     confirmed = ankles_confirmed if by_ankles else np.ones(len(height), bool)
-    median = height.dtype.type(median_height)  # a Python number would not keep the dtype
-    by_height = height_trust(np, height, median) if settings.use_box_height else 1.0
-    return combined_trust(np, by_height, confirmed, ratio, settings.minimum_weight)
+    median = median_height if settings.use_box_height else np.nan  # no median: no height cue
+    with jax.enable_x64(True):  # the heights are in double precision
+        return in_blocks(
+            lambda *rows: _weigh(rows[0], median, rows[1], ratio, settings.minimum_weight),
+            (height, confirmed),
+            DETECTION_BLOCK,
+        )
