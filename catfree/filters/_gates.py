@@ -73,13 +73,8 @@ def quantile(
     if values.shape[0] == 0:
         return jnp.asarray(jnp.inf, values.dtype)
     member = as_mask(where, values.shape) & jnp.isfinite(values)
-    ordered = jnp.sort(jnp.where(member, values, jnp.inf))
-    last = jnp.maximum(jnp.sum(member) - 1, 0)
-    position = jnp.asarray(share, values.dtype) * last.astype(values.dtype)
-    lower = jnp.floor(position).astype(last.dtype)
-    below, above = ordered[lower], ordered[jnp.minimum(lower + 1, last)]
-    step = jnp.where(above > below, above - below, 0)  # also keeps inf - inf out
-    return below + (position - jnp.floor(position)) * step
+    found = jnp.nanquantile(jnp.where(member, values, jnp.nan), jnp.asarray(share, values.dtype))
+    return jnp.where(member.any(), found, jnp.inf)
 
 
 def support_threshold(
