@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from catfree.errors import InvalidInputError, MissingDependencyError
 from catfree.geometry import Similarity
@@ -152,10 +153,7 @@ def boxes_of(scene: Scene, positions: ArrayInput) -> Detections:
 
 def _rotation(imaginary: tuple[float, float, float]) -> np.ndarray:
     """The rotation of the quaternion 1 + xi + yj + zk."""
-    w, (x, y, z) = 1.0, imaginary
-    norm = w * w + x * x + y * y + z * z
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + 2 / norm * (w * cross + cross @ cross)
+    return Rotation.from_quat([*imaginary, 1.0]).as_matrix()
 
 
 def _looking_at_origin(center: np.ndarray) -> np.ndarray:

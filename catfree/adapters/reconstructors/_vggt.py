@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.spatial.transform import Rotation
 
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.onnx._letterbox import Letterbox
@@ -194,18 +195,7 @@ def decode_pose(
     K[:, 1, 1] = height / 2 / np.tan(angle[:, 0] / 2)
     K[:, :, 2] = np.array([width / 2, height / 2, 1])[None, :]
     t = np.where(np.isfinite(translation), translation, 0)
-    return K, _rotation(unit), t, determined
-
-
-def _rotation(q: Float[np.ndarray, "view 4"]) -> Float[np.ndarray, "view 3 3"]:
-    """Rotation matrices of unit quaternions x, y, z, w."""
-    vector, real = q[:, :3], q[:, 3]
-    x, y, z = vector.T
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
-    outer = vector[:, :, None] * vector[:, None, :]
-    scale = (2 * real**2 - 1)[:, None, None]
-    return scale * np.eye(3)[None] + 2 * outer + 2 * real[:, None, None] * cross
+    return K, Rotation.from_quat(unit).as_matrix(), t, determined
 
 
 def _resized(
