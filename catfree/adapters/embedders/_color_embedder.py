@@ -47,12 +47,16 @@ class ColorEmbedder:
 
 def _describe(crops: UInt8[np.ndarray, "n h w 3"]) -> Float[np.ndarray, "n d"]:
     """Roots of the weighted histograms of all zones of each person."""
+    import cv2
+
     channels = np.moveaxis(crops, -1, 0).astype(np.float32, order="C") / 255
     high, low = channels.max(axis=0), channels.min(axis=0)
     chroma = high - low
     saturation = chroma / np.maximum(high, 0.05)
     coloured = saturation**2 / (saturation**2 + GREY_SATURATION**2)
-    hue = _hue(channels, high, chroma)
+    pixels = np.moveaxis(channels, 0, -1).reshape(-1, CROP_WIDTH, 3)
+    hsv = cv2.cvtColor(pixels, cv2.COLOR_RGB2HSV) if len(pixels) else pixels
+    hue = hsv[..., 0].reshape(high.shape) / 360
     middle = (np.arange(CROP_WIDTH) + 0.5) / CROP_WIDTH - 0.5
     weight = np.exp(-0.5 * (middle / COLUMN_SPREAD) ** 2) * np.ones_like(high)
     # Exposure scales all pixels of a person alike: lightness counts against the person's own.
@@ -72,22 +76,6 @@ def _describe(crops: UInt8[np.ndarray, "n h w 3"]) -> Float[np.ndarray, "n d"]:
         histogram = np.concatenate([colour, grey], axis=1)
         parts.append(np.sqrt(share * histogram / histogram.sum(axis=1, keepdims=True)))
     return np.concatenate(parts, axis=1)
-
-
-def _hue(
-    channels: Float[np.ndarray, "3 *pixel"],
-    high: Float[np.ndarray, "*pixel"],
-    chroma: Float[np.ndarray, "*pixel"],
-) -> Float[np.ndarray, "*pixel"]:
-    """Hue in [0, 1), 0 where there is no colour."""
-    red, green, blue = channels
-    scale = np.where(chroma > 0, chroma, 1)
-    sextant = np.select(
-        [high == red, high == green],
-        [(green - blue) / scale, 2 + (blue - red) / scale],
-        4 + (red - green) / scale,
-    )
-    return np.where(chroma > 0, sextant / 6 % 1, 0)
 
 
 def _soft_histogram(

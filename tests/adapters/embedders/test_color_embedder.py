@@ -1,4 +1,3 @@
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -97,13 +96,3 @@ def test_it_is_an_embedder_and_order_does_not_matter():
     boxes = np.array([box, np.add(box, 3), np.add(box, -4)])
     together = ColorEmbedder()(image, boxes)
     np.testing.assert_array_equal(ColorEmbedder()(image, boxes[::-1]), together[::-1])
-
-
-def test_hue_agrees_with_opencv():
-    from catfree.adapters.embedders._color_embedder import _hue
-
-    rgb = np.random.default_rng(0).integers(0, 256, (20, 30, 3), np.uint8).astype(np.float32) / 255
-    high, low = rgb.max(axis=2), rgb.min(axis=2)
-    expected = cv2.cvtColor(rgb, cv2.COLOR_RGB2HSV)[..., 0] / 360
-    difference = np.abs(_hue(np.moveaxis(rgb, 2, 0), high, high - low) - expected)
-    assert np.minimum(difference, 1 - difference).max() < 1e-5
