@@ -7,7 +7,7 @@ do. Catch `CatFreeError` to catch them all.
 import reprlib
 from typing import Any
 
-_LONGEST_QUOTE = 120  # characters: a matrix row still fits, a damaged megabyte does not
+_LONGEST_QUOTE = 120  # characters; fits a matrix row
 
 _short_repr = reprlib.Repr()
 _short_repr.maxlevel = 3
@@ -16,22 +16,22 @@ _short_repr.maxlist = _short_repr.maxtuple = _short_repr.maxdict = 8
 
 
 def quoted(value: Any) -> str:
-    """A value of a file or a caller as a message quotes it, its middle left out where it is long.
+    """Format a value for an error message, leaving out its middle if it is long.
 
-    An exception is quoted in its own words, without the full stop, anything else by its `repr`.
+    An exception gives its message without the final period, anything else its `repr`.
     """
     if isinstance(value, BaseException):
         text = str(value).rstrip(". ")
     else:
         try:
             text = _short_repr.repr(value)
-        except ValueError:  # Python prints no numbers of thousands of digits
+        except ValueError:  # Python refuses to print integers of thousands of digits
             text = f"a number of {value.bit_length()} bits"
     return shortened(text)
 
 
 def shortened(text: str) -> str:
-    """Text such as a camera's name, its middle left out where it is long."""
+    """Shorten text such as a camera's name by leaving out its middle if it is long."""
     if len(text) <= _LONGEST_QUOTE:
         return text
     half = _LONGEST_QUOTE // 2
@@ -71,7 +71,7 @@ class DegenerateGeometryError(CatFreeError, ValueError):
 
 
 class ForkedProcessError(CatFreeError, RuntimeError):
-    """A forked process would wait forever; the message says how to start one that does not."""
+    """A forked process would deadlock; the message says how to start one that does not."""
 
 
 class MissingDependencyError(CatFreeError, ImportError):

@@ -1,4 +1,4 @@
-"""Frozen struct-of-arrays types: what flows between the stages."""
+"""Frozen struct-of-arrays types that the stages exchange."""
 
 from catfree.types._detections import Detections as Detections
 from catfree.types._results import (

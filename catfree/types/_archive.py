@@ -1,4 +1,4 @@
-"""Arrays to and from one `.npz` file: no pickle, atomic, bit for bit, never more than announced."""
+"""Saving and loading of arrays in one `.npz` file: atomic, bit for bit, without pickle."""
 
 import math
 import os
@@ -16,8 +16,8 @@ T = TypeVar("T")
 
 _KIND = "catfree_kind"
 
-# An archive may unpack to so many times its own size, or to this many bytes where that is more: a
-# few megabytes of nothing but zeros would otherwise fill the memory.
+# An archive may unpack to this many times its own size, or to this many bytes if that is more.
+# Otherwise a few megabytes of zeros could fill the memory.
 _LARGEST_RATIO = 100
 _ALWAYS_ALLOWED = 2**28
 
@@ -39,14 +39,14 @@ def save_arrays(path: str | os.PathLike[str], kind: str, arrays: Mapping[str, ob
         The path that was written.
 
     Raises:
-        InvalidInputError: if the folder does not exist, or the path is one itself.
+        InvalidInputError: if the folder does not exist, or the path is a folder.
         WriteError: if the disk is full or not writable; no partial file is left behind.
     """
     present = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
     present[_KIND] = np.array(kind)
     with replacing(path) as stream:
         np.savez_compressed(stream, allow_pickle=False, **present)
-        # What compresses so well that it would be refused as a bomb is stored as it is.
+        # Arrays that compress so well that loading would refuse them are stored uncompressed.
         if sum(array.nbytes for array in present.values()) > _largest_content(stream.tell()) // 2:
             stream.seek(0)
             stream.truncate()
@@ -66,8 +66,8 @@ def load_arrays(
     Args:
         path: the file to read.
         kind: the type name that the file must hold.
-        required: names that the file must hold; None for whatever it holds.
-        optional: names that it may hold besides.
+        required: names that the file must hold; None for any names.
+        optional: further names that it may hold.
 
     Returns:
         Name to array, without the entries that were None.
@@ -77,10 +77,10 @@ def load_arrays(
         FileFormatError: if the file is not an archive of that kind with those names.
     """
     source = Path(path)
-    if not os.path.isfile(source):  # unlike Path.is_file also for names that are too long
+    if not os.path.isfile(source):  # unlike Path.is_file, accepts overlong names
         raise InvalidInputError(f"Cannot load {kind}: there is no file {source}.")
     arrays = read_archive(source)
-    stored = str(arrays.pop(_KIND, "nothing of catfree"))
+    stored = str(arrays.pop(_KIND, "arrays that catfree did not save"))
     if stored != kind:
         raise FileFormatError(
             f"{source} holds {shortened(stored)}, not {kind}. Load it with the type that saved it."
@@ -101,17 +101,17 @@ def load_arrays(
 def read_archive(
     path: str | os.PathLike[str], names: Collection[str] | None = None
 ) -> dict[str, np.ndarray]:
-    """Read arrays of any `.npz` file without pickle, bounded before memory is asked for.
+    """Read arrays of any `.npz` file without pickle, checking sizes before allocating memory.
 
     Args:
         path: the file, which must exist.
-        names: arrays to read, where the file has them; None for all.
+        names: arrays to read, if the file has them; None for all.
 
     Returns:
         Name to array.
 
     Raises:
-        FileFormatError: if it is no archive of arrays, is damaged, or unpacks to many times its
+        FileFormatError: if it is not an archive of arrays, is damaged, or unpacks to many times its
             size.
     """
     try:
@@ -129,7 +129,7 @@ def read_archive(
                 for name, member in chosen.items()
                 if names is None or name in names
             }
-    # Damage makes the standard library and NumPy raise anything: MemoryError, RecursionError, ...
+    # On damaged files the standard library and NumPy raise anything: MemoryError, RecursionError...
     except Exception as error:
         raise FileFormatError(
             f"{path} is not a readable .npz file ({quoted(error)}). Is it complete, and did "
@@ -138,7 +138,7 @@ def read_archive(
 
 
 def naming_file(source: str | os.PathLike[str], build: Callable[[], T]) -> T:
-    """Call a type's constructor or a check, and put the file's name before its complaint."""
+    """Call a type's constructor or a check, and prefix its error with the file's name."""
     try:
         return build()
     except InvalidInputError as error:
@@ -146,20 +146,20 @@ def naming_file(source: str | os.PathLike[str], build: Callable[[], T]) -> T:
 
 
 def _read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
-    """One array, whose header must ask for exactly what the archive holds."""
+    """Read one array, whose header must announce exactly the size that the archive holds."""
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError("it is compressed in a way that NumPy never uses")
     with archive.open(member) as stream:
         shape, _, dtype = _HEADERS[np.lib.format.read_magic(stream)](stream)
         if dtype.hasobject:
             raise ValueError("it holds Python objects")
-        asked = math.prod(shape) * dtype.itemsize
-        if min(shape, default=0) < 0 or asked != member.file_size - stream.tell():
+        size = math.prod(shape) * dtype.itemsize
+        if min(shape, default=0) < 0 or size != member.file_size - stream.tell():
             raise ValueError(f"an array of shape {shape} does not fit into it")
     with archive.open(member) as stream:
         return np.lib.format.read_array(stream, allow_pickle=False)
 
 
 def _largest_content(size: int) -> int:
-    """Bytes that an archive of `size` bytes may unpack to."""
+    """Return the bytes that an archive of `size` bytes may unpack to."""
     return max(_ALWAYS_ALLOWED, _LARGEST_RATIO * size)

@@ -1,4 +1,4 @@
-"""What the cameras saw: person boxes with optional scores, ankles, appearance and keypoints."""
+"""Person detections: boxes with optional scores, ankles, appearance and keypoints."""
 
 import os
 from typing import Any
@@ -18,7 +18,7 @@ from catfree.types._validation import (
     require_shape,
 )
 
-WIDEST_SPAN = 2**53  # frames; beyond it differences are no exact floats (104 days in nanoseconds)
+WIDEST_SPAN = 2**53  # frames; larger differences are not exact floats (104 days in nanoseconds)
 
 
 class Detections(eqx.Module):
@@ -28,12 +28,12 @@ class Detections(eqx.Module):
         frame: (N,) int64, the synchronized frame (time index) of each box; any integers
             less than 2^53 apart.
         camera: (N,) int64, index into the rig's cameras, 0-based.
-        box: (N, 4) x1, y1, x2, y2 in original image pixels, the centre of the top-left pixel at
+        box: (N, 4) x1, y1, x2, y2 in original image pixels, the center of the top-left pixel at
             (0, 0); float dtype is kept, other numbers become float64.
         score: (N,) detector confidence in [0, 1], or None.
-        ankles_confirmed: (N,) whether both ankle keypoints were seen, or None where no pose
+        ankles_confirmed: (N,) whether both ankle keypoints were detected, or None if no pose
             estimator ran.
-        embedding: (N, D) appearance vector, L2-normalised by its embedder, or None.
+        embedding: (N, D) appearance vector, L2-normalized by its embedder, or None.
         keypoints: (N, 17, 3) COCO keypoints as x, y in pixels and confidence, or None.
     """
 
@@ -112,8 +112,8 @@ class Detections(eqx.Module):
             require_shape(self.embedding, (n, None), "embedding")
             if n and self.embedding.shape[1] == 0:
                 raise InvalidInputError(
-                    f"embedding has shape ({n}, 0): it says nothing about what people look like. "
-                    "Pass None if there is none."
+                    f"embedding has shape ({n}, 0), but each row needs at least one number. "
+                    "Pass None if there are no embeddings."
                 )
             require_finite(self.embedding, "embedding")
         if self.keypoints is not None:
@@ -124,7 +124,7 @@ class Detections(eqx.Module):
         return len(self.frame)
 
     def __getitem__(self, rows: Any) -> "Detections":
-        """The rows selected by a slice, a boolean mask or an integer array, in that order."""
+        """Select rows by a slice, a boolean mask or an integer array, in that order."""
         chosen = np.arange(len(self))[rows].reshape(-1)
         return Detections(
             **{name: None if value is None else value[chosen] for name, value in vars(self).items()}
@@ -137,7 +137,7 @@ class Detections(eqx.Module):
 
     @property
     def foot(self) -> Float[np.ndarray, "n 2"]:
-        """(N, 2) bottom centre of each box in pixels: the point that defines its ray."""
+        """(N, 2) bottom center of each box in pixels: the point that defines its ray."""
         return np.stack([(self.box[:, 0] + self.box[:, 2]) / 2, self.box[:, 3]], axis=-1)
 
     def save(self, path: str | os.PathLike[str]) -> None:

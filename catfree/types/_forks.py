@@ -1,13 +1,13 @@
-"""Processes that were forked after JAX had begun to work: its threads are gone, and it waits.
+"""Detection of processes forked after JAX started its threads, in which JAX would deadlock.
 
-Only processes whose parent had called catfree are told; a parent that used JAX alone is not known.
+A fork is detected only if its parent had called catfree, not if the parent had used only JAX.
 """
 
 import os
 
 from catfree.errors import ForkedProcessError
 
-_worked_in: set[int] = set()  # the process in which JAX was first used from here
+_worked_in: set[int] = set()  # the process in which catfree first used JAX
 
 
 def require_own_process() -> None:

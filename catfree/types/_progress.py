@@ -1,4 +1,4 @@
-"""How long computations say how far they have come."""
+"""Progress reports of long computations."""
 
 from collections.abc import Callable
 
@@ -6,4 +6,4 @@ Progress = Callable[[str, int, int], None]  # called as `progress(stage, done, t
 
 
 def no_progress(stage: str, done: int, total: int) -> None:
-    """Tell nobody: what is called where the caller passed no `progress`."""
+    """Ignore a report; the default if the caller passes no `progress`."""

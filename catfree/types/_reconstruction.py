@@ -1,7 +1,7 @@
-"""What a reconstructor says about one instant: `Reconstruction`, in a frame and scale of its own.
+"""The result of a reconstructor for one instant: `Reconstruction`, in its own frame and scale.
 
-A type and not part of the reconstructors' protocol, because whoever averages reconstructions
-(`catfree.calibration`) need not know where they came from.
+It is separate from the protocol of reconstructors, because code that averages reconstructions
+(`catfree.calibration`) does not depend on how they were made.
 """
 
 from typing import Any
@@ -16,7 +16,7 @@ from catfree.types._validation import as_boolean, as_float, require_finite, requ
 
 
 class Reconstruction(eqx.Module):
-    """Cameras and scene points of one instant, in a frame and a scale of its own.
+    """Cameras and scene points of one instant, in their own frame and scale.
 
     Attributes:
         K: (C, 3, 3) intrinsics in pixels of the ORIGINAL pictures.
@@ -24,9 +24,9 @@ class Reconstruction(eqx.Module):
         t: (C, 3) world-to-camera translations in the reconstruction's units.
         points: (P, 3) scene points in the reconstruction's frame.
         confidence: (P,) positive confidence of each point; comparable within one reconstruction.
-        scale_is_metric: whether the units are metres.
-        weights_id: content hash of the weights that made it.
-        registered: (C,) false for a view whose camera could not be told; its K, R and t are
+        scale_is_metric: whether the units are meters.
+        weights_id: content hash of the weights that produced it.
+        registered: (C,) false for a view whose camera could not be determined; its K, R and t are
             finite placeholders.
     """
 
@@ -54,7 +54,7 @@ class Reconstruction(eqx.Module):
 
         Raises:
             InvalidInputError: naming the first entry with a wrong shape, a value that is not
-                finite, a focal length that is not positive or a matrix that is no rotation.
+                finite, a focal length that is not positive or a matrix that is not a rotation.
         """
         self.K, self.R, self.t = (np.asarray(as_float(value)) for value in (K, R, t))
         cloud = np.asarray(as_float(points))

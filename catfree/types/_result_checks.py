@@ -1,4 +1,4 @@
-"""What a stored result must fulfil to be believed: columns of one length, numbers in range."""
+"""Checks of stored results: columns of equal length, numbers in range."""
 
 import dataclasses
 import types
@@ -15,7 +15,7 @@ from catfree.types._validation import first_index, require_finite
 
 
 def options_of(hint: Any) -> tuple[Any, ...]:
-    """The members of a union, or the type itself."""
+    """Return the members of a union, or the type itself."""
     union = typing.get_origin(hint) in (typing.Union, types.UnionType)
     return typing.get_args(hint) if union else (hint,)
 
@@ -23,11 +23,11 @@ def options_of(hint: Any) -> tuple[Any, ...]:
 def require_declared_types(kind: type, values: Mapping[str, Any]) -> None:
     """Raise unless arrays and numbers are what the fields of a dataclass declare.
 
-    One letter stands for one length in all fields, so columns of unequal length are found, too.
+    An axis name stands for one length in all fields, so columns of unequal length raise, too.
 
     Args:
         kind: the dataclass.
-        values: what its fields are to hold.
+        values: field name to value.
 
     Raises:
         InvalidInputError: naming the first field.
@@ -72,7 +72,7 @@ def require_sound_tracks(tracks: Tracks) -> None:
 
 
 def require_sound_localization(localization: Localization) -> None:
-    """Raise unless a result is one that `localize` can have returned.
+    """Raise unless `localize` could have returned this result.
 
     Raises:
         InvalidInputError: naming the first field or row.

@@ -1,4 +1,4 @@
-"""What `localize` returns: every candidate with its fate, and the tracks."""
+"""Results of `localize`: tracks, and every candidate with its fate."""
 
 import os
 from enum import IntEnum
@@ -15,21 +15,21 @@ from catfree.types._validation import as_count, as_float, as_integer, first_inde
 
 
 class Fate(IntEnum):
-    """What became of a candidate: accepted, recovered, or the first filter that removed it.
+    """The outcome of a candidate: accepted, recovered, or the first filter that removed it.
 
     Attributes:
-        ACCEPTED: a position of a track, both methods.
+        ACCEPTED: part of a track, both methods.
         RECOVERED: brought back by the paper's recovery.
         RMS_GATE: the paper's angular consistency.
         UNCERTAINTY_FILTER: too uncertain: the paper's threshold on sigma; in the evidence method
             less likely than not to be right within `report_radius`.
         GROUND_FILTER: the paper's ground-distance threshold.
         SUPPORT_FILTER: too little weighted support, the paper's method.
-        TEMPORAL_FILTER: no partner in neighbouring frames, the paper's method.
-        SUPPRESSED: a better position stands in the same place, both methods.
-        EXISTENCE: more speaks against a person than for one, evidence method.
-        TRACKING: in no track that lasts, evidence method.
-        WORKING_AREA: beyond the ground that the rig covers, evidence method.
+        TEMPORAL_FILTER: no partner in neighboring frames, the paper's method.
+        SUPPRESSED: a better position is in the same place, both methods.
+        EXISTENCE: the evidence against a person outweighs that for one, evidence method.
+        TRACKING: not part of a lasting track, evidence method.
+        WORKING_AREA: outside the ground that the rig covers, evidence method.
     """
 
     ACCEPTED = 0
@@ -46,7 +46,7 @@ class Fate(IntEnum):
 
 
 class Origin(IntEnum):
-    """Where a track's position comes from.
+    """The source of a track's position.
 
     Attributes:
         DETECTED: boxes of this frame.
@@ -66,13 +66,13 @@ class Candidates(eqx.Module):
         frame: (H,) frame of each hypothesis.
         position: (H, 3) in scene units; the paper's method: free in 3-D; evidence: on the ground.
         sigma: (H,) ground uncertainty in scene units; the paper's method: Eq. sigma, inf below two
-            cameras; evidence: of this frame's boxes alone, finite for one camera too.
+            cameras; evidence: from this frame's boxes only, finite for one camera, too.
         ground_distance: (H,) unsigned distance g of the position to the ground in scene units.
-        rms_angle: (H,) RMS angular residual of its own rays in radians; NaN with the evidence
-            method, which compares boxes, not rays.
+        rms_angle: (H,) RMS angular residual of the supporting rays in radians; NaN with the
+            evidence method, which compares boxes, not rays.
         support: (H, C) index of the supporting detection of each camera, or -1.
         score: (H,) the paper's method: auxiliary score that breaks ties of suppression; evidence:
-            log-odds that a person is there, from this frame alone.
+            log-odds that a person is there, from this frame only.
         fate: (H,) `Fate` values.
     """
 
@@ -89,7 +89,7 @@ class Candidates(eqx.Module):
         return len(self.frame)
 
     def count_by_fate(self) -> dict[str, int]:
-        """Number of candidates of each fate, by its lower-case name."""
+        """Count the candidates of each fate, by its lower-case name."""
         return {fate.name.lower(): int((self.fate == fate).sum()) for fate in Fate}
 
 
@@ -98,27 +98,26 @@ class Tracks(eqx.Module):
 
     Attributes:
         frame: (M,) frame of each position.
-        track_id: (M,) identity, counted from 0; -1 where no tracking was asked for.
+        track_id: (M,) identity, counted from 0; -1 without tracking.
         position: (M, 3) on the ground plane, scene units.
-        ground_xy: (M, 2) coordinates along the plane's basis P (`Pᵀ position`): x, y in metres
+        ground_xy: (M, 2) coordinates along the plane's basis P (`Pᵀ position`): x, y in meters
             for a metric scene with z up.
         sigma: (M,) ground uncertainty sqrt(trace(covariance) / 2) in scene units (Eq. sigma).
         covariance: (M, 2, 2) of `ground_xy`, scene units squared; the paper's method: `Pᵀ Λ⁻¹ P`;
             evidence: smoothed over time, with sway, uneven ground and the error of the whole map.
         supporting_cameras: (M,) number of cameras that support the position.
         origin: (M,) `Origin` values.
-        existence: (M,) probability that a person is there, or None where the method gives none.
+        existence: (M,) probability that a person is there, or None if the method gives none.
         support: (M, C) row of the caller's `Detections` that shows the person in each camera, or
-            -1. No detection shows two people: where positions of the paper's method share one, it
-            is counted in `supporting_cameras` and `sigma` of all of them, and stands here for the
-            one that its ray passes closest. (M, 0) where nobody kept it, as in a table of tracks.
-        velocity: (M, 2) of `ground_xy`, scene units per frame number: times the frames per second
-            it is per second if frames are numbered one by one. NaN where it is not known: for
-            positions without tracks, and with the paper's method in tracks of one position.
-            Evidence: smoothed over time; the paper's method: the difference of the positions before
-            and after.
-        velocity_covariance: (M, 2, 2) of `velocity`, NaN where that is; inf where a position that
-            it rests on has fewer than two cameras, the paper's method.
+            -1. A detection supports at most one row. If several positions of the paper's method
+            share one, `supporting_cameras` and `sigma` count it for all of them, and `support`
+            assigns it to the position closest to its ray. (M, 0) if unknown, as in a CSV table.
+        velocity: (M, 2) velocity of `ground_xy` in scene units per frame number; multiply by the
+            frame rate for scene units per second. NaN if unknown: for positions without a track,
+            and in the paper's method for tracks of one position. Evidence: smoothed over time;
+            paper: difference of the neighboring positions.
+        velocity_covariance: (M, 2, 2) covariance of `velocity`; NaN where `velocity` is; inf in
+            the paper's method if it rests on a position with fewer than two cameras.
     """
 
     frame: Int[np.ndarray, " m"]
@@ -204,7 +203,7 @@ class Tracks(eqx.Module):
         return len(self.frame)
 
     def __getitem__(self, rows: Any) -> "Tracks":
-        """The rows selected by a slice, a boolean mask or an integer array."""
+        """Select rows by a slice, a boolean mask or an integer array."""
         chosen = np.arange(len(self))[rows].reshape(-1)
         columns: dict[str, Any] = {
             name: None if value is None else value[chosen] for name, value in vars(self).items()
@@ -212,11 +211,11 @@ class Tracks(eqx.Module):
         return Tracks(**columns)
 
     def renumbered(self) -> "Tracks":
-        """The same tracks, numbered from 0 in the order in which they begin, rows sorted anew.
+        """Number the tracks from 0 in the order in which they begin, and sort the rows.
 
-        Of tracks that begin in one frame, the one with the smaller sigma there comes first: neither
-        the frame of reference nor the order of cameras and detections can be seen in the numbers.
-        Positions without a track keep -1.
+        Tracks that begin in the same frame are ordered by sigma, so the numbers do not depend on
+        the frame of reference or on the order of cameras and detections. Positions without a track
+        keep -1.
         """
         by_start = np.lexsort((*self.ground_xy.T[::-1], self.sigma, self.frame))
         by_start = by_start[self.track_id[by_start] >= 0]
@@ -231,7 +230,7 @@ class Tracks(eqx.Module):
         return Tracks(**columns)[np.lexsort((track_id, self.frame))]
 
     def to_rows(self, xy: Any = None) -> Float[np.ndarray, "m 4"]:
-        """(M, 4) rows [frame, id, x, y] for `cf.evaluation`, with `ground_xy` or other `xy`."""
+        """Return (M, 4) rows [frame, id, x, y] for `cf.evaluation`, of `ground_xy` or `xy`."""
         points = self.ground_xy if xy is None else np.asarray(xy)
         return np.column_stack([self.frame, self.track_id, points]).astype(np.float64)
 
@@ -261,13 +260,13 @@ class Tracks(eqx.Module):
 
 
 class Thresholds(eqx.Module):
-    """Everything that was estimated from the sequence; None where a stage did not run.
+    """Values estimated from the sequence; None if a stage did not run.
 
     Attributes:
         tau_sigma: uncertainty threshold in scene units.
         tau_g: ground-distance threshold in scene units.
-        tau_sigma_recovery: the same, estimated again by the recovery.
-        tau_g_recovery: the same, estimated again by the recovery.
+        tau_sigma_recovery: `tau_sigma` as the recovery estimates it again.
+        tau_g_recovery: `tau_g` as the recovery estimates it again.
         median_box_height: h tilde in pixels.
         pose_ratio: weight of rays without confirmed ankles, min(1, (s_pose / s_other)²).
         extension_appearance: largest appearance distance that an extension accepts.
@@ -283,26 +282,26 @@ class Thresholds(eqx.Module):
 
 
 class Reliability(eqx.Module):
-    """A label-free summary of how far to trust a run.
+    """A label-free summary of the reliability of a run.
 
     Attributes:
         median_sigma: median sigma of the tracks in scene units (NaN without tracks).
-        sigma_over_radius: the same over the paper's suppression radius, or over the radius within
-            which the evidence method calls a position right (`report_radius`).
+        sigma_over_radius: `median_sigma` divided by the paper's suppression radius, or by the
+            radius within which the evidence method counts a position as right (`report_radius`).
         fraction_recovered: share of the accepted candidates that the recovery brought back.
         fraction_extended: share of the track positions that no box of their frame supports: the
             paper's extensions, the evidence method's gaps.
-        mean_supporting_cameras: cameras a position, on average.
+        mean_supporting_cameras: mean number of cameras per position.
         detections_used: share of the detections that support an accepted position.
-        expected_precision: share of the reported positions that are right, by the method's own
-            probabilities; None where it gives none.
-        expected_recall: share of the people who are reported, by the same probabilities: whom no
-            two boxes show is not counted. None where the method gives none.
-        expected_moda: MODA at half a metre to expect, in percent; NaN where nothing can be said,
+        expected_precision: expected share of the reported positions that are right, from the
+            method's probabilities; None if it gives none.
+        expected_recall: expected share of people who are reported, from the same probabilities,
+            not counting people in fewer than two boxes; None if the method gives none.
+        expected_moda: expected MODA at half a meter, in percent; NaN if it cannot be estimated,
             None in results of earlier versions.
         moda_low: lower end of the 90 % interval of MODA.
-        moda_high: its upper end.
-        expectation_note: why nothing can be said, or None.
+        moda_high: upper end of that interval.
+        expectation_note: why MODA cannot be estimated, or None.
     """
 
     median_sigma: float
@@ -327,9 +326,9 @@ class Localization(eqx.Module):
         candidates: every hypothesis and its fate.
         thresholds: what was estimated from the sequence.
         reliability: label-free summary.
-        detection_count: N, the number of the caller's detections, those that took no part
-            included; 0 in files of version 0.1, which did not keep who is in which box.
-        warnings: sentences about the input of `cf.run` that the reader should know first.
+        detection_count: N, the number of the caller's detections, including unused ones; 0 in
+            files of version 0.1, which do not store which box shows whom.
+        warnings: sentences about problems with the input of `cf.run`.
     """
 
     tracks: Tracks

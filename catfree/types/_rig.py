@@ -1,7 +1,7 @@
-"""Where the cameras stand and what their lenses do: `Rig`, checked once where it is made.
+"""Camera intrinsics and extrinsics: `Rig`, validated when it is made.
 
-A module of its own because cameras are known before any ground: calibration, reconstruction and
-calibration files make rigs; a scene is a rig and the ground it looks at.
+It is separate from `Scene` because cameras are known before the ground: calibration, reconstruction
+and calibration files make rigs; a scene is a rig and its ground plane.
 """
 
 import os
@@ -25,7 +25,7 @@ from catfree.types._validation import (
     require_shape,
 )
 
-# Names in a saved rig: those that are always there, and those that may be None.
+# Names in a saved rig: the required ones, and those that may be None.
 RIG_FIELDS = (("K", "R", "t", "image_size", "registered"), ("distortion",))
 
 ROTATION_TOLERANCE = 1e-3  # calibration files often print rotations with few digits
@@ -62,11 +62,11 @@ class Rig(eqx.Module):
         distortion: Any = None,
         registered: Any = None,
     ) -> None:
-        """Validate and store; one `(width, height)` serves all cameras.
+        """Validate and store; a single `(width, height)` applies to all cameras.
 
         Raises:
             InvalidInputError: naming the first camera whose parameters have a wrong shape, are not
-                finite, or are no intrinsics or rotation.
+                finite, or are not valid intrinsics or a rotation.
         """
         self.K, self.R, self.t = as_float(K), as_float(R), as_float(t)
         require_shape(self.K, (None, 3, 3), "K")
@@ -89,16 +89,15 @@ class Rig(eqx.Module):
             self._check()
 
     def _check(self) -> None:
-        known = self.registered
         for name in ("K", "R", "t", "distortion"):
             if getattr(self, name) is not None:
-                require_finite(getattr(self, name), name, known)
+                require_finite(getattr(self, name), name, self.registered)
         if (self.image_size <= 0).any():
             at = first_index(self.image_size <= 0)
             raise InvalidInputError(f"image_size[{at}] must be a positive number of pixels.")
         K = np.asarray(self.K, np.float64)
-        focal_bad = known & ~((K[:, 0, 0] > 0) & (K[:, 1, 1] > 0))
-        form_bad = known & ~(
+        focal_bad = self.registered & ~((K[:, 0, 0] > 0) & (K[:, 1, 1] > 0))
+        form_bad = self.registered & ~(
             (np.abs(K[:, 2, 2] - 1) < 1e-6)
             & (np.abs(K[:, [1, 2, 2], [0, 0, 1]]) < 1e-6 * np.abs(K[:, :1, 0])).all(-1)
         )
@@ -115,7 +114,7 @@ class Rig(eqx.Module):
         with np.errstate(invalid="ignore", over="ignore"):
             error = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max((-1, -2))
             turn = np.linalg.det(R)
-        rotation_bad = known & ~((error < ROTATION_TOLERANCE) & (turn > 0))
+        rotation_bad = self.registered & ~((error < ROTATION_TOLERANCE) & (turn > 0))
         if rotation_bad.any():
             at = int(np.argmax(rotation_bad))
             raise InvalidInputError(
@@ -131,12 +130,12 @@ class Rig(eqx.Module):
 
     @property
     def centers(self) -> Float[HostOrDevice, "cam 3"]:
-        """(C, 3) camera centres `-Rᵀ t` in world coordinates."""
+        """(C, 3) camera centers `-Rᵀ t` in world coordinates."""
         namespace = np if isinstance(self.R, np.ndarray) else jnp
         return -namespace.einsum("cji,cj->ci", self.R, self.t)
 
     def select(self, cameras: Any) -> "Rig":
-        """The rig of some cameras, by boolean mask or indices, in that order."""
+        """Select cameras by boolean mask or indices, in that order."""
         chosen = np.arange(self.camera_count)[cameras].reshape(-1)
         return Rig(
             **{name: None if value is None else value[chosen] for name, value in vars(self).items()}

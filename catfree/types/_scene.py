@@ -1,4 +1,4 @@
-"""What the cameras look at: `Plane`, `Scene`, and the `Rays` that leave the cameras."""
+"""The ground `Plane`, the `Scene` of a rig and its ground, and the cameras' `Rays`."""
 
 import os
 from typing import Any
@@ -21,7 +21,7 @@ from catfree.types._validation import (
     require_shape,
 )
 
-HIGHEST_CAMERA = 100.0  # metres
+HIGHEST_CAMERA = 100.0  # meters
 
 
 class Plane(eqx.Module):
@@ -36,7 +36,7 @@ class Plane(eqx.Module):
     offset: Float[HostOrDevice, ""]
 
     def __init__(self, normal: Any, offset: Any) -> None:
-        """Normalise and store.
+        """Normalize and store.
 
         Raises:
             InvalidInputError: if the normal is zero or anything is not finite.
@@ -52,13 +52,13 @@ class Plane(eqx.Module):
             largest = np.abs(normal).max()
             if largest == 0:
                 raise InvalidInputError("A plane needs a non-zero normal.")
-            # The squares of very long or short normals leave the range of floats.
+            # The squares of very long or short normals overflow or underflow.
             if not 1e-15 < largest < 1e15:
                 with np.errstate(over="ignore"):
                     normal, offset = normal / largest, np.asarray(offset / largest)
                 require_finite(offset, "The offset of a plane in units of its normal")
             length = np.linalg.norm(np.asarray(normal, np.float64)).astype(normal.dtype)
-            # A unit normal stays bit for bit what it was.
+            # A unit normal is kept bit for bit.
             length = normal.dtype.type(1) if abs(length - 1) < 1e-6 else length
         self.normal = normal / length
         self.offset = offset / length
@@ -89,14 +89,14 @@ class Plane(eqx.Module):
 
 
 class Scene(eqx.Module):
-    """A rig, the ground it looks at, and the one length that makes distances relative.
+    """A rig, its ground plane, and the length to which distances are relative.
 
     Attributes:
         rig: the cameras.
         ground: the plane people stand on, cameras on its positive side.
-        extent: () E, a length in scene units: twice the median distance of the camera centres
+        extent: () E, a length in scene units: twice the median distance of the camera centers
             from their mean (`Scene.from_rig`), unless the source of the scene says otherwise.
-        metric: whether scene units are metres.
+        metric: whether scene units are meters.
     """
 
     rig: Rig
@@ -109,7 +109,7 @@ class Scene(eqx.Module):
 
         Raises:
             InvalidInputError: if rig or ground is something else, the extent is not positive, the
-                cameras are below the ground, or a camera of a metric scene hangs so high that the
+                cameras are below the ground, or a camera of a metric scene is so high that the
                 rig must be in another unit.
         """
         require_instance(rig, Rig, "rig")
@@ -130,20 +130,20 @@ class Scene(eqx.Module):
         if self.metric and height.size and height.max() >= HIGHEST_CAMERA:
             at = int(np.flatnonzero(rig.registered)[height.argmax()])
             raise InvalidInputError(
-                f"Camera {at} hangs {height.max():.5g} m above the ground, but cameras that show "
-                f"people hang below {HIGHEST_CAMERA:g} m. If the rig is in millimetres or "
-                "centimetres, divide t by 1000 or 100 (the readers of calibration files have "
+                f"Camera {at} is {height.max():.5g} m above the ground, but cameras that show "
+                f"people are below {HIGHEST_CAMERA:g} m. If the rig is in millimeters or "
+                "centimeters, divide t by 1000 or 100 (the readers of calibration files have "
                 "metres_per_unit); if its units are not known, pass metric=False."
             )
 
     @classmethod
     def from_rig(cls, rig: Any, ground: Plane, metric: bool = False) -> "Scene":
-        """A scene whose extent is twice the median distance of the centres from their mean.
+        """Make a scene whose extent is twice the median distance of the centers from their mean.
 
         Args:
-            rig: a `Rig`, or what holds one as its `rig`: what a reader of a calibration file gave.
+            rig: a `Rig`, or an object with an attribute `rig`, as calibration readers return.
             ground: the plane people stand on, cameras on its positive side.
-            metric: whether the rig is in metres.
+            metric: whether the rig is in meters.
 
         Raises:
             InvalidInputError: if fewer than 2 cameras are registered, or as `Scene`.
@@ -198,10 +198,10 @@ class Scene(eqx.Module):
 
 
 class Rays(eqx.Module):
-    """One ray a detection: from the camera centre through the bottom centre of the box.
+    """One ray per detection, from the camera center through the bottom center of the box.
 
     Attributes:
-        origin: (N, 3) camera centres in scene units.
+        origin: (N, 3) camera centers in scene units.
         direction: (N, 3) unit vectors in the world frame.
         weight: (N,) reliability w in (0, 1] (Eq. w); 0 marks an absent ray.
     """

@@ -11,17 +11,17 @@ from catfree.errors import InvalidInputError
 
 
 def is_traced(*values: Any) -> bool:
-    """Whether any value is a JAX tracer, whose entries cannot be looked at."""
+    """Return whether any value is a JAX tracer, whose entries cannot be inspected."""
     return any(isinstance(value, jax.core.Tracer) for value in values)
 
 
 def first_index(bad: np.ndarray) -> str:
-    """The first true entry of a boolean array as an index to print: `3` or `3, 1`."""
+    """Format the index of the first true entry of a boolean array: `3` or `3, 1`."""
     return ", ".join(str(int(i)) for i in np.argwhere(bad)[0])
 
 
 def require_instance(value: Any, kind: type, name: str) -> None:
-    """Raise unless `value` is of this type: swapped or forgotten arguments are named as such."""
+    """Raise unless `value` has this type, to catch swapped or missing arguments."""
     if not isinstance(value, kind):
         raise InvalidInputError(f"{name} must be a {kind.__name__}, got {type(value).__name__}.")
 
@@ -35,7 +35,7 @@ def _as_array(value: Any) -> np.ndarray:
         return np.asarray(value)
     except ValueError as error:
         raise InvalidInputError(
-            "Expected an array, got lists of different lengths. Give every row as many entries."
+            "Expected an array, got lists of different lengths. Give every row the same length."
             if isinstance(value, list | tuple)
             else f"Expected an array of numbers, got {type(value).__name__}."
         ) from error
@@ -48,9 +48,9 @@ def _require_real(dtype: Any) -> None:
 
 
 def as_float(value: Any) -> Any:
-    """Float arrays keep their dtype, JAX arrays stay JAX arrays, other numbers become float64.
+    """Convert to floats: float arrays keep their dtype, JAX arrays stay JAX arrays.
 
-    JAX arrays of whole numbers become JAX's default float.
+    Other numbers become float64, and JAX arrays of whole numbers become JAX's default float.
     """
     if isinstance(value, jax.Array):
         _require_real(value.dtype)
@@ -66,7 +66,7 @@ def as_float(value: Any) -> Any:
 
 
 def as_integer(value: Any, name: str) -> np.ndarray:
-    """An int64 array; whole-number floats are accepted, fractions are not."""
+    """Convert to int64; whole-number floats are accepted, fractions are not."""
     array = _as_array(value)
     if array.size == 0:
         return array.astype(np.int64)
@@ -86,7 +86,7 @@ def as_integer(value: Any, name: str) -> np.ndarray:
 
 
 def as_count(value: Any, name: str) -> int:
-    """One whole number, such as a position or a stride."""
+    """Convert to one whole number, such as a position or a stride."""
     array = as_integer(value, name)
     if array.shape != ():
         raise InvalidInputError(f"{name} must be one whole number, got shape {array.shape}.")
@@ -94,7 +94,7 @@ def as_count(value: Any, name: str) -> int:
 
 
 def as_point(value: Any, name: str) -> np.ndarray:
-    """One finite point in space, (3,) float64."""
+    """Convert to one finite point in space, (3,) float64."""
     point = np.asarray(as_float(value), np.float64)
     require_shape(point, (3,), name)
     require_finite(point, name)
@@ -102,7 +102,7 @@ def as_point(value: Any, name: str) -> np.ndarray:
 
 
 def as_boolean(value: Any, name: str) -> np.ndarray:
-    """A bool array from booleans or from 0 and 1."""
+    """Convert booleans, or 0 and 1, to a bool array."""
     array = _as_array(value)
     if array.dtype == bool:
         return array
@@ -126,7 +126,7 @@ def require_shape(value: Any, shape: tuple[int | None, ...], name: str) -> None:
 
 
 def require_known_cameras(camera: np.ndarray, count: int) -> None:
-    """Raise at the first detection whose camera a rig of `count` cameras does not have."""
+    """Raise at the first detection whose camera is not in a rig of `count` cameras."""
     unknown = camera >= count
     if unknown.any():
         at = int(np.argmax(unknown))

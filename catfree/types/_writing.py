@@ -1,4 +1,4 @@
-"""Writing files: complete under their name, or not there at all, and one sentence if it fails."""
+"""Atomic writing of files, with one clear error on failure."""
 
 import contextlib
 import errno
@@ -11,8 +11,8 @@ from typing import BinaryIO
 
 from catfree.errors import InvalidInputError, WriteError
 
-# A name of its own instead of one that begins like the target's: no longer than the target's may
-# be, and nobody else's. It keeps the suffix, by which some writers choose the format.
+# Temporary names are random and do not extend the target's, so they are neither too long nor taken.
+# They keep the suffix, by which some writers choose the format.
 _PREFIX, _LONGEST_SUFFIX = ".catfree-", 8
 _TEMPORARY = re.compile(r"\.catfree-[0-9a-f]{32}(\.[^./\\]{0,7})?")
 
@@ -20,23 +20,23 @@ _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 
 
 def is_temporary(name: str) -> bool:
-    """Whether `replacement` gives such names, so that a file of it is left over from a kill."""
+    """Return whether `replacement` makes such names, as left over by a killed process."""
     return _TEMPORARY.fullmatch(name) is not None
 
 
 @contextlib.contextmanager
 def replacement(path: str | os.PathLike[str], *, suffix: str | None = None) -> Iterator[Path]:
-    """An empty file that takes the place of `path` once the block ends without an error.
+    """Yield an empty file that replaces `path` when the block ends without an error.
 
-    It lies in the same folder, under a random name that nobody can put a link at beforehand.
+    It is in the same folder, under a random name, so that no link can be planted there beforehand.
 
     Args:
         path: the file to make or to replace.
-        suffix: of the name until then, for writers that choose the format by it; None for that of
-            `path`.
+        suffix: suffix of the temporary name, for writers that choose the format by it; None for
+            that of `path`.
 
     Raises:
-        InvalidInputError: if the folder does not exist, or the path is one itself.
+        InvalidInputError: if the folder does not exist, or the path is a folder.
         WriteError: if the disk is full or not writable; no partial file is left behind.
     """
     target = Path(path)
@@ -52,12 +52,12 @@ def replacement(path: str | os.PathLike[str], *, suffix: str | None = None) -> I
         name = f"{_PREFIX}{uuid.uuid4().hex}{ending[:_LONGEST_SUFFIX]}"
         temporary = target.with_name(name)
         try:
-            # Not a file of `tempfile`, which only its owner may read.
+            # Not `tempfile`, whose files only their owner may read.
             temporary.open("xb").close()
             yield temporary
             os.replace(temporary, target)
         except BaseException:
-            # The file may never have been made, or the folder be gone.
+            # The file or the folder may not exist.
             with contextlib.suppress(OSError):
                 temporary.unlink(missing_ok=True)
             raise
@@ -67,7 +67,7 @@ def replacement(path: str | os.PathLike[str], *, suffix: str | None = None) -> I
 
 @contextlib.contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """A stream whose content takes the place of a file once all of it is written.
+    """Yield a stream whose content replaces a file once it is complete.
 
     Raises:
         InvalidInputError: as `replacement`.
@@ -78,7 +78,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
 
 def make_folder(path: str | os.PathLike[str], *, parents: bool = True) -> Path:
-    """The folder, made if it does not exist.
+    """Make a folder if it does not exist, and return its path.
 
     Raises:
         WriteError: if it cannot be made.
@@ -92,7 +92,7 @@ def make_folder(path: str | os.PathLike[str], *, parents: bool = True) -> Path:
 
 
 def cannot_write(path: str | os.PathLike[str], error: OSError, task: str = "write") -> WriteError:
-    """The error of a file or folder that could not be written, with advice that fits the reason."""
+    """Make the error for a file or folder that cannot be written, with advice for the reason."""
     if isinstance(error, WriteError):
         return error
     advice = "Free some space, or name" if error.errno in _NO_SPACE else "Name"
