@@ -1,4 +1,4 @@
-"""Foreign things in and out: data sets, calibration files, track files, and neural networks."""
+"""Data sets, calibration files, track files, videos and neural networks."""
 
 from catfree.adapters.background import (
     BackgroundDetector as BackgroundDetector,

@@ -1,7 +1,7 @@
-"""What plugged-in detectors and embedders answer, checked picture by picture.
+"""Checks of what users' detectors and embedders return, picture by picture.
 
-A callable of one's own is easily almost right. What is wrong is said at the first bad picture, with
-its camera and frame, not at the end of the footage.
+An invalid result is reported at the first bad picture, with its camera and frame, not at the end of
+the footage.
 """
 
 from collections.abc import Callable
@@ -18,17 +18,17 @@ from catfree.types._validation import as_float
 def ask_for_people(
     ask: Callable[[], Any], detector: Any, camera: int, frame: int
 ) -> FrameDetections:
-    """The people that a detector finds in one picture.
+    """Run a detector on one picture and check its result.
 
     Args:
         ask: calls the detector.
         detector: the detector, for the message.
-        camera: which camera took the picture.
-        frame: its frame.
+        camera: index of the camera that took the picture.
+        frame: frame of the picture.
 
     Raises:
-        InvalidInputError: naming camera and frame, if the detector gives anything but
-            `FrameDetections`, or finds boxes that are none.
+        InvalidInputError: naming camera and frame, if the detector returns anything but
+            `FrameDetections`, or invalid boxes.
     """
     try:
         people = ask()
@@ -38,7 +38,7 @@ def ask_for_people(
 
 
 def require_people(people: Any, detector: Any, camera: int, frame: int) -> FrameDetections:
-    """The answer of a detector, if it is one; see `ask_for_people`."""
+    """Return a detector's result if it is valid; see `ask_for_people`."""
     if not isinstance(people, FrameDetections):
         raise InvalidInputError(
             f"{_place(detector, camera, frame)} returned {_kind(people)}; it must return "
@@ -48,18 +48,18 @@ def require_people(people: Any, detector: Any, camera: int, frame: int) -> Frame
 
 
 class Describer:
-    """An embedder whose answers are checked: one row a box, always of the same length."""
+    """An embedder whose results are checked: one row per box, all of one length."""
 
     def __init__(self, embedder: Embedder, width: int | None = None) -> None:
-        """Wrap an embedder; `width` is the length that its rows must have, where it is known."""
+        """Wrap an embedder; `width` is the length that its rows must have, if known."""
         self.embedder, self.width = embedder, width
 
     def __call__(self, image: Image, box: Any, camera: int, frame: int) -> Float[np.ndarray, "n d"]:
-        """What the people in the boxes of one picture look like.
+        """Embed the people in the boxes of one picture.
 
         Raises:
-            InvalidInputError: naming camera and frame, if the answer is no (n, D) array of finite
-                numbers, or D is not what it was before.
+            InvalidInputError: naming camera and frame, if the result is not an (n, D) array of
+                finite numbers, or D differs from that of earlier pictures.
         """
         where = _place(self.embedder, camera, frame)
         try:
@@ -68,28 +68,28 @@ class Describer:
         except InvalidInputError as error:
             raise InvalidInputError(f"{where} failed: {error}") from error
         if not len(box):
-            well = vectors.ndim == 2 and not len(vectors)
-            return vectors if well else np.zeros((0, self.width or 0), vectors.dtype)
+            is_matrix = vectors.ndim == 2 and not len(vectors)
+            return vectors if is_matrix else np.zeros((0, self.width or 0), vectors.dtype)
         width = vectors.shape[1] if self.width is None and vectors.ndim == 2 else self.width
         if vectors.shape != (len(box), width) or not width:
             raise InvalidInputError(
                 f"{where} returned {_kind(answer)} for {len(box)} boxes; it must return an array "
-                f"of shape ({len(box)}, {self.width or 'D'}), one row a box."
+                f"of shape ({len(box)}, {self.width or 'D'}), one row per box."
             )
         if not np.isfinite(vectors).all():
-            raise InvalidInputError(f"{where} returned numbers that are not finite. Repair it.")
+            raise InvalidInputError(f"{where} returned NaN or infinity; return finite numbers.")
         self.width = vectors.shape[1]
         return vectors
 
 
 def join_descriptions(parts: list[np.ndarray]) -> Float[np.ndarray, "n d"]:
-    """All rows in one array; pictures without people say nothing about the length of a row."""
+    """Concatenate the rows, skipping pictures without people, whose row length is unknown."""
     return np.concatenate([part for part in parts if len(part)] or parts[:1])
 
 
 def _place(part: Any, camera: int, frame: int) -> str:
     name = getattr(part, "__name__", type(part).__name__)
-    return f"{name}, asked about camera {camera} at frame {frame},"
+    return f"{name}, called for camera {camera} at frame {frame},"
 
 
 def _kind(answer: Any) -> str:

@@ -1,8 +1,8 @@
-"""What a detector, an embedder and a reconstructor must do to be plugged in.
+"""Protocols of detectors, embedders and reconstructors.
 
-The protocols are structural: any object with the right `__call__` and `fingerprint` fits, no base
-class needed. Images are (H, W, 3) uint8 RGB arrays; pixels follow the project's convention, the
-centre of the top-left pixel at (0, 0).
+The protocols are structural: any object with the right `__call__` and `fingerprint` conforms,
+without a base class. Images are (H, W, 3) uint8 RGB arrays; pixels follow the project's convention,
+the center of the top-left pixel at (0, 0).
 """
 
 from collections.abc import Iterable, Sequence
@@ -29,7 +29,7 @@ class FrameDetections(eqx.Module):
         box: (n, 4) x1, y1, x2, y2 in pixels of the original picture.
         score: (n,) confidence in [0, 1].
         keypoints: (n, 17, 3) COCO keypoints as x, y in pixels of the original picture and
-            confidence, or None where the detector estimates no pose.
+            confidence, or None if the detector does not estimate poses.
     """
 
     box: Float[np.ndarray, "n 4"]
@@ -72,17 +72,17 @@ class FrameDetections(eqx.Module):
 
 @runtime_checkable
 class Detector(Protocol):
-    """Finds people in one picture: `detector(image) -> FrameDetections`.
+    """A detector of people in one picture: `detector(image) -> FrameDetections`.
 
-    The picture is (H, W, 3) uint8 RGB of any size. Boxes and keypoints come back in pixels of that
-    picture, one row a person, suppressed (one person, one box), in any order. Nobody there gives
-    zero rows, never an error. The same picture always gives the same rows.
+    The picture is (H, W, 3) uint8 RGB of any size. The detector returns one row per person, in any
+    order, after non-maximum suppression, with boxes and keypoints in pixels of that picture. A
+    picture without people gives zero rows, not an error. Equal pictures give equal rows.
 
-    `fingerprint` names weights and parameters by content: detectors with equal fingerprints give
-    equal rows for equal pictures, so that results can be cached under it.
+    `fingerprint` identifies weights and parameters by content: detectors with equal fingerprints
+    give equal rows for equal pictures, so that it can be used as a cache key.
 
-    A detector may state `box_slack`, the share of its height by which a box is taller than the
-    person; calibration from people assumes that of learned detectors where it does not.
+    A detector may have an attribute `box_slack`, the share of its height by which a box is taller
+    than the person; without it, calibration from people assumes the slack of learned detectors.
     """
 
     @property
@@ -91,7 +91,7 @@ class Detector(Protocol):
         ...
 
     def __call__(self, image: Image) -> FrameDetections:
-        """The people in one picture."""
+        """Detect the people in one picture."""
         ...
 
 
@@ -100,29 +100,29 @@ class BatchDetector(Detector, Protocol):
     """A detector that is faster on several pictures at once, for instance all cameras' frames."""
 
     def detect_batch(self, images: Sequence[Image]) -> list[FrameDetections]:
-        """Row for row what calling it on each picture gives; the pictures may differ in size."""
+        """Return the rows that one call per picture gives; the pictures may differ in size."""
         ...
 
 
 @runtime_checkable
 class GuidedDetector(Detector, Protocol):
-    """A detector that does better where it is told who should stand in the picture."""
+    """A detector that can use the expected positions of people in the picture."""
 
     def look_again(self, image: Image, expected: Float[np.ndarray, "n 3"]) -> FrameDetections:
-        """The people in one picture, hints considered; without any, what a call gives.
+        """Detect the people in one picture with hints; without hints the same as a call.
 
         `expected` is (n, 3): foot column, foot row and height of people in pixels of the picture.
-        Hints may be wrong: nobody may be reported whom the picture does not show.
+        Hints may be wrong: only people that the picture shows may be reported.
         """
         ...
 
 
 @runtime_checkable
 class FittedToCamera(Protocol):
-    """A detector that must see a static camera's footage before it can detect there.
+    """A detector that must be fitted to the footage of a static camera before use.
 
-    Whoever runs such a detector fits it once a camera, `detector.fit(images)`, and calls what it
-    returns on that camera's pictures only.
+    The caller fits it once per camera with `detector.fit(images)` and calls the returned detector
+    on that camera's pictures only.
     """
 
     @property
@@ -131,19 +131,19 @@ class FittedToCamera(Protocol):
         ...
 
     def fit(self, images: Iterable[Image]) -> Detector:
-        """A detector for the camera that took these pictures; they are read once, in order.
+        """Return a detector for the camera that took these pictures, reading them once, in order.
 
-        May be called from several threads at once, one a camera.
+        May be called from several threads at once, one per camera.
         """
         ...
 
 
 @runtime_checkable
 class Embedder(Protocol):
-    """Describes what people look like: `embedder(image, box) -> (n, D)`.
+    """An embedder of people's appearance: `embedder(image, box) -> (n, D)`.
 
-    Boxes are (n, 4) x1, y1, x2, y2 in pixels of the picture and may reach over its border. Each row
-    has unit length, so that `1 - a · b` is a cosine distance in [0, 2]; no boxes give (0, D).
+    Boxes are (n, 4) x1, y1, x2, y2 in pixels of the picture and may cross its border. Each row has
+    unit length, so that `1 - a · b` is a cosine distance in [0, 2]; zero boxes give (0, D).
     `fingerprint` is that of `Detector`.
     """
 
@@ -153,16 +153,16 @@ class Embedder(Protocol):
         ...
 
     def __call__(self, image: Image, box: Any) -> Float[np.ndarray, "n d"]:
-        """One unit vector a box."""
+        """Compute one unit vector per box."""
         ...
 
 
 @runtime_checkable
 class Reconstructor(Protocol):
-    """Cameras and points from the pictures of one instant: `reconstructor(images)`.
+    """A reconstructor of cameras and points from one instant: `reconstructor(images)`.
 
-    The C pictures are one a camera, in the order of the cameras, and may differ in size. Frame and
-    scale of the answer are its own and may differ between calls. `fingerprint` is that of
+    `images` holds one picture per camera, in the order of the cameras; sizes may differ. The result
+    has its own frame and scale, which may differ between calls. `fingerprint` is that of
     `Detector`.
     """
 
@@ -172,18 +172,18 @@ class Reconstructor(Protocol):
         ...
 
     def __call__(self, images: Sequence[Image]) -> Reconstruction:
-        """Cameras and scene points in one frame."""
+        """Reconstruct cameras and scene points in one frame."""
         ...
 
 
 def ankles_confirmed(
     keypoints: Float[np.ndarray, "n 17 3"], minimum_confidence: float = 0.5
 ) -> Bool[np.ndarray, " n"]:
-    """Whether both feet of each person were seen.
+    """Return whether both ankles of each person were detected with confidence.
 
     Args:
         keypoints: (n, 17, 3) COCO keypoints as x, y in pixels and confidence.
-        minimum_confidence: both ankles must reach it.
+        minimum_confidence: least confidence of both ankles.
 
     Returns:
         (n,) true where the left and the right ankle are both confident.
@@ -193,7 +193,7 @@ def ankles_confirmed(
 
 
 def as_image(image: Any) -> Image:
-    """The picture as the adapters need it, or a sentence that says what is wrong with it.
+    """Return a picture as an array after checking its shape and type.
 
     Raises:
         InvalidInputError: if it is not a (H, W, 3) uint8 array with at least one pixel.

@@ -155,7 +155,7 @@ class Grows(ColorEmbedder):
 def test_answers_are_checked_over_all_pieces(pictures, tmp_path):
     world, videos = small_world(), SynchronizedVideos(pictures)
     for options in ({}, {"cache": StageCache(tmp_path)}):
-        with pytest.raises(InvalidInputError, match=r"Grows, asked about camera .*\(\d+, 3\)"):
+        with pytest.raises(InvalidInputError, match=r"Grows, called for camera .*\(\d+, 3\)"):
             detect(videos, ReadsItsPicture(world.detections), Grows(), **options)
 
 

@@ -128,11 +128,11 @@ class Batch(Answers):
 def test_detectors_that_answer_something_else_are_named(people, message, tmp_path):
     videos = write_folders(tmp_path)
     with pytest.raises(
-        InvalidInputError, match="Answers, asked about camera 0 at frame 1, " + message
+        InvalidInputError, match="Answers, called for camera 0 at frame 1, " + message
     ):
         detect_videos(videos, Answers(people))
     with pytest.raises(
-        InvalidInputError, match="Answers, asked about camera 1 at frame 1, " + message
+        InvalidInputError, match="Answers, called for camera 1 at frame 1, " + message
     ):
         detect_videos(videos, BrightSpot(), fitted=[BrightSpot(), Answers(people)])
 
@@ -143,7 +143,7 @@ def test_boxes_that_are_none_name_their_picture(tmp_path):
             found = super().__call__(image)
             return FrameDetections(found.box[:, [2, 3, 0, 1]], found.score)
 
-    message = r"Upside, asked about camera 0 at frame 1, failed: box\[0\] is"
+    message = r"Upside, called for camera 0 at frame 1, failed: box\[0\] is"
     with pytest.raises(InvalidInputError, match=message):
         detect_videos(write_folders(tmp_path), Upside())
 
@@ -165,13 +165,13 @@ def test_batches_have_an_answer_a_picture(tmp_path):
         (np.zeros((2, 3)), r"returned an array of shape \(2, 3\) for 1 boxes.*\(1, D\)"),
         (np.zeros((1, 0)), r"shape \(1, 0\)"),
         ([["a"]], "failed: Expected numbers"),
-        ([[np.nan]], "returned numbers that are not finite"),
+        ([[np.nan]], "returned NaN or infinity"),
     ],
 )
 def test_embedders_that_answer_something_else_are_named(vectors, message, tmp_path):
     videos = write_folders(tmp_path)
     with pytest.raises(
-        InvalidInputError, match="Answers, asked about camera 0 at frame 1.*" + message
+        InvalidInputError, match="Answers, called for camera 0 at frame 1.*" + message
     ):
         detect_videos(videos, BrightSpot(), Answers(vectors=vectors))
 
