@@ -1,4 +1,4 @@
-"""What people wear, as colour histograms of body parts: an embedder without weights."""
+"""Appearance embedding by color histograms of body parts, without weights."""
 
 from typing import Any
 
@@ -12,23 +12,23 @@ from catfree.adapters.protocols import Image, as_image
 # Body parts in shares of the box's height: head, upper and lower trunk, legs. Soles and the ground
 # around them are left out.
 ZONES = ((0.02, 0.14), (0.16, 0.34), (0.34, 0.52), (0.54, 0.9))
-# A head is small and alike among people; clothes tell them apart.
+# Heads are small and look similar; clothes distinguish people.
 ZONE_WEIGHTS = (0.5, 1.0, 1.0, 1.0)
 CROP_WIDTH, CROP_HEIGHT = 24, 64
-# Columns count by a bell curve: the box's sides show what is behind the person.
+# Columns are weighted by a bell curve, because the box's sides show the background.
 COLUMN_SPREAD = 0.16  # of the box's width
 HUES = 12
 LIGHTNESS_LEVELS = 5
-# Below this saturation a hue is noise; colour and lightness share a pixel's vote smoothly.
-GREY_SATURATION = 0.2
+# Below this saturation the hue is noise; a pixel's vote is split between color and lightness.
+GRAY_SATURATION = 0.2
 _VERSION = 1
 
 
 class ColorEmbedder:
-    """Embedder by body-part colour: OpenCV only.
+    """Embedder by the colors of body parts; needs only OpenCV.
 
     Each of four zones of the box (head, upper and lower trunk, legs) gives a soft histogram of hue
-    where it is coloured and of lightness relative to the person's own where it is not. Hue and
+    where it is colored and of lightness relative to the person's mean where it is not. Hue and
     relative lightness do not change with exposure; square roots of the bins make the inner product
     of two vectors the Bhattacharyya coefficient of their histograms.
     """
@@ -39,41 +39,41 @@ class ColorEmbedder:
         return hash_parameters("ColorEmbedder", version=_VERSION)
 
     def __call__(self, image: Image, box: Any) -> Float[np.ndarray, "n d"]:
-        """One unit vector for each box (n, 4) xyxy in pixels of the picture; (0, D) for none."""
+        """Compute one unit vector per box (n, 4) xyxy in pixels of the picture."""
         crops = clipped_crops(as_image(image), box, (CROP_WIDTH, CROP_HEIGHT))
         stack = np.array(crops, np.uint8).reshape(-1, CROP_HEIGHT, CROP_WIDTH, 3)
         return unit_rows(_describe(stack).astype(np.float32))
 
 
 def _describe(crops: UInt8[np.ndarray, "n h w 3"]) -> Float[np.ndarray, "n d"]:
-    """Roots of the weighted histograms of all zones of each person."""
+    """Compute the square roots of the weighted histograms of all zones of each person."""
     import cv2
 
     channels = np.moveaxis(crops, -1, 0).astype(np.float32, order="C") / 255
     high, low = channels.max(axis=0), channels.min(axis=0)
     chroma = high - low
     saturation = chroma / np.maximum(high, 0.05)
-    coloured = saturation**2 / (saturation**2 + GREY_SATURATION**2)
+    colored = saturation**2 / (saturation**2 + GRAY_SATURATION**2)
     pixels = np.moveaxis(channels, 0, -1).reshape(-1, CROP_WIDTH, 3)
     hsv = cv2.cvtColor(pixels, cv2.COLOR_RGB2HSV) if len(pixels) else pixels
     hue = hsv[..., 0].reshape(high.shape) / 360
     middle = (np.arange(CROP_WIDTH) + 0.5) / CROP_WIDTH - 0.5
     weight = np.exp(-0.5 * (middle / COLUMN_SPREAD) ** 2) * np.ones_like(high)
-    # Exposure scales all pixels of a person alike: lightness counts against the person's own.
-    usual = np.average(high, axis=(1, 2), weights=weight, keepdims=True)
-    usual = np.maximum(usual, 0.02).astype(np.float32)
-    lightness = np.clip(0.5 + 0.25 * np.log2(np.maximum(high, 0.004) / usual), 0, 1)
+    # Exposure scales all pixels of a person equally, so lightness is relative to the mean.
+    mean = np.average(high, axis=(1, 2), weights=weight, keepdims=True)
+    mean = np.maximum(mean, 0.02).astype(np.float32)
+    lightness = np.clip(0.5 + 0.25 * np.log2(np.maximum(high, 0.004) / mean), 0, 1)
     parts = []
     for (top, bottom), share in zip(ZONES, ZONE_WEIGHTS, strict=True):
         rows = np.s_[:, round(top * CROP_HEIGHT) : round(bottom * CROP_HEIGHT)]
-        colour = _soft_histogram(hue[rows] * HUES, (weight * coloured)[rows], HUES, circular=True)
-        grey = _soft_histogram(
+        color = _soft_histogram(hue[rows] * HUES, (weight * colored)[rows], HUES, circular=True)
+        gray = _soft_histogram(
             lightness[rows] * (LIGHTNESS_LEVELS - 1),
-            (weight * (1 - coloured))[rows],
+            (weight * (1 - colored))[rows],
             LIGHTNESS_LEVELS,
             circular=False,
         )
-        histogram = np.concatenate([colour, grey], axis=1)
+        histogram = np.concatenate([color, gray], axis=1)
         parts.append(np.sqrt(share * histogram / histogram.sum(axis=1, keepdims=True)))
     return np.concatenate(parts, axis=1)
 
@@ -85,7 +85,7 @@ def _soft_histogram(
     *,
     circular: bool,
 ) -> Float[np.ndarray, "n b"]:
-    """Votes shared by the two nearest bins, so that a small change moves a small vote."""
+    """Compute histograms that split each vote between the two nearest bins, to vary smoothly."""
     lower = np.floor(place).astype(np.int64)
     upper_share = place - lower
     count = len(place)

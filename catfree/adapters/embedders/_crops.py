@@ -1,4 +1,4 @@
-"""People cut out of a picture, and the unit vectors that describe them."""
+"""Crops of people and normalization of their embeddings."""
 
 from typing import Any
 
@@ -10,10 +10,10 @@ from catfree.types._validation import as_float, require_finite, require_shape
 
 
 def clip_boxes(box: Any, width: int, height: int) -> Int[np.ndarray, "n 4"]:
-    """Boxes as whole pixels inside the picture.
+    """Clip boxes to whole pixels inside the picture.
 
     Args:
-        box: (n, 4) xyxy in pixels, reaching over the border or beyond it.
+        box: (n, 4) xyxy in pixels, possibly partly or wholly outside the picture.
         width: of the picture in pixels.
         height: of the picture in pixels.
 
@@ -22,7 +22,7 @@ def clip_boxes(box: Any, width: int, height: int) -> Int[np.ndarray, "n 4"]:
         border pixel nearest to the box.
 
     Raises:
-        InvalidInputError: if the boxes have another shape or are not finite.
+        InvalidInputError: if the boxes do not have this shape or are not finite.
     """
     boxes = np.asarray(as_float(box))
     boxes = boxes.reshape(0, 4) if boxes.size == 0 else boxes
@@ -35,7 +35,7 @@ def clip_boxes(box: Any, width: int, height: int) -> Int[np.ndarray, "n 4"]:
 
 
 def clipped_crops(image: Image, box: Any, size: tuple[int, int]) -> list[Image]:
-    """What each box shows, resized to (width, height)."""
+    """Crop the picture to each box and resize the crops to (width, height)."""
     import cv2
 
     corners = clip_boxes(box, image.shape[1], image.shape[0])
@@ -43,7 +43,7 @@ def clipped_crops(image: Image, box: Any, size: tuple[int, int]) -> list[Image]:
 
 
 def unit_rows(vectors: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n d"]:
-    """Rows scaled to length one; a zero row becomes the first axis, so that it stays a unit."""
+    """Scale rows to unit length; a zero row becomes the first unit vector."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     first = np.zeros_like(vectors)
     first[:, :1] = 1

@@ -26,10 +26,10 @@ _LARGEST_BATCH = 32
 class ReIdOnnx:
     """Embedder from a re-identification network that maps a person's crop to a vector.
 
-    Two conventions of the input exist, and a graph does not say which one it follows:
-    "rgb_imagenet" (torchreid's OSNet: RGB in [0, 1], ImageNet mean and deviation) and "bgr_raw"
-    (Intel's Open Model Zoo: BGR 0 to 255, normalised inside). None chooses "bgr_raw" for graphs
-    that were converted from OpenVINO and "rgb_imagenet" for all others.
+    The input follows one of two conventions, which the graph does not state: "rgb_imagenet"
+    (torchreid's OSNet: RGB in [0, 1], ImageNet mean and deviation) and "bgr_raw" (Intel's Open
+    Model Zoo: BGR 0 to 255, normalized inside). None chooses "bgr_raw" for graphs that were
+    converted from OpenVINO and "rgb_imagenet" for all others.
 
     Weights: OSNet from github.com/KaiyangZhou/deep-person-reid (code MIT; the training data allow
     research only), exported with `torch.onnx.export`; `person-reidentification-retail-0287` from
@@ -42,7 +42,7 @@ class ReIdOnnx:
         preprocessing: Preprocessing | None = None,
         providers: Sequence[Any] | None = None,
     ) -> None:
-        """Load the file and check that it is such a network.
+        """Load the file and check that it is a re-identification network.
 
         Args:
             path: the ONNX file.
@@ -50,7 +50,7 @@ class ReIdOnnx:
             providers: ONNX Runtime execution providers in order of preference.
 
         Raises:
-            InvalidInputError: if there is no such file or no such preprocessing.
+            InvalidInputError: if the file does not exist or the preprocessing is unknown.
             FileFormatError: if the file is not a re-identification network.
         """
         if preprocessing not in (None, "rgb_imagenet", "bgr_raw"):
@@ -81,27 +81,27 @@ class ReIdOnnx:
 
     @property
     def preprocessing(self) -> Preprocessing:
-        """The convention of the input that is used."""
+        """The input convention in use."""
         return self._preprocessing
 
     def __call__(self, image: Image, box: Any) -> Float[np.ndarray, "n d"]:
-        """One unit vector for each box (n, 4) xyxy in pixels of the picture; (0, D) for none."""
+        """Compute one unit vector per box (n, 4) xyxy in pixels of the picture."""
         crops = clipped_crops(as_image(image), box, self._crop_size)
         if not crops:
             return np.zeros((0, self._find_dimension()), np.float32)
         return unit_rows(np.stack(self._embed(crops)))
 
     def _embed(self, crops: Sequence[Image]) -> list[np.ndarray]:
-        inputs = [self._normalise(crop).transpose(2, 0, 1) for crop in crops]
+        inputs = [self._normalize(crop).transpose(2, 0, 1) for crop in crops]
         return run_batched(self._graph, inputs, self._output, _LARGEST_BATCH)
 
-    def _normalise(self, crop: Image) -> Float[np.ndarray, "h w 3"]:
+    def _normalize(self, crop: Image) -> Float[np.ndarray, "h w 3"]:
         if self._preprocessing == "bgr_raw":
             return crop[:, :, ::-1].astype(np.float32)
         return (crop.astype(np.float32) / 255 - _IMAGENET_MEAN) / _IMAGENET_DEVIATION
 
     def _find_dimension(self) -> int:
-        if self._dimension is None:  # the graph leaves it open: one blank crop tells
+        if self._dimension is None:  # the graph does not state it: run it on a blank crop
             width, height = self._crop_size
             self._dimension = self._embed([np.zeros((height, width, 3), np.uint8)])[0].shape[0]
         return self._dimension
