@@ -17,7 +17,7 @@ from catfree.types._validation import as_float, as_integer, require_shape
 # axis by d overlap by (s - d) / (s + d), which is 0.5 at d = s / 3.
 _SIDES_PER_THRESHOLD = 3.0
 
-# Beyond it, not every whole number is a float.
+# Above it, not every whole number is a float.
 _LARGEST = 2.0**53
 
 
@@ -63,7 +63,7 @@ class MotTable:
         """(N, 4) rows [frame, id, x, y] of world positions for `catfree.evaluation`.
 
         Raises:
-            InvalidInputError: if the file gives none.
+            InvalidInputError: if the file has no world positions.
         """
         if self.world is None:
             raise InvalidInputError(f"{self.source} has no world positions (columns 8 to 10).")
@@ -71,7 +71,7 @@ class MotTable:
 
 
 def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
-    """Read `frame, id, left, top, width, height[, confidence[, ...]]`, one row a line.
+    """Read `frame, id, left, top, width, height[, confidence[, ...]]`, one row per line.
 
     Args:
         path: a `det.txt`, `gt.txt` or tracker output; commas or spaces separate the columns.
@@ -83,7 +83,7 @@ def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
 
     Raises:
         InvalidInputError: if there is no such file or a number is not finite.
-        FileFormatError: naming the line that is not of this form.
+        FileFormatError: naming the first malformed line.
     """
     source = Path(path)
     rows, columns = [], None
@@ -101,7 +101,7 @@ def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
             rows.append([float(word) for word in words])
         except ValueError as error:
             raise FileFormatError(
-                f"{source}: line {line} holds no number: {quoted(error)}."
+                f"{source}: line {line} has a value that is not a number: {quoted(error)}."
             ) from error
         _, _, left, top, width, height, *_ = rows[-1]
         if not np.isfinite([*rows[-1], left + width, top + height]).all():
@@ -110,8 +110,8 @@ def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
             raise FileFormatError(f"{source}: frame and id of line {line} must be whole numbers.")
         if max(abs(rows[-1][0]), abs(rows[-1][1])) >= _LARGEST:
             raise FileFormatError(
-                f"{source}: frame or id of line {line} is too large to be counted exactly; they "
-                "must stay below 2^53."
+                f"{source}: frame or id of line {line} is too large to be counted exactly; both "
+                "must be below 2^53."
             )
     table = np.array(rows, np.float64).reshape(-1, columns or 6)
     frame = table[:, 0].astype(np.int64)
@@ -147,19 +147,20 @@ def write_mot_boxes(
         path: the file.
         detections: boxes of one camera.
         frames: (F,) all frame numbers of the sequence; the first becomes 1, the next 2, ...
-        identity: (N,) identities from 0 on, written from 1 on; None or a negative one writes -1.
+        identity: (N,) identities counted from 0, written counted from 1; None or a negative one
+            writes -1.
 
     Returns:
         The path.
 
     Raises:
-        InvalidInputError: if boxes are of several cameras, a frame is not among `frames`, or the
+        InvalidInputError: if boxes belong to several cameras, a frame is not among `frames`, or the
             folder does not exist.
     """
     if len(np.unique(detections.camera)) > 1:
         raise InvalidInputError(
-            f"Cannot write {path}: the boxes are of {len(np.unique(detections.camera))} cameras; "
-            "write one file a camera."
+            f"Cannot write {path}: the boxes belong to {len(np.unique(detections.camera))} "
+            "cameras; write one file per camera."
         )
     count = len(detections)
     person = np.full(count, -1) if identity is None else as_integer(identity, "identity")
@@ -174,17 +175,17 @@ def write_mot_boxes(
 def write_mot_ground(
     path: StrPath, tracks: Tracks | ArrayLike, frames: ArrayLike, *, threshold: float = 1.0
 ) -> Path:
-    """Write tracks or true positions as squares around each, so that TrackEval can score them.
+    """Write tracks or true positions as squares that TrackEval can score.
 
-    TrackEval compares boxes in images. A square of side `3 threshold` around each position, for
-    truth and tracks alike, overlaps another by half when they are `threshold` apart along an
-    axis. Columns are `frame, id, left, top, side, side, confidence, class, visibility`, lengths in
-    scene units, so the same file serves as ground truth and as tracker output (MOT16 form).
+    TrackEval compares boxes in images. Two squares of side `3 threshold` around a true and a
+    tracked position overlap by half when the positions are `threshold` apart along an axis. Columns
+    are `frame, id, left, top, side, side, confidence, class, visibility`, lengths in scene units,
+    so the same file serves as ground truth and as tracker output (MOT16 form).
 
     Args:
         path: the file.
         tracks: what to write: tracks, or (N, 4) rows [frame, id, x, y] such as the ground truth of
-            a sequence; frames and identities are written from 1 on.
+            a sequence; frames and identities are written counted from 1.
         frames: (F,) all frame numbers of the sequence; the first becomes 1, the next 2, ...
         threshold: matching distance in scene units.
 
@@ -193,7 +194,7 @@ def write_mot_ground(
 
     Raises:
         InvalidInputError: if a frame is not among `frames`, a position is not finite, the threshold
-            is not positive, rows are of another shape, or the folder does not exist.
+            is not positive, rows have another shape, or the folder does not exist.
         WriteError: if the disk is full or not writable.
     """
     if not 0 < threshold < np.inf:
@@ -225,7 +226,7 @@ def _write(
     corner: np.ndarray,
     size: np.ndarray,
     score: np.ndarray,
-    rest: str,
+    last_columns: str,
 ) -> Path:
     for name, values in (("position", corner), ("size", size), ("score", score)):
         bad = ~np.isfinite(values)
@@ -247,7 +248,6 @@ def _write(
     lines = []
     for row in np.lexsort((identity, position)):
         values = [*corner[row], *size[row], score[row]]
-        lines.append(
-            f"{position[row]},{identity[row]},{','.join(repr(float(v)) for v in values)},{rest}\n"
-        )
+        numeric = ",".join(repr(float(value)) for value in values)
+        lines.append(f"{position[row]},{identity[row]},{numeric},{last_columns}\n")
     return write_text_atomically(path, "".join(lines))

@@ -1,4 +1,4 @@
-"""Tracks as one table, a row a position: CSV always, Parquet with the `parquet` extra."""
+"""Tracks as a table with one row per position: CSV, or Parquet with the `parquet` extra."""
 
 import csv
 import io
@@ -79,9 +79,9 @@ def read_tracks_csv(path: StrPath) -> Tracks:
         version 0.1 give no velocities (NaN).
 
     Raises:
-        InvalidInputError: if there is no such file, or a number in it is not finite or a sigma
+        InvalidInputError: if the file does not exist, a number in it is not finite, or a sigma is
             negative.
-        FileFormatError: naming the column or line that is not of this form.
+        FileFormatError: naming the first malformed column or line.
     """
     source = Path(path)
     try:
@@ -154,7 +154,7 @@ def write_tracks_parquet(path: StrPath, tracks: Tracks) -> Path:
             "Writing Parquet needs pyarrow: pip install 'catfree[parquet]'."
         ) from error
     sink = pyarrow.BufferOutputStream()
-    # Named, because columns without rows say nothing about their types.
+    # Explicit, because types cannot be inferred from columns without rows.
     kinds = {name: pyarrow.int64() for name in _WHOLE} | {"origin": pyarrow.string()}
     columns = _columns(tracks)
     schema = pyarrow.schema([(name, kinds.get(name, pyarrow.float64())) for name in columns])

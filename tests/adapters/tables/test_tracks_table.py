@@ -208,7 +208,7 @@ def test_unknown_confidences_are_no_scores(tmp_path):
     [
         ("1,2,3,4,5\n", "line 1 has 5 columns"),
         ("1,2,3,4,5,6,1\n1,2,3,4,5,6\n", "line 2 has 6 columns instead of 7"),
-        ("1,2,3,4,5,six\n", "line 1 holds no number"),
+        ("1,2,3,4,5,six\n", "line 1 has a value that is not a number"),
         ("1,2,3,4,5,nan\n", "line 1 has a number that is not finite"),
         ("1.5,2,3,4,5,6\n", "frame and id of line 1"),
         ("1e23,2,3,4,5,6\n", "frame or id of line 1 is too large"),
