@@ -1,4 +1,4 @@
-"""What cameras are called: after their files, told apart, and fit to name files in turn."""
+"""Distinct camera names made from file names, and file names made from camera names."""
 
 import os
 from collections.abc import Sequence
@@ -6,14 +6,14 @@ from pathlib import Path
 
 from catfree.errors import InvalidInputError
 
-# More folders than these before the file would be a path, not a name.
+# Folders before the file in a camera name; with more it would be a path, not a name.
 DEEPEST = 3
-# Bytes of a file's name before its suffix; file systems hold 255 in all.
+# Bytes of a file's name before its suffix; file systems allow 255 in total.
 LONGEST = 200
 
 
 def require_readable_name(path: Path) -> None:
-    """Raise if a path is no text: OpenCV cannot open it, and no result could name its camera.
+    """Raise if a path is not UTF-8: OpenCV cannot open it, and results cannot name its camera.
 
     Raises:
         InvalidInputError: showing the path with its bytes escaped.
@@ -26,7 +26,7 @@ def require_readable_name(path: Path) -> None:
 
 
 def is_text(name: str) -> bool:
-    """Whether a name can be written as UTF-8: bytes of another encoding in a path cannot."""
+    """Return whether a name can be written as UTF-8; paths in another encoding cannot."""
     try:
         name.encode("utf-8")
     except UnicodeEncodeError:
@@ -35,7 +35,7 @@ def is_text(name: str) -> bool:
 
 
 def names_of_files(paths: Sequence[Path]) -> list[str]:
-    """One name a camera, no two alike: the file's, with folders or suffix where that is not enough.
+    """Make one distinct name per camera: its file's, with folders or suffix if necessary.
 
     Args:
         paths: (C,) files or image folders.
@@ -47,9 +47,9 @@ def names_of_files(paths: Sequence[Path]) -> list[str]:
     Raises:
         InvalidInputError: if two paths lead to the same file or folder.
     """
-    seen: dict[Path, int] = {}
+    camera_of: dict[Path, int] = {}
     for camera, path in enumerate(paths):
-        first = seen.setdefault(path.resolve(), camera)
+        first = camera_of.setdefault(path.resolve(), camera)
         if first != camera:
             raise InvalidInputError(
                 f"Cameras {first} and {camera} are the same file, {path}. Name each file once."
@@ -65,44 +65,44 @@ def names_of_files(paths: Sequence[Path]) -> list[str]:
 
 
 def _parts(place: Path) -> tuple[str, ...]:
-    """Folders and file below the root; bytes that are no text become question marks."""
+    """List folders and file below the root; bytes that are not UTF-8 become question marks."""
     below = place.parts[1:] if place.anchor else place.parts
     return tuple(part.encode("utf-8", "replace").decode() for part in below)
 
 
 def file_names(names: Sequence[str]) -> list[str]:
-    """Names of files that lie in one folder, one a camera.
+    """Make distinct file names for one folder, one per camera.
 
     Args:
         names: (C,) camera names, which may be parts of paths.
 
     Returns:
-        (C,) the names with `_` for what separates folders, cut to what file systems hold, and
-        distinct as `distinct_names` makes them.
+        (C,) the names with `_` in place of folder separators, cut to the length that file systems
+        allow, and made distinct by `distinct_names`.
     """
     plain = ("".join("_" if c in "/\\:\0" else c for c in name) for name in names)
     return distinct_names([_fitting(name.lstrip(".")) for name in plain])
 
 
 def _fitting(name: str) -> str:
-    """The beginning of a name that leaves a file system room for suffix and number."""
+    """Cut a name so that file systems have room for suffix and number."""
     return name.encode("utf-8", "replace")[:LONGEST].decode("utf-8", "ignore")
 
 
 def distinct_names(names: Sequence[str]) -> list[str]:
-    """The names, no two alike on any file system.
+    """Make names distinct on any file system.
 
-    An empty or repeated one gets the number of its camera.
+    An empty or repeated name gets the number of its camera.
 
     Args:
         names: (C,) names that were made from distinct ones.
     """
     taken = {name.casefold() for name in names}
-    seen, given = {""}, []
+    used, labels = {""}, []
     for camera, name in enumerate(names):
         label = name
-        while label.casefold() in seen or (label != name and label.casefold() in taken):
+        while label.casefold() in used or (label != name and label.casefold() in taken):
             label = f"{label}_C{camera + 1}"
-        seen.add(label.casefold())
-        given.append(label)
-    return given
+        used.add(label.casefold())
+        labels.append(label)
+    return labels

@@ -1,4 +1,4 @@
-"""Text, JSON and array files: one clear error on the way in, atomic on the way out."""
+"""Reading of text, JSON and array files with clear errors, and atomic writing."""
 
 import json
 import os
@@ -16,31 +16,31 @@ from catfree.types._writing import replacing
 StrPath = str | os.PathLike[str]
 
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
-# Beyond it, not every whole number is a float.
+# Above it, not every whole number is a float.
 _LARGEST_WHOLE = 2**53
 
 
 def require_file(path: StrPath, meaning: str) -> Path:
-    """The path, if there is a file.
+    """Return the path if it is a file.
 
     Args:
-        path: where it should be.
+        path: the expected file.
         meaning: what the file is, for the message: `calibration of camera C1`.
 
     Raises:
-        InvalidInputError: if there is none.
+        InvalidInputError: if there is no such file.
     """
     source = Path(path)
-    if not os.path.isfile(source):  # unlike Path.is_file also for names that are too long
+    if not os.path.isfile(source):  # unlike Path.is_file, accepts overlong names
         raise InvalidInputError(f"There is no file {source} ({meaning}). Check the path.")
     return source
 
 
 def require_folder(path: StrPath, meaning: str) -> Path:
-    """The path, if there is a folder.
+    """Return the path if it is a folder.
 
     Raises:
-        InvalidInputError: if there is none.
+        InvalidInputError: if there is no such folder.
     """
     source = Path(path)
     if not source.is_dir():
@@ -49,7 +49,7 @@ def require_folder(path: StrPath, meaning: str) -> Path:
 
 
 def read_text(path: StrPath, meaning: str) -> str:
-    """The content of a UTF-8 text file.
+    """Read a UTF-8 text file.
 
     Raises:
         InvalidInputError: if there is no such file.
@@ -65,12 +65,12 @@ def read_text(path: StrPath, meaning: str) -> str:
 
 
 def read_json(path: StrPath, meaning: str) -> Any:
-    """The content of a JSON file.
+    """Read a JSON file.
 
     Raises:
         InvalidInputError: if there is no such file.
-        FileFormatError: if it is not JSON, with the line and column, as for a truncated file, or
-            its strings hold half a character (a lone surrogate), which no other file could hold.
+        FileFormatError: if it is not JSON, as when truncated, with the line and column, or a
+            string holds a lone surrogate, which cannot be written to any file.
     """
     text = read_text(path, meaning)
     try:
@@ -85,16 +85,16 @@ def read_json(path: StrPath, meaning: str) -> Any:
 
 
 def read_npz(path: StrPath, meaning: str, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Some arrays of an `.npz` archive, without pickle.
+    """Read some arrays of an `.npz` archive, without pickle.
 
     Args:
         path: the archive.
         meaning: what it is, for the message.
-        names: the arrays that must be there.
+        names: the required arrays.
 
     Raises:
         InvalidInputError: if there is no such file.
-        FileFormatError: if it is no archive, is truncated, or lacks one of the arrays.
+        FileFormatError: if it is not an archive, is truncated, or lacks one of the arrays.
     """
     arrays = read_archive(require_file(path, meaning), names)
     missing = [name for name in names if name not in arrays]
@@ -109,7 +109,7 @@ def read_npz(path: StrPath, meaning: str, names: tuple[str, ...]) -> dict[str, n
 
 
 def entry(mapping: Any, key: str, source: StrPath, where: str) -> Any:
-    """One required entry of a parsed document.
+    """Return one required entry of a parsed document.
 
     Raises:
         FileFormatError: naming the file, the place in it and the missing key.
@@ -122,7 +122,7 @@ def entry(mapping: Any, key: str, source: StrPath, where: str) -> Any:
 
 
 def text_of(value: Any, source: StrPath, where: str) -> str:
-    """A name as a parsed document gives it: a string, or a number.
+    """Return a name that a parsed document gives as a string or a number.
 
     Raises:
         FileFormatError: naming the file and the place in it.
@@ -133,7 +133,7 @@ def text_of(value: Any, source: StrPath, where: str) -> str:
 
 
 def is_whole(value: Any) -> bool:
-    """Whether this is a whole number that float64 holds exactly."""
+    """Return whether this is a whole number that float64 holds exactly."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
     return number and abs(value) <= _LARGEST_WHOLE and value == int(value)
 
@@ -146,14 +146,14 @@ def numbers(
     *,
     finite: bool = True,
 ) -> np.ndarray:
-    """A float64 array of this shape; nested lists and flat lists are both accepted.
+    """Convert to a float64 array of this shape; nested and flat lists are both accepted.
 
     Args:
         value: what the file holds.
         shape: of the result; None stands for a list of any length.
         source: the file, for messages.
         where: the place in it, for messages.
-        finite: whether NaN and infinity are errors; otherwise the caller looks for them.
+        finite: whether NaN and infinity are errors; otherwise the caller checks for them.
 
     Raises:
         FileFormatError: naming the file and the place in it.
@@ -161,10 +161,10 @@ def numbers(
     """
     try:
         if isinstance(value, np.ndarray) and value.dtype.kind not in "biuf":
-            raise TypeError(f"{value.dtype} is no real number")
+            raise TypeError(f"{value.dtype} is not a real number")
         array = np.asarray(value, np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise FileFormatError(f"{source}: {where} does not hold numbers only.") from error
+        raise FileFormatError(f"{source}: {where} must hold numbers only.") from error
     if finite and not np.isfinite(array).all():
         raise InvalidInputError(f"{source}: {where} is not finite. Correct or remove it.")
     if shape is None:
@@ -178,10 +178,10 @@ def numbers(
 
 
 def write_bytes_atomically(path: StrPath, content: bytes) -> Path:
-    """Write a file so that a reader never sees half of it.
+    """Write a file so that a reader never sees part of it.
 
     Raises:
-        InvalidInputError: if the folder does not exist, or the path is one itself.
+        InvalidInputError: if the folder does not exist, or the path is a folder.
         WriteError: if the disk is full or not writable; no partial file is left behind.
     """
     with replacing(path) as stream:
@@ -190,10 +190,10 @@ def write_bytes_atomically(path: StrPath, content: bytes) -> Path:
 
 
 def write_text_atomically(path: StrPath, content: str) -> Path:
-    """Write UTF-8 text so that a reader never sees half of it; see `write_bytes_atomically`.
+    """Write UTF-8 text so that a reader never sees part of it; see `write_bytes_atomically`.
 
     Raises:
-        InvalidInputError: if the text holds what UTF-8 cannot, such as a name in another encoding.
+        InvalidInputError: if UTF-8 cannot encode the text, such as a name in another encoding.
         WriteError: if the disk is full or not writable.
     """
     try:

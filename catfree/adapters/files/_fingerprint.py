@@ -1,4 +1,4 @@
-"""Content hashes: what a cache keys on, so that other weights or parameters never hit it."""
+"""Content hashes for cache keys, so that other weights or parameters never match."""
 
 import hashlib
 import json
@@ -10,7 +10,7 @@ _CHUNK = 1 << 20
 
 
 def hash_file(path: str | os.PathLike[str]) -> str:
-    """SHA-256 of a file's bytes in hexadecimal, read in pieces."""
+    """Compute the SHA-256 of a file's bytes in hexadecimal, read in pieces."""
     digest = hashlib.sha256()
     with Path(path).open("rb") as stream:
         while piece := stream.read(_CHUNK):
@@ -19,6 +19,6 @@ def hash_file(path: str | os.PathLike[str]) -> str:
 
 
 def hash_parameters(kind: str, *contents: str, **parameters: Any) -> str:
-    """SHA-256 of a name, of other hashes and of parameters that JSON can hold."""
+    """Compute the SHA-256 of a name, of other hashes and of parameters that JSON can hold."""
     text = json.dumps([kind, list(contents), parameters], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
