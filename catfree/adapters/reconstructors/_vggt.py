@@ -23,20 +23,20 @@ _NEEDED = (
 _PATCH = 14
 _USUAL_SIDE = 518
 _WHITE = 255
-# Narrower or wider is no lens that looks at a scene; the network's field of view is cut off at 0,
-# and an exact 0 says that it could not tell.
+# No lens that shows a scene has a field of view outside these limits. The network clips it at 0, so
+# an exact 0 means undetermined.
 _FIELD_OF_VIEW = (0.01, np.pi - 0.01)
 _SMALLEST_QUATERNION = 1e-6
 
 
 class VggtOnnx:
-    """Reconstructor from a VGGT export: cameras and a point cloud from one picture a camera.
+    """Reconstructor from a VGGT export: cameras and a point cloud from one picture per camera.
 
     The scale is arbitrary in each call. A camera whose field of view or rotation the network leaves
     undetermined comes back with `registered` false.
 
     Weights: VGGT-1B from github.com/facebookresearch/vggt; the original weights allow
-    non-commercial use only, "VGGT-1B-Commercial" has a licence of its own. Export the model with
+    non-commercial use only, "VGGT-1B-Commercial" has its own license. Export the model with
     `torch.onnx.export` with the pictures as the only input and the prediction dictionary's
     `pose_enc`, `depth`, `depth_conf`, `world_points` and `world_points_conf` as outputs.
     """
@@ -49,14 +49,14 @@ class VggtOnnx:
         *,
         maximum_points: int = 200_000,
     ) -> None:
-        """Load the file and check that it is such a network.
+        """Load the file and check that it is a VGGT network.
 
         Args:
             path: the ONNX file.
             mode: "crop" fills the input's width and cuts what is too high; "pad" shows the whole
                 picture between white bars.
             providers: ONNX Runtime execution providers in order of preference.
-            maximum_points: the cloud is thinned evenly to at most so many points.
+            maximum_points: the cloud is thinned evenly to at most this many points.
 
         Raises:
             InvalidInputError: if there is no such file or a parameter is impossible.
@@ -84,10 +84,10 @@ class VggtOnnx:
         return self._fingerprint
 
     def __call__(self, images: Sequence[Image]) -> Reconstruction:
-        """Cameras and points from the pictures of one instant, one a camera, of any sizes.
+        """Reconstruct cameras and points from the pictures of one instant, one per camera.
 
         Raises:
-            InvalidInputError: if there is no picture or the graph takes another number of them.
+            InvalidInputError: if there is no picture or the graph needs another number of them.
         """
         pictures = [as_image(image) for image in images]
         views = self._graph.input_shape[1]
@@ -105,7 +105,9 @@ class VggtOnnx:
         outputs = {name: value[0] for name, value in self._graph.run(values[None]).items()}
         encoding = outputs["pose_enc"].astype(np.float64)
         K_input, R, t, determined = decode_pose(encoding, target)
-        K = [p.intrinsics_to_original(own) for p, own in zip(placements, K_input, strict=True)]
+        K = [
+            p.intrinsics_to_original(matrix) for p, matrix in zip(placements, K_input, strict=True)
+        ]
         points, confidence = self._cloud(outputs, placements, target)
         return Reconstruction(
             np.stack(K),
@@ -121,7 +123,7 @@ class VggtOnnx:
     def preprocess(
         self, sizes: Sequence[tuple[int, int]]
     ) -> tuple[list[Letterbox], tuple[int, int]]:
-        """Where each picture lies in the input.
+        """Place each picture in the input.
 
         Args:
             sizes: (width, height) of each picture.
@@ -135,10 +137,10 @@ class VggtOnnx:
         resized = [_resized(size, width, limit, self._mode) for size in sizes]
         height = limit
         if fixed_height is None and self._mode == "crop":
-            height = min(limit, max(own[1] for own in resized))
+            height = min(limit, max(new[1] for new in resized))
         target = (width, height)
         return [
-            Letterbox.place(size, own, target) for size, own in zip(sizes, resized, strict=True)
+            Letterbox.place(size, new, target) for size, new in zip(sizes, resized, strict=True)
         ], target
 
     def _cloud(
@@ -147,11 +149,12 @@ class VggtOnnx:
         placements: Sequence[Letterbox],
         target: tuple[int, int],
     ) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, " p"]]:
-        """Points and confidences of the pixels that show a picture, thinned evenly."""
-        shown = np.zeros(outputs["world_points_conf"].shape, bool)
+        """Return points and confidences of the pixels that show a picture, thinned evenly."""
+        in_picture = np.zeros(outputs["world_points_conf"].shape, bool)
         for view, place in enumerate(placements):
-            shown[view][place.inside(target)] = True
-        points, confidence = outputs["world_points"][shown], outputs["world_points_conf"][shown]
+            in_picture[view][place.inside(target)] = True
+        points = outputs["world_points"][in_picture]
+        confidence = outputs["world_points_conf"][in_picture]
         sound = np.isfinite(points).all(-1) & np.isfinite(confidence) & (confidence > 0)
         rows = evenly_spread(np.flatnonzero(sound), self._maximum_points)
         return points[rows].astype(np.float64), confidence[rows].astype(np.float64)
@@ -165,7 +168,7 @@ def decode_pose(
     Float[np.ndarray, "view 3"],
     Bool[np.ndarray, " view"],
 ]:
-    """Cameras from VGGT's pose encoding.
+    """Decode cameras from VGGT's pose encoding.
 
     Args:
         encoding: (S, 9) translation, quaternion x y z w, vertical and horizontal field of view in
@@ -183,10 +186,10 @@ def decode_pose(
     # NaN fails every comparison, so that it counts as undetermined.
     determined = (length > _SMALLEST_QUATERNION) & np.isfinite(translation).all(1)
     determined &= ((field_of_view > low) & (field_of_view < high)).all(1)
-    turned = np.isfinite(length) & (length > _SMALLEST_QUATERNION)
+    has_rotation = np.isfinite(length) & (length > _SMALLEST_QUATERNION)
     unit = np.where(
-        turned[:, None],
-        quaternion / np.where(turned, length, 1)[:, None],
+        has_rotation[:, None],
+        quaternion / np.where(has_rotation, length, 1)[:, None],
         np.array([[0.0, 0.0, 0.0, 1.0]]),
     )
     angle = np.clip(np.where(np.isfinite(field_of_view), field_of_view, low), low, high)
@@ -201,7 +204,7 @@ def decode_pose(
 def _resized(
     size: tuple[int, int], width: int, height: int, mode: Literal["crop", "pad"]
 ) -> tuple[int, int]:
-    """(width, height) that a picture is resized to: each free side a multiple of the patch."""
+    """Compute the resized (width, height); each free side is a multiple of the patch."""
     if mode == "crop":
         return width, _patches(size[1] * width / size[0])
     scale = min(width / size[0], height / size[1])
