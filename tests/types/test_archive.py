@@ -103,7 +103,7 @@ def test_junk_is_one_error_that_names_the_file(tmp_path, kind):
     with pytest.raises(FileFormatError, match="junk"):
         kind.load(tmp_path / "junk.npy")
     np.savez(tmp_path / "foreign.npz", frame=np.zeros(3))
-    with pytest.raises(FileFormatError, match="holds nothing of catfree"):
+    with pytest.raises(FileFormatError, match="holds arrays that catfree did not save"):
         kind.load(tmp_path / "foreign.npz")
 
 
