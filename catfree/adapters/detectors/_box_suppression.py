@@ -1,4 +1,4 @@
-"""One box a person: non-maximum suppression of a detector's raw boxes."""
+"""Non-maximum suppression of a detector's raw boxes."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 def box_overlap(
     first: Float[np.ndarray, "n 4"], second: Float[np.ndarray, "m 4"]
 ) -> Float[np.ndarray, "n m"]:
-    """Intersection over union of boxes xyxy; 0 for boxes without area."""
+    """Compute the intersection over union of boxes xyxy; 0 for boxes without area."""
     low = np.maximum(first[:, None, :2], second[None, :, :2])
     high = np.minimum(first[:, None, 2:], second[None, :, 2:])
     intersection = np.clip(high - low, 0, None).prod(axis=-1)
@@ -24,25 +24,25 @@ def suppress_boxes(
     window: Int[np.ndarray, " n"] | None = None,
     maximum_overlap_across: float | None = None,
 ) -> Int[np.ndarray, " k"]:
-    """Greedy suppression: a box goes if a better one that stays overlaps it too much.
+    """Drop boxes greedily that overlap a better kept box too much.
 
     Args:
         box: (n, 4) xyxy in pixels.
         score: (n,) higher is better; ties keep the earlier row.
-        maximum_overlap: largest IoU of two boxes that both stay.
-        window: (n,) the piece of the picture in which each box was found, where there are several.
+        maximum_overlap: largest IoU of two kept boxes.
+        window: (n,) the window of the picture in which each box was found, if there are several.
         maximum_overlap_across: the same for two boxes found in different windows; None for equal.
 
     Returns:
-        (k,) rows that stay, best first.
+        (k,) rows to keep, best first.
     """
     source = np.zeros(len(box), np.int64) if window is None else window
     across = maximum_overlap if maximum_overlap_across is None else maximum_overlap_across
     order = np.argsort(-score, kind="stable")
     keep = []
     while order.size:
-        best, rest = order[0], order[1:]
+        best, others = order[0], order[1:]
         keep.append(best)
-        limit = np.where(source[rest] == source[best], maximum_overlap, across)
-        order = rest[box_overlap(box[best][None, :], box[rest])[0] <= limit]
+        limit = np.where(source[others] == source[best], maximum_overlap, across)
+        order = others[box_overlap(box[best][None, :], box[others])[0] <= limit]
     return np.array(keep, np.int64)

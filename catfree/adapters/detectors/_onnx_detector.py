@@ -1,4 +1,4 @@
-"""What all detectors that run a network from an ONNX file have in common."""
+"""Base class of detectors that run a network from an ONNX file."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -13,31 +13,31 @@ from catfree.errors import InvalidInputError
 
 
 class OnnxDetector(ABC):
-    """Detector by a network of one input size; a subclass says how the network is read."""
+    """Detector by a network of one input size; subclasses decode the network's output."""
 
     def __init__(
         self,
         graph: OnnxGraph,
         target: tuple[int, int],
         *,
-        placement: Literal["centre", "top_left"],
+        placement: Literal["center", "top_left"],
         confidence: float | int,
         iou: float | int,
         tiles: Tiles,
         tile_overlap: float,
         suppresses: bool = False,
     ) -> None:
-        """Keep what every call needs.
+        """Store the network and the parameters.
 
         Args:
             graph: the network.
             target: (width, height) of its input.
-            placement: where a picture lies in the input's padding.
+            placement: position of a picture in the input's padding.
             confidence: weaker detections are dropped.
-            iou: largest overlap of two detections that both stay.
+            iou: largest overlap of two kept detections.
             tiles: see `tile_windows`.
             tile_overlap: see `tile_windows`.
-            suppresses: whether the network suppresses overlapping boxes by itself.
+            suppresses: whether the network itself suppresses overlapping boxes.
         """
         self._graph = graph
         self._confidence = float(confidence)
@@ -65,23 +65,23 @@ class OnnxDetector(ABC):
         return self._fingerprint
 
     def __call__(self, image: Image) -> FrameDetections:
-        """The people in one (H, W, 3) uint8 RGB picture, best first."""
+        """Detect the people in one (H, W, 3) uint8 RGB picture, best first."""
         return self._detection([image])[0]
 
     def detect_batch(self, images: Sequence[Image]) -> list[FrameDetections]:
-        """The people in each picture; one network pass for several where the graph allows it."""
+        """Detect the people in each picture, in one network pass if the graph allows it."""
         return self._detection(images)
 
     @abstractmethod
     def _infer(self, pictures: Sequence[Image]) -> list[DecodedBoxes]:
-        """What the network says about pictures of its input size."""
+        """Run the network on pictures of its input size and decode its output."""
 
 
 def require_thresholds(confidence: float | int, iou: float | int) -> None:
-    """Check both before a file is loaded.
+    """Check both thresholds before a file is loaded.
 
     Raises:
-        InvalidInputError: if one of them is impossible.
+        InvalidInputError: if one of them is out of range.
     """
     if not (0 <= confidence <= 1 and 0 < iou <= 1):
         raise InvalidInputError(

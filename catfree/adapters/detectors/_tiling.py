@@ -1,14 +1,14 @@
-"""Looking at a large picture piece by piece, so that small people fill more input pixels.
+"""Tiling of large pictures, so that small people fill more input pixels.
 
 A network finds a person who is tall enough in its input, whatever the picture's size. That height
 is the height in the picture times the smaller of the two ratios input width / picture width and
 input height / picture height. n x n tiles multiply it by n - (n - 1) * overlap: by 1.8, 2.6 and 3.4
-for n = 2, 3 and 4 with a fifth of overlap; a larger input does the same without cutting anybody.
-How tall is enough is a property of the network: the classes of the detectors say it.
+for n = 2, 3 and 4 with a fifth of overlap; a larger input does the same without cutting people.
+The necessary height depends on the network and is stated by the detectors' classes.
 
-Tiles cut people. Whoever is taller or wider than the overlap of two tiles may be whole in none, so
-that still finer tiles lose tall people again: choose the overlap so that its pixels,
-overlap * picture height / (n - (n - 1) * overlap), hold a person.
+Tiles cut people. A person taller or wider than the overlap of two tiles may be whole in none, so
+that still finer tiles lose tall people again. Choose the overlap so that its size in pixels,
+overlap * picture height / (n - (n - 1) * overlap), holds a person.
 """
 
 import math
@@ -24,16 +24,16 @@ Window = tuple[int, int, int, int]
 
 
 def tile_windows(width: int, height: int, tiles: Tiles, overlap: float) -> list[Window]:
-    """The windows x1, y1, x2, y2 in whole pixels: the whole picture, then its tiles.
+    """List the windows x1, y1, x2, y2 in whole pixels: the whole picture, then its tiles.
 
-    The whole picture stays among them because people larger than the overlap of two tiles are
-    complete in no tile.
+    The whole picture is included because people larger than the overlap of two tiles may be whole
+    in no tile.
 
     Args:
         width: of the picture in pixels.
         height: of the picture in pixels.
-        tiles: None for the whole picture alone, n for n x n, or (columns, rows).
-        overlap: share of a tile that it has in common with its neighbour.
+        tiles: None for the whole picture only, n for n x n, or (columns, rows).
+        overlap: share of a tile that overlaps its neighbor.
 
     Raises:
         InvalidInputError: if a count is not positive or the overlap not in [0, 1).
@@ -64,16 +64,16 @@ def _spans(length: int, count: int, overlap: float) -> list[tuple[int, int]]:
 def cut_by_window(
     box: Float[np.ndarray, "n 4"], window: Window, picture: Sequence[int], margin: float
 ) -> Bool[np.ndarray, " n"]:
-    """Whether a window's edge, other than the picture's own, cuts through a box.
+    """Return whether a window's edge inside the picture cuts a box.
 
     Args:
         box: (n, 4) xyxy in pixels of the picture.
         window: x1, y1, x2, y2 of the tile the boxes were found in.
         picture: (width, height) of the whole picture.
-        margin: a box that comes as near to the edge as this many pixels counts as cut.
+        margin: a box within this many pixels of the edge counts as cut.
 
     Returns:
-        (n,) true for boxes that show part of a person only.
+        (n,) true for boxes that show only part of a person.
     """
     cut = np.zeros(len(box), bool)
     for axis in (0, 1):

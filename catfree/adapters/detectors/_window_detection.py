@@ -1,4 +1,4 @@
-"""From pictures of any size through a network of one input size and back: what detectors share."""
+"""Detection in pictures of any size by a network of one input size."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,15 +12,15 @@ from catfree.adapters.detectors._tiling import Tiles, cut_by_window, tile_window
 from catfree.adapters.onnx._letterbox import Letterbox
 from catfree.adapters.protocols import FrameDetections, Image, as_image
 
-# Two windows see the same person with different input pixels, so that their boxes agree less well
-# than two boxes of one pass; the usual criterion for "the same object" decides.
+# Two windows show the same person with different input pixels, so that their boxes agree less well
+# than two boxes of one pass; this is the usual criterion for the same object.
 OVERLAP_ACROSS_WINDOWS = 0.5
-# Boxes end up to half the finest stride of these networks (8 px) away from where a tile cuts.
+# Boxes may end up to half the finest stride of these networks (8 px) away from the edge of a tile.
 CUT_MARGIN = 4.0
 
 
 class DecodedBoxes(NamedTuple):
-    """What a network said about one input picture, in its input pixels, confident rows only."""
+    """Confident rows of a network's output for one input picture, in input pixels."""
 
     box: Float[np.ndarray, "n 4"]
     score: Float[np.ndarray, " n"]
@@ -29,12 +29,12 @@ class DecodedBoxes(NamedTuple):
 
 @dataclass(frozen=True)
 class WindowDetection:
-    """How pictures are cut, fitted into the input, and their boxes merged.
+    """Detection that cuts pictures, fits the pieces into the input and merges their boxes.
 
     Attributes:
         infer: input pictures (target height, target width, 3) uint8 RGB -> decoded boxes of each.
         target: (width, height) of the network's input.
-        placement: where the picture lies in the input's padding.
+        placement: position of the picture in the input's padding.
         tiles: see `tile_windows`.
         tile_overlap: see `tile_windows`.
         maximum_overlap: largest IoU of two boxes of one window; 1 where the network suppresses.
@@ -42,39 +42,39 @@ class WindowDetection:
 
     infer: Callable[[Sequence[Image]], list[DecodedBoxes]]
     target: tuple[int, int]
-    placement: Literal["centre", "top_left"]
+    placement: Literal["center", "top_left"]
     tiles: Tiles
     tile_overlap: float
     maximum_overlap: float
 
     def __call__(self, images: Sequence[Image]) -> list[FrameDetections]:
-        """Detections of each picture, in its own pixels, best first."""
+        """Detect the people in each picture, in its pixels, best first."""
         pictures = [as_image(image) for image in images]
         sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures]
         windows = [tile_windows(*size, self.tiles, self.tile_overlap) for size in sizes]
         pieces = [
             picture[y1:y2, x1:x2]
-            for picture, own in zip(pictures, windows, strict=True)
-            for x1, y1, x2, y2 in own
+            for picture, its_windows in zip(pictures, windows, strict=True)
+            for x1, y1, x2, y2 in its_windows
         ]
-        boxes = [
+        letterboxes = [
             Letterbox.fit((p.shape[1], p.shape[0]), self.target, placement=self.placement)
             for p in pieces
         ]
-        inputs = [fit.apply(p, self.target) for fit, p in zip(boxes, pieces, strict=True)]
-        decoded = iter(zip(boxes, self.infer(inputs), strict=True))
+        inputs = [fit.apply(p, self.target) for fit, p in zip(letterboxes, pieces, strict=True)]
+        decoded = iter(zip(letterboxes, self.infer(inputs), strict=True))
         return [
-            self._merge([(window, *next(decoded)) for window in own], size)
-            for own, size in zip(windows, sizes, strict=True)
+            self._merge([(window, *next(decoded)) for window in its_windows], size)
+            for its_windows, size in zip(windows, sizes, strict=True)
         ]
 
     def _merge(
         self,
-        found: list[tuple[tuple[int, int, int, int], Letterbox, DecodedBoxes]],
+        pieces: list[tuple[tuple[int, int, int, int], Letterbox, DecodedBoxes]],
         size: tuple[int, int],
     ) -> FrameDetections:
         boxes, scores, keypoints, sources = [], [], [], []
-        for index, (window, letterbox, decoded) in enumerate(found):
+        for index, (window, letterbox, decoded) in enumerate(pieces):
             corner = np.array(window[:2], np.float32)
             box = letterbox.boxes_to_original(decoded.box) + np.tile(corner, 2)[None, :]
             keep = ~cut_by_window(box, window, size, CUT_MARGIN / min(letterbox.gain))
@@ -85,8 +85,8 @@ class WindowDetection:
             sources.append(np.full(int(keep.sum()), index))
             if decoded.keypoints is not None:
                 xy = letterbox.to_original(decoded.keypoints[..., :2]) + corner
-                seen = np.clip(decoded.keypoints[..., 2:], 0, 1)
-                keypoints.append(np.concatenate([xy, seen], axis=-1)[keep])
+                confidence = np.clip(decoded.keypoints[..., 2:], 0, 1)
+                keypoints.append(np.concatenate([xy, confidence], axis=-1)[keep])
         box, score = np.concatenate(boxes), np.clip(np.concatenate(scores), 0, 1)
         kept = suppress_boxes(
             box,

@@ -34,7 +34,7 @@ class YoloPoseOnnx(OnnxDetector):
     of any input size, with or without metadata, in float32 or float16, with fixed or open axes.
 
     People should be at least 130 pixels tall in the network's input: YOLO11n-pose finds four in
-    five of the unhidden people of that height, half of those 80 pixels tall, and nearly nobody
+    five of the unoccluded people of that height, half of those 80 pixels tall, and almost none
     below 40 (MultiviewX, at confidence 0.3 and an overlap with the true box of 0.5). `tiles` and
     `image_size` raise that height; `catfree.adapters.detectors._tiling` says by how much.
 
@@ -54,7 +54,7 @@ class YoloPoseOnnx(OnnxDetector):
         *,
         tile_overlap: float = 0.2,
     ) -> None:
-        """Load the file and check that it is such a network.
+        """Load the file and check that it is a YOLO pose network.
 
         Args:
             path: the ONNX file.
@@ -65,12 +65,12 @@ class YoloPoseOnnx(OnnxDetector):
             image_size: side or (height, width) of the network's input in pixels, for graphs that
                 leave it open; None takes the exporter's, or else 640.
             providers: ONNX Runtime execution providers in order of preference.
-            iou: largest overlap of two detections that both stay.
-            tile_overlap: share of a tile in common with its neighbour; people who are larger than
-                that may be whole in no tile.
+            iou: largest overlap of two kept detections.
+            tile_overlap: share of a tile that overlaps its neighbor; people larger than that may
+                be whole in no tile.
 
         Raises:
-            InvalidInputError: if there is no such file or a parameter is impossible.
+            InvalidInputError: if there is no such file or a parameter is out of range.
             FileFormatError: if the file is not a YOLO pose network.
         """
         require_thresholds(confidence, iou)
@@ -82,7 +82,7 @@ class YoloPoseOnnx(OnnxDetector):
         super().__init__(
             graph,
             target,
-            placement="centre",
+            placement="center",
             confidence=confidence,
             iou=iou,
             tiles=tiles,
@@ -99,7 +99,7 @@ class YoloPoseOnnx(OnnxDetector):
 
 
 def _decode_raw(channels: Float[np.ndarray, "c a"], person: int, confidence: float) -> DecodedBoxes:
-    """Rows of the raw head: centre, size, class confidences, keypoints, one column an anchor."""
+    """Decode the raw head: center, size, class confidences, keypoints, one column per anchor."""
     score = channels[4 + person]
     rows = channels[:, score >= confidence].T
     half = rows[:, 2:4] / 2
@@ -111,13 +111,13 @@ def _decode_raw(channels: Float[np.ndarray, "c a"], person: int, confidence: flo
 def _decode_end_to_end(
     rows: Float[np.ndarray, "r 57"], person: int, confidence: float
 ) -> DecodedBoxes:
-    """Rows of the end-to-end head; unused rows have confidence 0."""
+    """Decode the end-to-end head, whose unused rows have confidence 0."""
     chosen = rows[(rows[:, 4] >= max(confidence, 1e-6)) & (np.round(rows[:, 5]) == person)]
     return DecodedBoxes(chosen[:, :4], chosen[:, 4], chosen[:, 6:].reshape(-1, 17, 3))
 
 
 def _find_head(graph: OnnxGraph, target: tuple[int, int]) -> tuple[str, int | None]:
-    """The name of the head's output and its number of classes, None for the end-to-end head."""
+    """Find the head's output and its number of classes, None for the end-to-end head."""
     task = graph.metadata.get("task", "pose")
     if task != "pose":
         raise graph.mismatch(f"its metadata say that its task is {task!r}")
@@ -131,7 +131,7 @@ def _find_head(graph: OnnxGraph, target: tuple[int, int]) -> tuple[str, int | No
         if shape[2] == _END_TO_END_CHANNELS:
             return name, None
         classes = 0 if shape[1] is None else shape[1] - 4 - _KEYPOINT_CHANNELS
-        # Without class names 84 channels are a detection head of 80 classes: no keypoints inside.
+        # Without class names 84 channels are a detection head of 80 classes without keypoints.
         if classes == 1 or (classes > 1 and len(_names(graph)) == classes):
             return name, classes
     raise graph.mismatch(graph.describe_outputs())

@@ -19,8 +19,8 @@ _NEEDED = "a YOLOX export (input [batch, 3, H, W]; output [batch, anchors, 5 + c
 _STRIDES = (8, 16, 32)
 _PERSON = 0  # COCO's first class
 _LARGEST_BATCH = 8
-# Weights with untrained or foreign classes can hold large logarithms of sizes; a box of e^12 input
-# pixels is past every picture, and the exponential stays finite.
+# Weights with untrained or foreign classes can give large logarithms of sizes; a box of e^12 input
+# pixels is larger than any picture, and the exponential stays finite.
 _LARGEST_LOGARITHM = 12.0
 
 
@@ -32,7 +32,7 @@ class YoloxOnnx(OnnxDetector):
     confidence of an object times confidence of each class. Only COCO's class "person" is kept.
 
     People should be at least 50 pixels tall in the network's input: YOLOX-nano finds four in five
-    of the unhidden people of that height, three in five of those 32 pixels tall, and a quarter at
+    of the unoccluded people of that height, three in five of those 32 pixels tall, and a quarter at
     24 (MultiviewX, at confidence 0.3 and an overlap with the true box of 0.5). `tiles` and
     `image_size` raise that height; `catfree.adapters.detectors._tiling` says by how much.
 
@@ -50,7 +50,7 @@ class YoloxOnnx(OnnxDetector):
         *,
         tile_overlap: float = 0.2,
     ) -> None:
-        """Load the file and check that it is such a network.
+        """Load the file and check that it is a YOLOX network.
 
         Args:
             path: the ONNX file.
@@ -60,12 +60,12 @@ class YoloxOnnx(OnnxDetector):
             image_size: side or (height, width) of the network's input in pixels, for graphs that
                 leave it open; None takes 640.
             providers: ONNX Runtime execution providers in order of preference.
-            iou: largest overlap of two detections that both stay (YOLOX's own default).
-            tile_overlap: share of a tile in common with its neighbour; people who are larger than
-                that may be whole in no tile.
+            iou: largest overlap of two kept detections (YOLOX's own default).
+            tile_overlap: share of a tile that overlaps its neighbor; people larger than that may
+                be whole in no tile.
 
         Raises:
-            InvalidInputError: if there is no such file or a parameter is impossible.
+            InvalidInputError: if there is no such file or a parameter is out of range.
             FileFormatError: if the file is not a YOLOX network.
         """
         require_thresholds(confidence, iou)
@@ -93,15 +93,15 @@ class YoloxOnnx(OnnxDetector):
         score = rows[:, 4] * rows[:, 5 + _PERSON]
         keep = score >= self._confidence
         stride = self._stride[keep][:, None]
-        centre = (rows[keep, :2] + self._grid[keep]) * stride
+        center = (rows[keep, :2] + self._grid[keep]) * stride
         half = np.exp(np.minimum(rows[keep, 2:4], _LARGEST_LOGARITHM)) * stride / 2
-        return DecodedBoxes(np.concatenate([centre - half, centre + half], 1), score[keep], None)
+        return DecodedBoxes(np.concatenate([center - half, center + half], 1), score[keep], None)
 
 
 def _anchor_grid(
     width: int, height: int
 ) -> tuple[Float[np.ndarray, "a 2"], Float[np.ndarray, " a"]]:
-    """Column and row of each anchor in its own grid, and its stride, finest grid first."""
+    """Compute column and row of each anchor in its grid, and its stride, finest grid first."""
     grids, strides = [], []
     for stride in _STRIDES:
         rows, columns = np.mgrid[: height // stride, : width // stride]
@@ -111,7 +111,7 @@ def _anchor_grid(
 
 
 def _check_outputs(graph: OnnxGraph, anchors: int) -> str:
-    """The name of the head's output."""
+    """Find the name of the head's output."""
     for name, shape in graph.output_shapes.items():
         if len(shape) == 3 and shape[1] in (anchors, None) and (shape[2] is None or shape[2] > 5):
             return name

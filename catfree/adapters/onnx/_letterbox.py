@@ -1,8 +1,8 @@
-"""Fitting a picture into a network's input, and the way back to original pixels.
+"""Fitting a picture into a network's input, and mapping back to original pixels.
 
 Networks and their exporters use the linear map `input = gain * original + pad` for coordinates,
 without half-pixel terms; so does this module. The gain is that of each axis after rounding to whole
-pixels, so that the way back is exact at odd sizes too.
+pixels, so that mapping back is exact at odd sizes, too.
 """
 
 from dataclasses import dataclass
@@ -13,15 +13,15 @@ from jaxtyping import Float
 
 from catfree.adapters.protocols import Image
 
-GREY = 114  # the padding that YOLO networks were trained with
+GRAY = 114  # the padding that YOLO networks were trained with
 
 
 @dataclass(frozen=True)
 class Letterbox:
-    """Where a picture lies in a network's input.
+    """The placement of a picture in a network's input.
 
     Attributes:
-        gain: (x, y) input pixels an original pixel.
+        gain: (x, y) input pixels per original pixel.
         pad: (x, y) input pixels before the picture's left and top edge; negative where the picture
             is cropped.
         size: (width, height) of the picture after resizing, in input pixels.
@@ -37,14 +37,14 @@ class Letterbox:
         picture: tuple[int, int],
         target: tuple[int, int],
         *,
-        placement: Literal["centre", "top_left"] = "centre",
+        placement: Literal["center", "top_left"] = "center",
     ) -> "Letterbox":
-        """The largest placement that keeps the aspect ratio.
+        """Make the largest placement that keeps the aspect ratio.
 
         Args:
             picture: (width, height) of the picture.
             target: (width, height) of the network's input.
-            placement: where the picture lies in the padding.
+            placement: position of the picture in the padding.
         """
         scale = min(target[0] / picture[0], target[1] / picture[1])
         width = min(target[0], max(1, round(picture[0] * scale)))
@@ -58,15 +58,15 @@ class Letterbox:
         resized: tuple[int, int],
         target: tuple[int, int],
         *,
-        placement: Literal["centre", "top_left"] = "centre",
+        placement: Literal["center", "top_left"] = "center",
     ) -> "Letterbox":
-        """The placement of a picture resized to `resized` (width, height), padded or cropped."""
+        """Place a picture resized to `resized` (width, height), padded or cropped."""
         free = (target[0] - resized[0], target[1] - resized[1])
-        pad = (free[0] // 2, free[1] // 2) if placement == "centre" else (0, 0)
+        pad = (free[0] // 2, free[1] // 2) if placement == "center" else (0, 0)
         return cls((resized[0] / picture[0], resized[1] / picture[1]), pad, resized)
 
-    def apply(self, image: Image, target: tuple[int, int], fill: int = GREY) -> Image:
-        """The (height, width, 3) input for a target (width, height), padded with one grey value."""
+    def apply(self, image: Image, target: tuple[int, int], fill: int = GRAY) -> Image:
+        """Make the (height, width, 3) input for a target (width, height), padded with one value."""
         import cv2
 
         resized = image
@@ -80,16 +80,16 @@ class Letterbox:
         return out
 
     def to_original(self, xy: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
-        """Points in input pixels as points in original pixels."""
+        """Map points from input pixels to original pixels."""
         return (xy - np.asarray(self.pad, xy.dtype)) / np.asarray(self.gain, xy.dtype)
 
     def boxes_to_original(self, box: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
-        """Boxes xyxy in input pixels as boxes in original pixels."""
+        """Map boxes xyxy from input pixels to original pixels."""
         return self.to_original(box.reshape(-1, 2)).reshape(-1, 4)
 
     def intrinsics_to_original(self, K: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
-        """Intrinsics in input pixels as intrinsics in original pixels."""
-        way_back = np.array(
+        """Map intrinsics from input pixels to original pixels."""
+        inverse = np.array(
             [
                 [1 / self.gain[0], 0, -self.pad[0] / self.gain[0]],
                 [0, 1 / self.gain[1], -self.pad[1] / self.gain[1]],
@@ -97,10 +97,10 @@ class Letterbox:
             ],
             K.dtype,
         )
-        return way_back @ K
+        return inverse @ K
 
     def inside(self, target: tuple[int, int]) -> tuple[slice, slice]:
-        """Rows and columns of a target (width, height) that show the picture, not padding."""
+        """Return rows and columns of a target (width, height) that show the picture."""
         _, columns = _overlap(self.pad[0], self.size[0], target[0])
         _, rows = _overlap(self.pad[1], self.size[1], target[1])
         return rows, columns

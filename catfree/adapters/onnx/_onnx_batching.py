@@ -1,4 +1,4 @@
-"""Running a graph over many inputs when its batch axis is open, or fixed at one or more."""
+"""Running a graph over many inputs, with an open or a fixed batch axis."""
 
 from collections.abc import Sequence
 
@@ -10,19 +10,19 @@ from catfree.adapters.onnx._onnx_session import OnnxGraph
 def run_batched(
     graph: OnnxGraph, inputs: Sequence[np.ndarray], output: str, largest_batch: int
 ) -> list[np.ndarray]:
-    """The named output of each input, whatever batch length the graph takes.
+    """Compute the named output of each input, with whatever batch length the graph takes.
 
     Args:
-        graph: its input's first axis is the batch.
-        inputs: one array an item, without the batch axis, all of one shape.
+        graph: a graph whose first input axis is the batch.
+        inputs: one array per item, without the batch axis, all of one shape.
         output: name of the output.
-        largest_batch: bound on memory where the graph leaves the batch length open.
+        largest_batch: largest batch length if the graph leaves it open, to bound memory.
 
     Returns:
-        One array an item, without the batch axis.
+        One array per item, without the batch axis.
 
     Raises:
-        FileFormatError: if the graph does not return one row an item.
+        FileFormatError: if the graph does not return one row per item.
     """
     fixed = graph.input_shape[0]
     length = fixed or largest_batch

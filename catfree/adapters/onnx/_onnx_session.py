@@ -1,4 +1,4 @@
-"""Opening an ONNX file: one place that loads the graph and says what is wrong with it."""
+"""Loading, checking and running of ONNX graphs."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -37,8 +37,8 @@ class OnnxGraph:
 
         Args:
             path: the ONNX file.
-            needed: what the caller expects in the file, for its error sentences.
-            providers: ONNX Runtime execution providers in order of preference; None takes all that
+            needed: what the caller expects in the file, for error messages.
+            providers: ONNX Runtime execution providers in order of preference; None for all that
                 the installed runtime has.
 
         Raises:
@@ -65,7 +65,7 @@ class OnnxGraph:
         self.content_hash = hash_file(self.path)
 
     def mismatch(self, found: str) -> FileFormatError:
-        """The error that says what was found in the file and what was needed."""
+        """Make the error that states what the file holds and what is needed."""
         return FileFormatError(f"{self.path} does not fit: {found}, but {self.needed} is needed.")
 
     def require_image_input(self, *leading: int | None) -> None:
@@ -79,7 +79,7 @@ class OnnxGraph:
             raise self.mismatch(f"its input {self._input_name!r} is {describe_shape(shape)}")
 
     def describe_outputs(self) -> str:
-        """Names and axes of all outputs for an error sentence."""
+        """Format names and axes of all outputs for an error message."""
         listed = (f"{name!r} {describe_shape(s)}" for name, s in self.output_shapes.items())
         return "its outputs are " + ", ".join(listed)
 
@@ -108,7 +108,7 @@ class OnnxGraph:
 
 
 def describe_shape(shape: Shape) -> str:
-    """Axes as text with `?` for an open length: `[1, 3, ?, ?]`."""
+    """Format axes with `?` for an open length: `[1, 3, ?, ?]`."""
     return "[" + ", ".join("?" if axis is None else str(axis) for axis in shape) + "]"
 
 
@@ -135,7 +135,7 @@ def _open(path: Path, needed: str, providers: Sequence[Any] | None) -> Any:
     except (ImportError, OSError) as error:
         raise _broken_runtime(error) from error
     available = onnxruntime.get_available_providers()
-    # The Azure provider calls a web service; it is never what a local file wants.
+    # The Azure provider calls a web service, which is never wanted for a local file.
     chosen = [p for p in available if not p.startswith("Azure")] if providers is None else providers
     for provider in chosen:
         name = provider if isinstance(provider, str) else provider[0]

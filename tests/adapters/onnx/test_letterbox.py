@@ -1,14 +1,14 @@
 import numpy as np
 from hypothesis import given, strategies as st
 
-from catfree.adapters.onnx._letterbox import GREY, Letterbox
+from catfree.adapters.onnx._letterbox import GRAY, Letterbox
 
 sides = st.integers(1, 700)
 sizes = st.tuples(sides, sides)
 targets = st.tuples(
     st.integers(1, 24).map(lambda n: 32 * n), st.integers(1, 24).map(lambda n: 32 * n)
 )
-placements = st.sampled_from(["centre", "top_left"])
+placements = st.sampled_from(["center", "top_left"])
 
 
 @given(sizes, targets, placements)
@@ -45,7 +45,7 @@ def test_padding_is_grey_and_the_rest_shows_the_picture(width, height, placement
     shown[fit.inside((64, 96))] = True
     assert shown.sum() == fit.size[0] * fit.size[1]
     assert (out[shown] == 250).all()
-    assert (out[~shown] == GREY).all()
+    assert (out[~shown] == GRAY).all()
 
 
 def test_cropping_keeps_the_middle():
