@@ -25,8 +25,8 @@ class Grid:
     Attributes:
         columns: cells along x.
         rows: cells along y.
-        cell: side of a cell in metres.
-        origin: x, y in metres of cell 0.
+        cell: side of a cell in meters.
+        origin: x, y in meters of cell 0.
     """
 
     columns: int
@@ -35,7 +35,7 @@ class Grid:
     origin: tuple[float, float]
 
     def position(self, cell: int) -> tuple[float, float]:
-        """The x, y in metres of a cell number."""
+        """Return the x, y in meters of a cell."""
         return (
             self.origin[0] + self.cell * (cell % self.columns),
             self.origin[1] + self.cell * (cell // self.columns),
@@ -43,12 +43,12 @@ class Grid:
 
     @property
     def area(self) -> tuple[float, float, float, float]:
-        """The covered x_min, x_max, y_min, y_max in metres."""
+        """The covered x_min, x_max, y_min, y_max in meters."""
         x, y = self.origin
         return (x, x + self.cell * self.columns, y, y + self.cell * self.rows)
 
     def lattice(self) -> np.ndarray:
-        """(100, 2) positions in metres spread evenly over the grid."""
+        """(100, 2) positions in meters spread evenly over the grid."""
         x_min, x_max, y_min, y_max = self.area
         x, y = np.meshgrid(np.linspace(x_min, x_max, 10), np.linspace(y_min, y_max, 10))
         return np.column_stack([x.ravel(), y.ravel()])
@@ -65,25 +65,25 @@ class Annotations:
 
     @classmethod
     def empty(cls, frames: np.ndarray) -> "Annotations":
-        """Nothing annotated at these frames."""
+        """Make annotations without people for these frames."""
         none = np.empty(0, np.int64)
         return cls(frames, Detections(none, none, np.empty((0, 4))), none, np.empty((0, 4)))
 
 
 def numbered_files(folder: Path, pattern: str) -> dict[int, Path]:
-    """Files of a folder whose stem is a number, by that number, ascending.
+    """List the files of a folder whose stem is a number, by ascending number.
 
     Args:
         folder: where to look; a missing folder holds no files.
         pattern: regular expression that the suffix must match, without the dot: `json`.
 
     Raises:
-        FileFormatError: if a number is too large to be counted exactly.
+        FileFormatError: if a number is too large to be exact.
     """
     name = re.compile(rf"(\d+)\.({pattern})", re.IGNORECASE)
     files = sorted(folder.iterdir()) if folder.is_dir() else []
-    found = ((name.fullmatch(file.name), file) for file in files)
-    numbered = sorted((int(match[1]), file) for match, file in found if match)
+    matches = ((name.fullmatch(file.name), file) for file in files)
+    numbered = sorted((int(match[1]), file) for match, file in matches if match)
     if numbered and not is_whole(numbered[-1][0]):
         raise FileFormatError(
             f"{numbered[-1][1]}: the number of this file is too large for a frame. Rename it."
@@ -100,15 +100,15 @@ def read_annotations(
     invalid_boxes: InvalidBoxes,
     drop_unseen: bool,
 ) -> Annotations:
-    """Read one JSON file a frame: `[{personID, positionID, views: [{viewNum, xmin, ...}]}]`.
+    """Read one JSON file per frame: `[{personID, positionID, views: [{viewNum, xmin, ...}]}]`.
 
     Args:
         files: frame number to file.
         camera_names: names in the order of viewNum.
-        locate: from positionID to x, y in metres.
-        cell_count: positionID must be below it.
+        locate: maps positionID to x, y in meters.
+        cell_count: number of cells; every positionID must be below it.
         invalid_boxes: whether a box without area is an error or left out.
-        drop_unseen: leave out people whom no camera sees.
+        drop_unseen: leave out people that no camera sees.
 
     Raises:
         InvalidInputError: naming file, frame, camera and index of a box without area or a
@@ -133,7 +133,7 @@ def read_annotations(
             views = entry(person, "views", source, where)
             if not isinstance(views, list):
                 raise FileFormatError(f"{source}: the views of {where} must be a list.")
-            seen = False
+            is_seen = False
             for view in views:
                 camera = _whole(entry(view, "viewNum", source, where), source, where)
                 if not 0 <= camera < len(camera_names):
@@ -153,10 +153,10 @@ def read_annotations(
                         f"{source}: {place} is {box.tolist()} as x1, y1, x2, y2, which has no "
                         "area. Correct it or pass invalid_boxes='drop'."
                     )
-                seen = True
+                is_seen = True
                 boxes.append((frame, camera, identity))
                 corners.append(box)
-            if seen or not drop_unseen:
+            if is_seen or not drop_unseen:
                 truth.append((frame, identity, *locate(cell)))
     index = np.array(boxes, np.int64).reshape(-1, 3)
     return Annotations(
@@ -176,15 +176,15 @@ def grid_sequence(
     fps: float,
     images: Path,
 ) -> MultiViewSequence:
-    """A data set of this kind as the neutral carrier, in metres, z up, ground z = 0.
+    """Make a sequence from such a data set, in meters, z up, ground z = 0.
 
     Args:
         name: name of the data set.
-        people: what is annotated.
-        rig: the cameras in metres.
-        camera_names: their names, which are those of the folders of their images.
+        people: the annotations.
+        rig: the cameras in meters.
+        camera_names: their names, which are also those of their image folders.
         grid: the annotated area.
-        fps: annotated frames a second.
+        fps: annotated frames per second.
         images: folder of the cameras' folders, which may be missing.
     """
     return MultiViewSequence(
@@ -206,22 +206,22 @@ def grid_sequence(
 def image_table(
     folder: Path, camera_names: tuple[str, ...], frames: np.ndarray
 ) -> tuple[tuple[Path | None, ...], ...]:
-    """(C, F) images `folder/camera/number.png|jpg`, None where missing; () if there are none."""
-    found = [numbered_files(folder / name, "png|jpe?g") for name in camera_names]
-    if not any(found):
+    """List (C, F) images `folder/camera/number.png|jpg`, None if missing; () without any image."""
+    of_cameras = [numbered_files(folder / name, "png|jpe?g") for name in camera_names]
+    if not any(of_cameras):
         return ()
-    return tuple(tuple(files.get(int(frame)) for frame in frames) for files in found)
+    return tuple(tuple(files.get(int(frame)) for frame in frames) for files in of_cameras)
 
 
 def image_numbers(folder: Path, camera_names: tuple[str, ...]) -> np.ndarray:
-    """Ascending int64 numbers of the images of any camera."""
-    found = (numbered_files(folder / name, "png|jpe?g") for name in camera_names)
-    return np.array(sorted(set().union(*found)), np.int64)
+    """List the int64 numbers of the images of any camera, ascending."""
+    of_cameras = (numbered_files(folder / name, "png|jpe?g") for name in camera_names)
+    return np.array(sorted(set().union(*of_cameras)), np.int64)
 
 
 def _whole(value: Any, source: Path, where: str) -> int:
     if not (isinstance(value, int) and is_whole(value)):
         raise FileFormatError(
-            f"{source}: {where} has {quoted(value)} where a whole number below 2^53 belongs."
+            f"{source}: {where} has {quoted(value)} instead of a whole number below 2^53."
         )
     return value

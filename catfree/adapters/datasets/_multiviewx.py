@@ -25,7 +25,7 @@ CAMERA_NAMES = ("C1", "C2", "C3", "C4", "C5", "C6")
 IMAGE_SIZE = (1920, 1080)
 GRID = Grid(columns=1000, rows=640, cell=0.025, origin=(0.0, 0.0))
 FPS = 2.0
-_DEPTH = 16.0  # metres of the square along y: the mirror maps y to 16 - y
+_DEPTH = 16.0  # meters of the square along y: the mirror maps y to 16 - y
 _CORNER_POINTS = 9  # eight corners of a person's cuboid and the foot point
 
 
@@ -50,24 +50,24 @@ def read_multiviewx(
 
     Args:
         folder: the data set's folder.
-        boxes: where people come from: the annotations on the 2.5 cm grid, or the exact cuboids in
-            `matchings`, whose identities are numbered in the order of appearance. None takes the
-            annotations where they exist.
+        boxes: the source of people: the annotations on the 2.5 cm grid, or the exact cuboids in
+            `matchings`, whose identities are numbered in order of appearance. None takes the
+            annotations if they exist.
         first_annotation: number of the annotation file (and of the frame in `matchings`) that
             belongs to image 0. None infers it: 1, as in the published sample, if the numbers
-            match the images only so, or if there is no number 0; otherwise 0.
+            match the images only with 1, or if there is no number 0; otherwise 0.
         invalid_boxes: `raise` at an annotated box without area, or `drop` it.
-        drop_unseen: leave out of the ground truth people whom no camera sees, as the protocol of
+        drop_unseen: leave out of the ground truth people that no camera sees, as the protocol of
             MVDet (Hou et al. 2020) does.
 
     Returns:
-        The sequence in metres, frames numbered like the images, with annotated boxes as
+        The sequence in meters, frames numbered like the images, with annotated boxes as
         detections and annotated people as `identity`.
 
     Raises:
         InvalidInputError: if a calibration file is missing, or a value is invalid; the message
             names the file.
-        FileFormatError: if a file does not have its form.
+        FileFormatError: if a file is malformed.
 
     Source:
         Hou, Zheng, Gould, Multiview Detection with Feature Perspective Transformation, ECCV 2020.
@@ -101,7 +101,7 @@ def read_multiviewx(
 def _read_rig(folder: Path) -> Rig:
     K, R, t = [], [], []
     mirror, shift = np.diag([1.0, -1.0, 1.0]), np.array([0.0, _DEPTH, 0.0])
-    centre = np.array([GRID.area[1] / 2, GRID.area[3] / 2, 0.0])
+    center = np.array([GRID.area[1] / 2, GRID.area[3] / 2, 0.0])
     for camera, name in enumerate(CAMERA_NAMES, start=1):
         inner = read_matrices(
             folder / "intrinsic" / f"intr_Camera{camera}.xml",
@@ -111,7 +111,7 @@ def _read_rig(folder: Path) -> Rig:
         path = folder / "extrinsic" / f"extr_Camera{camera}.xml"
         outer = read_matrices(path, f"extrinsics of camera {name}", {"rvec": (3,), "tvec": (3,)})
         published = rotation_from_vector(outer["rvec"])
-        if (published @ centre + outer["tvec"])[2] >= 0:
+        if (published @ center + outer["tvec"])[2] >= 0:
             raise InvalidInputError(
                 f"{path}: camera {name} has the square at positive depth, unlike the published "
                 "left-handed calibration. Read a corrected calibration with another reader."
@@ -129,7 +129,7 @@ def _position(cell: int) -> tuple[float, float]:
 
 
 def _first(annotated: np.ndarray, images: np.ndarray, first: int | None) -> int:
-    """The annotation number of image 0; see `read_multiviewx`."""
+    """Find the annotation number of image 0; see `read_multiviewx`."""
     if first is not None:
         return first
     fits = [len(images) == 0 or bool(np.isin(annotated - shift, images).all()) for shift in (0, 1)]
@@ -139,7 +139,7 @@ def _first(annotated: np.ndarray, images: np.ndarray, first: int | None) -> int:
 
 
 def _read_matchings(folder: Path, images: np.ndarray, first: int | None) -> Annotations:
-    """Boxes around the projected cuboids, and exact foot positions."""
+    """Read boxes around the projected cuboids, and exact foot positions."""
     require_folder(folder, "MultiviewX matchings")
     rows, corners = [], []
     positions: dict[tuple[int, int], tuple[float, float]] = {}
@@ -175,7 +175,7 @@ def _read_matchings(folder: Path, images: np.ndarray, first: int | None) -> Anno
 
 
 def _table(path: Path, columns: int, meaning: str) -> np.ndarray:
-    """(n, columns) numbers of a text file with one row a line."""
+    """Read the (n, columns) numbers of a text file with one row per line."""
     lines = [line.split() for line in read_text(path, meaning).splitlines() if line.strip()]
     for at, line in enumerate(lines):
         if len(line) != columns:
@@ -185,7 +185,7 @@ def _table(path: Path, columns: int, meaning: str) -> np.ndarray:
     try:
         table = np.array(lines, np.float64).reshape(-1, columns)
     except ValueError as error:
-        raise FileFormatError(f"{path} ({meaning}) holds something else than numbers.") from error
+        raise FileFormatError(f"{path} ({meaning}) must hold numbers only.") from error
     if not np.isfinite(table).all():
         raise InvalidInputError(f"{path} ({meaning}) has a number that is not finite.")
     index = table[:, :2]

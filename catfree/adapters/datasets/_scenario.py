@@ -19,15 +19,15 @@ from catfree.types import Detections, Plane, Rig, Scene
 from catfree.types._validation import as_float
 
 _TRUTH = {"frame": 1, "id": 1, "xy": 2}  # arrays of gt.npz and their columns
-_MOST_FRAMES = 10_000_000  # a larger count is a damaged file
+_MOST_FRAMES = 10_000_000  # a larger count means a damaged file
 
 
 def read_scenario(folder: StrPath) -> MultiViewSequence:
-    """Read a simulated scene whose rig is known only approximately and in no metric frame.
+    """Read a simulated scene whose rig is approximate and in a frame that is not metric.
 
     The folder holds `detections.npz` (frame, cam, box xyxy, score, ankle, emb), `rig.json` (K, R,
     t, image_size, ground_normal, ground_offset, extent, fps, frames), `gt.npz` (frame, id, xy in
-    metres), `eval.json` (true_centres, area as x_min, x_max, y_min, y_max, threshold_m) and
+    meters), `eval.json` (true_centres, area as x_min, x_max, y_min, y_max, threshold_m) and
     optionally `cloud.npz` (points). To score a result, map it by the similarity from
     `scene.rig.centers` to `true_centres` and drop what falls outside `evaluation_area`.
 
@@ -36,11 +36,11 @@ def read_scenario(folder: StrPath) -> MultiViewSequence:
 
     Returns:
         The sequence; `scene` has the file's plane and extent and is not metric, `ground_truth`
-        and `true_centres` are in metres.
+        and `true_centres` are in meters.
 
     Raises:
         InvalidInputError: if a file is missing or a value in it is invalid.
-        FileFormatError: if a file does not have this form.
+        FileFormatError: if a file is malformed.
     """
     root = require_folder(folder, "scenario")
     scene, fps, frame_count = _read_scene(root / "rig.json")
@@ -51,7 +51,7 @@ def read_scenario(folder: StrPath) -> MultiViewSequence:
         raise FileFormatError(f"{root / 'gt.npz'}: frame, id and xy differ in length.")
     ground_truth = np.concatenate(columns, axis=1)
     protocol = read_json(root / "eval.json", "evaluation protocol")
-    centres = entry(protocol, "true_centres", root / "eval.json", "the file")
+    centers = entry(protocol, "true_centres", root / "eval.json", "the file")
     area = entry(protocol, "area", root / "eval.json", "the file")
     x_min, x_max, y_min, y_max = numbers(area, (4,), root / "eval.json", "area").tolist()
     cloud = root / "cloud.npz"
@@ -66,7 +66,7 @@ def read_scenario(folder: StrPath) -> MultiViewSequence:
         fps=fps,
         evaluation_area=(x_min, x_max, y_min, y_max),
         true_centres=numbers(
-            centres, (scene.rig.camera_count, 3), root / "eval.json", "true_centres"
+            centers, (scene.rig.camera_count, 3), root / "eval.json", "true_centres"
         ),
         points=(
             _rows(read_npz(cloud, "scene points", ("points",))["points"], 3, cloud, "points")
@@ -77,7 +77,7 @@ def read_scenario(folder: StrPath) -> MultiViewSequence:
 
 
 def _rows(values: np.ndarray, columns: int, source: Path, name: str) -> np.ndarray:
-    """(N, columns) float64."""
+    """Reshape to (N, columns) float64."""
     return numbers(values, (values.size // columns, columns), source, name)
 
 
@@ -86,7 +86,7 @@ def _read_scene(path: Path) -> tuple[Scene, float, int]:
     keys = ("K", "R", "t", "image_size", "ground_normal", "ground_offset", "extent", "fps")
     value = {key: entry(document, key, path, "the file") for key in (*keys, "frames")}
     if not isinstance(value["K"], list):
-        raise FileFormatError(f"{path}: K must be a list with one matrix a camera.")
+        raise FileFormatError(f"{path}: K must be a list with one matrix per camera.")
     count = len(value["K"])
     K = numbers(value["K"], (count, 3, 3), path, "K")
     R = numbers(value["R"], (count, 3, 3), path, "R")

@@ -1,4 +1,4 @@
-"""The neutral carrier that every data-set reader returns: `MultiViewSequence`."""
+"""The common type that every data-set reader returns: `MultiViewSequence`."""
 
 import dataclasses
 from pathlib import Path
@@ -13,32 +13,32 @@ from catfree.types import Detections, Plane, Rig, Scene
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MultiViewSequence:
-    """What synchronized static cameras saw, with whatever truth the data set knows.
+    """Detections of synchronized static cameras, with the ground truth that the data set has.
 
     Frames keep the numbers of their source, which may step by more than one (WildTrack: 0, 5, 10,
-    ...). They are synchronized labels: two frames follow each other when they are neighbours in
-    `frames`, not when their numbers differ by one.
+    ...). They are synchronized labels: two frames are consecutive if they are neighbors in
+    `frames`, not if their numbers differ by one.
 
     Attributes:
         name: name of the sequence.
         detections: person boxes of all cameras and frames.
-        rig: true or given cameras in the order of `camera_names`, or None where unknown.
-        scene: rig, ground and extent, or None where the rig is unknown. A metric scene is in
-            metres with z up and the ground at z = 0.
+        rig: true or given cameras in the order of `camera_names`, or None if unknown.
+        scene: rig, ground and extent, or None if the rig is unknown. A metric scene is in
+            meters with z up and the ground at z = 0.
         ground_truth: (G, 4) float64 rows [frame, id, x, y]: true positions on the ground in
-            metres; id is -1 where identities are unknown. They live in the frame of the scene,
-            or in that of `true_centres` where `scene.metric` is False.
+            meters; id is -1 if identities are unknown. They are in the frame of the scene,
+            or in that of `true_centres` if `scene.metric` is False.
         frames: (F,) int64 ascending numbers of all frames, those without detections included.
         camera_names: (C,) names; `detections.camera` indexes them.
-        fps: synchronized frames per second, or None where unknown.
-        evaluation_area: x_min, x_max, y_min, y_max in metres of the area that is annotated, or
+        fps: synchronized frames per second, or None if unknown.
+        evaluation_area: x_min, x_max, y_min, y_max in meters of the area that is annotated, or
             None for everywhere.
-        true_centres: (C, 3) true camera centres in metres, in the frame of `ground_truth`, or
-            None where unknown.
-        images: (C, F) path of the image of each camera and frame, None where the file is missing;
-            empty where the source has no images at all.
-        identity: (N,) int64 true person of each detection for annotated boxes, -1 where unknown;
-            None where the boxes come from a detector.
+        true_centres: (C, 3) true camera centers in meters, in the frame of `ground_truth`, or
+            None if unknown.
+        images: (C, F) path of the image of each camera and frame, None if the file is missing;
+            empty if the source has no images.
+        identity: (N,) int64 true person of each detection for annotated boxes, -1 if unknown;
+            None if the boxes come from a detector.
         points: (P, 3) reconstructed scene points in scene units, or None.
     """
 
@@ -63,11 +63,11 @@ class MultiViewSequence:
 
     @property
     def image_size(self) -> Int[np.ndarray, "cam 2"] | None:
-        """(C, 2) width and height in pixels, or None where the rig is unknown."""
+        """(C, 2) width and height in pixels, or None if the rig is unknown."""
         return None if self.rig is None else self.rig.image_size
 
     def select_frames(self, frames: Any) -> "MultiViewSequence":
-        """The part of the sequence at some of its frame numbers, everything else unchanged.
+        """Select some frames by their numbers, leaving everything else unchanged.
 
         Raises:
             InvalidInputError: if a frame number is not one of the sequence's.
@@ -92,18 +92,18 @@ class MultiViewSequence:
 
 
 def metric_scene(rig: Rig) -> Scene:
-    """The scene of a rig in metres, z up, that stands on the ground z = 0."""
+    """Make the scene of a rig in meters, z up, above the ground z = 0."""
     return Scene.from_rig(rig, Plane(np.array([0.0, 0.0, 1.0]), 0.0), metric=True)
 
 
 def require_people_in_front(rig: Rig, positions: np.ndarray, source: Path | str) -> None:
     """Raise if every camera has most of the true positions behind it.
 
-    That is the mark of a left-handed world or of extrinsics that are camera-to-world.
+    This indicates a left-handed world or camera-to-world extrinsics.
 
     Args:
-        rig: the cameras, metres, z up.
-        positions: (G, 2) true x, y on the ground z = 0 in metres; none checks nothing.
+        rig: the cameras, meters, z up.
+        positions: (G, 2) true x, y on the ground z = 0 in meters; zero rows pass.
         source: file or folder for the message.
 
     Raises:

@@ -1,4 +1,4 @@
-"""One JSON file for a whole sequence: cameras, boxes and true positions in metres."""
+"""One JSON file for a whole sequence: cameras, boxes and true positions in meters."""
 
 import dataclasses
 import os
@@ -36,25 +36,25 @@ def read_uniform_json(
     The file holds `{name, units: "m", fps, cameras: [{name, K, dist, R, t, width, height}],
     frames: [{frame, gt: [{id, x, y}], views: {camera: [{box: [x1, y1, x2, y2], score?, kpts?,
     id?, emb_index?}]}}], evaluation_area?: {x: [min, max], y: [min, max]}}` with
-    `x_camera = R x + t`, metres, z up, ground z = 0, pixels, positive depth. Cameras without `K`
+    `x_camera = R x + t`, meters, z up, ground z = 0, pixels, positive depth. Cameras without `K`
     give a sequence without rig.
 
     Frame numbers are synchronized labels and may step by more than one: consecutive frames are
-    neighbours in the sorted `frames` of the result.
+    neighbors in the sorted `frames` of the result.
 
     Args:
         path: the JSON file.
-        views: which boxes to read, where the file holds those of several detectors.
-        embedding: name of the appearance vectors to attach (L2-normalised, float32), an array of
+        views: key of the boxes to read, if the file holds those of several detectors.
+        embedding: name of the appearance vectors to attach (L2-normalized, float32), an array of
             the `.npz` beside the JSON whose rows the boxes' `emb_index` select; None for none.
 
     Returns:
-        The sequence. Float64 boxes in the file's order, `ankles_confirmed` where keypoints exist.
+        The sequence. Float64 boxes in the file's order, `ankles_confirmed` if keypoints exist.
 
     Raises:
         InvalidInputError: if there is no such file, or a box, camera or position is invalid; the
             message names file, frame, camera and index.
-        FileFormatError: if the file is no JSON of this form.
+        FileFormatError: if the file is not JSON of this form.
     """
     source = Path(path)
     document = read_json(source, "sequence")
@@ -67,7 +67,9 @@ def read_uniform_json(
         for i, c in enumerate(cameras)
     )
     if len(set(names)) < len(names):
-        raise FileFormatError(f"{source} names two cameras alike: {shortened(', '.join(names))}.")
+        raise FileFormatError(
+            f"{source} gives two cameras the same name: {shortened(', '.join(names))}."
+        )
     frames = _frame_numbers(records, source)
     order = np.argsort(frames, kind="stable")
     table = _BoxTable(source, names)
@@ -82,7 +84,9 @@ def read_uniform_json(
     if fps is not None:
         fps = float(numbers(fps, (), source, "fps"))
         if not fps > 0:
-            raise InvalidInputError(f"{source}: fps is {fps}; it must be frames per second.")
+            raise InvalidInputError(
+                f"{source}: fps is {fps}; it must be a positive number of frames per second."
+            )
     if rig is not None:
         require_people_in_front(rig, positions[:, 2:], source)
     return MultiViewSequence(
@@ -105,7 +109,7 @@ def read_uniform_json(
 
 @dataclasses.dataclass
 class _BoxTable:
-    """Boxes of one file, collected frame by frame, each with its place for messages."""
+    """Boxes of one file, collected frame by frame, with their places for messages."""
 
     source: Path
     camera_names: tuple[str, ...]
@@ -129,7 +133,7 @@ class _BoxTable:
         return f"box {index} of camera {shortened(self.camera_names[camera])} in frame {frame}"
 
     def column(self, key: str, shape: tuple[int, ...]) -> np.ndarray | None:
-        """(N, *shape) values of a key that all boxes or none must have."""
+        """Return the (N, *shape) values of a key that all boxes or none must have."""
         present = [isinstance(box, dict) and box.get(key) is not None for *_, box in self.rows]
         if not any(present):
             return None
@@ -186,7 +190,7 @@ class _BoxTable:
         )
 
     def embedding(self, name: str) -> np.ndarray:
-        """(N, D) float32 rows of the array `name` in the archive beside the JSON."""
+        """Return (N, D) float32 rows of the array `name` in the archive beside the JSON."""
         archive = self.source.with_suffix(".npz")
         vectors = read_npz(archive, "appearance vectors", (name,))[name]
         index = self.column("emb_index", ())
@@ -196,7 +200,7 @@ class _BoxTable:
             raise FileFormatError(
                 f"{self.source}: the boxes have no 'emb_index' into the rows of {archive}."
                 if vectors.ndim == 2
-                else f"{archive}: {name!r} must be a matrix with one row a box."
+                else f"{archive}: {name!r} must be a matrix of embeddings, one per row."
             )
         outside = (index < 0) | (index >= len(vectors))
         if outside.any():
@@ -213,7 +217,9 @@ class _BoxTable:
             return None
         for at, value in enumerate(values):
             if value is not None and not is_whole(value):
-                raise FileFormatError(f"{self.source}: {self.place(at)} has id {quoted(value)}.")
+                raise FileFormatError(
+                    f"{self.source}: {self.place(at)} has id {quoted(value)}, not a whole number."
+                )
         return np.array([-1 if value is None else value for value in values], np.int64)
 
 
@@ -233,7 +239,7 @@ def _frame_numbers(records: list[Any], source: Path) -> np.ndarray:
     for at, value in enumerate(values):
         if not is_whole(value):
             raise FileFormatError(
-                f"{source}: frames[{at}] has the number {quoted(value)}, not a whole."
+                f"{source}: frames[{at}] has the number {quoted(value)}, not a whole number."
             )
     frames = np.array(values, np.int64)
     distinct, counts = np.unique(frames, return_counts=True)
@@ -286,10 +292,10 @@ def _area(area: Any, source: Path) -> tuple[float, float, float, float] | None:
 def _images(
     records: list[Any], names: tuple[str, ...], source: Path
 ) -> tuple[tuple[Path | None, ...], ...]:
-    """(C, F) images, whose paths are relative to the JSON file's folder."""
+    """List (C, F) images, whose paths are relative to the JSON file's folder."""
     listed = [record.get("images") for record in records]
     listed = [paths if isinstance(paths, dict) else {} for paths in listed]
-    found = tuple(
+    images = tuple(
         tuple(_existing(source.parent, paths.get(name)) for paths in listed) for name in names
     )
-    return found if any(path for row in found for path in row) else ()
+    return images if any(path for row in images for path in row) else ()

@@ -32,7 +32,7 @@ CAMERAS = {
 IMAGE_SIZE = (1920, 1080)
 GRID = Grid(columns=480, rows=1440, cell=0.025, origin=(-3.0, -9.0))
 FPS = 2.0  # annotated frames; their numbers step by 5
-_METRES_PER_UNIT = 0.01  # the extrinsics are in centimetres
+_METERS_PER_UNIT = 0.01  # the extrinsics are in centimeters
 
 
 def read_wildtrack(
@@ -51,21 +51,21 @@ def read_wildtrack(
 
     Args:
         folder: the data set's folder.
-        undistorted: True for the published images, which are undistorted; False for frames cut
-            from the original videos, whose lens distortion the rig then carries.
+        undistorted: True for the published images, which are undistorted; False for frames of the
+            original videos, whose lens distortion the rig then has.
         invalid_boxes: `raise` at an annotated box without area, or `drop` it.
-        drop_unseen: leave out of the ground truth people whom no camera sees, as the protocol of
+        drop_unseen: leave out of the ground truth people that no camera sees, as the protocol of
             MVDet (Hou et al. 2020) does.
 
     Returns:
-        The sequence in metres, z up, ground z = 0, with the annotated boxes as detections and the
-        annotated people as `identity`. `frames` are the annotated ones, or those with images
-        where there are no annotations.
+        The sequence in meters, z up, ground z = 0, with the annotated boxes as detections and the
+        annotated people as `identity`. `frames` are the annotated ones, or those with images if
+        there are no annotations.
 
     Raises:
         InvalidInputError: if a calibration file is missing, or a value is invalid; the message
             names the file.
-        FileFormatError: if a file does not have its form.
+        FileFormatError: if a file is malformed.
 
     Source:
         Chavdarova et al., WILDTRACK: A Multi-Camera HD Dataset for Dense Unscripted Pedestrian
@@ -108,7 +108,7 @@ def _read_rig(folder: Path, undistorted: bool) -> Rig:
         K.append(inner["camera_matrix"])
         distortion.append(inner["distortion_coefficients"])
         R.append(rotation_from_vector(outer["rvec"]))
-        t.append(outer["tvec"] * _METRES_PER_UNIT)
+        t.append(outer["tvec"] * _METERS_PER_UNIT)
     lens = np.stack(distortion) if np.any(distortion) else None
     return naming_file(
         folder, lambda: Rig(np.stack(K), np.stack(R), np.stack(t), IMAGE_SIZE, distortion=lens)
