@@ -159,7 +159,7 @@ def test_opencv_fisheye_files_are_refused(statement, tmp_path):
 
 
 def test_four_coefficients_must_say_of_which_lens(tmp_path):
-    with pytest.raises(FileFormatError, match="does not say of which lens"):
+    with pytest.raises(FileFormatError, match="does not state the lens model"):
         read_opencv_yaml(_four(tmp_path))
     for statement in ("fisheye_model: 0\n", "distortion_model: plumb_bob\n"):
         rig = read_opencv_yaml(_four(tmp_path, statement)).rig

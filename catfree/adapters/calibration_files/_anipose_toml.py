@@ -26,15 +26,15 @@ from catfree.adapters.files._documents import (
 from catfree.errors import FileFormatError, quoted, shortened
 from catfree.types import Rig
 
-# A camera takes some 500 bytes, and a line of it has nine decimal points. The time and the depth
-# of the parser grow much faster than a file, and fastest with the parts of a dotted key.
+# A camera takes about 500 bytes and nine decimal points per line. The parser's time and recursion
+# depth grow much faster than the file, and fastest with the parts of a dotted key.
 _LARGEST_FILE = 2**17
 _MOST_DOTS = 64
 _TOML_STRING = re.compile(r'"(?:[^"\\\n]|\\.)*"?|\'[^\'\n]*\'?')
 
 
 def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRig:
-    """Read a `calibration.toml`: one table a camera, in the file's order.
+    """Read a `calibration.toml`: one table per camera, in the file's order.
 
     Each table has `name`, `size` (width, height), `matrix`, `distortions`, `rotation` (vector in
     radians, world to camera) and `translation`. Tables without any of them, such as `metadata`,
@@ -42,27 +42,28 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
 
     Args:
         path: the file.
-        metres_per_unit: Pose2Sim writes metres (1.0), FreeMoCap and aniposelib with a board in
-            millimetres write millimetres (0.001).
+        metres_per_unit: Pose2Sim writes meters (1.0), FreeMoCap and aniposelib with a board in
+            millimeters write millimeters (0.001).
 
     Returns:
-        Rig in metres if `metres_per_unit` is right, and the names.
+        Rig in meters if `metres_per_unit` is right, and the names.
 
     Raises:
         InvalidInputError: if there is no such file or a camera is invalid.
-        FileFormatError: if it is no TOML of this form, a camera is a fisheye, or two cameras have
-            one name.
+        FileFormatError: if it is not TOML of this form, a camera is a fisheye, or two cameras have
+            the same name.
     """
     source = Path(path)
     text = read_text(source, "calibration")
     if len(text) > _LARGEST_FILE:
         raise FileFormatError(
-            f"{source} has {len(text)} characters; no calibration has more than {_LARGEST_FILE}."
+            f"{source} has {len(text)} characters; a calibration has at most {_LARGEST_FILE}."
         )
     for at, line in enumerate(_TOML_STRING.sub('""', text).split("\n"), start=1):
         if line.count(".") > _MOST_DOTS:
             raise FileFormatError(
-                f"{source}: line {at} has {line.count('.')} dots, which no calibration has."
+                f"{source}: line {at} has {line.count('.')} dots; a calibration has at most "
+                f"{_MOST_DOTS} per line."
             )
     try:
         document = tomllib.loads(text)
@@ -114,11 +115,11 @@ def write_anipose_toml(
     *,
     metres_per_unit: float = 1.0,
 ) -> Path:
-    """Write a `calibration.toml`; cameras that are not registered are left out.
+    """Write a `calibration.toml`, leaving out unregistered cameras.
 
     Args:
         path: the file.
-        rig: the cameras, metres.
+        rig: the cameras, in meters.
         names: (C,) names; C1, C2, ... if None.
         metres_per_unit: the file's unit of length: 1.0 for Pose2Sim, 0.001 for FreeMoCap.
 
@@ -127,7 +128,7 @@ def write_anipose_toml(
 
     Raises:
         InvalidInputError: if the folder does not exist, no camera is registered, or the names do
-            not fit.
+            not match the cameras.
     """
     rig, labels = registered_cameras(rig, names, path)
     lines = []
@@ -157,7 +158,7 @@ def _toml_row(values: np.ndarray) -> str:
 
 
 def _toml_string(text: str) -> str:
-    """A TOML basic string: quote, backslash and control characters escaped."""
+    """Format a TOML basic string, escaping quote, backslash and control characters."""
     return '"' + "".join(_toml_character(letter) for letter in text) + '"'
 
 

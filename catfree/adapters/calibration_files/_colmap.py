@@ -13,7 +13,7 @@ from catfree.adapters.calibration_files._colmap_binary import (
 )
 from catfree.adapters.calibration_files._colmap_models import (
     PARAMETERS,
-    PIXEL_CENTRE,
+    PIXEL_CENTER,
     ColmapCamera,
     ColmapImage,
     intrinsics,
@@ -36,10 +36,10 @@ from catfree.types._writing import make_folder
 def read_colmap(folder: StrPath) -> NamedRig:
     """Read a COLMAP model: every image becomes one camera of the rig, sorted by name.
 
-    The folder holds `cameras`, `images` and optionally `points3D`, all `.bin` or all `.txt`;
-    binary files are preferred. Models SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, and
-    FULL_OPENCV without its rational part. The principal point is moved by half a pixel to
-    catfree's convention, the centre of the top-left pixel at (0, 0).
+    The folder holds `cameras`, `images` and optionally `points3D`, all `.bin` or all `.txt`; binary
+    files are preferred. Supported models are SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL,
+    OPENCV, and FULL_OPENCV without its rational part. The principal point is moved by half a pixel
+    to catfree's convention, the center of the top-left pixel at (0, 0).
 
     Args:
         folder: for instance `sparse/0`.
@@ -99,21 +99,21 @@ def write_colmap_text(
 ) -> Path:
     """Write `cameras.txt`, `images.txt` and `points3D.txt`, one camera and image each.
 
-    Cameras that are not registered are left out. A lens is written as OPENCV, with k3 as
-    FULL_OPENCV, an ideal camera as PINHOLE.
+    Unregistered cameras are left out. A lens is written as OPENCV, with k3 as FULL_OPENCV, an ideal
+    camera as PINHOLE.
 
     Args:
         folder: made if it does not exist (its parent must).
         rig: the cameras.
         names: (C,) image names without spaces; C1, C2, ... if None.
-        points: (P, 3) points in the rig's frame, written in grey.
+        points: (P, 3) points in the rig's frame, written in gray.
 
     Returns:
         The folder.
 
     Raises:
         InvalidInputError: if the parent folder does not exist, no camera is registered, a name has
-            a space, or a K has skew, which COLMAP's models do not know.
+            a space, or a K has skew, which COLMAP's models do not support.
         WriteError: if the disk is full or not writable.
     """
     root = Path(folder)
@@ -130,10 +130,10 @@ def write_colmap_text(
         if abs(K[at, 0, 1]) > 1e-9 * K[at, 0, 0]:
             raise InvalidInputError(
                 f"Cannot write {root}: camera {shortened(name)} has skew {K[at, 0, 1]:.3g}, which "
-                "no COLMAP model knows."
+                "no COLMAP model supports."
             )
         focal = [K[at, 0, 0], K[at, 1, 1]]
-        centre = [K[at, 0, 2] + PIXEL_CENTRE, K[at, 1, 2] + PIXEL_CENTRE]
+        center = [K[at, 0, 2] + PIXEL_CENTER, K[at, 1, 2] + PIXEL_CENTER]
         lens = np.zeros(5) if rig.distortion is None else np.asarray(rig.distortion)[at]
         if not lens.any():
             model, coefficients = "PINHOLE", []
@@ -142,7 +142,7 @@ def write_colmap_text(
         else:
             model, coefficients = "FULL_OPENCV", [*lens, 0.0, 0.0, 0.0]
         width, height = rig.image_size[at]
-        cameras.append(f"{at + 1} {model} {width} {height} {_row(focal, centre, coefficients)}")
+        cameras.append(f"{at + 1} {model} {width} {height} {_row(focal, center, coefficients)}")
         pose = _row(np.roll(quaternions[at], 1), t[at])
         images += [f"{at + 1} {pose} {at + 1} {name}", ""]
     cloud = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]

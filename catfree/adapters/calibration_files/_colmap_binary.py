@@ -1,7 +1,7 @@
-"""COLMAP's binary files, read front to back: cameras, images and points.
+"""Readers of COLMAP's binary files: cameras, images and points.
 
-Bytes have no lines to get lost in, so every read is checked against the end of the file, and the
-end of the file against what was announced.
+Every read is checked against the end of the file, and the end of the file against the announced
+number of records.
 """
 
 import struct
@@ -22,7 +22,7 @@ from catfree.errors import FileFormatError, quoted
 
 
 class _Bytes:
-    """A binary file read front to back, with a clear error where it ends too early."""
+    """A binary file read front to back, with a clear error if it ends too early."""
 
     def __init__(self, path: Path, meaning: str) -> None:
         self.path = require_file(path, meaning)
@@ -38,7 +38,7 @@ class _Bytes:
 
     def skip(self, size: int) -> None:
         if self.at + size > len(self.data):
-            raise FileFormatError(f"{self.path} is truncated or no COLMAP file.")
+            raise FileFormatError(f"{self.path} is truncated or not a COLMAP file.")
         self.at += size
 
     def name(self) -> str:
@@ -47,17 +47,17 @@ class _Bytes:
         try:
             return self.data[start:end].decode("utf-8")
         except UnicodeDecodeError as error:
-            raise FileFormatError(f"{self.path} has an image name that is no text.") from error
+            raise FileFormatError(f"{self.path} has an image name that is not UTF-8.") from error
 
     def records(self) -> Iterator[int]:
-        """Count off the records that the file announces, then check that nothing follows."""
+        """Yield the indices of the announced records, then check that nothing follows."""
         yield from range(self.take("Q")[0])
         if self.at != len(self.data):
-            raise FileFormatError(f"{self.path} goes on after its last record.")
+            raise FileFormatError(f"{self.path} continues after its last record.")
 
 
 def binary_cameras(path: Path) -> dict[int, ColmapCamera]:
-    """The cameras of `cameras.bin` by their number."""
+    """Read the cameras of `cameras.bin` by their number."""
     stream = _Bytes(path, "COLMAP cameras")
     cameras = {}
     for _ in stream.records():
@@ -69,7 +69,7 @@ def binary_cameras(path: Path) -> dict[int, ColmapCamera]:
 
 
 def binary_images(path: Path) -> list[ColmapImage]:
-    """The images of `images.bin` in the order of the file."""
+    """Read the images of `images.bin` in the order of the file."""
     stream = _Bytes(path, "COLMAP images")
     images = []
     for _ in stream.records():
@@ -80,7 +80,7 @@ def binary_images(path: Path) -> list[ColmapImage]:
 
 
 def binary_points(path: Path) -> np.ndarray | None:
-    """(P, 3) points of `points3D.bin`; None if there is no such file."""
+    """Read the (P, 3) points of `points3D.bin`; None if there is no such file."""
     if not path.is_file():
         return None
     stream = _Bytes(path, "COLMAP points")

@@ -1,6 +1,6 @@
-"""COLMAP's camera models: their numbers, names and parameters, and the OpenCV lens each stands for.
+"""COLMAP's camera models: numbers, names, parameters and equivalent OpenCV lenses.
 
-Text and binary files name the same models, so both readers look here.
+The readers of text and binary files share them.
 """
 
 from pathlib import Path
@@ -22,8 +22,8 @@ MODELS = {
 PARAMETERS = {name: parameters.split() for name, parameters in MODELS.values()}
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
-# COLMAP puts the centre of the top-left pixel at (0.5, 0.5), catfree and OpenCV at (0, 0).
-PIXEL_CENTRE = 0.5
+# COLMAP puts the center of the top-left pixel at (0.5, 0.5), catfree and OpenCV at (0, 0).
+PIXEL_CENTER = 0.5
 
 # Model, width, height and parameters of a camera.
 ColmapCamera = tuple[str, int, int, np.ndarray]
@@ -34,12 +34,12 @@ ColmapImage = tuple[str, int, np.ndarray, np.ndarray]
 def intrinsics(
     model: str, parameters: np.ndarray, source: Path, image: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(3, 3) K with catfree's pixel centre, and (5,) OpenCV coefficients."""
+    """Convert to (3, 3) K with catfree's pixel center, and (5,) OpenCV coefficients."""
     value = dict(zip(PARAMETERS[model], parameters.tolist(), strict=True))
     K = np.array(
         [
-            [value.get("fx", value.get("f")), 0.0, value["cx"] - PIXEL_CENTRE],
-            [0.0, value.get("fy", value.get("f")), value["cy"] - PIXEL_CENTRE],
+            [value.get("fx", value.get("f")), 0.0, value["cx"] - PIXEL_CENTER],
+            [0.0, value.get("fy", value.get("f")), value["cy"] - PIXEL_CENTER],
             [0.0, 0.0, 1.0],
         ]
     )
@@ -48,10 +48,10 @@ def intrinsics(
 
 
 def supported_model(model: str, source: Path, camera_id: int) -> str:
-    """The model's name as it is.
+    """Return the model's name if it is supported.
 
     Raises:
-        FileFormatError: if catfree does not know the model.
+        FileFormatError: if catfree does not support the model.
     """
     if model not in PARAMETERS:
         raise FileFormatError(

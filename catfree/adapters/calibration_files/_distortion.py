@@ -1,4 +1,4 @@
-"""Lens coefficients of any calibration file as the five that a `Rig` holds."""
+"""Conversion of lens coefficients to the five that a `Rig` holds."""
 
 import numpy as np
 
@@ -7,10 +7,10 @@ from catfree.errors import FileFormatError
 
 
 def five_coefficients(values: np.ndarray, source: StrPath, where: str) -> np.ndarray:
-    """OpenCV k1, k2, p1, p2, k3 from a list that may be shorter or end in zeros.
+    """Convert a list that may be shorter, or end in zeros, to OpenCV k1, k2, p1, p2, k3.
 
     Args:
-        values: (n,) coefficients in OpenCV's order; none at all means an ideal pinhole.
+        values: (n,) coefficients in OpenCV's order; an empty list means an ideal pinhole.
         source: the file, for messages.
         where: the camera, for messages.
 

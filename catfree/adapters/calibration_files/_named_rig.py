@@ -1,4 +1,4 @@
-"""What a calibration file says: a rig, the names of its cameras, and perhaps points."""
+"""The content of a calibration file: a rig, the names of its cameras, and optional points."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -27,15 +27,15 @@ class NamedRig:
     points: Float[np.ndarray, "p 3"] | None = None
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if the names do not fit the cameras; see `default_names`."""
+        """Raise InvalidInputError if the names do not match the cameras; see `default_names`."""
         default_names(self.rig, self.names)
 
 
 def default_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
-    """The given names, or C1, C2, ...
+    """Return the given names, or C1, C2, ... if None.
 
     Raises:
-        InvalidInputError: if there are not as many names as cameras, two are alike, or one is no
+        InvalidInputError: if there are not as many names as cameras, two are equal, or one is not
             text.
     """
     if names is None:
@@ -58,16 +58,16 @@ def default_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
 def registered_cameras(
     rig: Rig, names: Sequence[str] | None, target: StrPath
 ) -> tuple[Rig, tuple[str, ...]]:
-    """The registered part of a rig in float64, for formats that know no other cameras.
+    """Select the registered cameras in float64, for formats that cannot hold others.
 
     Raises:
-        InvalidInputError: if no camera is registered, or the names do not fit.
+        InvalidInputError: if no camera is registered, or the names do not match the cameras.
     """
-    known = np.flatnonzero(rig.registered)
-    if len(known) == 0:
+    registered = np.flatnonzero(rig.registered)
+    if len(registered) == 0:
         raise InvalidInputError(f"Cannot write {target}: no camera of the rig is registered.")
     labels = default_names(rig, names)
-    part = rig.select(known)
+    part = rig.select(registered)
     lens = None if part.distortion is None else np.asarray(part.distortion, np.float64)
     exact = Rig(
         np.asarray(part.K, np.float64),
@@ -76,4 +76,4 @@ def registered_cameras(
         part.image_size,
         distortion=lens,
     )
-    return exact, tuple(labels[camera] for camera in known)
+    return exact, tuple(labels[camera] for camera in registered)

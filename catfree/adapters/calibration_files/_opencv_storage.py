@@ -1,7 +1,7 @@
-"""What OpenCV's `FileStorage` writes, read without it: XML, YAML and JSON.
+"""Reader of the XML, YAML and JSON files that OpenCV's `FileStorage` writes.
 
-OpenCV's own parser cannot read the bare text of some published calibrations, and damaged files can
-crash the process inside it.
+OpenCV's own parser is not used, because it cannot read the bare text of some published calibrations
+and damaged files can crash the process.
 """
 
 import json
@@ -23,11 +23,11 @@ _YAML_SPECIAL = {".nan": "nan", ".inf": "inf", "+.inf": "inf", "-.inf": "-inf"}
 
 
 class Storage(NamedTuple):
-    """The entries at the top of a file, by name.
+    """The top-level entries of a file, by name.
 
     Attributes:
         numbers: (n,) float64 of each matrix, row by row, and of each number or list of numbers.
-        words: what is neither, as text.
+        words: other entries, as text.
     """
 
     numbers: dict[str, np.ndarray]
@@ -35,7 +35,7 @@ class Storage(NamedTuple):
 
 
 def read_storage(path: StrPath, meaning: str) -> Storage:
-    """The matrices, numbers, lists of numbers and words at the top of a file.
+    """Read the top-level matrices, numbers, lists of numbers and words of a file.
 
     Args:
         path: the file; the first character tells XML (`<`), JSON (`{`) and YAML apart.
@@ -51,33 +51,33 @@ def read_storage(path: StrPath, meaning: str) -> Storage:
     source = Path(path)
     text = read_text(source, meaning).strip()
     parse = {"<": _xml_entries, "{": _json_entries}.get(text[:1], _yaml_entries)
-    found = Storage({}, {})
+    storage = Storage({}, {})
     try:
         for name, entry in parse(text):
             if (plain := _plain_numbers(entry)) is not None:
-                found.numbers[name] = plain
+                storage.numbers[name] = plain
             elif isinstance(entry, str):
-                found.words[name] = entry
+                storage.words[name] = entry
             elif isinstance(entry, list) and all(isinstance(word, str) for word in entry):
-                found.words[name] = " ".join(entry)
+                storage.words[name] = " ".join(entry)
     except (ElementTree.ParseError, ValueError, KeyError, RecursionError) as error:
         raise FileFormatError(
             f"{source} ({meaning}) is malformed ({quoted(error)}). Is the file complete?"
         ) from error
-    if not found.numbers:
-        raise FileFormatError(f"{source} ({meaning}) holds no numbers that OpenCV could have put.")
-    return found
+    if not storage.numbers:
+        raise FileFormatError(f"{source} ({meaning}) holds no numbers as OpenCV writes them.")
+    return storage
 
 
 def read_matrices(
     path: StrPath, meaning: str, shapes: dict[str, tuple[int, ...]]
 ) -> dict[str, np.ndarray]:
-    """Some matrices of a file; see `read_storage`.
+    """Read some matrices of a file; see `read_storage`.
 
     Args:
         path: the file.
         meaning: what it is, for messages.
-        shapes: wanted names and their shapes.
+        shapes: required names and their shapes.
 
     Raises:
         InvalidInputError: if there is no such file or a number is not finite.
@@ -93,7 +93,7 @@ def read_matrices(
 
 
 def _plain_numbers(entry: Any) -> np.ndarray | None:
-    """(n,) numbers of a number, a list of them, or words; None for anything else."""
+    """Parse a number, a list of numbers, or words to (n,) numbers; None for anything else."""
     words = entry.split() if isinstance(entry, str) else entry
     try:
         array = np.asarray(words, np.float64).ravel()
@@ -115,7 +115,7 @@ def _json_entries(text: str) -> Iterable[tuple[str, Any]]:
 
 
 def _yaml_entries(text: str) -> Iterable[tuple[str, Any]]:
-    """The subset of YAML that OpenCV writes: an entry begins where a line is not indented."""
+    """Parse the subset of YAML that OpenCV writes: an entry begins where a line is not indented."""
     blocks: list[tuple[str, list[str]]] = []
     for line in text.splitlines():
         if not line.strip() or line.startswith(("%", "---", "...", "#")):
@@ -127,7 +127,7 @@ def _yaml_entries(text: str) -> Iterable[tuple[str, Any]]:
         elif match := _YAML_ENTRY.fullmatch(line.rstrip()):
             blocks.append((match[1], [match[2]]))
         else:
-            raise ValueError(f"{line[:40]!r} is no entry")
+            raise ValueError(f"{line[:40]!r} is not an entry")
     for name, lines in blocks:
         body = "\n".join(lines)
         if lines[0].startswith(f"!!{_MATRIX}"):

@@ -1,4 +1,4 @@
-"""Calibrations as OpenCV writes them: one YAML, XML or JSON file a camera."""
+"""Calibrations as OpenCV writes them: one YAML, XML or JSON file per camera."""
 
 import os
 import re
@@ -38,7 +38,7 @@ _WIDTH = ("image_width", "image_Width", "width")
 _HEIGHT = ("image_height", "image_Height", "height")
 _SIZE = ("image_size", "imageSize", "size")
 
-# Words by which files and tools call the lens model of `cv2.fisheye`.
+# Words that files and tools use for the lens model of `cv2.fisheye`.
 _FISHEYE = re.compile("fish_?eye|equidistant|kannala", re.IGNORECASE)
 
 
@@ -48,31 +48,31 @@ def read_opencv_yaml(
     image_size: tuple[int, int] | None = None,
     metres_per_unit: float = 1.0,
 ) -> NamedRig:
-    """Read one calibration file a camera, as written by OpenCV's `FileStorage`.
+    """Read one calibration file per camera, as written by OpenCV's `FileStorage`.
 
     A file holds the intrinsics (`K`, `camera_matrix`, ...), optionally the lens (`dist_coeffs`,
     `distortion_coefficients`, ...), the world-to-camera pose (`R` as a matrix or a rotation
     vector, or `rvec`; `t` or `tvec`), and the image size (`image_width` and `image_height`, or
     `image_size`).
 
-    Four coefficients are k1, k2, p1, p2 of an old pinhole calibration or k1 to k4 of
-    `cv2.fisheye.calibrate`, and read as the wrong ones they move people by metres: unless all are
-    0, the file must say which, by `fisheye_model: 0` or another entry whose name has "model" in it
+    Four coefficients may be k1, k2, p1, p2 of an old pinhole calibration or k1 to k4 of
+    `cv2.fisheye.calibrate`, and confusing them moves people by meters. Unless all are 0, the file
+    must state the model, by `fisheye_model: 0`, by another entry whose name contains "model"
     (`distortion_model: plumb_bob`), or by a fifth coefficient.
 
     Args:
         paths: one file or several, in the order of the rig's cameras.
-        image_size: width and height in pixels for files that do not tell.
-        metres_per_unit: the files' unit of length: 0.001 for millimetres.
+        image_size: width and height in pixels for files that do not state them.
+        metres_per_unit: the files' unit of length: 0.001 for millimeters.
 
     Returns:
-        The rig, each camera named after its file, and after its folder, too, where files of several
-        folders have one name.
+        The rig, each camera named after its file, and also after its folder if files of several
+        folders have the same name.
 
     Raises:
         InvalidInputError: if a file is missing or given twice, or a camera is invalid.
-        FileFormatError: if a file is not of this form, or of a fisheye, or does not say of which
-            lens its four coefficients are.
+        FileFormatError: if a file is malformed, describes a fisheye, or does not state the model of
+            its four coefficients.
     """
     if isinstance(paths, str | os.PathLike):
         paths = (paths,)
@@ -111,7 +111,7 @@ def read_opencv_yaml(
 def write_opencv_yaml(
     folder: StrPath, rig: Rig, names: Sequence[str] | None = None
 ) -> tuple[Path, ...]:
-    """Write one YAML file a registered camera, `<name>.yml`, readable by OpenCV's `FileStorage`.
+    """Write one YAML file per registered camera, `<name>.yml`, that OpenCV can read.
 
     Args:
         folder: must exist.
@@ -124,7 +124,7 @@ def write_opencv_yaml(
 
     Raises:
         InvalidInputError: if the folder does not exist, no camera is registered, or the names do
-            not fit.
+            not match the cameras.
     """
     rig, labels = registered_cameras(rig, names, folder)
     lens = np.zeros((rig.camera_count, 5)) if rig.distortion is None else rig.distortion
@@ -153,30 +153,30 @@ def write_opencv_yaml(
 
 
 def _refuse_fisheye(storage: Storage, coefficients: np.ndarray, source: Path) -> None:
-    """Raise if a file says that its lens is a fisheye, or does not say it but may well mean it."""
+    """Raise if a file states that its lens is a fisheye, or if its coefficients may be of one."""
     models = {key: text for key, text in storage.words.items() if "model" in key.lower()}
     flag = storage.numbers.get("fisheye_model", storage.numbers.get("fisheye", np.empty(0)))
     if flag.any() or any(_FISHEYE.search(text) for text in models.values()):
         raise FileFormatError(
-            f"{source} is of a fisheye lens, which is not supported. Undistort its images with "
-            "cv2.fisheye, and give the calibration of the undistorted ones."
+            f"{source} describes a fisheye lens, which is not supported. Undistort its images with "
+            "cv2.fisheye, and pass the calibration of the undistorted ones."
         )
     if coefficients.size == 4 and coefficients.any() and not (models or flag.size):
         raise FileFormatError(
-            f"{source} has 4 distortion coefficients and does not say of which lens. For k1, k2, "
-            "p1, p2 of a pinhole add k3 = 0 as the fifth, or the line `fisheye_model: 0`; if they "
-            "are k1 to k4 of cv2.fisheye, undistort the images."
+            f"{source} has 4 distortion coefficients but does not state the lens model. For k1, "
+            "k2, p1, p2 of a pinhole, add k3 = 0 as the fifth, or the line `fisheye_model: 0`; for "
+            "k1 to k4 of cv2.fisheye, undistort the images."
         )
 
 
 def _first(
     values: dict[str, np.ndarray], names: tuple[str, ...], source: Path, meaning: str | None
 ) -> np.ndarray:
-    """The first value that the file has; none at all is an error if `meaning` is given."""
-    found = [values[name] for name in names if name in values]
-    if not found and meaning is not None:
+    """Return the first value that the file has; if it has none and `meaning` is given, raise."""
+    matches = [values[name] for name in names if name in values]
+    if not matches and meaning is not None:
         raise FileFormatError(f"{source} has no {meaning} ({', '.join(names)}).")
-    return found[0] if found else np.empty(0)
+    return matches[0] if matches else np.empty(0)
 
 
 def _image_size(
@@ -188,5 +188,5 @@ def _image_size(
     if size.size == 0 and default is not None:
         size = np.array(default)
     if size.size != 2:
-        raise FileFormatError(f"{source} does not tell the image size. Pass image_size=.")
+        raise FileFormatError(f"{source} does not state the image size. Pass image_size=.")
     return size

@@ -23,7 +23,7 @@ from catfree.types import Plane, Rig, Scene
 
 _CONVENTIONS = {
     "camera": "x_camera = R x_world + t; x right, y down, z forward",
-    "pixel": "the centre of the top-left pixel is (0, 0)",
+    "pixel": "the center of the top-left pixel is (0, 0)",
     "distortion": "OpenCV k1, k2, p1, p2, k3",
     "ground": "normal . x + offset = 0, cameras on the positive side",
     "unregistered camera": "registered is false and its numbers are null",
@@ -38,15 +38,15 @@ def write_rig_json(
 
     Args:
         path: the file.
-        rig: the cameras; those not registered are kept and marked.
+        rig: the cameras; unregistered ones are kept and marked.
         names: (C,) names; C1, C2, ... if None.
-        metric: whether the rig's units are metres; stated in the file.
+        metric: whether the rig's units are meters; stated in the file.
 
     Returns:
         The path.
 
     Raises:
-        InvalidInputError: if the folder does not exist or the names do not fit.
+        InvalidInputError: if the folder does not exist or the names do not match the cameras.
     """
     return _write(path, _rig_document(rig, names, metric))
 
@@ -56,14 +56,14 @@ def write_scene_json(path: StrPath, scene: Scene, names: Sequence[str] | None = 
 
     Args:
         path: the file.
-        scene: the scene; cameras that are not registered are kept and marked.
+        scene: the scene; unregistered cameras are kept and marked.
         names: (C,) names; C1, C2, ... if None.
 
     Returns:
         The path.
 
     Raises:
-        InvalidInputError: if the folder does not exist or the names do not fit the cameras.
+        InvalidInputError: if the folder does not exist or the names do not match the cameras.
     """
     ground = {"normal": _list(scene.ground.normal), "offset": float(scene.ground.offset)}
     document = _rig_document(scene.rig, names, scene.metric)
@@ -81,7 +81,7 @@ def read_rig_json(path: StrPath) -> NamedRig:
 
     Raises:
         InvalidInputError: if there is no such file or a camera is invalid.
-        FileFormatError: if the file is no JSON of this form.
+        FileFormatError: if the file is not JSON of this form.
     """
     source = Path(path)
     return _read_rig(read_json(source, "rig"), source)
@@ -98,7 +98,7 @@ def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
 
     Raises:
         InvalidInputError: if there is no such file or a value is invalid.
-        FileFormatError: if the file is no JSON of this form.
+        FileFormatError: if the file is not JSON of this form.
     """
     source = Path(path)
     document = read_json(source, "scene")
@@ -125,7 +125,7 @@ def _rig_document(rig: Rig, names: Sequence[str] | None, metric: bool) -> dict[s
 
 
 def _list(values: Any) -> Any:
-    """Nested lists of floats, None where a number is not finite (JSON has no NaN)."""
+    """Convert to nested lists of floats, None for numbers that are not finite (JSON has no NaN)."""
     array = np.asarray(values, np.float64)
     entries = array.astype(object)
     entries[~np.isfinite(array)] = None
@@ -139,7 +139,9 @@ def _write(path: StrPath, document: dict[str, Any]) -> Path:
 def _read_rig(document: Any, source: Path) -> NamedRig:
     units = entry(document, "units", source, "the file")
     if units not in _UNITS.values():
-        raise FileFormatError(f"{source} has units {quoted(units)}; known are 'm' and 'arbitrary'.")
+        raise FileFormatError(
+            f"{source} has units {quoted(units)}; they must be 'm' or 'arbitrary'."
+        )
     cameras = entry(document, "cameras", source, "the file")
     if not isinstance(cameras, list) or not cameras:
         raise FileFormatError(f"{source}: cameras must be a list with at least one camera.")
@@ -161,7 +163,7 @@ def _read_rig(document: Any, source: Path) -> NamedRig:
             lens.append(None)
     distortion = None
     if any(values is not None for values in lens):
-        # A camera without coefficients among others that have some is an ideal pinhole.
+        # If other cameras have coefficients, a camera without any is an ideal pinhole.
         distortion = np.stack([np.zeros(5) if values is None else values for values in lens])
     rig = naming_file(
         source,
