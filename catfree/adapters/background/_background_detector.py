@@ -1,4 +1,4 @@
-"""People in a static camera's pictures without any network: what moves before the background."""
+"""Detection of people in a static camera by background subtraction, without a network."""
 
 import hashlib
 from collections.abc import Iterable, Sequence
@@ -28,10 +28,10 @@ from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import FrameDetections, Image, as_image
 from catfree.errors import InvalidInputError
 
-# Pictures are reduced by a whole factor to about this height: enough to find a foot to a hundredth
-# of a person of 100 pixels, and the noise and the work shrink with the square.
+# Pictures are reduced by a whole factor to about this height: enough to locate the foot of a person
+# of 100 pixels to a hundredth of the height, while noise and work shrink with the factor's square.
 WORKING_HEIGHT = 360
-LEAST_AREA = 30  # reduced pixels: a person of 12 pixels' height
+LEAST_AREA = 30  # reduced pixels: a person 12 pixels tall
 STAND_ALONE_SCORE = 0.95
 SPLIT_SCORE = 0.85
 UNSPLIT_SCORE = 0.4
@@ -42,25 +42,25 @@ _VERSION = 4
 
 
 class BackgroundDetector:
-    """Detector for static cameras that needs no weights: OpenCV only.
+    """Detector for static cameras that needs only OpenCV, no weights.
 
-    Learns the empty scene as the median of many pictures, marks what differs from it except cast
-    shadows, and reads people off the silhouettes: a silhouette that stands alone is a person; a
-    merged one is split with a body template of the height that this camera's stand-alone
-    silhouettes imply at each foot pixel.
+    It learns the empty scene as the median of many pictures, marks what differs from it except cast
+    shadows, and finds people in the silhouettes: an isolated silhouette is a person; a merged one
+    is split with a body template of the height that this camera's isolated silhouettes imply at
+    each foot pixel.
 
-    `fit(images)` reads a camera's footage once and returns the detector for that camera: the way to
-    use it on recorded video. Called directly it is a detector for one camera's live pictures, in
-    order: it learns from the pictures so far, returns nobody for the first eight, and is the one
-    detector whose answer depends on what it saw before.
+    On recorded video, `fit(images)` reads a camera's footage once and returns the detector for that
+    camera. Called directly, it is a detector for one camera's live pictures, in order: it learns
+    from the pictures so far and returns no people until it has eight. Unlike other detectors, its
+    result then depends on earlier pictures.
 
-    What it cannot see: people who stand still for most of the footage (they become background), and
-    cameras that move. A thing that was moved is reported until it is the median.
+    Limitations: people who stand still for most of the footage become background, the camera must
+    not move, and an object that was moved is reported until the median includes it.
 
     Attributes:
-        box_slack: share of its height by which a box is taller than the person. A silhouette has
-            none; detectors that learned from drawn boxes have some, which is what calibration from
-            people assumes of detectors that do not have this attribute.
+        box_slack: share of its height by which a box is taller than the person. Silhouettes have
+            none; detectors that learned from drawn boxes have some, which calibration from people
+            assumes of detectors without this attribute.
     """
 
     box_slack: float = 0.0
@@ -69,9 +69,9 @@ class BackgroundDetector:
         """Choose the parameters.
 
         Args:
-            confidence: weaker detections are dropped. About 0.9 stands for a silhouette alone,
-                0.4 to 0.85 for one split from a group, 0.4 for one in a place where too few
-                people were seen alone to know their height.
+            confidence: weaker detections are dropped. About 0.9 means an isolated silhouette, 0.4
+                to 0.85 one split from a group, 0.4 one of a camera with too few isolated people to
+                learn their height.
 
         Raises:
             InvalidInputError: if the confidence is not in [0, 1].
@@ -80,7 +80,7 @@ class BackgroundDetector:
             raise InvalidInputError(f"confidence must lie in [0, 1], got {confidence}.")
         self._confidence = float(confidence)
         self._samples = PictureSamples()
-        self._seen, self._learnt = 0, 0
+        self._picture_count, self._count_when_fitted = 0, 0
         self._fitted: FittedBackgroundDetector | None = None
 
     @property
@@ -89,11 +89,11 @@ class BackgroundDetector:
         return hash_parameters("BackgroundDetector", version=_VERSION, confidence=self._confidence)
 
     def fit(self, images: Iterable[Image]) -> "FittedBackgroundDetector":
-        """A detector for the camera that took these pictures.
+        """Fit a detector to the camera that took these pictures.
 
         Args:
             images: (H, W, 3) uint8 RGB of one static camera, read once and in order; at most 64
-                reduced ones are kept in memory. More than the pictures of a few seconds, so that
+                reduced ones are kept in memory. They must span more than a few seconds, so that
                 walkers do not cover the same ground in most of them.
 
         Raises:
@@ -108,17 +108,17 @@ class BackgroundDetector:
         return self._learn(samples, factor or 1)
 
     def __call__(self, image: Image) -> FrameDetections:
-        """The people in the next picture of one static camera."""
+        """Detect the people in the next picture of one static camera."""
         picture = as_image(image)
         factor = reduction_factor(picture)
         self._samples.add(reduce_picture(picture, factor))
-        self._seen += 1
-        # Learning again each time the footage has doubled, later each time the sample is renewed.
-        due = self._seen >= self._learnt + min(self._learnt, MAXIMUM_SAMPLES)
-        if due and self._seen >= MINIMUM_SAMPLES:
-            # Live pictures come once.
+        self._picture_count += 1
+        # Fit again each time the footage has doubled, later each time the sample is renewed.
+        due_at = self._count_when_fitted + min(self._count_when_fitted, MAXIMUM_SAMPLES)
+        if self._picture_count >= max(due_at, MINIMUM_SAMPLES):
+            # A live picture comes only once, so its foreground is not kept.
             self._fitted = replace(self._learn(self._samples, factor), memory=None)
-            self._learnt = self._seen
+            self._count_when_fitted = self._picture_count
         if self._fitted is None:
             return FrameDetections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32))
         return self._fitted(picture)
@@ -128,14 +128,14 @@ class BackgroundDetector:
         memory = ForegroundMemory(background.compare)
         blobs = [Blobs.find(memory(picture).mask, LEAST_AREA) for picture in samples.pictures]
         profile = fit_height_profile(blobs)
-        print_of_scene = hash_parameters(
+        fingerprint = hash_parameters(
             "FittedBackgroundDetector",
             self.fingerprint,
             hashlib.sha256(background.scene.tobytes()).hexdigest(),
             profile=None if profile is None else profile.coefficients.tolist(),
         )
         return FittedBackgroundDetector(
-            background, profile, factor, self._confidence, print_of_scene, memory
+            background, profile, factor, self._confidence, fingerprint, memory
         )
 
 
@@ -145,12 +145,12 @@ class FittedBackgroundDetector:
 
     Attributes:
         background: the empty scene, in reduced pixels.
-        profile: apparent height of people in reduced pixels, or None where too few stood alone;
-            only silhouettes of a person's shape are then reported.
-        factor: original pixels a reduced pixel.
+        profile: apparent height of people in reduced pixels, or None if too few were isolated;
+            only silhouettes with the shape of a person are then reported.
+        factor: original pixels per reduced pixel.
         confidence: weaker detections are dropped.
-        fingerprint: content hash of parameters and learnt scene.
-        memory: foregrounds of pictures that may come again, or None to find them each time.
+        fingerprint: content hash of parameters and learned scene.
+        memory: cache of foregrounds, or None to compute them each time.
     """
 
     background: BackgroundModel
@@ -161,15 +161,14 @@ class FittedBackgroundDetector:
     memory: ForegroundMemory | None = field(default=None, repr=False, compare=False)
 
     def __call__(self, image: Image) -> FrameDetections:
-        """The people in one picture of this camera, best first."""
+        """Detect the people in one picture of this camera, best first."""
         return self.look_again(image, np.zeros((0, 3)))
 
     def look_again(self, image: Image, expected: Float[np.ndarray, "n 3"]) -> FrameDetections:
-        """The same with a hint where people stand, as other cameras and moments know it.
+        """Detect people with hints about their positions from other cameras and frames.
 
-        Merged silhouettes are split at people who are expected, if their pixels say so, and parts
-        of one person that a pole cuts apart are put together. Nobody is reported whom the
-        silhouettes do not show.
+        Merged silhouettes are split at expected people if their pixels support it, and parts of one
+        person that a pole separates are joined. Only people that the silhouettes show are reported.
 
         Args:
             image: a picture of this camera.
@@ -178,21 +177,21 @@ class FittedBackgroundDetector:
         picture = as_image(image)
         compare = self.background.compare if self.memory is None else self.memory
         foreground = compare(reduce_picture(picture, self.factor))
-        # The centre of pixel p is at (p + 0.5) / factor from the reduced picture's left edge.
+        # The center of pixel p is at (p + 0.5) / factor from the reduced picture's left edge.
         corner = np.array([[0.5, 0.5, 0.0]])
         hints = (np.asarray(expected, np.float64) + corner) / self.factor
-        found = self.find_people(foreground, [Expected(*hint) for hint in hints.tolist()])
-        box = found[:, :4] * self.factor - 0.5  # a pixel's area starts half a pixel before it
+        people = self.find_people(foreground, [Expected(*hint) for hint in hints.tolist()])
+        box = people[:, :4] * self.factor - 0.5  # a pixel extends half a pixel beyond its center
         limit = np.array([picture.shape[1], picture.shape[0]] * 2) - 0.5
         box = np.clip(box, -0.5, limit[None, :])
-        keep = (found[:, 4] >= self.confidence) & (box[:, 2:] - box[:, :2] >= 1).all(axis=1)
-        order = np.flatnonzero(keep)[np.argsort(-found[keep, 4], kind="stable")]
-        return FrameDetections(box[order].astype(np.float32), found[order, 4].astype(np.float32))
+        keep = (people[:, 4] >= self.confidence) & (box[:, 2:] - box[:, :2] >= 1).all(axis=1)
+        order = np.flatnonzero(keep)[np.argsort(-people[keep, 4], kind="stable")]
+        return FrameDetections(box[order].astype(np.float32), people[order, 4].astype(np.float32))
 
     def find_people(
         self, foreground: Foreground, expected: Sequence[Expected] = ()
     ) -> Float[np.ndarray, "n 5"]:
-        """(n, 5) x1, y1, x2, y2 and score of the people in a foreground, in reduced pixels."""
+        """Find (n, 5) x1, y1, x2, y2 and score of people in a foreground, in reduced pixels."""
         blobs = Blobs.find(foreground.mask, LEAST_AREA)
         if self.profile is None:
             alone = blobs.box[blobs.alone()]
@@ -215,13 +214,13 @@ def _people_of(
     foreground: Foreground,
     expected: Sequence[Expected],
 ) -> list[tuple[float, float, float, float, float]]:
-    """Box and score of each person in one blob."""
+    """Find box and score of each person in one blob."""
     x1, y1, x2, y2 = (float(side) for side in box)
     height = expected[0].height if len(expected) == 1 else float(profile((x1 + x2) / 2, y2))
     misfit = abs(y2 - y1 - height) / max(height, 1.0)
     alone = complete and misfit < TOLERANCE and x2 - x1 < WIDEST * height and len(expected) < 2
     people = []
-    # Two people close together may have one person's height and width; a narrow blob has no room.
+    # Two people close together may have one person's height and width; a narrow blob holds one.
     if not alone or x2 - x1 > WIDTH * height:
         people = split_blob(blob, box, profile, expected)
     if alone and len(people) < 2:
@@ -237,12 +236,12 @@ def _people_of(
 
 
 def reduction_factor(image: Image) -> int:
-    """Whole factor that brings a picture's shorter side near the working height."""
+    """Choose the whole factor that brings a picture's shorter side near the working height."""
     return max(1, round(min(image.shape[:2]) / WORKING_HEIGHT))
 
 
 def reduce_picture(image: Image, factor: int) -> Image:
-    """The picture with each factor x factor pixels averaged; a ragged edge is left out."""
+    """Average each factor x factor pixels of a picture; an incomplete edge is left out."""
     import cv2
 
     if factor == 1:
@@ -258,15 +257,15 @@ def _extent(
     u: float,
     expected: tuple[float, float],
 ) -> tuple[float, float]:
-    """First and last row of a person, found near where crown and soles are expected.
+    """Find the first and last row of a person, near the expected crown and soles.
 
-    An edge blurred by optics and coding lies where the difference to the background has fallen to
-    half of what it is inside: of the outermost rows above, the hair; of the legs below, because a
-    shadow's rim may be all that the last rows hold.
+    An edge blurred by optics and coding is where the difference to the background has fallen to
+    half of its value inside. At the top, inside is the outermost rows, the hair; at the bottom it
+    is the legs, because the last rows may hold only the rim of a shadow.
     """
     rows, columns = blob.shape
     height = expected[1] - expected[0]
-    found = list(expected)
+    extent = list(expected)
     for end, (half_width, inner) in enumerate(((0.06, 1), (0.16, -1))):
         x1, x2 = (min(max(round(u + s * half_width * height), 0), columns) for s in (-1, 1))
         # From inside the body outwards.
@@ -284,7 +283,7 @@ def _extent(
             crown = max(2, round(CROWN * height))
             strength = level[max(0, outermost + 1 - crown) : outermost + 1].max()
         inside = np.flatnonzero(level >= 0.5 * strength)
-        # Foreground that goes on past the search belongs to somebody else as well.
+        # Foreground that continues beyond the search range belongs to another person, too.
         if inside[-1] < count - 1:
-            found[end] = float(line[inside[-1]] + (1 if end else 0))
-    return found[0], found[1]
+            extent[end] = float(line[inside[-1]] + (1 if end else 0))
+    return extent[0], extent[1]

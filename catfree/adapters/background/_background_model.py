@@ -1,4 +1,4 @@
-"""The empty scene of a static camera, and what differs from it in a picture, shadows excepted."""
+"""Model of a static camera's empty scene, and of what differs from it except shadows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,30 +9,31 @@ from jaxtyping import Bool, Float, Int, UInt8
 from catfree.adapters.protocols import Image
 from catfree.errors import InsufficientDataError, InvalidInputError
 
-# With fewer pictures a walker covers his background in half of them.
+# With fewer pictures a walker covers the background in half of them.
 MINIMUM_SAMPLES = 8
 MAXIMUM_SAMPLES = 64
-# A pixel differs at 4.5 standard deviations of the noise (a few pixels a picture by chance, which
+# A pixel differs at 4.5 standard deviations of the noise (by chance a few pixels per picture, which
 # the despeckling removes) and differs strongly at twice as much.
 WEAK_DEVIATIONS = 4.5
 STRONG_DEVIATIONS = 2 * WEAK_DEVIATIONS
-SMALLEST_NOISE = 1.0  # grey values: rounding and compression leave at least so much
-NOISE_WINDOW = 7  # pixels over which the noise is alike
-# Cast shadows keep between a third and nearly all of the light, alike in all channels, and keep
+SMALLEST_NOISE = 1.0  # gray values: rounding and compression leave at least this much
+NOISE_WINDOW = 7  # pixels over which the noise is uniform
+# Cast shadows keep between a third and nearly all of the light, equally in all channels, and keep
 # the ground's texture: the ratio of the picture to the background is smooth.
 DARKEST_SHADOW = float(np.log(0.3))
-# How dark they are is the same all over a scene, since the sky's light stays, and is learnt: levels
-# at least a tenth as common as the most common one are shadows. What is darker is grey clothes.
+# Their darkness is the same all over a scene, because the sky's light remains, and is learned:
+# levels at least a tenth as common as the most common one are shadows. Anything darker is gray
+# clothing.
 LEVELS = 30  # of the logarithm of the light, between the darkest possible shadow and none
 COMMON_LEVEL = 0.1
 LEVEL_MARGIN = 0.08  # grain and coding, in the logarithm
 SHADOW_SAMPLES = 16  # pictures
 SHADOW_WINDOW = 5  # pixels
-SHADOW_COLOUR = 0.12  # largest difference of a channel's log ratio from their mean
-SHADOW_TEXTURE = 0.12  # largest spread of the log ratio besides the noise's own
+SHADOW_COLOR = 0.12  # largest difference of a channel's log ratio from their mean
+SHADOW_TEXTURE = 0.12  # largest spread of the log ratio beyond that of the noise
 SHADOW_EDGE = 4  # pixels over which a shadow fades out, its blur by optics and coding included
-CONTACT_GAP = 3  # pixels of mixed colour between a body part and what it rests on
-RESTING_SHARE = 0.5  # of a part's columns, to be called clothes or hair
+CONTACT_GAP = 3  # pixels of mixed color between a body part and what it rests on
+RESTING_SHARE = 0.5  # of a part's columns, to count as clothes or hair
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,8 @@ class Foreground:
     """What differs from the background, in reduced pixels.
 
     Attributes:
-        mask: (h, w) 1 where something else than a shadow stands before the background.
-        difference: (h, w) largest difference of a channel in grey values, 0 outside the mask.
+        mask: (h, w) 1 where something other than a shadow covers the background.
+        difference: (h, w) largest difference of a channel in gray values, 0 outside the mask.
     """
 
     mask: UInt8[np.ndarray, "h w"]
@@ -54,36 +55,36 @@ class PictureSamples:
     def __init__(self) -> None:
         """Start empty."""
         self.pictures: list[Image] = []
-        self._stride, self._seen = 1, 0
+        self._stride, self._count = 1, 0
 
     def add(self, picture: Image) -> None:
-        """Take the next picture of the stream; whether it stays depends on its number alone.
+        """Take the next picture of the stream; whether it is kept depends only on its number.
 
         Raises:
-            InvalidInputError: if it has another size than the pictures before it.
+            InvalidInputError: if its size differs from that of the pictures before it.
         """
         if self.pictures and picture.shape != self.pictures[0].shape:
             raise InvalidInputError(
-                f"Picture {self._seen} has another size than the first. A background belongs to "
-                "one camera: use one detector a camera."
+                f"Picture {self._count} has another size than the first. A background belongs to "
+                "one camera: use one detector per camera."
             )
-        if self._seen % self._stride == 0:
+        if self._count % self._stride == 0:
             self.pictures.append(picture)
             if len(self.pictures) > MAXIMUM_SAMPLES:
                 self.pictures = self.pictures[::2]
                 self._stride *= 2
-        self._seen += 1
+        self._count += 1
 
 
 @dataclass(frozen=True)
 class BackgroundModel:
     """The empty scene.
 
-    Colours are kept in planes, one per channel: NumPy is slow along an axis of length three.
+    Colors are kept in planes, one per channel: NumPy is slow along an axis of length three.
 
     Attributes:
-        scene: (3, h, w) median colour of each pixel.
-        noise: (h, w) standard deviation of an unchanged pixel in grey values.
+        scene: (3, h, w) median color of each pixel.
+        noise: (h, w) standard deviation of an unchanged pixel in gray values.
         darkest: logarithm of the share of the light that the darkest shadows leave.
     """
 
@@ -93,7 +94,7 @@ class BackgroundModel:
 
     @classmethod
     def estimate(cls, pictures: Sequence[Image]) -> "BackgroundModel":
-        """The per-pixel median of pictures of one camera.
+        """Learn the model as the per-pixel median of pictures of one camera.
 
         Raises:
             InsufficientDataError: if there are fewer than `MINIMUM_SAMPLES`.
@@ -110,29 +111,29 @@ class BackgroundModel:
         return replace(model, darkest=model._learn_darkest(pictures[::step]))
 
     def compare(self, picture: Image) -> Foreground:
-        """What stands before the background in a picture of the same camera."""
+        """Find what covers the background in a picture of the same camera."""
         import cv2
 
         if picture.shape[:2] != self.noise.shape:
             raise InvalidInputError(
                 f"The picture is {picture.shape[1]} x {picture.shape[0]} reduced pixels, but the "
-                f"background {self.noise.shape[1]} x {self.noise.shape[0]}: one detector serves "
-                "one camera."
+                f"background is {self.noise.shape[1]} x {self.noise.shape[0]}: use one detector "
+                "per camera."
             )
-        seen, expected, difference, weak = self._differ(picture)
-        lit = weak & ~self._shadow(seen, expected, weak)
+        observed, expected, difference, weak = self._differ(picture)
+        lit = weak & ~self._shadow(observed, expected, weak)
         mask = np.asarray(cv2.medianBlur(lit.view(np.uint8), 3), np.uint8)
         sure = _touching(mask, (difference > STRONG_DEVIATIONS * self.noise) & (mask > 0))
         return Foreground(sure, difference * sure)
 
     def _learn_darkest(self, pictures: Sequence[Image]) -> float:
-        """The darkest of the common shadow levels, with a margin."""
+        """Find the darkest of the common shadow levels, with a margin."""
         edges = np.linspace(DARKEST_SHADOW, 0, LEVELS + 1)
         counts = np.zeros(LEVELS, np.int64)
         for picture in pictures:
-            seen, expected, _, weak = self._differ(picture)
-            shadow = self._shadow(seen, expected, weak) > 0
-            light = _mean(np.log((seen[:, shadow] + 1) / (expected[:, shadow] + 1)))
+            observed, expected, _, weak = self._differ(picture)
+            shadow = self._shadow(observed, expected, weak) > 0
+            light = _mean(np.log((observed[:, shadow] + 1) / (expected[:, shadow] + 1)))
             counts += np.histogram(light, edges)[0]
         if not counts.any():
             return DARKEST_SHADOW
@@ -147,25 +148,25 @@ class BackgroundModel:
         Float[np.ndarray, "h w"],
         UInt8[np.ndarray, "h w"],
     ]:
-        """The picture, the scene at its exposure, their largest difference and where it counts."""
-        seen = np.moveaxis(picture, 2, 0).astype(np.float32, order="C")
-        expected = self.scene * self._exposure(seen)[:, None, None]
-        difference = np.abs(seen - expected).max(axis=0)
+        """Return the picture, the scene at its exposure, their difference and where it counts."""
+        observed = np.moveaxis(picture, 2, 0).astype(np.float32, order="C")
+        expected = self.scene * self._exposure(observed)[:, None, None]
+        difference = np.abs(observed - expected).max(axis=0)
         weak = (difference > WEAK_DEVIATIONS * self.noise).astype(np.uint8)
-        return seen, expected, difference, weak
+        return observed, expected, difference, weak
 
-    def _exposure(self, seen: Float[np.ndarray, "3 h w"]) -> Float[np.ndarray, "3"]:
-        """Change of the camera's gain and white balance: the median ratio of each channel."""
-        ratio = (seen[:, ::8, ::8] + 1) / (self.scene[:, ::8, ::8] + 1)
+    def _exposure(self, observed: Float[np.ndarray, "3 h w"]) -> Float[np.ndarray, "3"]:
+        """Estimate the change of gain and white balance as the median ratio of each channel."""
+        ratio = (observed[:, ::8, ::8] + 1) / (self.scene[:, ::8, ::8] + 1)
         return np.median(ratio.reshape(3, -1), axis=1).astype(np.float32)
 
     def _shadow(
         self,
-        seen: Float[np.ndarray, "3 h w"],
+        observed: Float[np.ndarray, "3 h w"],
         expected: Float[np.ndarray, "3 h w"],
         weak: UInt8[np.ndarray, "h w"],
     ) -> UInt8[np.ndarray, "h w"]:
-        """1 where the picture is the background under less light."""
+        """Mark with 1 where the picture is the background under less light."""
         import cv2
 
         x, y, width, height = cv2.boundingRect(weak)
@@ -174,38 +175,38 @@ class BackgroundModel:
             return shadow
         part = np.s_[y : y + height, x : x + width]
         inside = (slice(None), *part)
-        ratio = np.log((seen[inside] + 1) / (expected[inside] + 1))
-        colour = np.empty_like(ratio)
-        for channel, blurred in zip(ratio, colour, strict=True):
+        ratio = np.log((observed[inside] + 1) / (expected[inside] + 1))
+        color = np.empty_like(ratio)
+        for channel, blurred in zip(ratio, color, strict=True):
             cv2.blur(channel, (3, 3), dst=blurred)
-        light = _mean(colour)
-        neutral = np.abs(colour - light).max(axis=0) < SHADOW_COLOUR
+        light = _mean(color)
+        neutral = np.abs(color - light).max(axis=0) < SHADOW_COLOR
         candidate = weak[part] * (neutral & (light < 0) & (light > self.darkest))
-        # Spread over the dimmed pixels alone: the lit ground and the shoe beside a shadow are no
+        # Spread over the dimmed pixels only: the lit ground and the shoe beside a shadow are not
         # part of it.
         dimmed = candidate.astype(np.float32)
         window = (SHADOW_WINDOW, SHADOW_WINDOW)
         share = np.maximum(cv2.blur(dimmed, window), 1e-6)
-        grey = _mean(ratio)
-        mean = cv2.blur(grey * dimmed, window) / share
-        variance = cv2.blur(grey * grey * dimmed, window) / share - mean * mean
-        own = (self.noise[part] / (_mean(seen[inside]) + 1)) ** 2
-        core = candidate * (variance < SHADOW_TEXTURE**2 + own)
+        gray = _mean(ratio)
+        mean = cv2.blur(gray * dimmed, window) / share
+        variance = cv2.blur(gray * gray * dimmed, window) / share - mean * mean
+        of_noise = (self.noise[part] / (_mean(observed[inside]) + 1)) ** 2
+        core = candidate * (variance < SHADOW_TEXTURE**2 + of_noise)
         edge = np.ones((2 * SHADOW_EDGE + 1, 2 * SHADOW_EDGE + 1), np.uint8)
         likely = candidate * cv2.dilate(core, edge)
-        # A shadow's own rim is dimmed ground too: it is no body that the shadow could rest on.
+        # The rim of a shadow is also dimmed ground, not a body that the shadow could rest on.
         shadow[part] = likely & ~_resting_on(likely, weak[part] & ~candidate)
         return shadow
 
 
-def _mean(colour: Float[np.ndarray, "3 *pixel"]) -> Float[np.ndarray, "*pixel"]:
-    return (colour[0] + colour[1] + colour[2]) / np.float32(3)
+def _mean(color: Float[np.ndarray, "3 *pixel"]) -> Float[np.ndarray, "*pixel"]:
+    return (color[0] + color[1] + color[2]) / np.float32(3)
 
 
 def _resting_on(
     shadow: UInt8[np.ndarray, "h w"], body: UInt8[np.ndarray, "h w"]
 ) -> UInt8[np.ndarray, "h w"]:
-    """The parts of a shadow that rest on a body over most of their width: heads and grey clothes.
+    """Mark the parts of a shadow that rest on a body over most of their width: heads, gray clothes.
 
     A cast shadow lies on the ground and meets a body at one end.
     """
@@ -223,7 +224,7 @@ def _resting_on(
 def _count_columns(
     labels: Int[np.ndarray, "h w"], count: int, where: UInt8[np.ndarray, "h w"]
 ) -> Int[np.ndarray, " part"]:
-    """In how many columns each part has a marked pixel."""
+    """Count the columns in which each part has a marked pixel."""
     at = np.flatnonzero(where.view(bool))
     marked = np.zeros((count, labels.shape[1]), bool)
     marked[labels.ravel()[at], at % labels.shape[1]] = True
@@ -233,10 +234,10 @@ def _count_columns(
 def _learn_channel(
     pictures: Sequence[Image], channel: int
 ) -> tuple[UInt8[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
-    """The median of one channel, and the mean square of the smaller half of what differs from it.
+    """Compute the median of one channel and the mean square of the smaller half of the deviations.
 
-    People and shadows cover a pixel in the smaller part of the pictures; the smaller half of its
-    deviations is noise alone.
+    People and shadows cover a pixel in the minority of the pictures; the smaller half of its
+    deviations is noise only.
     """
     # Partitioned along the last axis and in 16 bits, for which NumPy has vector instructions.
     values = np.stack([picture[..., channel] for picture in pictures], axis=-1).astype(np.int16)
@@ -249,20 +250,20 @@ def _learn_channel(
 
 
 def _pool_noise(squares: Sequence[Float[np.ndarray, "h w"]]) -> Float[np.ndarray, "h w"]:
-    """Standard deviation of each pixel's unchanged values, alike within a small window."""
+    """Compute the standard deviation of each pixel's unchanged values, over a small window."""
     import cv2
 
     deviation = sum(cv2.blur(square, (NOISE_WINDOW,) * 2) for square in squares)
     # The smaller half of a normal distribution's magnitudes has a mean square of 0.143 sigma².
     noise = np.maximum(np.sqrt(deviation / 3 / 0.143), SMALLEST_NOISE)
-    # Where a crowd stays, even the smaller half is not.
+    # Where a crowd stays, even the smaller half is not only noise.
     return np.minimum(noise, 2 * np.median(noise))
 
 
 def _touching(
     mask: UInt8[np.ndarray, "h w"], strong: Bool[np.ndarray, "h w"]
 ) -> UInt8[np.ndarray, "h w"]:
-    """The connected parts of a mask that hold a strong pixel."""
+    """Keep the connected parts of a mask that hold a strong pixel."""
     count, labels = _number_parts(mask)
     kept = np.zeros(count, bool)
     kept[labels.ravel()[np.flatnonzero(strong)]] = True
@@ -272,15 +273,15 @@ def _touching(
 def _only(
     mask: UInt8[np.ndarray, "h w"], labels: Int[np.ndarray, "h w"], kept: Bool[np.ndarray, " part"]
 ) -> UInt8[np.ndarray, "h w"]:
-    """The mask with only some of its parts; few pixels of a picture are in any."""
-    at = np.flatnonzero(mask.view(bool))  # a view, for NumPy is slow at finding bytes
+    """Keep some parts of a mask, visiting only the few pixels that are in any part."""
+    at = np.flatnonzero(mask.view(bool))  # a view, because NumPy is slow at finding bytes
     only = np.zeros_like(mask)
     only.ravel()[at[kept[labels.ravel()[at]]]] = 1
     return only
 
 
 def _number_parts(mask: UInt8[np.ndarray, "h w"]) -> tuple[int, Int[np.ndarray, "h w"]]:
-    """How many connected parts a mask has, background included, and the number of each pixel."""
+    """Count the connected parts of a mask, background included, and number each pixel's part."""
     import cv2
 
     count, labels = cv2.connectedComponents(mask, connectivity=8)

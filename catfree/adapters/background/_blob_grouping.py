@@ -1,4 +1,4 @@
-"""Which blobs show whom of the expected people: parts that a pole cuts apart belong together."""
+"""Grouping of blobs by the expected people they show, to join parts that a pole separates."""
 
 from collections.abc import Sequence
 
@@ -9,8 +9,8 @@ from catfree.adapters.background._blob_splitting import ZONES, Expected
 
 # Head and trunk count: legs are thin and often hidden.
 UPPER_BODY = ZONES[:3]
-# A person is looked for where a quarter of head and trunk is foreground, and a blob is a part of
-# somebody from half of that on.
+# A person is searched for if a quarter of head and trunk is foreground; a blob is part of a person
+# if it covers at least half of that.
 LEAST_SEEN = 0.25
 LEAST_PART = LEAST_SEEN / 2
 
@@ -18,46 +18,46 @@ LEAST_PART = LEAST_SEEN / 2
 def group_blobs(
     labels: Int[np.ndarray, "h w"], count: int, expected: Sequence[Expected]
 ) -> list[tuple[Int[np.ndarray, " b"], list[Expected]]]:
-    """Blobs that show the same people, with those people.
+    """Group the blobs that show the same people.
 
     Args:
         labels: 1-based number of each pixel's blob, 0 for background.
         count: number of blobs.
-        expected: who should stand in the picture.
+        expected: the people expected in the picture.
 
     Returns:
-        For each group its blobs, 0-based and ascending, and who is expected there, nearest first.
-        Every blob is in one group.
+        For each group its blobs, 0-based and ascending, and the people expected there, nearest
+        first. Every blob is in one group.
     """
-    seen = _seen_shares(labels, count, expected)
+    covered = _covered_shares(labels, count, expected)
     leader = np.arange(count)
-    for shares in seen.T:
+    for shares in covered.T:
         parts = np.unique(leader[shares > LEAST_PART])
         leader[np.isin(leader, parts[1:])] = parts[0] if len(parts) else 0
     order = sorted(range(len(expected)), key=lambda at: -expected[at].v)
     groups = []
     for first in np.unique(leader):
         blobs = np.flatnonzero(leader == first)
-        share = seen[blobs].sum(0)
+        share = covered[blobs].sum(0)
         groups.append((blobs, [expected[at] for at in order if share[at] > LEAST_SEEN]))
     return groups
 
 
-def _seen_shares(
+def _covered_shares(
     labels: Int[np.ndarray, "h w"], count: int, expected: Sequence[Expected]
 ) -> Float[np.ndarray, "b e"]:
-    """Share of each expected person's head and trunk that each blob covers."""
+    """Compute the share of each expected person's head and trunk that each blob covers."""
     rows, columns = labels.shape
-    seen = np.zeros((count, len(expected)))
+    covered = np.zeros((count, len(expected)))
     for at, (u, v, height) in enumerate(expected):
         size = 0.0
         for (left, right, top, bottom), share in UPPER_BODY:
             # NumPy takes ten times as long to clip a single number.
             x1, x2 = (min(max(round(u + s * height), 0), columns) for s in (left, right))
             y1, y2 = (min(max(round(v - (1 - s) * height), 0), rows) for s in (top, bottom))
-            found = np.bincount(labels[y1:y2, x1:x2].ravel(), minlength=count + 1)[1:]
+            pixels = np.bincount(labels[y1:y2, x1:x2].ravel(), minlength=count + 1)[1:]
             filled = share * (y2 - y1) * (x2 - x1)
-            seen[:, at] += np.minimum(found, filled)
+            covered[:, at] += np.minimum(pixels, filled)
             size += filled
-        seen[:, at] /= max(size, 1.0)
-    return seen
+        covered[:, at] /= max(size, 1.0)
+    return covered

@@ -1,4 +1,4 @@
-"""Which people make up a merged silhouette: a body template of known height explains its pixels."""
+"""Splitting of merged silhouettes into people by body templates of known height."""
 
 from collections.abc import Sequence
 from math import ceil, floor
@@ -19,10 +19,10 @@ ZONES = (
     ((-0.13, 0.13, 0.75, 0.92), 0.5),
     ((-0.13, 0.13, 0.92, 1.0), 0.4),
 )
-# What is missing in a zone costs this share of what is there: bodies hide behind things.
+# Missing pixels in a zone cost this share of present ones, because bodies may be occluded.
 MISSING_COST = 0.5
-# Beside and above the head and below the feet is nothing of this person; pixels there that nobody
-# explains say that the template is misplaced.
+# Beside and above the head and below the feet there is no part of this person; unexplained pixels
+# there indicate that the template is misplaced.
 SURROUNDINGS = (
     (-0.2, -0.1, 0.0, 0.1),
     (0.1, 0.2, 0.0, 0.1),
@@ -34,8 +34,8 @@ SURROUNDINGS_COST = 0.5
 LEAST_GAIN = 0.3
 SEARCH_STEP = 2  # pixels
 MOST_PEOPLE = 20  # in one blob
-# Somebody who is expected is looked for this far around, in heights, and half as far up and down: a
-# place is rarely off by more than a body's half width. The rent of a distance only breaks ties.
+# An expected person is searched for within this distance, in heights, and half of it up and down: a
+# place is rarely off by more than a body's half width. The cost of the distance only breaks ties.
 EXPECTED_REACH = 0.12
 EXPECTED_STEP = 0.02
 EXPECTED_COST = 5.0  # a twentieth of the template at a tenth of the height
@@ -49,13 +49,13 @@ _TEMPLATE_AREA = float(
 
 
 class Person(NamedTuple):
-    """One explanation of foreground pixels, in reduced pixels.
+    """A person who explains foreground pixels, in reduced pixels.
 
     Attributes:
         u: column of the body's middle.
         v: row below the foot.
         height: expected height.
-        gain: share of the template that it explained by itself.
+        gain: share of the template's pixels that only this person explains.
     """
 
     u: float
@@ -65,7 +65,7 @@ class Person(NamedTuple):
 
 
 class Expected(NamedTuple):
-    """Somebody who should stand there, in reduced pixels: see `Person`."""
+    """An expected person, in reduced pixels; see `Person`."""
 
     u: float
     v: float
@@ -78,17 +78,17 @@ def split_blob(
     profile: HeightProfile,
     expected: Sequence[Expected] = (),
 ) -> list[Person]:
-    """The people whose templates explain a blob, best explanation first.
+    """Find the people whose templates explain a blob, best explanation first.
 
     Greedy: the template that explains most pixels not yet explained is taken until none explains
-    enough; then each is moved once more with the others in place. People who are expected come
-    first, each where it explains most near its place, unless others explain its pixels.
+    enough; then each is moved once with the others fixed. Expected people come first, each where
+    its template explains most near the expected position, unless others explain its pixels.
 
     Args:
         blob: 1 on the blob's pixels.
         box: x1, y1, x2, y2 of the blob, exclusive ends.
         profile: apparent height at each foot pixel.
-        expected: who should stand there, if that is known.
+        expected: the people expected there, if known.
     """
     import cv2
 
@@ -97,7 +97,7 @@ def split_blob(
     places = np.concatenate([np.stack(p, -1) for p in (anywhere, *near)])
     if not len(places):
         return []
-    # Only the part of the picture that a template can reach is looked at.
+    # Only the part of the picture that a template can reach is processed.
     x, y, part = _window(blob, places)
     table = cv2.integral(part)
     grids = [_Templates(table, u - x, v - y, height) for u, v, height in (anywhere, *near)]
@@ -129,26 +129,26 @@ class _Templates:
     def gains(
         self, unexplained: UInt8[np.ndarray, "h w"], rows: Int[np.ndarray, " m"] | slice
     ) -> Float[np.ndarray, " m"]:
-        """Share of some templates that is newly explained, less the background inside them."""
+        """Compute the newly explained share of some templates, less the background inside them."""
         import cv2
 
         fresh = _sums(cv2.integral(unexplained), self._corners[..., rows])
         zones = len(ZONES)
-        own = np.minimum(fresh[:zones], self._filled[:, rows]).sum(axis=0)
+        explained = np.minimum(fresh[:zones], self._filled[:, rows]).sum(axis=0)
         around = SURROUNDINGS_COST * fresh[zones:].sum(axis=0)
-        return (own - self._missing[rows] - around) / self._size[rows]
+        return (explained - self._missing[rows] - around) / self._size[rows]
 
     def best(
         self,
         unexplained: UInt8[np.ndarray, "h w"],
         rows: Int[np.ndarray, " m"] | slice = slice(None),
-        rent: Float[np.ndarray, " m"] | float = 0.0,
+        cost: Float[np.ndarray, " m"] | float = 0.0,
     ) -> Person | None:
-        """The template that explains most, less a rent of each, or None if none explains enough."""
+        """Find the template with the most gain less its cost, or None if it gains too little."""
         gain = self.gains(unexplained, rows)
         if not len(gain):
             return None
-        at = int(np.argmax(gain - rent))
+        at = int(np.argmax(gain - cost))
         if gain[at] < LEAST_GAIN:
             return None
         u, v, height = (float(values[rows][at]) for values in (self.u, self.v, self.height))
@@ -158,16 +158,16 @@ class _Templates:
 def _split(
     blob: UInt8[np.ndarray, "h w"], templates: _Templates, known: list[Person]
 ) -> list[Person]:
-    """The known people and whoever explains the rest."""
+    """Add to the known people those who explain the remaining pixels."""
     people, unexplained = list(known), blob.copy()
     for person in known:
         _erase(unexplained, person)
     while len(people) < MOST_PEOPLE:
-        found = templates.best(unexplained)
-        if found is None:
+        person = templates.best(unexplained)
+        if person is None:
             break
-        people.append(found)
-        _erase(unexplained, found)
+        people.append(person)
+        _erase(unexplained, person)
     return _settle(blob, templates, people, known) if len(people) > 1 else people
 
 
@@ -177,14 +177,14 @@ def _settle(
     people: list[Person],
     known: list[Person],
 ) -> list[Person]:
-    """Move each new person once to where it explains most beside the others; drop the needless."""
+    """Move each new person once to where it explains most given the others, or drop it."""
     settled = list(people)
     for person in people[len(known) :]:
         others = [other for other in settled if other is not person]
         unexplained = _without(blob, others)
         distance = np.hypot(templates.u - person.u, templates.v - person.v)
-        found = templates.best(unexplained, np.flatnonzero(distance < 0.3 * person.height))
-        settled = others if found is None else [*others, found]
+        moved = templates.best(unexplained, np.flatnonzero(distance < 0.3 * person.height))
+        settled = others if moved is None else [*others, moved]
     return settled
 
 
@@ -193,7 +193,7 @@ def _settle_expected(
     grids: list[_Templates],
     places: list[tuple[float, float]],
 ) -> list[Person]:
-    """Where each expected person explains most beside the others; who explains too little goes."""
+    """Move each expected person to where it explains most given the others, or drop it."""
     people: list[Person | None] = [
         Person(u, v, float(grid.height[0]), 1.0) for grid, (u, v) in zip(grids, places, strict=True)
     ]
@@ -203,21 +203,21 @@ def _settle_expected(
                 continue
             others = [one for at, one in enumerate(people) if one is not None and at != index]
             square = ((grid.u - u) ** 2 + (grid.v - v) ** 2) / grid.height**2
-            people[index] = grid.best(_without(blob, others), rent=EXPECTED_COST * square)
+            people[index] = grid.best(_without(blob, others), cost=EXPECTED_COST * square)
     return [person for person in people if person is not None]
 
 
 def _candidates(
     shape: tuple[int, ...], box: Int[np.ndarray, "4"], profile: HeightProfile
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Foot pixels on a grid, and heights, of everybody whose template meets the blob's box."""
+    """List foot pixels on a grid, with heights, at which a template meets the blob's box."""
     x1, y1, x2, y2 = (int(side) for side in box)
-    # Feet may be hidden below the blob, but not farther than a body is long.
+    # Feet may be hidden below the blob, but by less than the length of a body.
     lowest = min(shape[0] * 1.2, y2 + max(profile((x1 + x2) / 2, y2), 0) * 0.6)
     v, u = np.mgrid[y1 : max(lowest, y1 + 1) : SEARCH_STEP, x1:x2:SEARCH_STEP].astype(np.float64)
     u, v = u.ravel(), v.ravel()
     height = profile(u, v)
-    # Crowns lie on the blob: between its upper edge and its lower.
+    # Crowns are on the blob, between its upper and its lower edge.
     keep = (height >= 8) & (v - height >= y1 - 0.06 * height) & (v - height < y2)
     return u[keep], v[keep], height[keep]
 
@@ -225,7 +225,7 @@ def _candidates(
 def _around(
     person: Expected,
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Foot pixels on a small grid around where somebody is expected, and the height."""
+    """List foot pixels on a small grid around an expected person, with the height."""
     step = max(1.0, EXPECTED_STEP * person.height)
     count = round(EXPECTED_REACH * person.height / step)
     du, dv = np.meshgrid(
@@ -238,7 +238,7 @@ def _around(
 def _window(
     blob: UInt8[np.ndarray, "h w"], places: Float[np.ndarray, "n 3"]
 ) -> tuple[int, int, UInt8[np.ndarray, "y x"]]:
-    """First column and row of the part of a picture that templates at these places can reach."""
+    """Cut out the part of a picture that templates can reach, with its first column and row."""
     u, v, height = places.T
     rows, columns = blob.shape
     x1, x2 = (u - 0.25 * height).min(), (u + 0.25 * height).max()
@@ -254,7 +254,7 @@ def _corners(
     v: Float[np.ndarray, " n"],
     height: Float[np.ndarray, " n"],
 ) -> tuple[Int[np.ndarray, "4 z n"], Float[np.ndarray, "z n"]]:
-    """Places of all zones' corners in a flat table of sums, and their pixels inside the picture.
+    """Index all zones' corners in a flat table of sums, and count their pixels in the picture.
 
     Zones first, their surroundings last.
     """
@@ -273,13 +273,13 @@ def _whole(place: Float[np.ndarray, "z n"], count: int) -> Int[np.ndarray, "z n"
 def _sums(
     table: Int[np.ndarray, "rows columns"], corners: Int[np.ndarray, "4 z n"]
 ) -> Float[np.ndarray, "z n"]:
-    """Pixels set inside each rectangle."""
+    """Count the set pixels in each rectangle."""
     a, b, c, d = table.ravel()[corners]
     return (a - b - c + d).astype(np.float64)
 
 
 def _without(blob: UInt8[np.ndarray, "h w"], people: Sequence[Person]) -> UInt8[np.ndarray, "h w"]:
-    """The blob's pixels that these people do not explain."""
+    """Select the blob's pixels that these people do not explain."""
     unexplained = blob.copy()
     for person in people:
         _erase(unexplained, person)
@@ -287,7 +287,7 @@ def _without(blob: UInt8[np.ndarray, "h w"], people: Sequence[Person]) -> UInt8[
 
 
 def _erase(unexplained: UInt8[np.ndarray, "h w"], person: Person) -> None:
-    """Mark what a person explains: arms and hair reach a little past the zones."""
+    """Clear the pixels that a person explains; arms and hair extend a little beyond the zones."""
     for left, right, top, bottom in ((-0.09, 0.09, -0.05, 0.2), (-0.17, 0.17, 0.15, 1.03)):
         x1, x2 = (max(0, round(person.u + side * person.height)) for side in (left, right))
         y1, y2 = (max(0, round(person.v - (1 - side) * person.height)) for side in (top, bottom))

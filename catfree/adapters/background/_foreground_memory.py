@@ -1,4 +1,4 @@
-"""Foregrounds that were already found, packed: the same pictures are looked at more than once."""
+"""Cache of packed foregrounds, because the same pictures are processed more than once."""
 
 import hashlib
 from collections.abc import Callable
@@ -9,21 +9,21 @@ from jaxtyping import Float, UInt8
 from catfree.adapters.background._background_model import Foreground
 from catfree.adapters.protocols import Image
 
-MEMORY = 64 * 2**20  # bytes a camera: some hundred pictures
+MEMORY = 64 * 2**20  # bytes per camera: some hundred pictures
 
 
 class ForegroundMemory:
-    """What stands before one background in pictures that come again.
+    """A cache of the foregrounds of one camera's pictures.
 
-    Finding it takes longer than everything else that is done with a picture. The first pictures
-    stay until the memory is full; what no longer fits is found again each time, with equal results.
+    Computing a foreground takes longer than all other steps for a picture. The first pictures are
+    kept until the cache is full; the others are computed again each time, with equal results.
     """
 
     def __init__(self, compare: Callable[[Image], Foreground], limit: int = MEMORY) -> None:
         """Start empty.
 
         Args:
-            compare: finds what stands before the background, as `BackgroundModel.compare` does.
+            compare: finds what covers the background, as `BackgroundModel.compare` does.
             limit: bytes that may be kept.
         """
         self._compare, self._limit, self._size = compare, limit, 0
@@ -32,7 +32,7 @@ class ForegroundMemory:
         ] = {}
 
     def __call__(self, picture: Image) -> Foreground:
-        """The foreground of a reduced picture."""
+        """Return the foreground of a reduced picture."""
         key = hashlib.sha256(np.ascontiguousarray(picture).data).digest()
         kept = self._kept.get(key)
         if kept is not None:

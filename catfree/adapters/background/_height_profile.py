@@ -1,4 +1,4 @@
-"""How tall people appear at each place of one camera's picture, learnt from its silhouettes."""
+"""Apparent height of people at each pixel of one camera, learned from its silhouettes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,16 +8,17 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import find_objects
 
-# A standing person's silhouette is 0.25 to 0.6 as wide as tall; groups are wider, posts narrower.
+# A standing person's silhouette is 0.25 to 0.6 times as wide as tall; groups are wider, posts
+# narrower.
 NARROWEST, WIDEST = 0.2, 0.6
-# Of the silhouette's box a person fills a half; a third leaves room for striding legs.
+# A person fills half of the silhouette's box; a third leaves room for striding legs.
 LEAST_FILLED = 0.33
-SMALLEST_HEIGHT = 12  # pixels: below, one pixel more or less is a tenth of the person
+SMALLEST_HEIGHT = 12  # pixels; below it, one pixel is a tenth of the person
 # People differ by 5 % in height (standard deviation), pixels and steps add as much.
 TOLERANCE = 0.15
 # Columns lower than this share of the blob at its left and right end are remains of shadows.
 THIN = 0.15
-# Rows and columns: a collar or belt of the background's colour does not cut a person in two.
+# Rows and columns: a collar or belt of the background's color does not cut a person in two.
 GAP = (7, 1)
 LEAST_SILHOUETTES = 12
 TRIALS = 300
@@ -41,7 +42,7 @@ class HeightProfile:
         return a * v + b * u + c
 
     def foot_below(self, u: Any, top: Any) -> Any:
-        """Row of the foot of a person whose head is at (u, top)."""
+        """Compute the row of the foot of a person whose head is at (u, top)."""
         a, b, c = self.coefficients
         return (top + b * u + c) / max(1 - a, 1e-3)
 
@@ -67,12 +68,12 @@ class Blobs:
 
     @classmethod
     def find(cls, mask: UInt8[np.ndarray, "h w"], least_area: int) -> "Blobs":
-        """The blobs of a mask that have at least so many pixels."""
+        """Find the blobs of a mask that have at least `least_area` pixels."""
         import cv2
 
         joined = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones(GAP, np.uint8))
         _, labels = cv2.connectedComponents(joined, connectivity=8)
-        # Few pixels of a picture are in any blob: theirs are the only ones to be counted.
+        # Few pixels of a picture are in any blob, so only those are counted.
         at = np.flatnonzero(joined.view(bool))
         part = np.asarray(labels, np.int64).ravel()[at] - 1
         area = np.bincount(part)
@@ -84,18 +85,18 @@ class Blobs:
         box = np.array(corners, np.int64).reshape(-1, 4)
         rows, columns = mask.shape
         complete = ((box[:, :2] > 0) & (box[:, 2:] < [columns, rows])).all(axis=1)
-        trimmed = [_trim(numbered, index, own) for index, own in enumerate(corners, start=1)]
+        trimmed = [_trim(numbered, index, whole) for index, whole in enumerate(corners, start=1)]
         return cls(numbered, np.array(trimmed, np.int64).reshape(-1, 4), box, area[kept], complete)
 
     def mask_of(self, blobs: Int[np.ndarray, " b"]) -> UInt8[np.ndarray, "h w"]:
-        """1 on the pixels of some blobs, by their 0-based numbers."""
+        """Mask with 1 on the pixels of the given blobs (0-based numbers)."""
         mask = np.zeros(self.labels.shape, np.uint8)
         for blob, (x1, y1, x2, y2) in zip(blobs, self.reach[blobs].tolist(), strict=True):
             mask[y1:y2, x1:x2] |= self.labels[y1:y2, x1:x2] == blob + 1
         return mask
 
     def alone(self) -> Bool[np.ndarray, " n"]:
-        """Whether each blob has the shape of one whole standing person."""
+        """Return whether each blob has the shape of one whole standing person."""
         width, height = self.box[:, 2] - self.box[:, 0], self.box[:, 3] - self.box[:, 1]
         shape = (width > NARROWEST * height) & (width < WIDEST * height)
         filled = self.area > LEAST_FILLED * width * height  # remains of shadows included
@@ -105,7 +106,7 @@ class Blobs:
 def _trim(
     labels: Int[np.ndarray, "h w"], index: int, box: tuple[int, int, int, int]
 ) -> tuple[int, int, int, int]:
-    """A blob's box without thin ends at its left and right."""
+    """Trim a blob's box by its thin ends at the left and right."""
     x1, y1, x2, y2 = box
     part = labels[y1:y2, x1:x2] == index
     columns = np.flatnonzero(part.sum(axis=0) >= THIN * (y2 - y1))
@@ -117,7 +118,7 @@ def _trim(
 
 
 def fit_height_profile(blobs: Sequence[Blobs]) -> HeightProfile | None:
-    """The profile that most stand-alone silhouettes of one camera agree on.
+    """Fit the profile on which most isolated silhouettes of one camera agree.
 
     Args:
         blobs: silhouettes of several pictures, in reduced pixels.
@@ -145,7 +146,7 @@ def fit_height_profile(blobs: Sequence[Blobs]) -> HeightProfile | None:
 
 
 def _agreeing(design: Float[np.ndarray, "n 3"], height: Any, rows: Any) -> Bool[np.ndarray, " n"]:
-    """The silhouettes near the profile through some of them."""
+    """Mark the silhouettes near the profile through some of them."""
     fit = np.linalg.lstsq(design[rows], height[rows], rcond=1e-6)[0]
     expected = design @ fit
     return (expected > 0) & (np.abs(height - expected) < TOLERANCE * np.maximum(expected, 1))

@@ -269,7 +269,7 @@ def test_hair_paler_than_the_face_belongs_to_the_person(street):
     np.testing.assert_array_equal(sixty.find_people(foreground)[:, :4], [[40, 30, 60, 90]])
 
 
-def test_how_dark_shadows_are_is_learnt(street):
+def test_how_dark_shadows_are_is_learned(street):
     """The drawn shadows leave 55 % of the light; darker grey clothes are no shadow."""
     _, detector = street
     assert np.log(SHADE) - 0.25 < detector.background.darkest < np.log(SHADE)
@@ -310,7 +310,7 @@ def test_a_larger_picture_gives_the_same_boxes_in_its_pixels(street):
     np.testing.assert_array_equal(large.score, small.score)
 
 
-def test_live_pictures_are_learnt_from_as_they_come(street):
+def test_live_pictures_are_learned_from_as_they_come(street):
     frames, fitted = street
     detector = BackgroundDetector()
     found = [len(detector(image)) for image, _, _ in frames[:80]]
