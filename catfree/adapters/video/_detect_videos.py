@@ -1,4 +1,4 @@
-"""From synchronized videos to `Detections`: detector and embedder on every picture, streaming."""
+"""Running a detector and an embedder on every picture of synchronized videos, streaming."""
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -37,10 +37,10 @@ def detect_videos(
     *,
     fitted: Sequence[Detector] | None = None,
 ) -> Detections:
-    """Everybody whom the cameras saw.
+    """Detect the people in all pictures of all cameras.
 
     A detector that must see a camera's footage first (`FittedToCamera`) is fitted to each camera,
-    which decodes the videos once more. In memory are two instants and what was found.
+    which decodes the videos once more. Only two instants and the detections are kept in memory.
 
     Args:
         videos: the cameras' pictures, instant by instant.
@@ -48,37 +48,39 @@ def detect_videos(
         embedder: describes what they look like, or None for no embeddings.
         progress: called as progress(stage, done, total) after each instant; stages are "fit" and
             "detect".
-        fitted: what `fit_to_cameras` gave where that was done before.
+        fitted: the result of an earlier `fit_to_cameras`, or None to fit here.
 
     Returns:
-        One row a person, sorted by frame and camera; keypoints and confirmed ankles where the
-        detector estimates poses.
+        One row per detected person, sorted by frame and camera; keypoints and confirmed ankles if
+        the detector estimates poses.
 
     Raises:
         InvalidInputError: naming camera and frame of the first picture for which detector or
-            embedder answer something else than they must.
-        FileFormatError: if a picture cannot be decoded and `videos` does not keep what came before.
-        InsufficientDataError: if the footage is too short to fit the detector to, or nothing of it
-            can be decoded.
+            embedder return an invalid result.
+        FileFormatError: if a picture cannot be decoded and `videos` was made with
+            `on_error="raise"`.
+        InsufficientDataError: if the footage is too short to fit the detector, or no instant can be
+            decoded.
     """
     detectors = fit_to_cameras(videos, detector, progress) if fitted is None else fitted
-    # One common detector may see all cameras at once.
+    # One common detector may process all cameras at once.
     shared = detector if isinstance(detector, BatchDetector) else None
     describe = None if embedder is None else Describer(embedder)
-    frame, camera, found, embedding = [], [], [], []
+    frame, camera, people_of_pictures, embedding = [], [], [], []
     for done, (tick, images) in enumerate(videos, start=1):
         instant = detect_instant(images, detectors, shared, tick)
         for index, (image, people) in enumerate(zip(images, instant, strict=True)):
             frame.append(np.full(len(people), tick))
             camera.append(np.full(len(people), index))
-            found.append(people)
+            people_of_pictures.append(people)
             if describe is not None:
                 embedding.append(describe(image, people.box, index, tick))
         if progress is not None:
             progress("detect", done, videos.frame_count)
-    if not found:
+    if not people_of_pictures:
         raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
-    return collect_detections(frame, camera, found, embedding if embedder is not None else None)
+    vectors = embedding if embedder is not None else None
+    return collect_detections(frame, camera, people_of_pictures, vectors)
 
 
 def fit_to_cameras(
@@ -89,16 +91,16 @@ def fit_to_cameras(
     known: Mapping[int, Detector] | None = None,
     learnt: Callable[[int, Detector], None] | None = None,
 ) -> list[Detector]:
-    """The detector of each camera: fitted to its footage where it must be, else the same for all.
+    """Return each camera's detector, fitted to its footage if it must be, else the same for all.
 
-    Cameras are fitted in threads, some at a time.
+    Cameras are fitted in threads, several at a time.
 
     Args:
         videos: the cameras' pictures.
         detector: as `detect_videos` takes it.
         progress: called as progress("fit", done, total) after each picture of each camera.
         known: detectors of cameras that were fitted before.
-        learnt: called with camera and detector once a camera is fitted, from its thread.
+        learnt: called with camera and detector when a camera has been fitted, from its thread.
 
     Raises:
         InsufficientDataError: naming the camera whose footage is too short.
@@ -107,14 +109,14 @@ def fit_to_cameras(
         return [detector] * videos.camera_count
     before = {} if known is None else known
     total = (videos.camera_count - len(before)) * videos.frame_count
-    seen, one_at_a_time = count(1), Lock()
+    numbers, lock = count(1), Lock()
 
     def pictures(camera: int) -> Iterator[Image]:
         for image in videos.pictures_of(camera):
             yield image
             if progress is not None:
-                with one_at_a_time:
-                    progress("fit", next(seen), total)
+                with lock:
+                    progress("fit", next(numbers), total)
 
     def fit(camera: int) -> Detector:
         if camera in before:
@@ -138,23 +140,23 @@ def detect_instant(
     shared: BatchDetector | None,
     frame: int,
 ) -> list[FrameDetections]:
-    """The people in each camera's picture of one instant.
+    """Detect the people in each camera's picture of one instant.
 
     Args:
-        images: one picture a camera.
-        detectors: one detector a camera.
-        shared: the common detector that sees all pictures at once, or None.
+        images: one picture per camera.
+        detectors: one detector per camera.
+        shared: the common detector that processes all pictures at once, or None.
         frame: the frame of the instant, for messages.
 
     Raises:
-        InvalidInputError: naming camera and frame, if a detector gives anything but
+        InvalidInputError: naming camera and frame, if a detector returns anything but
             `FrameDetections`.
     """
     if shared is not None:
         answers = shared.detect_batch(images)
         if not isinstance(answers, list | tuple) or len(answers) != len(images):
             raise InvalidInputError(
-                f"{type(shared).__name__}.detect_batch, asked about {len(images)} pictures of "
+                f"{type(shared).__name__}.detect_batch, called for {len(images)} pictures of "
                 f"frame {frame}, must return {len(images)} FrameDetections in a list."
             )
         return [require_people(people, shared, c, frame) for c, people in enumerate(answers)]
@@ -173,25 +175,25 @@ def detect_instant(
 def collect_detections(
     frame: list[np.ndarray],
     camera: list[np.ndarray],
-    found: list[FrameDetections],
+    detected: list[FrameDetections],
     embedding: list[np.ndarray] | None,
 ) -> Detections:
-    """All rows in one struct; poses only if every picture has them.
+    """Join the rows of all pictures; keypoints only if every picture has them.
 
     Args:
-        frame: for each picture, its frame index once a row.
-        camera: for each picture, its camera once a row.
-        found: the people in each picture.
-        embedding: (n, D) what they look like, for each picture, or None.
+        frame: for each picture, its frame index once per row.
+        camera: for each picture, its camera once per row.
+        detected: for each picture, the people in it.
+        embedding: for each picture, (n, D) appearance vectors, or None.
     """
-    poses = [people.keypoints for people in found]
-    known = [pose for pose in poses if pose is not None]
-    keypoints = np.concatenate(known) if known and len(known) == len(poses) else None
+    optional_poses = [people.keypoints for people in detected]
+    poses = [pose for pose in optional_poses if pose is not None]
+    keypoints = np.concatenate(poses) if poses and len(poses) == len(detected) else None
     return Detections(
         np.concatenate(frame),
         np.concatenate(camera),
-        np.concatenate([people.box for people in found]),
-        score=np.concatenate([people.score for people in found]),
+        np.concatenate([people.box for people in detected]),
+        score=np.concatenate([people.score for people in detected]),
         ankles_confirmed=None if keypoints is None else ankles_confirmed(keypoints),
         embedding=None if embedding is None else join_descriptions(embedding),
         keypoints=keypoints,

@@ -1,4 +1,4 @@
-"""The pictures of all cameras, instant by instant, whatever their files and frame rates."""
+"""Synchronized reading of all cameras' pictures from files of any kind and frame rate."""
 
 import contextlib
 import copy
@@ -23,21 +23,21 @@ from catfree.adapters.video._video_sources import FrameReader, VideoSource, open
 from catfree.errors import CatFreeError, FileFormatError, InsufficientDataError, InvalidInputError
 from catfree.types._validation import as_count, as_integer
 
-# Nominal rates such as 30 and 29.97 name the same clock.
+# Nominal rates such as 30 and 29.97 stand for the same clock.
 _RATE_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True)
 class CameraFootage:
-    """What one camera brings to the common clock.
+    """The footage of one camera, on the common clock.
 
     Attributes:
         name: of the camera.
         path: video file or image folder.
         frame_count: frames that it claims to hold.
-        fps: frames per second, or None where nothing says so.
+        fps: frames per second, or None if unknown.
         image_size: width and height in pixels.
-        available: the delivered ticks, had this camera alone been given.
+        available: the ticks that this camera alone would deliver.
     """
 
     name: str
@@ -52,11 +52,11 @@ class SynchronizedVideos:
     """Videos of static cameras as a sequence of instants; only two instants are in memory.
 
     A common clock ticks at `frame_rate`, by default the lowest rate among the cameras. Tick k shows
-    camera c's frame `offsets[c] + round(k * fps_c / frame_rate)`. Delivered are the ticks at which
-    every camera has a frame, from `start` to before `end`, every `stride`-th. Image folders have
-    no clock of their own: they have one image a tick.
+    camera c's frame `offsets[c] + round(k * fps_c / frame_rate)`. Iteration delivers the ticks at
+    which every camera has a frame, from `start` to before `end`, every `stride`-th. Image folders
+    have no clock of their own: they have one image per tick.
 
-    Iterate as often as needed; each iteration decodes anew, one instant ahead in a thread:
+    Iterate as often as needed; each iteration decodes again, one instant ahead in a thread:
 
         for frame, images in SynchronizedVideos(["a.mp4", "b.mp4"], stride=5):
             ...  # images[c] is (H, W, 3) uint8 RGB of camera c
@@ -76,26 +76,26 @@ class SynchronizedVideos:
         """Open every source once to learn its size, rate and length.
 
         Args:
-            paths: one video file or image folder a camera.
-            stride: deliver every so-many-th tick.
+            paths: one video file or image folder per camera.
+            stride: deliver every `stride`-th tick.
             start: first tick; None for the first that every camera has.
             end: tick to stop before; None for after the last that every camera has.
             offsets: (C,) the frame of each camera, in its own frames, that shows tick 0; negative
                 for a camera that was started later. None for all 0.
-            frame_rate: ticks a second; None for the lowest rate among the cameras.
-            on_error: at a frame that cannot be decoded, "raise" an error or "keep" what came before
-                it and stop there (`interruption` then holds the error). Formats without time
+            frame_rate: ticks per second; None for the lowest rate among the cameras.
+            on_error: at a frame that cannot be decoded, "raise" an error or "keep" the instants
+                before it and stop there (`interruption` then holds the error). Formats without time
                 stamps (AVI) may lose damaged frames before decoding stops, so that frames after the
                 damage come too early; "raise" refuses such a file.
 
         Raises:
             InvalidInputError: if a path does not exist or is given twice, or a parameter is
-                impossible.
+                invalid.
             FileFormatError: if a file cannot be decoded at all.
             InsufficientDataError: if the cameras share no tick.
         """
         if isinstance(paths, str | os.PathLike) or not isinstance(paths, Sequence | None):
-            raise InvalidInputError(f"paths must list one video a camera, got only {paths!s}.")
+            raise InvalidInputError(f"paths must list one video per camera, got only {paths!s}.")
         if not paths:
             raise InvalidInputError("paths must name at least one video or image folder.")
         stride = as_count(stride, "stride")
@@ -109,13 +109,13 @@ class SynchronizedVideos:
         shifts = as_integer(listed, "offsets").tolist()
         if np.shape(shifts) != (len(paths),):
             raise InvalidInputError(
-                f"offsets must give one number a camera ({len(paths)}), got {offsets}."
+                f"offsets must give one number per camera ({len(paths)}), got {offsets}."
             )
         self._sources = [_open_camera(camera, path) for camera, path in enumerate(paths)]
         self._offsets, self._keep = shifts, on_error == "keep"
         self.camera_names: list[str] = names_of_files([s.path for s in self._sources])
         self._rate = self._common_rate(frame_rate)
-        self._asked, self._stride = (start, end), stride
+        self._limits, self._stride = (start, end), stride
         self._ticks = self._shared_ticks(start, end, stride)
         self.interruption: CatFreeError | None = None
 
@@ -139,12 +139,12 @@ class SynchronizedVideos:
 
     @property
     def fps(self) -> float | None:
-        """Instants a second, or None for image folders without a `frame_rate`."""
+        """Instants per second, or None for image folders without a `frame_rate`."""
         return None if self._rate is None else self._rate / self._stride
 
     @property
     def tick_rate(self) -> float | None:
-        """Ticks (frame indices) a second, or None for image folders without a `frame_rate`."""
+        """Ticks (frame indices) per second, or None for image folders without a `frame_rate`."""
         return self._rate
 
     @property
@@ -159,7 +159,7 @@ class SynchronizedVideos:
 
     @property
     def fingerprint(self) -> str:
-        """Content hash of all files and of what is delivered from them."""
+        """Content hash of all files and of the parameters of their delivery."""
         return hash_parameters(
             "SynchronizedVideos",
             *self.content_hashes,
@@ -176,14 +176,14 @@ class SynchronizedVideos:
 
     @property
     def footage(self) -> tuple[CameraFootage, ...]:
-        """(C,) what each camera brings, whether it is used or not."""
-        start, end = self._asked
-        brought = []
+        """(C,) footage of each camera, whether it is used or not."""
+        start, end = self._limits
+        footage = []
         for camera, source in enumerate(self._sources):
             first, last = self._span(camera)
             begin = first if start is None else max(first, start)
             stop = last + 1 if end is None else min(last + 1, end)
-            brought.append(
+            footage.append(
                 CameraFootage(
                     self.camera_names[camera],
                     source.path,
@@ -193,10 +193,10 @@ class SynchronizedVideos:
                     range(begin, max(begin, stop), self._stride),
                 )
             )
-        return tuple(brought)
+        return tuple(footage)
 
     def without_offsets(self, frame_offset: Sequence[int]) -> "SynchronizedVideos":
-        """The same footage on corrected clocks, with those instants that are still complete.
+        """Return the same footage on corrected clocks, with the instants that are still complete.
 
         `catfree.calibration.remove_offsets` does the same to detections.
 
@@ -206,33 +206,34 @@ class SynchronizedVideos:
         Raises:
             InsufficientDataError: if no instant is left that all cameras show.
         """
-        later = [
-            round(ticks * self._frames_a_tick(camera)) for camera, ticks in enumerate(frame_offset)
+        shifts = [
+            round(ticks * self._frames_per_tick(camera))
+            for camera, ticks in enumerate(frame_offset)
         ]
         corrected = copy.copy(self)
-        corrected._offsets = [o + more for o, more in zip(self._offsets, later, strict=True)]
+        corrected._offsets = [o + shift for o, shift in zip(self._offsets, shifts, strict=True)]
         shared = [corrected._span(camera) for camera in range(self.camera_count)]
         first, last = max(first for first, _ in shared), min(last for _, last in shared)
         kept = [tick for tick in self._ticks if first <= tick <= last]
         if not kept:
             raise InsufficientDataError(
-                f"With the clocks corrected by {', '.join(map(str, frame_offset))} frames no "
-                "instant lies in all videos. Record longer."
+                f"With the clocks corrected by {', '.join(map(str, frame_offset))} frames, no "
+                "instant is in all videos. Record longer."
             )
         corrected._ticks = range(kept[0], kept[-1] + 1, self._stride)
         return corrected
 
     def __iter__(self) -> Iterator[tuple[int, list[Image]]]:
-        """(frame index, one picture a camera) of each instant in order.
+        """Yield (frame index, one picture per camera) of each instant in order.
 
         Raises:
-            FileFormatError: naming camera and frame, where a frame cannot be decoded or changes
-                its size, unless `on_error` is "keep".
+            FileFormatError: naming camera and frame, if a frame cannot be decoded or its size
+                changes, unless `on_error` is "keep".
         """
         yield from self._instants(range(self.camera_count))
 
     def instants_from(self, first: int) -> Iterator[tuple[int, list[Image]]]:
-        """Iterate over the instants without the `first` ones, which are not decoded to pictures.
+        """Iterate over the instants from position `first`; earlier ones give no pictures.
 
         Args:
             first: position among the instants, 0-based; `frames[first]` is the first delivered.
@@ -246,7 +247,7 @@ class SynchronizedVideos:
         yield from self._instants(range(self.camera_count), first)
 
     def pictures_of(self, camera: int) -> Iterator[Image]:
-        """One camera's picture of each instant, without decoding the others.
+        """Iterate over one camera's picture of each instant, without decoding the others.
 
         Args:
             camera: its index, 0-based.
@@ -257,7 +258,7 @@ class SynchronizedVideos:
         """
         if not 0 <= camera < self.camera_count:
             raise InvalidInputError(
-                f"There is no camera {camera}; the videos are of cameras 0 to "
+                f"There is no camera {camera}; the videos belong to cameras 0 to "
                 f"{self.camera_count - 1}."
             )
         for _, images in self._instants([camera]):
@@ -314,38 +315,38 @@ class SynchronizedVideos:
             )
         return image
 
-    def _common_rate(self, asked: float | int | None) -> float | None:
-        known = {
+    def _common_rate(self, frame_rate: float | int | None) -> float | None:
+        rates = {
             name: source.fps
             for name, source in zip(self.camera_names, self._sources, strict=True)
             if source.fps is not None
         }
-        if asked is None:
-            return min(known.values(), default=None)
-        if not isinstance(asked, Real) or not (math.isfinite(asked) and asked > 0):
-            raise InvalidInputError(f"frame_rate must be a positive number, got {asked!r}.")
-        for name, rate in known.items():
-            if asked > rate * (1 + _RATE_TOLERANCE):
+        if frame_rate is None:
+            return min(rates.values(), default=None)
+        if not isinstance(frame_rate, Real) or not (math.isfinite(frame_rate) and frame_rate > 0):
+            raise InvalidInputError(f"frame_rate must be a positive number, got {frame_rate!r}.")
+        for name, rate in rates.items():
+            if frame_rate > rate * (1 + _RATE_TOLERANCE):
                 raise InvalidInputError(
-                    f"frame_rate is {asked:g}, but camera {name!r} has only {rate:g} frames a "
-                    "second. Ask for at most the lowest rate."
+                    f"frame_rate is {frame_rate:g}, but camera {name!r} has only {rate:g} frames "
+                    "per second. Pass at most the lowest rate."
                 )
-        return float(asked)
+        return float(frame_rate)
 
-    def _frames_a_tick(self, camera: int) -> float:
-        own = self._sources[camera].fps
-        if own is None or self._rate is None:
+    def _frames_per_tick(self, camera: int) -> float:
+        fps = self._sources[camera].fps
+        if fps is None or self._rate is None:
             return 1.0
-        ratio = own / self._rate
+        ratio = fps / self._rate
         return 1.0 if abs(ratio - 1) < _RATE_TOLERANCE else ratio
 
     def _source_frame(self, camera: int, tick: int) -> int:
-        # Half-way cases go up, so that the spacing stays even.
-        return self._offsets[camera] + math.floor(tick * self._frames_a_tick(camera) + 0.5)
+        # Half-way cases round up, so that the spacing stays even.
+        return self._offsets[camera] + math.floor(tick * self._frames_per_tick(camera) + 0.5)
 
     def _span(self, camera: int) -> tuple[int, int]:
-        """First and last tick of which a camera has a frame."""
-        step, offset = self._frames_a_tick(camera), self._offsets[camera]
+        """First and last tick for which a camera has a frame."""
+        step, offset = self._frames_per_tick(camera), self._offsets[camera]
         first = math.ceil((-offset - 0.5) / step - 1e-9)
         count = self._sources[camera].frame_count
         return max(first, 0), math.ceil((count - offset - 0.5) / step - 1e-9) - 1
@@ -363,7 +364,7 @@ class SynchronizedVideos:
         if begin >= stop:
             camera = lasts.index(min(lasts))
             raise InsufficientDataError(
-                f"No instant lies in all {len(lasts)} videos from tick {begin} to before "
+                f"No instant is in all {len(lasts)} videos from tick {begin} to before "
                 f"{'the end' if end is None else end}: camera {self.camera_names[camera]!r} ends "
                 f"after tick {lasts[camera]}. Check start, end and offsets."
             )

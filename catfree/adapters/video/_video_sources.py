@@ -19,25 +19,25 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
 @runtime_checkable
 class FrameReader(Protocol):
-    """Decodes a source from its first frame on; frames are asked for in ascending order."""
+    """A decoder of a source, from its first frame on; frames are read in ascending order."""
 
     def read(self, frame: int) -> Image | None:
-        """The picture of a frame, or None if it cannot be decoded."""
+        """Decode a frame, or return None if it cannot be decoded."""
         ...
 
     def close(self) -> None:
-        """Give the file back."""
+        """Close the file."""
         ...
 
 
 @runtime_checkable
 class VideoSource(Protocol):
-    """What is known about a camera's pictures before they are decoded.
+    """A camera's pictures before they are decoded.
 
     Attributes:
         path: file or folder.
         frame_count: frames that it claims to hold.
-        fps: frames a second, or None where nothing says so.
+        fps: frames per second, or None if unknown.
         image_size: (width, height) in pixels.
     """
 
@@ -47,11 +47,11 @@ class VideoSource(Protocol):
     image_size: tuple[int, int]
 
     def open(self) -> FrameReader:
-        """A reader that stands before the first frame."""
+        """Open a reader positioned before the first frame."""
         ...
 
     def describe(self, frame: int) -> str:
-        """The frame as an error sentence names it."""
+        """Describe a frame for error messages."""
         ...
 
     def content_hash(self) -> str:
@@ -60,11 +60,11 @@ class VideoSource(Protocol):
 
 
 def open_source(path: str | os.PathLike[str]) -> VideoSource:
-    """A folder of images or a video file.
+    """Open a folder of images or a video file.
 
     Raises:
-        InvalidInputError: if there is nothing at that path, it is not UTF-8, or a folder without
-            images.
+        InvalidInputError: if there is nothing at that path, it is not UTF-8, or it is a folder
+            without images.
         FileFormatError: if its first picture cannot be decoded.
     """
     place = Path(path)
@@ -77,18 +77,18 @@ def open_source(path: str | os.PathLike[str]) -> VideoSource:
 
 
 def natural_order(name: str) -> list[tuple[int, int, str]]:
-    """Sort key under which `image2` comes before `image10`."""
+    """Make a sort key by which `image2` comes before `image10`."""
     pieces = re.split(r"(\d+)", name)
     return [(0, int(p), "") if p.isdecimal() else (1, 0, p.lower()) for p in pieces if p]
 
 
 class ImageFolder:
-    """Images of one folder in natural order of their names; it knows no frame rate."""
+    """Images of one folder in natural order of their names, without a frame rate."""
 
     fps: float | None = None
 
     def __init__(self, path: Path) -> None:
-        """List the images and look at the first."""
+        """List the images and decode the first."""
         self.path = path
         names = (p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES)
         visible = (p for p in names if not p.name.startswith("."))
@@ -104,7 +104,7 @@ class ImageFolder:
         self.image_size = (first.shape[1], first.shape[0])
 
     def open(self) -> FrameReader:
-        """The folder itself: there is nothing to open."""
+        """Return the folder itself, as there is nothing to open."""
         return self
 
     def read(self, frame: int) -> Image | None:
@@ -120,7 +120,7 @@ class ImageFolder:
         return None if bgr is None else cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing, as nothing is open."""
 
     def describe(self, frame: int) -> str:
         """Frame number and file."""
@@ -138,7 +138,7 @@ class VideoFile:
     """A video file that OpenCV decodes; a constant frame rate is assumed."""
 
     def __init__(self, path: Path) -> None:
-        """Read what the file says about itself, and its first frame."""
+        """Read the properties of the file and its first frame."""
         import cv2
 
         self.path = path
@@ -147,13 +147,13 @@ class VideoFile:
             first = reader.read(0)
             if _is_art(reader.capture):
                 raise FileFormatError(
-                    f"{path} is a text file, not a video. Boxes of your own go to cf.localize in "
+                    f"{path} is a text file, not a video. Pass your own boxes to cf.localize in "
                     "Python; cf.adapters.read_mot reads MOTChallenge files."
                 )
             if first is None:
                 raise FileFormatError(
-                    f"{path} cannot be decoded: it is no video, truncated or in a format that "
-                    "OpenCV does not know. Repair or re-encode it, for instance with ffmpeg."
+                    f"{path} cannot be decoded: it is not a video, truncated or in a format that "
+                    "OpenCV does not support. Repair or re-encode it, for instance with ffmpeg."
                 )
             rate = reader.capture.get(cv2.CAP_PROP_FPS)
             claimed = reader.capture.get(cv2.CAP_PROP_FRAME_COUNT)
@@ -164,11 +164,11 @@ class VideoFile:
         self.frame_count = int(claimed) if claimed > 0 else self._count()
 
     def open(self) -> "_CaptureReader":
-        """A decoder before the first frame."""
+        """Open a decoder before the first frame."""
         return _CaptureReader(self.path)
 
     def _count(self) -> int:
-        """Frames that can be decoded, for files that do not say."""
+        """Count the frames that can be decoded, for files that do not state their number."""
         reader = self.open()
         try:
             return sum(1 for _ in _grabbed(reader))
@@ -197,7 +197,7 @@ class _CaptureReader:
     def read(self, frame: int) -> Image | None:
         import cv2
 
-        # A frame rate above the camera's own asks for the same frame twice.
+        # A frame rate above the camera's own reads the same frame twice.
         if frame == self.position - 1:
             return self._held
         while self.position < frame:
@@ -216,7 +216,7 @@ class _CaptureReader:
 
 
 def _is_art(capture: Any) -> bool:
-    """Whether FFmpeg took a text file for a picture made of letters (ANSI art)."""
+    """Return whether FFmpeg decoded a text file as a picture made of letters (ANSI art)."""
     import cv2
 
     code = int(capture.get(cv2.CAP_PROP_FOURCC))

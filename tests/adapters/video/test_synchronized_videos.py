@@ -95,7 +95,7 @@ def test_the_slowest_camera_sets_the_clock(tmp_path):
     assert numbers_of(videos) == [(k, k, 3 * k, int(2.5 * k + 0.5)) for k in range(10)]
     slower = SynchronizedVideos(paths, frame_rate=2.5)
     assert numbers_of(slower) == [(k, 2 * k, 6 * k, 5 * k) for k in range(5)]
-    with pytest.raises(InvalidInputError, match="'slow' has only 5 frames a second"):
+    with pytest.raises(InvalidInputError, match="'slow' has only 5 frames per second"):
         SynchronizedVideos(paths, frame_rate=10)
 
 
@@ -300,7 +300,7 @@ def test_an_empty_folder_and_a_missing_path(tmp_path):
     ("options", "message"),
     [
         ({"stride": 0}, "stride"),
-        ({"offsets": [0, 0]}, "one number a camera"),
+        ({"offsets": [0, 0]}, "one number per camera"),
         ({"frame_rate": 0}, "frame_rate"),
         ({"offsets": [-3], "start": 1}, "first picture at tick 3"),
     ],
@@ -315,7 +315,7 @@ def test_no_shared_instant(tmp_path):
     paths = [write_video(tmp_path / "a.avi", 5), write_video(tmp_path / "b.avi", 5)]
     with pytest.raises(InsufficientDataError, match="'a' ends after tick 4"):
         SynchronizedVideos(paths, offsets=[0, -9])
-    with pytest.raises(InvalidInputError, match="one video a camera"):
+    with pytest.raises(InvalidInputError, match="one video per camera"):
         SynchronizedVideos(str(paths[0]))
 
 
