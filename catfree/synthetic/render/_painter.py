@@ -1,4 +1,4 @@
-"""Draws people, their shadows and the sensor's noise into the still picture of one camera."""
+"""Drawing of people, their shadows and sensor noise into the still picture of one camera."""
 
 import cv2
 import numpy as np
@@ -16,8 +16,8 @@ from catfree.types import Rig
 OVERSAMPLING = 2  # bodies are drawn in patches of twice the size and averaged down
 FRACTION_BITS = 3  # polygon corners are rounded to eighths of a sample
 SHADOW_SCALE = 2  # shadows are drawn in a picture of half the size
-NEAREST = 0.8  # metres from a camera below which nobody is drawn
-NOISE = 2.0  # grey levels of sensor noise, standard deviation
+NEAREST = 0.8  # meters; people closer to the camera are not drawn
+NOISE = 2.0  # gray levels of sensor noise, standard deviation
 NOISE_PICTURES = 5
 
 Frame = UInt8[np.ndarray, "row column 3"]
@@ -48,7 +48,7 @@ class Painter:
         ]
 
     def paint(self, frame: int) -> Frame:
-        """(H, W, 3) BGR picture of a frame."""
+        """Paint the (H, W, 3) BGR picture of a frame."""
         picture = self.background.picture.copy()
         people, vertices = self._bodies(frame)
         if len(people):
@@ -58,13 +58,13 @@ class Painter:
         return cv2.subtract(picture, self.noise_middle)
 
     def _bodies(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
-        """Who may be in the picture, farthest first, and their vertices (N, V, 3) in metres."""
+        """Find people who may be seen, farthest first, and their vertices (N, V, 3) in meters."""
         walkers = self.walkers
         people = np.flatnonzero(walkers.present[frame])
         middle = np.column_stack([walkers.position[frame, people], walkers.height[people] / 2])
         pixel, depth = project(self.rig, self.camera, middle)
         size = np.asarray(self.rig.image_size)[self.camera]
-        # A body with its shadow reaches less than a picture's height beyond the border.
+        # A body with its shadow extends less than a picture's height beyond the border.
         near = (depth > NEAREST) & (pixel > -size[1]).all(-1) & (pixel < size + size[1]).all(-1)
         distance = np.linalg.norm(middle - self.center, axis=-1)
         order = np.argsort(-distance)
@@ -85,7 +85,7 @@ class Painter:
         sun = self.stage.sun
         ground = vertices - vertices[..., 2:] * (sun / sun[2])
         pixel, depth = project(self.rig, self.camera, ground)
-        # Pixel centres of the half-size picture are at (2 i + 0.5).
+        # Pixel centers of the half-size picture are at (2 i + 0.5).
         corner = (pixel - (SHADOW_SCALE - 1) / 2) / SHADOW_SCALE
         mask = np.zeros_like(self.sunlit)
         fixed = np.round(np.clip(corner, -4000, 4000) * 16).astype(np.int32)
@@ -126,7 +126,7 @@ class Painter:
         facing = diagonal[..., 0] * other[..., 1] - diagonal[..., 1] * other[..., 0] < 0
         facing &= self.has_bag[people, None] | (mesh.part != BAG)
         nearness = depth[:, mesh.faces].mean(-1)
-        colour = np.round(self._colours(people, vertices) * 255).clip(0, 255)
+        color = np.round(self._colors(people, vertices) * 255).clip(0, 255)
         rows, columns = picture.shape[:2]
         for body in range(len(people)):
             if depth[body].min() < NEAREST:
@@ -137,10 +137,10 @@ class Painter:
             if (high - low < 2).any():
                 continue
             window = (slice(low[1], high[1]), slice(low[0], high[0]))
-            seen = np.flatnonzero(facing[body])
-            seen = seen[np.argsort(-nearness[body, seen])]
-            # The centre of pixel p is at OVERSAMPLING * p + (OVERSAMPLING - 1) / 2 in the patch.
-            inside = (corner[body, seen] - low + 0.5) * OVERSAMPLING - 0.5
+            faces = np.flatnonzero(facing[body])
+            faces = faces[np.argsort(-nearness[body, faces])]
+            # The center of pixel p is at OVERSAMPLING * p + (OVERSAMPLING - 1) / 2 in the patch.
+            inside = (corner[body, faces] - low + 0.5) * OVERSAMPLING - 0.5
             points = np.round(inside * 2**FRACTION_BITS).astype(np.int32)
             patch = cv2.resize(
                 picture[window],
@@ -149,7 +149,7 @@ class Painter:
                 fy=OVERSAMPLING,
                 interpolation=cv2.INTER_NEAREST,
             )
-            for face, shade in zip(points, colour[body, seen].tolist(), strict=True):
+            for face, shade in zip(points, color[body, faces].tolist(), strict=True):
                 cv2.fillConvexPoly(patch, face, shade, cv2.LINE_8, FRACTION_BITS)
             drawn = cv2.resize(
                 patch, (high[0] - low[0], high[1] - low[1]), interpolation=cv2.INTER_AREA
@@ -161,10 +161,10 @@ class Painter:
                 drawn = np.where(in_front[..., None], picture[window], drawn)
             picture[window] = drawn
 
-    def _colours(
+    def _colors(
         self, people: np.ndarray, vertices: Float[np.ndarray, "n v 3"]
     ) -> Float[np.ndarray, "n f 3"]:
-        """Clothes under sun and sky, darker towards the feet, where less sky is seen."""
+        """Color the clothes under sun and sky, darker toward the feet, which see less sky."""
         face = vertices[:, self.mesh.faces]
         normal = np.cross(face[:, :, 2] - face[:, :, 0], face[:, :, 3] - face[:, :, 1])
         length = np.linalg.norm(normal, axis=-1, keepdims=True)

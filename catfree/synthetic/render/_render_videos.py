@@ -1,8 +1,8 @@
-"""Renders a world's cameras to video files, several at a time.
+"""Rendering of a world's cameras to video files, several at a time.
 
-What is easy about the pictures, and is not in real footage: exact synchronization, no lens
-distortion, no camera shake, constant exposure and weather, little texture on clothes, a flat
-ground, and a sun that throws shadows of bodies on the ground only.
+The pictures are easier than real footage: exact synchronization, no lens distortion, no camera
+shake, constant exposure and weather, little texture on clothes, a flat ground, and a sun that casts
+shadows of bodies only on the ground.
 """
 
 import multiprocessing
@@ -30,10 +30,10 @@ from catfree.types._writing import make_folder, replacement
 
 STAGE_NAME = "render"
 REPORT_EVERY = 5  # frames between two progress reports
-# Somebody who stands through most of the footage cannot be told from the scene. Forty seconds of
-# footage are short, so pauses are too.
+# A person who stands through most of the footage cannot be distinguished from the scene. Forty
+# seconds of footage are short, so pauses are, too.
 STANDING_TIME = 4.0  # seconds, mean
-POLL = 0.1  # seconds between two looks at the reports
+POLL = 0.1  # seconds between two checks for reports
 
 
 def make_demo_world(
@@ -45,19 +45,19 @@ def make_demo_world(
     image_size: tuple[int, int] = (1280, 720),
     height: tuple[float, float] = (4.5, 5.0),
 ) -> World:
-    """The world of the demo: a furnished 16 x 16 m square at 5 frames a second.
+    """The world of the demo: a furnished 16 x 16 m square at 5 frames per second.
 
     Args:
-        seed: everything random follows from it.
+        seed: determines everything random.
         cameras: cameras around the square.
-        people: people on it at a time; a third as many stay around it.
+        people: people on the square at a time; a third as many stay around it.
         frames: number of frames.
         image_size: width and height in pixels.
-        height: range of the cameras' heights in metres.
+        height: range of the cameras' heights in meters.
 
     Returns:
-        A world to give to `render_videos`. Focal lengths and the mean body height are drawn away
-        from the values that a method may assume; people stand for a few seconds only.
+        A world for `render_videos`. Focal lengths and the mean body height differ from the values
+        that a method may assume; people stand for only a few seconds.
     """
     layout = ring(cameras, seed=seed, image_size=image_size, height=height, people=people)
     columns = street_furniture(layout.area, seed, cameras=np.asarray(layout.rig.centers))
@@ -74,18 +74,19 @@ def render_videos(
 ) -> list[Path]:
     """Render every camera of a world to an MP4 file.
 
-    With more than one worker, processes are spawned: call it from a module that can be imported,
+    More than one worker means spawned processes: call it from a module that can be imported, in
     scripts under `if __name__ == "__main__":`.
 
     Args:
-        world: the world; image sizes and frame rate are its own.
+        world: the world, which sets image sizes and frame rate.
         folder: where `camera_0.mp4`, `camera_1.mp4`, ... are written; made if it does not exist.
-        progress: called with ("render", frames done, frames in all).
-        shadows: "hard" as on a clear day, "soft" as under thin clouds, None: drawn by the seed.
-        workers: processes; None: one a processor, at most one a camera. 1 renders in this process.
+        progress: called with ("render", frames done, total frames).
+        shadows: "hard" as on a clear day, "soft" as under thin clouds, None: chosen by the seed.
+        workers: number of processes; None: one per processor, at most one per camera. 1 renders in
+            this process.
 
     Returns:
-        The files, one a camera, in the rig's order. A file appears once it is complete.
+        The files, one per camera, in the rig's order. A file appears when it is complete.
 
     Raises:
         InvalidInputError: if OpenCV cannot write such videos there, or workers is below 1.
@@ -103,7 +104,7 @@ def render_videos(
     ]
     workers = min(os.cpu_count() or 1, cameras) if workers is None else workers
     if workers < 1:
-        raise InvalidInputError(f"workers is {workers}; at least one process must do the work.")
+        raise InvalidInputError(f"workers is {workers}; it must be at least 1.")
     total = cameras * len(world.walkers.present)
     if workers == 1:
         done, ground = 0, ground_picture(stage)
@@ -149,7 +150,7 @@ def _render_in_processes(
     drain()
 
 
-# Set in worker processes only: where they say how far they are, and the ground they all look at.
+# Set only in worker processes: the queue of progress reports, and the common ground picture.
 _worker: dict[str, Any] = {}
 
 
@@ -172,7 +173,7 @@ def _render_camera(
     path: Path,
     ground: tuple[np.ndarray, np.ndarray],
 ) -> Iterator[int]:
-    """Write one camera's video; yields the number of frames since the last yield."""
+    """Write one camera's video, yielding the number of frames since the last yield."""
     background = render_background(stage, rig, camera, ground)
     painter = Painter(walkers, rig, camera, background, stage)
     size = (int(rig.image_size[camera, 0]), int(rig.image_size[camera, 1]))
