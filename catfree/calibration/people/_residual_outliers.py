@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from catfree.settings import CalibrationSettings
 
 
-def strained_cameras(
+def residual_outliers(
     residual: Float[np.ndarray, " cam"], settings: CalibrationSettings
 ) -> Bool[np.ndarray, " cam"]:
     """Whose boxes fit clearly worse than the others' do (`strained_residual`).
@@ -23,7 +23,7 @@ def strained_cameras(
     return residual > settings.strained_residual * np.nanmedian(residual)
 
 
-def most_strained(
+def worst_outlier(
     residual: Float[np.ndarray, " cam"],
     support: Float[np.ndarray, " cam"],
     settings: CalibrationSettings,
@@ -55,5 +55,5 @@ def most_strained(
     alone = [c for c in left if support[c] < least]
     if alone:
         return min(alone, key=lambda c: support[c])
-    strained = strained_cameras(np.where(np.isfinite(support), residual, np.nan), settings)
+    strained = residual_outliers(np.where(np.isfinite(support), residual, np.nan), settings)
     return max((c for c in left if strained[c]), key=lambda c: residual[c], default=None)

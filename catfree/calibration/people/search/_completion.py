@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from catfree.calibration.people._residual_outliers import strained_cameras
+from catfree.calibration.people._residual_outliers import residual_outliers
 from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
 from catfree.calibration.people.cameras._camera_model import X
 from catfree.calibration.people.matching._group_people import RigState
@@ -96,7 +96,7 @@ def _tried(
     rig = alternate(
         work.grid, larger, work.settings, shared_focal=shared_focal, tolerances=ADJUSTMENTS
     )
-    if strained_cameras(rig.bundle.camera_residual, work.settings)[camera]:
+    if residual_outliers(rig.bundle.camera_residual, work.settings)[camera]:
         return None
     verdicts = judge_cameras(work, rig.state)
     if not all(verdict.accepted for verdict in verdicts.values()):
