@@ -108,7 +108,7 @@ def chance_density(people: GroundMap) -> ChanceDensity:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Judgment:
     """How well a camera's people agree with a map made without it.
 
     Attributes:
@@ -133,7 +133,7 @@ def judge(
     *,
     gate: float,
     detection_rates: tuple[float, float],
-) -> Judgement:
+) -> Judgment:
     """Weigh the people of one camera against a map of the others.
 
     Args:
@@ -146,7 +146,7 @@ def judge(
         detection_rates: bounds on the probability that a person who should be seen has a box.
 
     Returns:
-        The judgement; people who should be seen and are not count against.
+        The judgment; people who should be seen and are not count against.
     """
     distance, log_determinant = squared_distances(own, others)
     time, slot, partner = mutual_nearest(distance, log_determinant, gate)
@@ -174,4 +174,4 @@ def judge(
     # A match that says less than two separate people would is not believed as one.
     evidence = float(np.maximum(log_ratio, 2 * miss).sum() + miss * (missed + lonely))
     rates = [matches / max(1, matches + count) for count in (missed, lonely)]
-    return Judgement(evidence, max(rates), matches, np.stack([time, slot, partner], -1))
+    return Judgment(evidence, max(rates), matches, np.stack([time, slot, partner], -1))

@@ -17,7 +17,7 @@ from catfree.calibration.people.matching._group_people import (
     group_people,
     seen_by_any,
 )
-from catfree.calibration.people.matching._mutual_nearest import Judgement, chance_density, judge
+from catfree.calibration.people.matching._mutual_nearest import Judgment, chance_density, judge
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.settings import CalibrationSettings
 
@@ -27,12 +27,12 @@ class Verdict:
     """A camera's evidence against the rest of the rig, and what chance reaches.
 
     Attributes:
-        judgement: at the true time.
+        judgment: at the true time.
         chance: highest evidence at the shifted times.
         shortcomings: what it lacks to be trusted, in words.
     """
 
-    judgement: Judgement
+    judgment: Judgment
     chance: float
     shortcomings: tuple[str, ...]
 
@@ -44,7 +44,7 @@ class Verdict:
     @property
     def margin(self) -> float:
         """Evidence above chance."""
-        return self.judgement.evidence - self.chance
+        return self.judgment.evidence - self.chance
 
 
 def judge_with_chance(
@@ -54,8 +54,8 @@ def judge_with_chance(
     own_expected: Bool[np.ndarray, "frame slot"],
     settings: CalibrationSettings,
     shifts: tuple[float, ...],
-) -> tuple[Judgement, float]:
-    """The judgement of a camera and how far it exceeds the best at circularly shifted times.
+) -> tuple[Judgment, float]:
+    """The judgment of a camera and how far it exceeds the best at circularly shifted times.
 
     Args:
         own: (T, N) the camera's map in world coordinates.
@@ -66,11 +66,11 @@ def judge_with_chance(
         shifts: by which shares of the sequence its time is shifted for comparison.
 
     Returns:
-        The judgement at the true time, and its evidence above the highest at the shifted times.
+        The judgment at the true time, and its evidence above the highest at the shifted times.
     """
     density = chance_density(own)
 
-    def at_shift(shift: int) -> Judgement:
+    def at_shift(shift: int) -> Judgment:
         rolled = own if shift == 0 else _rolled(own, shift)
         return judge(
             rolled,
@@ -82,11 +82,11 @@ def judge_with_chance(
             detection_rates=settings.detection_rates,
         )
 
-    judgement = at_shift(0)
+    judgment = at_shift(0)
     frames = len(own.xy)
     steps = sorted({round(share * frames) % frames for share in shifts} - {0})
     chance = max((at_shift(step).evidence for step in steps), default=np.inf)
-    return judgement, judgement.evidence - chance
+    return judgment, judgment.evidence - chance
 
 
 def _rolled(people: GroundMap, shift: int) -> GroundMap:
@@ -130,12 +130,10 @@ def judge_camera(
         state.foot_offset,
     )
     own_expected = seen_by_any(grid, state, own, work.smallest, without=camera)
-    judgement, margin = judge_with_chance(
+    judgment, margin = judge_with_chance(
         own, others, others_expected, own_expected, settings, settings.chance_shifts
     )
-    return Verdict(
-        judgement, judgement.evidence - margin, _shortcomings(judgement, margin, settings)
-    )
+    return Verdict(judgment, judgment.evidence - margin, _shortcomings(judgment, margin, settings))
 
 
 def judge_cameras(work: Workspace, state: RigState) -> dict[int, Verdict]:
@@ -144,16 +142,16 @@ def judge_cameras(work: Workspace, state: RigState) -> dict[int, Verdict]:
 
 
 def _shortcomings(
-    judgement: Judgement, margin: float, settings: CalibrationSettings
+    judgment: Judgment, margin: float, settings: CalibrationSettings
 ) -> tuple[str, ...]:
     """What a camera lacks to be trusted; each of the criteria can fail alone."""
-    needed = max(settings.minimum_margin, settings.minimum_match_margin * judgement.matches)
+    needed = max(settings.minimum_margin, settings.minimum_match_margin * judgment.matches)
     found = []
-    if not judgement.matches > settings.minimum_matches:
-        found.append(f"{judgement.matches} matches, more than {settings.minimum_matches} needed")
-    if not judgement.association > settings.minimum_association:
+    if not judgment.matches > settings.minimum_matches:
+        found.append(f"{judgment.matches} matches, more than {settings.minimum_matches} needed")
+    if not judgment.association > settings.minimum_association:
         found.append(
-            f"matches {100 * judgement.association:.0f} % of the people whom it shares with the "
+            f"matches {100 * judgment.association:.0f} % of the people whom it shares with the "
             f"others, more than {100 * settings.minimum_association:.0f} % needed"
         )
     if not margin > needed:

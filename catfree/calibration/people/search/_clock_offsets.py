@@ -121,7 +121,7 @@ def _offset_of_placed(
             if parameters is not None:
                 fitted = wide.with_camera(camera, parameters, WIDE_TOLERANCE)
                 verdict = judge_camera(work, fitted, camera, grid=grid, others=others)
-                evidence[shift] = verdict.judgement.evidence
+                evidence[shift] = verdict.judgment.evidence
         top = max(evidence, key=lambda shift: (evidence[shift], -abs(shift)))
         if top == best:
             return evidence[best] - evidence[0], best

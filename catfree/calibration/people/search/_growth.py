@@ -102,7 +102,7 @@ def drop_harmful(
         The rig and the verdict of each camera that is left.
     """
     while len(verdicts) > 2:
-        per_match = {c: v.margin / max(1, v.judgement.matches) for c, v in verdicts.items()}
+        per_match = {c: v.margin / max(1, v.judgment.matches) for c, v in verdicts.items()}
         usual = float(np.median(list(per_match.values())))
         suspects = [c for c in verdicts if per_match[c] < SUSPICIOUS_SHARE * usual]
         for camera in sorted(suspects, key=lambda c: per_match[c]):

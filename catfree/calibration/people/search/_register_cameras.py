@@ -112,7 +112,7 @@ def _focal_seems_shared(work: Workspace, seeds: list[Seed]) -> bool:
     ratios = [
         abs(float(np.diff(seed.state.parameters[list(cameras), LOG_FOCAL])[0]))
         for verdict, seed, cameras in seeds
-        if verdict.judgement.association > association and verdict.judgement.matches > matches
+        if verdict.judgment.association > association and verdict.judgment.matches > matches
     ]
     return bool(ratios) and float(np.median(ratios)) < work.settings.shared_focal_spread
 

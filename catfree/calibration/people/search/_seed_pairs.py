@@ -10,7 +10,7 @@ from catfree.calibration.people.adjustment._alternate import AdjustedRig, altern
 from catfree.calibration.people.cameras._ground_map import visible
 from catfree.calibration.people.matching._group_people import RigState
 from catfree.calibration.people.matching._mutual_nearest import (
-    Judgement,
+    Judgment,
     mutual_nearest,
     squared_distances,
 )
@@ -31,13 +31,13 @@ class PairHypothesis:
     Attributes:
         cameras: their indices.
         parameters: (2, 7), the first with pan, X and Y zero.
-        judgement: how well their people agree.
+        judgment: how well their people agree.
         margin: how far the evidence exceeds the highest at shifted times.
     """
 
     cameras: tuple[int, int]
     parameters: Float[np.ndarray, "2 7"]
-    judgement: Judgement
+    judgment: Judgment
     margin: float
 
 
@@ -75,11 +75,11 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
     for _, placement, p, q in scored[:FINALISTS]:
         placement = _settle(work, work.scoring, one, two, p, q, placement)
         moved = placement.place(q)
-        judgement, margin = _judge_pair(
+        judgment, margin = _judge_pair(
             work, work.scoring, one, two, p, moved, settings.chance_shifts[1::2]
         )
         if best is None or margin > best.margin:
-            best = PairHypothesis((one, two), np.stack([p, moved]), judgement, margin)
+            best = PairHypothesis((one, two), np.stack([p, moved]), judgment, margin)
     return best
 
 
@@ -116,7 +116,7 @@ def _judge_pair(
     p: Float[np.ndarray, "7"],
     q: Float[np.ndarray, "7"],
     shifts: tuple[float, ...],
-) -> tuple[Judgement, float]:
+) -> tuple[Judgment, float]:
     """Evidence that two placed cameras see the same people, and its margin over chance."""
     settings = work.settings
     a = work.local_map(grid, one, p, settings.range_tolerance)
