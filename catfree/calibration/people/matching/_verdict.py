@@ -1,7 +1,7 @@
-"""Whether a camera agrees with the others better than it could by chance.
+"""Judge whether a camera agrees with the others better than by chance.
 
-The people of a crowd are everywhere, so that a wrong camera, fitted to them, matches many. But it
-matches them at any time: the same boxes, shifted in time, do as well. A right camera does not.
+A misplaced camera fitted to a dense crowd matches many people, but it matches equally many when its
+boxes are shifted in time. A correct camera matches more people at the true time.
 """
 
 from dataclasses import dataclass
@@ -24,12 +24,12 @@ from catfree.settings import CalibrationSettings
 
 @dataclass(frozen=True)
 class Verdict:
-    """A camera's evidence against the rest of the rig, and what chance reaches.
+    """A camera's evidence against the rest of the rig, compared with chance.
 
     Attributes:
         judgment: at the true time.
-        chance: highest evidence at the shifted times.
-        shortcomings: what it lacks to be trusted, in words.
+        chance: highest evidence at shifted times.
+        shortcomings: reasons not to trust the camera, as text.
     """
 
     judgment: Judgment
@@ -55,18 +55,18 @@ def judge_with_chance(
     settings: CalibrationSettings,
     shifts: tuple[float, ...],
 ) -> tuple[Judgment, float]:
-    """The judgment of a camera and how far it exceeds the best at circularly shifted times.
+    """Judge a camera at the true time and at circularly shifted times.
 
     Args:
         own: (T, N) the camera's map in world coordinates.
         others: (T, M) the map of the other cameras, same frames.
-        others_expected: (T, M) whether the camera should see this person of the map.
-        own_expected: (T, N) whether some other camera should see this person of the camera.
+        others_expected: (T, M) whether the camera should see each person of the map.
+        own_expected: (T, N) whether any other camera should see each person of the camera.
         settings: constants.
-        shifts: by which shares of the sequence its time is shifted for comparison.
+        shifts: time shifts for the comparison, as fractions of the sequence.
 
     Returns:
-        The judgment at the true time, and its evidence above the highest at the shifted times.
+        The judgment at the true time, and its evidence minus the highest at shifted times.
     """
     density = chance_density(own)
 
@@ -90,7 +90,7 @@ def judge_with_chance(
 
 
 def _rolled(people: GroundMap, shift: int) -> GroundMap:
-    """A map whose frames are rolled circularly."""
+    """Roll the frames of a map circularly."""
     return GroundMap(
         *(
             np.roll(getattr(people, name), shift, axis=0)
@@ -107,14 +107,14 @@ def judge_camera(
     grid: BoxGrid | None = None,
     others: GroundMap | None = None,
 ) -> Verdict:
-    """Evidence of a placed camera against the map of the other placed cameras.
+    """Judge a placed camera against the map of the other placed cameras.
 
     Args:
         work: the sequence.
         state: the rig with the camera.
-        camera: which camera.
-        grid: frames to judge on; all by default.
-        others: the map of the other cameras on these frames, if it is at hand.
+        camera: index of the camera.
+        grid: frames to judge on; all if None.
+        others: the map of the other cameras on these frames; computed if None.
     """
     settings = work.settings
     grid = work.grid if grid is None else grid
@@ -137,23 +137,23 @@ def judge_camera(
 
 
 def judge_cameras(work: Workspace, state: RigState) -> dict[int, Verdict]:
-    """Evidence of every placed camera against the map of the others, on all frames."""
+    """Judge every placed camera against the map of the others, on all frames."""
     return {int(c): judge_camera(work, state, int(c)) for c in np.flatnonzero(state.placed)}
 
 
 def _shortcomings(
     judgment: Judgment, margin: float, settings: CalibrationSettings
 ) -> tuple[str, ...]:
-    """What a camera lacks to be trusted; each of the criteria can fail alone."""
+    """List the criteria that a camera fails, as text."""
     needed = max(settings.minimum_margin, settings.minimum_match_margin * judgment.matches)
-    found = []
+    reasons = []
     if not judgment.matches > settings.minimum_matches:
-        found.append(f"{judgment.matches} matches, more than {settings.minimum_matches} needed")
+        reasons.append(f"{judgment.matches} matches, more than {settings.minimum_matches} needed")
     if not judgment.association > settings.minimum_association:
-        found.append(
-            f"matches {100 * judgment.association:.0f} % of the people whom it shares with the "
+        reasons.append(
+            f"matches {100 * judgment.association:.0f} % of the people that it shares with the "
             f"others, more than {100 * settings.minimum_association:.0f} % needed"
         )
     if not margin > needed:
-        found.append(f"evidence {margin:.0f} above chance, more than {needed:.0f} needed")
-    return tuple(found)
+        reasons.append(f"evidence {margin:.0f} above chance, more than {needed:.0f} needed")
+    return tuple(reasons)
