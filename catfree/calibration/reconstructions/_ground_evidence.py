@@ -134,7 +134,8 @@ def judge(
     elif tilt > (LARGEST_CAMERA_TILT if people is None else LARGEST_TILT):
         whose = "cameras'" if people is None else "people's"
         kind = "a ceiling" if tilt > np.pi - LARGEST_CAMERA_TILT else "a wall"
-        fault = f"{kind}, its normal is {np.rad2deg(tilt):.0f} degrees from the {whose} upright direction"
+        degrees = f"{np.rad2deg(tilt):.0f} degrees"
+        fault = f"{kind}, its normal is {degrees} from the {whose} upright direction"
     elif ahead < FEET_AHEAD:
         fault = f"only {100 * ahead:.0f} % of the rays through people's feet meet it"
     elif not (np.isnan(camera_height) or CAMERA_HEIGHT[0] <= camera_height <= CAMERA_HEIGHT[1]):
