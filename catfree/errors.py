@@ -1,7 +1,7 @@
-"""Every exception that catfree raises on purpose.
+"""The exceptions of catfree.
 
-Each message is a sentence that says what was wrong, where (file, camera, frame, index) and what to
-do about it. Catch `CatFreeError` to catch them all.
+Each message is one sentence that says what is wrong, where (file, camera, frame, index) and what to
+do. Catch `CatFreeError` to catch them all.
 """
 
 import reprlib
@@ -51,23 +51,23 @@ class FileFormatError(CatFreeError, ValueError):
 
 
 class WriteError(CatFreeError, OSError):
-    """A file cannot be written: the disk is full, or the folder not writable."""
+    """A file cannot be written: the disk is full, or the folder is not writable."""
 
 
 class InsufficientDataError(CatFreeError):
-    """A stage has too little to work with: cameras, detections, frames or shared people."""
+    """A stage has too few cameras, detections, frames or shared people."""
 
 
 class GroundRejectedError(CatFreeError):
-    """No plane found in the scene can be the ground that people walk on."""
+    """No plane in the scene qualifies as the ground that people walk on."""
 
 
 class CalibrationError(CatFreeError):
-    """No camera rig could be recovered that the evidence supports."""
+    """No camera rig is supported by the evidence."""
 
 
 class DegenerateGeometryError(CatFreeError, ValueError):
-    """Points or rays are in a position that leaves the answer undetermined."""
+    """Points or rays in a degenerate configuration leave the result undetermined."""
 
 
 class ForkedProcessError(CatFreeError, RuntimeError):
@@ -75,4 +75,4 @@ class ForkedProcessError(CatFreeError, RuntimeError):
 
 
 class MissingDependencyError(CatFreeError, ImportError):
-    """An optional dependency is not installed; the message holds the pip command."""
+    """An optional dependency is not installed; the message contains the pip command."""

@@ -1,9 +1,9 @@
 """Hypothesis strategies for property tests of code that works on multi-view scenes.
 
-The laws of localization are tests that need no expected values: a similarity of the world moves the
-result and changes nothing else, the order of cameras does not matter, exact boxes give back the
-positions that they were made from. These strategies draw the worlds to state them on. Everything
-shrinks towards a plain case: cameras evenly around the origin, people near it, the identity.
+Properties of localization need no expected values: a similarity of the world moves the result and
+changes nothing else, the order of cameras has no effect, exact boxes reproduce the positions that
+they were made from. These strategies draw worlds to test such properties. They shrink towards
+simple cases: cameras evenly around the origin, people near it, the identity.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -26,22 +26,22 @@ except ImportError as error:
 if TYPE_CHECKING:
     from hypothesis.strategies import DrawFn
 
-CAMERA_HEIGHT = (3.0, 6.0)  # metres
-CAMERA_DISTANCE = (8.0, 15.0)  # metres from the origin, on the ground
-PEOPLE_WITHIN = 3.0  # metres of the origin: in every camera's picture
-MOST_PEOPLE = 4  # one a quadrant
-CLOSEST = 1.0  # metres between two people
-BODY = (1.7, 0.5)  # height and width of a person in metres
+CAMERA_HEIGHT = (3.0, 6.0)  # meters
+CAMERA_DISTANCE = (8.0, 15.0)  # meters from the origin, on the ground
+PEOPLE_WITHIN = 3.0  # meters from the origin: inside every camera's picture
+MOST_PEOPLE = 4  # one per quadrant
+CLOSEST = 1.0  # meters between two people
+BODY = (1.7, 0.5)  # height and width of a person in meters
 
 
 class Observed(NamedTuple):
-    """People and the exact boxes that a scene's cameras see of them, nobody hidden.
+    """People and their exact boxes in all cameras of a scene, without occlusion.
 
     Attributes:
         scene: metric, z up, ground z = 0.
-        positions: (P, 2) where they stand in metres.
-        detections: one box a person and camera in frame 0, sorted by camera, then person, whose
-            bottom centre is the foot point.
+        positions: (P, 2) foot points in meters.
+        detections: one box per person and camera in frame 0, sorted by camera, then person, whose
+            bottom center is the foot point.
     """
 
     scene: Scene
@@ -53,7 +53,7 @@ def rotations() -> "st.SearchStrategy[np.ndarray]":
     """Rotations, drawn as quaternions.
 
     Returns:
-        A strategy of (3, 3) float64 matrices, which shrinks to the identity.
+        A strategy of (3, 3) float64 matrices that shrinks to the identity.
     """
     part = st.floats(-1, 1)
     return st.tuples(part, part, part).map(_rotation)
@@ -79,14 +79,14 @@ def similarities(
 
 @st.composite
 def scenes(draw: "DrawFn", cameras: int | None = None) -> Scene:
-    """Metric scenes: 2 to 6 cameras around the origin that look at it, all seeing its surroundings.
+    """Metric scenes with 2 to 6 cameras around the origin, which look at it and see people near it.
 
     Args:
-        draw: given by hypothesis.
-        cameras: number of cameras; None draws it.
+        draw: provided by hypothesis.
+        cameras: number of cameras; None to draw it.
 
     Returns:
-        A scene in metres, z up, ground z = 0, float64.
+        A scene in meters, z up, ground z = 0, float64.
     """
     count = draw(st.integers(2, 6)) if cameras is None else cameras
     turn = draw(st.lists(st.floats(0, 0.4), min_size=count, max_size=count))
@@ -94,23 +94,23 @@ def scenes(draw: "DrawFn", cameras: int | None = None) -> Scene:
     height = draw(st.lists(st.floats(*CAMERA_HEIGHT), min_size=count, max_size=count))
     focal = draw(st.lists(st.floats(700, 1000), min_size=count, max_size=count))
     bearing = 2 * np.pi * (np.arange(count) + np.array(turn)) / count
-    centre = np.column_stack(
+    center = np.column_stack(
         [distance * np.cos(bearing), distance * np.sin(bearing), np.array(height)]
     )
-    R = np.stack([_looking_at_origin(c) for c in centre])
+    R = np.stack([_looking_at_origin(c) for c in center])
     K = np.array([[[f, 0, 959.5], [0, f, 539.5], [0, 0, 1]] for f in focal])
-    rig = Rig(K, R, -np.einsum("cij,cj->ci", R, centre), (1920, 1080))
+    rig = Rig(K, R, -np.einsum("cij,cj->ci", R, center), (1920, 1080))
     return Scene.from_rig(rig, Plane(np.array([0.0, 0.0, 1.0]), 0.0), metric=True)
 
 
 @st.composite
 def observed(draw: "DrawFn", cameras: int | None = None, people: int | None = None) -> Observed:
-    """A scene, 1 to 4 people in it at least a metre apart, and their exact boxes.
+    """A scene, 1 to 4 people in it at least 1 m apart, and their exact boxes.
 
     Args:
-        draw: given by hypothesis.
+        draw: provided by hypothesis.
         cameras: as in `scenes`.
-        people: number of people, at most 4; None draws it.
+        people: number of people, at most 4; None to draw it.
 
     Returns:
         Scene, positions and detections.
@@ -120,7 +120,7 @@ def observed(draw: "DrawFn", cameras: int | None = None, people: int | None = No
     """
     count = draw(st.integers(1, MOST_PEOPLE)) if people is None else people
     if not 1 <= count <= MOST_PEOPLE:
-        raise InvalidInputError(f"people is {people}; ask for 1 to {MOST_PEOPLE}.")
+        raise InvalidInputError(f"people is {people}; it must be 1 to {MOST_PEOPLE}.")
     scene = draw(scenes(cameras))
     offset = st.floats(CLOSEST / 2, PEOPLE_WITHIN / np.sqrt(2))
     signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])[:count]
@@ -129,11 +129,11 @@ def observed(draw: "DrawFn", cameras: int | None = None, people: int | None = No
 
 
 def boxes_of(scene: Scene, positions: ArrayInput) -> Detections:
-    """Exact boxes of upright people of 1.7 m in every camera, nobody hidden, frame 0.
+    """Exact boxes of upright people of 1.7 m in every camera, without occlusion, in frame 0.
 
     Args:
-        scene: in metres, z up, ground z = 0, without distortion.
-        positions: (P, 2) where they stand; in front of every camera.
+        scene: in meters, z up, ground z = 0, without distortion.
+        positions: (P, 2) foot points in meters, in front of every camera.
 
     Returns:
         C · P detections, sorted by camera, then person.
@@ -158,9 +158,9 @@ def _rotation(imaginary: tuple[float, float, float]) -> np.ndarray:
     return np.eye(3) + 2 / norm * (w * cross + cross @ cross)
 
 
-def _looking_at_origin(centre: np.ndarray) -> np.ndarray:
-    """World-to-camera rotation, OpenCV axes, z up in the world."""
-    forward = -centre / np.linalg.norm(centre)
+def _looking_at_origin(center: np.ndarray) -> np.ndarray:
+    """World-to-camera rotation with OpenCV axes; z is up in the world."""
+    forward = -center / np.linalg.norm(center)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right = right / np.linalg.norm(right)
     return np.stack([right, np.cross(forward, right), forward])

@@ -68,7 +68,7 @@ def test_numbers_can_be_asked_for(scene, people):
 
 
 def test_more_people_than_fit_are_refused():
-    with pytest.raises(InvalidInputError, match="people is 5; ask for 1 to 4"):
+    with pytest.raises(InvalidInputError, match="people is 5; it must be 1 to 4"):
         find(observed(people=5), lambda world: True)
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import hashlib
+import inspect
 import os
 import time
 import types
@@ -136,11 +137,11 @@ def from_arrays(kind: type[T], arrays: Arrays) -> T:
     """The dataclass that `to_arrays` took apart.
 
     Raises:
-        FileFormatError: if a field that cannot be None is missing.
+        FileFormatError: if a field is missing that can neither be None nor be left out.
         InvalidInputError: if a field is not what it declares, or breaks what its type promises.
     """
     values: dict[str, Any] = {}
-    hints = _field_types(kind)
+    hints, optional = _field_types(kind), _optional_arguments(kind)
     for name, hint in hints.items():
         options = options_of(hint)
         prefix = name + SEPARATOR
@@ -157,9 +158,7 @@ def from_arrays(kind: type[T], arrays: Arrays) -> T:
             values[name] = array.item() if scalar else tuple(array.tolist()) if listed else array
         elif types.NoneType in options:
             values[name] = None
-        elif name in _defaults(kind):  # a field that earlier versions did not have
-            continue
-        else:
+        elif name not in optional:
             raise FileFormatError(f"A stored {kind.__name__} lacks {name!r}.")
     require_declared_types(kind, values)
     value = kind(**values)
@@ -196,6 +195,7 @@ def _field_types(kind: type[Any]) -> dict[str, Any]:
 
 
 @functools.cache
-def _defaults(kind: type[Any]) -> frozenset[str]:
-    fields = dataclasses.fields(kind)
-    return frozenset(f.name for f in fields if f.default is not dataclasses.MISSING)
+def _optional_arguments(kind: type[Any]) -> frozenset[str]:
+    """What need not be passed to make one: fields that files of an earlier version lack."""
+    parameters = inspect.signature(kind.__init__).parameters.values()
+    return frozenset(p.name for p in parameters if p.default is not inspect.Parameter.empty)

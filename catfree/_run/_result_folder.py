@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from catfree._coverage import coverage
 from catfree._run._cache import from_arrays, to_arrays
-from catfree._run._identities import identify_detections
 from catfree._run._report import write_report
 from catfree._run._run import RunOutcome
 from catfree.adapters.calibration_files._anipose_toml import write_anipose_toml
@@ -22,7 +21,7 @@ from catfree.adapters.tables._tracks_table import write_tracks_csv, write_tracks
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import FileFormatError
 from catfree.settings import Settings
-from catfree.types import Detections, Localization, Scene
+from catfree.types import Localization, Scene
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._progress import Progress
 from catfree.types._writing import cannot_write, replacing
@@ -63,6 +62,7 @@ def write_results(
         `pictures/*.png`, `report.md` and `report.html`.
 
     Raises:
+        InvalidInputError: if the localization was made from other detections.
         WriteError: if the disk is full or not writable; no file is left half-written.
         MissingDependencyError: if pictures are asked for and matplotlib is not installed.
     """
@@ -253,14 +253,13 @@ def _write_tables(root: Path, outcome: RunOutcome, settings: Settings) -> list[P
     ]
     if importlib.util.find_spec("pyarrow") is not None:
         files.append(write_tracks_parquet(root / "tracks.parquet", tracks))
-    identity = identify_detections(
-        outcome.localization,
-        scene,
-        len(outcome.detections),
-        radius=settings.selection.suppression_radius * extent,
-    )
+    outcome.localization.require_detections(outcome.detections)
     files += write_boxes(
-        root / "boxes", outcome.detections, outcome.camera_names, outcome.frames, identity
+        root / "boxes",
+        outcome.detections,
+        outcome.camera_names,
+        outcome.frames,
+        outcome.localization.identity,
     )
     outcome.detections.save(root / "detections.npz")
     arrays = to_arrays(outcome.localization)

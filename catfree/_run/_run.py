@@ -45,7 +45,8 @@ class RunOutcome:
 
     Attributes:
         localization: tracks, candidates, thresholds and reliability.
-        detections: everybody whom the cameras saw.
+        detections: everybody whom the cameras saw, at the second look where there was one: what
+            `localization.identity` and the tracks' `support` count.
         scene: cameras and ground.
         calibration: how the scene was found from people, or None where it came from elsewhere.
         camera_names: (C,) names of the cameras, after their files.
@@ -124,7 +125,8 @@ def run(
         What `localize` gives for the scene, with `warnings` about the input. With the default
         method, and a detector that learns each camera's background, after a second look at the
         pictures where the tracks of the first say that people should stand; and with the pieces of
-        one person's track joined by their looks (`catfree._run._stitch`).
+        one person's track joined by their looks. Its `identity` and the tracks' `support` count the
+        detections of the last look, which `run_stages` also returns.
 
     Raises:
         InvalidInputError: if a video does not exist, two videos are equal byte for byte, or the

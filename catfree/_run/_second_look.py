@@ -15,8 +15,6 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from catfree._run._identities import identify_detections
-from catfree._run._stitch import RADIUS
 from catfree.adapters._validate_plugin_output import Describer, ask_for_people
 from catfree.adapters.protocols import Embedder, FrameDetections, GuidedDetector, Image
 from catfree.adapters.video._detect_videos import collect_detections
@@ -178,24 +176,22 @@ def track_heights(
 
     Returns:
         (M,) scene units, one value a person; 0 where no box shows anybody.
+
+    Raises:
+        InvalidInputError: if the localization was made from other detections.
     """
+    localization.require_detections(detections)
     tracks = localization.tracks
-    identity = identify_detections(
-        localization, scene, len(detections), radius=RADIUS * float(scene.extent)
-    )
-    places = {
-        (f, k): at for at, (f, k) in enumerate(zip(tracks.frame, tracks.track_id, strict=True))
-    }
-    keys = zip(detections.frame, identity, strict=True)
-    row = np.array([places.get(key, -1) for key in keys], np.int64)
-    use = np.flatnonzero((row >= 0) & (detections.box[:, 1] > EDGE))
-    if not len(use):
+    row, camera = np.nonzero(tracks.support >= 0)
+    top = detections.box[tracks.support[row, camera], 1].astype(np.float64)
+    whole = top > EDGE
+    if not whole.any():
         return np.zeros(len(tracks))
-    row, camera, top = row[use], detections.camera[use], detections.box[use, 1].astype(np.float64)
+    row, camera, top = row[whole], camera[whole], top[whole]
     up = np.asarray(scene.ground.normal, np.float64)
     foot = tracks.position[row].astype(np.float64)
     low, _ = _project(scene.rig, camera, foot)
-    height = np.full(len(use), 0.01 * float(scene.extent))
+    height = np.full(len(row), 0.01 * float(scene.extent))
     for _ in range(HEIGHT_ROUNDS):
         high, _ = _project(scene.rig, camera, foot + height[:, None] * up)
         span = low[:, 1] - high[:, 1]

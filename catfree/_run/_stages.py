@@ -227,7 +227,7 @@ def _localize(
     localization = localize(detections, scene, settings, progress)
     if settings.method == "paper":
         return localization
-    return stitch_tracks(localization, detections, scene)
+    return stitch_tracks(localization, detections)
 
 
 def _cached(

@@ -9,12 +9,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
 
-from catfree._run._identities import identify_detections
-from catfree.types import Detections, Localization, Scene, Tracks
+from catfree.types import Detections, Localization, Tracks
 
 LEAST_PAIRS = 8  # pairs of both kinds before looks are believed
 EVIDENCE_LIMIT = 8.0  # log-odds: no look is surer than one error in three thousand
-RADIUS = 0.018  # of the scene extent: how far a track passes from its candidate
 
 
 class Pieces(eqx.Module):
@@ -26,6 +24,8 @@ class Pieces(eqx.Module):
         last: (K,) last frame.
         begin: (K, 2) where they begin.
         end: (K, 2) where they end.
+        begin_sigma: (K,) uncertainty of where they begin.
+        end_sigma: (K,) uncertainty of where they end.
         looks: (K, D) mean unit embedding, zero where nothing was seen.
         halves: (K, 2, D) the same of the earlier and the later half.
     """
@@ -35,6 +35,8 @@ class Pieces(eqx.Module):
     last: Int[np.ndarray, " k"]
     begin: Float[np.ndarray, "k 2"]
     end: Float[np.ndarray, "k 2"]
+    begin_sigma: Float[np.ndarray, " k"]
+    end_sigma: Float[np.ndarray, " k"]
     looks: Float[np.ndarray, "k d"]
     halves: Float[np.ndarray, "k 2 d"]
 
@@ -42,25 +44,26 @@ class Pieces(eqx.Module):
         return len(self.identity)
 
 
-def stitch_tracks(localization: Localization, detections: Detections, scene: Scene) -> Localization:
+def stitch_tracks(localization: Localization, detections: Detections) -> Localization:
     """The same result with the pieces of each person under one identity.
 
     Args:
         localization: what a method returned.
         detections: what it was made from; without embeddings only motion speaks.
-        scene: the scene it was made with.
 
     Returns:
         Positions as before; of two pieces that overlap for a few frames, the earlier one ends where
         the later one begins.
+
+    Raises:
+        InvalidInputError: if the localization was made from other detections.
     """
+    localization.require_detections(detections)
     tracks = localization.tracks
     if len(np.unique(tracks.track_id)) < 2:
         return localization
-    radius = RADIUS * float(scene.extent)
-    shown = identify_detections(localization, scene, len(detections), radius=radius)
-    pieces = collect_pieces(tracks, detections, shown)
-    follower = link_pieces(pieces, tracks, radius)
+    pieces = collect_pieces(tracks, detections, localization.identity)
+    follower = link_pieces(pieces, tracks)
     return eqx.tree_at(lambda result: result.tracks, localization, join(tracks, pieces, follower))
 
 
@@ -92,12 +95,14 @@ def collect_pieces(tracks: Tracks, detections: Detections, shown: Int[np.ndarray
         last=np.array([tracks.frame[own[-1]] for own in rows]),
         begin=np.array([tracks.ground_xy[own[0]] for own in rows]),
         end=np.array([tracks.ground_xy[own[-1]] for own in rows]),
+        begin_sigma=np.array([tracks.sigma[own[0]] for own in rows]),
+        end_sigma=np.array([tracks.sigma[own[-1]] for own in rows]),
         looks=np.array(looks, np.float64),
         halves=np.array(halves, np.float64),
     )
 
 
-def link_pieces(pieces: Pieces, tracks: Tracks, radius: float) -> Int[np.ndarray, " k"]:
+def link_pieces(pieces: Pieces, tracks: Tracks) -> Int[np.ndarray, " k"]:
     """The piece that goes on after each one, or -1.
 
     The log-odds of a link weigh "the same person" against "somebody who is new": how likely the
@@ -108,8 +113,6 @@ def link_pieces(pieces: Pieces, tracks: Tracks, radius: float) -> Int[np.ndarray
     Args:
         pieces: the pieces.
         tracks: the positions that they consist of.
-        radius: how far off a position is where a track breaks: as far as two positions may be
-            apart and still be taken for one person.
     """
     gap = pieces.first[None, :] - pieces.last[:, None]
     length = pieces.last - pieces.first + 1
@@ -117,7 +120,7 @@ def link_pieces(pieces: Pieces, tracks: Tracks, radius: float) -> Int[np.ndarray
     # Short overlaps occur where one piece fades while the next is already there.
     possible = (gap > -0.5 * shorter) & (pieces.first[None, :] > pieces.first[:, None])
     np.fill_diagonal(possible, False)
-    odds = _motion_odds(pieces, tracks, np.maximum(gap, 1), radius) + _look_odds(pieces)
+    odds = _motion_odds(pieces, tracks, np.maximum(gap, 1)) + _look_odds(pieces)
     odds = np.where(possible, odds, -np.inf)
     before, after = linear_sum_assignment(-np.maximum(odds, 0))
     follower = np.full(len(pieces), -1)
@@ -127,7 +130,7 @@ def link_pieces(pieces: Pieces, tracks: Tracks, radius: float) -> Int[np.ndarray
 
 
 def join(tracks: Tracks, pieces: Pieces, follower: Int[np.ndarray, " k"]) -> Tracks:
-    """Tracks under the identities of the first pieces of the chains, counted from 0.
+    """The pieces of each chain under one identity, numbered as `Tracks.renumbered` does.
 
     Args:
         tracks: the positions.
@@ -142,19 +145,19 @@ def join(tracks: Tracks, pieces: Pieces, follower: Int[np.ndarray, " k"]) -> Tra
         if after >= 0:
             chain[after] = chain[piece]
             keep &= ~((at == piece) & (tracks.frame >= pieces.first[after]))
-    names = np.unique(chain[at], return_inverse=True)[1]
-    renamed = eqx.tree_at(lambda table: table.track_id, tracks, names)[keep]
-    return renamed[np.lexsort((renamed.track_id, renamed.frame))]
+    return eqx.tree_at(lambda table: table.track_id, tracks, chain[at])[keep].renumbered()
 
 
 def _motion_odds(
-    pieces: Pieces, tracks: Tracks, gap: Int[np.ndarray, "k k"], radius: float
+    pieces: Pieces, tracks: Tracks, gap: Int[np.ndarray, "k k"]
 ) -> Float[np.ndarray, "k k"]:
     """Log-odds of the places where pieces end and begin."""
     spread = squared_displacement(tracks)
     variance = spread[np.minimum(gap, len(spread) - 1)]
     # Beyond the longest lag seen, people wander: variance grows with time.
-    variance = variance * np.maximum(gap / (len(spread) - 1), 1) + radius**2
+    variance = variance * np.maximum(gap / (len(spread) - 1), 1)
+    # Where a track breaks its person was badly seen, and its sigma says how badly.
+    variance = variance + pieces.end_sigma[:, None] ** 2 + pieces.begin_sigma[None, :] ** 2
     square = ((pieces.begin[None, :] - pieces.end[:, None]) ** 2).sum(-1)
     frames = int(tracks.frame.max() - tracks.frame.min()) + 1
     area = np.prod(np.maximum(np.ptp(tracks.ground_xy, axis=0), 1e-12))

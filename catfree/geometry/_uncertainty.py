@@ -1,4 +1,4 @@
-"""How well rays determine a position: information matrix, ground covariance and sigma."""
+"""Precision of a position from rays: information matrix, ground covariance and sigma."""
 
 from typing import Any, Protocol, runtime_checkable
 

@@ -62,7 +62,11 @@ def localize(
     report = progress or no_progress
     keep = usable(detections, scene, settings)
     if not keep.any():
-        found = empty_localization(scene.rig.camera_count, existence=settings.method == "evidence")
+        found = empty_localization(
+            scene.rig.camera_count,
+            existence=settings.method == "evidence",
+            detection_count=len(detections),
+        )
     elif settings.method == "evidence":
         found = _localize_by_evidence(detections, scene, keep, settings, report)
     else:
@@ -83,10 +87,19 @@ def _localize_by_evidence(
             detections[keep], scene, settings.evidence, progress=report
         )
     except InsufficientDataError:  # boxes, but none of a person who stands on the ground
-        return empty_localization(scene.rig.camera_count, existence=True)
-    support = found.candidates.support
-    original = np.where(support >= 0, np.flatnonzero(keep)[support], -1)
-    return eqx.tree_at(lambda result: result.candidates.support, found, original)
+        return empty_localization(
+            scene.rig.camera_count, existence=True, detection_count=len(detections)
+        )
+    row = np.flatnonzero(keep)
+    candidates, tracks = (
+        np.where(support >= 0, row[support], -1)
+        for support in (found.candidates.support, found.tracks.support)
+    )
+    return eqx.tree_at(
+        lambda r: (r.candidates.support, r.tracks.support, r.detection_count),
+        found,
+        (candidates, tracks, len(detections)),
+    )
 
 
 def _localize_by_paper(
@@ -127,7 +140,16 @@ def _localize_by_paper(
         extension_appearance=extension_appearance,
     )
     return assemble(
-        frame, scene, observations, rays, located, selection, positions, thresholds, settings
+        frame,
+        scene,
+        observations,
+        rays,
+        located,
+        selection,
+        positions,
+        thresholds,
+        settings,
+        detection_count=len(detections),
     )
 
 

@@ -1,4 +1,4 @@
-"""The constants of a run that may be set, frozen, one dataclass a stage."""
+"""Settings of a run: one frozen dataclass per stage."""
 
 from catfree.settings._calibration_settings import CalibrationSettings as CalibrationSettings
 from catfree.settings._evidence_settings import EvidenceSettings as EvidenceSettings

@@ -1,4 +1,4 @@
-"""Every constant of the calibration from pedestrians, the same for all data, with its reason."""
+"""The constants of the calibration from pedestrians with their reasons, the same for all data."""
 
 from dataclasses import dataclass
 
@@ -9,67 +9,69 @@ import numpy as np
 class CalibrationSettings:
     """Constants of `catfree.calibrate`.
 
-    Lengths are metres, angles radians, pixels original image pixels.
+    Lengths are in meters, angles in radians, pixels in original image pixels.
 
     Attributes:
         person_height: mean standing height of adults, shoes included; the only source of scale.
         person_height_sd: spread of standing heights.
-        crowd_height_sd: how far the mean height of one place's people may be from `person_height`;
-            no picture tells, so it goes into the uncertainty of the scale.
-        foot_offset: how much nearer than the body axis the visible bottom of a box stands: a foot
-            reaches 0.1 m ahead of a standing body, 0.2 m in mid stride. Boxes say next to nothing
-            about it (it trades with scale and focal length), so it is not fitted.
-        foot_offset_sd: its uncertainty, which goes into the uncertainty of the scale.
-        box_slack: share of its height by which a box is taller than the person, half of it above
-            the head and half below the soles: detectors learn from boxes that are drawn around
-            people with a pixel or two to spare.
-        box_slack_sd: its uncertainty, which goes into the uncertainty of the scale.
+        crowd_height_sd: standard deviation of the mean height of the people at one place around
+            `person_height`. Images do not reveal it, so it is part of the uncertainty of the scale.
+        foot_offset: how much nearer to the camera than the body axis the visible bottom of a box
+            is: a foot reaches 0.1 m ahead of a standing body, 0.2 m in mid stride. Boxes hardly
+            constrain it (it trades off with scale and focal length), so it is not fitted.
+        foot_offset_sd: its uncertainty, part of the uncertainty of the scale.
+        box_slack: share of the person's height by which a box is taller than the person, half of it
+            above the head and half below the soles: detectors are trained on boxes drawn with a
+            margin of a pixel or two.
+        box_slack_sd: its uncertainty, part of the uncertainty of the scale.
         pixel_sd: box edge noise that does not depend on the size of the box.
         relative_sd: box edge noise as a share of the box height.
-        body_sd: how far the centre of a box may stand off the body axis.
-        border: boxes nearer to the image border than this share of the image width are cut and
-            left out.
+        body_sd: standard deviation of the center of a box from the body axis.
+        border: boxes nearer to the image border than this share of the image width count as cut
+            and are left out.
         focal_shares: focal lengths to try, as shares of the longer image side (90, 71, 58 degrees
             of view).
         focal_log_sd: spread of log focal around the middle of `focal_shares`, a weak prior.
         roll_sd: weak prior that cameras are mounted upright.
-        maximum_frames: longer sequences are thinned out evenly to this many frames.
-        voting_frames: frames that take part in the voting.
-        scoring_frames: frames that take part in the scoring of pairs.
+        maximum_frames: longer sequences are evenly subsampled to this many frames.
+        voting_frames: number of frames used for voting.
+        scoring_frames: number of frames used to score pairs.
         voting_angle: bin width of the heading.
         voting_cell: bin width of the translation.
         voting_radius: pairs farther apart than this do not vote.
-        chance_weight: share of the chance votes (sequence shifted by half its length) taken off.
+        chance_weight: share of the chance votes (sequence shifted by half its length) subtracted.
         detection_rates: bounds on the probability that a person who should be seen has a box.
-        range_tolerance: share of the range by which an unrefined map may be wrong.
+        range_tolerance: relative range error of an unrefined map.
         fine_range_tolerance: the same after bundle adjustment.
-        match_gate: largest squared Mahalanobis distance of a match (99 % of a chi-square with 2).
-        seed_pairs: pairs that are refined as seeds.
-        shared_focal_spread: focal lengths count as one when their median log ratio is below this.
-        shared_focal_sd: how far a shared log focal length may deviate.
-        free_focal_gain: share of the cost per person that a focal length for each camera must save
-            to be believed.
+        match_gate: largest squared Mahalanobis distance of a match (99 % of a chi-square with 2
+            degrees of freedom).
+        seed_pairs: number of pairs refined as seeds.
+        shared_focal_spread: the cameras share one focal length if their median log ratio is below
+            this.
+        shared_focal_sd: standard deviation of each log focal length from the shared one.
+        free_focal_gain: share of the cost per person that one focal length per camera must save to
+            be accepted.
         minimum_association: share of explained boxes that an accepted camera must reach.
         minimum_margin: natural-log evidence by which an accepted camera must exceed every shifted
-            time; fitting seven numbers to chance alone gains about ten.
-        minimum_match_margin: the same for each match: a right camera gains about one.
+            time; fitting seven parameters to chance alone gains about ten.
+        minimum_match_margin: the same per match; a correct camera gains about one.
         minimum_matches: matches that an accepted camera must reach.
         chance_shifts: circular time shifts, as shares of the sequence, whose evidence a camera must
             exceed.
-        strained_residual: times the usual residual of a camera, above which it is tried elsewhere,
-            and in the end flagged. With everybody in place cameras differ by up to 1.3 (lenses,
-            distances); one beside its place by a tenth of its range has twice the usual.
-        unsupported_share: of the usual share of boxes that sure people hold, below which a camera
-            is tried elsewhere: so few fit anywhere.
-        blocking_share: a camera without which the others' residual falls below this share of the
-            rig's is tried elsewhere where cameras are missing.
-        fewest_to_compare: with fewer cameras each bends the others as much as itself, and none is
-            tried elsewhere.
-        largest_focal_sd: relative; a camera whose focal length is known worse than this puts a
-            person 20 m away wrong by a metre, and is not accepted.
+        strained_residual: ratio of a camera's residual to the usual one above which other poses are
+            tried, and finally the camera is flagged. Correctly placed cameras differ by up to 1.3
+            (lenses, distances); one displaced by a tenth of its range has twice the usual residual.
+        unsupported_share: ratio of a camera's share of boxes in confident people to the usual share
+            below which other poses are tried: so few boxes fit any pose.
+        blocking_share: a camera without which the residual of the others falls below this share of
+            the rig's is tried at other poses if cameras are missing.
+        fewest_to_compare: with fewer cameras, each distorts the others as much as itself, and no
+            other poses are tried.
+        largest_focal_sd: relative; a camera with a larger uncertainty of the focal length places a
+            person 20 m away wrong by a meter, and is not accepted.
         minimum_frames: fewer frames than this cannot be told from chance.
-        evidence_rounds: at most so often the evidence method's surest groups refine the rig, until
-            it rests; 0 leaves it as it was registered.
+        evidence_rounds: largest number of rounds in which the most certain groups of the evidence
+            method refine the rig, until it converges; 0 keeps the registered rig.
     """
 
     person_height: float = 1.70
@@ -127,9 +129,9 @@ class CalibrationSettings:
 
     @property
     def apparent_height(self) -> float:
-        """Mean height that boxes show, slack included, in metres."""
+        """Mean height of boxes in meters, including the slack."""
         return self.person_height * (1 + self.box_slack)
 
     def edge_deviation(self, height: np.ndarray) -> np.ndarray:
-        """Standard deviation in pixels of the edges of boxes of some heights in pixels."""
+        """Standard deviation in pixels of box edges, for box heights in pixels."""
         return np.hypot(self.pixel_sd, self.relative_sd * height)

@@ -1,9 +1,9 @@
-"""The constants of the evidence method that may be set; the same for all data.
+"""The settings of the evidence method; their defaults are the same for all data.
 
-`docs/evidence_constants.md` lists them with their reasons, and those that stand in its modules.
+`docs/evidence_constants.md` lists them, and the constants of its modules, with their reasons.
 
-Lengths are in units of H0, the sequence's own median person height, so that nothing depends on the
-scale of the scene; pixels are shares of the box height or of the focal length.
+Lengths are in units of H0, the median person height of the sequence, so that the method does not
+depend on the scale of the scene; pixels are shares of the box height or of the focal length.
 """
 
 from dataclasses import dataclass
@@ -13,78 +13,80 @@ from dataclasses import dataclass
 class EvidenceSettings:
     """The evidence method: measure, self-calibrate, associate, existence, track, output.
 
-    The first block switches the ingredients, one by one, for the ablation.
+    The first block switches the ingredients on or off, for ablations.
 
     Attributes:
-        use_misses: cameras that should see a person and do not speak against it.
-        self_calibrate: learn the noise of each camera's box edges and the people's height.
-        residual_field: learn a smooth offset of each camera's box edges, a small bundle adjustment.
-        local_clutter: learn the clutter ratio per camera and place; otherwise `clutter_start`.
-        use_height: the top edge and the height prior take part, not the foot alone.
+        use_misses: count cameras that should see a person and do not as evidence against it.
+        self_calibrate: estimate the noise of each camera's box edges and the people's height.
+        residual_field: estimate a smooth offset of each camera's box edges, a small bundle
+            adjustment.
+        local_clutter: estimate the clutter ratio per camera and place; otherwise `clutter_start`.
+        use_height: use the top edge and the height prior, not only the foot.
         track: link over time, smooth, and associate again with the tracks as priors.
-        use_appearance: use embeddings where present.
-        link_by_looks: tracks go on by looks, too, not by motion and height alone.
-        working_area: report only positions where the rig's geometry pins people down.
-        uneven_ground: people may stand off the plane, by `unevenness`.
-        pose_errors: ellipses hold the error of the whole map; no position depends on it.
+        use_appearance: use embeddings if present.
+        link_by_looks: link tracks by appearance too, not only by motion and height.
+        working_area: report positions only where the geometry of the rig determines them well.
+        uneven_ground: let people stand off the plane by `unevenness`.
+        pose_errors: include the error of the whole map in the ellipses; positions do not change.
 
-        edge_noise: start of the noise of centre, top and bottom in box heights: a detector places
-            an edge to a few per cent, and people sway and step by as much.
-        angular_noise: start of the calibration error in radians, common to boxes of all sizes.
-        ankle_factor: a bottom edge without both ankles seen is this much noisier.
+        edge_noise: initial noise of center, top and bottom in box heights: a detector places an
+            edge to a few percent, and people sway and step by as much.
+        angular_noise: initial calibration error in radians, common to boxes of all sizes.
+        ankle_factor: noise factor of a bottom edge unless both ankles are seen.
         cover_slope: hidden feet: bottom noise x (1 + slope x hidden share beyond `cover_free`).
-        cover_free: share of the lower box that may be hidden at no cost.
-        cover_limit: beyond this share more hiding adds nothing.
+        cover_free: share of the lower box that may be hidden without effect.
+        cover_limit: a hidden share beyond this adds no more noise.
         border_margin: share of the image width within which an edge counts as cut.
-        side_cut_noise: centre noise of a box cut at the side, half a body's width.
+        side_cut_noise: center noise of a box cut at the side, half a body's width.
         foot_outlier: share of bottom edges that are not at the feet at all.
         newton_steps: Gauss-Newton steps of a single box; it converges in three or four.
-        largest_sigma: a single view vaguer than this many H0 says nothing.
+        largest_sigma: a single view with a larger uncertainty, in H0, carries no information.
 
         calibration_rounds: rounds of self-calibration; the third changes little.
-        calibration_frames: at most this many frames, evenly spread: enough for all parameters.
-        noise_factor_range: how far the edge noise may leave its start.
+        calibration_frames: largest number of frames, evenly spread; enough for all parameters.
+        noise_factor_range: bounds of the edge noise relative to its initial value.
         angular_noise_range: bounds of the calibration error in radians.
         field_prior: prior standard deviation of the offset's coefficients (focal, column, row,
-            box height): one per cent of the focal is a badly calibrated camera.
-        height_spread: start of the spread of heights; adults differ by 5 to 7 % of their median.
-        height_spread_range: bounds of it.
-        density_start: people per H0² at the start: one in ten square metres.
+            box height): one percent of the focal length is a badly calibrated camera.
+        height_spread: initial spread of heights; adults differ by 5 to 7 % of their median.
+        height_spread_range: bounds of the spread of heights.
+        density_start: initial density of people per H0²: one in ten square meters.
 
-        appearance_weight: discount of ratios between boxes of one person: they are not independent.
+        appearance_weight: discount of the ratios between boxes of one person, which are not
+            independent.
         appearance_limit: largest ratio of one pair.
 
         detection_rate_pseudo_counts: strength of the prior of a detection rate.
-        detection_rate_start: its value before anything was counted.
-        smallest_detection_rate: a person who was seen was visible at least this much.
-        clutter_start: clutter detections per person's detection before anything was learned.
+        detection_rate_start: prior detection rate.
+        smallest_detection_rate: lower bound of the detection rate in a camera that saw the person.
+        clutter_start: initial number of clutter detections per detection of a person.
         clutter_rounds: rounds of expectation maximization.
-        clutter_pseudo_counts: strength of a camera's overall ratio at each place.
-        clutter_range: bounds of the ratio; below the lower one it would only confirm itself.
+        clutter_pseudo_counts: strength of a camera's overall ratio as the prior at each place.
+        clutter_range: bounds of the ratio; below the lower bound it would reinforce itself.
 
-        passes: association and tracking, each with the tracks of the pass before as priors.
-        gap: frames that a track may go unseen.
-        gap_penalty: log-odds for each of them.
+        passes: passes of association and tracking, each with the tracks of the previous pass as
+            priors.
+        gap: frames for which a track may be unseen.
+        gap_penalty: log-odds for each of these frames.
         gate: largest squared Mahalanobis distance of a link.
         evidence_limit: bound of one frame's log-odds: consecutive frames are not independent.
-        appear_evidence: summed log-odds that a track must bring.
+        appear_evidence: summed log-odds that a track must reach.
         leave_evidence: log-odds against vanishing and coming back within a track.
 
         personal_space: tracks closer than this in a frame, the depth of a body, are one person, and
-            the better supported one stays; 0 switches it off.
-        report_radius: a position is reported if it is right within this many H0 (half a metre for
-            adults) more likely than not.
-        working_sigma: largest uncertainty by design, relative to well-seen people.
-        missing_views: a place where the whole body is in fewer images than the typical person's, by
-            at least this share of the cameras that see anybody, is beyond the ground that the rig
-            was built to cover. Where the typical person is in fewer images than that, it excludes
-            none.
-        enough_views: with the whole body in this many images a place is never too far out for
-            that: two cameras make a position of any two boxes, a third one contradicts.
-        unevenness: how far off the plane people stand: paving, slopes and kerbs are level to about
-            ten centimetres over a square, and walking feet are lifted by as much.
-        sway: how far the body's centre strays from the point called its position; common to all
-            cameras and therefore invisible to residuals between them.
+            the better supported one is kept; 0 switches it off.
+        report_radius: a position is reported if it is more likely than not to be correct within
+            this many H0 (half a meter for adults).
+        working_sigma: largest predicted uncertainty, relative to well-seen people.
+        missing_views: a place is outside the working area if the whole body is in fewer images
+            there than for the typical person, by at least this share of the cameras that see
+            anybody. If the typical person is in fewer images than that, no place is excluded.
+        enough_views: a place with the whole body in this many images is never excluded by
+            `missing_views`: two cameras make a position of any two boxes, a third can contradict.
+        unevenness: how far off the plane people stand: paving, slopes and curbs are level to about
+            ten centimeters over a square, and walking feet are lifted by as much.
+        sway: how far the body's center strays from the point called its position; it is common to
+            all cameras and therefore invisible in the residuals between them.
     """
 
     use_misses: bool = True

@@ -1,6 +1,6 @@
-"""Every constant of the paper's method, one frozen dataclass a stage.
+"""The constants of the paper's method, one frozen dataclass per stage.
 
-Values are the paper's (Table "constants" unless a line says otherwise), the same for all data.
+Values are the paper's (Table "constants" unless stated otherwise), the same for all data.
 Lengths are shares of the scene extent E, angles are radians.
 """
 
@@ -43,9 +43,9 @@ class TrackletSettings:
     """Short per-camera tracks.
 
     Attributes:
-        maximum_shift: largest displacement of the foot in box heights. At two frames a second, the
-            rate of the paper's real data, walking at most 2.1 m/s, where it turns into running, is
-            0.62 of a body; the bottoms of two boxes add about a tenth.
+        maximum_shift: largest displacement of the foot in box heights. At two frames per second,
+            the rate of the paper's real data, walking at up to 2.1 m/s, where it turns into
+            running, is 0.62 of a body height; the noise of two box bottoms adds about a tenth.
         appearance_threshold: largest appearance distance of a link.
     """
 
@@ -76,10 +76,10 @@ class TriangulationSettings:
     Attributes:
         huber_scale: delta as a share of E.
         refit_inliers: refit on the rays within 3 delta.
-        estimator: "rays": all rays of the group; "best_pair": the pair with the smallest sigma, and
-            its support alone (baseline B); "single_ray": the highest-w ray cut with the ground
-            (baseline A).
-        constrain_to_ground: keep the position on the ground (ablation).
+        estimator: "rays": all rays of the group; "best_pair": only the pair with the smallest sigma
+            and its support (baseline B); "single_ray": the ray with the highest w intersected with
+            the ground (baseline A).
+        constrain_to_ground: constrain the position to the ground (ablation).
     """
 
     huber_scale: float = 0.01
@@ -96,11 +96,11 @@ class SelectionSettings:
         rms_factor: RMS gate in units of sigma_theta.
         support_factor: support radius in units of sigma_theta.
         exclusive_support: a detection supports only its nearest hypothesis (lineage K).
-        gates: which order of the ablation runs.
+        gates: the order of the ablation to run.
         fixed_quantile: replace log-Otsu by this quantile of each statistic, or None.
         temporal_frames: frames in which a tracklet pair must be supported; 1 switches it off.
         suppression_radius: NMS radius r as a share of E.
-        recover: look again at candidates farther than r from all accepted ones.
+        recover: reconsider candidates farther than r from all accepted ones.
         recovery_cameras: cameras that must support a recovered candidate.
         use_score: break ties of suppression by the seven-signal score.
     """
@@ -122,21 +122,21 @@ class TrajectorySettings:
     """Linking and extension (Sec. trajectories).
 
     Attributes:
-        enabled: without, positions are returned frame by frame with track_id -1.
+        enabled: link positions; if false, they are returned per frame with track_id -1.
         link_radius: largest step between frames as a share of E.
         appearance_weight: weight of the appearance distance against distance / link radius.
         appearance_in_linking: use appearance in the link cost.
         minimum_length: shorter tracks are removed.
         extend: continue tracks at both ends.
-        extension_frames: at most this many frames.
+        extension_frames: largest number of frames of an extension.
         extension_cameras: cameras that must support an extension.
         extension_support_factor: support radius of an extension in units of sigma_theta.
-        velocity_steps: the velocity is the mean of the last so many steps.
-        appearance_in_extension: ask one supporting detection to look like the track.
+        velocity_steps: number of last steps whose mean is the velocity.
+        appearance_in_extension: require one supporting detection to look like the track.
         interpolate_gaps: fill gaps (no effect: links join consecutive frames only).
         remove_short_static: drop short tracks that do not move (lineage BS, off in BT).
-        static_length: tracks up to this length can be called static.
-        static_radius: and they stay within this share of E.
+        static_length: largest length of a short static track.
+        static_radius: largest extent of a static track as a share of E.
     """
 
     enabled: bool = True

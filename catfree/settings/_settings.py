@@ -1,4 +1,4 @@
-"""The settings of a whole run: the paper's stages, catfree's own method, the calibration."""
+"""Settings of a whole run: the paper's stages, the evidence method, the calibration."""
 
 from dataclasses import dataclass, field, fields
 from typing import Literal, get_args
@@ -23,9 +23,9 @@ class Settings:
     """All settings of a run; `Settings()` is the default method, `Settings.paper()` the paper's.
 
     Attributes:
-        confidence: detections below this score are ignored, where scores exist.
-        calibration_confidence: the same for a rig that `run` finds from people, which needs boxes
-            whose edges are right more than it needs everybody: half-hidden people and doubtful
+        confidence: detections below this score are ignored, if scores exist.
+        calibration_confidence: the same for a rig that `run` estimates from people. Correct box
+            edges matter more there than detecting everyone, and half-hidden people and doubtful
             splits of groups score lower.
         method: "evidence" for catfree's own method, "paper" for CAT-Free as published.
         rays: the paper's ray reliability.
@@ -35,7 +35,7 @@ class Settings:
         selection: the paper's filters.
         trajectories: the paper's linking and extension.
         evidence: catfree's own method.
-        calibration: the rig from pedestrians alone.
+        calibration: calibration of the rig from pedestrians only.
     """
 
     confidence: float = 0.30
@@ -51,7 +51,7 @@ class Settings:
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError for a method that does not exist, or a part of another type."""
+        """Raise InvalidInputError if the method is unknown or a part has the wrong type."""
         for part in fields(self):
             value, kind = getattr(self, part.name), part.default_factory
             if isinstance(kind, type) and not isinstance(value, kind):
@@ -62,10 +62,10 @@ class Settings:
         if self.method not in get_args(Method):
             raise InvalidInputError(
                 f"settings.method is {self.method!r}; it must be a known method: "
-                f"{', '.join(map(repr, get_args(Method)))}."
+                f"{' or '.join(map(repr, get_args(Method)))}."
             )
 
     @classmethod
     def paper(cls) -> "Settings":
-        """Exactly the paper's method and constants."""
+        """Settings of the paper: exactly its method and constants."""
         return cls(method="paper")

@@ -3,10 +3,10 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-PERSONAL_SPACE = 0.55  # meters between two body axes below which strangers clearly give way
-FALL_OFF = 0.25  # meters over which giving way fades by a factor e
-YIELD_SPEED = 1.5  # m/s of giving way at the edge of personal space
-COMPANION_SHARE = 0.6  # of it towards members of one's own group
+PERSONAL_SPACE = 0.55  # meters between two body axes below which strangers clearly move apart
+FALL_OFF = 0.25  # meters over which that speed falls by a factor e
+YIELD_SPEED = 1.5  # m/s away from another person at the edge of personal space
+COMPANION_SHARE = 0.6  # factor on YIELD_SPEED between members of one group
 BODY_RADIUS = 0.25  # meters
 LOOK_AHEAD = 1.5  # meters from an obstacle at which walkers begin to pass it
 

@@ -8,7 +8,10 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
+from catfree.errors import InvalidInputError
 from catfree.types._archive import load_arrays, naming_file, save_arrays
+from catfree.types._detections import Detections
+from catfree.types._validation import as_count, as_float, as_integer, first_index, require_shape
 
 
 class Fate(IntEnum):
@@ -105,6 +108,17 @@ class Tracks(eqx.Module):
         supporting_cameras: (M,) number of cameras that support the position.
         origin: (M,) `Origin` values.
         existence: (M,) probability that a person is there, or None where the method gives none.
+        support: (M, C) row of the caller's `Detections` that shows the person in each camera, or
+            -1. No detection shows two people: where positions of the paper's method share one, it
+            is counted in `supporting_cameras` and `sigma` of all of them, and stands here for the
+            one that its ray passes closest. (M, 0) where nobody kept it, as in a table of tracks.
+        velocity: (M, 2) of `ground_xy`, scene units per frame number: times the frames per second
+            it is per second if frames are numbered one by one. NaN where it is not known: for
+            positions without tracks, and with the paper's method in tracks of one position.
+            Evidence: smoothed over time; the paper's method: the difference of the positions before
+            and after.
+        velocity_covariance: (M, 2, 2) of `velocity`, NaN where that is; inf where a position that
+            it rests on has fewer than two cameras, the paper's method.
     """
 
     frame: Int[np.ndarray, " m"]
@@ -115,7 +129,76 @@ class Tracks(eqx.Module):
     covariance: Float[np.ndarray, "m 2 2"]
     supporting_cameras: Int[np.ndarray, " m"]
     origin: Int[np.ndarray, " m"]
-    existence: Float[np.ndarray, " m"] | None = None
+    existence: Float[np.ndarray, " m"] | None
+    support: Int[np.ndarray, "m cam"]
+    velocity: Float[np.ndarray, "m 2"]
+    velocity_covariance: Float[np.ndarray, "m 2 2"]
+
+    def __init__(
+        self,
+        frame: Any,
+        track_id: Any,
+        position: Any,
+        ground_xy: Any,
+        sigma: Any,
+        covariance: Any,
+        supporting_cameras: Any,
+        origin: Any,
+        existence: Any = None,
+        support: Any = None,
+        velocity: Any = None,
+        velocity_covariance: Any = None,
+    ) -> None:
+        """Validate and store.
+
+        Args:
+            frame: as the attribute, like all others.
+            track_id: identities.
+            position: points on the ground.
+            ground_xy: their coordinates on it.
+            sigma: ground uncertainty.
+            covariance: of the coordinates.
+            supporting_cameras: how many.
+            origin: `Origin` values.
+            existence: probabilities, or None.
+            support: rows of the detections; None where they are not known.
+            velocity: None where it is not known.
+            velocity_covariance: None where it is not known.
+
+        Raises:
+            InvalidInputError: naming the first column whose shape does not fit the others, or the
+                first entry of `support` below -1.
+        """
+        self.frame, self.track_id, self.origin = frame, track_id, origin
+        self.position, self.ground_xy = position, ground_xy
+        self.sigma, self.covariance = sigma, covariance
+        self.supporting_cameras, self.existence = supporting_cameras, existence
+        m = len(frame)
+        blank = np.zeros((m, 0), np.int64)
+        self.support = blank if support is None else as_integer(support, "support")
+        unknown = np.full((m, 2, 2), np.nan)
+        self.velocity = unknown[:, 0] if velocity is None else np.asarray(as_float(velocity))
+        self.velocity_covariance = (
+            unknown if velocity_covariance is None else np.asarray(as_float(velocity_covariance))
+        )
+        self._check(m)
+
+    def _check(self, m: int) -> None:
+        shapes: dict[str, tuple[int | None, ...]] = {
+            "frame": (m,), "track_id": (m,), "position": (m, 3), "ground_xy": (m, 2),
+            "sigma": (m,), "covariance": (m, 2, 2), "supporting_cameras": (m,), "origin": (m,),
+            "support": (m, None), "velocity": (m, 2), "velocity_covariance": (m, 2, 2),
+        }  # fmt: skip
+        if self.existence is not None:
+            shapes["existence"] = (m,)
+        for name, shape in shapes.items():
+            require_shape(getattr(self, name), shape, name)
+        if (self.support < -1).any():
+            at = first_index(self.support < -1)
+            raise InvalidInputError(
+                f"support[{at}] is {self.support[self.support < -1][0]}; it must be a row of the "
+                "detections, or -1 for none."
+            )
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -127,6 +210,25 @@ class Tracks(eqx.Module):
             name: None if value is None else value[chosen] for name, value in vars(self).items()
         }
         return Tracks(**columns)
+
+    def renumbered(self) -> "Tracks":
+        """The same tracks, numbered from 0 in the order in which they begin, rows sorted anew.
+
+        Of tracks that begin in one frame, the one with the smaller sigma there comes first: neither
+        the frame of reference nor the order of cameras and detections can be seen in the numbers.
+        Positions without a track keep -1.
+        """
+        by_start = np.lexsort((*self.ground_xy.T[::-1], self.sigma, self.frame))
+        by_start = by_start[self.track_id[by_start] >= 0]
+        known, first, place = np.unique(
+            self.track_id[by_start], return_index=True, return_inverse=True
+        )
+        rank = np.empty(len(known), np.int64)
+        rank[np.argsort(first)] = np.arange(len(known))
+        track_id = np.full(len(self), -1)
+        track_id[by_start] = rank[place]
+        columns: dict[str, Any] = vars(self) | {"track_id": track_id}
+        return Tracks(**columns)[np.lexsort((track_id, self.frame))]
 
     def to_rows(self, xy: Any = None) -> Float[np.ndarray, "m 4"]:
         """(M, 4) rows [frame, id, x, y] for `cf.evaluation`, with `ground_xy` or other `xy`."""
@@ -145,7 +247,8 @@ class Tracks(eqx.Module):
             InvalidInputError: if there is no such file, or a number in it is out of range.
             FileFormatError: if the file holds something else.
         """
-        optional = ("existence",)
+        # Files of version 0.1 lack the last three.
+        optional = ("existence", "support", "velocity", "velocity_covariance")
         required = [name for name in cls.__annotations__ if name not in optional]
         arrays = load_arrays(path, "Tracks", required=required, optional=optional)
         # Imported here, because the checks name this type.
@@ -224,6 +327,8 @@ class Localization(eqx.Module):
         candidates: every hypothesis and its fate.
         thresholds: what was estimated from the sequence.
         reliability: label-free summary.
+        detection_count: N, the number of the caller's detections, those that took no part
+            included; 0 in files of version 0.1, which did not keep who is in which box.
         warnings: sentences about the input of `cf.run` that the reader should know first.
     """
 
@@ -231,4 +336,59 @@ class Localization(eqx.Module):
     candidates: Candidates
     thresholds: Thresholds
     reliability: Reliability
-    warnings: tuple[str, ...] = eqx.field(default=(), static=True)
+    detection_count: int
+    warnings: tuple[str, ...] = eqx.field(static=True)
+
+    def __init__(
+        self,
+        tracks: Tracks,
+        candidates: Candidates,
+        thresholds: Thresholds,
+        reliability: Reliability,
+        detection_count: int = 0,
+        warnings: tuple[str, ...] = (),
+    ) -> None:
+        """Validate and store.
+
+        Args:
+            tracks: as the attribute, like all others.
+            candidates: hypotheses.
+            thresholds: estimates.
+            reliability: the summary.
+            detection_count: N.
+            warnings: sentences.
+
+        Raises:
+            InvalidInputError: if the tracks are supported by a detection that there is not.
+        """
+        self.tracks, self.candidates = tracks, candidates
+        self.thresholds, self.reliability = thresholds, reliability
+        self.detection_count = as_count(detection_count, "detection_count")
+        self.warnings = tuple(warnings)
+        beyond = tracks.support >= self.detection_count
+        if beyond.any():
+            raise InvalidInputError(
+                f"tracks.support[{first_index(beyond)}] is {tracks.support[beyond][0]}, but there "
+                f"are {self.detection_count} detections. Pass their number as detection_count."
+            )
+
+    @property
+    def identity(self) -> Int[np.ndarray, " n"]:
+        """(N,) the track of each of the caller's detections, or -1: `tracks.support` inverted."""
+        row, camera = np.nonzero(self.tracks.support >= 0)
+        identity = np.full(self.detection_count, -1)
+        identity[self.tracks.support[row, camera]] = self.tracks.track_id[row]
+        return identity
+
+    def require_detections(self, detections: Detections) -> None:
+        """Raise unless these can be the detections that the result was made from.
+
+        Raises:
+            InvalidInputError: if their number is another.
+        """
+        if len(detections) != self.detection_count:
+            raise InvalidInputError(
+                f"The localization was made from {self.detection_count} detections, not from these "
+                f"{len(detections)}. Pass the detections that it was made from; if a file of "
+                "version 0.1 holds it, run `localize` again."
+            )

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import catfree
-from catfree._run._identities import identify_detections
 from catfree._run._report import (
     THRESHOLD_NAMES,
     Heading,
@@ -36,13 +35,13 @@ from catfree.adapters import (
 )
 from catfree.calibration import Calibration
 from catfree.cli import _commands as cli
-from catfree.errors import CatFreeError
+from catfree.errors import CatFreeError, InvalidInputError
 from catfree.methods._localize import localize
 from catfree.methods.paper._assemble import empty_localization
 from catfree.settings import Settings
 from catfree.synthetic import make_world
 from catfree.synthetic._layouts import ring
-from catfree.types import Origin, Scene, Thresholds
+from catfree.types import Scene, Thresholds
 
 pytest.importorskip("tyro")
 
@@ -143,24 +142,21 @@ def test_report_blocks_escape_what_they_show():
 
 
 def test_boxes_take_the_identity_of_the_track_they_support(world, outcome):
-    radius = 0.018 * float(world.scene.extent)
-    count = len(world.detections)
-    identity = identify_detections(outcome.localization, world.scene, count, radius=radius)
-    told = identity >= 0
-    detected = (outcome.localization.tracks.origin == Origin.DETECTED).sum()
-    assert told.sum() >= 2 * detected > 0  # each position is seen by two cameras at least
-    # Boxes of one track show one person, nearly always.
-    pure = [
-        np.unique(world.identities[identity == track], return_counts=True)[1].max()
-        / (identity == track).sum()
-        for track in np.unique(identity[told])
-    ]
-    assert np.mean(pure) > 0.9
+    for camera, name in enumerate(outcome.camera_names):
+        rows = outcome.detections.camera == camera
+        identity = outcome.localization.identity[rows]
+        assert (identity >= 0).any()
+        frame = np.searchsorted(outcome.frames, outcome.detections.frame[rows]) + 1
+        written = read_mot(results / "boxes" / f"{name}.txt")
+        wanted = np.column_stack([frame, np.where(identity >= 0, identity + 1, -1)])
+        got = np.column_stack([written.frame, written.identity])
+        np.testing.assert_array_equal(np.unique(got, axis=0), np.unique(wanted, axis=0))
 
 
-def test_boxes_of_a_sequence_without_tracks(world):
-    identity = identify_detections(empty_localization(3), world.scene, 7, radius=0.4)
-    np.testing.assert_array_equal(identity, -1)
+def test_results_of_other_detections_are_refused(world, outcome, tmp_path):
+    fewer = dataclasses.replace(outcome, detections=outcome.detections[1:])
+    with pytest.raises(InvalidInputError, match="not from these"):
+        write_results(tmp_path, fewer, pictures=False)
 
 
 def test_the_version_is_told_without_further_libraries(monkeypatch, capsys):

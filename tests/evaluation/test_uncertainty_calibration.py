@@ -145,7 +145,7 @@ def test_honest_probabilities_have_little_calibration_error():
         ([0.5, 1.2], [1, 0], 10, r"probability\[1\] is 1.2"),
         ([0.5, math.nan], [1, 0], 10, r"probability\[1\] is nan"),
         ([0.5], [2], 10, r"correct\[0\] is neither"),
-        ([0.5], [1, 0], 10, "one length"),
+        ([0.5], [1, 0], 10, "the same length"),
         ([0.5], [1], 0, "bins is 0"),
     ],
 )

@@ -13,19 +13,10 @@ from catfree.types import (
     Fate,
     Localization,
     Origin,
-    Plane,
-    Rig,
-    Scene,
     Tracks,
 )
 
 CAMERAS, LOOKS = 2, 16
-
-
-def scene():
-    eye = np.eye(3)[None].repeat(CAMERAS, 0)
-    rig = Rig(eye, eye, np.array([[0.0, 0, -5], [10, 0, -5]]), (640, 480))
-    return Scene(rig, Plane(np.array([0.0, 0, 1]), 0.0), 20.0, metric=True)
 
 
 def unit(vectors):
@@ -54,6 +45,7 @@ def sequence(people, holes, *, seed=0, frames=60, looks=True):
     frame, track, person, x, y = (np.array(column) for column in zip(*rows, strict=True))
     count = len(frame)
     position = np.column_stack([x, y, np.zeros(count)])
+    support = np.arange(CAMERAS * count).reshape(count, CAMERAS)
     tracks = Tracks(
         frame=frame,
         track_id=track,
@@ -63,8 +55,8 @@ def sequence(people, holes, *, seed=0, frames=60, looks=True):
         covariance=np.tile(0.0004 * np.eye(2), (count, 1, 1)),
         supporting_cameras=np.full(count, CAMERAS),
         origin=np.full(count, int(Origin.DETECTED)),
+        support=support,
     )
-    support = np.arange(CAMERAS * count).reshape(count, CAMERAS)
     candidates = Candidates(
         frame=frame,
         position=position,
@@ -86,7 +78,7 @@ def sequence(people, holes, *, seed=0, frames=60, looks=True):
     )
     nothing = empty_localization(CAMERAS)
     return (
-        Localization(tracks, candidates, nothing.thresholds, nothing.reliability),
+        Localization(tracks, candidates, nothing.thresholds, nothing.reliability, CAMERAS * count),
         detections,
         person,
     )
@@ -109,10 +101,15 @@ def test_every_person_gets_one_identity(people, cuts, seed, looks):
     longest = 12 if looks else 2
     holes = {one: (begin, begin + min(gap, longest)) for one, (begin, gap) in cuts.items()}
     localization, detections, person = sequence(people, holes, seed=seed, looks=looks)
-    joined = stitch_tracks(localization, detections, scene()).tracks
-    np.testing.assert_array_equal(joined.position, localization.tracks.position)
-    np.testing.assert_array_equal(pairs(joined.track_id), pairs(person))
+    found = stitch_tracks(localization, detections)
+    joined = found.tracks
+    place = np.lexsort((person, localization.tracks.frame))  # people stand apart in y
+    again = np.lexsort((joined.ground_xy[:, 1], joined.frame))
+    np.testing.assert_array_equal(joined.position[again], localization.tracks.position[place])
+    np.testing.assert_array_equal(pairs(joined.track_id[again]), pairs(person[place]))
     assert set(joined.track_id) == set(range(people))
+    # Who is in which box goes along with the new names.
+    np.testing.assert_array_equal(pairs(found.identity), pairs(person.repeat(CAMERAS)))
 
 
 @given(st.randoms(use_true_random=False))
@@ -125,13 +122,13 @@ def test_names_of_the_pieces_do_not_matter(random):
         localization,
         np.array(names)[localization.tracks.track_id],
     )
-    one = stitch_tracks(localization, detections, scene()).tracks
-    two = stitch_tracks(renamed, detections, scene()).tracks
+    one = stitch_tracks(localization, detections).tracks
+    two = stitch_tracks(renamed, detections).tracks
 
     def by_place(tracks):
         return tracks.track_id[np.lexsort((tracks.ground_xy[:, 1], tracks.frame))]
 
-    np.testing.assert_array_equal(pairs(by_place(one)), pairs(by_place(two)))
+    np.testing.assert_array_equal(by_place(one), by_place(two))
 
 
 def test_another_look_at_the_same_place_is_another_person():
@@ -139,9 +136,8 @@ def test_another_look_at_the_same_place_is_another_person():
     late = (detections.frame > 24) & (person.repeat(CAMERAS) == 3)
     stranger = np.where(late[:, None], -detections.embedding, detections.embedding)
     swapped = eqx.tree_at(lambda d: d.embedding, detections, stranger)
-    joined = stitch_tracks(localization, swapped, scene()).tracks
-    own = person == 3
-    assert len(set(joined.track_id[own])) == 2
+    joined = stitch_tracks(localization, swapped).tracks
+    assert len(set(joined.track_id[joined.ground_xy[:, 1] == 9.0])) == 2  # the fourth person's
 
 
 def test_nobody_crosses_the_square_in_a_frame():
@@ -149,8 +145,8 @@ def test_nobody_crosses_the_square_in_a_frame():
     far = (person == 3) & (localization.tracks.frame > 20)
     moved = localization.tracks.ground_xy + 14 * far[:, None]
     jumped = eqx.tree_at(lambda result: result.tracks.ground_xy, localization, moved)
-    joined = stitch_tracks(jumped, detections, scene()).tracks
-    assert len(set(joined.track_id[person == 3])) == 2
+    joined = stitch_tracks(jumped, detections).tracks
+    assert len(set(joined.track_id[np.isin(joined.ground_xy[:, 1], (9.0, 23.0))])) == 2
 
 
 def test_overlapping_pieces_lose_the_overlap_of_the_earlier_one():
@@ -164,7 +160,7 @@ def test_overlapping_pieces_lose_the_overlap_of_the_earlier_one():
     doubled = eqx.tree_at(lambda table: table.track_id, doubled, names)
     doubled = doubled[np.lexsort((doubled.track_id, doubled.frame))]
     localization = eqx.tree_at(lambda result: result.tracks, localization, doubled)
-    joined = stitch_tracks(localization, detections, scene()).tracks
+    joined = stitch_tracks(localization, detections).tracks
     assert len(joined) == len(tracks)
     rows = np.column_stack([joined.frame, joined.track_id])
     assert len(np.unique(rows, axis=0)) == len(rows)
@@ -173,7 +169,7 @@ def test_overlapping_pieces_lose_the_overlap_of_the_earlier_one():
 def test_nothing_to_join():
     empty = empty_localization(CAMERAS)
     nobody = Detections([], [], np.zeros((0, 4)))
-    assert stitch_tracks(empty, nobody, scene()) is empty
+    assert stitch_tracks(empty, nobody) is empty
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.3])

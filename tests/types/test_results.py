@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree import Candidates, Fate, Tracks
-from catfree.errors import FileFormatError
+from catfree import Candidates, Detections, Fate, Localization, Tracks
+from catfree._run._cache import from_arrays, to_arrays
+from catfree.errors import FileFormatError, InvalidInputError
+from catfree.methods.paper._assemble import empty_localization
 
 
 def tracks(count: int, dtype=np.float64, *, existence: bool = False) -> Tracks:
@@ -21,6 +23,9 @@ def tracks(count: int, dtype=np.float64, *, existence: bool = False) -> Tracks:
         supporting_cameras=cameras,
         origin=rng.integers(0, 3, count),
         existence=rng.random(count).astype(dtype) if existence else None,
+        support=rng.integers(-1, 9, (count, 4)),
+        velocity=rng.standard_normal((count, 2)).astype(dtype),
+        velocity_covariance=np.full((count, 2, 2), np.nan, dtype),
     )
 
 
@@ -42,6 +47,98 @@ def test_a_file_without_a_column_is_refused(tmp_path):
     np.savez(tmp_path / "a.npz", catfree_kind=np.array("Tracks"), frame=np.zeros(0, int))
     with pytest.raises(FileFormatError, match="lacks track_id"):
         Tracks.load(tmp_path / "a.npz")
+
+
+OLD = ("frame", "track_id", "position", "ground_xy", "sigma", "covariance")
+OLD += ("supporting_cameras", "origin", "existence")
+
+
+@pytest.mark.parametrize("existence", [False, True])
+def test_a_file_of_version_0_1_loads(tmp_path, existence):
+    wanted = tracks(5, existence=existence)
+    columns = {name: getattr(wanted, name) for name in OLD if getattr(wanted, name) is not None}
+    np.savez_compressed(tmp_path / "old.npz", catfree_kind=np.array("Tracks"), **columns)
+    again = Tracks.load(tmp_path / "old.npz")
+    for name, value in columns.items():
+        np.testing.assert_array_equal(getattr(again, name), value)
+    assert again.support.shape == (5, 0)
+    assert again.velocity.shape == (5, 2)
+    assert again.velocity_covariance.shape == (5, 2, 2)
+    assert np.isnan(again.velocity).all()
+    assert np.isnan(again.velocity_covariance).all()
+
+
+def test_a_localization_of_version_0_1_loads():
+    old = to_arrays(empty_localization(3))
+    rows = tracks(5)
+    old |= {f"tracks.{name}": getattr(rows, name) for name in OLD if name != "existence"}
+    for name in ("support", "velocity", "velocity_covariance"):
+        del old[f"tracks.{name}"]
+    del old["detection_count"]
+    again = from_arrays(Localization, old)
+    np.testing.assert_array_equal(again.tracks.position, rows.position)
+    assert (again.tracks.support == -1).all()
+    assert np.isnan(again.tracks.velocity).all()
+    assert again.identity.shape == (0,)
+    with pytest.raises(InvalidInputError, match=r"version 0\.1"):
+        again.require_detections(Detections([0], [0], [[0, 0, 1, 1]]))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"support": np.full((5, 4), -2)}, r"support\[0, 0\] is -2; it must be a row"),
+        ({"support": np.zeros(5, int)}, r"support must have shape \(5, n\)"),
+        ({"support": np.full((5, 4), 0.5)}, r"support\[0, 0\] is 0.5; it must be a whole number"),
+        ({"velocity": np.zeros((5, 3))}, r"velocity must have shape \(5, 2\)"),
+        ({"velocity_covariance": np.zeros((4, 2, 2))}, "velocity_covariance must have shape"),
+        ({"track_id": np.zeros(4, int)}, r"track_id must have shape \(5\)"),
+    ],
+)
+def test_columns_that_do_not_fit_are_named(change, message):
+    with pytest.raises(InvalidInputError, match=message):
+        Tracks(**(vars(tracks(5)) | change))
+
+
+def test_support_beyond_the_detections_is_named():
+    nothing = empty_localization(4)
+    rest = (nothing.candidates, nothing.thresholds, nothing.reliability)
+    some = tracks(5)
+    count = int(some.support.max()) + 1
+    assert Localization(some, *rest, count).identity.shape == (count,)
+    with pytest.raises(InvalidInputError, match=rf"is {count - 1}, but there are {count - 1} det"):
+        Localization(some, *rest, count - 1)
+
+
+@given(st.integers(0, 40), st.integers(0, 5), st.randoms(use_true_random=False))
+def test_numbers_follow_from_when_tracks_begin(count, seed, random):
+    """Whatever the tracks were called and however the rows were sorted."""
+    rng = np.random.default_rng(seed)
+    keys = np.unique(rng.integers(0, 7, (count, 2)), axis=0).reshape(-1, 2)
+    some = tracks(len(keys))
+    frame, track_id = keys[:, 0], keys[:, 1] - 1  # -1 is no track
+    some = Tracks(
+        **(vars(some) | {"frame": frame, "track_id": track_id, "sigma": rng.random(len(keys))})
+    )
+    one = some.renumbered()
+    names = rng.permutation(7) + 20
+    order = list(range(len(keys)))
+    random.shuffle(order)
+    other = {"track_id": np.where(track_id >= 0, names[track_id], -1)}
+    two = Tracks(**(vars(some) | other))[np.array(order, int)].renumbered()
+    tracked = one.track_id >= 0
+    for name in ("frame", "track_id", "sigma", "support"):
+        a, b = getattr(one, name), getattr(two, name)
+        np.testing.assert_array_equal(a[tracked], b[two.track_id >= 0])
+    np.testing.assert_array_equal(np.lexsort((one.track_id, one.frame)), np.arange(len(one)))
+    assert set(one.track_id[tracked]) == set(range(len(set(track_id[track_id >= 0]))))
+    begin = [
+        (one.frame[rows[0]], one.sigma[rows[0]])
+        for rows in (
+            np.flatnonzero(one.track_id == k) for k in range(one.track_id.max(initial=-1) + 1)
+        )
+    ]
+    assert begin == sorted(begin)
 
 
 def test_rows_are_chosen_as_in_numpy():

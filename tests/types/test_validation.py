@@ -113,7 +113,7 @@ for needle, call in calls.items():
         call()
     except cf.CatFreeError as error:
         assert needle in str(error), f"{needle}: {error}"
-        assert ".." not in str(error), error
+        assert ".. " not in f"{error} ", error
     else:
         raise AssertionError(needle)
 """

@@ -199,9 +199,7 @@ class FittedBackgroundDetector:
             return np.column_stack([alone, np.full(len(alone), UNSPLIT_SCORE)]).astype(np.float64)
         rows = []
         for parts, people in group_blobs(blobs.labels, len(blobs.box), expected):
-            blob = (blobs.labels == parts[0] + 1).view(np.uint8)
-            for part in parts[1:]:
-                blob |= (blobs.labels == part + 1).view(np.uint8)
+            blob = blobs.mask_of(parts)
             corners = blobs.box[parts]
             box = np.concatenate([corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)])
             complete = bool(blobs.complete[parts].all())
@@ -270,11 +268,11 @@ def _extent(
     height = expected[1] - expected[0]
     found = list(expected)
     for end, (half_width, inner) in enumerate(((0.06, 1), (0.16, -1))):
-        x1, x2 = (int(np.clip(round(u + s * half_width * height), 0, columns)) for s in (-1, 1))
+        x1, x2 = (min(max(round(u + s * half_width * height), 0), columns) for s in (-1, 1))
         # From inside the body outwards.
         start = expected[end] + inner * EDGE_REACH * height
         count = max(2, round(2 * EDGE_REACH * height))
-        line = np.clip(np.round(start - inner * np.arange(count)), 0, rows - 1).astype(int)
+        line = np.rint(start - inner * np.arange(count)).astype(int).clip(0, rows - 1)
         if x1 >= x2:
             continue
         level = (foreground.difference[line, x1:x2] * blob[line, x1:x2]).max(axis=1)

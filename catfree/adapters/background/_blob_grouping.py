@@ -52,8 +52,9 @@ def _seen_shares(
     for at, (u, v, height) in enumerate(expected):
         size = 0.0
         for (left, right, top, bottom), share in UPPER_BODY:
-            x1, x2 = (int(np.clip(round(u + s * height), 0, columns)) for s in (left, right))
-            y1, y2 = (int(np.clip(round(v - (1 - s) * height), 0, rows)) for s in (top, bottom))
+            # NumPy takes ten times as long to clip a single number.
+            x1, x2 = (min(max(round(u + s * height), 0), columns) for s in (left, right))
+            y1, y2 = (min(max(round(v - (1 - s) * height), 0), rows) for s in (top, bottom))
             found = np.bincount(labels[y1:y2, x1:x2].ravel(), minlength=count + 1)[1:]
             filled = share * (y2 - y1) * (x2 - x1)
             seen[:, at] += np.minimum(found, filled)

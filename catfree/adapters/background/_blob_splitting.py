@@ -1,6 +1,7 @@
 """Which people make up a merged silhouette: a body template of known height explains its pixels."""
 
 from collections.abc import Sequence
+from math import ceil, floor
 from typing import NamedTuple
 
 import numpy as np
@@ -89,6 +90,8 @@ def split_blob(
         profile: apparent height at each foot pixel.
         expected: who should stand there, if that is known.
     """
+    import cv2
+
     anywhere = _candidates(blob.shape, box, profile)
     near = [_around(person) for person in expected]
     places = np.concatenate([np.stack(p, -1) for p in (anywhere, *near)])
@@ -96,7 +99,8 @@ def split_blob(
         return []
     # Only the part of the picture that a template can reach is looked at.
     x, y, part = _window(blob, places)
-    grids = [_Templates(part, u - x, v - y, height) for u, v, height in (anywhere, *near)]
+    table = cv2.integral(part)
+    grids = [_Templates(table, u - x, v - y, height) for u, v, height in (anywhere, *near)]
     people = _settle_expected(part, grids[1:], [(e.u - x, e.v - y) for e in expected])
     if grids[0].count:
         people = _split(part, grids[0], people)
@@ -108,15 +112,13 @@ class _Templates:
 
     def __init__(
         self,
-        blob: UInt8[np.ndarray, "h w"],
+        table: Int[np.ndarray, "rows columns"],
         u: Float[np.ndarray, " n"],
         v: Float[np.ndarray, " n"],
         height: Float[np.ndarray, " n"],
     ) -> None:
-        import cv2
-
+        """Lay out the templates on a blob's table of sums."""
         self.u, self.v, self.height, self.count = u, v, height, len(u)
-        table = cv2.integral(blob)
         self._corners, inside = _corners(table.shape, u, v, height)
         filled = _SHARES[:, None] * inside[: len(ZONES)]
         missing = np.maximum(filled - _sums(table, self._corners[:, : len(ZONES)]), 0)
@@ -241,8 +243,8 @@ def _window(
     rows, columns = blob.shape
     x1, x2 = (u - 0.25 * height).min(), (u + 0.25 * height).max()
     y1, y2 = (v - 1.15 * height).min(), (v + 0.15 * height).max()
-    left, right = (int(np.clip(x, 0, columns)) for x in (np.floor(x1), np.ceil(x2)))
-    top, bottom = (int(np.clip(y, 0, rows)) for y in (np.floor(y1), np.ceil(y2)))
+    left, right = (min(max(x, 0), columns) for x in (floor(x1), ceil(x2)))
+    top, bottom = (min(max(y, 0), rows) for y in (floor(y1), ceil(y2)))
     return left, top, np.ascontiguousarray(blob[top : max(bottom, top + 1), left : right + 1])
 
 

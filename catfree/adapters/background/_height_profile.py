@@ -52,13 +52,16 @@ class Blobs:
 
     Attributes:
         labels: (h, w) 1-based number of each pixel's blob, 0 for background.
-        box: (n, 4) x1, y1, x2, y2 of each blob in whole pixels, x2 and y2 exclusive.
+        box: (n, 4) x1, y1, x2, y2 of each blob in whole pixels, x2 and y2 exclusive, without thin
+            ends at its left and right.
+        reach: (n, 4) the same with everything that belongs to the blob.
         area: (n,) pixels.
         complete: (n,) false where the blob touches the picture's border.
     """
 
     labels: Any
     box: Any
+    reach: Any
     area: Any
     complete: Bool[np.ndarray, " n"]
 
@@ -82,7 +85,14 @@ class Blobs:
         rows, columns = mask.shape
         complete = (box[:, :2] > 0).all(axis=1) & (box[:, 2:] < [columns, rows]).all(axis=1)
         trimmed = [_trim(numbered, index, own) for index, own in enumerate(corners, start=1)]
-        return cls(numbered, np.array(trimmed, np.int64).reshape(-1, 4), area[kept], complete)
+        return cls(numbered, np.array(trimmed, np.int64).reshape(-1, 4), box, area[kept], complete)
+
+    def mask_of(self, blobs: Int[np.ndarray, " b"]) -> UInt8[np.ndarray, "h w"]:
+        """1 on the pixels of some blobs, by their 0-based numbers."""
+        mask = np.zeros(self.labels.shape, np.uint8)
+        for blob, (x1, y1, x2, y2) in zip(blobs, self.reach[blobs].tolist(), strict=True):
+            mask[y1:y2, x1:x2] |= self.labels[y1:y2, x1:x2] == blob + 1
+        return mask
 
     def alone(self) -> Bool[np.ndarray, " n"]:
         """Whether each blob has the shape of one whole standing person."""

@@ -31,6 +31,14 @@ _COLUMNS = (
     "supporting_cameras",
     "origin",
 )
+# Tables of version 0.1 do not have these.
+_VELOCITY = (
+    "velocity_x",
+    "velocity_y",
+    "velocity_covariance_xx",
+    "velocity_covariance_xy",
+    "velocity_covariance_yy",
+)
 _WHOLE = ("frame", "track_id", "supporting_cameras")
 
 
@@ -38,8 +46,9 @@ def write_tracks_csv(path: StrPath, tracks: Tracks) -> Path:
     """Write tracks as CSV with a header, numbers in full precision.
 
     Columns: `frame`, `track_id`, ground coordinates `x`, `y` and position in scene units, `sigma`,
-    the covariance of x and y, `supporting_cameras`, `origin` (detected, extended, ...) and, where
-    the method gives it, `existence`.
+    the covariance of x and y, `supporting_cameras`, `origin` (detected, extended, ...), the
+    velocity of x and y in scene units per frame number with its covariance and, where the method
+    gives it, `existence`.
 
     Args:
         path: the file.
@@ -66,7 +75,8 @@ def read_tracks_csv(path: StrPath) -> Tracks:
         path: the file.
 
     Returns:
-        The tracks, number for number.
+        The tracks, number for number, without `support`, which is not in the table. Tables of
+        version 0.1 give no velocities (NaN).
 
     Raises:
         InvalidInputError: if there is no such file, or a number in it is not finite or a sigma
@@ -100,8 +110,10 @@ def read_tracks_csv(path: StrPath) -> Tracks:
             raise FileFormatError(
                 f"{source}: column {quoted(name)} is invalid: {quoted(error)}."
             ) from error
-    cross = column["covariance_xy"]
-    covariance = [[column["covariance_xx"], cross], [cross, column["covariance_yy"]]]
+    velocity = velocity_covariance = None
+    if all(name in column for name in _VELOCITY):
+        velocity = np.stack([column["velocity_x"], column["velocity_y"]], axis=-1)
+        velocity_covariance = _symmetric(column, "velocity_covariance")
     position = [column[f"position_{axis}"] for axis in "xyz"]
     tracks = Tracks(
         frame=column["frame"],
@@ -109,10 +121,12 @@ def read_tracks_csv(path: StrPath) -> Tracks:
         position=np.stack(position, axis=-1),
         ground_xy=np.stack([column["x"], column["y"]], axis=-1),
         sigma=column["sigma"],
-        covariance=np.moveaxis(np.array(covariance), -1, 0),
+        covariance=_symmetric(column, "covariance"),
         supporting_cameras=column["supporting_cameras"],
         origin=column["origin"],
         existence=column.get("existence"),
+        velocity=velocity,
+        velocity_covariance=velocity_covariance,
     )
     naming_file(source, lambda: require_sound_tracks(tracks))
     return tracks
@@ -150,6 +164,12 @@ def write_tracks_parquet(path: StrPath, tracks: Tracks) -> Path:
     return write_bytes_atomically(path, sink.getvalue().to_pybytes())
 
 
+def _symmetric(column: dict[str, np.ndarray], name: str) -> np.ndarray:
+    """(M, 2, 2) from the columns of its three different entries."""
+    xx, xy, yy = (column[f"{name}_{axes}"] for axes in ("xx", "xy", "yy"))
+    return np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
+
+
 def _columns(tracks: Tracks) -> dict[str, np.ndarray]:
     values = [
         tracks.frame,
@@ -160,8 +180,10 @@ def _columns(tracks: Tracks) -> dict[str, np.ndarray]:
         *np.asarray(tracks.covariance).reshape(-1, 4)[:, [0, 1, 3]].T,
         tracks.supporting_cameras,
         np.array([Origin(int(value)).name.lower() for value in tracks.origin]),
+        *np.asarray(tracks.velocity).T,
+        *np.asarray(tracks.velocity_covariance).reshape(-1, 4)[:, [0, 1, 3]].T,
     ]
-    columns: dict[str, np.ndarray] = dict(zip(_COLUMNS, values, strict=True))
+    columns: dict[str, np.ndarray] = dict(zip(_COLUMNS + _VELOCITY, values, strict=True))
     if tracks.existence is not None:
         columns["existence"] = tracks.existence
     return columns

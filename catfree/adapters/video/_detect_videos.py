@@ -40,7 +40,7 @@ def detect_videos(
     """Everybody whom the cameras saw.
 
     A detector that must see a camera's footage first (`FittedToCamera`) is fitted to each camera,
-    which decodes the videos once more. In memory are one instant and what was found.
+    which decodes the videos once more. In memory are two instants and what was found.
 
     Args:
         videos: the cameras' pictures, instant by instant.

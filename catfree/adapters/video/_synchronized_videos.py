@@ -5,7 +5,9 @@ import copy
 import functools
 import math
 import os
+from collections import deque
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
@@ -47,14 +49,14 @@ class CameraFootage:
 
 
 class SynchronizedVideos:
-    """Videos of static cameras as a sequence of instants; only one instant is in memory.
+    """Videos of static cameras as a sequence of instants; only two instants are in memory.
 
     A common clock ticks at `frame_rate`, by default the lowest rate among the cameras. Tick k shows
     camera c's frame `offsets[c] + round(k * fps_c / frame_rate)`. Delivered are the ticks at which
     every camera has a frame, from `start` to before `end`, every `stride`-th. Image folders have
     no clock of their own: they have one image a tick.
 
-    Iterate as often as needed; each iteration decodes anew:
+    Iterate as often as needed; each iteration decodes anew, one instant ahead in a thread:
 
         for frame, images in SynchronizedVideos(["a.mp4", "b.mp4"], stride=5):
             ...  # images[c] is (H, W, 3) uint8 RGB of camera c
@@ -270,15 +272,26 @@ class SynchronizedVideos:
             for camera in cameras:
                 readers[camera] = self._sources[camera].open()
                 stack.callback(readers[camera].close)
-            for done, tick in enumerate(self._ticks[first:], start=first):
+
+            def read(done: int) -> list[Image]:
+                tick = self._ticks[done]
+                return [self._read(c, reader, tick, done) for c, reader in readers.items()]
+
+            # The next instant is decoded while this one is looked at.
+            pool = stack.enter_context(ThreadPoolExecutor(1))
+            count = len(self._ticks)
+            ahead = deque(pool.submit(read, done) for done in range(first, min(first + 1, count)))
+            for done in range(first, count):
                 try:
-                    images = [self._read(c, reader, tick, done) for c, reader in readers.items()]
+                    images = ahead.popleft().result()
                 except FileFormatError as error:
                     if not self._keep:
                         raise
                     self.interruption = error
                     return
-                yield tick, images
+                if done + 1 < count:
+                    ahead.append(pool.submit(read, done + 1))
+                yield self._ticks[done], images
 
     def _read(self, camera: int, reader: FrameReader, tick: int, done: int) -> Image:
         source = self._sources[camera]

@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import expit
 
-from catfree.methods.evidence._solve import EvidenceSolution, probability_within, solve
+from catfree.methods.evidence._solve import EvidenceSolution, probability_within, solve, usual_step
 from catfree.settings import EvidenceSettings
 from catfree.types import (
     Candidates,
@@ -72,17 +72,22 @@ def localize_by_evidence(
         progress: called as `progress(stage, done, total)`.
 
     Returns:
-        Tracks with covariance and existence probability, every candidate and its fate, in the
-        frame and units of the scene.
+        Tracks with covariance, velocity and existence probability, every candidate and its fate, in
+        the frame and units of the scene.
 
     Raises:
         InsufficientDataError: if no box of a registered camera stands on the ground.
     """
-    return describe(solve(detections, scene, settings, progress=progress), scene, settings)
+    solution = solve(detections, scene, settings, progress=progress)
+    return describe(solution, scene, settings, detection_count=len(detections))
 
 
 def describe(
-    solution: EvidenceSolution, scene: Scene, settings: EvidenceSettings | None = None
+    solution: EvidenceSolution,
+    scene: Scene,
+    settings: EvidenceSettings | None = None,
+    *,
+    detection_count: int,
 ) -> Localization:
     """A solution in the frame and units of its scene.
 
@@ -90,6 +95,7 @@ def describe(
         solution: what `solve` found.
         scene: the scene it was found in.
         settings: for the radius of a reported position.
+        detection_count: number of detections that it was found from.
 
     Returns:
         The result of a run.
@@ -98,30 +104,34 @@ def describe(
     s = solution
     unit = float(s.views.unit)
     rows = np.flatnonzero(s.kept)
-    rows = rows[np.lexsort((s.trails.track[rows], s.trails.frame[rows]))]
     trails = s.trails[rows]
-    count = (s.groups.member >= 0).sum(1)
+    there = s.groups.member >= 0
+    members = np.where(there, s.boxes.row[s.groups.member], -1)
     seen = trails.group >= 0
+    support = np.where(seen[:, None], members[trails.group], -1)
     covariance = s.position_covariance[rows] * unit**2
     xy = trails.mean[:, :2] * unit + s.views.origin
+    pace = unit / usual_step(s.boxes.frames)
     tracks = Tracks(
         frame=s.boxes.frames[trails.frame],
-        track_id=np.unique(trails.track, return_inverse=True)[1].astype(np.int64),
+        track_id=trails.track,
         position=_on_plane(xy, scene),
         ground_xy=xy,
         sigma=np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2),
         covariance=covariance,
-        supporting_cameras=np.where(seen, count[trails.group], 0),
+        supporting_cameras=(support >= 0).sum(1),
         origin=np.where(seen, Origin.DETECTED, Origin.INTERPOLATED).astype(np.int64),
         existence=s.probability[rows],
-    )
+        support=support,
+        velocity=trails.mean[:, 3:] * pace,
+        velocity_covariance=trails.covariance[:, 3:, 3:] * pace**2,
+    ).renumbered()
     fate = np.where(s.existence.log_odds > 0, Fate.TRACKING, Fate.EXISTENCE).astype(np.int64)
     likely = (s.probability > 0.5) & (s.trails.group >= 0)
     fate[s.trails.group[likely & ~s.kept]] = Fate.UNCERTAINTY_FILTER
     fate[s.trails.group[likely & s.suppressed]] = Fate.SUPPRESSED
     fate[s.trails.group[likely & s.outside]] = Fate.WORKING_AREA
     fate[trails.group[seen]] = Fate.ACCEPTED
-    support = np.where(s.groups.member >= 0, s.boxes.row[s.groups.member], -1)
     sigma = np.sqrt((s.covariance[:, 0, 0] + s.covariance[:, 1, 1]) / 2) * unit
     candidates = Candidates(
         frame=s.boxes.frames[s.groups.frame],
@@ -129,7 +139,7 @@ def describe(
         sigma=sigma,
         ground_distance=np.zeros(len(sigma)),  # the state lives on the ground
         rms_angle=np.full(len(sigma), np.nan),
-        support=support,
+        support=members,
         score=s.existence.log_odds,
         fate=fate,
     )
@@ -150,7 +160,7 @@ def describe(
     thresholds = Thresholds(
         median_box_height=float(np.median(s.boxes.size[: len(s.boxes.row)])),
     )
-    return Localization(tracks, candidates, thresholds, reliability)
+    return Localization(tracks, candidates, thresholds, reliability, detection_count)
 
 
 def _expected_rates(

@@ -208,10 +208,13 @@ def probability_within(covariance: np.ndarray, radius: float) -> np.ndarray:
 
 def _steps(frames: np.ndarray) -> np.ndarray:
     """Time of each frame in units of the sequence's usual step."""
-    if len(frames) < 2:
-        return np.zeros(len(frames))
-    time = (frames - frames[0]).astype(float)  # as integers: they may be nanoseconds since 1970
-    return time / np.median(np.diff(time))
+    # As integers: they may be nanoseconds since 1970.
+    return (frames - frames[:1]).astype(float) / usual_step(frames)
+
+
+def usual_step(frames: np.ndarray) -> float:
+    """The median distance of frame numbers (F,) in order; 1 below two of them."""
+    return float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0
 
 
 def _row_evidence(

@@ -4,8 +4,13 @@ import numpy as np
 
 from catfree.geometry import CanonicalFrame
 from catfree.methods.paper._select import Selection
-from catfree.methods.paper.association import Located, Observations, measure_support
-from catfree.methods.paper.trajectories import Positions
+from catfree.methods.paper.association import (
+    Located,
+    Observations,
+    exclusive_support,
+    measure_support,
+)
+from catfree.methods.paper.trajectories import Positions, difference_velocities
 from catfree.settings import Settings
 from catfree.types import (
     Candidates,
@@ -30,6 +35,8 @@ def assemble(
     positions: Positions,
     thresholds: Thresholds,
     settings: Settings,
+    *,
+    detection_count: int,
 ) -> Localization:
     """The result of a run in scene units, with the caller's frames and detection indices."""
     sigma_theta = settings.rays.sigma_theta
@@ -37,7 +44,7 @@ def assemble(
     tracks = collect_tracks(frame, scene, observations, rays, positions, sigma_theta=sigma_theta)
     radius = settings.selection.suppression_radius * frame.extent
     reliability = summarize(tracks, candidates, len(observations), radius)
-    return Localization(tracks, candidates, thresholds, reliability)
+    return Localization(tracks, candidates, thresholds, reliability, detection_count)
 
 
 def collect_candidates(
@@ -70,22 +77,29 @@ def collect_tracks(
     *,
     sigma_theta: float,
 ) -> Tracks:
-    """The positions of all tracks on the ground, with the uncertainty of their supporting rays."""
+    """The positions of all tracks on the ground, with what supports them and how sure they are."""
     points = np.pad(positions.ground_xy, ((0, 0), (0, 1)))
     support = measure_support(rays, positions.member, points, sigma_theta=sigma_theta)
     world = frame.to_world(points)
-    order = np.lexsort([positions.track, positions.frame_index])
-    tracks = Tracks(
-        frame=observations.frames[positions.frame_index],
+    xy = world @ np.asarray(scene.ground.basis, np.float64)
+    covariance = support.covariance.astype(np.float64) * frame.extent**2
+    number = observations.frames[positions.frame_index]
+    # Positions may share a detection, but it shows one person: whom its ray passes closest.
+    shown = exclusive_support(support)
+    velocity, spread = difference_velocities(positions.track, number, xy, covariance)
+    return Tracks(
+        frame=number,
         track_id=positions.track,
         position=world,
-        ground_xy=world @ np.asarray(scene.ground.basis, np.float64),
+        ground_xy=xy,
         sigma=support.sigma.astype(np.float64) * frame.extent,
-        covariance=support.covariance.astype(np.float64) * frame.extent**2,
+        covariance=covariance,
         supporting_cameras=support.cameras,
         origin=positions.origin,
-    )
-    return tracks[order]
+        support=np.where(shown >= 0, observations.row[shown], -1),
+        velocity=velocity,
+        velocity_covariance=spread,
+    ).renumbered()
 
 
 def summarize(
@@ -112,12 +126,15 @@ def summarize(
     )
 
 
-def empty_localization(camera_count: int, *, existence: bool = False) -> Localization:
+def empty_localization(
+    camera_count: int, *, existence: bool = False, detection_count: int = 0
+) -> Localization:
     """The result of a sequence in which no detection takes part.
 
     Args:
         camera_count: C.
         existence: whether the method gives probabilities of existence.
+        detection_count: number of the caller's detections.
     """
     integers, numbers = np.zeros(0, np.int64), np.zeros(0)
     tracks = Tracks(
@@ -130,6 +147,7 @@ def empty_localization(camera_count: int, *, existence: bool = False) -> Localiz
         supporting_cameras=integers,
         origin=integers,
         existence=numbers if existence else None,
+        support=np.zeros((0, camera_count), np.int64),
     )
     candidates = Candidates(
         frame=integers,
@@ -141,7 +159,8 @@ def empty_localization(camera_count: int, *, existence: bool = False) -> Localiz
         score=numbers,
         fate=integers,
     )
-    return Localization(tracks, candidates, Thresholds(), summarize(tracks, candidates, 0, 1.0))
+    reliability = summarize(tracks, candidates, 0, 1.0)
+    return Localization(tracks, candidates, Thresholds(), reliability, detection_count)
 
 
 def _share(flags: np.ndarray) -> float:

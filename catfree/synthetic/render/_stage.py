@@ -179,8 +179,8 @@ def build_stage(
     half = np.array([area[1] - area[0], area[3] - area[2]]) / 2
     outermost = np.abs(cameras[:, :2] - middle).max(0)
     front = np.maximum(half + BUILDING_DISTANCE, outermost + 8.0)
-    solids = [thing for column in columns for thing in _furniture(rng, column)]
-    solids += [thing for place in _tree_places(rng, middle, front) for thing in _tree(rng, place)]
+    solids = [solid for column in columns for solid in _furniture(rng, column)]
+    solids += [solid for place in _tree_places(rng, middle, front) for solid in _tree(rng, place)]
     return Stage(
         area=area,
         front=front,
@@ -210,15 +210,15 @@ def _furniture(rng: np.random.Generator, column: np.ndarray) -> list[Sphere | Cy
             Cylinder(place, radius * 1.08, 0.0, 0.3, (0.3, 0.3, 0.32)),
         ]
     if height > 0.5:
-        things: list[Sphere | Cylinder | Block] = [
+        planter: list[Sphere | Cylinder | Block] = [
             Cylinder(place, radius, 0.0, 0.6 * height, (0.42, 0.47, 0.52), "bricks"),
         ]
         for _ in range(9):
             offset = rng.uniform(0, 0.62) * radius * _bearing(rng)
             green = (0.16, 0.36 + rng.uniform(-0.06, 0.08), 0.2 + rng.uniform(-0.04, 0.06))
             center = np.array([*(place + offset), 0.6 * height])
-            things.append(Sphere(center, rng.uniform(0.22, 0.34), green, 0.35))
-        return things
+            planter.append(Sphere(center, rng.uniform(0.22, 0.34), green, 0.35))
+        return planter
     angle = rng.uniform(0, np.pi)
     along = np.array([np.cos(angle), np.sin(angle)])
     across = np.array([-along[1], along[0]])
@@ -250,7 +250,7 @@ def _tree_places(rng: np.random.Generator, middle: np.ndarray, front: np.ndarray
 
 def _tree(rng: np.random.Generator, place: np.ndarray) -> list[Sphere | Cylinder | Block]:
     trunk = rng.uniform(1.9, 2.6)
-    things: list[Sphere | Cylinder | Block] = [
+    tree: list[Sphere | Cylinder | Block] = [
         Cylinder(place, 0.16, 0.0, trunk + 0.8, (0.2, 0.27, 0.34), "bark")
     ]
     tone = rng.uniform(-0.05, 0.05)
@@ -258,8 +258,8 @@ def _tree(rng: np.random.Generator, place: np.ndarray) -> list[Sphere | Cylinder
         shift = np.array([*(rng.uniform(0.2, 1.1) * _bearing(rng)), rng.uniform(0.2, 2.0)])
         green = (0.15, 0.38 + tone + rng.uniform(-0.05, 0.05), 0.24 + tone)
         center = np.array([*place, trunk]) + shift
-        things.append(Sphere(center, rng.uniform(0.7, 1.1), green, 0.5))
-    return things
+        tree.append(Sphere(center, rng.uniform(0.7, 1.1), green, 0.5))
+    return tree
 
 
 def _bearing(rng: np.random.Generator) -> np.ndarray:

@@ -12,12 +12,9 @@ from catfree.types import Detections, Localization, Origin, Scene, Tracks
 from catfree.types._progress import Progress
 from catfree.types._writing import replacement
 from catfree.viz._camera_view import project_points, visible_runs
-from catfree.viz._palette import CAMERA_COLOR, UNTRACKED, track_color
+from catfree.viz._palette import CAMERA_COLOR, track_color
+from catfree.viz._person_height import person_height as estimate_person_height
 from catfree.viz._plan_view import camera_names as names_of, view_area
-from catfree.viz.footage._box_identities import (
-    box_identities,
-    person_height as estimate_person_height,
-)
 from catfree.viz.footage._drawing import (
     Image,
     default_stroke,
@@ -56,7 +53,7 @@ def draw_frame(
         image: (H, W, 3) uint8 RGB of the camera's original size.
         camera: index of the camera.
         frame: the frame of `detections` and tracks that the picture shows.
-        detections: person boxes of the sequence.
+        detections: person boxes of the sequence; an empty one leaves out the boxes.
         localization: what `cf.localize` returned for them.
         scene: the scene it was made with.
         person_height: height of the posts in scene units; None for the median of the people seen.
@@ -66,25 +63,26 @@ def draw_frame(
         (H, W, 3) uint8 RGB. A camera that is not registered shows its boxes only.
 
     Raises:
-        InvalidInputError: if the picture has another size than the camera.
+        InvalidInputError: if the picture has another size than the camera, or the localization was
+            made from other detections.
     """
+    if len(detections):
+        localization.require_detections(detections)
     if person_height is None:
         person_height = estimate_person_height(detections, localization, scene)
     thick = default_stroke(image) if stroke is None else float(stroke)
     canvas = image.copy()
-    boxes = detections[(detections.frame == frame) & (detections.camera == camera)]
+    shown = np.flatnonzero((detections.frame == frame) & (detections.camera == camera))
     now = localization.tracks[localization.tracks.frame == frame]
+    identity = localization.identity
     if not scene.rig.registered[camera]:
         now = now[:0]
-        rows = np.full(len(boxes), -1)
+        identity = np.full_like(identity, -1)
     else:
         require_camera_picture(image, scene, camera)
-        rows = box_identities(boxes, now, scene, camera)
-    for row, box in zip(rows, boxes.box, strict=True):
-        color = UNTRACKED if row < 0 else track_color(int(now.track_id[row]))
-        draw_polyline(
-            canvas, box[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2), color, 0.6 * thick, closed=True
-        )
+    for row in shown:
+        corners = detections.box[row, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2)
+        draw_polyline(canvas, corners, track_color(identity[row]), 0.6 * thick, closed=True)
     if len(now):
         _draw_people(canvas, now, scene, camera, float(person_height), thick)
     return canvas
@@ -105,7 +103,7 @@ def write_overlay_video(
 ) -> Path:
     """Write an MP4 of all cameras with boxes, identities and posts, beside the bird's-eye view.
 
-    One instant is in memory at a time.
+    Two instants are in memory at a time.
 
     Args:
         path: the MP4 file; it appears once it is complete.
@@ -124,8 +122,8 @@ def write_overlay_video(
         The path.
 
     Raises:
-        InvalidInputError: if the number of videos or their sizes do not fit the scene, or OpenCV
-            cannot write the file.
+        InvalidInputError: if the number of videos or their sizes do not fit the scene, the
+            localization was made from other detections, or OpenCV cannot write the file.
         FileFormatError: if a picture cannot be decoded.
         WriteError: if the folder is not writable.
     """

@@ -371,7 +371,7 @@ def test_the_height_profile_survives_groups(slope, lean, base, seed):
     boxes = np.stack([u - 0.2 * height, v - height, u + 0.2 * height, v], axis=-1)
     area = 0.5 * 0.4 * height**2
     usable = height >= 12
-    profile = fit_height_profile([Blobs(None, boxes, area, usable)])
+    profile = fit_height_profile([Blobs(None, boxes, boxes, area, usable)])
     if usable[20:].sum() < 30:
         return
     assert profile is not None

@@ -37,7 +37,7 @@ def track_arguments(draw) -> dict:
         st.floats(0, 1),
     )
     rows = draw(st.lists(row, max_size=6))
-    has_existence = draw(st.booleans())
+    has_existence, has_velocity = draw(st.booleans()), draw(st.booleans())
     numbers = np.array([r[2] for r in rows]).reshape(-1, 5)
     spread = np.array([r[3] for r in rows]).reshape(-1, 3)
     covariance = np.stack([spread[:, 1], numbers[:, 4], numbers[:, 4], spread[:, 2]], -1)
@@ -51,6 +51,8 @@ def track_arguments(draw) -> dict:
         "supporting_cameras": np.array([r[4] for r in rows], np.int64),
         "origin": np.array([r[5] for r in rows], np.int64),
         "existence": np.array([r[6] for r in rows], np.float64) if has_existence else None,
+        "velocity": numbers[:, :2] if has_velocity else np.full((len(rows), 2), np.nan),
+        "velocity_covariance": -covariance.reshape(-1, 2, 2),
     }
 
 
@@ -75,6 +77,17 @@ def test_parquet_holds_the_columns_of_the_csv(drawn, tmp_path_factory):
     assert table["origin"].to_pylist() == [
         ("detected", "extended", "interpolated")[origin] for origin in tracks.origin
     ]
+
+
+def test_a_table_of_version_0_1_gives_no_velocities(tmp_path):
+    path = write_tracks_csv(tmp_path / "tracks.csv", one_track())
+    lines = [line.split(",") for line in path.read_text().splitlines()]
+    kept = [at for at, name in enumerate(lines[0]) if not name.startswith("velocity")]
+    path.write_text("".join(",".join(line[at] for at in kept) + "\n" for line in lines))
+    again = read_tracks_csv(path)
+    np.testing.assert_array_equal(again.position, one_track().position)
+    assert np.isnan(again.velocity).all()
+    assert np.isnan(again.velocity_covariance).all()
 
 
 def one_track(**changes) -> Tracks:

@@ -1,4 +1,6 @@
 import os
+import threading
+from itertools import islice
 
 import cv2
 import numpy as np
@@ -229,6 +231,16 @@ def test_a_truncated_file_names_camera_and_frame(tmp_path):
     videos = SynchronizedVideos(paths, on_error="keep")
     assert numbers_of(videos) == [(k, k, k) for k in seen]
     assert "Camera 1 ('bad')" in str(videos.interruption)
+
+
+def test_damage_ahead_matters_to_those_who_get_there_only(tmp_path):
+    path = truncate(write_video(tmp_path / "bad.avi", 20))
+    kept = sum(1 for _ in SynchronizedVideos([path], on_error="keep"))
+    threads = threading.active_count()
+    instants = iter(SynchronizedVideos([path]))
+    assert [frame for frame, _ in islice(instants, kept)] == list(range(kept))
+    instants.close()
+    assert threading.active_count() == threads
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".avi"])

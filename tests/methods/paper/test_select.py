@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree import Fate
+from catfree.filters import selection
 from catfree.methods.paper._select import (
     Hypotheses,
     outside_by_frame,
@@ -217,3 +218,25 @@ def test_suppression_by_frame_is_greedy(places):
     for i in range(len(x)):
         near = [j for j in kept if frame[j] == frame[i] and np.hypot(*(xy[i] - xy[j])) <= 5.5]
         assert free[i] == (not near)
+
+
+@pytest.mark.parametrize("count", [40, 3000])
+def test_suppression_compares_so_many_pairs_at_a_time_and_keeps_the_same(monkeypatch, count):
+    rng = np.random.default_rng(1)
+    frame = np.repeat([0, 1, 2], [count, 5, 5])
+    place = rng.uniform(0, 1, (len(frame), 2))
+    rank = rng.permutation(len(frame))[:, None].astype(float)
+    present = np.ones(len(frame), bool)
+    pairs = []
+    suppress = selection._suppress_frames
+
+    def spy(xy, *rest):
+        pairs.append(xy.shape[0] * xy.shape[1] ** 2)
+        return suppress(xy, *rest)
+
+    monkeypatch.setattr(selection, "_suppress_frames", spy)
+    kept = suppress_by_frame(frame, place, rank, present, 0.05)
+    places = max(64, 1 << (count - 1).bit_length())
+    assert max(pairs) <= max(selection.PAIRS_BLOCK, places**2)
+    monkeypatch.setattr(selection, "PAIRS_BLOCK", 1)
+    np.testing.assert_array_equal(suppress_by_frame(frame, place, rank, present, 0.05), kept)

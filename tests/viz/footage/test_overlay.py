@@ -10,8 +10,8 @@ from catfree.types import Rig, Scene
 from catfree.viz import draw_frame, draw_ground_grid, write_overlay_video
 from catfree.viz._camera_view import project_points, rays_of_pixels, visible_runs
 from catfree.viz._palette import UNTRACKED, track_color
+from catfree.viz._person_height import person_height
 from catfree.viz._plan_view import from_plan
-from catfree.viz.footage._box_identities import box_identities, person_height
 from catfree.viz.footage._drawing import (
     draw_label,
     draw_polyline,
@@ -131,48 +131,25 @@ def test_posts_stand_where_the_tracks_project(world, localization):
 
 def test_boxes_have_the_colour_of_their_track_or_grey(world, localization):
     frame = int(np.median(localization.tracks.frame))
-    boxes = world.detections[(world.detections.frame == frame) & (world.detections.camera == 0)]
+    rows = np.flatnonzero((world.detections.frame == frame) & (world.detections.camera == 0))
     now = localization.tracks[localization.tracks.frame == frame]
-    rows = box_identities(boxes, now, world.scene, 0)
-    drawn = draw_frame(GREY, 0, frame, boxes, localization, world.scene, person_height=0)
-    assert (rows >= 0).any()
-    for row, box in zip(rows, boxes.box, strict=True):
-        color = UNTRACKED if row < 0 else track_color(int(now.track_id[row]))
+    shown = (now.support[:, 0][:, None] == rows) & (rows >= 0)  # (track row, box)
+    drawn = draw_frame(GREY, 0, frame, world.detections, localization, world.scene, person_height=0)
+    assert shown.any()
+    for of_box, box in zip(shown.T, world.detections.box[rows], strict=True):
+        color = track_color(int(now.track_id[of_box.argmax()])) if of_box.any() else UNTRACKED
         x1, y1 = np.round(box[:2]).astype(int)
         corner = drawn[max(y1 - 2, 0) : y1 + 3, max(x1 - 2, 0) : x1 + 3].reshape(-1, 3)
         if len(corner):
             assert (np.abs(corner.astype(int) - color).max(-1) < 40).any()
 
 
-def test_box_identities_find_the_true_person(world):
-    # Ideal positions: the people themselves, with the identity as track.
-    scene, frame = world.true_scene, 4
-    truth = world.ground_truth[world.ground_truth[:, 0] == frame]
-    tracks = tracks_at(frame, truth[:, 1].astype(int), truth[:, 2:])
-    chosen = (world.detections.frame == frame) & np.isin(world.identities, truth[:, 1])
-    right = total = 0
-    for camera in range(4):
-        rows = chosen & (world.detections.camera == camera)
-        got = box_identities(world.detections[rows], tracks, scene, camera)
-        assert len(np.unique(got[got >= 0])) == (got >= 0).sum()
-        right += (truth[got[got >= 0], 1] == world.identities[rows][got >= 0]).sum()
-        total += rows.sum()
-    assert right >= 0.8 * total > 0
-
-
-def tracks_at(frame, identity, xy):
-    count = len(xy)
-    whole = np.zeros(count, np.int64)
-    return cf.Tracks(
-        frame=whole + frame,
-        track_id=identity,
-        position=np.pad(xy, ((0, 0), (0, 1))),
-        ground_xy=xy,
-        sigma=np.ones(count),
-        covariance=np.tile(np.eye(2), (count, 1, 1)),
-        supporting_cameras=whole + 2,
-        origin=whole,
-    )
+def test_boxes_of_another_run_are_refused(world, localization):
+    fewer = world.detections[:-1]
+    with pytest.raises(InvalidInputError, match="was made from"):
+        draw_frame(GREY, 0, 0, fewer, localization, world.scene)
+    with pytest.raises(InvalidInputError, match="was made from"):
+        person_height(fewer, localization, world.scene)
 
 
 def test_person_height_is_that_of_the_people_in_any_unit(world, localization):

@@ -11,6 +11,7 @@ from catfree.calibration.people.adjustment._people_bundle import BundleResult, a
 from catfree.calibration.people.matching._group_people import People, RigState, group_people
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
+from catfree.types._sampling import evenly_spread
 
 
 @dataclass(frozen=True)
@@ -44,9 +45,7 @@ def measure_people(
     time, slot = np.nonzero(people.views >= 2)
     if not len(time):
         return None
-    if len(time) > most:
-        pick = np.linspace(0, len(time) - 1, most).astype(int)
-        time, slot = time[pick], slot[pick]
+    time, slot = evenly_spread(time, most), evenly_spread(slot, most)
     members = people.members[time, slot]
     person, camera = np.nonzero(members >= 0)
     at = (camera, time[person], members[person, camera])

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, TILT, Z, rotation
 from catfree.settings import CalibrationSettings
+from catfree.types._sampling import evenly_spread
 
 TRIALS = 400  # minimal samples; if half of the boxes are good, all 400 fail with probability e^-53
 TOLERANCE = 0.10  # relative to the predicted box height: twice the spread of heights
@@ -44,9 +45,7 @@ def fit_planes(
     # Repeated boxes of people who stand still count once.
     cells = np.round(boxes / 8).astype(np.int64)
     _, keep = np.unique(cells, axis=0, return_index=True)
-    keep = np.sort(keep)
-    if len(keep) > LARGEST_SAMPLE:
-        keep = keep[np.linspace(0, len(keep) - 1, LARGEST_SAMPLE).astype(int)]
+    keep = evenly_spread(np.sort(keep), LARGEST_SAMPLE)
     boxes, sd = boxes[keep], sd[keep]
     if len(boxes) < FEWEST_BOXES:
         return np.zeros((0, 7))

@@ -16,6 +16,7 @@ from catfree.types._sampling import evenly_spread
 SMALLEST_SAMPLE = 50  # pairs below which nothing is learned
 SMALLEST_SPREAD = 0.01  # cosine distance: narrower samples are copies
 TABLE_ENTRIES = 1 << 24  # of pairwise ratios computed at a time: 64 MB
+ENTRIES = 1 << 20  # of pairwise distances turned into ratios at a time
 KEPT_ENTRIES = 1 << 26  # of pairwise ratios kept from pass to pass: 256 MB
 
 
@@ -41,7 +42,8 @@ class Appearance(eqx.Module):
         for i, frame in enumerate(frames):
             own = slice(self.first[frame], self.first[frame + 1])
             block[i, : own.stop - own.start] = self.embedding[own]
-        return 1 - block @ block.transpose(0, 2, 1)
+        distance = block @ block.transpose(0, 2, 1)
+        return np.subtract(1, distance, out=distance)
 
     @property
     def frames_at_a_time(self) -> int:
@@ -139,9 +141,13 @@ class PairRatios:
         begin, end = self.blocks[index]
         longest = self.blocks[0][1] - self.blocks[0][0]
         longest = min(fine_length(longest), self.appearance.frames_at_a_time)
-        distance = self.appearance.distances(np.arange(begin, end))
-        ratios = np.zeros((longest, *distance.shape[1:]), distance.dtype)
-        ratios[: end - begin] = self.weight * self.likeness(distance)
+        ratios = self.appearance.distances(np.arange(begin, end))
+        entries = ratios.reshape(-1)
+        for first in range(0, len(entries), ENTRIES):
+            part = entries[first : first + ENTRIES]
+            part[:] = self.weight * self.likeness(part)
+        if len(ratios) < longest:
+            ratios = np.pad(ratios, ((0, longest - len(ratios)), (0, 0), (0, 0)))
         if self._keep:
             self._kept[index] = ratios
         return ratios

@@ -20,7 +20,7 @@ from catfree.methods.evidence.group._groups import Groups, Priors, collect_group
 
 FEWEST_PAIRS = 4096  # to which pairs are padded: so many cost less than compiling for fewer
 BITS = 31  # cameras to a word, with or without 64-bit integers
-PAIRS_AT_A_TIME = 1 << 22  # neighbours looked at together: 100 MB
+PAIRS_AT_A_TIME = 1 << 18  # neighbors looked at together: what a cache holds
 PAIR_GATE = 16.0  # squared Mahalanobis distance of two boxes that may start or join a group
 
 

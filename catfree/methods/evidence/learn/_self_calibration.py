@@ -8,9 +8,15 @@ from jaxtyping import Float
 
 from catfree.errors import InsufficientDataError
 from catfree.methods.evidence.group._group import group
+from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.learn._noise import learn_noise, median_height
 from catfree.methods.evidence.observe._boxes import Boxes, prepare_boxes
-from catfree.methods.evidence.observe._measurement import Noise, measure_boxes, start_noise
+from catfree.methods.evidence.observe._measurement import (
+    Measurements,
+    Noise,
+    measure_boxes,
+    start_noise,
+)
 from catfree.methods.evidence.observe._views import GroundViews, ground_views
 from catfree.methods.evidence.observe._visibility import covered_feet
 from catfree.settings import EvidenceSettings
@@ -43,9 +49,11 @@ def self_calibrate(
         return ground_views(scene, unit), start.noise
     per_frame = len(boxes.row) / max(len(boxes.frames), 1)
     few = _subset(detections, max(FEWEST_START_FRAMES, int(START_BOXES / max(per_frame, 1))))
-    start = _likeliest_start(prepare_boxes(few, scene.rig, settings), scene, start, settings)
-    rounds = settings.calibration_rounds
-    learned = _learn(boxes, foot_cover(boxes), scene, start, settings, rounds)
+    sample = boxes if few is detections else prepare_boxes(few, scene.rig, settings)
+    search, done = _likeliest_start(sample, scene, start, settings)
+    if few is not detections:
+        search, done = _Search(boxes, foot_cover(boxes), scene, search.after(done), settings), 0
+    learned = search.after(done + settings.calibration_rounds)
     return ground_views(scene, learned.unit), learned.noise
 
 
@@ -56,45 +64,84 @@ class _Learned(NamedTuple):
     noise: Noise
 
 
-def _learn(
-    boxes: Boxes,
-    covered: Float[np.ndarray, " box"],
-    scene: Scene,
-    known: _Learned,
-    settings: EvidenceSettings,
-    rounds: int,
-) -> _Learned:
-    """So many rounds of grouping and learning from the groups."""
-    for _ in range(rounds):
-        views = ground_views(scene, known.unit)
-        measured = measure_boxes(boxes, covered, views, known.noise, settings)
-        groups = group(boxes, measured, known.noise)
-        noise, ratio = learn_noise(known.noise, groups, measured, boxes, views, settings)
-        known = _Learned(known.unit * ratio, noise)
-    return known
+class _Grouped(NamedTuple):
+    """The groups that one state of knowledge makes."""
+
+    views: GroundViews
+    measured: Measurements
+    groups: Groups
+
+
+class _Search:
+    """Rounds of grouping, and of learning from the groups, each made once.
+
+    Args:
+        boxes: what to learn from.
+        covered: (N,) share of the lower part of each that is hidden.
+        scene: rig and ground.
+        start: what is known at first.
+        settings: constants.
+    """
+
+    def __init__(
+        self,
+        boxes: Boxes,
+        covered: Float[np.ndarray, " box"],
+        scene: Scene,
+        start: _Learned,
+        settings: EvidenceSettings,
+    ) -> None:
+        self._boxes, self._covered, self._scene, self._settings = boxes, covered, scene, settings
+        self._known = [start]
+        self._last: tuple[int, _Grouped] | None = None
+
+    def after(self, rounds: int) -> _Learned:
+        """What is known after so many rounds."""
+        while len(self._known) <= rounds:
+            known, grouped = self._known[-1], self._grouped(len(self._known) - 1)
+            noise, ratio = learn_noise(
+                known.noise, grouped.groups, grouped.measured, self._boxes, grouped.views,
+                self._settings,
+            )  # fmt: skip
+            self._known.append(_Learned(known.unit * ratio, noise))
+        return self._known[rounds]
+
+    def evidence(self, rounds: int) -> float:
+        """Log evidence of the groups that what is known after so many rounds makes."""
+        return float(self._grouped(rounds).groups.gain.sum())
+
+    def _grouped(self, rounds: int) -> _Grouped:
+        known = self.after(rounds)
+        if self._last is None or self._last[0] != rounds:
+            views = ground_views(self._scene, known.unit)
+            measured = measure_boxes(self._boxes, self._covered, views, known.noise, self._settings)
+            grouped = _Grouped(views, measured, group(self._boxes, measured, known.noise))
+            self._last = rounds, grouped
+        return self._last[1]
 
 
 def _likeliest_start(
     boxes: Boxes, scene: Scene, start: _Learned, settings: EvidenceSettings
-) -> _Learned:
+) -> tuple[_Search, int]:
     """Where self-calibration begins: sharp, unless it finds far more evidence if it begins vague.
 
     A sharp start is right where the rig is nearly right. In a rig that is wrong by more than that,
     cameras agree in camps, each of which sees every person in a place of its own and learns to
     trust itself. A vague start lets all cameras agree first, and then grows sharp; in a crowd it
     confuses neighbours.
+
+    Returns:
+        The search, and after how many of its rounds to begin.
     """
-    evidence, learned = [], []
     covered = foot_cover(boxes)
+    searches, evidence = [], []
     for widening, rounds in START_SEARCHES:
         angular = np.asarray(start.noise.angular * widening)
         begin = start._replace(noise=eqx.tree_at(lambda n: n.angular, start.noise, angular))
-        end = _learn(boxes, covered, scene, begin, settings, rounds)
-        views = ground_views(scene, end.unit)
-        measured = measure_boxes(boxes, covered, views, end.noise, settings)
-        evidence.append(float(group(boxes, measured, end.noise).gain.sum()))
-        learned.append(end)
-    return learned[1] if evidence[1] > FAR_MORE_EVIDENCE * evidence[0] else start
+        searches.append(_Search(boxes, covered, scene, begin, settings))
+        evidence.append(searches[-1].evidence(rounds))
+    vague = evidence[1] > FAR_MORE_EVIDENCE * evidence[0]
+    return (searches[1], START_SEARCHES[1][1]) if vague else (searches[0], 0)
 
 
 def foot_cover(boxes: Boxes) -> Float[np.ndarray, " box"]:

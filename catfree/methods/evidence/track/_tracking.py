@@ -45,7 +45,7 @@ class Trails(eqx.Module):
         track: (M,) identity.
         frame: (M,) frame index.
         group: (M,) group that was seen, or -1 in a gap.
-        mean: (M, 5) smoothed y1, y2, H, v1, v2.
+        mean: (M, 5) smoothed y1, y2, H, v1, v2 a usual step; NaN for a velocity that is unknown.
         covariance: (M, 5, 5).
     """
 
@@ -254,12 +254,8 @@ def _smooth(history, time, motion: Motion) -> Trails:
 
 
 def unlinked(frame: np.ndarray, state: np.ndarray, covariance: np.ndarray) -> Trails:
-    """Every group (frame (H,), state (H, 3), covariance (H, 3, 3)) as a track of its own."""
+    """Every group (frame (H,), state (H, 3), covariance (H, 3, 3)) as a track without velocity."""
     number = np.arange(len(frame))
-    return Trails(
-        number,
-        frame,
-        number,
-        np.pad(state, ((0, 0), (0, 2))),
-        np.pad(covariance, ((0, 0), (0, 2), (0, 2))),
-    )
+    mean, around = np.full((len(frame), 5), np.nan), np.full((len(frame), 5, 5), np.nan)
+    mean[:, :3], around[:, :3, :3] = state, covariance
+    return Trails(number, frame, number, mean, around)

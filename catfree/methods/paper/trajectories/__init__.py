@@ -11,3 +11,6 @@ from catfree.methods.paper.trajectories._link import (
     link_positions as link_positions,
     position_appearance as position_appearance,
 )
+from catfree.methods.paper.trajectories._velocity import (
+    difference_velocities as difference_velocities,
+)

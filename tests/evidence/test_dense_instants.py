@@ -1,0 +1,168 @@
+"""Any number of boxes in one instant: what is compared at a time fits into memory."""
+
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from catfree.methods.evidence import appearance, association, tracking, visibility
+from catfree.methods.evidence._gaussian import Information
+from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.track._tracking import Motion, follow
+from catfree.settings import EvidenceSettings
+
+# Ten thousand boxes of any size and place in one instant of six cameras.
+RANDOM_BOXES = """
+import resource, sys, time
+import numpy as np
+import catfree as cf
+from catfree.synthetic import make_world
+
+scene = make_world("ring6", 3, frames=2, people=2).scene
+rng, count = np.random.default_rng(0), 10_000
+width, height = np.asarray(scene.rig.image_size)[0]
+tall = rng.uniform(20, 300, count)
+left, top = rng.uniform(0, width - 0.4 * tall), rng.uniform(0, height - tall)
+box = np.column_stack([left, top, left + 0.4 * tall, top + tall])
+camera = rng.integers(0, scene.rig.camera_count, count)
+detections = cf.Detections(np.zeros(count, int), camera, box)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+settings = cf.Settings.paper() if sys.argv[1] == "paper" else cf.Settings()
+assert np.isfinite(cf.localize(detections, scene, settings).tracks.position).all()
+after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print((after - before) / (2**20 if sys.platform == "darwin" else 2**10), time.process_time())
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows does not tell the peak of memory.")
+@pytest.mark.parametrize("method", ["evidence", "paper"])
+def test_ten_thousand_random_boxes_of_one_instant_are_answered(method):
+    command = [sys.executable, "-c", RANDOM_BOXES, method]
+    output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    megabytes, seconds = map(float, output.split())
+    assert megabytes < 1500  # 3500 with all boxes of an image compared at once
+    assert seconds < 90  # of computing: a bound for slow machines
+
+
+def crowd(count, seed=0, vagueness=0.3):
+    """Boxes of one instant, ten to a unit of area however many there are."""
+    rng = np.random.default_rng(seed)
+    position = rng.uniform(0, np.sqrt(count / 10), (count, 2))
+    root = rng.normal(0, vagueness, (count, 2, 2))
+    covariance = root @ root.transpose(0, 2, 1) + 1e-4 * np.eye(2)
+    return position, covariance, np.zeros(count, int), rng.integers(0, 4, count), np.arange(count)
+
+
+@pytest.fixture
+def searches(monkeypatch):
+    """The number of neighbors that each search for pairs found."""
+    found = []
+
+    class Counting(association.KDTree):
+        def sparse_distance_matrix(self, *args, **kwargs):
+            near = super().sparse_distance_matrix(*args, **kwargs)
+            found.append(len(near))
+            return near
+
+    monkeypatch.setattr(association, "KDTree", Counting)
+    return found
+
+
+def test_pairs_looked_at_grow_with_the_boxes_and_not_with_their_square(searches):
+    total = []
+    for count in (500, 8000):
+        searches.clear()
+        association.candidate_pairs(*crowd(count))
+        total.append(sum(searches))
+    # At the rim of a small crowd there are fewer neighbors.
+    assert total[0] < total[1] < 2 * 16 * total[0]
+
+
+def test_no_search_holds_more_than_fits(searches, monkeypatch):
+    monkeypatch.setattr(association, "PAIRS_AT_A_TIME", 2000)
+    association.candidate_pairs(*crowd(1000, vagueness=10.0))
+    assert len(searches) > 100
+    assert max(searches) <= 2000
+
+
+@given(st.integers(0, 10**6), st.integers(2, 60), st.integers(1, 200))
+def test_searches_of_any_size_find_the_same_pairs(seed, count, at_a_time):
+    boxes = crowd(count, seed)
+    whole = association.candidate_pairs(*boxes)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(association, "PAIRS_AT_A_TIME", at_a_time)
+        np.testing.assert_array_equal(association.candidate_pairs(*boxes), whole)
+
+
+def test_hidden_shares_take_no_more_memory_than_a_few_boxes_against_their_image():
+    boxes, shape = 8192, jax.ShapeDtypeStruct
+    program = visibility.covered_feet.lower(
+        shape((boxes, 4), jnp.float32),
+        shape((boxes,), jnp.int32),
+        shape((boxes,), jnp.int32),
+        shape((1, 1, boxes), jnp.int32),
+    ).compile()
+    # All against all would be 256 MB for each number that is kept of a pair.
+    assert program.memory_analysis().temp_size_in_bytes < 64 * 2**20
+
+
+@pytest.mark.parametrize("at_a_time", [1, 30])
+def test_hidden_shares_are_the_same_a_few_boxes_at_a_time(monkeypatch, at_a_time):
+    rng = np.random.default_rng(at_a_time)
+    corner = rng.uniform(0, 50, (24, 2))
+    box = jnp.asarray(np.hstack([corner, corner + rng.uniform(5, 40, (24, 2))]))
+    table = np.arange(24).reshape(3, 2, 4)
+    frame, camera = np.repeat(np.arange(3), 8), np.tile(np.repeat([0, 1], 4), 3)
+    whole = visibility.covered_feet(box, frame, camera, table)
+    monkeypatch.setattr(visibility, "ENTRIES", at_a_time)
+    parts = visibility.covered_feet.__wrapped__(box, frame, camera, table)
+    assert np.ptp(whole) > 0.1
+    np.testing.assert_allclose(parts, whole, rtol=1e-6)
+
+
+def test_tracks_linked_a_few_at_a_time_are_the_same(monkeypatch):
+    rng = np.random.default_rng(3)
+    start = rng.uniform(0, 6, (20, 2))
+    frame = np.repeat(np.arange(5), 20)
+    place = np.concatenate([start + 0.1 * t for t in range(5)]) + rng.normal(0, 0.02, (100, 2))
+    state = np.column_stack([place, np.ones(100)])
+    info = Information(
+        np.tile(np.eye(3) / 0.05**2, (100, 1, 1)), state / 0.05**2, (state**2).sum(1) / 0.05**2
+    )
+    none = np.full(100, -1)
+    groups = Groups(frame, np.zeros((100, 1), int), none, info, info, np.zeros(100))
+
+    def tracks():
+        return follow(
+            groups, np.full(100, 3.0), np.arange(5.0), Motion(0.2, 0.85), 0.1, 0.05,
+            EvidenceSettings(),
+        )  # fmt: skip
+
+    whole = tracks()
+    assert len(np.unique(whole.track)) < 40
+    monkeypatch.setattr(tracking, "LINKS_AT_A_TIME", 50)
+    parts = tracks()
+    np.testing.assert_array_equal(parts.group, whole.group)
+    np.testing.assert_array_equal(parts.mean, whole.mean)
+
+
+def test_looks_become_ratios_a_few_at_a_time(monkeypatch):
+    rng = np.random.default_rng(0)
+    embedding = rng.normal(size=(12, 5)).astype(np.float32)
+    embedding /= np.linalg.norm(embedding, axis=1, keepdims=True)
+    first = np.array([0, 7, 12])
+    slot = np.column_stack([np.repeat([0, 1], [7, 5]), [*range(7), *range(5)]])
+    looks = appearance.Appearance(embedding, slot, first, 8)
+    likeness = appearance.Likeness((0.2, 0.1), (0.9, 0.2), 3.0)
+    whole = appearance.PairRatios(looks, likeness, 0.5)[0]
+    monkeypatch.setattr(appearance, "ENTRIES", 5)
+    parts = appearance.PairRatios(looks, likeness, 0.5)[0]
+    np.testing.assert_array_equal(parts, whole)
+    np.testing.assert_allclose(
+        whole[1, :5, :5], 0.5 * likeness(1 - embedding[7:] @ embedding[7:].T), rtol=1e-4
+    )
