@@ -112,13 +112,10 @@ def judge_groups(
             break
         p = expit(log_odds)[g]
         shape = (C, CELLS, CELLS)
-        person_count = np.bincount(cell, p, C * CELLS * CELLS).reshape(shape)
-        clutter_count = np.bincount(cell, 1 - p, C * CELLS * CELLS).reshape(shape)
-        ratio = (clutter_count.sum((1, 2)) + 1) / (person_count.sum((1, 2)) + 1)
-        near = [
-            9 * uniform_filter(x, 3, mode="constant", axes=(1, 2))
-            for x in (person_count, clutter_count)
-        ]
+        person = np.bincount(cell, p, C * CELLS * CELLS).reshape(shape)
+        other = np.bincount(cell, 1 - p, C * CELLS * CELLS).reshape(shape)
+        ratio = (other.sum((1, 2)) + 1) / (person.sum((1, 2)) + 1)
+        near = [9 * uniform_filter(x, 3, mode="constant", axes=(1, 2)) for x in (person, other)]
         pseudo = settings.clutter_pseudo_counts
         smooth = (near[1] + pseudo * ratio[:, None, None]) / (near[0] + pseudo)
         clutter = np.clip(smooth.reshape(-1)[cell], *settings.clutter_range)
