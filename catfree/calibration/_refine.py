@@ -133,8 +133,8 @@ def _refine_by_paper(
     if len(current.member) == 0:
         raise InsufficientDataError(
             f"No person is seen by {refinement.cameras} cameras at once within the angular "
-            f"tolerance, in {len(observations)} detections of {len(observations.frames)} frames. "
-            "The rig is too far off to be refined, or the views do not overlap."
+            f"tolerance, in {len(observations)} detections of {len(observations.frames)} frames: "
+            "the rig is too inaccurate to be refined, or the views do not overlap."
         )
     best, chosen = current, 0
     residuals, people = [current.residual], [len(current.member)]

@@ -120,7 +120,7 @@ def judge_camera(
     grid = work.grid if grid is None else grid
     if others is None:
         others = group_people(grid, state, settings, without=camera).ground
-    own = camera_map(grid, camera, state, settings)
+    camera_people = camera_map(grid, camera, state, settings)
     others_expected = visible(
         state.parameters[camera],
         grid.size[camera],
@@ -129,9 +129,9 @@ def judge_camera(
         others.height,
         state.foot_offset,
     )
-    own_expected = seen_by_any(grid, state, own, work.smallest, without=camera)
+    own_expected = seen_by_any(grid, state, camera_people, work.smallest, without=camera)
     judgment, margin = judge_with_chance(
-        own, others, others_expected, own_expected, settings, settings.chance_shifts
+        camera_people, others, others_expected, own_expected, settings, settings.chance_shifts
     )
     return Verdict(judgment, judgment.evidence - margin, _shortcomings(judgment, margin, settings))
 
