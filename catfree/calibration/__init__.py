@@ -1,6 +1,5 @@
-"""Where the cameras stand: from pedestrians alone, from reconstructions, refined with people."""
+"""Camera calibration: from pedestrians alone, from reconstructions, refined with people."""
 
-# From above: it opens videos, but callers know it by this name.
 from catfree.calibration._calibrate import calibrate as calibrate
 from catfree.calibration._refine import Refinement as Refinement, refine as refine
 from catfree.calibration.people import (

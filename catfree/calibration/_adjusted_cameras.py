@@ -1,8 +1,8 @@
-"""The cameras as bundle adjustment moves them: seven numbers each, in steps that can be undone.
+"""Cameras as parametrized in bundle adjustment: seven parameters each.
 
-A `Rig` is checked where it is made and stores translations and focal lengths; an adjustment needs
-centres, logarithms of focal lengths and rotations that turn by a step, and makes hundreds of
-cameras that nobody else sees. This is that form, with the ways from a rig and back.
+A `Rig` is validated on construction and stores translations and focal lengths; an adjustment needs
+centers, logarithms of focal lengths and incremental rotations, and makes hundreds of intermediate
+cameras. This module converts between the two forms.
 """
 
 from dataclasses import dataclass, replace
@@ -13,17 +13,17 @@ from scipy.spatial.transform import Rotation
 
 from catfree.types import Rig
 
-NEAREST_DEPTH = 1e-6  # shares of E: closer, or behind the camera, a point has no pixel
+NEAREST_DEPTH = 1e-6  # fraction of E; closer points, or points behind the camera, have no pixel
 
 
 @dataclass(frozen=True)
 class Cameras:
-    """What the adjustment changes: `pixel = focal_scale A (x, y) / z + principal point`.
+    """The adjusted cameras: `pixel = focal_scale A (x, y) / z + principal point`.
 
     Attributes:
         R: (C, 3, 3) world-to-camera rotations.
-        center: (C, 3) centres.
-        log_scale: (C,) logarithm of the focal length over the one in K.
+        center: (C, 3) centers.
+        log_scale: (C,) natural logarithm of the focal length relative to the one in K.
         K: (C, 3, 3) intrinsics at the start.
     """
 
@@ -34,25 +34,25 @@ class Cameras:
 
     @classmethod
     def of(cls, rig: Rig) -> "Cameras":
-        """The cameras of a rig; those that are not registered stand still at the origin."""
-        known = rig.registered[:, None]
+        """Cameras of a rig; unregistered ones get the identity pose at the origin."""
+        registered = rig.registered[:, None]
         return cls(
-            np.where(known[..., None], np.asarray(rig.R, np.float64), np.eye(3)),
-            np.where(known, np.asarray(rig.centers, np.float64), 0.0),
+            np.where(registered[..., None], np.asarray(rig.R, np.float64), np.eye(3)),
+            np.where(registered, np.asarray(rig.centers, np.float64), 0.0),
             np.zeros(rig.camera_count),
-            np.where(known[..., None], np.asarray(rig.K, np.float64), np.eye(3)),
+            np.where(registered[..., None], np.asarray(rig.K, np.float64), np.eye(3)),
         )
 
     def rig(self, like: Rig) -> Rig:
-        """A rig of these cameras with the sizes, lenses and unregistered cameras of another."""
-        known = like.registered[:, None, None]
+        """Rig of these cameras, with image sizes, lenses and unregistered cameras of `like`."""
+        registered = like.registered[:, None, None]
         K = self.K.copy()
         K[:, :2, :2] *= np.exp(self.log_scale)[:, None, None]
         t = -np.einsum("cij,cj->ci", self.R, self.center)
         return Rig(
-            np.where(known, K, np.asarray(like.K, np.float64)),
-            np.where(known, self.R, np.asarray(like.R, np.float64)),
-            np.where(known[:, 0], t, np.asarray(like.t, np.float64)),
+            np.where(registered, K, np.asarray(like.K, np.float64)),
+            np.where(registered, self.R, np.asarray(like.R, np.float64)),
+            np.where(registered[:, 0], t, np.asarray(like.t, np.float64)),
             like.image_size,
             like.distortion,
             like.registered,
@@ -61,7 +61,7 @@ class Cameras:
     def project_directions(
         self, direction: Float[np.ndarray, "person cam 3"]
     ) -> Float[np.ndarray, "person cam 2"]:
-        """Pixels of world directions, one a person and camera; anything for those behind."""
+        """Pixels of world directions, one per person and camera; arbitrary behind the camera."""
         local = np.einsum("cij,pcj->pci", self.R, direction)
         depth = np.where(local[..., 2] > NEAREST_DEPTH, local[..., 2], 1.0)
         focal = self.K[:, :2, :2] * np.exp(self.log_scale)[:, None, None]
@@ -69,7 +69,7 @@ class Cameras:
         return offset + self.K[:, :2, 2]
 
     def moved(self, step: Float[np.ndarray, "cam 7"]) -> "Cameras":
-        """The cameras after a step; rotations turn in their own camera frame."""
+        """Apply a step; rotations act in the camera frame."""
         turn = Rotation.from_rotvec(step[:, :3]).as_matrix()
         return replace(
             self,
@@ -79,6 +79,6 @@ class Cameras:
         )
 
     def away_from(self, start: "Cameras") -> Float[np.ndarray, "cam 7"]:
-        """(C, 7) the step that leads here from `start`."""
+        """(C, 7) the step from `start` to these cameras."""
         turn = Rotation.from_matrix(self.R @ start.R.transpose(0, 2, 1)).as_rotvec()
         return np.column_stack([turn, self.center - start.center, self.log_scale - start.log_scale])

@@ -1,9 +1,9 @@
 """Bundle adjustment of cameras and the people they see, with the people eliminated (Schur).
 
-Every person is one 3-D point whose foot pixel is known in several cameras. Free are the rotation,
-centre and focal length of each camera; the principal point is not. Feet lie close to one plane, in
-which focal length and height of a camera are hardly told apart, so the cameras are also tied to
-where they started, within errors that a reconstruction has. That tie fixes frame and scale too.
+Every person is one 3-D point whose foot pixel is known in several cameras. The rotation, center and
+focal length of each camera are free; the principal point is fixed. Feet lie close to one plane, on
+which the focal length and height of a camera are nearly indistinguishable, so a prior ties the
+cameras to their start, within the usual errors of a reconstruction. It also fixes frame and scale.
 """
 
 from dataclasses import dataclass
@@ -13,23 +13,23 @@ from jaxtyping import Bool, Float
 
 from catfree.calibration._adjusted_cameras import NEAREST_DEPTH, Cameras
 
-PARAMETERS = 7  # rotation vector, centre, log focal length
+PARAMETERS = 7  # rotation vector, center, log focal length
 HUBER = 1.345  # standard deviations; 95 % efficient where all errors are normal
 RAYLEIGH_MEDIAN = 1.1774  # median length of a 2-D normal vector, in standard deviations
-SMALLEST_NOISE = 0.1  # px: boxes are not more exact, and exact data must not divide by zero
+SMALLEST_NOISE = 0.1  # px: no box is more exact; avoids division by zero for exact data
 FIRST_DAMPING = 1e-4
 LARGEST_DAMPING = 1e8
-CONVERGED = 1e-6  # relative fall of the cost that ends the iteration
+CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration
 
 
 @dataclass(frozen=True)
 class CameraTie:
-    """How far cameras may be from where they started: standard deviations.
+    """Standard deviations of the cameras from their start.
 
     Attributes:
         rotation: radians about each axis.
-        center: along each axis, as a share of E.
-        log_focal: of the logarithm of the focal length.
+        center: along each axis, as a fraction of E.
+        log_focal: of the natural logarithm of the focal length.
     """
 
     rotation: float = np.deg2rad(2.0)
@@ -38,17 +38,17 @@ class CameraTie:
 
     @property
     def precision(self) -> Float[np.ndarray, "7"]:
-        """(7,) inverse variances in the order of the parameters."""
+        """(7,) inverse variances in parameter order."""
         deviation = [self.rotation] * 3 + [self.center] * 3 + [self.log_focal]
         return np.array(deviation) ** -2.0
 
 
 @dataclass(frozen=True)
 class Sightings:
-    """Foot pixels of people, one row a person and one column a camera.
+    """Foot pixels of people, one row per person and one column per camera.
 
     Attributes:
-        pixel: (P, C, 2) foot pixels without lens distortion; anything where weight is 0.
+        pixel: (P, C, 2) foot pixels without lens distortion; arbitrary where `weight` is 0.
         weight: (P, C) reliability, 0 where the camera does not see the person.
     """
 
@@ -57,7 +57,7 @@ class Sightings:
 
     @property
     def present(self) -> Bool[np.ndarray, "person cam"]:
-        """(P, C) who is seen by whom."""
+        """(P, C) whether the camera sees the person."""
         return self.weight > 0
 
 
@@ -87,18 +87,18 @@ def adjust(
     tie: CameraTie | None = None,
     iterations: int = 10,
 ) -> Adjustment:
-    """Adjust cameras and people to the foot pixels, by Levenberg and Marquardt's method.
+    """Adjust cameras and people to the foot pixels with Levenberg-Marquardt.
 
     Args:
-        sightings: who is seen where.
-        cameras: where the iteration begins, in the canonical frame (E = 1).
-        points: (P, 3) where the people begin.
-        start: what the cameras are tied to; `cameras` if None.
-        tie: how strongly.
-        iterations: at most this many steps.
+        sightings: the foot pixels.
+        cameras: initial cameras in the canonical frame (E = 1).
+        points: (P, 3) initial people.
+        start: the cameras that the prior ties to; `cameras` if None.
+        tie: strength of the prior.
+        iterations: maximum number of steps.
 
     Returns:
-        The adjusted cameras and people. Cameras that see nobody stay at `start`.
+        The adjusted cameras and people. Cameras that see no people stay at `start`.
 
     Source:
         Sec. "Camera configuration and ground estimation"; Triggs et al. (2000), "Bundle
@@ -107,19 +107,19 @@ def adjust(
     start = cameras if start is None else start
     precision = (CameraTie() if tie is None else tie).precision
     noise = _noise(sightings, cameras, points)
-    linear = _linearise(sightings, cameras, points, noise)
+    linear = _linearize(sightings, cameras, points, noise)
     cost = linear.cost + _tie_cost(cameras, start, precision)
     damping = FIRST_DAMPING
     for _ in range(iterations):
         step, shift = _step(linear, cameras.away_from(start), precision, damping)
-        trial, placed = cameras.moved(step), points + shift
-        proposed = _linearise(sightings, trial, placed, noise)
-        lower = proposed.cost + _tie_cost(trial, start, precision)
-        if lower < cost:
-            settled = cost - lower < CONVERGED * cost
-            cameras, points, linear, cost = trial, placed, proposed, lower
+        trial, moved_points = cameras.moved(step), points + shift
+        proposed = _linearize(sightings, trial, moved_points, noise)
+        proposed_cost = proposed.cost + _tie_cost(trial, start, precision)
+        if proposed_cost < cost:
+            converged = cost - proposed_cost < CONVERGED * cost
+            cameras, points, linear, cost = trial, moved_points, proposed, proposed_cost
             damping /= 10
-            if settled:
+            if converged:
                 break
         else:
             damping *= 10
@@ -130,7 +130,7 @@ def adjust(
 
 @dataclass(frozen=True)
 class _Linear:
-    """Standardised residuals and derivatives, all multiplied by the root of Huber's weight."""
+    """Standardized residuals and derivatives, multiplied by the square root of Huber's weight."""
 
     residual: Float[np.ndarray, "person cam 2"]
     by_camera: Float[np.ndarray, "person cam 2 7"]
@@ -141,7 +141,7 @@ class _Linear:
 def _project(
     cameras: Cameras, points: Float[np.ndarray, "person 3"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Points in the cameras, their depths with a floor, who is in front, and their pixels."""
+    """Camera coordinates, safe depths, whether in front, and offsets from the principal point."""
     local = np.einsum("cij,pcj->pci", cameras.R, points[:, None] - cameras.center)
     in_front = local[..., 2] > NEAREST_DEPTH
     depth = np.where(in_front, local[..., 2], 1.0)
@@ -156,7 +156,7 @@ def _residual(sightings: Sightings, cameras: Cameras, offset: np.ndarray) -> np.
 
 
 def _noise(sightings: Sightings, cameras: Cameras, points: np.ndarray) -> float:
-    """Standard deviation of a foot pixel of weight 1, from the median residual."""
+    """Estimate the standard deviation of a foot pixel of weight 1 from the median residual."""
     _, _, in_front, offset = _project(cameras, points)
     length = np.linalg.norm(_residual(sightings, cameras, offset), axis=-1)
     standard = (length * np.sqrt(sightings.weight))[sightings.present & in_front]
@@ -164,7 +164,7 @@ def _noise(sightings: Sightings, cameras: Cameras, points: np.ndarray) -> float:
     return max(median / RAYLEIGH_MEDIAN, SMALLEST_NOISE)
 
 
-def _linearise(sightings: Sightings, cameras: Cameras, points: np.ndarray, noise: float) -> _Linear:
+def _linearize(sightings: Sightings, cameras: Cameras, points: np.ndarray, noise: float) -> _Linear:
     local, depth, in_front, offset = _project(cameras, points)
     used = sightings.present & in_front
     precision = np.where(used, np.sqrt(sightings.weight) / noise, 0.0)
@@ -172,9 +172,9 @@ def _linearise(sightings: Sightings, cameras: Cameras, points: np.ndarray, noise
     length = np.linalg.norm(residual, axis=-1)
     far = length > HUBER
     loss = np.where(far, HUBER * (2 * length - HUBER), length**2)
-    # A sighting that fell behind its camera costs as much as one at the other end of the picture.
+    # A point behind its camera costs as much as a residual of one image width.
     behind = sightings.present & ~in_front
-    hopeless = 2 * HUBER * np.sqrt(sightings.weight) * 2 * cameras.K[:, 0, 2] / noise
+    behind_cost = 2 * HUBER * np.sqrt(sightings.weight) * 2 * cameras.K[:, 0, 2] / noise
     scale = precision * np.sqrt(np.where(far, HUBER / np.where(far, length, 1.0), 1.0))
 
     focal = cameras.K[:, :2, :2] * np.exp(cameras.log_scale)[:, None, None]
@@ -192,7 +192,7 @@ def _linearise(sightings: Sightings, cameras: Cameras, points: np.ndarray, noise
     by_camera[..., 3:6] = -by_point
     by_camera[..., 6] = offset * scale[..., None]
     root = np.where(precision > 0, scale / np.where(precision > 0, precision, 1.0), 0.0)
-    cost = float(loss[used].sum() + hopeless[behind].sum())
+    cost = float(loss[used].sum() + behind_cost[behind].sum())
     return _Linear(residual * root[..., None], by_camera, by_point, cost)
 
 
@@ -203,7 +203,7 @@ def _tie_cost(cameras: Cameras, start: Cameras, precision: np.ndarray) -> float:
 def _step(
     linear: _Linear, away: np.ndarray, precision: np.ndarray, damping: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Steps of the cameras, (C, 7), and of the people, (P, 3)."""
+    """Solve for the steps of the cameras, (C, 7), and of the people, (P, 3)."""
     people, count = linear.residual.shape[:2]
     size = count * PARAMETERS
     blocks = np.einsum("pcki,pckj->cij", linear.by_camera, linear.by_camera)
@@ -216,7 +216,7 @@ def _step(
     point_normal = np.einsum("pcki,pckj->pij", linear.by_point, linear.by_point)
     point_gradient = np.einsum("pcki,pck->pi", linear.by_point, linear.residual)
     axis = np.arange(3)
-    # The second term keeps a person whom nothing holds (all sightings behind) in place.
+    # The second term keeps an unconstrained person (all sightings behind cameras) in place.
     point_normal[:, axis, axis] *= 1 + damping
     point_normal[:, axis, axis] += 1e-9 * point_normal[:, axis, axis].sum(1, keepdims=True) + 1e-12
     inverse = np.linalg.inv(point_normal)

@@ -1,4 +1,4 @@
-"""`calibrate`: a metric rig from boxes alone, registration first, then evidence and adjustment."""
+"""Calibrate a metric rig from boxes alone: registration, then refinement by evidence."""
 
 from collections.abc import Sequence
 
@@ -27,32 +27,32 @@ def calibrate(
     maximum_offset: int = 0,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Find cameras and ground in metres from nothing but boxes of walking people.
+    """Estimate cameras and ground in meters from boxes of walking people.
 
-    People are as tall as people are: that gives every camera its tilt, roll, height and a metric
-    map of the ground; people seen by two cameras at the same time join the maps. Then the evidence
-    method groups the boxes, and its surest groups refine the rig. A camera that fits far worse than
-    the others is taken out and tried in every place that its boxes allow. Against the refined rig
-    every camera's place is searched once more, and each must stand up to its evidence again.
+    The known range of people's heights gives every camera its tilt, roll, height and a metric map
+    of the ground; people seen by two cameras at the same time join the maps. The evidence method
+    then groups the boxes, and its most certain groups refine the rig. A camera that fits far worse
+    than the others is removed and tried at every position that its boxes allow. Finally, every
+    camera's position is searched again against the refined rig, and its evidence is checked again.
 
     Args:
-        detections: (N,) boxes of synchronized static cameras; those of a score below
-            `settings.confidence` do not take part.
+        detections: (N,) boxes of synchronized static cameras; boxes with a score below
+            `settings.confidence` are ignored.
         image_size: (2,) width and height in pixels for all cameras, or (C, 2).
-        settings: settings of a run or of the calibration alone; the defaults if None.
-        camera_names: names for messages.
-        maximum_offset: search clock offsets of single cameras up to so many frames, and correct
-            them; 0 trusts the frame numbers.
+        settings: settings of a run or of the calibration only; the defaults if None.
+        camera_names: names for error messages.
+        maximum_offset: largest clock offset of a single camera, in frames, to search for and
+            correct; 0 trusts the frame numbers.
         progress: called as `progress(stage, done, total)`.
 
     Returns:
-        The scene in metres, z up, ground z = 0, with the evidence for each camera. A camera that
-        cannot be trusted has `scene.rig.registered` False and NaN parameters. With clock offsets,
-        `catfree.calibration.remove_offsets(detections, result.frame_offset)` is what fits the rig.
+        The scene in meters, z up, ground z = 0, with the evidence for each camera. A camera that
+        cannot be trusted has `scene.rig.registered` False and NaN parameters. If clock offsets were
+        found, `catfree.calibration.remove_offsets(detections, result.frame_offset)` fits the rig.
 
     Raises:
-        CalibrationError: if fewer than two cameras can be registered, or those that can disagree.
-        InvalidInputError: if shapes do not fit.
+        CalibrationError: if fewer than two cameras can be registered, or if they disagree.
+        InvalidInputError: if shapes do not match.
         ForkedProcessError: in a process forked after JAX was used.
     """
     begun = begin_calibration(
@@ -77,7 +77,7 @@ def begin_calibration(
     maximum_offset: int = 0,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Place as many cameras as the boxes support: the first half of `calibrate`.
+    """Register as many cameras as the boxes support: the first half of `calibrate`.
 
     Args:
         detections: as `calibrate`.
@@ -88,7 +88,7 @@ def begin_calibration(
         progress: as `calibrate`.
 
     Returns:
-        The rig as it was registered, for `finish_calibration`.
+        The registered rig, for `finish_calibration`.
 
     Raises:
         CalibrationError: as `calibrate`.
@@ -113,17 +113,17 @@ def finish_calibration(
     camera_names: Sequence[str] | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Refine a registered rig by the evidence of its people: the second half of `calibrate`.
+    """Refine a registered rig with the evidence method: the second half of `calibrate`.
 
     Args:
-        begun: what `begin_calibration` returned.
-        detections: the boxes that it came from.
+        begun: the result of `begin_calibration`.
+        detections: the boxes given to it.
         settings: as `calibrate`.
         camera_names: as `calibrate`.
         progress: as `calibrate`.
 
     Returns:
-        What `calibrate` returns.
+        The result of `calibrate`.
 
     Raises:
         CalibrationError: as `calibrate`.
@@ -142,7 +142,7 @@ def finish_calibration(
 def _confident(
     detections: Detections, settings: Settings | CalibrationSettings | None
 ) -> tuple[Detections, Settings]:
-    """The boxes that take part, and the settings of a whole run."""
+    """Select the confident boxes and complete the settings to those of a run."""
     require_own_process()
     require_instance(detections, Detections, "detections")
     if not isinstance(settings, Settings):

@@ -1,7 +1,7 @@
-"""The people whom the evidence method is surest of, as correspondences for a bundle adjustment.
+"""The most certain people of the evidence method, as correspondences for a bundle adjustment.
 
-Strictness matters more than number: groups that three cameras barely support are ghosts often
-enough to hold a wrong camera where it is.
+Certainty matters more than number: groups barely supported by three cameras are false often enough
+to hold a wrong camera in place.
 """
 
 from typing import NamedTuple
@@ -14,15 +14,15 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 
 
-class SurePeople(NamedTuple):
-    """Groups of boxes that are one person in one frame beyond doubt.
+class ConfidentPeople(NamedTuple):
+    """Groups of boxes that almost certainly show one person in one frame.
 
     Attributes:
-        member: (P, C) row of the detections in each camera, or -1.
-        box_sd: (N, 3) standard deviations in pixels of horizontal centre, top and bottom of every
-            detection, NaN of those in no group.
-        height: median height of people in units of the scene.
-        repeats: how many of the groups, on average, are one and the same person at other times.
+        member: (P, C) row of the person's detection in each camera, or -1.
+        box_sd: (N, 3) standard deviations in pixels of horizontal center, top and bottom of every
+            detection; NaN for detections without a group.
+        height: median height of people in scene units.
+        repeats: mean number of groups per track.
     """
 
     member: Int[np.ndarray, "person cam"]
@@ -31,29 +31,31 @@ class SurePeople(NamedTuple):
     repeats: float
 
 
-def sure_people(
+def confident_people(
     detections: Detections, scene: Scene, settings: EvidenceSettings, *, fewest_views: int = 3
-) -> SurePeople:
-    """Strict clusters of the evidence method with a rig.
+) -> ConfidentPeople:
+    """Select the strict clusters of the evidence method for a rig.
 
     Args:
         detections: (N,) boxes.
-        scene: the rig to group them with; cameras that are not registered see nobody.
+        scene: the rig used for grouping; unregistered cameras are ignored.
         settings: of the evidence method.
-        fewest_views: cameras that must see a person, if more than strictness asks for.
+        fewest_views: minimum number of cameras that see a person, in addition to strictness.
 
     Returns:
-        The people, possibly none.
+        The groups, possibly none.
 
     Raises:
         InsufficientDataError: if no box of a registered camera stands on the ground.
     """
     solution = evidence.solve(detections, scene, settings)
     clusters = evidence.clusters_of(solution)
-    sure = clusters.strict() & ((clusters.member >= 0).sum(1) >= fewest_views)
-    member, sigma = clusters.member[sure], clusters.sigma[sure]
+    is_confident = clusters.strict() & ((clusters.member >= 0).sum(1) >= fewest_views)
+    member, sigma = clusters.member[is_confident], clusters.sigma[is_confident]
     deviation = np.full((len(detections), 3), np.nan)
     present = member >= 0
     deviation[member[present]] = sigma[present]
-    tracks = len(np.unique(clusters.track[sure]))
-    return SurePeople(member, deviation, float(solution.views.unit), len(member) / max(tracks, 1))
+    tracks = len(np.unique(clusters.track[is_confident]))
+    return ConfidentPeople(
+        member, deviation, float(solution.views.unit), len(member) / max(tracks, 1)
+    )

@@ -1,7 +1,7 @@
-"""The loop of `calibrate`: sure people move the rig, and cameras that do not fit are placed anew.
+"""The refinement loop of `calibrate`: adjust the rig to confident people, re-place misfit cameras.
 
-Refinement alone only polishes: a camera that settled beside its place matches enough of a crowd to
-stay there, and bends the others towards it. Only without it they show where it belongs.
+Refinement is local: a misplaced camera matches enough of a crowd to stay misplaced, and it distorts
+the poses of the others. Only after it is removed do the others reveal its true position.
 """
 
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from catfree.calibration._confident_people import sure_people
+from catfree.calibration._confident_people import confident_people
 from catfree.calibration._refinement import SAME_RESIDUAL
 from catfree.calibration.people import (
     Calibration,
@@ -18,25 +18,25 @@ from catfree.calibration.people import (
     refine_with_correspondences,
     without_camera,
 )
-from catfree.calibration.people._residual_outliers import most_strained, strained_cameras
+from catfree.calibration.people._residual_outliers import residual_outliers, worst_outlier
 from catfree.errors import CalibrationError, InsufficientDataError
 from catfree.settings import Settings
 from catfree.types import Detections
 from catfree.types._progress import Progress
 
-FEWEST_TO_FLAG = 3  # of three cameras, two that agree tell that the third does not
-RESTING = 0.2  # standard deviations; a move by less adds two per cent to the error of a camera
+FEWEST_TO_FLAG = 3  # with three cameras, two that agree expose the third
+RESTING = 0.2  # standard deviations; a smaller move adds two percent to a camera's error
 
 
 @dataclass(frozen=True)
 class EvidenceLoop:
-    """The evidence method and the bundle adjustment in turns, on one sequence.
+    """Alternate the evidence method and bundle adjustment on one sequence.
 
     Attributes:
         detections: (N,) boxes of synchronized cameras.
         settings: of the evidence method and of the calibration.
         report: called as `report("refinement", done, rounds)`.
-        names: of all cameras, for messages.
+        names: camera names for error messages.
     """
 
     detections: Detections
@@ -45,60 +45,61 @@ class EvidenceLoop:
     names: Sequence[str] | None = None
 
     def settle(self, calibration: Calibration) -> Calibration:
-        """The rig refined, with every camera where it fits best and missing ones added.
+        """Refine the rig, move every camera to where it fits best, and add missing cameras.
 
-        A camera that fits nowhere as the others do is flagged: its boxes may be of another time.
+        A camera that fits nowhere is flagged: its boxes may be from another time.
 
         Raises:
-            CalibrationError: if the cameras contradict each other and too few people tell why.
+            CalibrationError: if the cameras contradict each other and share too few people to tell
+                which one is wrong.
         """
-        best = self._grow(self.replace_strained(self.refine(calibration)))
+        best = self._grow(self.replace_outliers(self.refine(calibration)))
         freed = self.replace_blocking(best)
         if freed is not None:
-            best = self._grow(self.replace_strained(freed))
-        return self.without_strained(best)
+            best = self._grow(self.replace_outliers(freed))
+        return self.without_outliers(best)
 
-    def without_strained(self, calibration: Calibration) -> Calibration:
-        """The rig without cameras whose boxes fit far worse than the others' do, refined.
+    def without_outliers(self, calibration: Calibration) -> Calibration:
+        """Remove cameras whose boxes fit far worse than those of the others, and refine.
 
         Raises:
-            CalibrationError: if those that remain do not agree on enough people to stand alone.
+            CalibrationError: if the remaining cameras agree on too few people.
         """
         rules = self.settings.calibration
         while (
             calibration.scene.rig.registered.sum() >= FEWEST_TO_FLAG
-            and strained_cameras(calibration.camera_residual, rules).any()
+            and residual_outliers(calibration.camera_residual, rules).any()
         ):
             worst = int(np.nanargmax(calibration.camera_residual))
-            rest = without_camera(calibration, worst, rules)
-            calibration = self.refine(rest)
-            # Two cameras never share sure people; more that do not were held by the one that left.
-            if calibration is rest and rest.scene.rig.registered.sum() >= FEWEST_TO_FLAG:
+            others = without_camera(calibration, worst, rules)
+            calibration = self.refine(others)
+            # Two cameras never share confident people; three or more that do not relied on `worst`.
+            if calibration is others and others.scene.rig.registered.sum() >= FEWEST_TO_FLAG:
                 raise CalibrationError(
                     f"Camera {self.names[worst] if self.names else worst} contradicts the others, "
-                    "and they agree on too few people to tell who is right. Record longer, and "
-                    "check that the frames of all cameras show the same instants."
+                    "which agree on too few people to tell which camera is wrong; record longer, "
+                    "and check that the frames of all cameras show the same instants."
                 )
         return calibration
 
     def _grow(self, best: Calibration) -> Calibration:
-        """Search every camera's place anew until nothing is gained."""
+        """Search every camera's position again until the rig stops growing."""
         for _ in range(len(best.scene.rig.registered)):
-            again = reconsider(best, self.detections, self.settings.calibration)
-            if again is None:
+            reconsidered = reconsider(best, self.detections, self.settings.calibration)
+            if reconsidered is None:
                 break
-            grown = again.scene.rig.registered.sum() > best.scene.rig.registered.sum()
-            best = self.replace_strained(self.refine(again))
+            grown = reconsidered.scene.rig.registered.sum() > best.scene.rig.registered.sum()
+            best = self.replace_outliers(self.refine(reconsidered))
             if not grown:
                 break
         return best
 
     def refine(self, calibration: Calibration) -> Calibration:
-        """The rig after rounds that go on until it rests, without one in which the residual rises.
+        """Refine in rounds until the cameras stop moving; discard a round that raises the residual.
 
-        The residual alone is no sign of rest: with people who are surer cameras still move by most
-        of their standard deviation while it hardly falls. That of the given rig is no measure at
-        all, since other boxes had other deviations there.
+        The residual alone does not indicate convergence: as people become more certain, cameras
+        move by most of their standard deviation while the residual hardly falls. The residual of
+        the given rig is not comparable, because it refers to other boxes with other deviations.
         """
         rounds = self.settings.calibration.evidence_rounds
         best, residual = calibration, np.inf
@@ -115,9 +116,9 @@ class EvidenceLoop:
         return best
 
     def refine_once(self, calibration: Calibration) -> Calibration | None:
-        """One round; None where the evidence is too thin to refine with."""
+        """Refine in one round; None if there is too little evidence."""
         try:
-            people = sure_people(self.detections, calibration.scene, self.settings.evidence)
+            people = confident_people(self.detections, calibration.scene, self.settings.evidence)
             return refine_with_correspondences(
                 calibration,
                 self.detections,
@@ -128,67 +129,71 @@ class EvidenceLoop:
         except InsufficientDataError:
             return None
 
-    def replace_strained(self, calibration: Calibration) -> Calibration:
-        """The rig with every strained camera where more of its boxes fit, if there is a place."""
+    def replace_outliers(self, calibration: Calibration) -> Calibration:
+        """Move every outlier camera to a position where more of its boxes fit, if there is one."""
         tried: set[int] = set()
-        while (camera := self._most_strained(calibration, tried)) is not None:
+        while (camera := self._worst_outlier(calibration, tried)) is not None:
             tried.add(camera)
-            rest = without_camera(calibration, camera, self.settings.calibration)
-            calibration = self._better_placed(self.refine(rest), camera, calibration) or calibration
+            others = without_camera(calibration, camera, self.settings.calibration)
+            better = self._better_placed(self.refine(others), camera, calibration)
+            calibration = better or calibration
         return calibration
 
     def replace_blocking(self, calibration: Calibration) -> Calibration | None:
-        """The rig with a camera moved that keeps another one out of it, if there is such a one.
+        """Move a camera that keeps another one out of the rig; None if there is no such camera.
 
-        Where several cameras share an error, none of them stands out, and a camera that is right
-        fits none of them. Each is taken out in turn; of one without which the rest fits far
-        better, the place is searched anew.
+        If several cameras share an error, none of them stands out, and a correct camera fits none
+        of them. Each camera is removed in turn; if the others then fit far better, its position is
+        searched again.
         """
         rules = self.settings.calibration
         registered = np.asarray(calibration.scene.rig.registered)
         missing = ~registered & (self._boxes(len(registered)) > rules.minimum_matches)
         if not missing.any() or registered.sum() < rules.fewest_to_compare:
             return None
-        rests: list[tuple[Calibration, int]] = []
+        candidates: list[tuple[Calibration, int]] = []
         for camera in np.flatnonzero(registered):
-            rest = self.refine_once(without_camera(calibration, int(camera), rules))
-            if rest is not None and rest.residual < rules.blocking_share * calibration.residual:
-                rests.append((rest, int(camera)))
-        for rest, camera in sorted(rests, key=lambda item: item[0].residual):
-            found = self._better_placed(self.refine(rest), camera, calibration)
-            if found is not None:
-                return found
+            others = self.refine_once(without_camera(calibration, int(camera), rules))
+            limit = rules.blocking_share * calibration.residual
+            if others is not None and others.residual < limit:
+                candidates.append((others, int(camera)))
+        for others, camera in sorted(candidates, key=lambda item: item[0].residual):
+            better = self._better_placed(self.refine(others), camera, calibration)
+            if better is not None:
+                return better
         return None
 
     def _better_placed(
-        self, rest: Calibration, camera: int, present: Calibration
+        self, others: Calibration, camera: int, present: Calibration
     ) -> Calibration | None:
-        """The rig with a missing camera where more boxes belong to sure people than at present.
+        """Place a missing camera where more boxes belong to confident people than at present.
 
-        Residuals would prefer a camera that lost all of its people.
+        Residuals would favor a camera that lost all of its people.
         """
-        places = places_for(rest, self.detections, camera, self.settings.calibration)
+        places = places_for(others, self.detections, camera, self.settings.calibration)
         refined = [self.refine(place) for place in places]
-        more = [
-            found
-            for found in refined
-            if found.sightings[camera] > 0 and found.sightings.sum() > present.sightings.sum()
+        better = [
+            rig
+            for rig in refined
+            if rig.sightings[camera] > 0 and rig.sightings.sum() > present.sightings.sum()
         ]
-        return max(more, key=lambda found: (found.sightings.sum(), -found.residual), default=None)
+        return max(better, key=lambda rig: (rig.sightings.sum(), -rig.residual), default=None)
 
-    def _most_strained(self, calibration: Calibration, tried: set[int]) -> int | None:
+    def _worst_outlier(self, calibration: Calibration, tried: set[int]) -> int | None:
         registered = np.asarray(calibration.scene.rig.registered)
         boxes = np.maximum(self._boxes(len(registered)), 1)
         support = np.where(registered, calibration.sightings / boxes, np.nan)
-        return most_strained(calibration.camera_residual, support, self.settings.calibration, tried)
+        return worst_outlier(calibration.camera_residual, support, self.settings.calibration, tried)
 
     def _boxes(self, cameras: int) -> np.ndarray:
         return np.bincount(self.detections.camera, minlength=cameras)[:cameras]
 
 
 def largest_move(before: Calibration, after: Calibration) -> float:
-    """Largest way of a camera centre between two rigs, in its standard deviations in the second."""
-    known = np.asarray(after.scene.rig.registered)
-    way = np.asarray(after.scene.rig.centers) - np.asarray(before.scene.rig.centers)
+    """Largest move of a camera center between two rigs, in standard deviations of the second."""
+    registered = np.asarray(after.scene.rig.registered)
+    distance = np.asarray(after.scene.rig.centers) - np.asarray(before.scene.rig.centers)
     variance = np.trace(after.center_covariance, axis1=1, axis2=2) / 3
-    return float((np.linalg.norm(way, axis=1) / np.sqrt(np.maximum(variance, 1e-12)))[known].max())
+    return float(
+        (np.linalg.norm(distance, axis=1) / np.sqrt(np.maximum(variance, 1e-12)))[registered].max()
+    )

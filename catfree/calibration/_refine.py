@@ -1,4 +1,4 @@
-"""Refine a rig with the people that its cameras share, round after round."""
+"""Refine a rig in rounds with the people that its cameras share."""
 
 from dataclasses import dataclass
 
@@ -30,19 +30,19 @@ from catfree.types._progress import Progress, no_progress
 from catfree.types._sampling import evenly_spread
 from catfree.types._validation import require_instance, require_known_cameras
 
-RESOLVED = 0.25  # the error of a box stops shrinking at this share of the median height
-GROUND_ITERATIONS = 20  # reweighting settles to a thousandth of the noise
-FLATTEST = 1e-6  # shares of E: no ground is known better
+RESOLVED = 0.25  # fraction of the median height below which box errors stop shrinking
+GROUND_ITERATIONS = 20  # reweighting converges to a thousandth of the noise
+FLATTEST = 1e-6  # fraction of E: lower bound of the ground noise
 
 
 @dataclass(frozen=True)
 class _Round:
-    """A rig and the people that it finds.
+    """A rig and the people found with it.
 
     Attributes:
         cameras: in the canonical frame.
         rays: of all observations.
-        member: (P, C) observation of each camera, or -1.
+        member: (P, C) observation in each camera, or -1.
         points: (P, 3) positions.
         residual: median angle in radians.
         ratio: pose ratio for the next round.
@@ -65,34 +65,34 @@ def refine(
     refinement: RefinementSettings | None = None,
     progress: Progress | None = None,
 ) -> Refinement:
-    """Improve cameras and ground by the people that several cameras see.
+    """Refine cameras and ground with the people that several cameras see.
 
-    By the paper's method each round associates the detections with the cameras of the round
-    before, takes the people seen by at least three cameras as points, and adjusts cameras and
-    points to the foot pixels under a Huber loss; all rounds are run. By the evidence method each
-    round takes the people of whom it is surest, adjusts cameras, people and their heights to whole
-    boxes on one ground, as `calibrate` does, and goes on until the residual stops falling. In
-    either case the round with the smallest median residual wins, the given scene included, so the
-    result is never worse than it by that measure.
+    With the paper's method, each round associates the detections using the cameras of the previous
+    round, takes the people seen by at least three cameras as points, and adjusts cameras and points
+    to the foot pixels under a Huber loss; all rounds are run. With the evidence method, each round
+    takes the most certain people and adjusts cameras, people and their heights to whole boxes on
+    one ground, as `calibrate` does, until the residual stops falling. Both methods return the round
+    with the smallest median residual, including the given scene, so the result is never worse by
+    that measure.
 
     Args:
         detections: person boxes of all cameras and frames, in any order.
         scene: cameras, ground and extent in any units and frame of reference.
-        settings: method and constants, as `localize` takes them; `Settings()`, the evidence
-            method, if None. `Settings.paper()` is exactly the paper's procedure.
-        rounds: how often to associate and adjust; by the evidence method at most.
+        settings: method and constants, as for `localize`; `Settings()`, the evidence
+            method, if None. `Settings.paper()` selects the paper's procedure.
+        rounds: number of rounds; a maximum for the evidence method.
         refinement: constants of the refinement.
         progress: called as `progress("refinement", done, rounds)`.
 
     Returns:
-        The refined scene, in the frame and scale of the given one as nearly as cameras that have
-        moved can be. Principal points, lens distortion, the extent and cameras that are not
-        registered stay as they are.
+        The refined scene, aligned to the frame and scale of the given one as closely as the moved
+        cameras allow. Principal points, lens distortion, the extent and unregistered cameras are
+        unchanged.
 
     Raises:
         InvalidInputError: if a detection names a camera that the rig does not have.
         InsufficientDataError: if fewer than three cameras are registered, or no person is seen by
-            three.
+            three cameras.
 
     Source:
         Sec. "Camera configuration and ground estimation" of the paper for `Settings.paper()`.
@@ -122,19 +122,19 @@ def _refine_by_paper(
     refinement: RefinementSettings,
     report: Progress,
 ) -> Refinement:
-    """The paper's procedure: all rounds, with the people of the paper's association."""
+    """Refine with the paper's procedure: all rounds, with the people of the paper's association."""
     frame = CanonicalFrame.of(scene)
     rig = frame.rig(scene.rig)
     observations = observe(detections, rig, keep=keep)
     start = Cameras.of(rig)
-    # As in localization, an unweighted pass first, so that all rounds are judged alike.
+    # As in localization, an unweighted pass comes first, so that all rounds are comparable.
     current = _associated(observations, start, rig, 1.0, settings, refinement.cameras)
     current = _associated(observations, start, rig, current.ratio, settings, refinement.cameras)
     if len(current.member) == 0:
         raise InsufficientDataError(
             f"No person is seen by {refinement.cameras} cameras at once within the angular "
-            f"tolerance, in {len(observations)} detections of {len(observations.frames)} frames. "
-            "The rig is too far off to be refined, or the views do not overlap."
+            f"tolerance, in {len(observations)} detections of {len(observations.frames)} frames: "
+            "the rig is too inaccurate to be refined, or the views do not overlap."
         )
     best, chosen = current, 0
     residuals, people = [current.residual], [len(current.member)]
@@ -165,7 +165,7 @@ def _require_cameras(detections: Detections, rig: Rig, needed: int) -> None:
 
 
 def _confident(detections: Detections, rig: Rig, settings: Settings) -> Bool[np.ndarray, " n"]:
-    """Confident detections of registered cameras."""
+    """(N,) whether a detection is confident and its camera registered."""
     keep = rig.registered[detections.camera]
     if detections.score is not None:
         keep = keep & (detections.score >= settings.confidence)
@@ -180,7 +180,10 @@ def _associated(
     settings: Settings,
     needed: int,
 ) -> _Round:
-    """The people that cameras find, and how well their rays meet; `rig` has the lenses."""
+    """Associate people with these cameras and measure how well their rays meet.
+
+    `rig` provides the lens distortion.
+    """
     rig = cameras.rig(rig)
     rays = cast_rays(observations, rig)
     groups = associate(observations, weigh_rays(observations, rays, ratio, settings), settings)
@@ -199,7 +202,7 @@ def _associated(
 def _adjusted(
     observations: Observations, current: _Round, start: Cameras, refinement: RefinementSettings
 ) -> Cameras:
-    """The cameras after a bundle adjustment with the people of a round."""
+    """Adjust the cameras to the people of a round."""
     member = current.member
     weight = np.where(member >= 0, _pixel_weight(observations, current.ratio)[member], 0.0)
     direction = np.asarray(current.rays.direction, np.float64)[member]
@@ -216,10 +219,10 @@ def _adjusted(
 
 
 def _pixel_weight(observations: Observations, ratio: float) -> Float[np.ndarray, " n"]:
-    """How exact each foot PIXEL is: boxes err by a share of their height.
+    """Weight of each foot pixel: the error of a box is proportional to its height.
 
-    The weight of a ray (Eq. w) says the opposite of small boxes, because it is about lengths on the
-    ground; in pixels they are the exact ones, down to what a detector resolves.
+    The weight of a ray (Eq. w) is lower for small boxes because it concerns lengths on the ground;
+    in pixels, small boxes are the more exact ones, down to the resolution of a detector.
     """
     height = observations.height.astype(np.float64)
     median = float(np.median(height))
@@ -232,7 +235,7 @@ def _pixel_weight(observations: Observations, ratio: float) -> Float[np.ndarray,
 def _scene(
     frame: CanonicalFrame, given: Scene, best: _Round, refinement: RefinementSettings
 ) -> Scene:
-    """The scene of a round in the world of the given one."""
+    """Transform the scene of a round to the world frame of the given scene."""
     rig = best.cameras.rig(given.rig)
     R = np.asarray(rig.R, np.float64) @ frame.axes.T
     R = np.where(given.rig.registered[:, None, None], R, np.asarray(given.rig.R, np.float64))
@@ -254,16 +257,16 @@ def _scene(
 def ground_under_people(
     points: Float[np.ndarray, "person 3"], *, tilt: float, offset: float
 ) -> Float[np.ndarray, "3"]:
-    """The ground that people's feet say, where it was assumed at z = 0.
+    """Fit the ground to people's feet, with the assumed ground z = 0 as a prior.
 
     Args:
-        points: (P, 3) feet in the canonical frame, some of them wrong.
+        points: (P, 3) feet in the canonical frame, possibly with outliers.
         tilt: standard deviation in radians of the assumed ground's slope along x and along y.
-        offset: standard deviation of its height in units of the points.
+        offset: standard deviation of the assumed ground's height in units of the points.
 
     Returns:
         (3,) height above the origin and slopes along x and y of `z = height + slope · (x, y)`.
-        Slopes that the people leave open (all in a row) stay near 0.
+        A slope that the people do not constrain (all on one line) stays near 0.
     """
     design = np.column_stack([np.ones(len(points)), points[:, :2]])
     tie = np.array([offset, tilt, tilt]) ** -2.0

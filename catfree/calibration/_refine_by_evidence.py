@@ -1,8 +1,8 @@
-"""Refine a rig in a loop with the evidence method: better people, better rig, better people.
+"""Refine a rig by alternating the evidence method and bundle adjustment.
 
-The evidence method names the people it is surest of. Their whole boxes, feet and heads, move the
-cameras: that people stand upright on one ground tells focal length, height and tilt apart, which
-feet alone leave open. The moved rig makes the next round's people surer.
+The evidence method selects its most certain people, and the cameras are adjusted to their whole
+boxes, feet and heads: upright people on one ground separate focal length, camera height and tilt,
+which feet alone cannot. The adjusted rig makes the people of the next round more certain.
 """
 
 from dataclasses import replace
@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
 from catfree.calibration._bundle_adjustment import CameraTie
-from catfree.calibration._confident_people import SurePeople, sure_people
+from catfree.calibration._confident_people import ConfidentPeople, confident_people
 from catfree.calibration._refinement import SAME_RESIDUAL, Refinement, RefinementSettings
 from catfree.calibration.people._correspondences import adjust_groups
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
@@ -33,16 +33,16 @@ from catfree.types import Detections, Rig, Scene
 from catfree.types._progress import Progress
 from catfree.types._sampling import evenly_spread
 
-PATIENCE = 3  # rounds without a smaller residual: it has stopped falling
-FEWEST_LEFT = 0.5  # of the people at the start: the few who are left may fit any rig
-RUN = 10  # consecutive frames that take part together: enough to see tracks
+PATIENCE = 3  # rounds without a smaller residual before the loop ends
+FEWEST_LEFT = 0.5  # of the people at the start: fewer may fit any rig
+RUN = 10  # consecutive frames used together: enough to track people
 
 
 class _Judged(NamedTuple):
-    """A scene, the people whom the evidence method is sure of in it, and their residual."""
+    """A scene, the confident people of the evidence method in it, and their residual."""
 
     scene: Scene
-    people: SurePeople
+    people: ConfidentPeople
     residual: float
 
 
@@ -57,61 +57,64 @@ def refine_by_evidence(
     """Alternate the evidence method and a bundle adjustment until the residual stops falling.
 
     Args:
-        detections: the boxes that take part, all of registered cameras.
-        scene: cameras and ground to begin with; they are also what the cameras are tied to.
+        detections: confident boxes of registered cameras.
+        scene: initial cameras and ground; a prior ties the cameras to their poses in it.
         settings: of the evidence method and of the bundle adjustment of `calibrate`.
-        rounds: at most so many.
+        rounds: maximum number of rounds.
         refinement: constants of the refinement.
         report: called as `report("refinement", done, rounds)`.
 
     Returns:
-        The scene of the round with the smallest median residual, the given one included. Its
-        cameras are as a whole where the given ones were, in the mean of their orientations, in
-        scale and in place.
+        The scene of the round with the smallest median residual, including the given scene. Its
+        cameras are aligned to the given ones in mean orientation, scale and position.
 
     Raises:
-        InsufficientDataError: if nobody is seen by enough cameras beyond doubt.
+        InsufficientDataError: if no person is confidently seen by enough cameras.
     """
     detections = detections[in_runs(detections.frame, refinement.maximum_frames)]
 
     def judged(candidate: Scene) -> _Judged | None:
-        """The scene judged, or None where the rig fell apart."""
+        """Judge a scene; None if too few people remain."""
         try:
-            found = _judge(detections, candidate, settings, refinement.cameras)
+            result = _judge(detections, candidate, settings, refinement.cameras)
         except InsufficientDataError:
             return None
-        return found if len(found.people.member) >= FEWEST_LEFT * people[0] else None
+        return result if len(result.people.member) >= FEWEST_LEFT * people[0] else None
 
-    def adjusted(at: _Judged, people: SurePeople) -> Scene:
+    def adjusted(at: _Judged, people: ConfidentPeople) -> Scene:
         return _adjusted(detections, at.scene, people, scene, settings.calibration, refinement)
 
     current = _judge(detections, scene, settings, refinement.cameras)
     if len(current.people.member) == 0:
         raise InsufficientDataError(
-            f"No person is seen by {refinement.cameras} cameras at once beyond doubt, in "
-            f"{len(detections)} detections of {len(np.unique(detections.frame))} frames. The rig "
-            "is too far off to be refined, or the views do not overlap."
+            f"No person is confidently seen by {refinement.cameras} cameras at once in "
+            f"{len(detections)} detections of {len(np.unique(detections.frame))} frames: the rig "
+            "is too inaccurate to be refined, or the views do not overlap."
         )
-    best, chosen, fell = current, 0, 0
+    best, chosen, last_decrease = current, 0, 0
     residuals, people = [current.residual], [len(current.people.member)]
-    astray = True  # until the evidence method's own people lead to the better rig
+    use_paper_groups = True  # until the evidence method's people lead to the better rig
     for done in range(rounds):
-        if done - fell >= PATIENCE:
+        if done - last_decrease >= PATIENCE:
             break
         report("refinement", done, rounds)
-        found = judged(adjusted(current, current.people))
-        if astray:
-            alike = _alike_people(detections, current, settings, refinement.cameras)
-            other = judged(adjusted(current, alike)) if len(alike.member) else None
-            astray = other is not None and (found is None or other.residual < found.residual)
-            found = other if astray else found
-        if found is None:
+        proposed = judged(adjusted(current, current.people))
+        if use_paper_groups:
+            paper_people = _people_of_paper(detections, current, settings, refinement.cameras)
+            alternative = (
+                judged(adjusted(current, paper_people)) if len(paper_people.member) else None
+            )
+            use_paper_groups = alternative is not None and (
+                proposed is None or alternative.residual < proposed.residual
+            )
+            proposed = alternative if use_paper_groups else proposed
+        if proposed is None:
             break
-        current = found
+        current = proposed
         residuals.append(current.residual)
         people.append(len(current.people.member))
         if current.residual < (1 - SAME_RESIDUAL) * best.residual:
-            fell = done + 1
+            last_decrease = done + 1
         if current.residual < best.residual:
             best, chosen = current, done + 1
     report("refinement", rounds, rounds)
@@ -122,9 +125,9 @@ def refine_by_evidence(
 
 
 def in_runs(frame: np.ndarray, most: int) -> Bool[np.ndarray, " n"]:
-    """Which rows are in at most `most` frames: runs of consecutive ones, evenly spread.
+    """Select the rows of at most `most` frames, in evenly spread runs of consecutive frames.
 
-    In single frames far apart nobody could be tracked.
+    People cannot be tracked in single frames that are far apart.
     """
     frames = np.unique(frame)
     if len(frames) <= most:
@@ -135,8 +138,8 @@ def in_runs(frame: np.ndarray, most: int) -> Bool[np.ndarray, " n"]:
 
 
 def _judge(detections: Detections, scene: Scene, settings: Settings, fewest: int) -> _Judged:
-    """Who is there for sure, and the median angle between foot rays and where they meet."""
-    people = sure_people(detections, scene, settings.evidence, fewest_views=fewest)
+    """Find the confident people and the median angle between their foot rays and positions."""
+    people = confident_people(detections, scene, settings.evidence, fewest_views=fewest)
     rig, observations = _observed(detections, scene)
     index = np.empty(len(detections), int)
     index[observations.row] = np.arange(len(detections))
@@ -152,18 +155,18 @@ def _judge(detections: Detections, scene: Scene, settings: Settings, fewest: int
 
 
 def _observed(detections: Detections, scene: Scene) -> tuple[Rig, Observations]:
-    """The rig in the canonical frame, and all detections in canonical order."""
+    """Return the rig in the canonical frame and all detections in canonical order."""
     rig = CanonicalFrame.of(scene).rig(scene.rig)
     return rig, observe(detections, rig, keep=np.ones(len(detections), bool))
 
 
-def _alike_people(
+def _people_of_paper(
     detections: Detections, judged: _Judged, settings: Settings, fewest: int
-) -> SurePeople:
-    """The paper's groups: by feet within a wide tolerance and by looks, whatever the heights.
+) -> ConfidentPeople:
+    """Group people with the paper's method: by feet within a wide tolerance and by appearance.
 
-    Where cameras are off by a degree the evidence method takes neighbours for one person: a wrong
-    rig seems consistent to it. Looks do not depend on the rig.
+    If cameras are off by a degree, the evidence method merges neighbors, and a wrong rig seems
+    consistent to it. Appearance does not depend on the rig.
     """
     rig, observations = _observed(detections, judged.scene)
     groups, _, _ = associate_in_two_passes(observations, cast_rays(observations, rig), settings)
@@ -171,7 +174,7 @@ def _alike_people(
     cameras = int((member >= 0).any(0).sum())
     fewest = max(fewest, -(-cameras // 2))
     sd = settings.calibration.edge_deviation(detections.height)
-    return SurePeople(
+    return ConfidentPeople(
         member[(member >= 0).sum(1) >= fewest],
         np.repeat(sd[:, None], 3, axis=1),
         judged.people.height,
@@ -182,68 +185,70 @@ def _alike_people(
 def _adjusted(
     detections: Detections,
     scene: Scene,
-    people: SurePeople,
+    people: ConfidentPeople,
     given: Scene,
     settings: CalibrationSettings,
     refinement: RefinementSettings,
 ) -> Scene:
-    """The scene after a bundle adjustment with the people of a round.
+    """Adjust the scene to the people of a round.
 
-    The adjustment works in metres on the ground z = 0. People of the usual height say how long a
-    metre is, so that no unit of the scene matters.
+    The adjustment works in meters on the ground z = 0. The usual height of people gives the length
+    of a meter, so the result does not depend on the unit of the scene.
     """
     rig = scene.rig
     frame = CanonicalFrame.of(scene)
-    metres = settings.apparent_height / people.height * frame.extent
-    start = _parameters(frame, rig, metres)
+    unit_in_meters = settings.apparent_height / people.height * frame.extent
+    start = _parameters(frame, rig, unit_in_meters)
     person, camera = np.nonzero(people.member >= 0)
     row = people.member[person, camera]
-    found = adjust_groups(
+    result = adjust_groups(
         BoxMeasurements(person, camera, _ideal_boxes(detections[row], rig), people.box_sd[row]),
         start,
         settings.foot_offset,
         start[:, LOG_FOCAL],
-        # The given rig says more about focal lengths and rolls than these weak priors.
+        # The given rig is more informative about focal lengths and rolls than these weak priors.
         replace(settings, focal_log_sd=np.inf, roll_sd=np.inf),
         shared_focal=False,
         iterations=refinement.iterations,
         known=KnownCameras(
-            _parameters(frame, given.rig, metres),
-            # A person's boxes err alike at all times (shoes, build, the detector's ways), so that
-            # all of them together know no more of the cameras than one.
-            max(people.repeats, 1.0) * _precision(refinement.tie, metres),
+            _parameters(frame, given.rig, unit_in_meters),
+            # The boxes of a person share their errors over time (shoes, build, detector bias), so
+            # all of them together are no more informative about the cameras than one.
+            max(people.repeats, 1.0) * _precision(refinement.tie, unit_in_meters),
         ),
     )
-    moved = np.where(np.isfinite(found.parameters), found.parameters, start)
+    moved = np.where(np.isfinite(result.parameters), result.parameters, start)
     K = np.array(rig.K, np.float64)
     K[:, :2, :2] *= np.exp(moved[:, LOG_FOCAL] - start[:, LOG_FOCAL])[:, None, None]
     R = rotation(moved) @ frame.axes.T
-    t = -np.einsum("cij,cj->ci", R, frame.to_world(moved[:, X:] / metres))
-    return _in_place_of(given, _with_cameras(scene, K, R, t))
+    t = -np.einsum("cij,cj->ci", R, frame.to_world(moved[:, X:] / unit_in_meters))
+    return _aligned_to(given, _with_cameras(scene, K, R, t))
 
 
-def _parameters(frame: CanonicalFrame, rig: Rig, metres: float) -> Float[np.ndarray, "cam 7"]:
-    """The cameras as the bundle adjustment takes them, zero where they are not registered."""
+def _parameters(
+    frame: CanonicalFrame, rig: Rig, unit_in_meters: float
+) -> Float[np.ndarray, "cam 7"]:
+    """Camera parameters for the bundle adjustment, zero for unregistered cameras."""
     upright = frame.rig(rig)
     K, R, t = (np.asarray(value, np.float64) for value in (upright.K, upright.R, upright.t))
-    known = rig.registered[:, None, None]
+    registered = rig.registered[:, None, None]
     return from_matrices(
-        np.where(known, K, np.eye(3)),
-        np.where(known, R, np.eye(3)),
-        np.where(known[..., 0], t * metres, 0.0),
+        np.where(registered, K, np.eye(3)),
+        np.where(registered, R, np.eye(3)),
+        np.where(registered[..., 0], t * unit_in_meters, 0.0),
     )
 
 
-def _precision(tie: CameraTie, metres: float) -> Float[np.ndarray, "7"]:
-    """Inverse variances in the order of the bundle adjustment's parameters."""
-    deviation = [tie.log_focal] + [tie.rotation] * 3 + [tie.center * metres] * 3
+def _precision(tie: CameraTie, unit_in_meters: float) -> Float[np.ndarray, "7"]:
+    """Inverse variances in parameter order of the bundle adjustment."""
+    deviation = [tie.log_focal] + [tie.rotation] * 3 + [tie.center * unit_in_meters] * 3
     return np.array(deviation) ** -2.0
 
 
 def _ideal_boxes(detections: Detections, rig: Rig) -> Float[np.ndarray, "n 3"]:
-    """Centre, top and bottom of boxes as a camera with square pixels and no lens sees them.
+    """Center, top and bottom of boxes for an ideal camera with square pixels and no distortion.
 
-    In pixels of the horizontal focal length from the principal point.
+    Offsets from the principal point in units of horizontal pixels.
     """
     box, camera = np.asarray(detections.box, np.float64), detections.camera
     K = np.asarray(rig.K, np.float64)[camera]
@@ -257,11 +262,11 @@ def _ideal_boxes(detections: Detections, rig: Rig) -> Float[np.ndarray, "n 3"]:
     return np.stack([(columns[0] + columns[1]) / 2, *rows], -1)
 
 
-def _in_place_of(given: Scene, moved: Scene) -> Scene:
-    """A scene turned, scaled and shifted so that its cameras as a whole are the given ones."""
-    known = given.rig.registered
-    R, to = (np.asarray(s.rig.R, np.float64)[known] for s in (moved, given))
-    center, place = (np.asarray(s.rig.centers, np.float64)[known] for s in (moved, given))
+def _aligned_to(given: Scene, moved: Scene) -> Scene:
+    """Rotate, scale and shift a scene so that its cameras as a whole match the given ones."""
+    registered = given.rig.registered
+    R, to = (np.asarray(s.rig.R, np.float64)[registered] for s in (moved, given))
+    center, place = (np.asarray(s.rig.centers, np.float64)[registered] for s in (moved, given))
     turn = Rotation.from_matrix(to.transpose(0, 2, 1) @ R).mean().as_matrix()
     away, apart = (center - center.mean(0)) @ turn.T, place - place.mean(0)
     scale = (away * apart).sum() / (away**2).sum()
@@ -276,13 +281,13 @@ def _in_place_of(given: Scene, moved: Scene) -> Scene:
 def _with_cameras(
     scene: Scene, K: np.ndarray, R: np.ndarray, t: np.ndarray, like: Rig | None = None
 ) -> Scene:
-    """The scene with other cameras; those that are not registered stay as in `like`."""
+    """Replace the cameras of a scene; unregistered ones are copied from `like`."""
     like = scene.rig if like is None else like
-    known = like.registered[:, None, None]
+    registered = like.registered[:, None, None]
     rig = Rig(
-        np.where(known, K, np.asarray(like.K, np.float64)),
-        np.where(known, R, np.asarray(like.R, np.float64)),
-        np.where(known[..., 0], t, np.asarray(like.t, np.float64)),
+        np.where(registered, K, np.asarray(like.K, np.float64)),
+        np.where(registered, R, np.asarray(like.R, np.float64)),
+        np.where(registered[..., 0], t, np.asarray(like.t, np.float64)),
         like.image_size,
         like.distortion,
         like.registered,

@@ -1,4 +1,4 @@
-"""What a refinement of a rig is asked to do, and what it returns."""
+"""Settings and result of the refinement of a rig."""
 
 from dataclasses import dataclass, field
 
@@ -8,24 +8,25 @@ from jaxtyping import Float, Int
 from catfree.calibration._bundle_adjustment import CameraTie
 from catfree.types import Scene
 
-SAME_RESIDUAL = 0.01  # share; rounds whose residuals differ by less are as good
+SAME_RESIDUAL = 0.01  # relative difference below which residuals count as equal
 
 
 @dataclass(frozen=True)
 class RefinementSettings:
-    """How the rig is refined.
+    """Settings of the refinement.
 
     Attributes:
-        cameras: cameras that must see a person for it to be a reference point; the evidence method
-            asks for half of all cameras besides.
-        iterations: steps of the bundle adjustment in each round.
-        tie: how far the cameras may be from the rig that was given.
-        maximum_frames: at most so many frames, evenly spread, take part: a static rig needs people
-            in many places, not every frame. The evidence method takes short runs of them.
+        cameras: minimum number of cameras that see a person used as a reference point; the evidence
+            method also requires half of all cameras.
+        iterations: steps of the bundle adjustment per round.
+        tie: standard deviations of the cameras from the given rig.
+        maximum_frames: maximum number of frames used, evenly spread: a static rig needs people in
+            many places, not every frame. The evidence method uses short runs of frames.
         refit_ground: move the ground to the feet of the people of the chosen round.
-        ground_tilt: standard deviation in radians of the given ground's tilt about each axis; only
-            the paper's method needs it, since whole boxes say where the ground is.
-        ground_offset: standard deviation of its offset as a share of E; likewise.
+        ground_tilt: standard deviation in radians of the given ground's tilt about each axis; used
+            only by the paper's method, since whole boxes determine the ground.
+        ground_offset: standard deviation of the ground's offset as a fraction of E; used only by
+            the paper's method.
     """
 
     cameras: int = 3
@@ -39,13 +40,13 @@ class RefinementSettings:
 
 @dataclass(frozen=True)
 class Refinement:
-    """A refined scene and how it came about.
+    """A refined scene and the residuals of all rounds.
 
     Attributes:
         scene: the scene of the chosen round.
         residuals: (rounds done + 1,) median angle in radians between the rays of people seen by
-            enough cameras and their positions; the first is that of the scene that was given.
-        chosen: the round with the smallest one; 0 returns what was given.
+            enough cameras and their positions; the first is that of the given scene.
+        chosen: the round with the smallest residual; 0 is the given scene.
         people: (rounds done + 1,) number of those people.
     """
 

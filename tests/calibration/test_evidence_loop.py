@@ -40,7 +40,7 @@ def furthest(found, right):
 
 
 def test_a_rig_in_order_stays_as_it_is(loop, right):
-    assert loop.replace_strained(right) is right
+    assert loop.replace_outliers(right) is right
     assert loop.replace_blocking(right) is None
 
 
@@ -51,10 +51,10 @@ def test_a_camera_beside_its_place_is_taken_to_it(loop, right, step):
     assert furthest(found, right) < 0.3
 
 
-def test_a_camera_without_people_is_strained_and_placed_anew(loop, right):
+def test_a_camera_without_people_is_placed_anew(loop, right):
     away = loop.refine(moved(right, WRONG, 2.5, -1.7))
     assert furthest(away, right) > 1.0
-    found = loop.replace_strained(away)
+    found = loop.replace_outliers(away)
     assert found.sightings.sum() > away.sightings.sum()
     assert furthest(found, right) < 0.3
 
@@ -71,15 +71,15 @@ def test_three_cameras_do_not_tell_which_of_them_is_wrong(loop, right):
     for camera in (0, 1, MISSING):
         few = without_camera(few, camera, SETTINGS.calibration)
     assert loop.replace_blocking(few) is None
-    assert loop.replace_strained(few) is few
+    assert loop.replace_outliers(few) is few
 
 
 def test_a_camera_that_fits_nowhere_is_flagged_in_the_end(world, loop, right):
-    assert loop.without_strained(right) is right
+    assert loop.without_outliers(right) is right
     beside = moved(right, WRONG, 2.5, -1.7)
     residual = right.camera_residual.copy()
     residual[WRONG] *= 1.1 * SETTINGS.calibration.strained_residual
-    found = loop.without_strained(replace(beside, camera_residual=residual))
+    found = loop.without_outliers(replace(beside, camera_residual=residual))
     assert found.scene.rig.registered.tolist() == [camera != WRONG for camera in range(6)]
     assert furthest(found, right) < 0.3
 
@@ -92,12 +92,12 @@ def test_cameras_that_agree_on_nobody_do_not_outvote_one(world, right):
     loop = Thin(world.detections, SETTINGS, lambda *_: None, [f"gate {c}" for c in range(6)])
     residual = right.camera_residual.copy()
     residual[WRONG] *= 2 * SETTINGS.calibration.strained_residual
-    strained = replace(right, camera_residual=residual)
+    outlier = replace(right, camera_residual=residual)
     with pytest.raises(CalibrationError, match="Camera gate 2 contradicts the others"):
-        loop.without_strained(strained)
+        loop.without_outliers(outlier)
     for camera in (0, 1, MISSING):
-        strained = without_camera(strained, camera, SETTINGS.calibration)
-    pair = loop.without_strained(strained)  # two cameras never share sure people
+        outlier = without_camera(outlier, camera, SETTINGS.calibration)
+    pair = loop.without_outliers(outlier)  # two cameras never share confident people
     assert pair.scene.rig.registered.tolist() == [c in (3, 4) for c in range(6)]
 
 

@@ -42,10 +42,10 @@ def small_problem(seed: int, *, noise: float = 0.0, people: int = 12):
 def test_derivatives_match_finite_differences(seed):
     rng, cameras, points, sightings = small_problem(seed, noise=0.3, people=3)
     noise = 10.0  # nothing is far, so the residual is smooth
-    linear = bundle_adjustment._linearise(sightings, cameras, points, noise)
+    linear = bundle_adjustment._linearize(sightings, cameras, points, noise)
     step, shift = 1e-6 * rng.standard_normal((4, 7)), 1e-6 * rng.standard_normal((3, 3))
-    ahead = bundle_adjustment._linearise(sightings, cameras.moved(step), points + shift, noise)
-    behind = bundle_adjustment._linearise(sightings, cameras.moved(-step), points - shift, noise)
+    ahead = bundle_adjustment._linearize(sightings, cameras.moved(step), points + shift, noise)
+    behind = bundle_adjustment._linearize(sightings, cameras.moved(-step), points - shift, noise)
     predicted = np.einsum("pcki,ci->pck", linear.by_camera, step)
     predicted += np.einsum("pcki,pi->pck", linear.by_point, shift)
     difference = (behind.residual - ahead.residual) / 2
@@ -56,7 +56,7 @@ def test_derivatives_match_finite_differences(seed):
 @settings(max_examples=5)
 def test_elimination_solves_the_whole_system(seed):
     _, cameras, points, sightings = small_problem(seed, noise=2.0, people=4)
-    linear = bundle_adjustment._linearise(sightings, cameras, points, 2.0)
+    linear = bundle_adjustment._linearize(sightings, cameras, points, 2.0)
     precision = CameraTie().precision
     away = cameras.away_from(cameras)
     step, shift = bundle_adjustment._step(linear, away, precision, 0.0)

@@ -1,4 +1,4 @@
-"""A metric camera rig from pedestrians alone."""
+"""Register a metric camera rig from pedestrians alone."""
 
 from catfree.calibration.people._camera_search import (
     confirm as confirm,

@@ -12,16 +12,16 @@ from catfree.types._sampling import evenly_spread
 
 @dataclass(frozen=True)
 class BoxGrid:
-    """All boxes of all cameras, padded so that every later step is an array operation.
+    """All boxes of all cameras, padded for array operations.
 
-    Pixels are relative to the image centre, which is taken as the principal point.
+    Pixels are relative to the image center, the assumed principal point.
 
     Attributes:
-        u: (C, T, N) horizontal box centre.
+        u: (C, T, N) horizontal box center.
         top: (C, T, N) top row.
         bottom: (C, T, N) bottom row.
         sd: (C, T, N) standard deviation of an edge in pixels.
-        valid: (C, T, N) whether the slot holds a box that lies inside the image.
+        valid: (C, T, N) whether the slot holds a box inside the image.
         row: (C, T, N) row in the detections, or -1.
         size: (C, 2) image width and height.
         frames: (T,) frame numbers.
@@ -47,12 +47,12 @@ class BoxGrid:
         return self.u.shape[1]
 
     def at_frames(self, index: Int[np.ndarray, " chosen"]) -> "BoxGrid":
-        """The grid of some frames only."""
+        """Select frames of the grid."""
         picked = {k: getattr(self, k)[:, index] for k in _PER_BOX}
         return BoxGrid(**picked, size=self.size, frames=self.frames[index])
 
     def shifted(self, camera: int, shift: int) -> "BoxGrid":
-        """The grid with one camera's sequence rolled circularly in time by `shift` frames."""
+        """Roll one camera's sequence circularly in time by `shift` frames."""
         rolled = {}
         for name in _PER_BOX:
             value = getattr(self, name).copy()
@@ -75,8 +75,8 @@ def grid_boxes(
         settings: constants.
 
     Returns:
-        The grid; boxes that touch the image border are left out, since at least one of their edges
-        says nothing about the person.
+        The grid. Boxes that touch the image border are omitted, since at least one of their edges
+        is not an edge of the person.
     """
     size = np.asarray(image_size)
     camera_count = len(size)
@@ -109,16 +109,16 @@ def grid_boxes(
         return grid
 
     center = (size - 1) / 2
-    tall = box[row, 3] - box[row, 1]
-    rows = np.full(shape, -1)
-    rows[at] = row
+    box_height = box[row, 3] - box[row, 1]
+    row_grid = np.full(shape, -1)
+    row_grid[at] = row
     return BoxGrid(
         u=spread((box[row, 0] + box[row, 2]) / 2 - center[camera[row], 0]),
         top=spread(box[row, 1] - center[camera[row], 1]),
         bottom=spread(box[row, 3] - center[camera[row], 1]),
-        sd=np.where(rows >= 0, spread(settings.edge_deviation(tall)), 1.0),
-        valid=rows >= 0,
-        row=rows,
+        sd=np.where(row_grid >= 0, spread(settings.edge_deviation(box_height)), 1.0),
+        valid=row_grid >= 0,
+        row=row_grid,
         size=size,
         frames=frames,
     )

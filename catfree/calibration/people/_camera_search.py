@@ -1,8 +1,8 @@
-"""Cameras of a finished rig: taken out, placed anew, or confirmed, given the others.
+"""Remove, re-place or confirm cameras of a finished rig, given the others.
 
-Registration judges a camera against maps that are good to several percent of the range. Once the
-evidence method has refined the rest, the same search tells a right place from a wrong one far
-better: a missing camera can be found, and one that settled beside its place can be moved.
+Registration judges a camera against maps that are accurate to several percent of the range. Once
+the evidence method has refined the other cameras, the same search is far more selective: a missing
+camera can be placed, and a misplaced one can be moved.
 """
 
 from collections.abc import Sequence
@@ -25,31 +25,31 @@ from catfree.types import Detections, Rig, Scene
 def reconsider(
     calibration: Calibration, detections: Detections, settings: CalibrationSettings
 ) -> Calibration | None:
-    """Search every camera's place anew, given all others.
+    """Search every camera's position again, given all others.
 
     Args:
         calibration: a refined rig.
-        detections: (N,) the boxes that it came from.
+        detections: (N,) the boxes it was made from.
         settings: constants.
 
     Returns:
-        The rig with cameras added, or moved to where their evidence is clearly higher; None if
-        every camera stays as it is. Uncertainties of such cameras are those of a later refinement.
+        The rig with cameras added, or moved to where their evidence is clearly higher; None if no
+        camera changes. The uncertainties of changed cameras are NaN until a later refinement.
     """
     work, state = _resume(calibration, detections, settings)
     changed: dict[int, Verdict] = {}
     for camera in range(len(state.placed)):
-        rest = state.without_camera(camera)
-        if rest.placed.sum() < 2:
+        without = state.without_camera(camera)
+        if without.placed.sum() < 2:
             continue
-        best = best_candidate(work, rest, camera, [], calibration.shared_focal)
+        best = best_candidate(work, without, camera, [], calibration.shared_focal)
         if best is None:
             continue
         parameters, verdict = best
         if state.placed[camera]:
-            others = group_people(work.scoring, rest, settings).ground
-            now = judge_camera(work, state, camera, grid=work.scoring, others=others)
-            if verdict.margin < now.margin + settings.minimum_margin:
+            others = group_people(work.scoring, without, settings).ground
+            current = judge_camera(work, state, camera, grid=work.scoring, others=others)
+            if verdict.margin < current.margin + settings.minimum_margin:
                 continue
         state = state.with_camera(camera, parameters, settings.fine_range_tolerance)
         changed[camera] = verdict
@@ -59,11 +59,11 @@ def reconsider(
 def without_camera(
     calibration: Calibration, camera: int, settings: CalibrationSettings
 ) -> Calibration:
-    """The calibration with a camera flagged as not to be trusted.
+    """Remove a camera from the rig.
 
     Args:
         calibration: a rig.
-        camera: which camera.
+        camera: index of the camera.
         settings: constants.
 
     Returns:
@@ -75,16 +75,16 @@ def without_camera(
 def places_for(
     calibration: Calibration, detections: Detections, camera: int, settings: CalibrationSettings
 ) -> list[Calibration]:
-    """The rig with a camera that is missing in it, once for each place that its boxes allow.
+    """Add a missing camera to the rig at each position that its boxes allow.
 
     Args:
         calibration: a rig without the camera.
-        detections: (N,) the boxes that it came from.
-        camera: which camera.
+        detections: (N,) the boxes it was made from.
+        camera: index of the camera.
         settings: constants.
 
     Returns:
-        A rig for each place; none if the boxes allow no place.
+        One rig per position, possibly none.
     """
     work, state = _resume(calibration, detections, settings)
     tolerance = settings.fine_range_tolerance
@@ -108,17 +108,17 @@ def offset_for(
     maximum: int,
     settings: CalibrationSettings,
 ) -> int:
-    """The clock offset with which a camera that is missing in a rig can be placed.
+    """Find the clock offset with which a missing camera can be placed.
 
     Args:
         calibration: a rig without the camera.
-        detections: (N,) the boxes that it came from.
-        camera: which camera.
-        maximum: largest offset to try in instants.
+        detections: (N,) the boxes it was made from.
+        camera: index of the camera.
+        maximum: largest offset to try, in instants.
         settings: constants.
 
     Returns:
-        Frames by which its frame numbers are too high; 0 if it fits nowhere, or as it is.
+        Frames by which its frame numbers are too high; 0 if it fits nowhere, or without an offset.
     """
     work, state = _resume(calibration, detections, settings)
     grid = work.grid
@@ -133,17 +133,17 @@ def offset_for(
 def confirm(
     calibration: Calibration, detections: Detections, settings: CalibrationSettings
 ) -> Calibration:
-    """The rig with fresh evidence for every camera, and without those that do not stand up to it.
+    """Recompute the evidence of every camera and remove cameras with too little evidence.
 
-    Fewer than two cameras never remain: the best two stay as they are.
+    At least two cameras always remain.
 
     Args:
         calibration: a rig.
-        detections: (N,) the boxes that it came from.
+        detections: (N,) the boxes it was made from.
         settings: constants.
 
     Returns:
-        The rig; cameras that fail are not registered and hold NaN.
+        The rig; rejected cameras are not registered and hold NaN.
     """
     work, state = _resume(calibration, detections, settings)
     while True:
@@ -157,18 +157,18 @@ def confirm(
 def without_vague_cameras(
     calibration: Calibration, settings: CalibrationSettings, names: Sequence[str] | None = None
 ) -> Calibration:
-    """The rig without cameras that few people, or people in few places, hardly pin down.
+    """Remove cameras whose focal length is poorly determined by their people.
 
     Args:
-        calibration: the rig; a focal length of unknown deviation (NaN) is let pass.
+        calibration: the rig; a focal length of unknown deviation (NaN) is accepted.
         settings: constants.
-        names: of all cameras, for messages.
+        names: camera names for error messages.
 
     Returns:
-        The rig; vague cameras are not registered and hold NaN.
+        The rig; removed cameras are not registered and hold NaN.
 
     Raises:
-        CalibrationError: if fewer than two cameras are known well enough.
+        CalibrationError: if fewer than two cameras remain.
     """
     rig = calibration.scene.rig
     deviation = calibration.focal_sd / np.asarray(rig.K)[:, 0, 0]
@@ -178,8 +178,8 @@ def without_vague_cameras(
             f"camera {names[int(c)] if names else c} to {100 * deviation[c]:.0f} %" for c in vague
         )
         raise CalibrationError(
-            f"The focal lengths are known too badly to trust the rig ({each}; "
-            f"{100 * settings.largest_focal_sd:.0f} % needed). Record longer, or until people have "
+            f"The focal lengths are too uncertain to trust the rig ({each}; "
+            f"{100 * settings.largest_focal_sd:.0f} % needed); record longer, or until people have "
             "walked near and far."
         )
     for camera in vague:
@@ -190,7 +190,7 @@ def without_vague_cameras(
 def _resume(
     calibration: Calibration, detections: Detections, settings: CalibrationSettings
 ) -> tuple[Workspace, RigState]:
-    """A finished rig as a rig under construction."""
+    """Convert a finished rig to a rig under construction."""
     rig = calibration.scene.rig
     names = [str(c) for c in range(rig.camera_count)]
     work = prepare(detections, np.asarray(rig.image_size), settings, names)
@@ -198,7 +198,7 @@ def _resume(
 
 
 def _state(calibration: Calibration, settings: CalibrationSettings) -> RigState:
-    """The cameras of a finished rig."""
+    """Convert the cameras of a finished rig to a `RigState`."""
     rig = calibration.scene.rig
     placed = np.asarray(rig.registered)
     parameters = from_matrices(np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t))
@@ -214,9 +214,9 @@ def _with_cameras(
     *,
     anew: Sequence[int] = (),
 ) -> Calibration:
-    """The calibration with the cameras of a state, and the evidence of some of them.
+    """Replace the cameras of the calibration and update the evidence in `verdicts`.
 
-    What was known of the precision of cameras that are placed anew holds no longer.
+    The uncertainties of the newly placed cameras in `anew` become NaN.
     """
     size = np.asarray(calibration.scene.rig.image_size)
     K, R, t = to_matrices(state.parameters, size)
@@ -224,7 +224,7 @@ def _with_cameras(
     association = np.where(state.placed, calibration.association_rate, np.nan)
     evidence = np.where(state.placed, calibration.log_likelihood_ratio, np.nan)
     for camera, verdict in verdicts.items():
-        association[camera] = verdict.judgement.association
+        association[camera] = verdict.judgment.association
         evidence[camera] = verdict.margin
     kept = state.placed & ~np.isin(np.arange(len(state.placed)), anew)
     covariance = np.where(kept[:, None, None], calibration.center_covariance, np.nan)

@@ -1,7 +1,7 @@
-"""Refine a rig with people that were matched across cameras by other means.
+"""Refine a rig with people matched across cameras by other means.
 
-A method that weighs appearance, time and visibility groups boxes better than geometry alone does.
-Its surest groups, fed back here, make the rig sharper; then it can be run again.
+A method that weighs appearance, time and visibility groups boxes better than geometry alone. Its
+most certain groups make the rig more accurate; then the method can be run again.
 """
 
 from dataclasses import replace
@@ -25,8 +25,8 @@ from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Rig, Scene
 
 FEWEST_PEOPLE = 20
-SMALLEST_SD = 2.0  # pixels; no box edge is known better
-SILENT_SD = 1e6  # pixels; an edge that says nothing
+SMALLEST_SD = 2.0  # pixels; lower bound for the error of a box edge
+SILENT_SD = 1e6  # pixels; an edge without information
 
 
 def refine_with_correspondences(
@@ -38,36 +38,37 @@ def refine_with_correspondences(
     box_sd: ArrayInput | None = None,
     iterations: int = 20,
 ) -> Calibration:
-    """Bundle adjustment of a pedestrian rig with given groups of boxes.
+    """Adjust a pedestrian rig to given groups of boxes.
 
     Args:
-        calibration: the rig so far; cameras that are not registered stay so.
+        calibration: the rig; unregistered cameras stay unregistered.
         detections: (N,) boxes.
         members: (H, C) row of the detections in each camera for each person and frame, or -1; rows
-            with fewer than two registered cameras are left out. The surer, the better: wrong groups
-            hold the rig where it is.
+            with fewer than two registered cameras are omitted. Use only certain groups: wrong
+            groups hold the rig in place.
         settings: constants.
-        box_sd: (N, 3) standard deviations in pixels of horizontal centre, top and bottom; those of
-            the settings if left out. NaN or infinity marks an edge that says nothing.
-        iterations: at most this many steps.
+        box_sd: (N, 3) standard deviations in pixels of horizontal center, top and bottom; if
+            None, those of the settings. NaN or infinity marks an edge without information.
+        iterations: maximum number of steps.
 
     Returns:
-        The refined rig with new focal and centre uncertainty, and one focal length or one each as
-        these people tell; the evidence is the old one's.
+        The refined rig with new focal and center uncertainties, and with shared or separate focal
+        lengths, whichever these people support; the evidence is that of the given rig.
 
     Raises:
-        InvalidInputError: if shapes do not fit.
+        InvalidInputError: if shapes do not match.
         InsufficientDataError: if too few people are seen by two registered cameras.
     """
     settings = CalibrationSettings() if settings is None else settings
     rig = calibration.scene.rig
-    known = np.asarray(rig.registered)
+    registered = np.asarray(rig.registered)
     members = np.asarray(members)
-    if members.ndim != 2 or members.shape[1] != len(known):
+    if members.ndim != 2 or members.shape[1] != len(registered):
         raise InvalidInputError(
-            f"members must have shape (H, {len(known)}), one column a camera, got {members.shape}."
+            f"members must have shape (H, {len(registered)}), one column per camera, got "
+            f"{members.shape}."
         )
-    members = np.where(known, members, -1)
+    members = np.where(registered, members, -1)
     members = members[(members >= 0).sum(1) >= 2]
     if len(members) < FEWEST_PEOPLE:
         raise InsufficientDataError(
@@ -92,50 +93,50 @@ def refine_with_correspondences(
     else:
         sd = np.asarray(box_sd, np.float64)[row]
     parameters = from_matrices(np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t))
-    together, apart = (
+    shared, separate = (
         adjust_groups(
             BoxMeasurements(person, camera, box, sd),
-            np.where(known[:, None], parameters, 0.0),
+            np.where(registered[:, None], parameters, 0.0),
             calibration.foot_offset,
             np.log(np.median(settings.focal_shares) * rig.image_size.max(1)),
             settings,
-            shared_focal=shared,
+            shared_focal=is_shared,
             iterations=iterations,
         )
-        for shared in (True, False)
+        for is_shared in (True, False)
     )
-    # What is known of the focal lengths grows with the people. A few of them, or a camera beside
-    # its place, may ask for one each that nobody can know.
-    shared_focal = not focal_lengths_differ(together, apart, settings)
-    if calibration.shared_focal and (apart.focal_deviation > settings.largest_focal_sd).any():
+    # Information on the focal lengths grows with the number of people. Few people, or a misplaced
+    # camera, may favor separate focal lengths that are not determined.
+    shared_focal = not focal_lengths_differ(shared, separate, settings)
+    if calibration.shared_focal and (separate.focal_deviation > settings.largest_focal_sd).any():
         shared_focal = True
-    found = together if shared_focal else apart
-    seen = np.isfinite(found.parameters[:, LOG_FOCAL])
-    parameters = np.where(seen[:, None], found.parameters, parameters)
+    result = shared if shared_focal else separate
+    adjusted = np.isfinite(result.parameters[:, LOG_FOCAL])
+    parameters = np.where(adjusted[:, None], result.parameters, parameters)
     K, R, t = to_matrices(parameters, rig.image_size)
-    K[~known] = np.nan
+    K[~registered] = np.nan
     scene = Scene.from_rig(
-        Rig(K, R, t, rig.image_size, registered=known), calibration.scene.ground, metric=True
+        Rig(K, R, t, rig.image_size, registered=registered), calibration.scene.ground, metric=True
     )
     instants = len(np.unique(np.asarray(detections.frame)[row]))
     return replace(
         calibration,
         scene=scene,
         shared_focal=shared_focal,
-        focal_sd=np.where(seen, K[:, 0, 0] * found.focal_deviation, calibration.focal_sd),
+        focal_sd=np.where(adjusted, K[:, 0, 0] * result.focal_deviation, calibration.focal_sd),
         center_covariance=np.where(
-            seen[:, None, None], found.center_covariance, calibration.center_covariance
+            adjusted[:, None, None], result.center_covariance, calibration.center_covariance
         ),
         scale_sd=scale_deviation(
-            found.parameters,
-            found.covariance,
-            known & seen,
+            result.parameters,
+            result.covariance,
+            registered & adjusted,
             len(members) / instants,
             settings,
         ),
-        residual=found.residual,
-        camera_residual=found.camera_residual,
-        sightings=found.sightings,
+        residual=result.residual,
+        camera_residual=result.camera_residual,
+        sightings=result.sightings,
     )
 
 
@@ -150,17 +151,17 @@ def adjust_groups(
     iterations: int,
     known: KnownCameras | None = None,
 ) -> BundleResult:
-    """Bundle adjustment of cameras with given groups of boxes, people started from single views.
+    """Adjust cameras to given groups of boxes; people are initialized from single views.
 
     Args:
-        measurements: the boxes of each group; an edge of deviation NaN or infinity says nothing.
-        parameters: (C, 7) where the cameras start, in metres over the ground z = 0.
-        foot_offset: start of the foot offset in metres.
-        log_focal_prior: (C,) middle of the weak prior on log focal length.
+        measurements: the boxes of each group; an edge with deviation NaN or infinity is ignored.
+        parameters: (C, 7) initial cameras, in meters over the ground z = 0.
+        foot_offset: initial foot offset in meters.
+        log_focal_prior: (C,) mean of the weak prior on log focal length.
         settings: constants.
         shared_focal: whether all cameras have one focal length.
-        iterations: at most this many steps.
-        known: what is known of the cameras beforehand.
+        iterations: maximum number of steps.
+        known: prior on the cameras, if any.
     """
     person, camera, box = measurements.person, measurements.camera, measurements.box
     sd = np.maximum(np.nan_to_num(measurements.sd, nan=SILENT_SD, posinf=SILENT_SD), SMALLEST_SD)
@@ -188,13 +189,13 @@ def _start(
     settings: CalibrationSettings,
     foot_offset: float,
 ) -> Float[np.ndarray, "person 2"]:
-    """(P, 2) where each person stands, from the single views together."""
+    """(P, 2) initial ground position of each person, averaged over its single views."""
     count = int(person.max()) + 1
     total, weights = np.zeros((count, 2)), np.full(count, 1e-9)
     for index in np.unique(camera):
         rows = np.flatnonzero(camera == index)
         u, top, bottom = (box[rows, i][None] for i in range(3))
-        found = map_ground(
+        ground_map = map_ground(
             parameters[index],
             u,
             top,
@@ -205,7 +206,7 @@ def _start(
             foot_offset=foot_offset,
             range_tolerance=settings.fine_range_tolerance,
         )
-        weight = found.valid[0] / found.covariance[0].trace(axis1=1, axis2=2)
-        np.add.at(total, person[rows], weight[:, None] * found.xy[0])
+        weight = ground_map.valid[0] / ground_map.covariance[0].trace(axis1=1, axis2=2)
+        np.add.at(total, person[rows], weight[:, None] * ground_map.xy[0])
         np.add.at(weights, person[rows], weight)
     return total / weights[:, None]

@@ -1,4 +1,4 @@
-"""A metric camera rig and its ground plane from person boxes alone."""
+"""Register a metric camera rig and its ground plane from person boxes alone."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,29 +20,29 @@ from catfree.types._progress import Progress, no_progress
 
 @dataclass(frozen=True)
 class Calibration:
-    """A rig found from pedestrians alone.
+    """A rig registered from pedestrians alone.
 
     Attributes:
         scene: metric scene, z up, ground z = 0; cameras that cannot be trusted are not registered
             and hold NaN.
-        association_rate: (C,) share of the people whom a camera and the rest of the rig should both
-            see that they agree on; NaN where not registered, as below.
+        association_rate: (C,) fraction matched of the people that both a camera and the rest of the
+            rig should see; NaN for unregistered cameras, as in the following fields.
         log_likelihood_ratio: (C,) natural-log evidence of each camera against the map of the
-            others, above the best that its own boxes reach at shifted times.
+            others, minus the highest evidence of its boxes at shifted times.
         focal_sd: (C,) standard deviation of the focal length in pixels.
-        center_covariance: (C, 3, 3) of the camera centres in square metres, with the heading and
-            ground position of the camera with most boxes held. Both cover what random box noise
-            and the foot offset do, not lens distortion; `scale_sd` covers the rest of the scale.
-        shared_focal: whether the cameras were found to have one focal length.
-        scale_sd: relative standard deviation of every length: what is not known about the height of
-            the people, the slack of the boxes, and the foot offset, besides box noise.
-        foot_offset: metres by which the bottom of a box is taken to be nearer than the body axis.
+        center_covariance: (C, 3, 3) of the camera centers in square meters, with the heading and
+            ground position of the camera with most boxes fixed. This and `focal_sd` cover random
+            box noise and the foot offset, not lens distortion; `scale_sd` covers the scale.
+        shared_focal: whether one focal length is used for all cameras.
+        scale_sd: relative standard deviation of every length, from the uncertain height of the
+            people, the slack of the boxes, the foot offset, and box noise.
+        foot_offset: meters by which the bottom of a box is closer to the camera than the body axis.
         residual: median absolute residual in standard deviations of the box edges.
-        camera_residual: (C,) the same of each camera's boxes, NaN where there are none. A camera
-            with clearly more than the others stands where its people are not.
-        sightings: (C,) boxes of each camera that held the rig in its last adjustment.
-        frame_offset: (C,) frames by which each camera's frame numbers were found to be too high; 0
-            unless asked for.
+        camera_residual: (C,) the same per camera, NaN for cameras without boxes. A camera with a
+            clearly higher residual than the others is misplaced.
+        sightings: (C,) number of boxes per camera in the last adjustment.
+        frame_offset: (C,) frames by which each camera's frame numbers are too high; 0 unless the
+            search for offsets was requested.
     """
 
     scene: Scene
@@ -68,26 +68,26 @@ def register(
     maximum_offset: int = 0,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Register cameras over a metric ground by boxes of walking people: how `calibrate` begins.
+    """Register cameras over a metric ground from boxes of walking people: the start of `calibrate`.
 
-    People are as tall as people are: that gives every camera its tilt, roll, height and a metric
-    map of the ground. People seen by two cameras at the same time join their maps. Cameras are
-    added as long as their evidence exceeds what the same boxes reach at shifted times.
+    The known range of people's heights gives every camera its tilt, roll, height and a metric map
+    of the ground. People seen by two cameras at the same time join their maps. Cameras are added
+    as long as their evidence exceeds that of the same boxes at shifted times.
 
     Args:
         detections: (N,) boxes of synchronized static cameras; scores and appearance are not used.
         image_size: (2,) width and height in pixels for all cameras, or (C, 2).
         settings: constants; the same for all data.
-        camera_names: names for messages.
-        maximum_offset: search clock offsets of single cameras up to so many frames, and correct
-            them; 0 trusts the frame numbers.
-        progress: called as (stage, done, total).
+        camera_names: names for error messages.
+        maximum_offset: largest clock offset of a single camera, in frames, to search for and
+            correct; 0 trusts the frame numbers.
+        progress: called as `progress(stage, done, total)`.
 
     Returns:
         The rig, the ground z = 0, and the evidence for each camera.
 
     Raises:
-        InvalidInputError: if sizes or names do not fit the detections.
+        InvalidInputError: if sizes or names do not match the detections.
         CalibrationError: if fewer than two cameras can be trusted.
     """
     settings = CalibrationSettings() if settings is None else settings
@@ -114,13 +114,13 @@ def prepare(
     settings: CalibrationSettings,
     names: Sequence[str],
 ) -> Workspace:
-    """Boxes on a grid, checked to be enough to begin with.
+    """Arrange the boxes on a grid and check that there are enough.
 
     Args:
         detections: (N,) boxes of all cameras.
         size: (C, 2) image widths and heights in pixels.
         settings: constants.
-        names: of the cameras, for messages.
+        names: camera names for error messages.
 
     Raises:
         CalibrationError: if there are too few cameras, frames or boxes.
@@ -132,29 +132,29 @@ def prepare(
         counts = ", ".join(f"{n}: {b}" for n, b in zip(names, boxes, strict=True))
         raise CalibrationError(
             f"Calibration from people needs 2 cameras with more than {settings.minimum_matches} "
-            f"boxes inside the image each, and has {seeing} ({counts or 'no cameras'})."
+            f"boxes inside the image each, but has {seeing} ({counts or 'no cameras'})."
         )
     if grid.frame_count < settings.minimum_frames:
         raise CalibrationError(
             f"Calibration from people needs at least {settings.minimum_frames} frames with boxes, "
-            f"and has {grid.frame_count}: fewer cannot be told from chance. Record longer."
+            f"and has {grid.frame_count}, too few to exclude chance agreement; record longer."
         )
     return Workspace(grid, settings)
 
 
 def _sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarray, "cam 2"]:
-    """(C, 2) image sizes, one for each camera."""
+    """Expand image sizes to (C, 2), one per camera, and check them."""
     size = np.asarray(image_size)
     count = int(detections.camera.max(initial=-1)) + 1
     if size.shape == (2,):
         size = np.tile(size, (count, 1))
     if size.ndim != 2 or size.shape[1:] != (2,) or not np.issubdtype(size.dtype, np.number):
         raise InvalidInputError(
-            f"image_size must be (width, height) or one row a camera, got shape {size.shape}."
+            f"image_size must be (width, height) or one row per camera, got shape {size.shape}."
         )
     if len(size) < count:
         raise InvalidInputError(
-            f"image_size has {len(size)} rows, but the detections name camera {count - 1}."
+            f"image_size has {len(size)} rows, but the detections refer to camera {count - 1}."
         )
     if (size <= 0).any():
         raise InvalidInputError("image_size must be a positive number of pixels.")
@@ -167,12 +167,12 @@ def describe(
     names: Sequence[str],
     offset: Int[np.ndarray, " cam"],
 ) -> Calibration:
-    """A registered rig as a scene with its evidence.
+    """Describe a registered rig as a scene with its evidence.
 
     Args:
         work: the sequence.
         registered: its cameras.
-        names: of the cameras, for messages.
+        names: camera names for error messages.
         offset: (C,) frames by which each camera's frame numbers are too high.
 
     Raises:
@@ -184,16 +184,16 @@ def describe(
     for camera, verdict in registered.verdicts.items():
         trusted[camera] = verdict.accepted
         if verdict.accepted:
-            association[camera] = verdict.judgement.association
+            association[camera] = verdict.judgment.association
             evidence[camera] = verdict.margin
     if trusted.sum() < 2:
-        seen = "; ".join(
-            f"{names[c]}: {' and '.join(v.shortcomings) or 'enough, but nobody to share it with'}"
+        reasons = "; ".join(
+            f"{names[c]}: {' and '.join(v.shortcomings) or 'enough, but no other trusted camera'}"
             for c, v in registered.verdicts.items()
         )
         raise CalibrationError(
-            f"Only {trusted.sum()} cameras can be trusted and 2 are needed ({seen or 'no matches'})"
-            ". Check synchronization and overlap, or record longer."
+            f"Only {trusted.sum()} cameras can be trusted and 2 are needed "
+            f"({reasons or 'no matches'}); check synchronization and overlap, or record longer."
         )
     parameters = np.where(trusted[:, None], state.parameters, np.nan)
     K, R, t = to_matrices(parameters, work.grid.size)

@@ -1,1 +1,1 @@
-"""A scene from reconstructions of single instants: one rig, one ground."""
+"""Build a scene, one rig and one ground, from reconstructions of single instants."""

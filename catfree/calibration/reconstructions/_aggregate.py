@@ -1,4 +1,4 @@
-"""One static rig from reconstructions of several instants, each in a frame and scale of its own."""
+"""Average reconstructions of several instants, each with its own gauge, into one static rig."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,19 +24,19 @@ from catfree.types import Rig
 from catfree.types._reconstruction import Reconstruction
 from catfree.types._sampling import evenly_spread
 
-REALIGNMENTS = 5  # aligning to the average and averaging again; it settles after two or three
-MAXIMUM_POINTS = 200_000  # kept of the merged cloud, evenly
+REALIGNMENTS = 5  # rounds of alignment and averaging; two or three suffice to converge
+MAXIMUM_POINTS = 200_000  # points kept of the merged cloud, evenly sampled
 
 
 @dataclass(frozen=True)
 class Spread:
-    """How much the instants disagree about each camera: robust standard deviations.
+    """Disagreement of the instants about each camera, as robust standard deviations.
 
     Attributes:
         rotation: (C,) radians.
         center: (C,) scene units.
-        log_focal: (C,) of the logarithm of the focal length.
-        instants: (C,) number of instants that each camera's average rests on.
+        log_focal: (C,) of the natural logarithm of the focal length.
+        instants: (C,) number of instants averaged per camera.
     """
 
     rotation: Float[np.ndarray, " cam"]
@@ -47,15 +47,15 @@ class Spread:
 
 @dataclass(frozen=True)
 class Aggregate:
-    """A static rig and the scene points of all instants in its frame.
+    """A static rig and the scene points of the inlier instants in its frame.
 
     Attributes:
-        rig: the cameras; those that no inlier saw are not registered and NaN.
+        rig: the cameras; those without inlier instants are not registered and NaN.
         points: (P, 3) scene points of the inlier instants.
-        confidence: (P,) of each point; 1 is the median of its instant.
-        spread: disagreement of the instants, a camera.
-        inliers: (N,) which instants agree with the rig.
-        metric: whether scene units are metres.
+        confidence: (P,) of each point, relative to the median of its instant.
+        spread: disagreement of the instants, per camera.
+        inliers: (N,) whether the instant agrees with the rig.
+        metric: whether scene units are meters.
     """
 
     rig: Rig
@@ -70,23 +70,23 @@ def aggregate(reconstructions: Sequence[Reconstruction], image_size: ArrayInput)
     """Average the cameras of several instants, each in its own frame and scale.
 
     The instants are aligned to the one that agrees best with the others, then to their average.
-    All averages are medians (of angles, of distances, of log focal lengths), so that up to a third
-    of the instants, and single cameras of the others, may be garbage.
+    All averages are medians (of angles, distances and log focal lengths), so up to a third of the
+    instants, and single cameras of the others, may be wrong.
 
     Args:
-        reconstructions: one an instant, the same cameras in the same order.
+        reconstructions: one per instant, with the same cameras in the same order.
         image_size: (2,) or (C, 2) width and height in pixels.
 
     Returns:
-        The rig in the frame of the central instant and in the usual scale of the instants, and the
+        The rig in the frame of the central instant and the median scale of the instants, and the
         merged points.
 
     Raises:
         InvalidInputError: if the reconstructions have different numbers of cameras.
-        InsufficientDataError: if there is none, or none in which two cameras are registered.
+        InsufficientDataError: if there is no reconstruction with two registered cameras.
     """
     if not reconstructions:
-        raise InsufficientDataError("There is no reconstruction to aggregate: pass at least one.")
+        raise InsufficientDataError("There are no reconstructions to aggregate; pass at least one.")
     counts = [len(reconstruction.t) for reconstruction in reconstructions]
     if len(set(counts)) > 1:
         at = next(i for i, count in enumerate(counts) if count != counts[0])
@@ -96,7 +96,8 @@ def aggregate(reconstructions: Sequence[Reconstruction], image_size: ArrayInput)
     poses = _poses(reconstructions)
     if (poses.known.sum(axis=1) < 2).all():
         raise InsufficientDataError(
-            f"In none of the {len(reconstructions)} reconstructions two cameras are registered."
+            f"None of the {len(reconstructions)} reconstructions registers two cameras; a rig "
+            "needs at least two."
         )
     gauges = align(poses, central_instant(poses))
     inliers = np.isfinite(gauges.scale)
@@ -133,7 +134,7 @@ def _poses(reconstructions: Sequence[Reconstruction]) -> Poses:
 
 
 def _average_intrinsics(K: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """(C, 3, 3) medians; of the logarithm where a focal length is meant."""
+    """(C, 3, 3) medians of the intrinsics; focal lengths are averaged as logarithms."""
     average = np.full(K.shape[1:], np.nan)
     for row, column in ((0, 0), (1, 1)):
         average[:, row, column] = np.exp(median_of_present(np.log(K[:, :, row, column]).T, used.T))
@@ -166,7 +167,7 @@ def _spread(
 def _merged_points(
     reconstructions: Sequence[Reconstruction], gauges: Gauges, inliers: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the inlier instants in the common frame, and their relative confidences."""
+    """Merge the points of the inlier instants in the common frame, with relative confidences."""
     points, confidence = [np.zeros((0, 3))], [np.zeros(0)]
     for instant in np.flatnonzero(inliers).tolist():
         reconstruction = reconstructions[instant]
@@ -176,5 +177,6 @@ def _merged_points(
         points.append(gauges.scale[instant] * turned + gauges.translation[instant])
         typical = float(np.median(reconstruction.confidence))
         confidence.append(reconstruction.confidence / (typical if typical > 0 else 1.0))
-    merged, sure = np.concatenate(points), np.concatenate(confidence).astype(np.float64)
-    return evenly_spread(merged, MAXIMUM_POINTS), evenly_spread(sure, MAXIMUM_POINTS)
+    merged = evenly_spread(np.concatenate(points), MAXIMUM_POINTS)
+    merged_confidence = np.concatenate(confidence).astype(np.float64)
+    return merged, evenly_spread(merged_confidence, MAXIMUM_POINTS)

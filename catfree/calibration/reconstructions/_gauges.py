@@ -1,8 +1,8 @@
-"""Gauges: the frame and scale that each instant's cameras are free to choose, brought to one.
+"""Align the gauges (frames and scales) of the instants.
 
-A reconstruction knows its cameras up to a similarity, its gauge. Instants can be compared, averaged
-and told from garbage only in one gauge, so alignment, averages and disagreement are told here
-together, all by medians over cameras or over instants.
+A reconstruction determines its cameras up to a similarity, its gauge. Instants can be compared,
+averaged and rejected only in a common gauge, so this module contains alignment, averages and
+disagreement, all based on medians over cameras or instants.
 """
 
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ from catfree.calibration.reconstructions._robust_mean import (
 )
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
 
-OUTLIER_FACTOR = 3.0  # in robust standard deviations of the instants' disagreement
-# Instants that agree this well (radians, or shares of the rig's extent) are never outliers.
+OUTLIER_FACTOR = 3.0  # robust standard deviations of the instants' disagreement
+# Instants that agree this well (radians, or fractions of the rig's extent) are never outliers.
 AGREEMENT = 0.01
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Rotations and centres of one or N instants in some frame, and which are known."""
+    """Rotations and centers of one or N instants, and which are known."""
 
     R: Float[np.ndarray, "*n cam 3 3"]
     center: Float[np.ndarray, "*n cam 3"]
@@ -33,14 +33,14 @@ class Poses:
 
 @dataclass(frozen=True)
 class Gauges:
-    """Similarities, one an instant: `x -> scale rotation x + translation`."""
+    """Similarities, one per instant: `x -> scale rotation x + translation`."""
 
     scale: Float[np.ndarray, " n"]
     rotation: Float[np.ndarray, "n 3 3"]
     translation: Float[np.ndarray, "n 3"]
 
     def poses(self, poses: Poses) -> Poses:
-        """Poses of N instants, each in its own frame, in the frame of the gauges."""
+        """Transform the poses of N instants from their own frames to the common frame."""
         R = poses.R @ np.swapaxes(self.rotation, -1, -2)[:, None]
         turned = np.einsum("nij,ncj->nci", self.rotation, poses.center)
         center = self.scale[:, None, None] * turned + self.translation[:, None]
@@ -48,14 +48,14 @@ class Gauges:
 
 
 def finite(center: Float[np.ndarray, "cam 3"]) -> Bool[np.ndarray, " cam"]:
-    """(C,) which centres are known."""
+    """(C,) whether the center is finite."""
     return np.asarray(np.isfinite(center).all(axis=-1))
 
 
 def align(poses: Poses, target: Poses) -> Gauges:
-    """The similarity from each instant to one rig, (cam, ...) arrays, by medians over cameras.
+    """Fit the similarity from each instant to one rig by medians over cameras.
 
-    An instant that shares fewer than two cameras with the rig gets NaN.
+    Instants that share fewer than two cameras with the rig get scale NaN.
     """
     shared = poses.known & target.known
     target_R = np.where(target.known[:, None, None], target.R, np.eye(3))
@@ -63,10 +63,12 @@ def align(poses: Poses, target: Poses) -> Gauges:
     rotation = median_rotation(np.swapaxes(turns, 0, 1), shared.T)
     first, second = np.triu_indices(poses.known.shape[1], 1)
     both = shared[:, first] & shared[:, second]
-    own = np.linalg.norm(poses.center[:, first] - poses.center[:, second], axis=-1)
-    other = np.linalg.norm(target.center[first] - target.center[second], axis=-1)
-    usable = both & (own > 0) & (other > 0)[None]
-    ratio = np.where(usable, np.log(np.where(usable, other, 1.0) / np.where(usable, own, 1.0)), 0)
+    distance = np.linalg.norm(poses.center[:, first] - poses.center[:, second], axis=-1)
+    target_distance = np.linalg.norm(target.center[first] - target.center[second], axis=-1)
+    usable = both & (distance > 0) & (target_distance > 0)[None]
+    ratio = np.where(
+        usable, np.log(np.where(usable, target_distance, 1.0) / np.where(usable, distance, 1.0)), 0
+    )
     scale = np.exp(median_of_present(ratio, usable))
     turned = scale[:, None, None] * np.einsum("nij,ncj->nci", rotation, poses.center)
     offset = target.center[None] - turned
@@ -82,14 +84,14 @@ def align(poses: Poses, target: Poses) -> Gauges:
 
 
 def median_of_present(values: np.ndarray, present: np.ndarray) -> np.ndarray:
-    """Medians along the last axis of what is present, NaN where nothing is."""
-    some = np.asarray(present.any(axis=-1, keepdims=True))
-    median = np.nanmedian(np.where(present | ~some, values, np.nan), axis=-1)
-    return np.where(some[..., 0], median, np.nan)
+    """Medians of the present values along the last axis, NaN if there are none."""
+    any_present = np.asarray(present.any(axis=-1, keepdims=True))
+    median = np.nanmedian(np.where(present | ~any_present, values, np.nan), axis=-1)
+    return np.where(any_present[..., 0], median, np.nan)
 
 
 def _disagreement(aligned: Poses, R: np.ndarray, center: np.ndarray) -> np.ndarray:
-    """(N,) median over the cameras of angle + distance / extent; inf where no camera is known."""
+    """(N,) median over cameras of angle + distance / extent; inf if no camera is known."""
     averaged = finite(center)
     known, centers = aligned.known & averaged, center[averaged]
     extent = 2 * np.median(np.linalg.norm(centers - centers.mean(axis=0), axis=-1))
@@ -100,34 +102,34 @@ def _disagreement(aligned: Poses, R: np.ndarray, center: np.ndarray) -> np.ndarr
 
 
 def central_instant(poses: Poses) -> Poses:
-    """The instant whose cameras the others agree with best."""
+    """Find the instant that agrees best with the others."""
     cost = np.full(len(poses.R), np.inf)
     for instant in np.flatnonzero(poses.known.sum(axis=1) >= 2):
         target = Poses(poses.R[instant], poses.center[instant], poses.known[instant])
         center = np.where(target.known[:, None], target.center, np.nan)
         aligned = align(poses, target).poses(poses)
-        # The lower median: with two instants either is as good as the other.
+        # The lower median: two instants are equally good.
         apart = np.sort(_disagreement(aligned, target.R, center))
-        # Few shared cameras agree easily: what is not shared counts as a disagreement.
+        # Few shared cameras agree easily, so missing cameras count as disagreement.
         cost[instant] = apart[len(apart) // 2] + (~target.known).mean()
     best = int(np.argmin(cost))
     return Poses(poses.R[best], poses.center[best], poses.known[best])
 
 
 def agreeing(aligned: Poses, R: np.ndarray, center: np.ndarray) -> Bool[np.ndarray, " n"]:
-    """(N,) which instants disagree with a rig no more than is usual among them."""
+    """(N,) whether an instant's disagreement with the rig is not unusually large."""
     apart = _disagreement(aligned, R, center)
     usual = np.median(apart[np.isfinite(apart)])
     return apart <= max(OUTLIER_FACTOR * MEDIAN_TO_DEVIATION * usual, AGREEMENT)
 
 
 def average_poses(aligned: Poses, used: Bool[np.ndarray, "n cam"]) -> tuple[np.ndarray, np.ndarray]:
-    """(C, 3, 3) rotations and (C, 3) centres, NaN for cameras that nobody knows."""
+    """Average to (C, 3, 3) rotations and (C, 3) centers, NaN for cameras without known poses."""
     center = np.where(used[..., None], aligned.center, 0.0)
     return median_rotation(aligned.R, used), geometric_median(center, used)
 
 
 def usual_scale(gauges: Gauges, inliers: Bool[np.ndarray, " n"]) -> Gauges:
-    """The same gauges, scaled so that the instants' own scales are kept on average."""
+    """Rescale the gauges so that the median scale of the inlier instants is kept."""
     factor = np.exp(-np.median(np.log(gauges.scale[inliers])))
     return Gauges(factor * gauges.scale, gauges.rotation, factor * gauges.translation)

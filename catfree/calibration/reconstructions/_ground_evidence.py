@@ -1,9 +1,8 @@
-"""Evidence on a plane: whether cameras and people say that it is the ground.
+"""Judge from cameras and people whether a plane is the ground.
 
-Walls, ceilings and tables are planes too, often the largest. What tells the ground from them is not
-in the points but in the pictures: cameras above, people upright, feet ahead, a camera height in
-people that exists, and feet on which the cameras agree. One plane at a time is judged here; where
-planes come from is the matter of `ground`.
+Walls, ceilings and tables are planes too, often the largest. The images distinguish the ground: the
+cameras are above it at a plausible height relative to people, people stand upright on it, their
+feet are in front of the cameras, and the cameras agree on the positions of feet.
 """
 
 from dataclasses import dataclass
@@ -18,32 +17,32 @@ from catfree.types import Detections, Plane, Rig
 from catfree.types._sampling import evenly_spread
 
 SAMPLED_DETECTIONS = 5_000
-FEWEST_DETECTIONS = 10  # fewer say nothing about the vertical
+FEWEST_DETECTIONS = 10  # fewer do not determine the vertical
 
-LARGEST_TILT = np.deg2rad(30.0)  # streets slope by 10, boxes of leaning people mislead by 10
-LARGEST_CAMERA_TILT = np.deg2rad(50.0)  # without people: cameras that look down steeply
-CAMERAS_ABOVE = 0.9  # share of the cameras
-FEET_AHEAD = 0.8  # share of the foot rays that meet the ground; some boxes are wrong
-CAMERA_HEIGHT = (0.2, 60.0)  # in heights of a person: from a toy tripod to a 100 m tower
+LARGEST_TILT = np.deg2rad(30.0)  # streets slope by 10 degrees; boxes of leaning people add 10
+LARGEST_CAMERA_TILT = np.deg2rad(50.0)  # without people: cameras may look down steeply
+CAMERAS_ABOVE = 0.9  # fraction of the cameras
+FEET_AHEAD = 0.8  # fraction of the foot rays that meet the ground; some boxes are wrong
+CAMERA_HEIGHT = (0.2, 60.0)  # in person heights: from a toy tripod to a 100 m tower
 
 _meet = jax.jit(jax.vmap(intersect_ray, (None, 0, 0)))
 
 
 @dataclass(frozen=True)
 class GroundCandidate:
-    """A plane of the scene and what the pictures say about it; NaN where nothing was there to say.
+    """A plane of the scene and the evidence of the images about it; NaN if there is none.
 
     Attributes:
-        plane: oriented towards the cameras.
-        share: of the scene's points that lie on it.
-        cameras_above: share of the cameras on the positive side.
-        tilt: angle in radians between its normal and the way up: that of standing people, or of
-            the cameras where too few people are known. 90 degrees is a wall, 180 a ceiling.
-        feet_ahead: share of the rays through people's feet that meet it ahead of the camera.
-        camera_height: median height of the cameras over it in heights of a person on it.
-        feet_apart: median distance, in heights of a person, between the place of a foot by one
-            camera and the nearest one by another camera in the same frame.
-        fault: why it is not the ground, or None.
+        plane: the plane, oriented toward the cameras.
+        share: fraction of the scene's points that lie on it.
+        cameras_above: fraction of the cameras on the positive side.
+        tilt: angle in radians between its normal and the upward direction of standing people, or
+            of the cameras if there are too few people. 90 degrees is a wall, 180 a ceiling.
+        feet_ahead: fraction of the rays through people's feet that meet it in front of the camera.
+        camera_height: median height of the cameras above it, in person heights.
+        feet_apart: median distance, in person heights, between a foot position from one camera and
+            the nearest one from another camera in the same frame.
+        fault: why the plane is not the ground, or None.
     """
 
     plane: Plane
@@ -58,14 +57,14 @@ class GroundCandidate:
 
 @dataclass(frozen=True)
 class People:
-    """Rays through feet and heads of people's boxes.
+    """Rays through the feet and heads of people's boxes.
 
     Attributes:
         frame: (N,) frame of each box.
-        camera: (N,) its camera.
-        center: (N, 3) centre of that camera.
-        foot: (N, 3) unit direction through the bottom centre.
-        head: (N, 3) unit direction through the top centre.
+        camera: (N,) camera of each box.
+        center: (N, 3) center of that camera.
+        foot: (N, 3) unit direction through the bottom center.
+        head: (N, 3) unit direction through the top center.
     """
 
     frame: np.ndarray
@@ -76,7 +75,7 @@ class People:
 
 
 def people_of(rig: Rig, detections: Detections | None) -> People | None:
-    """Rays of at most so many boxes in whole frames; None if there are too few to say anything."""
+    """Cast rays of a sample of boxes in whole frames; None if there are too few boxes."""
     if detections is None:
         return None
     known = (detections.camera < rig.camera_count) & rig.registered[
@@ -93,7 +92,7 @@ def people_of(rig: Rig, detections: Detections | None) -> People | None:
     K, R = np.asarray(rig.K, np.float64)[camera], np.asarray(rig.R, np.float64)[camera]
 
     def directions(y: np.ndarray) -> np.ndarray:
-        # Lens distortion bends these rays by less than the checks below care about.
+        # Lens distortion changes these rays by less than the tolerances of the checks below.
         pixel = np.column_stack([middle, y, np.ones(len(y))])
         ray = np.einsum("nji,nj->ni", R, np.linalg.solve(K, pixel[..., None])[..., 0])
         return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
@@ -104,10 +103,10 @@ def people_of(rig: Rig, detections: Detections | None) -> People | None:
 
 
 def way_up(rig: Rig, people: People | None) -> Float[np.ndarray, "3"]:
-    """The direction in which people stand, or the cameras where people do not say.
+    """Estimate the upward direction from standing people, or from the cameras without people.
 
-    Foot ray and head ray of a standing person span a plane that holds the vertical, so the vertical
-    is perpendicular to the normals of all those planes.
+    The foot ray and head ray of a standing person span a plane that contains the vertical, so the
+    vertical is perpendicular to the normals of all these planes.
     """
     camera_up = -np.asarray(rig.R, np.float64)[rig.registered][:, 1].mean(axis=0)
     camera_up /= np.linalg.norm(camera_up)
@@ -115,7 +114,7 @@ def way_up(rig: Rig, people: People | None) -> Float[np.ndarray, "3"]:
         return camera_up
     across = np.cross(people.foot, people.head)
     across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), np.finfo(float).tiny)
-    # People who are all seen in one direction leave a circle open: the cameras' up settles it.
+    # If all people are in one direction, a circle of solutions remains; the cameras resolve it.
     doubt = np.eye(3) - np.outer(camera_up, camera_up)
     scatter = np.einsum("ni,nj->ij", across, across) / len(across) + 0.01 * doubt
     up = np.linalg.eigh(scatter)[1][:, 0]
@@ -126,7 +125,7 @@ def way_up(rig: Rig, people: People | None) -> Float[np.ndarray, "3"]:
 def judge(
     plane: Plane, share: float, centers: np.ndarray, people: People | None, up: np.ndarray
 ) -> GroundCandidate:
-    """What the cameras and the people say about a plane."""
+    """Judge a plane from the cameras and the people."""
     height = plane.signed_distance(centers)
     above = float((height > 0).mean())
     tilt = float(np.arccos(np.clip(plane.normal @ up, -1.0, 1.0)))
@@ -137,18 +136,19 @@ def judge(
     if above < CAMERAS_ABOVE:
         fault = f"only {100 * above:.0f} % of the cameras are on one side of it"
     elif tilt > (LARGEST_CAMERA_TILT if people is None else LARGEST_TILT):
-        whose = "the cameras' upright direction" if people is None else "the way people stand"
+        whose = "cameras'" if people is None else "people's"
         kind = "a ceiling" if tilt > np.pi - LARGEST_CAMERA_TILT else "a wall"
-        fault = f"{kind}, its normal is {np.rad2deg(tilt):.0f} degrees from {whose}"
+        degrees = f"{np.rad2deg(tilt):.0f} degrees"
+        fault = f"{kind}, its normal is {degrees} from the {whose} upright direction"
     elif ahead < FEET_AHEAD:
         fault = f"only {100 * ahead:.0f} % of the rays through people's feet meet it"
     elif not (np.isnan(camera_height) or CAMERA_HEIGHT[0] <= camera_height <= CAMERA_HEIGHT[1]):
-        fault = f"the cameras would stand {camera_height:.3g} heights of a person above it"
+        fault = f"the cameras would be {camera_height:.3g} person heights above it"
     return GroundCandidate(plane, share, above, tilt, ahead, camera_height, apart, fault)
 
 
 def _measure(plane: Plane, people: People) -> tuple[float, float, float]:
-    """Share of feet ahead, camera height and distance between cameras' feet, in people."""
+    """Fraction of feet ahead, camera height and foot disagreement, in person heights."""
     height = plane.signed_distance(people.center)
     with jax.enable_x64(True):
         foot, ahead = map(np.asarray, _meet(plane, people.center, people.foot))
@@ -157,7 +157,7 @@ def _measure(plane: Plane, people: People) -> tuple[float, float, float]:
     if not meets.any():
         return share, np.nan, np.nan
     foot = foot[meets]
-    # The point of the vertical through the foot that is closest to the head ray.
+    # Height of the point on the vertical through the foot that is closest to the head ray.
     to_center = people.center[meets] - foot
     head = people.head[meets]
     cosine = head @ plane.normal
@@ -172,7 +172,7 @@ def _measure(plane: Plane, people: People) -> tuple[float, float, float]:
 
 
 def _feet_apart(people: People, meets: np.ndarray, foot: np.ndarray) -> float:
-    """Median distance to the nearest foot that another camera sees in the same frame."""
+    """Median distance to the nearest foot of another camera in the same frame."""
     frame, camera = people.frame[meets], people.camera[meets]
     start = np.searchsorted(frame, frame, side="left")
     stop = np.searchsorted(frame, frame, side="right")

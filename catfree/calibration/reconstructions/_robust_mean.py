@@ -1,25 +1,25 @@
-"""Averages of rotations and places that a minority of wrong values cannot move far."""
+"""Robust averages of rotations and positions."""
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
-ITERATIONS = 30  # Weiszfeld's iteration converges linearly; this reaches a thousandth of the spread
-SETTLED = 1e-6  # steps, as a share of the largest distance, that end it earlier
-COINCIDENT = 1e-9  # of the largest distance: the median lies on such a value
+ITERATIONS = 30  # Weiszfeld's method converges linearly; 30 steps reach 1/1000 of the spread
+SETTLED = 1e-6  # step, as a fraction of the largest distance, that ends the iteration
+COINCIDENT = 1e-9  # fraction of the largest distance within which a value equals the median
 
 
 def geometric_median(
     points: Float[np.ndarray, "n *batch 3"], present: Bool[np.ndarray, "n *batch"]
 ) -> Float[np.ndarray, "*batch 3"]:
-    """The point with the smallest sum of distances to points.
+    """Find the point with the smallest sum of distances to given points.
 
     Args:
         points: (N, ..., 3).
-        present: (N, ...) which of them count; the others may hold anything.
+        present: (N, ...) whether the point counts; other points may have any value.
 
     Returns:
-        (..., 3) medians along the first axis, NaN where nothing counts.
+        (..., 3) medians along the first axis, NaN if no point counts.
 
     Source:
         Weiszfeld (1937), "Sur le point pour lequel la somme des distances de n points donnés est
@@ -40,9 +40,9 @@ def geometric_median(
 
 
 def _weiszfeld_step(offset: np.ndarray, present: np.ndarray) -> np.ndarray:
-    """(..., 3) step from the present estimate, given the values' (N, ..., 3) offsets from it.
+    """(..., 3) step from the current estimate, given the (N, ..., 3) offsets of the values.
 
-    An estimate on top of values is left only if the others pull harder than those hold.
+    An estimate that coincides with values moves only if the other values outweigh them.
 
     Source:
         Vardi and Zhang (2000).
@@ -61,20 +61,20 @@ def _weiszfeld_step(offset: np.ndarray, present: np.ndarray) -> np.ndarray:
 def median_rotation(
     rotations: Float[np.ndarray, "n *batch 3 3"], present: Bool[np.ndarray, "n *batch"]
 ) -> Float[np.ndarray, "*batch 3 3"]:
-    """The rotation with the smallest sum of angles to rotations.
+    """Find the rotation with the smallest sum of angles to given rotations.
 
     Args:
         rotations: (N, ..., 3, 3).
-        present: (N, ...) which of them count; the others may hold anything.
+        present: (N, ...) whether the rotation counts; other rotations may have any value.
 
     Returns:
-        (..., 3, 3) medians along the first axis, NaN where nothing counts.
+        (..., 3, 3) medians along the first axis, NaN if no rotation counts.
 
     Source:
         Hartley, Aftab and Trumpf (2011), "L1 rotation averaging using the Weiszfeld algorithm".
     """
     used = np.where(present[..., None, None], rotations, np.eye(3))
-    # The best start is the member with the smallest sum of angles: no average can be misled.
+    # Start at the member with the smallest sum of angles, which is robust to outliers.
     between = angle(used[:, None], used[None])
     cost = np.where(present[:, None] & present[None], between, 0.0).sum(axis=1)
     best = np.where(present, cost, np.inf).argmin(axis=0)
@@ -94,8 +94,8 @@ def median_rotation(
 def angle(
     first: Float[np.ndarray, "*batch 3 3"], second: Float[np.ndarray, "*other 3 3"]
 ) -> Float[np.ndarray, "*result"]:
-    """Angles between rotations in radians, by broadcasting."""
-    # The chord is exact where the angle is small, unlike the trace.
+    """Angles between rotations in radians, with broadcasting."""
+    # Unlike the trace, the chord is accurate for small angles.
     chord = np.linalg.norm(first - second, axis=(-1, -2)) / np.sqrt(8)
     return 2 * np.arcsin(np.minimum(chord, 1.0))
 

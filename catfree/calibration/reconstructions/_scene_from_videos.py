@@ -1,7 +1,4 @@
-"""A scene from videos and a reconstructor: instants reconstructed, aggregated, put on a ground.
-
-Beside the stages and not in `rig/`, because it opens videos: what is in `rig/` works on arrays.
-"""
+"""Build a scene from videos: reconstruct instants, aggregate them and find the ground."""
 
 import numpy as np
 
@@ -12,7 +9,7 @@ from catfree.calibration.reconstructions._ground import find_ground
 from catfree.types import Detections, Scene
 from catfree.types._progress import Progress, no_progress
 
-INSTANTS = 12  # reconstructed from a video: four of them may be garbage
+INSTANTS = 12  # reconstructed instants; four of them may be wrong
 
 
 def scene_from_videos(
@@ -24,26 +21,26 @@ def scene_from_videos(
     instants: int = INSTANTS,
     seed: int = 0,
 ) -> Scene:
-    """Cameras and ground from some instants of videos, spread evenly over their length.
+    """Reconstruct cameras and ground from evenly spread instants of videos.
 
     Args:
         videos: the cameras' videos.
-        reconstructor: finds the cameras of one instant.
-        detections: people, who tell the ground from a wall; None to go by the cameras alone.
+        reconstructor: reconstructs the cameras of one instant.
+        detections: boxes of people, to distinguish the ground from walls; None to use only cameras.
         progress: called as `progress("reconstruction", done, instants)`.
-        instants: how many instants are reconstructed.
-        seed: of the search for the ground.
+        instants: number of instants to reconstruct.
+        seed: seed of the search for the ground.
 
     Returns:
-        The scene, in metres if the reconstructor's units are.
+        The scene, in meters if the reconstructor's units are.
 
     Raises:
-        InsufficientDataError: if no instant shows two cameras that can be placed.
+        InsufficientDataError: if no instant has two registered cameras.
         GroundRejectedError: if no plane of the scene can be the ground.
     """
     report = progress or no_progress
     count = min(instants, videos.frame_count)
-    # The middles of equal parts: the first and the last instants are often not usable.
+    # The centers of equal parts, since the first and last instants are often unusable.
     chosen = ((np.arange(count) + 0.5) * videos.frame_count / count).astype(int)
     reconstructions = []
     for done, position in enumerate(chosen):
@@ -51,8 +48,8 @@ def scene_from_videos(
         _, images = next(iter(videos.instants_from(int(position))))
         reconstructions.append(reconstructor(images))
     report("reconstruction", count, count)
-    found = aggregate(reconstructions, videos.image_size)
+    aggregated = aggregate(reconstructions, videos.image_size)
     ground = find_ground(
-        found.points, found.rig, detections, confidence=found.confidence, seed=seed
+        aggregated.points, aggregated.rig, detections, confidence=aggregated.confidence, seed=seed
     )
-    return Scene.from_rig(found.rig, ground.plane, metric=found.metric)
+    return Scene.from_rig(aggregated.rig, ground.plane, metric=aggregated.metric)

@@ -1,13 +1,12 @@
-"""catfree's own method: every hypothesis weighed by what the cameras saw and did not see.
+"""The evidence method: weigh every hypothesis by what the cameras saw and did not see.
 
-In the order of the data: boxes become likelihoods of place and height (`boxes`, `visibility`,
-`measurement`) in information form, which adds over cameras (`gaussian` derives it); the sequence
-teaches their noise (`self_calibration`, `noise`); boxes that are likelier one person than two are
-grouped (`association`, `appearance`), each group is weighed against clutter and misses
-(`existence`), linked over time by motion, height and looks (`tracking`), there while the evidence
-lasts (`presence`), and reported once in its place (`exclusion`, `working_area`) with what else may
-be wrong (`uneven_ground`, `shared_error`). Every constant and its reason:
-`docs/evidence_constants.md`.
+`observe` turns boxes into likelihoods of position and height, in an information form that adds over
+cameras (derived in `_gaussian`). `learn` estimates their noise from the sequence. `group` groups
+boxes that are more likely one person than several. `track` weighs each group against clutter and
+misses, links groups over time by motion, height and appearance, decides when each person is
+present, and suppresses overlapping tracks. `report` selects the working area and adds the errors
+of uneven ground and of the cameras' poses. `docs/evidence_constants.md` lists and explains every
+constant.
 """
 
 from catfree.methods.evidence._localize_by_evidence import (

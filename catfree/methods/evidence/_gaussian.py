@@ -1,4 +1,4 @@
-"""Gaussian evidence in information form: what adds up when several cameras see one person.
+"""Gaussian evidence in information form, which adds over the cameras that see one person.
 
 A camera's box edges z with noise covariance W⁻¹ are linear in the state s = (y1, y2, H) near the
 person: z = z0 + J (s - s0) + noise. Up to a factor that does not depend on s, the likelihood is
@@ -11,7 +11,7 @@ three sums. With people at density rho on the plane and heights N(1, sH²) (leng
     Z = rho ∫ N(H; 1, sH²) L(s) ds
     log Z = log rho - log(2 pi sH²) / 2 + 3/2 log 2 pi - log|I*| / 2 - (k* - b*' I*⁻¹ b*) / 2
 
-where the sums with a star include the height prior once.
+where the starred sums include the height prior once.
 """
 
 from typing import Any
@@ -26,12 +26,12 @@ LOG_2PI = float(np.log(2 * np.pi))
 
 
 def _array(value: Any) -> Any:
-    """NumPy turns arrays without axes into scalars; turn them back."""
+    """Convert NumPy scalars back to arrays without axes."""
     return value if isinstance(value, jax.Array) else np.asarray(value)
 
 
 class Information(eqx.Module):
-    """A Gaussian likelihood of (y1, y2, H), up to a factor; sums of it are joint likelihoods.
+    """A Gaussian likelihood of (y1, y2, H), up to a factor; sums are joint likelihoods.
 
     Attributes:
         matrix: (..., 3, 3) I.
@@ -73,7 +73,7 @@ def with_height_prior(info: Information, spread: Any) -> Information:
 
 
 def determinant_and_form(matrix: Any, vector: Any) -> tuple[Any, Any]:
-    """|M| and v' M⁻¹ v of symmetric 3x3 matrices, written out: much faster than a factorization.
+    """Determinant |M| and form v' M⁻¹ v of symmetric 3x3 matrices in closed form, for speed.
 
     Args:
         matrix: (..., 3, 3) symmetric positive definite.
@@ -93,10 +93,10 @@ def determinant_and_form(matrix: Any, vector: Any) -> tuple[Any, Any]:
 
 
 def log_evidence(info: Information, density: Any, spread: Any) -> Any:
-    """Log Z of a group: how much better one person explains it than the noise of its boxes.
+    """Log evidence log Z that a group of boxes is one person, up to the omitted factor.
 
     Args:
-        info: (...) summed information without the prior.
+        info: (...) summed information without the height prior.
         density: () people per H0².
         spread: () standard deviation of heights in H0.
 
@@ -117,7 +117,7 @@ def log_evidence(info: Information, density: Any, spread: Any) -> Any:
 
 
 def inverse(matrix: Any) -> Any:
-    """Inverse of symmetric 3x3 matrices, written out; (..., 3, 3) -> (..., 3, 3)."""
+    """Invert symmetric 3x3 matrices in closed form; (..., 3, 3) -> (..., 3, 3)."""
     xp = np if isinstance(matrix, np.ndarray) else jnp
     a, b, c = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2]
     d, e, f = matrix[..., 1, 1], matrix[..., 1, 2], matrix[..., 2, 2]

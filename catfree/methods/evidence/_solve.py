@@ -27,7 +27,7 @@ from catfree.methods.evidence.report._uneven_ground import ground_shift, with_un
 from catfree.methods.evidence.report._working_area import in_working_area
 from catfree.methods.evidence.track._existence import Existence, judge_groups, misses, predict_views
 from catfree.methods.evidence.track._presence import presence
-from catfree.methods.evidence.track._suppress_overlapping import alone_in_place
+from catfree.methods.evidence.track._suppress_overlapping import suppress_overlapping_tracks
 from catfree.methods.evidence.track._tracking import Trails, estimate_motion, follow, unlinked
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
@@ -137,7 +137,8 @@ def _solve(
         report("association", index, max(passes, 1))
         if found is not None:
             present = found.probability > 0.5
-            alone = alone_in_place(found.trails, found.evidence, present, settings.personal_space)
+            space = settings.personal_space
+            alone = suppress_overlapping_tracks(found.trails, found.evidence, present, space)
             priors = _track_priors(found.trails[alone], found.groups)
         if ratios is None:
             groups = group(boxes, measured, noise, priors)
@@ -175,7 +176,7 @@ def _solve(
         position_covariance = with_uneven_ground(position_covariance, shift, settings.unevenness)
     within = probability_within(position_covariance, settings.report_radius)
     sharp = (found.probability > 0.5) & (within > 0.5)
-    kept = alone_in_place(trails, found.evidence, sharp, settings.personal_space)
+    kept = suppress_overlapping_tracks(trails, found.evidence, sharp, settings.personal_space)
     suppressed, outside = sharp & ~kept, np.zeros_like(kept)
     if settings.working_area:
         rows = np.flatnonzero(kept)

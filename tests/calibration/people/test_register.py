@@ -229,7 +229,9 @@ def test_one_person_makes_no_rig_to_be_trusted():
     # Two cameras agree on the one person, but a single path can be seen through any lens: one focal
     # length comes out at less than a third of the truth, and its stated deviation tells.
     assert found.scene.rig.registered.tolist() == [False, False, True, True]
-    with pytest.raises(CalibrationError, match=r"too badly.*camera 2 to \d+ %, camera 3 to \d+ %"):
+    with pytest.raises(
+        CalibrationError, match=r"too uncertain.*camera 2 to \d+ %, camera 3 to \d+ %"
+    ):
         without_vague_cameras(found, CalibrationSettings())
 
 

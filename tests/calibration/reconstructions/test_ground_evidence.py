@@ -44,8 +44,8 @@ def test_a_table_leaves_the_feet_of_two_cameras_apart(world):
     ("normal", "offset", "fault"),
     [
         ((0.0, 0, 1), -8.0, "0 % of the cameras"),
-        ((0.0, 0, -1), 8.0, "a ceiling, its normal is 1[78]. degrees from the way people stand"),
-        ((1.0, 0, 0), 30.0, "a wall, its normal is [89]. degrees from the way people stand"),
+        ((0.0, 0, -1), 8.0, "a ceiling, its normal is 1[78]. degrees from the people's upright"),
+        ((1.0, 0, 0), 30.0, "a wall, its normal is [89]. degrees from the people's upright"),
     ],
 )
 def test_each_other_plane_has_its_fault(world, normal, offset, fault):

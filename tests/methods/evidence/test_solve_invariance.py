@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from scipy.spatial.transform import Rotation
 
 import catfree as cf
-from catfree.calibration._confident_people import sure_people
+from catfree.calibration._confident_people import confident_people
 from catfree.geometry import Similarity, transform_scene
 from catfree.methods.evidence import solve
 from catfree.methods.evidence.learn._noise import crowding
@@ -122,10 +122,10 @@ def test_beside_two_cameras_a_third_without_boxes_has_no_say():
         assert_same(alone, cf.localize(boxes, longer).tracks)
 
 
-def test_sure_people_are_as_sure_beside_unknown_cameras():
-    few = sure_people(crowd().detections, crowd().scene, EvidenceSettings()).member
+def test_confident_people_do_not_depend_on_unknown_cameras():
+    few = confident_people(crowd().detections, crowd().scene, EvidenceSettings()).member
     longer = with_cameras(crowd().scene, 9, registered=False)
-    more = sure_people(crowd().detections, longer, EvidenceSettings()).member
+    more = confident_people(crowd().detections, longer, EvidenceSettings()).member
     assert len(few) > 20
     np.testing.assert_array_equal(more[:, : few.shape[1]], few)
     assert (more[:, few.shape[1] :] == -1).all()

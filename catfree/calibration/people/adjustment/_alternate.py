@@ -1,4 +1,4 @@
-"""Alternate grouping and bundle adjustment while the maps of the cameras grow sharp."""
+"""Alternate grouping and bundle adjustment as the maps of the cameras become more accurate."""
 
 from dataclasses import dataclass, replace
 
@@ -20,7 +20,7 @@ class AdjustedRig:
 
     Attributes:
         state: the rig.
-        people: how its boxes are grouped.
+        people: the grouping of its boxes.
         bundle: the last adjustment.
     """
 
@@ -32,15 +32,15 @@ class AdjustedRig:
 def measure_people(
     grid: BoxGrid, people: People, most: int
 ) -> tuple[BoxMeasurements, Float[np.ndarray, "person 2"], Float[np.ndarray, " person"]] | None:
-    """The boxes of people with several views, and where to start.
+    """Select the boxes of people with several views, and their initial positions.
 
     Args:
         grid: all boxes.
-        people: how they are grouped.
-        most: at most this many people, spread evenly over the frames.
+        people: the grouping of the boxes.
+        most: maximum number of people, spread evenly over the frames.
 
     Returns:
-        The boxes, (P, 2) ground positions and (P,) heights in metres; None without any people.
+        The boxes, (P, 2) ground positions and (P,) heights in meters; None if there are no people.
     """
     time, slot = np.nonzero(people.views >= 2)
     if not len(time):
@@ -65,16 +65,16 @@ def alternate(
     most_people: int = 2500,
     iterations: int = 10,
 ) -> AdjustedRig:
-    """Group people and adjust the rig, once for each range tolerance.
+    """Group people and adjust the rig, once per range tolerance.
 
     Args:
         grid: all boxes.
-        state: the rig at the start.
+        state: the initial rig.
         settings: constants.
         shared_focal: whether all cameras have one focal length.
-        tolerances: range tolerances of the rounds; a camera's own smaller tolerance is kept.
-        most_people: at most this many people take part.
-        iterations: of each adjustment.
+        tolerances: range tolerances of the rounds, for all cameras.
+        most_people: maximum number of people used.
+        iterations: maximum number of steps per adjustment.
 
     Returns:
         The adjusted rig.
@@ -107,6 +107,6 @@ def alternate(
     if bundle is None or people is None:
         cameras = ", ".join(str(c) for c in np.flatnonzero(state.placed))
         raise CalibrationError(
-            f"Cameras {cameras} cannot be adjusted together: nobody is seen by two of them."
+            f"Cameras {cameras} cannot be adjusted together: no person is seen by two of them."
         )
     return AdjustedRig(state, people, bundle)

@@ -1,4 +1,4 @@
-"""What an adjustment is given: boxes of known people, and what is known of the cameras."""
+"""Inputs of the bundle adjustment: boxes of matched people and a prior on the cameras."""
 
 from dataclasses import dataclass
 
@@ -8,12 +8,12 @@ from jaxtyping import Float, Int
 
 @dataclass(frozen=True)
 class BoxMeasurements:
-    """Boxes of people who are seen by several cameras, sorted by person.
+    """Boxes of people seen by several cameras, sorted by person.
 
     Attributes:
         person: (n,) index of the person, ascending, without gaps.
         camera: (n,) index of the camera.
-        box: (n, 3) centre, top row, bottom row in pixels from the image centre.
+        box: (n, 3) center, top row, bottom row in pixels from the image center.
         sd: (n, 3) standard deviations in pixels.
     """
 
@@ -25,11 +25,11 @@ class BoxMeasurements:
 
 @dataclass(frozen=True)
 class KnownCameras:
-    """Cameras that are roughly known: a Gaussian prior, which fixes the gauge too.
+    """Gaussian prior on the cameras, which also fixes the gauge.
 
     Attributes:
         parameters: (C, 7) its mean.
-        precision: (7,) inverse variances in the order of the parameters; 0 knows nothing.
+        precision: (7,) inverse variances in parameter order; 0 is uninformative.
     """
 
     parameters: Float[np.ndarray, "cam 7"]
@@ -37,15 +37,16 @@ class KnownCameras:
 
 
 @dataclass(frozen=True)
-class Linearised:
-    """Boxes linearised at a state.
+class Linearized:
+    """Boxes linearized at a state.
 
     Attributes:
-        residual: (n, 3) standardised.
+        residual: (n, 3) standardized.
         weight: (n, 3) robust weights.
-        by_common: (n, 3, 8) derivatives by the camera and the foot offset, standardised.
-        by_person: (n, 3, 3) derivatives by the person's place and height, standardised.
-        cost: robust cost with all priors.
+        by_common: (n, 3, 8) derivatives with respect to camera and foot offset, standardized.
+        by_person: (n, 3, 3) derivatives with respect to the person's position and height,
+            standardized.
+        cost: robust cost including all priors.
     """
 
     residual: Float[np.ndarray, "n 3"]

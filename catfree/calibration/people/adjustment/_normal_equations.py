@@ -1,7 +1,7 @@
 """Robust normal equations of cameras and people, with the people eliminated (Schur complement).
 
-A person is in few images and shares nothing with the next one but the cameras, so that the people
-fall out in blocks of three and a system of seven numbers a camera is left.
+People are coupled only through the cameras, so each person is eliminated as a 3x3 block, leaving a
+system of seven parameters per camera.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from catfree.calibration.people.adjustment._box_measurements import (
     BoxMeasurements,
     KnownCameras,
-    Linearised,
+    Linearized,
 )
 from catfree.calibration.people.cameras._camera_model import (
     LOG_FOCAL,
@@ -22,8 +22,8 @@ from catfree.calibration.people.cameras._camera_model import (
 )
 from catfree.settings import CalibrationSettings
 
-CAUCHY = 2.0  # standard deviations at which a residual counts half
-SMALL_PRODUCT = 2**18  # multiplications below which no BLAS starts threads
+CAUCHY = 2.0  # standard deviations at which the weight of a residual is 1/2
+SMALL_PRODUCT = 2**18  # multiplications below which BLAS libraries use one thread
 
 
 class NormalEquations:
@@ -31,16 +31,16 @@ class NormalEquations:
 
     Args:
         measurements: the boxes.
-        camera_count: number C of cameras, with boxes or without.
+        camera_count: number C of cameras, including those without boxes.
         person_count: number P of people.
-        log_focal_prior: (C,) middle of the weak prior on log focal length.
+        log_focal_prior: (C,) mean of the weak prior on log focal length.
         settings: constants.
         shared_focal: whether all cameras have one focal length.
-        known: what is known of the cameras; without it heading and place of one camera are held.
+        known: prior on the cameras; if None, heading and position of one camera are fixed.
 
     Attributes:
         used: (C,) cameras that have boxes.
-        rows: for each camera, its rows of the measurements.
+        rows: measurement rows per camera.
     """
 
     used: Bool[np.ndarray, " cam"]
@@ -69,20 +69,20 @@ class NormalEquations:
         self.known = known
         self.free = np.append(free, False)
 
-    def linearise(
+    def linearize(
         self,
         parameters: Float[np.ndarray, "cam 7"],
         offset: float,
         xy: Float[np.ndarray, "person 2"],
         height: Float[np.ndarray, " person"],
-    ) -> Linearised:
-        """Residuals, weights and derivatives at a state.
+    ) -> Linearized:
+        """Compute residuals, weights and derivatives at a state.
 
         Args:
             parameters: (C, 7) cameras.
-            offset: foot offset in metres.
-            xy: (P, 2) people in metres.
-            height: (P,) their heights in metres.
+            offset: foot offset in meters.
+            xy: (P, 2) people in meters.
+            height: (P,) their heights in meters.
         """
         data, s = self.data, self.settings
         box, by_camera, by_person, by_offset = box_jacobian(
@@ -93,27 +93,29 @@ class NormalEquations:
         cost = CAUCHY**2 * float(np.log1p(scaled**2).sum())
         cost += float((((height - s.apparent_height) / s.person_height_sd) ** 2).sum())
         cost += ((offset - s.foot_offset) / s.foot_offset_sd) ** 2
-        known = parameters[self.used]
-        log_focal = known[:, LOG_FOCAL]
+        active = parameters[self.used]
+        log_focal = active[:, LOG_FOCAL]
         cost += float((((log_focal - self.prior[self.used]) / s.focal_log_sd) ** 2).sum())
-        cost += float(((known[:, ROLL] / s.roll_sd) ** 2).sum())
-        cost += float((self._away(parameters) ** 2 * self.known.precision).sum())
+        cost += float(((active[:, ROLL] / s.roll_sd) ** 2).sum())
+        cost += float((self._deviation_from_prior(parameters) ** 2 * self.known.precision).sum())
         if self.shared:
             cost += float((((log_focal - log_focal.mean()) / s.shared_focal_sd) ** 2).sum())
         common = np.concatenate([by_camera, by_offset[..., None]], -1) / data.sd[..., None]
-        return Linearised(
+        return Linearized(
             residual, 1 / (1 + scaled**2), common, by_person / data.sd[..., None], cost
         )
 
-    def _away(self, parameters: Float[np.ndarray, "cam 7"]) -> Float[np.ndarray, "cam 7"]:
-        """(C, 7) how far the cameras in use are from where they are known to be."""
+    def _deviation_from_prior(
+        self, parameters: Float[np.ndarray, "cam 7"]
+    ) -> Float[np.ndarray, "cam 7"]:
+        """(C, 7) deviation of the used cameras from the mean of their prior."""
         away = parameters - self.known.parameters
         away[:, ROLL : PAN + 1] = (away[:, ROLL : PAN + 1] + np.pi) % (2 * np.pi) - np.pi
         return np.where(self.used[:, None], away, 0.0)
 
     def _reduce(
         self,
-        linear: Linearised,
+        linear: Linearized,
         parameters: Float[np.ndarray, "cam 7"],
         offset: float,
         height: Float[np.ndarray, " person"],
@@ -125,7 +127,7 @@ class NormalEquations:
         Float[np.ndarray, "person 3 3"],
         Float[np.ndarray, "person 3"],
     ]:
-        """Reduced normal equations of the cameras, and what gives the people back."""
+        """Reduced normal equations of the cameras, and the terms that recover the people."""
         s, data = self.settings, self.data
         size = 7 * self.cameras + 1
         root = np.sqrt(linear.weight)[..., None]
@@ -154,7 +156,7 @@ class NormalEquations:
         precision = self.used[:, None] * self.known.precision
         diagonal = np.arange(size - 1)
         U[diagonal, diagonal] += precision.ravel()
-        g[:-1] -= (self._away(parameters) * precision).ravel()
+        g[:-1] -= (self._deviation_from_prior(parameters) * precision).ravel()
         U[-1, -1] += s.foot_offset_sd**-2
         g[-1] -= (offset - s.foot_offset) * s.foot_offset_sd**-2
         turned = np.swapaxes(person, 1, 2)
@@ -180,7 +182,7 @@ class NormalEquations:
 
     def step(
         self,
-        linear: Linearised,
+        linear: Linearized,
         parameters: Float[np.ndarray, "cam 7"],
         offset: float,
         xy: Float[np.ndarray, "person 2"],
@@ -195,18 +197,18 @@ class NormalEquations:
         ]
         | None
     ):
-        """The state after one damped step, or None if the step is not usable.
+        """Take one damped step; None if the step is not usable.
 
         Args:
-            linear: the boxes linearised at the state.
+            linear: the boxes linearized at the state.
             parameters: (C, 7) cameras.
-            offset: foot offset in metres.
-            xy: (P, 2) people in metres.
-            height: (P,) their heights in metres.
-            damping: share by which the diagonal is enlarged.
+            offset: foot offset in meters.
+            xy: (P, 2) people in meters.
+            height: (P,) their heights in meters.
+            damping: relative increase of the diagonal.
 
         Returns:
-            Cameras, foot offset, people and their heights, shaped as those given.
+            Cameras, foot offset, people and their heights, with unchanged shapes.
         """
         S, r, E, inverse, b = self._reduce(linear, parameters, offset, height, damping)
         free = self.free
@@ -217,8 +219,8 @@ class NormalEquations:
             return None
         people = np.einsum("pij,pj->pi", inverse, b - E @ common)
         moved = parameters + common[:-1].reshape(-1, 7)
-        known = moved[self.used]
-        outside = (np.abs(known[:, TILT]) > 1.5) | (known[:, Z] < 0.3) | (known[:, Z] > 80)
+        active = moved[self.used]
+        outside = (np.abs(active[:, TILT]) > 1.5) | (active[:, Z] < 0.3) | (active[:, Z] > 80)
         if outside.any() or not np.isfinite(common).all():
             return None
         people[:, :2] = np.clip(people[:, :2], -10, 10)
@@ -231,26 +233,26 @@ class NormalEquations:
 
     def covariance(
         self,
-        linear: Linearised,
+        linear: Linearized,
         parameters: Float[np.ndarray, "cam 7"],
         offset: float,
         xy: Float[np.ndarray, "person 2"],
         height: Float[np.ndarray, " person"],
     ) -> Float[np.ndarray, "common common"]:
-        """Of what is free, plus what the uncertainty of the held foot offset does to it.
+        """Covariance of the free parameters, including the effect of the uncertain foot offset.
 
-        Boxes seem to tell the offset to centimetres, but lens, occlusion and slack bias what they
-        tell by more: it keeps its prior uncertainty (a consider covariance).
+        Boxes seem to determine the offset to centimeters, but lens, occlusion and slack bias it by
+        more, so it keeps its prior uncertainty (a consider covariance).
 
         Args:
-            linear: the boxes linearised at the state.
+            linear: the boxes linearized at the state.
             parameters: (C, 7) cameras.
-            offset: foot offset in metres.
-            xy: (P, 2) people in metres.
-            height: (P,) their heights in metres.
+            offset: foot offset in meters.
+            xy: (P, 2) people in meters.
+            height: (P,) their heights in meters.
 
         Returns:
-            (7C+1, 7C+1) of cameras and foot offset.
+            (7C+1, 7C+1) covariance of cameras and foot offset.
         """
         S = self._reduce(linear, parameters, offset, height, 0.0)[0]
         free = self.free
@@ -264,7 +266,7 @@ class NormalEquations:
 def _gram(
     first: Float[np.ndarray, "n row"], second: Float[np.ndarray, "n column"]
 ) -> Float[np.ndarray, "row column"]:
-    """first.T @ second in blocks: threads for so small a product cost far more than they save."""
+    """first.T @ second in blocks, since multithreading slows down such small products."""
     length, (rows, columns) = len(first), (first.shape[1], second.shape[1])
     size = max(1, SMALL_PRODUCT // (rows * columns))
     blocks, whole = length // size, length // size * size

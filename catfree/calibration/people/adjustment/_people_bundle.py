@@ -1,9 +1,9 @@
 """Bundle adjustment of cameras and people from boxes, with the people eliminated (Schur).
 
-Unknown are all cameras, the common foot offset, and the place and height of every person in every
-frame. A robust weight per box edge lets a truncated box lose only the edge that is wrong. Scale
-comes from the prior on person heights, the ground is z = 0, and the heading and place of one camera
-fix the rest of the gauge.
+The unknowns are all cameras, the common foot offset, and the position and height of every person in
+every frame. With one robust weight per box edge, a truncated box loses only its wrong edge. The
+prior on person heights fixes the scale, the ground is z = 0, and the heading and position of one
+camera fix the rest of the gauge.
 """
 
 from dataclasses import dataclass
@@ -22,15 +22,15 @@ class BundleResult:
     """An adjusted rig.
 
     Attributes:
-        parameters: (C, 7) cameras, NaN where no box was given.
-        foot_offset: metres.
-        xy: (P, 2) people in metres.
-        height: (P,) their heights in metres.
+        parameters: (C, 7) cameras, NaN for cameras without boxes.
+        foot_offset: meters.
+        xy: (P, 2) people in meters.
+        height: (P,) their heights in meters.
         cost: robust cost.
-        residual: median absolute standardised residual.
-        camera_residual: (C,) the same of each camera's boxes, NaN where no box was given.
-        sightings: (C,) boxes of each camera that took part.
-        covariance: (7C+1, 7C+1) of cameras and foot offset; zero for what is held.
+        residual: median absolute standardized residual.
+        camera_residual: (C,) the same per camera, NaN for cameras without boxes.
+        sightings: (C,) number of boxes used per camera.
+        covariance: (7C+1, 7C+1) of cameras and foot offset; zero for fixed parameters.
     """
 
     parameters: Float[np.ndarray, "cam 7"]
@@ -45,12 +45,12 @@ class BundleResult:
 
     @property
     def focal_deviation(self) -> Float[np.ndarray, " cam"]:
-        """(C,) relative standard deviation of each focal length, 0 of cameras without boxes."""
+        """(C,) relative standard deviation of each focal length, 0 for cameras without boxes."""
         return np.sqrt(np.diag(self.covariance)[LOG_FOCAL:-1:7])
 
     @property
     def center_covariance(self) -> Float[np.ndarray, "cam 3 3"]:
-        """(C, 3, 3) covariance of each camera centre in square metres."""
+        """(C, 3, 3) covariance of each camera center in square meters."""
         index = 7 * np.arange(len(self.parameters))[:, None] + np.arange(X, Z + 1)
         return self.covariance[index[:, :, None], index[:, None, :]]
 
@@ -72,33 +72,33 @@ def adjust(
 
     Args:
         measurements: the boxes.
-        parameters: (C, 7) start of the cameras.
-        xy: (P, 2) start of the people in metres.
-        height: (P,) start of their heights in metres.
-        foot_offset: start of the foot offset in metres.
-        log_focal_prior: (C,) middle of the weak prior on log focal length.
+        parameters: (C, 7) initial cameras.
+        xy: (P, 2) initial people in meters.
+        height: (P,) their initial heights in meters.
+        foot_offset: initial foot offset in meters.
+        log_focal_prior: (C,) mean of the weak prior on log focal length.
         settings: constants.
         shared_focal: whether all cameras have one focal length.
-        iterations: at most this many steps.
-        known: what is known of the cameras; without it heading and place of one camera are held.
+        iterations: maximum number of steps.
+        known: prior on the cameras; if None, heading and position of one camera are fixed.
     """
     problem = NormalEquations(
         measurements, len(parameters), len(xy), log_focal_prior, settings, shared_focal, known
     )
     state = (parameters.copy(), foot_offset, xy.copy(), height.copy())
-    linear = problem.linearise(*state)
+    linear = problem.linearize(*state)
     damping = 1e-3
     for _ in range(iterations):
         trial = problem.step(linear, *state, damping)
         if trial is None:
             damping *= 10
             continue
-        derivatives = problem.linearise(*trial)
-        if derivatives.cost < linear.cost:
-            done = linear.cost - derivatives.cost < 1e-4 * linear.cost
-            state, linear = trial, derivatives
+        proposed = problem.linearize(*trial)
+        if proposed.cost < linear.cost:
+            converged = linear.cost - proposed.cost < 1e-4 * linear.cost
+            state, linear = trial, proposed
             damping = max(damping / 5, 1e-8)
-            if done:
+            if converged:
                 break
         else:
             damping *= 10
@@ -119,16 +119,16 @@ def adjust(
 
 
 def focal_lengths_differ(
-    together: BundleResult, apart: BundleResult, settings: CalibrationSettings
+    shared: BundleResult, separate: BundleResult, settings: CalibrationSettings
 ) -> bool:
-    """Whether a focal length for each camera saves enough of the cost per person to be believed.
+    """Whether separate focal lengths reduce the cost per person enough to be accepted.
 
     Args:
-        together: the rig adjusted with one focal length.
-        apart: the same with one each.
+        shared: the rig adjusted with one focal length for all cameras.
+        separate: the rig adjusted with one focal length per camera.
         settings: constants; see `free_focal_gain`.
     """
-    costs = [found.cost / max(len(found.xy), 1) for found in (together, apart)]
+    costs = [result.cost / max(len(result.xy), 1) for result in (shared, separate)]
     return costs[1] <= (1 - settings.free_focal_gain) * costs[0]
 
 

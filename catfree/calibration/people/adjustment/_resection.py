@@ -1,7 +1,7 @@
-"""One camera against people whose places are known: refine before judging.
+"""Refine one camera against people with known positions.
 
-A placement that comes from voting carries the errors of a single view (a degree, a tenth of the
-range). Judged like that, right placements look wrong; so every candidate is first refined alone.
+A placement from voting has the errors of a single view (a degree, a tenth of the range), which make
+correct placements look wrong. Every candidate is therefore refined before it is judged.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
 from catfree.calibration.people.matching._mutual_nearest import mutual_nearest, squared_distances
 from catfree.settings import CalibrationSettings
 
-TOLERANCES = (0.10, 0.06, 0.03)  # share of the range, narrowing as the camera settles
+TOLERANCES = (0.10, 0.06, 0.03)  # fraction of the range, decreasing as the camera converges
 PASSES = 2
 FEWEST_MATCHES = 6
 
@@ -33,20 +33,20 @@ def resect(
 
     Args:
         grid: all boxes.
-        camera: which camera.
-        start: (7,) its parameters in world coordinates.
+        camera: index of the camera.
+        start: (7,) its initial parameters in world coordinates.
         people: map of the other cameras, same frames.
         settings: constants.
-        foot_offset: metres by which the visible foot is nearer to the camera.
-        log_focal: mean and spread of the prior on log focal length.
+        foot_offset: meters by which the visible foot is closer to the camera.
+        log_focal: mean and standard deviation of the prior on log focal length.
 
     Returns:
-        (7,) refined parameters, or None if it loses touch with the map.
+        (7,) refined parameters, or None if it diverges or matches too few people.
     """
     parameters = start
     for tolerance in TOLERANCES:
         for _ in range(PASSES):
-            own = map_ground(
+            own_map = map_ground(
                 parameters,
                 grid.u[camera],
                 grid.top[camera],
@@ -58,7 +58,7 @@ def resect(
                 range_tolerance=tolerance,
             )
             time, slot, partner = mutual_nearest(
-                *squared_distances(own, people), settings.match_gate
+                *squared_distances(own_map, people), settings.match_gate
             )
             if len(time) < FEWEST_MATCHES:
                 return None
@@ -102,19 +102,19 @@ def fit_camera(
     log_focal: tuple[float, float],
     iterations: int = 8,
 ) -> Float[np.ndarray, "7"]:
-    """Cauchy Levenberg-Marquardt on the seven parameters of a camera.
+    """Fit the seven parameters of a camera by Levenberg-Marquardt with a Cauchy loss.
 
     Args:
-        start: (7,) parameters.
-        measured: (n, 3) box centre, top row, bottom row in pixels from the image centre.
+        start: (7,) initial parameters.
+        measured: (n, 3) box center, top row, bottom row in pixels from the image center.
         sd: (n,) standard deviations of the edges in pixels.
-        xy: (n, 2) people in metres.
-        height: (n,) their heights in metres.
-        covariance: (n, 3, 3) of (x, y, height) in square metres.
+        xy: (n, 2) people in meters.
+        height: (n,) their heights in meters.
+        covariance: (n, 3, 3) of (x, y, height) in square meters.
         settings: constants.
-        foot_offset: metres by which the visible foot is nearer to the camera.
-        log_focal: mean and spread of the prior on log focal length.
-        iterations: at most this many steps.
+        foot_offset: meters by which the visible foot is closer to the camera.
+        log_focal: mean and standard deviation of the prior on log focal length.
+        iterations: maximum number of steps.
 
     Returns:
         (7,) the parameters with the smallest cost.
@@ -127,7 +127,7 @@ def fit_camera(
     box, by_camera, by_person, _ = box_jacobian(
         np.broadcast_to(parameters, (len(xy), 7)), xy, height, foot_offset
     )
-    # What is unknown about the people is noise here.
+    # The uncertainty of the people adds to the noise.
     noise = np.sqrt(
         sd[:, None] ** 2 + np.einsum("nij,njk,nik->ni", by_person, covariance, by_person)
     )
@@ -150,14 +150,14 @@ def fit_camera(
         if abs(trial[TILT]) > 1.5 or trial[Z] < 0.3 or abs(step[LOG_FOCAL]) > 1:
             damping *= 10
             continue
-        derivatives = box_jacobian(np.broadcast_to(trial, (len(xy), 7)), xy, height, foot_offset)
-        new_cost = cost_of(derivatives[0], trial)
+        proposed = box_jacobian(np.broadcast_to(trial, (len(xy), 7)), xy, height, foot_offset)
+        new_cost = cost_of(proposed[0], trial)
         if new_cost < cost:
-            done = cost - new_cost < 1e-4 * cost
+            converged = cost - new_cost < 1e-4 * cost
             parameters, cost = trial, new_cost
-            box, by_camera = derivatives[:2]
+            box, by_camera = proposed[:2]
             damping = max(damping / 5, 1e-7)
-            if done:
+            if converged:
                 break
         else:
             damping *= 10

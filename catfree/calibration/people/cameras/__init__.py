@@ -1,1 +1,1 @@
-"""One camera: its parameters, its map of the ground, what a single view tells."""
+"""Models of one camera: parameters, map of the ground, single-view calibration."""

@@ -1,9 +1,9 @@
-"""One upright-world camera in seven numbers, and the box that a standing person makes in it.
+"""Seven-parameter camera in an upright world, and the box of a standing person in its image.
 
 A camera is (log f, tilt, roll, pan, X, Y, Z): focal length in pixels, angle of the optical axis
-below the horizon, rotation about it, heading, and centre in metres over the ground z = 0. Pixels
-are relative to the principal point, which is held at the image centre: freeing it lets the rig
-bend.
+below the horizon, rotation about it, heading, and center in meters over the ground z = 0. Pixels
+are relative to the principal point, which is fixed at the image center: freeing it allows the rig
+to warp.
 """
 
 import numpy as np
@@ -43,17 +43,17 @@ def predict_boxes(
     height: Float[np.ndarray, "*n"],
     foot_offset: float,
 ) -> tuple[Float[np.ndarray, "*n 3"], Bool[np.ndarray, "*n"]]:
-    """Boxes of standing people in one camera.
+    """Predict the boxes of standing people in one camera.
 
     Args:
         parameters: (7,) the camera.
-        xy: (..., 2) ground positions in metres.
-        height: (...) person heights in metres.
-        foot_offset: metres by which the visible foot is nearer to the camera.
+        xy: (..., 2) ground positions in meters.
+        height: (...) person heights in meters.
+        foot_offset: meters by which the visible foot is closer to the camera.
 
     Returns:
-        (..., 3) horizontal centre, top row and bottom row in pixels from the image centre, and
-        (...) whether the person is in front.
+        (..., 3) horizontal center, top row and bottom row in pixels from the image center, and
+        (...) whether the person is in front of the camera.
     """
     toward = xy - parameters[X:Z]
     distance = np.maximum(np.linalg.norm(toward, axis=-1, keepdims=True), 1e-6)
@@ -87,14 +87,14 @@ def box_jacobian(
     """Predicted boxes and their derivatives, one camera per row.
 
     Args:
-        parameters: (n, 7) the camera of each row.
-        xy: (n, 2) ground positions in metres.
-        height: (n,) person heights in metres.
-        foot_offset: metres by which the visible foot is nearer to the camera.
+        parameters: (n, 7) camera of each row.
+        xy: (n, 2) ground positions in meters.
+        height: (n,) person heights in meters.
+        foot_offset: meters by which the visible foot is closer to the camera.
 
     Returns:
-        box (n, 3) in pixels from the image centre; its derivatives by the camera (n, 3, 7), by the
-        person x, y, height (n, 3, 3) and by the foot offset (n, 3).
+        Boxes (n, 3) in pixels from the image center, and their derivatives with respect to the
+        camera (n, 3, 7), the person's x, y and height (n, 3, 3), and the foot offset (n, 3).
     """
     n = len(xy)
     R = rotation(parameters)
@@ -102,7 +102,7 @@ def box_jacobian(
     toward = xy - parameters[:, X:Z]
     distance = np.maximum(np.linalg.norm(toward, axis=-1), 1e-6)
     unit = toward / distance[:, None]
-    # How the unit vector turns when the person moves sideways.
+    # Derivative of the foot offset vector with respect to the person's position.
     turn = (np.eye(2) - unit[:, :, None] * unit[:, None, :]) * (foot_offset / distance)[
         :, None, None
     ]
@@ -124,7 +124,7 @@ def box_jacobian(
         world = inner @ R
         camera = np.zeros((n, 2, 7))
         camera[:, :, LOG_FOCAL] = pixel
-        # The point before roll is (a, b, c); tilting moves it by (0, -c, b), then roll is applied.
+        # Before roll, the point is (a, b, c); tilt moves it by (0, -c, b), then roll is applied.
         b = unroll[:, 1] * local[:, 0] + unroll[:, 0] * local[:, 1]
         c = local[:, 2]
         tilted = np.stack([-unroll[:, 1] * c, -unroll[:, 0] * c, b], -1)
@@ -159,7 +159,7 @@ def box_jacobian(
 def to_matrices(
     parameters: Float[np.ndarray, "cam 7"], size: Int[np.ndarray, "cam 2"]
 ) -> tuple[Float[np.ndarray, "cam 3 3"], Float[np.ndarray, "cam 3 3"], Float[np.ndarray, "cam 3"]]:
-    """K (C, 3, 3), R (C, 3, 3) and t (C, 3) of parameters (C, 7) and image sizes (C, 2)."""
+    """Convert parameters (C, 7) and image sizes (C, 2) to K (C, 3, 3), R (C, 3, 3) and t (C, 3)."""
     R = rotation(parameters)
     K = np.zeros((len(parameters), 3, 3))
     K[:, 0, 0] = K[:, 1, 1] = np.exp(parameters[:, LOG_FOCAL])
@@ -173,12 +173,12 @@ def from_matrices(
     R: Float[np.ndarray, "cam 3 3"],
     t: Float[np.ndarray, "cam 3"],
 ) -> Float[np.ndarray, "cam 7"]:
-    """Parameters of cameras over the ground z = 0; the inverse of `to_matrices`.
+    """Convert matrices to parameters over the ground z = 0; the inverse of `to_matrices`.
 
     Args:
-        K: (C, 3, 3) intrinsics in pixels, of which the focal length is read.
+        K: (C, 3, 3) intrinsics in pixels; only the focal length is used.
         R: (C, 3, 3) world-to-camera rotations.
-        t: (C, 3) world-to-camera translations in metres.
+        t: (C, 3) world-to-camera translations in meters.
 
     Returns:
         (C, 7) parameters.

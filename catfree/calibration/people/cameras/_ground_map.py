@@ -1,4 +1,4 @@
-"""What one camera alone says about where people stand: its metric map of the ground."""
+"""Map the people seen by one camera on the metric ground."""
 
 from dataclasses import dataclass
 
@@ -14,18 +14,18 @@ from catfree.calibration.people.cameras._camera_model import (
 )
 from catfree.settings import CalibrationSettings
 
-FARTHEST = 80.0  # metres; beyond, a box of a person is a handful of pixels in any camera
+FARTHEST = 80.0  # meters; beyond, the box of a person is a few pixels in any camera
 
 
 @dataclass(frozen=True)
 class GroundMap:
-    """Where the people of each frame stand, with uncertainty.
+    """Ground positions and heights of the people in each frame, with uncertainties.
 
     Attributes:
-        xy: (T, N, 2) ground positions in metres.
-        covariance: (T, N, 2, 2) of the positions in square metres.
-        height: (T, N) person heights in metres.
-        height_sd: (T, N) standard deviations of the heights in metres.
+        xy: (T, N, 2) ground positions in meters.
+        covariance: (T, N, 2, 2) of the positions in square meters.
+        height: (T, N) person heights in meters.
+        height_sd: (T, N) standard deviations of the heights in meters.
         valid: (T, N) whether the slot holds a person.
     """
 
@@ -43,7 +43,7 @@ def _ground_range(
     v: Float[np.ndarray, "frame slot"],
     level: float,
 ) -> tuple[Float[np.ndarray, "frame slot"], Float[np.ndarray, "frame slot 2"]]:
-    """Horizontal distance at which the ray of a pixel reaches a height, and its heading vector."""
+    """Horizontal distance at which a pixel's ray reaches the height `level`, and its heading."""
     focal = np.exp(parameters[LOG_FOCAL])
     direction = (u / focal)[..., None] * R[0] + (v / focal)[..., None] * R[1] + R[2]
     flat = np.linalg.norm(direction[..., :2], axis=-1)
@@ -63,28 +63,28 @@ def map_ground(
     foot_offset: float,
     range_tolerance: float,
 ) -> GroundMap:
-    """Locate the people of one camera from foot and head together.
+    """Locate the people of one camera from their feet and heads.
 
     The foot row and the head row (with the prior on person height) are two measurements of the
-    range; a hidden foot makes them disagree, and then the foot counts less.
+    range. If they disagree, as for a hidden foot, the weight of the foot is reduced.
 
     Args:
         parameters: (7,) the camera.
-        u: (T, N) box centres in pixels from the image centre.
-        top: (T, N) top rows in pixels from the image centre.
-        bottom: (T, N) bottom rows in pixels from the image centre.
+        u: (T, N) box centers in pixels from the image center.
+        top: (T, N) top rows in pixels from the image center.
+        bottom: (T, N) bottom rows in pixels from the image center.
         sd: (T, N) standard deviations of the edges in pixels.
         valid: (T, N) which slots hold a box.
         settings: constants.
-        foot_offset: metres by which the visible foot is nearer.
-        range_tolerance: share of the range by which this camera's map may be wrong.
+        foot_offset: meters by which the visible foot is closer to the camera.
+        range_tolerance: fraction of the range by which this camera's map may be wrong.
 
     Returns:
         The map in world coordinates.
     """
     R = rotation(parameters)
     mean_height = settings.apparent_height
-    # The body axis leans in the image of a tilted or rolled camera: find its slope once.
+    # The body axis leans in the image of a tilted or rolled camera: estimate its slope once.
     first, heading = _ground_range(parameters, R, u, bottom, 0.0)
     usable = valid & (first > 0.3) & (first < FARTHEST)
     half = (bottom - top) / 2
@@ -111,7 +111,7 @@ def map_ground(
     head_sd = np.hypot((head_next - head_range) * sd, taller - head_range)
     foot_ok = valid & (foot_range > 0.3) & (foot_range < FARTHEST)
     head_ok = valid & (head_range > 0.3) & (head_range < FARTHEST)
-    # The head alone is too weak where the camera is about as high as a head.
+    # The head alone is uninformative if the camera is about as high as a head.
     head_ok &= head_sd < 0.5 * np.abs(head_range)
     gap = (foot_range - head_range) ** 2 / (foot_range_sd**2 + head_sd**2)
     both = foot_ok & head_ok
@@ -152,16 +152,16 @@ def implied_height(
     top: Float[np.ndarray, "*n"],
     sd: Float[np.ndarray, "*n"],
 ) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-    """Height at which people at known positions reach their top row, and its spread by the edge.
+    """Heights of people at known positions from their top rows.
 
     Args:
         parameters: (7,) the camera.
-        xy: (..., 2) ground positions in metres.
-        top: (...) top rows in pixels from the image centre.
+        xy: (..., 2) ground positions in meters.
+        top: (...) top rows in pixels from the image center.
         sd: (...) standard deviations of the top rows in pixels.
 
     Returns:
-        (...) heights and (...) their standard deviations in metres.
+        (...) heights and (...) their standard deviations due to the edges, in meters.
     """
     R = rotation(parameters)
     focal = np.exp(parameters[LOG_FOCAL])
@@ -182,15 +182,15 @@ def visible(
     height: Float[np.ndarray, "*n"],
     foot_offset: float,
 ) -> Bool[np.ndarray, "*n"]:
-    """Whether whole people are inside a camera's image and not too small for it.
+    """Whether whole people are inside a camera's image and large enough to be detected.
 
     Args:
         parameters: (7,) the camera.
         size: (2,) image width and height in pixels.
-        smallest: box height in pixels below which the camera hardly detects anybody.
-        xy: (..., 2) ground positions in metres.
-        height: (...) person heights in metres.
-        foot_offset: metres by which the visible foot is nearer to the camera.
+        smallest: box height in pixels below which the camera hardly detects people.
+        xy: (..., 2) ground positions in meters.
+        height: (...) person heights in meters.
+        foot_offset: meters by which the visible foot is closer to the camera.
 
     Returns:
         (...) bool.

@@ -1,4 +1,4 @@
-"""How well the metric scale of a rig from pedestrians is known."""
+"""Uncertainty of the metric scale of a rig registered from pedestrians."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,17 +16,16 @@ def scale_deviation(
 ) -> float:
     """Relative standard deviation of all lengths of a rig.
 
-    Three things make the scale, and each is uncertain: how tall the people of this place are (the
-    mean of everybody who might walk here, and the few who do), how much larger than a person the
-    detector draws a box, and what the bundle adjustment passes on of box noise and of the foot
-    offset.
+    The scale has three sources of uncertainty: the height of the local people (the population mean
+    and the finite sample), the excess size of detector boxes over people, and the box noise and
+    foot offset, propagated by the bundle adjustment.
 
     Args:
-        parameters: (C, 7) cameras as in `camera_model`.
-        covariance: (7C + 1, 7C + 1) of them and the foot offset, from the bundle adjustment.
-        known: (C,) cameras that count, at least two.
-        people_at_a_time: mean number of matched people in a frame; more come by, so it understates
-            how well their mean height represents the crowd's.
+        parameters: (C, 7) cameras as in `_camera_model`.
+        covariance: (7C + 1, 7C + 1) of cameras and foot offset, from the bundle adjustment.
+        known: (C,) cameras to use, at least two.
+        people_at_a_time: mean number of matched people per frame; a lower bound of the number of
+            distinct people, so the sampling error is overestimated.
         settings: constants.
 
     Returns:
@@ -34,7 +33,7 @@ def scale_deviation(
     """
     cameras = np.flatnonzero(known)
     spread = parameters[cameras, X:] - parameters[cameras, X:].mean(0)
-    # How much larger a rig is whose centres move: the slope of a fitted similarity.
+    # Derivative of the scale of a fitted similarity with respect to the camera centers.
     slope = np.zeros(len(covariance))
     index = 7 * cameras[:, None] + np.arange(X, 7)
     slope[index] = spread / max(float((spread**2).sum()), 1e-12)

@@ -1,8 +1,7 @@
-"""Tilt, roll and height of one camera from its own boxes, given a focal length.
+"""Estimate tilt, roll and height of one camera from its own boxes, given a focal length.
 
-A single view cannot tell its focal length from the way box bottoms are biased, so the focal length
-is tried, not estimated: for each of a few values the ground plane is fitted so that people become
-as tall as people are.
+A single view cannot separate its focal length from the bias of box bottoms, so several focal
+lengths are tried: for each, the ground plane is fitted so that people have realistic heights.
 """
 
 import numpy as np
@@ -13,23 +12,24 @@ from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, TI
 from catfree.settings import CalibrationSettings
 from catfree.types._sampling import evenly_spread
 
-TRIALS = 400  # minimal samples; with half of the boxes good, 400 triples miss with chance e^-53
-TOLERANCE = 0.10  # of the predicted box height: twice the spread of people's heights
-LARGEST_SAMPLE = 1500  # boxes in a fit
+TRIALS = 400  # minimal samples; if half of the boxes are good, all 400 fail with probability e^-53
+TOLERANCE = 0.10  # relative to the predicted box height: twice the spread of heights
+LARGEST_SAMPLE = 1500  # boxes per fit
 FEWEST_BOXES = 12
 
 
 def fit_planes(
     grid: BoxGrid, camera: int, focal: float, settings: CalibrationSettings
 ) -> Float[np.ndarray, "plane 7"]:
-    """Ground planes under one camera that make its boxes people-sized.
+    """Fit ground planes under one camera on which its boxes have the heights of people.
 
-    People on stairs, ramps or behind railings obey another plane than the ground, so up to three
-    hypotheses are kept: from low feet, from the tallest 30 % of the boxes, and from all.
+    People on stairs, on ramps or behind railings do not fit the ground plane, so up to three
+    hypotheses are kept: from the lower half of the feet, from the tallest 30 % of the boxes, and
+    from all boxes.
 
     Args:
         grid: all boxes.
-        camera: which camera.
+        camera: index of the camera.
         focal: focal length in pixels.
         settings: constants.
 
@@ -42,21 +42,21 @@ def fit_planes(
         [grid.u[camera][valid], grid.top[camera][valid], grid.bottom[camera][valid]], -1
     )
     sd = grid.sd[camera][valid]
-    # People who stand still count once.
+    # Repeated boxes of people who stand still count once.
     cells = np.round(boxes / 8).astype(np.int64)
     _, keep = np.unique(cells, axis=0, return_index=True)
     keep = evenly_spread(np.sort(keep), LARGEST_SAMPLE)
     boxes, sd = boxes[keep], sd[keep]
     if len(boxes) < FEWEST_BOXES:
         return np.zeros((0, 7))
-    tall = boxes[:, 2] - boxes[:, 1]
+    box_height = boxes[:, 2] - boxes[:, 1]
     subsets = (
         boxes[:, 2] >= np.quantile(boxes[:, 2], 0.5),
-        tall >= np.quantile(tall, 0.7),
+        box_height >= np.quantile(box_height, 0.7),
         np.ones(len(boxes), bool),
     )
     generator = np.random.default_rng(0)
-    found: list[tuple[float, np.ndarray]] = []
+    fits: list[tuple[float, np.ndarray]] = []
     for chosen in subsets:
         start = _sample_plane(boxes[chosen], focal, settings, generator)
         if start is None:
@@ -66,11 +66,11 @@ def fit_planes(
             if fitted is None:
                 continue
             quality = float(np.mean(1 / (1 + _misfit(fitted, boxes, sd, settings) ** 2)))
-            if not any(_same_plane(fitted, other) for _, other in found):
-                found.append((quality, fitted))
+            if not any(_same_plane(fitted, other) for _, other in fits):
+                fits.append((quality, fitted))
             break
-    found.sort(key=lambda item: -item[0])
-    return np.array([plane for _, plane in found]).reshape(-1, 7)
+    fits.sort(key=lambda item: -item[0])
+    return np.array([plane for _, plane in fits]).reshape(-1, 7)
 
 
 def _sample_plane(
@@ -134,10 +134,10 @@ def _misfit(
     sd: Float[np.ndarray, " n"],
     settings: CalibrationSettings,
 ) -> Float[np.ndarray, " n"]:
-    """Standardised deviation of implied from expected person heights; large where undefined."""
+    """Standardized deviation of implied from expected person heights; 30 where undefined."""
     height = _heights(plane, boxes, settings.foot_offset)
     tall = np.maximum(boxes[:, 2] - boxes[:, 1], 1.0)
-    # Both edges move the implied height; the lower one moves the range as well.
+    # Both edges change the implied height; the lower one also changes the range.
     spread = np.hypot(settings.person_height_sd, 2.0 * settings.apparent_height * sd / tall)
     misfit = (height - settings.apparent_height) / spread
     return np.where(np.isfinite(misfit), np.clip(misfit, -30, 30), 30.0)

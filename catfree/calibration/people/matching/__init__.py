@@ -1,1 +1,1 @@
-"""People seen by several cameras, and whether a camera agrees with the others."""
+"""Match people across cameras and judge whether a camera agrees with the others."""

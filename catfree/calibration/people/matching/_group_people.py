@@ -1,4 +1,4 @@
-"""The people of a rig: boxes of several cameras grouped into one map of the ground."""
+"""Group the boxes of several cameras into one map of people on the ground."""
 
 from dataclasses import dataclass
 
@@ -17,9 +17,9 @@ class RigState:
 
     Attributes:
         parameters: (C, 7) cameras; NaN where not placed.
-        placed: (C,) which cameras have a place.
-        foot_offset: metres.
-        range_tolerance: (C,) share of the range by which each camera's map may still be wrong.
+        placed: (C,) whether the camera is placed.
+        foot_offset: meters.
+        range_tolerance: (C,) fraction of the range by which each camera's map may be wrong.
     """
 
     parameters: Float[np.ndarray, "cam 7"]
@@ -30,12 +30,12 @@ class RigState:
     def with_camera(
         self, camera: int, parameters: Float[np.ndarray, "7"], tolerance: float
     ) -> "RigState":
-        """The rig with one more camera.
+        """Add a camera to the rig.
 
         Args:
-            camera: which camera.
-            parameters: (7,) where it stands.
-            tolerance: share of the range by which its map may be wrong.
+            camera: index of the camera.
+            parameters: (7,) its parameters.
+            tolerance: fraction of the range by which its map may be wrong.
         """
         all_parameters, placed = self.parameters.copy(), self.placed.copy()
         tolerances = self.range_tolerance.copy()
@@ -43,7 +43,7 @@ class RigState:
         return RigState(all_parameters, placed, self.foot_offset, tolerances)
 
     def without_camera(self, camera: int) -> "RigState":
-        """The rig with one camera taken out."""
+        """Remove a camera from the rig."""
         all_parameters, placed = self.parameters.copy(), self.placed.copy()
         all_parameters[camera], placed[camera] = np.nan, False
         return RigState(all_parameters, placed, self.foot_offset, self.range_tolerance)
@@ -51,10 +51,10 @@ class RigState:
 
 @dataclass(frozen=True)
 class People:
-    """People of all frames seen by the placed cameras.
+    """People in all frames seen by the placed cameras.
 
     Attributes:
-        ground: their map.
+        ground: their positions.
         members: (T, M, C) slot of each camera's box, or -1.
     """
 
@@ -70,11 +70,11 @@ class People:
 def camera_map(
     grid: BoxGrid, camera: int, state: RigState, settings: CalibrationSettings
 ) -> GroundMap:
-    """One placed camera's map of the ground in world coordinates.
+    """Map the people of one placed camera in world coordinates.
 
     Args:
         grid: all boxes.
-        camera: which camera.
+        camera: index of the camera.
         state: the rig.
         settings: constants.
     """
@@ -101,75 +101,75 @@ def group_people(
 ) -> People:
     """Group the boxes of all placed cameras into people, frame by frame.
 
-    Cameras are added one after the other, most boxes first; mutually nearest people within the gate
-    become one, the rest stay apart.
+    Cameras are added one by one, those with most boxes first. Mutually nearest people within the
+    gate are merged; the others stay separate.
 
     Args:
         grid: all boxes.
         state: the rig.
         settings: constants.
-        without: a camera to leave out.
-        gate: largest squared Mahalanobis distance; the settings' by default.
+        without: a camera to omit.
+        gate: largest squared Mahalanobis distance; that of the settings if None.
     """
     cameras = [int(c) for c in np.flatnonzero(state.placed) if c != without]
     cameras.sort(key=lambda c: -int(grid.valid[c].sum()))
     gate = settings.match_gate if gate is None else gate
-    first, *rest = (camera_map(grid, c, state, settings) for c in cameras)
+    first, *others = (camera_map(grid, c, state, settings) for c in cameras)
     members = np.full((*first.valid.shape, grid.camera_count), -1)
     members[:, :, cameras[0]] = np.where(first.valid, np.arange(first.valid.shape[1]), -1)
     people = first
-    for camera, own in zip(cameras[1:], rest, strict=True):
-        people, members = _merge(people, members, own, camera, gate)
+    for camera, camera_people in zip(cameras[1:], others, strict=True):
+        people, members = _merge(people, members, camera_people, camera, gate)
     return People(people, members)
 
 
 def _merge(
     people: GroundMap,
     members: Int[np.ndarray, "frame person cam"],
-    own: GroundMap,
+    added: GroundMap,
     camera: int,
     gate: float,
 ) -> tuple[GroundMap, Int[np.ndarray, "frame merged cam"]]:
-    """Add one camera's people to a map."""
-    time, slot, partner = mutual_nearest(*squared_distances(people, own), gate)
+    """Merge one camera's people into a map."""
+    time, slot, partner = mutual_nearest(*squared_distances(people, added), gate)
     members = members.copy()
     members[time, slot, camera] = partner
     xy, covariance = people.xy.copy(), people.covariance.copy()
     height, height_sd = people.height.copy(), people.height_sd.copy()
-    a, b = covariance[time, slot], own.covariance[time, partner]
+    a, b = covariance[time, slot], added.covariance[time, partner]
     gain = a @ np.linalg.inv(a + b)
-    step = own.xy[time, partner] - xy[time, slot]
+    step = added.xy[time, partner] - xy[time, slot]
     xy[time, slot] += np.einsum("nij,nj->ni", gain, step)
     covariance[time, slot] = a - gain @ a
-    wa, wb = height_sd[time, slot] ** -2, own.height_sd[time, partner] ** -2
-    height[time, slot] = (wa * height[time, slot] + wb * own.height[time, partner]) / (wa + wb)
+    wa, wb = height_sd[time, slot] ** -2, added.height_sd[time, partner] ** -2
+    height[time, slot] = (wa * height[time, slot] + wb * added.height[time, partner]) / (wa + wb)
     height_sd[time, slot] = (wa + wb) ** -0.5
-    lonely = own.valid.copy()
-    lonely[time, partner] = False
-    fresh = np.full((*lonely.shape, members.shape[2]), -1)
-    fresh[:, :, camera] = np.where(lonely, np.arange(lonely.shape[1]), -1)
-    valid = np.concatenate([people.valid, lonely], 1)
-    # Pack the people of each frame to the front and cut the empty rest.
+    unmatched = added.valid.copy()
+    unmatched[time, partner] = False
+    added_members = np.full((*unmatched.shape, members.shape[2]), -1)
+    added_members[:, :, camera] = np.where(unmatched, np.arange(unmatched.shape[1]), -1)
+    valid = np.concatenate([people.valid, unmatched], 1)
+    # Move the people of each frame to the front and remove the empty columns.
     order = np.argsort(~valid, axis=1, kind="stable")[:, : max(1, int(valid.sum(1).max()))]
 
     def packed(
-        one: Shaped[np.ndarray, "frame person *of"], two: Shaped[np.ndarray, "frame own *of"]
+        one: Shaped[np.ndarray, "frame person *of"], two: Shaped[np.ndarray, "frame added *of"]
     ) -> Shaped[np.ndarray, "frame merged *of"]:
         joined = np.concatenate([one, two], 1)
         return joined[np.arange(len(joined))[:, None], order]
 
     merged = GroundMap(
-        packed(xy, own.xy),
-        packed(covariance, own.covariance),
-        packed(height, own.height),
-        packed(height_sd, own.height_sd),
-        packed(people.valid, lonely),
+        packed(xy, added.xy),
+        packed(covariance, added.covariance),
+        packed(height, added.height),
+        packed(height_sd, added.height_sd),
+        packed(people.valid, unmatched),
     )
-    return merged, packed(members, fresh)
+    return merged, packed(members, added_members)
 
 
 def smallest_boxes(grid: BoxGrid) -> Float[np.ndarray, " cam"]:
-    """(C,) box height in pixels below which a camera hardly detects anybody (5 % quantile)."""
+    """(C,) box height in pixels below which a camera hardly detects people (5 % quantile)."""
     tall = grid.bottom - grid.top
     return np.array(
         [
@@ -187,22 +187,22 @@ def seen_by_any(
     *,
     without: int,
 ) -> Bool[np.ndarray, "frame person"]:
-    """Whether a placed camera other than one should see each person.
+    """Whether any placed camera except `without` should see each person.
 
     Args:
         grid: all boxes, for the image sizes.
         state: the rig.
         people: (T, N) map of people.
-        smallest: (C,) box height in pixels below which a camera hardly detects anybody.
-        without: the camera that does not count.
+        smallest: (C,) box height in pixels below which a camera hardly detects people.
+        without: the excluded camera.
 
     Returns:
         (T, N) bool.
     """
-    seen = np.zeros(people.valid.shape, bool)
+    is_visible = np.zeros(people.valid.shape, bool)
     for camera in np.flatnonzero(state.placed):
         if camera != without:
-            seen |= visible(
+            is_visible |= visible(
                 state.parameters[camera],
                 grid.size[camera],
                 smallest[camera],
@@ -210,4 +210,4 @@ def seen_by_any(
                 people.height,
                 state.foot_offset,
             )
-    return seen & people.valid
+    return is_visible & people.valid

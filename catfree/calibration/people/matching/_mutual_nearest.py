@@ -1,4 +1,4 @@
-"""Mutual nearest people of two ground maps, and how far they beat chance."""
+"""Match mutually nearest people of two ground maps and compare the matches with chance."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ def squared_distances(
     Float[np.ndarray, "frame slot partner"],
     Float[np.ndarray, "frame slot partner"],
 ]:
-    """Squared Mahalanobis distances and log determinants (T, N, M) between people of one frame."""
+    """Squared Mahalanobis distances and log determinants (T, N, M) between people of a frame."""
     x, y = (_pair_sums(one.xy[..., i], -other.xy[..., i]) for i in (0, 1))
     a, b, d = (
         _pair_sums(one.covariance[..., i, j], other.covariance[..., i, j])
@@ -30,7 +30,7 @@ def squared_distances(
 def _pair_sums(
     one: Float[np.ndarray, "frame slot"], other: Float[np.ndarray, "frame partner"]
 ) -> Float32[np.ndarray, "frame slot partner"]:
-    """Sums (T, N, M) of all pairs; single precision holds a millimetre in a kilometre."""
+    """(T, N, M) sums of all pairs; single precision resolves a millimeter in a kilometer."""
     return one.astype(np.float32)[:, :, None] + other.astype(np.float32)[:, None, :]
 
 
@@ -39,7 +39,7 @@ def mutual_nearest(
     log_determinant: Float[np.ndarray, "frame slot partner"],
     gate: float,
 ) -> tuple[Int[np.ndarray, " match"], Int[np.ndarray, " match"], Int[np.ndarray, " match"]]:
-    """Pairs of people that are each other's best and lie within the gate.
+    """Find pairs of people within the gate that are each other's best match.
 
     Args:
         distance: (T, N, M) squared Mahalanobis distances of the people of two maps.
@@ -62,12 +62,12 @@ def mutual_nearest(
 
 @dataclass(frozen=True)
 class ChanceDensity:
-    """How densely a camera's own boxes fall on the ground, per square metre and frame.
+    """Density of a camera's boxes on the ground, per square meter and frame.
 
     Attributes:
         values: (X, Y) density of each cell.
-        origin: (2,) corner of the first cell in metres.
-        cell: side of a cell in metres.
+        origin: (2,) corner of the first cell in meters.
+        cell: side of a cell in meters.
     """
 
     values: Float[np.ndarray, "x y"]
@@ -83,16 +83,15 @@ class ChanceDensity:
         return np.where(inside, self.values[index[..., 0], index[..., 1]], 0.0) + LEAST_DENSITY
 
 
-LEAST_DENSITY = 0.002  # boxes per square metre and frame: one somewhere in 500 square metres
+LEAST_DENSITY = 0.002  # boxes per square meter and frame: one somewhere in 500 square meters
 CELL = 0.5
 LARGEST_MAP = 80.0
 
 
 def chance_density(people: GroundMap) -> ChanceDensity:
-    """The density of a map over all its frames, blurred by a metre.
+    """Density of a map over all frames, blurred by one meter.
 
-    A person who stands still makes the density high where they stand, so that finding them again
-    is no evidence.
+    A person who stands still makes the local density high, so that a match there is not evidence.
     """
     xy = people.xy[people.valid]
     if not len(xy):
@@ -108,12 +107,12 @@ def chance_density(people: GroundMap) -> ChanceDensity:
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """How well a camera's people agree with a map made without it.
+class Judgment:
+    """Agreement of a camera's people with a map made without that camera.
 
     Attributes:
         evidence: log-likelihood ratio of "same people" against "same places, other times".
-        association: share of the people whom both sides should see that are matched.
+        association: fraction matched of the people that both sides should see.
         matches: number of matched people.
         pairs: (matches, 3) frame, slot of the camera, slot of the map.
     """
@@ -133,20 +132,20 @@ def judge(
     *,
     gate: float,
     detection_rates: tuple[float, float],
-) -> Judgement:
+) -> Judgment:
     """Weigh the people of one camera against a map of the others.
 
     Args:
         own: the camera's map in world coordinates.
         others: the map of the other cameras.
         density: chance density of the camera's boxes.
-        others_expected: (T, M) whether the camera should see this person of the map.
-        own_expected: (T, N) whether some other camera should see this person of the camera.
+        others_expected: (T, M) whether the camera should see each person of the map.
+        own_expected: (T, N) whether any other camera should see each person of the camera.
         gate: largest squared Mahalanobis distance of a match.
-        detection_rates: bounds on the probability that a person who should be seen has a box.
+        detection_rates: bounds on the probability that a person expected to be visible has a box.
 
     Returns:
-        The judgement; people who should be seen and are not count against.
+        The judgment; missing people reduce the evidence.
     """
     distance, log_determinant = squared_distances(own, others)
     time, slot, partner = mutual_nearest(distance, log_determinant, gate)
@@ -156,10 +155,10 @@ def judge(
     others_matched = np.zeros(others.valid.shape, bool)
     others_matched[time, partner] = True
     missed = int((others_expected & others.valid & ~others_matched).sum())
-    lonely = int((own_expected & own.valid & ~own_matched).sum())
+    unmatched = int((own_expected & own.valid & ~own_matched).sum())
     matches = len(time)
-    # The rate that explains the matches best, within what detectors do.
-    rate = 2 * matches / max(1, 2 * matches + missed + lonely)
+    # Maximum likelihood detection rate, within the usual rates of detectors.
+    rate = 2 * matches / max(1, 2 * matches + missed + unmatched)
     low, high = detection_rates
     rate = min(max(rate, low), high)
     miss = np.log(1 - rate)
@@ -171,7 +170,7 @@ def judge(
         - np.log(2 * np.pi)
         - np.log(chance)
     )
-    # A match that says less than two separate people would is not believed as one.
-    evidence = float(np.maximum(log_ratio, 2 * miss).sum() + miss * (missed + lonely))
-    rates = [matches / max(1, matches + count) for count in (missed, lonely)]
-    return Judgement(evidence, max(rates), matches, np.stack([time, slot, partner], -1))
+    # A match less likely than two separate people counts as two separate people.
+    evidence = float(np.maximum(log_ratio, 2 * miss).sum() + miss * (missed + unmatched))
+    rates = [matches / max(1, matches + count) for count in (missed, unmatched)]
+    return Judgment(evidence, max(rates), matches, np.stack([time, slot, partner], -1))

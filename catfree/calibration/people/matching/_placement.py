@@ -1,8 +1,8 @@
-"""Pairs of cameras: where the second one must stand for both to see the same people.
+"""Place the second camera of a pair by voting, so that both see the same people.
 
 Two metric ground maps differ by a heading and a translation. Every pair of boxes of one instant
-votes for all of them that would make it one person; the truth collects one vote for every person
-whom both cameras see, chance spreads its votes thinly.
+votes for all placements that would make it one person. The true placement collects one vote per
+person seen by both cameras; chance votes are spread thinly.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from catfree.calibration.people.cameras._camera_model import PAN, X, Z
 from catfree.calibration.people.cameras._ground_map import GroundMap
 from catfree.settings import CalibrationSettings
 
-NEAREST_PEOPLE = 24  # people of a frame that vote: the nearest, whose positions are sharpest
+NEAREST_PEOPLE = 24  # people per frame that vote: those with the most precise positions
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Placement:
 
     Attributes:
         angle: heading in radians.
-        translation: (2,) metres.
+        translation: (2,) meters.
         score: votes above chance, in units of the square root of the chance votes.
     """
 
@@ -32,7 +32,7 @@ class Placement:
     score: float
 
     def place(self, parameters: Float[np.ndarray, "7"]) -> Float[np.ndarray, "7"]:
-        """A camera of the local frame moved into the world frame."""
+        """Transform a camera from the local frame to the world frame."""
         placed = parameters.copy()
         placed[PAN] += self.angle
         placed[X:Z] = turn(parameters[X:Z], self.angle) + self.translation
@@ -40,13 +40,13 @@ class Placement:
 
 
 def turn(xy: Float[np.ndarray, "*n 2"], angle: float) -> Float[np.ndarray, "*n 2"]:
-    """Points (..., 2) turned about the origin by an angle in radians."""
+    """Rotate points (..., 2) about the origin by an angle in radians."""
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([c * xy[..., 0] - s * xy[..., 1], s * xy[..., 0] + c * xy[..., 1]], -1)
 
 
 def moved_map(people: GroundMap, placement: Placement) -> GroundMap:
-    """A local map in world coordinates."""
+    """Transform a local map to world coordinates."""
     c, s = np.cos(placement.angle), np.sin(placement.angle)
     R = np.array([[c, -s], [s, c]])
     return GroundMap(
@@ -61,17 +61,17 @@ def moved_map(people: GroundMap, placement: Placement) -> GroundMap:
 def vote(
     target: GroundMap, source: GroundMap, settings: CalibrationSettings, count: int
 ) -> list[Placement]:
-    """The best placements of one local map in another.
+    """Find the best placements of one local map in another.
 
     Args:
-        target: (T, N) people of the map that stays.
-        source: (T, M) people of the map that moves, same frames.
+        target: (T, N) people of the fixed map.
+        source: (T, M) people of the moving map, same frames.
         settings: constants.
-        count: how many distinct placements to return.
+        count: maximum number of distinct placements.
 
     Returns:
-        Placements, best first, from votes minus a share of the chance votes, which are counted in
-        the same way with one sequence shifted by half its length.
+        Placements, best first, from votes minus a fraction of the chance votes, which are counted
+        in the same way with one sequence shifted by half its length.
     """
     target, source = _nearest(target), _nearest(source)
     bins = max(8, round(2 * np.pi / settings.voting_angle))
@@ -79,31 +79,31 @@ def vote(
     votes = _count(target, source, np.arange(len(source.xy)), bins, settings)
     chance = _count(target, source, np.roll(np.arange(len(source.xy)), half), bins, settings)
     gain = votes - settings.chance_weight * chance
-    # In far corners chance is empty; the overall level keeps the ratio honest there.
+    # Far corners have no chance votes; the mean level bounds the ratio there.
     level = np.sqrt(np.maximum(chance, chance.mean()) + 1.0)
     score = gain / level
     radius = _reach(target, source, settings)
-    found: list[Placement] = []
+    placements: list[Placement] = []
     best = np.flatnonzero(score > 0.4 * max(score.max(), 1e-9))
     for index in best[np.argsort(-score.flat[best], kind="stable")[: 50 * count]]:
         angle_bin, x_bin, y_bin = np.unravel_index(index, score.shape)
-        # A blurred bin collects its own and the next, so its middle is its upper edge.
+        # A blurred bin sums itself and the next one, so its center is its upper edge.
         angle = (angle_bin + 0.5) * 2 * np.pi / bins
         place = np.array([x_bin + 1.0, y_bin + 1.0]) * settings.voting_cell - radius
-        fresh = all(
+        is_distinct = all(
             np.linalg.norm(place - other.translation) > 2.5 * settings.voting_cell
             or np.cos(angle - other.angle) < np.cos(2.5 * settings.voting_angle)
-            for other in found
+            for other in placements
         )
-        if fresh:
-            found.append(Placement(angle, place, float(score.flat[index])))
-            if len(found) == count:
+        if is_distinct:
+            placements.append(Placement(angle, place, float(score.flat[index])))
+            if len(placements) == count:
                 break
-    return found
+    return placements
 
 
 def _reach(target: GroundMap, source: GroundMap, settings: CalibrationSettings) -> float:
-    """How far two cameras may stand apart, in whole cells: as far as both see people."""
+    """Largest distance between two cameras that see the same people, in whole cells."""
     reach = [
         np.quantile(np.linalg.norm(m.xy[m.valid], axis=-1), 0.9) if m.valid.any() else 0.0
         for m in (target, source)
@@ -112,7 +112,7 @@ def _reach(target: GroundMap, source: GroundMap, settings: CalibrationSettings) 
 
 
 def _nearest(people: GroundMap) -> GroundMap:
-    """The sharpest people of each frame."""
+    """Select the people with the most precise positions in each frame."""
     if people.valid.shape[1] <= NEAREST_PEOPLE:
         return people
     spread = np.where(people.valid, people.covariance.trace(axis1=2, axis2=3), np.inf)
@@ -134,7 +134,7 @@ def _count(
     bins: int,
     settings: CalibrationSettings,
 ) -> Float[np.ndarray, "{bins} x y"]:
-    """Blurred vote counts (angle, x, y) of all pairs of target frame and given source frame."""
+    """Count votes (angle, x, y) of all pairs of target and given source frames, blurred."""
     both = target.valid[:, :, None] & source.valid[source_frames][:, None, :]
     time, slot, other = np.nonzero(both)
     p = target.xy[time, slot].astype(np.float32)
@@ -169,15 +169,15 @@ def align_rigidly(
     source: Float[np.ndarray, "n 2"],
     weight: Float[np.ndarray, " n"],
 ) -> tuple[float, Float[np.ndarray, "2"]]:
-    """The rigid motion of the ground that brings points onto others, by least squares.
+    """Fit the rigid motion of the ground that maps source points to target points.
 
     Args:
-        target: (n, 2) points in metres.
-        source: (n, 2) the points that move, in metres.
+        target: (n, 2) points in meters.
+        source: (n, 2) the moving points in meters.
         weight: (n,) of each pair.
 
     Returns:
-        Heading in radians and translation (2,) in metres, as in `Placement`.
+        Heading in radians and translation (2,) in meters, as in `Placement`.
 
     Source: Umeyama (1991), in the plane and without scale.
     """

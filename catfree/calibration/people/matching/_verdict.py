@@ -1,7 +1,7 @@
-"""Whether a camera agrees with the others better than it could by chance.
+"""Judge whether a camera agrees with the others better than by chance.
 
-The people of a crowd are everywhere, so that a wrong camera, fitted to them, matches many. But it
-matches them at any time: the same boxes, shifted in time, do as well. A right camera does not.
+A misplaced camera fitted to a dense crowd matches many people, but it matches equally many when its
+boxes are shifted in time. A correct camera matches more people at the true time.
 """
 
 from dataclasses import dataclass
@@ -17,22 +17,22 @@ from catfree.calibration.people.matching._group_people import (
     group_people,
     seen_by_any,
 )
-from catfree.calibration.people.matching._mutual_nearest import Judgement, chance_density, judge
+from catfree.calibration.people.matching._mutual_nearest import Judgment, chance_density, judge
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.settings import CalibrationSettings
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A camera's evidence against the rest of the rig, and what chance reaches.
+    """A camera's evidence against the rest of the rig, compared with chance.
 
     Attributes:
-        judgement: at the true time.
-        chance: highest evidence at the shifted times.
-        shortcomings: what it lacks to be trusted, in words.
+        judgment: at the true time.
+        chance: highest evidence at shifted times.
+        shortcomings: reasons not to trust the camera, as text.
     """
 
-    judgement: Judgement
+    judgment: Judgment
     chance: float
     shortcomings: tuple[str, ...]
 
@@ -44,7 +44,7 @@ class Verdict:
     @property
     def margin(self) -> float:
         """Evidence above chance."""
-        return self.judgement.evidence - self.chance
+        return self.judgment.evidence - self.chance
 
 
 def judge_with_chance(
@@ -54,23 +54,23 @@ def judge_with_chance(
     own_expected: Bool[np.ndarray, "frame slot"],
     settings: CalibrationSettings,
     shifts: tuple[float, ...],
-) -> tuple[Judgement, float]:
-    """The judgement of a camera and how far it exceeds the best at circularly shifted times.
+) -> tuple[Judgment, float]:
+    """Judge a camera at the true time and at circularly shifted times.
 
     Args:
         own: (T, N) the camera's map in world coordinates.
         others: (T, M) the map of the other cameras, same frames.
-        others_expected: (T, M) whether the camera should see this person of the map.
-        own_expected: (T, N) whether some other camera should see this person of the camera.
+        others_expected: (T, M) whether the camera should see each person of the map.
+        own_expected: (T, N) whether any other camera should see each person of the camera.
         settings: constants.
-        shifts: by which shares of the sequence its time is shifted for comparison.
+        shifts: time shifts for the comparison, as fractions of the sequence.
 
     Returns:
-        The judgement at the true time, and its evidence above the highest at the shifted times.
+        The judgment at the true time, and its evidence minus the highest at shifted times.
     """
     density = chance_density(own)
 
-    def at_shift(shift: int) -> Judgement:
+    def at_shift(shift: int) -> Judgment:
         rolled = own if shift == 0 else _rolled(own, shift)
         return judge(
             rolled,
@@ -82,15 +82,15 @@ def judge_with_chance(
             detection_rates=settings.detection_rates,
         )
 
-    judgement = at_shift(0)
+    judgment = at_shift(0)
     frames = len(own.xy)
     steps = sorted({round(share * frames) % frames for share in shifts} - {0})
     chance = max((at_shift(step).evidence for step in steps), default=np.inf)
-    return judgement, judgement.evidence - chance
+    return judgment, judgment.evidence - chance
 
 
 def _rolled(people: GroundMap, shift: int) -> GroundMap:
-    """A map whose frames are rolled circularly."""
+    """Roll the frames of a map circularly."""
     return GroundMap(
         *(
             np.roll(getattr(people, name), shift, axis=0)
@@ -107,20 +107,20 @@ def judge_camera(
     grid: BoxGrid | None = None,
     others: GroundMap | None = None,
 ) -> Verdict:
-    """Evidence of a placed camera against the map of the other placed cameras.
+    """Judge a placed camera against the map of the other placed cameras.
 
     Args:
         work: the sequence.
         state: the rig with the camera.
-        camera: which camera.
-        grid: frames to judge on; all by default.
-        others: the map of the other cameras on these frames, if it is at hand.
+        camera: index of the camera.
+        grid: frames to judge on; all if None.
+        others: the map of the other cameras on these frames; computed if None.
     """
     settings = work.settings
     grid = work.grid if grid is None else grid
     if others is None:
         others = group_people(grid, state, settings, without=camera).ground
-    own = camera_map(grid, camera, state, settings)
+    camera_people = camera_map(grid, camera, state, settings)
     others_expected = visible(
         state.parameters[camera],
         grid.size[camera],
@@ -129,33 +129,31 @@ def judge_camera(
         others.height,
         state.foot_offset,
     )
-    own_expected = seen_by_any(grid, state, own, work.smallest, without=camera)
-    judgement, margin = judge_with_chance(
-        own, others, others_expected, own_expected, settings, settings.chance_shifts
+    own_expected = seen_by_any(grid, state, camera_people, work.smallest, without=camera)
+    judgment, margin = judge_with_chance(
+        camera_people, others, others_expected, own_expected, settings, settings.chance_shifts
     )
-    return Verdict(
-        judgement, judgement.evidence - margin, _shortcomings(judgement, margin, settings)
-    )
+    return Verdict(judgment, judgment.evidence - margin, _shortcomings(judgment, margin, settings))
 
 
 def judge_cameras(work: Workspace, state: RigState) -> dict[int, Verdict]:
-    """Evidence of every placed camera against the map of the others, on all frames."""
+    """Judge every placed camera against the map of the others, on all frames."""
     return {int(c): judge_camera(work, state, int(c)) for c in np.flatnonzero(state.placed)}
 
 
 def _shortcomings(
-    judgement: Judgement, margin: float, settings: CalibrationSettings
+    judgment: Judgment, margin: float, settings: CalibrationSettings
 ) -> tuple[str, ...]:
-    """What a camera lacks to be trusted; each of the criteria can fail alone."""
-    needed = max(settings.minimum_margin, settings.minimum_match_margin * judgement.matches)
-    found = []
-    if not judgement.matches > settings.minimum_matches:
-        found.append(f"{judgement.matches} matches, more than {settings.minimum_matches} needed")
-    if not judgement.association > settings.minimum_association:
-        found.append(
-            f"matches {100 * judgement.association:.0f} % of the people whom it shares with the "
+    """List the criteria that a camera fails, as text."""
+    needed = max(settings.minimum_margin, settings.minimum_match_margin * judgment.matches)
+    reasons = []
+    if not judgment.matches > settings.minimum_matches:
+        reasons.append(f"{judgment.matches} matches, more than {settings.minimum_matches} needed")
+    if not judgment.association > settings.minimum_association:
+        reasons.append(
+            f"matches {100 * judgment.association:.0f} % of the people that it shares with the "
             f"others, more than {100 * settings.minimum_association:.0f} % needed"
         )
     if not margin > needed:
-        found.append(f"evidence {margin:.0f} above chance, more than {needed:.0f} needed")
-    return tuple(found)
+        reasons.append(f"evidence {margin:.0f} above chance, more than {needed:.0f} needed")
+    return tuple(reasons)

@@ -1,4 +1,4 @@
-"""Boxes of one sequence with what is computed once from them."""
+"""Boxes of one sequence and quantities computed once from them."""
 
 import numpy as np
 from jaxtyping import Float
@@ -10,11 +10,11 @@ from catfree.calibration.people.matching._group_people import smallest_boxes
 from catfree.settings import CalibrationSettings
 from catfree.types._sampling import evenly_spread
 
-QUICK_FRAMES = 24  # frames on which many placements are compared
+QUICK_FRAMES = 24  # frames used to compare many placements
 
 
 class Workspace:
-    """Boxes of one sequence with what is computed once from them.
+    """Boxes of one sequence and quantities computed once from them.
 
     Args:
         grid: all boxes.
@@ -23,10 +23,10 @@ class Workspace:
     Attributes:
         grid: all boxes.
         settings: constants.
-        smallest: (C,) box height in pixels below which a camera hardly detects anybody.
-        voting: frames on which placements are voted for.
-        quick: frames on which many placements are compared.
-        scoring: frames on which few placements are compared.
+        smallest: (C,) box height in pixels below which a camera hardly detects people.
+        voting: frames used for voting on placements.
+        quick: frames used to compare many placements.
+        scoring: frames used to compare few placements.
     """
 
     def __init__(self, grid: BoxGrid, settings: CalibrationSettings) -> None:
@@ -39,7 +39,7 @@ class Workspace:
         self._planes: dict[tuple[int, float], Float[np.ndarray, "plane 7"]] = {}
 
     def planes(self, camera: int, log_focal: float) -> Float[np.ndarray, "plane 7"]:
-        """Single-view planes of a camera at a focal length, remembered."""
+        """Single-view planes of a camera at a focal length, cached."""
         key = (camera, round(log_focal, 4))
         if key not in self._planes:
             self._planes[key] = fit_planes(self.grid, camera, np.exp(log_focal), self.settings)
@@ -48,13 +48,13 @@ class Workspace:
     def local_map(
         self, grid: BoxGrid, camera: int, parameters: Float[np.ndarray, "7"], tolerance: float
     ) -> GroundMap:
-        """A camera's map of the ground with given parameters.
+        """Map the people of a camera with given parameters.
 
         Args:
             grid: the frames to map.
-            camera: which camera.
-            parameters: (7,) where it stands.
-            tolerance: share of the range by which the map may be wrong.
+            camera: index of the camera.
+            parameters: (7,) its parameters.
+            tolerance: fraction of the range by which the map may be wrong.
         """
         return map_ground(
             parameters,

@@ -1,1 +1,1 @@
-"""From pairs of cameras to the whole rig."""
+"""Search for the rig: from pairs of cameras to all cameras."""

@@ -1,7 +1,7 @@
-"""Clock offsets of single cameras, found from the same evidence as the rig.
+"""Estimate clock offsets of single cameras from the evidence used to register the rig.
 
-A camera whose clock is off by a few frames agrees best with the others at another shift than zero;
-one that is off by many is not placed at all until the right shift is tried.
+A camera whose clock is off by a few frames agrees best with the others at a nonzero shift; a camera
+whose clock is off by many frames can be placed only after its offset is corrected.
 """
 
 from dataclasses import replace
@@ -25,13 +25,13 @@ from catfree.types._progress import Progress
 from catfree.types._sampling import evenly_spread
 
 TRIED_OFFSETS = 16  # offsets of an unplaced camera that are refined
-WIDE_TOLERANCE = 0.03  # share of the range, while people are met at the wrong instant
-CLIMB = 2  # shifts to either side that are tried from the best
-KNOWN_FOCAL_SD = 0.05  # of log focal: the rig has fixed it already
+WIDE_TOLERANCE = 0.03  # fraction of the range, while people are matched at the wrong instant
+CLIMB = 2  # shifts tried on either side of the best
+KNOWN_FOCAL_SD = 0.05  # of log focal length, which the rig has already determined
 
 
 def remove_offsets(detections: Detections, frame_offset: ArrayInput) -> Detections:
-    """Detections on a common clock: each camera's frame numbers less its offset.
+    """Correct clock offsets: subtract each camera's offset from its frame numbers.
 
     Args:
         detections: (N,) boxes.
@@ -50,10 +50,10 @@ def find_offsets(
     """Estimate an integer offset of each camera, correct it, and register again.
 
     Args:
-        work: the sequence on the clocks as given.
-        registered: what could be placed on them.
+        work: the sequence with uncorrected clocks.
+        registered: the rig registered from it.
         maximum: largest offset in frames.
-        report: progress callback (stage, done, total).
+        report: called as `report(stage, done, total)`.
 
     Returns:
         The corrected sequence, its rig, and (C,) offsets in frame numbers.
@@ -62,10 +62,10 @@ def find_offsets(
     step = max(1, int(np.median(np.diff(grid.frames))))
     reach = min(maximum // step, grid.frame_count // 3)
     shifts = sorted(range(-reach, reach + 1), key=abs)
-    found = np.zeros(grid.camera_count, np.int64)
+    offset = np.zeros(grid.camera_count, np.int64)
     for done in range(grid.camera_count):
-        state, cameras = registered.rig.state, np.flatnonzero(found == 0)
-        # One camera at a time, the clearest first: a wrong clock also bends the others' fit.
+        state, cameras = registered.rig.state, np.flatnonzero(offset == 0)
+        # One camera at a time, the clearest first: a wrong clock also distorts the fit of others.
         gains = [
             (_offset_of_placed if state.placed[c] else offset_of_unplaced)(
                 work, state, int(c), shifts
@@ -79,25 +79,25 @@ def find_offsets(
         camera, shift = int(cameras[best]), gains[best][1]
         corrected = Workspace(work.grid.shifted(camera, -shift), work.settings)
         try:
-            again = register_cameras(corrected, report)
+            proposed = register_cameras(corrected, report)
         except CalibrationError:
             break
-        if _quality(again) <= _quality(registered):
+        if _quality(proposed) <= _quality(registered):
             break
-        work, registered = corrected, again
-        found[camera] = shift
-    return work, registered, found * step
+        work, registered = corrected, proposed
+        offset[camera] = shift
+    return work, registered, offset * step
 
 
 def _quality(registered: RegisteredRig) -> tuple[int, float]:
-    """Number of placed cameras, then the sum of their evidence."""
+    """Number of placed cameras, and the sum of their evidence."""
     return len(registered.verdicts), sum(v.margin for v in registered.verdicts.values())
 
 
 def _offset_of_placed(
     work: Workspace, state: RigState, camera: int, shifts: list[int]
 ) -> tuple[float, int]:
-    """Gain in evidence and shift at which a placed camera, refitted, agrees best."""
+    """Gain in evidence and shift at which a placed camera agrees best after refitting."""
     wide = replace(state, range_tolerance=np.full(len(state.placed), WIDE_TOLERANCE))
     others = group_people(work.grid, wide, work.settings, without=camera).ground
     log_focal = float(state.parameters[camera, LOG_FOCAL])
@@ -121,7 +121,7 @@ def _offset_of_placed(
             if parameters is not None:
                 fitted = wide.with_camera(camera, parameters, WIDE_TOLERANCE)
                 verdict = judge_camera(work, fitted, camera, grid=grid, others=others)
-                evidence[shift] = verdict.judgement.evidence
+                evidence[shift] = verdict.judgment.evidence
         top = max(evidence, key=lambda shift: (evidence[shift], -abs(shift)))
         if top == best:
             return evidence[best] - evidence[0], best
@@ -131,13 +131,13 @@ def _offset_of_placed(
 def offset_of_unplaced(
     work: Workspace, state: RigState, camera: int, shifts: list[int]
 ) -> tuple[float, int]:
-    """Evidence and shift at which an unplaced camera can be placed; zeros if there is none.
+    """Evidence and shift at which an unplaced camera can be placed; zeros if it cannot.
 
     Args:
         work: the sequence.
         state: the rig without the camera.
-        camera: which camera.
-        shifts: to try, in instants by which its clock may be too high.
+        camera: index of the camera.
+        shifts: shifts to try, in instants by which its clock may be too high.
     """
     settings = work.settings
     people = group_people(work.grid, state, settings).ground
@@ -149,10 +149,10 @@ def offset_of_unplaced(
         sample = _thinned(grid, settings)
         fused = group_people(sample, state, settings).ground
         for plane in planes:
-            own = work.local_map(sample, camera, plane, settings.range_tolerance)
+            camera_map = work.local_map(sample, camera, plane, settings.range_tolerance)
             candidates += [
                 (placement.score, shift, placement.place(plane))
-                for placement in vote(fused, own, settings, 1)
+                for placement in vote(fused, camera_map, settings, 1)
             ]
     candidates.sort(key=lambda item: -item[0])
     best = (0.0, 0)
@@ -182,5 +182,5 @@ def offset_of_unplaced(
 
 
 def _thinned(grid: BoxGrid, settings: CalibrationSettings) -> BoxGrid:
-    """The frames that vote."""
+    """Select the frames used for voting."""
     return grid.at_frames(evenly_spread(np.arange(grid.frame_count), settings.voting_frames))

@@ -1,9 +1,9 @@
-"""Cameras that growth left out, tried once more at every place that their boxes allow.
+"""Try cameras that growth left out at every position that their boxes allow.
 
-While a rig grows, a camera is refined against a map that stays; beside its place it can match as
-many people as in it. Whether it pulls the others along or they pull it home shows only when all are
-adjusted together, so each place is tried to the end, and the places are compared there: by the
-residual of the whole rig, since a camera that bends the others may well match more than they did.
+While a rig grows, a camera is refined against a fixed map, and it can match as many people at a
+wrong position as at the right one. Only a joint adjustment separates the two, so every position is
+adjusted jointly. Positions are compared by the residual of the whole rig, since a misplaced camera
+that distorts the others may match more people.
 """
 
 from dataclasses import replace
@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from catfree.calibration.people._residual_outliers import strained_cameras
+from catfree.calibration.people._residual_outliers import residual_outliers
 from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
 from catfree.calibration.people.cameras._camera_model import X
 from catfree.calibration.people.matching._group_people import RigState
@@ -24,13 +24,12 @@ from catfree.calibration.people.search._growth import (
 )
 from catfree.calibration.people.search._seed_pairs import PairHypothesis
 
-Judged = tuple[AdjustedRig, dict[int, Verdict]]
+JudgedRig = tuple[AdjustedRig, dict[int, Verdict]]
 
-# How far the others' map may still be wrong, as a share of the range: what is allowed there decides
-# which places the boxes allow.
+# Assumed errors of the others' map, as fractions of the range; they determine the candidates.
 MAP_TOLERANCES = (0.01, 0.05, 0.08)
 ADJUSTMENTS = (0.05, 0.03, 0.02)
-SAME_PLACE = 0.3  # metres; adjusted together, such places become one
+SAME_PLACE = 0.3  # meters; closer candidates converge to one position
 
 
 def complete_rig(
@@ -40,41 +39,42 @@ def complete_rig(
     *,
     pairs: list[PairHypothesis],
     shared_focal: bool,
-) -> Judged:
-    """Add every camera that has a place in which it and all others stand up to their evidence.
+) -> JudgedRig:
+    """Add every camera that has a position where it and all others pass their evidence checks.
 
     Args:
         work: the sequence.
-        rig: the cameras that growth could place.
-        verdicts: of each of them.
+        rig: the cameras placed by growth.
+        verdicts: of each placed camera.
         pairs: all pair hypotheses.
         shared_focal: whether all cameras have one focal length.
 
     Returns:
-        The rig, larger where a camera was found, and the verdicts of its cameras. Rigs that would
-        have fewer cameras than can be compared (`fewest_to_compare`) stay as they are.
+        The rig, with cameras added if possible, and the verdicts of its cameras. A rig that would
+        have fewer than `fewest_to_compare` cameras is unchanged.
     """
     for camera in np.flatnonzero(~rig.state.placed):
         if rig.state.placed.sum() + 1 < work.settings.fewest_to_compare:
             break
-        found = [
+        accepted = [
             judged
-            for start in _places(work, rig.state, int(camera), pairs, shared_focal)
-            if (judged := _tried(work, rig.state, int(camera), start, shared_focal)) is not None
+            for start in _candidates(work, rig.state, int(camera), pairs, shared_focal)
+            if (judged := _adjusted_with(work, rig.state, int(camera), start, shared_focal))
+            is not None
         ]
-        if found:
-            rig, verdicts = min(found, key=lambda judged: judged[0].bundle.residual)
+        if accepted:
+            rig, verdicts = min(accepted, key=lambda judged: judged[0].bundle.residual)
     return rig, verdicts
 
 
-def _places(
+def _candidates(
     work: Workspace,
     state: RigState,
     camera: int,
     pairs: list[PairHypothesis],
     shared_focal: bool,
 ) -> list[Float[np.ndarray, "7"]]:
-    """Distinct places (7,) in which a camera stands up to its evidence before all are adjusted."""
+    """Distinct accepted candidates (7,) of a camera, before joint adjustment."""
     places: list[np.ndarray] = []
     for tolerance in MAP_TOLERANCES:
         loose = replace(state, range_tolerance=np.full(len(state.placed), tolerance))
@@ -84,19 +84,19 @@ def _places(
     return places
 
 
-def _tried(
+def _adjusted_with(
     work: Workspace,
     state: RigState,
     camera: int,
     start: Float[np.ndarray, "7"],
     shared_focal: bool,
-) -> Judged | None:
-    """The rig with a camera from a start, or None if it does not hold all of its cameras."""
+) -> JudgedRig | None:
+    """Add a camera and adjust the rig; None if any camera is then rejected."""
     larger = state.with_camera(camera, start, RESECTED_TOLERANCE)
     rig = alternate(
         work.grid, larger, work.settings, shared_focal=shared_focal, tolerances=ADJUSTMENTS
     )
-    if strained_cameras(rig.bundle.camera_residual, work.settings)[camera]:
+    if residual_outliers(rig.bundle.camera_residual, work.settings)[camera]:
         return None
     verdicts = judge_cameras(work, rig.state)
     if not all(verdict.accepted for verdict in verdicts.values()):

@@ -1,4 +1,4 @@
-"""From a pair to a rig: candidates for each further camera, acceptance, and second thoughts."""
+"""Grow a rig from a pair: place further cameras, accept them, and remove harmful ones."""
 
 import numpy as np
 from jaxtyping import Float
@@ -12,21 +12,21 @@ from catfree.calibration.people.matching._verdict import Verdict, judge_camera, 
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._seed_pairs import PairHypothesis
 
-RESECTED_TOLERANCE = 0.05  # share of the range by which a resected camera may be wrong
-CANDIDATES = 4  # placements of a camera that are refined
-SUSPICIOUS_SHARE = 0.7  # of the usual evidence per match, below which a camera is looked at
-HARMFUL_GAIN = 1.05  # evidence of the others must rise by this much to take a camera out
+RESECTED_TOLERANCE = 0.05  # fraction of the range by which a resected camera may be wrong
+CANDIDATES = 4  # placements refined per camera
+SUSPICIOUS_SHARE = 0.7  # of the median evidence per match; cameras below are checked
+HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this factor
 
 
 def grow_rig(
     work: Workspace, seed: AdjustedRig, pairs: list[PairHypothesis], *, shared_focal: bool
 ) -> tuple[AdjustedRig, dict[int, Verdict]]:
-    """Add cameras to a seed as long as one can be added that stands up to its evidence.
+    """Add cameras to a seed as long as their evidence is sufficient.
 
     Args:
         work: the sequence.
         seed: two cameras.
-        pairs: all pair hypotheses, for candidates composed through placed cameras.
+        pairs: all pair hypotheses, for candidates relative to placed cameras.
         shared_focal: whether all cameras have one focal length.
 
     Returns:
@@ -34,16 +34,16 @@ def grow_rig(
     """
     rig, verdicts = seed, {}
     while not rig.state.placed.all():
-        found = {}
+        candidates = {}
         for camera in np.flatnonzero(~rig.state.placed):
             best = best_candidate(work, rig.state, int(camera), pairs, shared_focal)
             if best is not None:
-                found[int(camera)] = best
-        if not found:
+                candidates[int(camera)] = best
+        if not candidates:
             break
         state = rig.state
-        leading = max(verdict.margin for _, verdict in found.values())
-        for camera, (parameters, verdict) in found.items():
+        leading = max(verdict.margin for _, verdict in candidates.values())
+        for camera, (parameters, verdict) in candidates.items():
             if verdict.margin >= 0.3 * leading:
                 state = state.with_camera(camera, parameters, RESECTED_TOLERANCE)
         grown, grown_verdicts = prune_rig(
@@ -64,7 +64,7 @@ def _refined(work: Workspace, state: RigState, shared_focal: bool) -> AdjustedRi
 def prune_rig(
     work: Workspace, rig: AdjustedRig, *, shared_focal: bool
 ) -> tuple[AdjustedRig, dict[int, Verdict]]:
-    """Take out, worst first, every camera that the others do not support.
+    """Remove cameras that the others do not support, worst first.
 
     Args:
         work: the sequence.
@@ -72,7 +72,7 @@ def prune_rig(
         shared_focal: whether all cameras have one focal length.
 
     Returns:
-        The rig and the verdict of each camera that is left; two are always left.
+        The rig and the verdict of each remaining camera; at least two remain.
     """
     while True:
         verdicts = judge_cameras(work, rig.state)
@@ -86,11 +86,10 @@ def prune_rig(
 def drop_harmful(
     work: Workspace, rig: AdjustedRig, verdicts: dict[int, Verdict], *, shared_focal: bool
 ) -> tuple[AdjustedRig, dict[int, Verdict]]:
-    """Take out cameras without which the others agree better.
+    """Remove cameras without which the others agree better.
 
-    A camera with a wrong clock can find a place where habits of the crowd (a path, a queue) match
-    often enough to beat chance. It stands out twice: each of its matches says little, and it bends
-    the rest of the rig.
+    A camera with a wrong clock can match recurring patterns of the crowd (a path, a queue) better
+    than chance. It is recognized by low evidence per match and by its harm to the other cameras.
 
     Args:
         work: the sequence.
@@ -99,19 +98,19 @@ def drop_harmful(
         shared_focal: whether all cameras have one focal length.
 
     Returns:
-        The rig and the verdict of each camera that is left.
+        The rig and the verdict of each remaining camera.
     """
     while len(verdicts) > 2:
-        per_match = {c: v.margin / max(1, v.judgement.matches) for c, v in verdicts.items()}
+        per_match = {c: v.margin / max(1, v.judgment.matches) for c, v in verdicts.items()}
         usual = float(np.median(list(per_match.values())))
         suspects = [c for c in verdicts if per_match[c] < SUSPICIOUS_SHARE * usual]
         for camera in sorted(suspects, key=lambda c: per_match[c]):
             others = [c for c in verdicts if c != camera]
             less = _refined(work, rig.state.without_camera(camera), shared_focal)
-            found = judge_cameras(work, less.state)
-            without = sum(verdict.margin for verdict in found.values())
-            if without > HARMFUL_GAIN * sum(verdicts[c].margin for c in others):
-                rig, verdicts = less, found
+            less_verdicts = judge_cameras(work, less.state)
+            total = sum(verdict.margin for verdict in less_verdicts.values())
+            if total > HARMFUL_GAIN * sum(verdicts[c].margin for c in others):
+                rig, verdicts = less, less_verdicts
                 break
         else:
             break
@@ -125,17 +124,17 @@ def best_candidate(
     pairs: list[PairHypothesis],
     shared_focal: bool,
 ) -> tuple[Float[np.ndarray, "7"], Verdict] | None:
-    """The accepted placement of a camera with the highest margin, refined, or None.
+    """Find the accepted placement of a camera with the highest margin, refined; None if none.
 
     Args:
         work: the sequence.
         state: the rig without the camera.
-        camera: which camera.
-        pairs: pair hypotheses, for candidates composed through placed cameras.
+        camera: index of the camera.
+        pairs: pair hypotheses, for candidates relative to placed cameras.
         shared_focal: whether all cameras have one focal length.
     """
-    found = accepted_candidates(work, state, camera, pairs, shared_focal)
-    return max(found, key=lambda placement: placement[1].margin, default=None)
+    accepted = accepted_candidates(work, state, camera, pairs, shared_focal)
+    return max(accepted, key=lambda placement: placement[1].margin, default=None)
 
 
 def accepted_candidates(
@@ -145,17 +144,17 @@ def accepted_candidates(
     pairs: list[PairHypothesis],
     shared_focal: bool,
 ) -> list[tuple[Float[np.ndarray, "7"], Verdict]]:
-    """The placements of a camera that stand up to their evidence, refined.
+    """Find the placements of a camera with sufficient evidence, refined.
 
     Args:
         work: the sequence.
         state: the rig without the camera.
-        camera: which camera.
-        pairs: pair hypotheses, for candidates composed through placed cameras.
+        camera: index of the camera.
+        pairs: pair hypotheses, for candidates relative to placed cameras.
         shared_focal: whether all cameras have one focal length.
 
     Returns:
-        (7,) parameters and verdict of each.
+        Parameters (7,) and verdict of each placement.
     """
     settings = work.settings
     scoring = work.scoring
@@ -163,7 +162,7 @@ def accepted_candidates(
     log_focals = state.parameters[state.placed, LOG_FOCAL]
     middle = float(np.median(log_focals))
     prior = (middle, 0.02 if shared_focal else settings.focal_log_sd)
-    found = []
+    accepted = []
     for start in _candidates(work, state, camera, pairs, middle, shared_focal):
         parameters = resect(
             scoring,
@@ -184,8 +183,8 @@ def accepted_candidates(
             others=people,
         )
         if verdict.accepted:
-            found.append((parameters, verdict))
-    return found
+            accepted.append((parameters, verdict))
+    return accepted
 
 
 def _candidates(
@@ -196,15 +195,15 @@ def _candidates(
     middle: float,
     shared_focal: bool,
 ) -> list[Float[np.ndarray, "7"]]:
-    """Distinct placements of a camera: votes against the rig's people, and pair edges."""
+    """Distinct placements of a camera, from votes against the rig's people and from pairs."""
     settings = work.settings
     people = group_people(work.voting, state, settings).ground
     log_focals = [middle] if shared_focal else [middle, middle - 0.22, middle + 0.22]
     votes = []
     for log_focal in log_focals:
         for plane in work.planes(camera, log_focal):
-            own = work.local_map(work.voting, camera, plane, settings.range_tolerance)
-            votes += [(v, plane) for v in vote(people, own, settings, 2)]
+            camera_map = work.local_map(work.voting, camera, plane, settings.range_tolerance)
+            votes += [(v, plane) for v in vote(people, camera_map, settings, 2)]
     votes.sort(key=lambda item: -item[0].score)
     starts = [placement.place(plane) for placement, plane in votes[:12]]
     edges = [p for p in pairs if camera in p.cameras and state.placed[list(p.cameras)].sum() == 1]
@@ -222,10 +221,10 @@ def _candidates(
 
 
 def _compose(state: RigState, pair: PairHypothesis, camera: int) -> Float[np.ndarray, "7"]:
-    """A camera placed through its pair with a placed one."""
+    """Place a camera relative to the placed camera of a pair."""
     index = pair.cameras.index(camera)
-    own, anchor = pair.parameters[index], pair.parameters[1 - index]
+    relative, anchor = pair.parameters[index], pair.parameters[1 - index]
     placed = state.parameters[pair.cameras[1 - index]]
     turned = placed[PAN] - anchor[PAN]
     translation = placed[X:Z] - Placement(turned, np.zeros(2), 0.0).place(anchor)[X:Z]
-    return Placement(turned, translation, 0.0).place(own)
+    return Placement(turned, translation, 0.0).place(relative)

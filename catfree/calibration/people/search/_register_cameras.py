@@ -1,4 +1,4 @@
-"""All cameras: pairs, seeds, growth, and the choice between one focal length and many."""
+"""Register all cameras: pairs, seeds, growth, and shared or separate focal lengths."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -18,22 +18,22 @@ from catfree.calibration.people.search._seed_pairs import PairHypothesis, search
 from catfree.errors import CalibrationError
 from catfree.types._progress import Progress
 
-THREADS = 2  # array operations release the interpreter lock only in part
-GROWN_SEEDS = 2  # at least; more only where cameras are still missing
+THREADS = 2  # array operations release the interpreter lock only partly
+GROWN_SEEDS = 2  # minimum; more only while cameras are missing
 FINAL_TOLERANCES = (0.03, 0.02, 0.01)  # range tolerances of the last adjustment
 FINAL_PEOPLE = 4000
 FINAL_ITERATIONS = 15
-GOOD_SEED = (0.6, 30)  # association and matches of a pair whose focal lengths can be compared
+GOOD_SEED = (0.6, 30)  # minimum association and matches to compare the focal lengths of a pair
 
 
 @dataclass(frozen=True)
 class RegisteredRig:
-    """Every camera that could be placed.
+    """All placed cameras.
 
     Attributes:
         rig: the adjusted rig.
         verdicts: of each placed camera.
-        shared_focal: whether one focal length serves all cameras.
+        shared_focal: whether all cameras have one focal length.
     """
 
     rig: AdjustedRig
@@ -46,7 +46,7 @@ def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
 
     Args:
         work: the sequence.
-        report: progress callback (stage, done, total).
+        report: called as `report(stage, done, total)`.
 
     Raises:
         CalibrationError: if no two cameras share people.
@@ -58,7 +58,7 @@ def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
         raise CalibrationError(
             "No two cameras see the same people: of "
             f"{work.grid.camera_count * (work.grid.camera_count - 1) // 2} pairs, none matches at "
-            "its own time better than at shifted times. Check that the cameras are synchronized, "
+            "the true time better than at shifted times; check that the cameras are synchronized, "
             "that their views overlap, and that several people walk through the overlap."
         )
     grown = _grow_seeds(work, seeds, pairs, report, shared_focal=shared)
@@ -74,23 +74,23 @@ def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
 
 
 def _search_pairs(work: Workspace, report: Progress) -> list[PairHypothesis]:
-    """The best hypothesis of every pair of cameras, most convincing first."""
+    """Find the best hypothesis of every pair of cameras, sorted by decreasing margin."""
     couples = list(combinations(range(work.grid.camera_count), 2))
-    found = []
+    hypotheses = []
     with ThreadPoolExecutor(THREADS) as pool:
         searched = pool.map(lambda couple: search_pair(work, *couple), couples)
         for done, pair in enumerate(searched):
             if pair is not None:
-                found.append(pair)
+                hypotheses.append(pair)
             report("pairs", done + 1, len(couples))
-    return sorted(found, key=lambda pair: -pair.margin)
+    return sorted(hypotheses, key=lambda pair: -pair.margin)
 
 
 Seed = tuple[Verdict, AdjustedRig, tuple[int, int]]
 
 
 def _adjust_seeds(work: Workspace, pairs: list[PairHypothesis], report: Progress) -> list[Seed]:
-    """The most convincing pairs after adjustment that stand up to their evidence, best first."""
+    """Adjust the best pairs and return the accepted ones, sorted by decreasing margin."""
     chosen = pairs[: work.settings.seed_pairs]
     seeds = []
     for done, pair in enumerate(chosen):
@@ -107,12 +107,12 @@ def _adjust_seeds(work: Workspace, pairs: list[PairHypothesis], report: Progress
 
 
 def _focal_seems_shared(work: Workspace, seeds: list[Seed]) -> bool:
-    """Whether the two focal lengths of good pairs, fitted freely, mostly agree."""
+    """Whether the separately fitted focal lengths of good pairs mostly agree."""
     association, matches = GOOD_SEED
     ratios = [
         abs(float(np.diff(seed.state.parameters[list(cameras), LOG_FOCAL])[0]))
         for verdict, seed, cameras in seeds
-        if verdict.judgement.association > association and verdict.judgement.matches > matches
+        if verdict.judgment.association > association and verdict.judgment.matches > matches
     ]
     return bool(ratios) and float(np.median(ratios)) < work.settings.shared_focal_spread
 
@@ -125,7 +125,7 @@ def _grow_seeds(
     *,
     shared_focal: bool,
 ) -> AdjustedRig:
-    """The rig with most cameras, then most evidence, of those that grow from the seeds."""
+    """Grow a rig from each seed and return the one with most cameras, then most evidence."""
     useful = (work.grid.valid.sum((1, 2)) > work.settings.minimum_matches).sum()
     grown: list[tuple[tuple[int, float], AdjustedRig]] = []
     for done, (_, seed, _) in enumerate(seeds):
@@ -140,18 +140,18 @@ def _grow_seeds(
 
 
 def _choose_focal(work: Workspace, rig: AdjustedRig) -> tuple[AdjustedRig, bool]:
-    """Final adjustment with one focal length and with one each; free ones must earn their keep."""
-    together, apart = (
+    """Adjust with shared and with separate focal lengths and choose between them."""
+    shared, separate = (
         alternate(
             work.grid,
             rig.state,
             work.settings,
-            shared_focal=shared,
+            shared_focal=is_shared,
             tolerances=FINAL_TOLERANCES,
             most_people=FINAL_PEOPLE,
             iterations=FINAL_ITERATIONS,
         )
-        for shared in (True, False)
+        for is_shared in (True, False)
     )
-    shared = not focal_lengths_differ(together.bundle, apart.bundle, work.settings)
-    return (together if shared else apart), shared
+    is_shared = not focal_lengths_differ(shared.bundle, separate.bundle, work.settings)
+    return (shared if is_shared else separate), is_shared

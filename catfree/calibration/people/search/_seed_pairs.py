@@ -1,4 +1,4 @@
-"""Two cameras: the placement that makes their people the same, and its adjustment."""
+"""Place two cameras relative to each other by their common people, and adjust them."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from catfree.calibration.people.adjustment._alternate import AdjustedRig, altern
 from catfree.calibration.people.cameras._ground_map import visible
 from catfree.calibration.people.matching._group_people import RigState
 from catfree.calibration.people.matching._mutual_nearest import (
-    Judgement,
+    Judgment,
     mutual_nearest,
     squared_distances,
 )
@@ -19,8 +19,8 @@ from catfree.calibration.people.matching._verdict import judge_with_chance
 from catfree.calibration.people.matching._workspace import Workspace
 
 PLACEMENTS_PER_VOTE = 3
-SHORTLIST = 30  # placements of a pair that are compared on few frames
-FINALISTS = 6  # and of these on more
+SHORTLIST = 30  # placements of a pair compared on few frames
+FINALISTS = 6  # of these, placements compared on more frames
 ROUNDS = (0.08, 0.05, 0.03)  # range tolerances of the first adjustment
 
 
@@ -29,32 +29,32 @@ class PairHypothesis:
     """Two cameras placed relative to each other from their single-view planes.
 
     Attributes:
-        cameras: their indices.
-        parameters: (2, 7), the first with pan, X and Y zero.
-        judgement: how well their people agree.
-        margin: how far the evidence exceeds the highest at shifted times.
+        cameras: indices of the two cameras.
+        parameters: (2, 7) their parameters, the first with pan, X and Y zero.
+        judgment: agreement of their people.
+        margin: evidence minus the highest evidence at shifted times.
     """
 
     cameras: tuple[int, int]
     parameters: Float[np.ndarray, "2 7"]
-    judgement: Judgement
+    judgment: Judgment
     margin: float
 
 
 def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
-    """The best relative placement of two cameras over focal lengths and plane hypotheses.
+    """Find the best relative placement of two cameras over focal lengths and plane hypotheses.
 
     Args:
         work: the sequence.
-        one: the camera that stays.
-        two: the camera that is placed.
+        one: index of the fixed camera.
+        two: index of the camera to place.
 
     Returns:
         The pair, or None if no placement has any votes.
     """
     settings = work.settings
     longest = work.grid.size.max(1)
-    found: list[tuple[Placement, np.ndarray, np.ndarray]] = []
+    placements: list[tuple[Placement, np.ndarray, np.ndarray]] = []
     for share in settings.focal_shares:
         sides = [work.planes(c, float(np.log(share * longest[c]))) for c in (one, two)]
         maps = [
@@ -63,10 +63,12 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
         ]
         for p, target in zip(sides[0], maps[0], strict=True):
             for q, source in zip(sides[1], maps[1], strict=True):
-                found += [(v, p, q) for v in vote(target, source, settings, PLACEMENTS_PER_VOTE)]
-    found.sort(key=lambda item: -item[0].score)
+                placements += [
+                    (v, p, q) for v in vote(target, source, settings, PLACEMENTS_PER_VOTE)
+                ]
+    placements.sort(key=lambda item: -item[0].score)
     scored = []
-    for placement, p, q in found[:SHORTLIST]:
+    for placement, p, q in placements[:SHORTLIST]:
         placement = _settle(work, work.quick, one, two, p, q, placement)
         _, margin = _judge_pair(work, work.quick, one, two, p, placement.place(q), (0.5,))
         scored.append((margin, placement, p, q))
@@ -75,11 +77,11 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
     for _, placement, p, q in scored[:FINALISTS]:
         placement = _settle(work, work.scoring, one, two, p, q, placement)
         moved = placement.place(q)
-        judgement, margin = _judge_pair(
+        judgment, margin = _judge_pair(
             work, work.scoring, one, two, p, moved, settings.chance_shifts[1::2]
         )
         if best is None or margin > best.margin:
-            best = PairHypothesis((one, two), np.stack([p, moved]), judgement, margin)
+            best = PairHypothesis((one, two), np.stack([p, moved]), judgment, margin)
     return best
 
 
@@ -92,7 +94,7 @@ def _settle(
     q: Float[np.ndarray, "7"],
     placement: Placement,
 ) -> Placement:
-    """Iterated closest people: slide the second map onto the first."""
+    """Align the second map to the first by iterated closest people."""
     target = work.local_map(grid, one, p, work.settings.range_tolerance)
     source = work.local_map(grid, two, q, work.settings.range_tolerance)
     for _ in range(3):
@@ -116,8 +118,8 @@ def _judge_pair(
     p: Float[np.ndarray, "7"],
     q: Float[np.ndarray, "7"],
     shifts: tuple[float, ...],
-) -> tuple[Judgement, float]:
-    """Evidence that two placed cameras see the same people, and its margin over chance."""
+) -> tuple[Judgment, float]:
+    """Judge whether two placed cameras see the same people; also return the margin over chance."""
     settings = work.settings
     a = work.local_map(grid, one, p, settings.range_tolerance)
     b = work.local_map(grid, two, q, settings.range_tolerance)
@@ -133,7 +135,7 @@ def _judge_pair(
 
 
 def seed_rig(work: Workspace, pair: PairHypothesis) -> AdjustedRig:
-    """Two-camera bundle adjustment with free focal lengths."""
+    """Adjust a pair of cameras with separate focal lengths."""
     count = work.grid.camera_count
     parameters = np.full((count, 7), np.nan)
     placed = np.zeros(count, bool)

@@ -1,1 +1,1 @@
-"""Boxes of one instant grouped into people."""
+"""Group the boxes of one instant into people."""

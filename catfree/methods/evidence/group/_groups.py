@@ -1,4 +1,4 @@
-"""Boxes that are one person in one frame, and tracks that expect one."""
+"""Groups of boxes that show one person in one frame, and priors from tracks."""
 
 import equinox as eqx
 import numpy as np
@@ -8,15 +8,15 @@ from catfree.methods.evidence._gaussian import Information, log_evidence
 
 
 class Groups(eqx.Module):
-    """Boxes that are one person in one frame.
+    """Groups of boxes that show one person in one frame.
 
     Attributes:
         frame: (H,) frame index.
-        member: (H, C) row of `Boxes` or -1.
-        prior: (H,) row of the track prior that joined, among the rows behind the boxes, or -1.
+        member: (H, C) row of `Boxes`, or -1.
+        prior: (H,) row of the joined track prior, among the rows after the boxes, or -1.
         info: (H) information of the boxes alone, without priors.
         full: (H) the same with the track prior.
-        gain: (H,) log evidence of one person over that of as many separate ones, appearance aside.
+        gain: (H,) log evidence for one person minus that for separate ones, without appearance.
     """
 
     frame: Int[np.ndarray, " group"]
@@ -31,7 +31,7 @@ class Groups(eqx.Module):
 
 
 class Priors(eqx.Module):
-    """Where tracks expect their people: one row a track and frame.
+    """Predicted positions of tracked people, one row per track and frame.
 
     Attributes:
         frame: (T,) frame index.
@@ -45,7 +45,7 @@ class Priors(eqx.Module):
 
 
 def prior_information(priors: Priors, density: float, spread: float) -> Information:
-    """Track priors as items: alone their log evidence is 0, joined they replace the density."""
+    """Track priors as items: their log evidence alone is 0; joined, they replace the density."""
     full = np.linalg.inv(priors.covariance)
     vector = np.einsum("nij,nj->ni", full, priors.mean)
     matrix = full.copy()
@@ -67,55 +67,56 @@ def collect_groups(
     density: float,
     spread: float,
 ) -> Groups:
-    """Groups from their representatives, summed again from their members.
+    """Build groups from the representatives of items, and sum the information of their members.
 
     Args:
         root: (N,) the item that represents each item's group.
-        items: (n,) the items that take part.
+        items: (n,) the items to use.
         info: (N) information of each item.
         frame: (N,) frame index.
         camera: (N,) camera index, C for a track prior.
         cameras: C.
         density: people per H0².
-        spread: of heights in H0.
+        spread: standard deviation of heights in H0.
 
     Returns:
         Groups with at least one box, in the order of their representatives.
     """
     boxes = items[camera[items] < cameras]
     heads, index = np.unique(root[items], return_inverse=True)
-    # Tracks whose person nobody saw leave no group.
-    seen = np.bincount(index, camera[items] < cameras, len(heads)) > 0
-    index = (np.cumsum(seen) - 1)[index]
-    keep = seen[np.searchsorted(heads, root[items])]
+    # Items of tracks without boxes form no group.
+    has_box = np.bincount(index, camera[items] < cameras, len(heads)) > 0
+    index = (np.cumsum(has_box) - 1)[index]
+    keep = has_box[np.searchsorted(heads, root[items])]
     items, index = items[keep], index[keep]
-    heads = heads[seen]
+    heads = heads[has_box]
     H = len(heads)
     member = np.full((H, cameras), -1)
     prior = np.full(H, -1)
-    of = np.full(len(root), -1)
-    of[items] = index
-    member[of[boxes], camera[boxes]] = boxes
+    group_of = np.full(len(root), -1)
+    group_of[items] = index
+    member[group_of[boxes], camera[boxes]] = boxes
     tracks = items[camera[items] == cameras]
-    prior[of[tracks]] = tracks
-    own = _sum(info, member)
-    with_prior = Information(*(x.copy() for x in (own.matrix, own.vector, own.constant)))
-    has = prior >= 0
-    with_prior.matrix[has] += info.matrix[prior[has]]
-    with_prior.vector[has] += info.vector[prior[has]]
-    with_prior.constant[has] += info.constant[prior[has]]
+    prior[group_of[tracks]] = tracks
+    box_info = _sum(info, member)
+    parts = (box_info.matrix, box_info.vector, box_info.constant)
+    with_prior = Information(*(part.copy() for part in parts))
+    has_prior = prior >= 0
+    with_prior.matrix[has_prior] += info.matrix[prior[has_prior]]
+    with_prior.vector[has_prior] += info.vector[prior[has_prior]]
+    with_prior.constant[has_prior] += info.constant[prior[has_prior]]
     single = np.zeros(len(root))
     single[items] = log_evidence(info[items], density, spread)
     alone = np.where(member >= 0, single[np.maximum(member, 0)], 0.0).sum(1)
-    gain = log_evidence(own, density, spread) - alone
-    return Groups(frame[heads], member, prior, own, with_prior, gain)
+    gain = log_evidence(box_info, density, spread) - alone
+    return Groups(frame[heads], member, prior, box_info, with_prior, gain)
 
 
 def _sum(info: Information, member: np.ndarray) -> Information:
-    there = member >= 0
+    is_member = member >= 0
     rows = np.maximum(member, 0)
     return Information(
-        np.where(there[..., None, None], info.matrix[rows], 0.0).sum(1),
-        np.where(there[..., None], info.vector[rows], 0.0).sum(1),
-        np.where(there, info.constant[rows], 0.0).sum(1),
+        np.where(is_member[..., None, None], info.matrix[rows], 0.0).sum(1),
+        np.where(is_member[..., None], info.vector[rows], 0.0).sum(1),
+        np.where(is_member, info.constant[rows], 0.0).sum(1),
     )

@@ -1,1 +1,1 @@
-"""Noise, offsets and detection rates learned from the sequence."""
+"""Learn noise and offsets from the sequence."""

@@ -1,4 +1,4 @@
-"""Self-calibration: the noise, the systematic offsets and the people's height, from the data."""
+"""Learn the noise, systematic offsets and height of people from the data."""
 
 import jax
 import jax.numpy as jnp
@@ -19,15 +19,15 @@ from catfree.methods.evidence.observe._views import (
 )
 from catfree.settings import EvidenceSettings
 
-ENOUGH = 30  # residuals below which a camera keeps the noise that it had
-ENOUGH_FOR_FIELD = 10  # the same for its offset: four coefficients, held by their prior
-FEWEST_GROUPS = 10  # people below which nothing is learned
-HUBER = 1.5  # deviations beyond which a residual counts less than its square (Huber 1981)
-LARGEST_CHANGE = 2.0  # factor by which a round changes a noise: groups were made under the old one
-STEP = 2 / np.pi**0.5  # H0: around everybody, 4 H0² of ground are in use
-SPACING = STEP / 6  # of the points that count it: to a few per cent for one person alone
+ENOUGH = 30  # residuals below which the noise of a camera is not updated
+ENOUGH_FOR_FIELD = 10  # the same for its offset: four coefficients with a prior
+FEWEST_GROUPS = 10  # groups below which nothing is learned
+HUBER = 1.5  # standard deviations beyond which the loss is linear (Huber 1981)
+LARGEST_CHANGE = 2.0  # factor of noise per round: groups were made with the old noise
+STEP = 2 / np.pi**0.5  # H0: 4 H0² of ground around each person are in use
+SPACING = STEP / 6  # of the lattice that measures this area: a few percent error for one person
 DENSITY_RANGE = (0.003, 1.0)  # people per H0²: one in a big square, shoulder to shoulder
-BLOCK = 2048  # residuals that are computed together
+BLOCK = 2048  # block size: residuals computed together
 
 
 @jax.jit
@@ -42,7 +42,7 @@ def _implied(edges, camera, matrix, inverse):
 
 
 def median_height(boxes: Boxes, views: GroundViews) -> float:
-    """Median height that whole boxes imply, in units of the views' H0; NaN without any."""
+    """Median height implied by whole boxes, in units of the views' H0; NaN if there are none."""
     height, depth = map(
         np.asarray, _implied(boxes.edges, boxes.camera, views.matrix, views.ground_inverse)
     )
@@ -52,11 +52,11 @@ def median_height(boxes: Boxes, views: GroundViews) -> float:
 
 @jax.jit
 def _left_out(edges, size, camera, info, total, views: GroundViews, spread):
-    """Residual of each box against the person that the other cameras see."""
+    """Residual of each box with respect to the person estimated from the other boxes."""
 
     def one(edges, size, c, matrix, focal, center, info, total):
-        rest = jax.tree.map(lambda a, b: a - b, total, info)
-        state, covariance = mean_and_covariance(rest, spread)
+        others = jax.tree.map(lambda a, b: a - b, total, info)
+        state, covariance = mean_and_covariance(others, spread)
         predicted, slopes = edges_and_slopes(matrix, state)
         variance = jnp.einsum("ij,jk,ik->i", slopes, covariance, slopes)
         features = field_features(edges, size, focal, center)
@@ -76,69 +76,69 @@ def learn_noise(
     views: GroundViews,
     settings: EvidenceSettings,
 ) -> tuple[Noise, float]:
-    """One round of self-calibration from groups of at least three cameras, or two if those are few.
+    """Learn once from groups of at least three cameras, or two if there are too few groups.
 
     Args:
-        noise: what was assumed.
-        groups: who was grouped under it.
+        noise: the current noise.
+        groups: groups made with it.
         measurements: the boxes as likelihoods.
         boxes: the boxes.
         views: the cameras.
         settings: constants.
 
     Returns:
-        What the residuals say, and the median height in units of the present H0.
+        The learned noise, and the median height in units of the current H0.
     """
-    there = groups.member >= 0
-    cameras, C = there.sum(1), groups.member.shape[1]
+    is_member = groups.member >= 0
+    cameras, C = is_member.sum(1), groups.member.shape[1]
     strong, share = np.flatnonzero(cameras >= 3), 1.0
     if len(strong) < FEWEST_GROUPS:
-        # Pairs are chosen for agreeing, so they flatter the noise; not to learn at all is worse.
-        # Either of two cameras shows the whole of what separates them, and takes half of it.
+        # Pairs are selected for agreement, which underestimates the noise; not learning is worse.
+        # The residuals of both cameras equal their whole disagreement, so each takes half of it.
         strong, share = np.flatnonzero(cameras >= 2), 0.5
     if len(strong) < FEWEST_GROUPS:
         return noise, 1.0
     state, covariance = mean_and_covariance(groups.info[strong], noise.spread)
     heights = state[:, 2]
     center = float(np.median(heights))
-    # What is estimated with a prior is drawn to it; what that hides is its own variance.
-    shown = MEDIAN_TO_DEVIATION * float(np.median(np.abs(heights - center)))
-    spread = float(np.hypot(shown, np.sqrt(np.median(covariance[:, 2, 2])))) / center
+    # Estimates shrink toward their prior; their posterior variance compensates for that.
+    sample_spread = MEDIAN_TO_DEVIATION * float(np.median(np.abs(heights - center)))
+    spread = float(np.hypot(sample_spread, np.sqrt(np.median(covariance[:, 2, 2])))) / center
     spread = float(np.clip(spread, *settings.height_spread_range))
     density = crowding(state[:, :2], groups.frame[strong])
 
-    g, c = np.nonzero(there[strong])
+    g, c = np.nonzero(is_member[strong])
     rows = groups.member[strong][g, c]
-    spread_then = np.asarray(noise.spread)
-    own, total = measurements.info[rows], groups.info[strong[g]]
+    current_spread = np.asarray(noise.spread)
+    box_info, total = measurements.info[rows], groups.info[strong[g]]
     residual, variance, features = in_blocks(
-        lambda *part: _left_out(*part, views, spread_then),
-        (boxes.edges[rows], boxes.size[rows], c, own, total),
+        lambda *part: _left_out(*part, views, current_spread),
+        (boxes.edges[rows], boxes.size[rows], c, box_info, total),
         BLOCK,
     )
     sd = np.sqrt(measurements.noise[rows] ** 2 + variance)
     used = measurements.used[rows] & np.isfinite(residual).all(1, keepdims=True)
-    # A foot believed to be wrong, or a side that is cut, says nothing about the usual noise.
+    # Feet judged wrong and cut sides are not informative about the usual noise.
     used &= ~boxes.cut[rows, :1]
     field, edge, angular = noise.field.copy(), noise.edge.copy(), noise.angular
     if settings.residual_field:
         for camera in range(C):
             for k in range(3):
-                own = used[:, k] & (c == camera)
-                if own.sum() >= ENOUGH_FOR_FIELD:
-                    seen = _robust_ridge(
-                        features[own, k], residual[own, k], sd[own, k],
+                of_edge = used[:, k] & (c == camera)
+                if of_edge.sum() >= ENOUGH_FOR_FIELD:
+                    learned = _robust_ridge(
+                        features[of_edge, k], residual[of_edge, k], sd[of_edge, k],
                         np.array(settings.field_prior), k,
                     )  # fmt: skip
-                    field[camera, k] += share * (seen - field[camera, k])
-    left = residual - np.einsum("nkf,nkf->nk", features, field[c])
-    z = left / sd
+                    field[camera, k] += share * (learned - field[camera, k])
+    corrected = residual - np.einsum("nkf,nkf->nk", features, field[c])
+    z = corrected / sd
     pool = []
     for camera in range(C):
         for k in range(3):
-            own = used[:, k] & (c == camera)
-            if own.sum() >= ENOUGH:
-                factor = MEDIAN_TO_DEVIATION * float(np.median(np.abs(z[own, k])))
+            of_edge = used[:, k] & (c == camera)
+            if of_edge.sum() >= ENOUGH:
+                factor = MEDIAN_TO_DEVIATION * float(np.median(np.abs(z[of_edge, k])))
                 pool.append(factor)
                 start = settings.edge_noise[k]
                 edge[camera, k] = np.clip(
@@ -158,21 +158,21 @@ def learn_noise(
 
 
 def crowding(position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"]) -> float:
-    """People per H0² of the ground that people use, all that is within `STEP` of a position.
+    """People per H0² of the ground in use, which is all ground within `STEP` of a position.
 
-    The area is counted on a lattice along the principal axes of the positions, so that it does not
-    depend on how the scene lies.
+    The area is measured on a lattice along the principal axes of the positions, so it does not
+    depend on the orientation of the scene.
 
     Args:
-        position: in H0, of everybody in all frames.
-        frame: of each.
+        position: (n, 2) positions of all people in all frames, in H0.
+        frame: (n,) frame of each position.
     """
     away = position - position.mean(0)
     _, axes = np.linalg.eigh(away.T @ away)
     place = away @ axes / SPACING
     reach = STEP / SPACING
     near = np.arange(-np.ceil(reach), np.ceil(reach) + 1)
-    # Points lie half a step off the axes: of which sign these are makes no difference.
+    # Points are half a step off the axes, so the sign of the axes makes no difference.
     point = np.floor(place)[:, None] + np.stack(np.meshgrid(near, near), -1).reshape(-1, 2)
     used = np.hypot(*np.moveaxis(point + 0.5 - place[:, None], -1, 0)) <= reach
     area = len(np.unique(point[used] @ np.array([1.0, 1j]))) * SPACING**2
@@ -181,7 +181,7 @@ def crowding(position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"]) -
 
 
 def _robust_ridge(X, y, sd, prior, component) -> np.ndarray:
-    """Huber regression with a Gaussian prior around 0, three reweightings."""
+    """Huber regression with a zero-mean Gaussian prior, by iterative reweighting."""
     X, y = X / sd[:, None], y / sd
     weight, coefficients = np.ones(len(y)), np.zeros(X.shape[1])
     if component == 0:

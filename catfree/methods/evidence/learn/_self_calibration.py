@@ -1,4 +1,4 @@
-"""Self-calibration: noise, offsets and unit of a sequence, by grouping and learning in rounds."""
+"""Self-calibrate noise, offsets and unit of a sequence by alternating grouping and learning."""
 
 from typing import NamedTuple
 
@@ -23,12 +23,13 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 from catfree.types._sampling import evenly_spread
 
-# By how much the angular noise is widened at the start (8 times the usual is 1.4 degrees), and
-# rounds: it can at most halve in each.
+# Factor of the initial angular noise (8 times the usual is 1.4 degrees), and number of rounds, each
+# of which can at most halve it.
 START_SEARCHES = ((1.0, 2), (8.0, 4))
-# Where there are no camps the two searches differ by 1 or 2 % either way; where there are, by tens.
+# If the cameras agree, the two starts reach the same evidence to within 2 %. If they split into
+# inconsistent subsets, the difference is tens of percent.
 FAR_MORE_EVIDENCE = 1.05
-START_BOXES = 1000  # teach which search is right; scenes with few people need frames as well
+START_BOXES = 1000  # boxes used to choose the start; scenes with few people also need frames
 FEWEST_START_FRAMES = 5
 
 
@@ -42,7 +43,7 @@ def self_calibrate(
     if not np.isfinite(unit):
         raise InsufficientDataError(
             f"None of the {len(boxes.row)} boxes of registered cameras shows a whole person on the "
-            "ground. Check that rig and ground plane belong to these detections."
+            "ground; check that rig and ground plane belong to these detections."
         )
     start = _Learned(unit, start_noise(scene.rig.camera_count, settings))
     if not settings.self_calibrate:
@@ -58,14 +59,14 @@ def self_calibrate(
 
 
 class _Learned(NamedTuple):
-    """What self-calibration knows: the unit H0 in scene units, and the noise of the boxes."""
+    """Learned quantities: the unit H0 in scene units, and the noise of the boxes."""
 
     unit: float
     noise: Noise
 
 
 class _Grouped(NamedTuple):
-    """The groups that one state of knowledge makes."""
+    """The groups made with one set of learned quantities."""
 
     views: GroundViews
     measured: Measurements
@@ -73,13 +74,13 @@ class _Grouped(NamedTuple):
 
 
 class _Search:
-    """Rounds of grouping, and of learning from the groups, each made once.
+    """Rounds of grouping and learning, each computed once.
 
     Args:
-        boxes: what to learn from.
-        covered: (N,) share of the lower part of each that is hidden.
+        boxes: the boxes to learn from.
+        covered: (N,) fraction of the lower part of each box that is hidden.
         scene: rig and ground.
-        start: what is known at first.
+        start: initial quantities.
         settings: constants.
     """
 
@@ -92,30 +93,32 @@ class _Search:
         settings: EvidenceSettings,
     ) -> None:
         self._boxes, self._covered, self._scene, self._settings = boxes, covered, scene, settings
-        self._known = [start]
+        self._learned = [start]
         self._last: tuple[int, _Grouped] | None = None
 
     def after(self, rounds: int) -> _Learned:
-        """What is known after so many rounds."""
-        while len(self._known) <= rounds:
-            known, grouped = self._known[-1], self._grouped(len(self._known) - 1)
+        """Learned quantities after a number of rounds."""
+        while len(self._learned) <= rounds:
+            learned, grouped = self._learned[-1], self._grouped(len(self._learned) - 1)
             noise, ratio = learn_noise(
-                known.noise, grouped.groups, grouped.measured, self._boxes, grouped.views,
+                learned.noise, grouped.groups, grouped.measured, self._boxes, grouped.views,
                 self._settings,
             )  # fmt: skip
-            self._known.append(_Learned(known.unit * ratio, noise))
-        return self._known[rounds]
+            self._learned.append(_Learned(learned.unit * ratio, noise))
+        return self._learned[rounds]
 
     def evidence(self, rounds: int) -> float:
-        """Log evidence of the groups that what is known after so many rounds makes."""
+        """Log evidence of the groups after a number of rounds."""
         return float(self._grouped(rounds).groups.gain.sum())
 
     def _grouped(self, rounds: int) -> _Grouped:
-        known = self.after(rounds)
+        learned = self.after(rounds)
         if self._last is None or self._last[0] != rounds:
-            views = ground_views(self._scene, known.unit)
-            measured = measure_boxes(self._boxes, self._covered, views, known.noise, self._settings)
-            grouped = _Grouped(views, measured, group(self._boxes, measured, known.noise))
+            views = ground_views(self._scene, learned.unit)
+            measured = measure_boxes(
+                self._boxes, self._covered, views, learned.noise, self._settings
+            )
+            grouped = _Grouped(views, measured, group(self._boxes, measured, learned.noise))
             self._last = rounds, grouped
         return self._last[1]
 
@@ -123,15 +126,15 @@ class _Search:
 def _likeliest_start(
     boxes: Boxes, scene: Scene, start: _Learned, settings: EvidenceSettings
 ) -> tuple[_Search, int]:
-    """Where self-calibration begins: sharp, unless it finds far more evidence if it begins vague.
+    """Choose between a low and a high initial noise; high only if it yields far more evidence.
 
-    A sharp start is right where the rig is nearly right. In a rig that is wrong by more than that,
-    cameras agree in camps, each of which sees every person in a place of its own and learns to
-    trust itself. A vague start lets all cameras agree first, and then grows sharp; in a crowd it
-    confuses neighbours.
+    A low initial noise is right if the rig is nearly correct. With a less accurate rig, the cameras
+    split into subsets that place every person at different positions, and learning reinforces the
+    split. A high initial noise lets all cameras agree before it decreases, but in a crowd it
+    confuses neighbors.
 
     Returns:
-        The search, and after how many of its rounds to begin.
+        The search, and the number of its rounds to start from.
     """
     covered = foot_cover(boxes)
     searches, evidence = [], []
@@ -145,12 +148,12 @@ def _likeliest_start(
 
 
 def foot_cover(boxes: Boxes) -> Float[np.ndarray, " box"]:
-    """Share of the lower part of each box that boxes in front of it hide."""
+    """Fraction of the lower part of each box that is hidden by boxes in front of it."""
     return np.asarray(covered_feet(boxes.box, boxes.frame, boxes.camera, boxes.table))
 
 
 def _subset(detections: Detections, limit: int) -> Detections:
-    """Detections of at most `limit` frames, evenly spread."""
+    """Select the detections of at most `limit` evenly spread frames."""
     frames = np.unique(detections.frame)
     if len(frames) <= limit:
         return detections

@@ -1,1 +1,1 @@
-"""Boxes as measurements of where people stand: likelihoods, views, visibility."""
+"""Boxes as measurements of people's positions: likelihoods, views, visibility."""

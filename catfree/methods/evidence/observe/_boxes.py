@@ -1,4 +1,4 @@
-"""Detections as padded arrays in a canonical order, and the tables that group them."""
+"""Detections as padded arrays in canonical order, with a table per frame and camera."""
 
 import equinox as eqx
 import jax
@@ -15,18 +15,18 @@ class Boxes(eqx.Module):
     """Boxes sorted by frame, camera and edges, padded to N rows.
 
     Attributes:
-        row: (n,) original index of each of the n true rows.
-        frames: (F,) the distinct frame numbers in order.
+        row: (n,) original index of each of the n rows without padding.
+        frames: (F,) distinct frame numbers, sorted.
         frame: (N,) index into `frames`; F marks padding.
         camera: (N,) camera index, 0 for padding.
         box: (N, 4) x1, y1, x2, y2 in original pixels.
-        edges: (N, 3) centre column, top row, bottom row in undistorted pixels.
+        edges: (N, 3) center column, top row, bottom row in undistorted pixels.
         size: (N,) height in undistorted pixels.
-        cut: (N, 3) whether the side, the top or the bottom is cut by the image border.
-        ankles: (N,) bool; true also where nobody looked for ankles.
-        valid: (N,) bool.
+        cut: (N, 3) whether the side, top or bottom is cut by the image border.
+        ankles: (N,) whether ankles are confirmed; true if ankles were not checked.
+        valid: (N,) whether the row is not padding.
         table: (F, C, B) rows of each frame and camera, -1 for none.
-        embedding: (N, D) or None.
+        embedding: (N, D) unit vectors, or None.
         first: (F + 1,) first row of each frame.
     """
 
@@ -48,7 +48,7 @@ class Boxes(eqx.Module):
 def undistort(
     rig: Rig, camera: Int[np.ndarray, " n"], pixel: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Pixels as an ideal pinhole of the same K would see them.
+    """Undistort pixels to those of a pinhole camera with the same K.
 
     Args:
         rig: the cameras.
@@ -78,26 +78,26 @@ def _undistort_pixels(K, pixel, distortion):
 
 
 def prepare_boxes(detections: Detections, rig: Rig, settings: EvidenceSettings) -> Boxes:
-    """Sort, undistort and pad; detections of unregistered cameras are left out.
+    """Sort, undistort and pad detections; those of unregistered cameras are omitted.
 
     Args:
-        detections: any order.
+        detections: boxes in any order.
         rig: the cameras.
         settings: for the border margin.
 
     Returns:
-        Padded arrays in an order that does not depend on the input's.
+        Padded arrays in an order that does not depend on the input order.
     """
-    known = np.asarray(rig.registered)
+    registered = np.asarray(rig.registered)
     rows = np.flatnonzero(
         (detections.camera < rig.camera_count)
-        & known[np.minimum(detections.camera, rig.camera_count - 1)]
+        & registered[np.minimum(detections.camera, rig.camera_count - 1)]
     )
     box = np.asarray(detections.box, np.float64)
     keys = [box[rows, i] for i in (3, 2, 1, 0)] + [detections.camera[rows], detections.frame[rows]]
     order = np.lexsort(keys)
     place = np.column_stack(keys)[order]
-    if (place[1:] == place[:-1]).all(1).any():  # identical boxes: by what else is known of them
+    if (place[1:] == place[:-1]).all(1).any():  # identical boxes: sort by ankles and embedding
         if detections.ankles_confirmed is not None:
             keys.insert(0, detections.ankles_confirmed[rows])
         if detections.embedding is not None:
@@ -135,7 +135,7 @@ def prepare_boxes(detections: Detections, rig: Rig, settings: EvidenceSettings) 
         return out
 
     F = len(frames)
-    table = _group(frame, camera, F, rig.camera_count)
+    table = _row_table(frame, camera, F, rig.camera_count)
     embedding = None
     if detections.embedding is not None:
         raw = np.asarray(detections.embedding, np.float64)[rows]
@@ -158,8 +158,8 @@ def prepare_boxes(detections: Detections, rig: Rig, settings: EvidenceSettings) 
     )
 
 
-def _group(frame: np.ndarray, camera: np.ndarray, F: int, C: int) -> np.ndarray:
-    """(F, C, B) rows of each frame and camera; rows are sorted by frame, then camera."""
+def _row_table(frame: np.ndarray, camera: np.ndarray, F: int, C: int) -> np.ndarray:
+    """(F, C, B) rows of each frame and camera; the input is sorted by frame, then camera."""
     key = frame * C + camera
     start = np.searchsorted(key, np.arange(F * C))
     slot = np.arange(len(key)) - start[key] if len(key) else np.zeros(0, int)

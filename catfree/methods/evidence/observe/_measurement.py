@@ -23,12 +23,13 @@ from catfree.settings import EvidenceSettings
 
 
 class Noise(eqx.Module):
-    """What the sequence says about its own measurements.
+    """Noise and population parameters learned from the sequence.
 
     Attributes:
-        edge: (C, 3) noise of centre, top and bottom as a share of the box height.
-        angular: () noise common to all boxes in radians.
-        field: (C, 3, 4) offset of each edge: focal, column, row and box height coefficients.
+        edge: (C, 3) noise of center, top and bottom as a fraction of the box height.
+        angular: () noise common to all boxes, in radians.
+        field: (C, 3, 4) offset of each edge: coefficients of focal length, column, row and box
+            height.
         spread: () standard deviation of heights in H0.
         density: () people per H0².
     """
@@ -45,12 +46,12 @@ class Measurements(eqx.Module):
 
     Attributes:
         info: (N) information without the height prior.
-        state: (N, 3) most likely state of the box alone.
-        covariance: (N, 3, 3) of it, height prior included.
+        state: (N, 3) most likely state given only the box.
+        covariance: (N, 3, 3) of the state, including the height prior.
         noise: (N, 3) standard deviation of each edge in pixels.
-        edges: (N, 3) edges without their systematic offsets.
+        edges: (N, 3) edges corrected for systematic offsets.
         used: (N, 3) whether an edge carries information.
-        valid: (N,) bool: a usable measurement.
+        valid: (N,) whether the measurement is usable.
     """
 
     info: Information
@@ -63,7 +64,7 @@ class Measurements(eqx.Module):
 
 
 class BoxConstants(NamedTuple):
-    """The settings of `measure`, as values that a compiled function takes: any cost nothing."""
+    """The settings of `measure`, passed as values so that changing them does not recompile."""
 
     ankle_factor: float
     cover_slope: float
@@ -76,23 +77,23 @@ class BoxConstants(NamedTuple):
 
     @classmethod
     def of(cls, settings: EvidenceSettings) -> "BoxConstants":
-        """Those of the settings."""
+        """Select the constants from the settings."""
         return cls(*(getattr(settings, name) for name in cls._fields))
 
 
-NEAREST = 0.1  # H0; nobody's feet or head are closer to the plane of a lens
-BLOCKS = (256, 2048)  # boxes that are measured together
-EXPLAINED = 6.0  # standard deviations; a wider miss is no Gaussian noise
-FOOT_ROUNDS = 2  # of the foot's column: the second changes it by the roll squared
-HEIGHT_BOUNDS = (0.1, 4.0)  # H0, of what may stand on a foot while its column is sought
-LARGEST_LEAN = 0.5  # box heights by which one round moves the foot's column
-LEAST_TRUST = 1e-4  # in a bottom edge: a hundred times its noise says nothing
+NEAREST = 0.1  # H0; no person's feet or head are closer to the plane of a lens
+BLOCKS = (256, 2048)  # block sizes: boxes measured together
+EXPLAINED = 6.0  # standard deviations; larger residuals are not Gaussian noise
+FOOT_ROUNDS = 2  # iterations of the foot column: the second changes it by the roll squared
+HEIGHT_BOUNDS = (0.1, 4.0)  # H0; bounds of the height while the foot column is estimated
+LARGEST_LEAN = 0.5  # box heights; largest change of the foot column per round
+LEAST_TRUST = 1e-4  # in a bottom edge: 100 times the usual noise carries no information
 DOUBTFUL = 0.5  # trust below which a bottom edge is more likely wrong than right
-JOINED_TOP = 3.0  # times the top's noise in a box taller than people: it may hold two of them
+JOINED_TOP = 3.0  # factor of the top's noise in a box taller than people: it may hold two
 
 
 def start_noise(cameras: int, settings: EvidenceSettings) -> Noise:
-    """The noise before anything was learned."""
+    """Initial noise, before learning."""
     return Noise(
         edge=np.tile(np.array(settings.edge_noise), (cameras, 1)),
         angular=np.array(settings.angular_noise),
@@ -103,10 +104,10 @@ def start_noise(cameras: int, settings: EvidenceSettings) -> Noise:
 
 
 def field_features(edges: Array, size: Array, focal: Array, center: Array) -> Float[Array, "3 4"]:
-    """What a systematic offset of each edge may depend on: focal, column, row, box height."""
+    """Features of each edge's systematic offset: focal length, column, row, box height."""
     rows = jnp.stack([(edges[1] + edges[2]) / 2, edges[1], edges[2]])
     flat = jnp.ones(3, edges.dtype)
-    # The centre column does not move with the height of a box.
+    # The center column does not depend on the box height.
     height = size * jnp.array([0.0, 1.0, 1.0], edges.dtype)
     return jnp.stack(
         [focal * flat, (edges[0] - center[0]) * flat, rows - center[1], height], axis=-1
@@ -116,7 +117,7 @@ def field_features(edges: Array, size: Array, focal: Array, center: Array) -> Fl
 def implied_height(matrix, ground_inverse, edges):
     """Foot position and height of a person whose box has exactly these edges."""
     column = edges[0]
-    for _ in range(FOOT_ROUNDS):  # in a rolled camera the foot is not below the box centre
+    for _ in range(FOOT_ROUNDS):  # in a rolled camera, the foot is not below the box center
         position = drop_to_height(ground_inverse, jnp.stack([column, edges[2]]))
         height = jnp.clip(height_at(matrix, position, edges[1]), *HEIGHT_BOUNDS)
         predicted = predict_edges(matrix, jnp.append(position, height))
@@ -144,30 +145,30 @@ def measure(
     constants: BoxConstants,
     steps: int,
 ):
-    """The likelihood of one box.
+    """Compute the likelihood of one box.
 
     Args:
-        edges: (3,) centre column, top and bottom row, undistorted pixels.
+        edges: (3,) center column, top and bottom row, undistorted pixels.
         size: () box height in pixels.
-        cut: (3,) bool: side, top, bottom cut by the image border.
-        ankles: () bool.
-        covered: () share of the lower box hidden by boxes in front.
-        matrix: (3, 4) the camera, see `GroundViews`.
-        ground_inverse: (3, 3) pixel to foot.
-        head_inverse: (3, 3) pixel to a head at H0.
-        focal: () in pixels.
+        cut: (3,) whether side, top and bottom are cut by the image border.
+        ankles: () whether the ankles are confirmed.
+        covered: () fraction of the lower box hidden by boxes in front.
+        matrix: (3, 4) projection, see `GroundViews`.
+        ground_inverse: (3, 3) map from a pixel to a foot.
+        head_inverse: (3, 3) map from a pixel to a head at H0.
+        focal: () focal length in pixels.
         center: (2,) principal point.
         edge_noise: (3,) noise of the edges in box heights.
         angular: () calibration error in radians.
         field: (3, 4) offsets of the edges.
-        spread: () of heights in H0.
+        spread: () standard deviation of heights in H0.
         constants: see `EvidenceSettings`.
-        steps: of Gauss-Newton.
+        steps: number of Gauss-Newton steps.
 
     Returns:
-        Information (matrix (3, 3), vector (3,), constant ()) about (x, y, height) in H0; the state
-        (3,) that it is taken at; noise (3,) in pixels; corrected edges (3,); used (3,) bool; valid
-        () bool, whether the state explains the box.
+        Information (matrix (3, 3), vector (3,), constant ()) on (x, y, height) in H0; the state
+        (3,) at which it is linearized; noise (3,) in pixels; corrected edges (3,); whether each
+        edge is used (3,); and whether the state explains the box ().
     """
     dtype = edges.dtype
     edges = edges - (field_features(edges, size, focal, center) * field).sum(-1)
@@ -215,8 +216,8 @@ def measure(
     depth = matrix[2, 0] * state[0] + matrix[2, 1] * state[1] + matrix[2, 3]
     nearest = jnp.minimum(depth, depth + matrix[2, 2] * state[2])
     finite = jnp.isfinite(state).all() & jnp.isfinite(info[0]).all() & jnp.isfinite(info[2])
-    # Steps that run into the camera's own plane end in slopes without bound, which would drown
-    # all other boxes of a group: a box is a measurement only if its state explains it.
+    # Steps that reach the camera's plane produce unbounded slopes, which would outweigh all other
+    # boxes of a group, so a box is valid only if its state explains it.
     explained = jnp.where(used, jnp.abs(edges - predicted) <= EXPLAINED * noise, True).all()
     valid = finite & (nearest > NEAREST) & explained & ~(cut[1] & cut[2])
     return info, state, noise, edges, used, valid
@@ -236,7 +237,7 @@ def measure_all(
     constants: BoxConstants,
     steps: int,
 ) -> Measurements:
-    """`measure` for every box; boxes vaguer than `largest_sigma` are not valid."""
+    """Apply `measure` to every box; boxes less precise than `largest_sigma` are not valid."""
 
     def one(edges, size, cut, ankles, covered, c):
         take = lambda a: jnp.asarray(a)[c]  # noqa: E731
@@ -262,7 +263,7 @@ def measure_all(
 def measure_boxes(
     boxes: Boxes, covered, views: GroundViews, noise: Noise, settings: EvidenceSettings
 ) -> Measurements:
-    """All boxes of a sequence as likelihoods, on the host."""
+    """Compute the likelihoods of all boxes of a sequence, on the host."""
     constants = BoxConstants.of(settings)
     rows = (
         boxes.edges, boxes.size, boxes.cut, boxes.ankles, covered, boxes.camera, boxes.valid,

@@ -1,4 +1,4 @@
-"""What a camera sees of the ground: linear maps from (y1, y2, H) in units of H0 to pixels."""
+"""Cameras as linear maps from (y1, y2, H) on the ground, in units of H0, to pixels."""
 
 from typing import Any
 
@@ -10,24 +10,24 @@ from jaxtyping import Array, Bool, Float
 
 from catfree.types import Scene
 
-PEOPLE_BLOCKS = (64, 512)  # people that are looked at together in all cameras
+PEOPLE_BLOCKS = (64, 512)  # block sizes: people processed together in all cameras
 
 
 class GroundViews(eqx.Module):
-    """The cameras of a scene, seen from its ground plane.
+    """The cameras of a scene, expressed on its ground plane.
 
     A point at plane position (y1, y2) and height h (all in units of H0, from `origin`) has the
     homogeneous pixel `matrix @ (y1, y2, h, 1)`; its third entry is positive in front of the camera.
 
     Attributes:
-        matrix: (C, 3, 4) projection; NaN-free also for cameras that are not registered.
-        ground_inverse: (C, 3, 3) from a pixel to the homogeneous plane position of a foot.
+        matrix: (C, 3, 4) projection; contains no NaN, even for unregistered cameras.
+        ground_inverse: (C, 3, 3) map from a pixel to the homogeneous plane position of a foot.
         head_inverse: (C, 3, 3) the same for a point at height H0.
         focal: (C,) in pixels.
         center: (C, 2) principal point in pixels.
         image_size: (C, 2) width and height in pixels.
-        station: (C, 2) the camera centre dropped on the plane, in H0.
-        heading: (C, 2) unit direction on the plane in which the camera looks.
+        station: (C, 2) the camera center projected onto the plane, in H0.
+        heading: (C, 2) unit viewing direction of the camera on the plane.
         registered: (C,) bool.
         origin: (2,) plane coordinates of the local origin in scene units.
         unit: () H0 in scene units.
@@ -57,12 +57,12 @@ def ground_views(scene: Scene, unit: float) -> GroundViews:
         The cameras as maps from the plane to pixels.
     """
     rig = scene.rig
-    known = np.asarray(rig.registered)
+    registered = np.asarray(rig.registered)
     count = rig.camera_count
 
     def host(value: Any, fallback: np.ndarray) -> np.ndarray:
         array = np.asarray(value, np.float64)
-        return np.where(known.reshape(-1, *(1,) * (array.ndim - 1)), array, fallback)
+        return np.where(registered.reshape(-1, *(1,) * (array.ndim - 1)), array, fallback)
 
     K = host(rig.K, np.eye(3))
     R = host(rig.R, np.eye(3))
@@ -72,7 +72,7 @@ def ground_views(scene: Scene, unit: float) -> GroundViews:
     basis = np.asarray(scene.ground.basis, np.float64)
     centers = -np.einsum("cji,cj->ci", R, t)
     plane_centers = centers @ basis
-    origin = plane_centers[known].mean(0) if known.any() else np.zeros(2)
+    origin = plane_centers[registered].mean(0) if registered.any() else np.zeros(2)
     start = basis @ origin - offset * normal  # the local origin in the world
     axes = np.concatenate(
         [R @ basis, (R @ normal)[..., None], ((R @ start + t) / unit)[..., None]], axis=-1
@@ -86,34 +86,34 @@ def ground_views(scene: Scene, unit: float) -> GroundViews:
     heading = np.where(norm > 1e-3, forward, upward)
     heading = heading / np.maximum(np.linalg.norm(heading, axis=-1, keepdims=True), 1e-12)
     return GroundViews(
-        matrix=np.where(known[:, None, None], matrix, np.eye(3, 4)),
-        ground_inverse=_inverse(foot, known),
-        head_inverse=_inverse(head, known),
+        matrix=np.where(registered[:, None, None], matrix, np.eye(3, 4)),
+        ground_inverse=_inverse(foot, registered),
+        head_inverse=_inverse(head, registered),
         focal=np.sqrt(np.abs(K[:, 0, 0] * K[:, 1, 1])),
         center=K[:, :2, 2].copy(),
         image_size=np.asarray(rig.image_size, np.float64).reshape(count, 2),
         station=(plane_centers - origin) / unit,
         heading=heading,
-        registered=known,
+        registered=registered,
         origin=origin,
         unit=np.asarray(unit, np.float64),
     )
 
 
-def _inverse(matrix: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Inverse of each 3x3 map; identity where the camera is unknown or stands in that plane."""
+def _inverse(matrix: np.ndarray, registered: np.ndarray) -> np.ndarray:
+    """Invert each 3x3 map; identity for cameras that are unregistered or in that plane."""
     scale = np.abs(matrix).max((-1, -2), keepdims=True)
-    good = known & (np.abs(np.linalg.det(matrix / scale)) > 1e-12)
+    good = registered & (np.abs(np.linalg.det(matrix / scale)) > 1e-12)
     return np.linalg.inv(np.where(good[:, None, None], matrix, np.eye(3)))
 
 
 def safe_ratio(numerator: Array, denominator: Array) -> Array:
-    """Numerator / denominator, finite where the denominator is not positive."""
+    """Numerator / denominator, finite if the denominator is not positive."""
     return numerator / jnp.where(denominator > 1e-9, denominator, 1e-9)
 
 
 def predict_edges(matrix: Array, state: Array) -> Float[Array, "3"]:
-    """Where the box of a person stands in an image: centre column, head row, foot row.
+    """Predict the box edges of a person in an image: center column, head row, foot row.
 
     Args:
         matrix: (3, 4) camera of `GroundViews`.
@@ -135,7 +135,7 @@ def edges_and_slopes(matrix: Array, state: Array) -> tuple[Array, Array]:
 
 
 def drop_to_height(inverse: Array, pixel: Array) -> Float[Array, "2"]:
-    """The plane position whose foot (or head, with `head_inverse`) is at a pixel (2,)."""
+    """Plane position whose foot (or head, with `head_inverse`) is at a pixel (2,)."""
     point = inverse @ jnp.stack([pixel[0], pixel[1], jnp.ones((), pixel.dtype)])
     denominator = point[2]
     small = jnp.abs(denominator) < 1e-12
@@ -143,7 +143,7 @@ def drop_to_height(inverse: Array, pixel: Array) -> Float[Array, "2"]:
 
 
 def height_at(matrix: Array, position: Array, row: Array) -> Float[Array, ""]:
-    """The height at which a person at a plane position reaches an image row."""
+    """Height at which a person at a plane position reaches an image row."""
     base = matrix[:, 0] * position[0] + matrix[:, 1] * position[1] + matrix[:, 3]
     numerator = row * base[2] - base[1]
     denominator = matrix[1, 2] - row * matrix[2, 2]

@@ -1,1 +1,1 @@
-"""What is reported, and how uncertain it is."""
+"""Select what is reported, and compute its uncertainty."""

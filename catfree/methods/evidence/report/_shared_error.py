@@ -1,22 +1,22 @@
-"""How far the whole map may be off, because every camera's pose errs for all its boxes alike.
+"""Uncertainty of the whole map due to camera pose errors, which all boxes of a camera share.
 
-What one frame's boxes get wrong by chance averages out over cameras and time; a camera's own offset
-stays. Residuals between cameras show the offsets only relative to each other: what all people share
-in the end, a shift, turn or scale g of the whole map, no residual shows. With edges moving by J D g
-under it, the cameras' offsets beta_c, common to all boxes of a camera, move it by
+Random errors of boxes average out over cameras and time, but the offset of a camera does not.
+Residuals between cameras show only relative offsets; a shift, rotation or scale g of the whole map
+is not visible in any residual. If g moves the edges by J D g, then the offsets beta_c, common to
+all boxes of camera c, change the map by
 
     g = T^-1 sum_c M_c beta_c,  T = sum D'J'W J D,  M_c = sum over the camera's boxes D'J'W f_c
 
-so that, with offsets of variance B drawn once a camera, Cov(g) = T^-1 (sum_c M_c B M_c') T^-1: the
+With offsets of variance B drawn once per camera, Cov(g) = T^-1 (sum_c M_c B M_c') T^-1: the
 cluster-robust covariance of Liang and Zeger (1986) with the cameras as clusters. B is the scatter
-between cameras of the offsets that self-calibration found; what they have in common is the
-detector's habit and no error of a pose.
+between cameras of the offsets found by self-calibration; their mean is a bias of the detector, not
+an error of a pose.
 
-A scatter of few cameras is itself uncertain. It counts as much as it has degrees of freedom, one
-less than there are cameras, beside one for what is assumed of a rig before anything is known; then
-g over its stated deviation follows Student's t with as many degrees of freedom as there are
-cameras, and B is widened until the 95 % ellipse is as wide as that asks for: the usual correction
-for few clusters (Cameron and Miller, 2015), with a prior, without which two cameras say nothing.
+The scatter of few cameras is itself uncertain. It has one degree of freedom less than there are
+cameras, plus one for the prior scatter of a rig. Then g over its stated deviation follows Student's
+t with as many degrees of freedom as there are cameras, and B is widened to match its 95 % ellipse.
+This is the usual correction for few clusters (Cameron and Miller, 2015) with a prior, without which
+two cameras are not informative.
 """
 
 import jax
@@ -33,8 +33,8 @@ from catfree.methods.evidence.observe._views import GroundViews, edges_and_slope
 from catfree.methods.evidence.track._tracking import Trails
 from catfree.settings import EvidenceSettings
 
-MODES = 4  # shift along both axes, turn, scale
-UPPER = 0.975  # quantile at which both tails together hold 5 %
+MODES = 4  # shift along both axes, rotation, scale
+UPPER = 0.975  # quantile of a two-sided 95 % interval
 
 
 def shared_covariance(
@@ -47,20 +47,20 @@ def shared_covariance(
     noise: Noise,
     settings: EvidenceSettings,
 ) -> Float[np.ndarray, "node 2 2"]:
-    """What the errors of the cameras' poses add to the covariance of each position, in H0².
+    """Covariance that camera pose errors add to each position, in H0².
 
     Args:
         trails: the tracks.
-        kept: (M,) which rows are people.
-        groups: who was seen together.
+        kept: (M,) whether the row is a person.
+        groups: the groups of boxes.
         measurements: the boxes as likelihoods.
         boxes: the boxes.
         views: the cameras.
-        noise: the offsets that self-calibration found.
-        settings: for the calibration error to assume.
+        noise: the offsets found by self-calibration.
+        settings: for the assumed calibration error.
 
     Returns:
-        (M, 2, 2), zero where fewer than two cameras have known offsets.
+        (M, 2, 2), zero if fewer than two cameras have known offsets.
 
     Source:
         Liang and Zeger, "Longitudinal data analysis using generalized linear models" (1986);
@@ -91,7 +91,7 @@ def shared_covariance(
         ),
     )
     spread = lever @ scatter @ lever.transpose(0, 2, 1)
-    # One person at one place cannot tell turn from shift; then neither moves anybody else.
+    # One person at one position cannot separate rotation from shift; such modes get no variance.
     inverse = np.linalg.pinv(normal, rcond=1e-9, hermitian=True)
     covariance = inverse @ spread.sum(0) @ inverse
     flat = modes[:, :2]
@@ -99,7 +99,7 @@ def shared_covariance(
 
 
 def map_modes(state: np.ndarray, middle: np.ndarray) -> Float[np.ndarray, "node 3 4"]:
-    """How each state (M, 3) moves under a shift, turn and scale of the map about `middle`."""
+    """Derivatives of states (M, 3) under a shift, rotation and scale of the map about `middle`."""
     away = state[:, :2] - middle
     modes = np.zeros((len(state), 3, MODES))
     modes[:, 0, 0] = modes[:, 1, 1] = 1
@@ -112,11 +112,11 @@ def map_modes(state: np.ndarray, middle: np.ndarray) -> Float[np.ndarray, "node 
 def scatter_between(
     offsets: Float[np.ndarray, "cam 3"], assumed: float
 ) -> Float[np.ndarray, "3 3"]:
-    """Variance between cameras, such that a Gaussian with it holds 95 % of their common offset.
+    """Variance between cameras, widened so that its Gaussian has correct 95 % coverage.
 
     Args:
         offsets: (C, 3) mean offset of each camera, at least one.
-        assumed: standard deviation that offsets usually have; it counts as one degree of freedom.
+        assumed: usual standard deviation of offsets, with the weight of one degree of freedom.
     """
     count = len(offsets)
     away = offsets - offsets.mean(0)
@@ -132,18 +132,18 @@ def offset_scatter(
     noise: Noise,
     settings: EvidenceSettings,
 ) -> Float[np.ndarray, "3 3"] | None:
-    """Variance between cameras of their mean offset of (column, top, bottom) in radians squared.
+    """Variance between cameras of their mean offset of (column, top, bottom), in square radians.
 
     Args:
         member: (n, C) boxes of people, -1 for none.
-        measurements: which edges they used.
+        measurements: which edges are used.
         boxes: the boxes.
         views: the cameras.
         noise: the offsets.
-        settings: for the calibration error to assume.
+        settings: for the assumed calibration error.
 
     Returns:
-        (3, 3), or None where fewer than two cameras have offsets.
+        (3, 3), or None if fewer than two cameras have offsets.
     """
     offset = np.asarray(
         _offsets(
@@ -151,11 +151,11 @@ def offset_scatter(
         )
     )  # fmt: skip
     means = []
-    for camera, known in enumerate((noise.field != 0).any((1, 2))):
-        own = member[member[:, camera] >= 0, camera]
-        own = own[np.asarray(measurements.used)[own].all(1)]
-        if known and len(own):
-            means.append(offset[own].mean(0))
+    for camera, has_offset in enumerate((noise.field != 0).any((1, 2))):
+        rows = member[member[:, camera] >= 0, camera]
+        rows = rows[np.asarray(measurements.used)[rows].all(1)]
+        if has_offset and len(rows):
+            means.append(offset[rows].mean(0))
     if len(means) < 2:
         return None
     return scatter_between(np.array(means), settings.angular_noise)
@@ -173,7 +173,7 @@ def _offsets(edges, size, camera, field, focal, center):
 
 @jax.jit
 def _sums(state, member, modes, noise, used, matrix, focal):
-    """(4, 4) information on the map's modes and (C, 4, 3) each camera's leverage on them."""
+    """(4, 4) information on the modes of the map, and (C, 4, 3) leverage of each camera on them."""
 
     def one(state, row, modes, matrix, focal):
         _, slopes = edges_and_slopes(matrix, state)

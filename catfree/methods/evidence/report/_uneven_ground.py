@@ -1,13 +1,13 @@
-"""How far a position moves when people do not stand exactly on the plane.
+"""Position errors of people who do not stand exactly on the ground plane.
 
-Cameras on one side of a person share the error: a foot z above the plane moves them all along the
-same ray, by z times distance over camera height. Cameras all around cancel it. With edges linear in
-the state s and in z, edges = J s + j z + noise, the estimate moves by
+Cameras on one side of a person share the error: for a foot z above the plane, their positions move
+along the same ray by z times distance over camera height. Cameras on all sides cancel it. With
+edges linear in the state s and in z, edges = J s + j z + noise, the estimate moves by
 
     ds / dz = (J'W J + prior)^-1 J'W j
 
-and both sums add over cameras. A smoothed position draws on its neighbours in time, so the usual
-movement around it counts; one chance match with another camera must not vouch for all of them.
+and both sums add over cameras. A smoothed position depends on its neighbors in time, so the median
+movement around it is used; a single chance match with another camera must not determine it.
 """
 
 import jax
@@ -25,7 +25,7 @@ from catfree.settings import EvidenceSettings
 
 @jax.jit
 def _sums(state, member, noise, used, matrix):
-    """(M, 3, 3) J'W J and (M, 3) J'W j of every row's own boxes."""
+    """(M, 3, 3) J'W J and (M, 3) J'W j of the boxes of every row."""
 
     def edges(matrix, extended):
         raised = jnp.asarray(matrix).at[:, 3].add(extended[3] * matrix[:, 2])
@@ -52,24 +52,24 @@ def ground_shift(
     noise: Noise,
     settings: EvidenceSettings,
 ) -> Float[np.ndarray, "node 2"]:
-    """How far each position moves for each unit that its person stands above the plane.
+    """Movement of each position per unit that its person stands above the plane.
 
     Args:
         trails: the tracks.
-        groups: who was seen together.
+        groups: the groups of boxes.
         measurements: the boxes as likelihoods.
         views: the cameras.
         noise: for the spread of heights.
-        settings: a row draws on as many frames either side as a track may bridge.
+        settings: `gap` is the number of frames on either side to consider.
 
     Returns:
-        (M, 2) the median (by length) of the rows around, in metres a metre.
+        (M, 2) the median (by length) of the neighboring rows, in meters per meter.
     """
     M = len(trails)
     if M == 0:
         return np.zeros((0, 2))
-    seen = trails.group >= 0
-    member = np.where(seen[:, None], groups.member[trails.group], -1)
+    has_group = trails.group >= 0
+    member = np.where(has_group[:, None], groups.member[trails.group], -1)
     noise_and_used = np.asarray(measurements.noise), np.asarray(measurements.used)
     matrix = np.asarray(views.matrix)
     normal, cross = in_blocks(
@@ -79,8 +79,8 @@ def ground_shift(
     )
     normal[:, 2, 2] += 1 / float(noise.spread) ** 2
     scale = np.trace(normal, axis1=1, axis2=2)[:, None, None]
-    own = np.linalg.solve(normal + 1e-9 * scale * np.eye(3), cross[..., None])[:, :2, 0]
-    length = np.where(seen, np.linalg.norm(own, axis=1), np.nan)
+    movement = np.linalg.solve(normal + 1e-9 * scale * np.eye(3), cross[..., None])[:, :2, 0]
+    length = np.where(has_group, np.linalg.norm(movement, axis=1), np.nan)
     # Rows of a track are consecutive frames.
     window = np.arange(M)[:, None] + np.arange(-settings.gap, settings.gap + 1)
     inside = (window >= 0) & (window < M)
@@ -89,11 +89,11 @@ def ground_shift(
     around = np.where(inside, length[window], np.nan)
     middle = (np.isfinite(around).sum(1, keepdims=True) - 1) // 2
     chosen = np.take_along_axis(np.argsort(around, axis=1), np.maximum(middle, 0), axis=1)
-    return own[np.take_along_axis(window, chosen, axis=1)[:, 0]]
+    return movement[np.take_along_axis(window, chosen, axis=1)[:, 0]]
 
 
 def with_uneven_ground(
     covariance: np.ndarray, shift: np.ndarray, unevenness: float
 ) -> Float[np.ndarray, "node 2 2"]:
-    """Position covariance (M, 2, 2) with people standing off the plane by `unevenness` (H0)."""
+    """Widen covariances (M, 2, 2) for people standing off the plane by `unevenness` (H0)."""
     return covariance + unevenness**2 * (shift[:, :, None] * shift[:, None, :])

@@ -1,4 +1,4 @@
-"""The ground that the rig was built to cover: where its geometry pins an unhidden person down."""
+"""Working area: the ground where the rig's geometry locates an unhidden person precisely."""
 
 from functools import partial
 
@@ -15,7 +15,7 @@ from catfree.methods.evidence.observe._views import PEOPLE_BLOCKS, GroundViews, 
 from catfree.methods.evidence.observe._visibility import Views
 from catfree.settings import EvidenceSettings
 
-WHOLE_BODY = 0.95  # share of the body inside an image: a hand or a hat may be outside
+WHOLE_BODY = 0.95  # fraction of the body inside an image: a hand or a hat may be outside
 SAMPLE_BLOCK = 4096  # positions are padded to this times a power of four
 
 _log_otsu = jax.jit(log_otsu)
@@ -35,7 +35,7 @@ def _design(state, inside, height, views: GroundViews, noise: Noise):
     info = people(
         state, inside, height, take(views.matrix), take(views.focal), take(noise.edge)
     ).sum(1)
-    # A place that nobody sees is vague, not undefined.
+    # Positions that no camera sees are vague, not undefined.
     info = info + 1e-6 * jnp.eye(3, dtype=info.dtype)[None]
     flat = Information(info, jnp.zeros_like(state), jnp.zeros_like(state[:, 0]))
     _, covariance = mean_and_covariance(flat, jnp.asarray(noise.spread))
@@ -45,7 +45,7 @@ def _design(state, inside, height, views: GroundViews, noise: Noise):
 def design_sigma(
     state: np.ndarray, seen: Views, views: GroundViews, noise: Noise
 ) -> Float[np.ndarray, " person"]:
-    """Ground uncertainty that a person there would have if nobody stood in the way, in H0."""
+    """Ground uncertainty of a person without occlusion, in H0."""
     return in_blocks(
         lambda *rows: _design(*rows, views, noise),
         (state, seen.inside, seen.height),
@@ -61,23 +61,23 @@ def in_working_area(
     cameras: int,
     settings: EvidenceSettings,
 ) -> Bool[np.ndarray, " person"]:
-    """Which positions lie where the rig can be trusted, judged by the sequence's own people.
+    """(n,) whether each position is in the working area, relative to the people of the sequence.
 
-    Two signs, both relative to the typical person: the design uncertainty is not far above that of
-    the well-seen people (the lower class of a log-Otsu split), and the number of images that hold
-    the whole body is not below the typical one by half of the rig (`missing_views`) or more,
-    unless there are so many (`enough_views`) that they check each other wherever it is.
+    Two criteria must hold. The design uncertainty is not far above that of well-seen people (the
+    lower class of a log-Otsu split). The number of images with the whole body is less than half of
+    the rig (`missing_views`) below the median, or it is at least `enough_views`, with which the
+    cameras check each other anywhere.
 
     Args:
         state: (n, 3) positions and heights in H0.
-        seen: how each camera would see them if nobody stood in the way.
+        seen: their views in each camera without occlusion.
         views: the cameras.
-        noise: of their edges.
-        cameras: how many of them see anybody at all: what the rig is.
+        noise: noise of the edges.
+        cameras: number of cameras that see any people: the size of the rig.
         settings: constants.
 
     Returns:
-        (n,) whether each lies in the area.
+        (n,) whether the position is in the area.
     """
     if len(state) == 0:
         return np.zeros(0, bool)

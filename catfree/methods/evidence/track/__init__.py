@@ -1,1 +1,1 @@
-"""People over time: existence, motion, presence, one person per place."""
+"""Track people over time: existence, motion, presence, and one person per position."""

@@ -1,4 +1,4 @@
-"""Is there a person? Log-odds of a group from what saw it and from what should have."""
+"""Log-odds that a group is a person, from the cameras that see it and those that should."""
 
 import equinox as eqx
 import numpy as np
@@ -14,18 +14,18 @@ from catfree.methods.evidence.observe._views import PEOPLE_BLOCKS, GroundViews
 from catfree.methods.evidence.observe._visibility import Views, expected_views
 from catfree.settings import EvidenceSettings
 
-CELLS = 128  # a side of each camera's clutter map, in H0
-BEHIND = 8  # of these cells behind the camera, where errors of the rig may put somebody
-SUREST = 0.99  # largest probability of a detection: a miss never rules anybody out
-OUTAGE_EXPECTED = 3.0  # detections that a blind camera should have had before it counts as out
+CELLS = 128  # side of each camera's clutter map, in H0
+BEHIND = 8  # cells behind the camera, where rig errors may place a person
+SUREST = 0.99  # largest detection probability: a miss never excludes a person
+OUTAGE_EXPECTED = 3.0  # expected detections in an empty frame above which it is an outage
 
 
 class Existence(eqx.Module):
-    """What speaks for and against each group.
+    """Evidence for and against each group.
 
     Attributes:
-        log_odds: (H,) of a person being there.
-        rate: (H, C) detection probability, 0 where a camera did not look.
+        log_odds: (H,) log-odds that a person is present.
+        rate: (H, C) detection probability, 0 for cameras without a frame.
         clutter: (N,) ratio of clutter to people at each box.
     """
 
@@ -37,7 +37,7 @@ class Existence(eqx.Module):
 def predict_views(
     state: np.ndarray, frame: np.ndarray, member: np.ndarray, boxes: Boxes, views: GroundViews
 ) -> Views:
-    """`expected_views` on the host."""
+    """Compute `expected_views` on the host."""
     return in_blocks(
         lambda *rows: expected_views(*rows, boxes.box, boxes.table, views),
         (state, frame, member),
@@ -45,8 +45,8 @@ def predict_views(
     )
 
 
-def looking(rate: np.ndarray, member: np.ndarray, frame: np.ndarray, boxes: Boxes) -> np.ndarray:
-    """(F, C) whether a camera delivered a frame at all: none of many expected people means no."""
+def delivered(rate: np.ndarray, member: np.ndarray, frame: np.ndarray, boxes: Boxes) -> np.ndarray:
+    """(F, C) whether a camera delivered a frame; not if it detects none of many expected people."""
     F, C = len(boxes.frames), member.shape[1]
     expected = np.zeros((F, C))
     strong = (member >= 0).sum(1) >= 2
@@ -61,7 +61,7 @@ def misses(rate: np.ndarray, member: np.ndarray) -> np.ndarray:
 
 
 def clutter_cells(state: np.ndarray, camera: np.ndarray, views: GroundViews) -> np.ndarray:
-    """Cell of 1 H0² of each box in its camera's own ground frame."""
+    """Index of the 1 H0² cell of each box in its camera's ground frame."""
     away = state[:, :2] - views.station[camera]
     ahead = views.heading[camera]
     forward = (away * ahead).sum(1)
@@ -80,10 +80,10 @@ def judge_groups(
     probability: np.ndarray,
     settings: EvidenceSettings,
 ) -> Existence:
-    """Log-odds of every group, with the clutter ratio learned by expectation maximization.
+    """Compute log-odds of every group, learning the clutter ratio by expectation maximization.
 
     Args:
-        groups: who was grouped.
+        groups: the groups.
         agreement: (H,) appearance term.
         measurements: the boxes as likelihoods.
         boxes: the boxes.
@@ -92,16 +92,16 @@ def judge_groups(
         settings: constants.
     """
     member = groups.member
-    there = member >= 0
+    is_member = member >= 0
     C = member.shape[1]
-    probability = probability * looking(probability, member, groups.frame, boxes)[groups.frame]
+    probability = probability * delivered(probability, member, groups.frame, boxes)[groups.frame]
     base = groups.gain + agreement
     if settings.use_misses:
         base = base + misses(probability, member)
-    found = np.maximum(probability, settings.smallest_detection_rate)
-    base = base + np.where(there, np.log(found), 0.0).sum(1)
+    detection_rate = np.maximum(probability, settings.smallest_detection_rate)
+    base = base + np.where(is_member, np.log(detection_rate), 0.0).sum(1)
 
-    g, c = np.nonzero(there)
+    g, c = np.nonzero(is_member)
     box = member[g, c]
     cell = clutter_cells(np.asarray(measurements.state)[box], c, views)
     clutter = np.full(len(g), settings.clutter_start)

@@ -1,4 +1,4 @@
-"""When the person of a track was there: a chain that is switched on and off by the evidence."""
+"""Estimate when the person of a track was present, as a two-state Markov chain."""
 
 import numpy as np
 from scipy.special import expit
@@ -7,10 +7,10 @@ from catfree.methods.evidence.track._tracking import Trails
 
 
 def presence(trails: Trails, evidence: np.ndarray, entry: float, leave: float) -> np.ndarray:
-    """Posterior probability that the person of each row is there: a chain that is on or off.
+    """Posterior probability that the person of each row is present, from a two-state chain.
 
-    While on, a frame adds its evidence; switching on costs `entry`, switching off `leave` (both
-    log-odds). A track whose evidence never adds up to the entry cost is never on.
+    In the on state, a frame adds its evidence; switching on costs `entry` and switching off costs
+    `leave` (both log-odds). A track with less total evidence than the entry cost is never on.
 
     Args:
         trails: rows sorted by track and frame.
@@ -31,7 +31,7 @@ def presence(trails: Trails, evidence: np.ndarray, entry: float, leave: float) -
     real = np.zeros(table.shape, bool)
     table[track, column], real[track, column] = evidence, True
     forward = _chain(table, real, entry, leave)
-    # Backwards in time switching on is leaving: the two costs change places.
+    # Backward in time, switching on means leaving, so the two costs are exchanged.
     backward = _chain(table[:, ::-1], real[:, ::-1], leave, entry, last=True)[:, ::-1]
     on = forward[..., 0] + backward[..., 0] - table
     off = forward[..., 1] + backward[..., 1]
@@ -41,19 +41,19 @@ def presence(trails: Trails, evidence: np.ndarray, entry: float, leave: float) -
 def _chain(table, real, enter, leave, last=False):
     """Log weights (on, off) of all histories up to each column; rows may start late.
 
-    A track is born off and may end on: at its first row the on state costs `enter`, in the
-    backward pass (`last`) nothing.
+    A track starts off and may end on: at its first row, the on state costs `enter`, but nothing in
+    the backward pass (`last`).
     """
     out = np.zeros((*table.shape, 2))
     on = np.full(len(table), 0.0 if last else -enter)
     off = np.zeros(len(table))
     begun = np.zeros(len(table), bool)
     for i in range(table.shape[1]):
-        here = real[:, i]
+        is_real = real[:, i]
         stay_on = np.where(begun, np.logaddexp(on, off - enter), on)
         stay_off = np.where(begun, np.logaddexp(off, on - leave), off)
-        on = np.where(here, stay_on + table[:, i], on)
-        off = np.where(here, stay_off, off)
-        begun |= here
+        on = np.where(is_real, stay_on + table[:, i], on)
+        off = np.where(is_real, stay_off, off)
+        begun |= is_real
         out[:, i, 0], out[:, i, 1] = on, off
     return out

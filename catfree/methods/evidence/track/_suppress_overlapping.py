@@ -1,7 +1,7 @@
-"""Two people do not stand in one place: of tracks that coincide, the better supported one stays.
+"""Suppress overlapping tracks: of tracks at one position, keep the one with more evidence.
 
-Cameras that disagree about a person can fall into camps, each with a person of its own in almost
-the same place. Boxes that resemble one another bind every camp together, and once tracked, each
+Cameras that disagree about a person can split into subsets, each of which places the person at a
+slightly different position. Similar boxes hold each subset together, and once tracked, each track
 confirms itself in the next pass.
 """
 
@@ -12,25 +12,25 @@ from catfree.methods.evidence.track._tracking import Trails
 from catfree.methods.paper._select import suppress_by_frame
 
 
-def alone_in_place(
+def suppress_overlapping_tracks(
     trails: Trails,
     evidence: Float[np.ndarray, " node"],
     present: Bool[np.ndarray, " node"],
     radius: float,
 ) -> Bool[np.ndarray, " node"]:
-    """Which people are there without a better supported one in the same place.
+    """Keep only the best supported of the people at one position.
 
-    Somebody who was seen in a frame stays before somebody in a gap between sightings; among those,
-    the one whose track has more evidence in all; among equals, the one whose place is sharper.
+    A person seen in the frame takes precedence over a person in a gap between sightings, then the
+    person whose track has more total evidence, then the one with the more precise position.
 
     Args:
         trails: the tracks.
-        evidence: (M,) log-odds of each of their rows.
-        present: (M,) which rows are people; the others take no part.
-        radius: distance in H0 up to which two are in one place; 0 keeps everybody.
+        evidence: (M,) log-odds of each row.
+        present: (M,) whether the row is a person; other rows are ignored.
+        radius: distance in H0 below which two people overlap; 0 disables the suppression.
 
     Returns:
-        (M,) bool, false where `present` is.
+        (M,) whether the row is kept; false where `present` is false.
     """
     if radius <= 0 or not present.any():
         return present

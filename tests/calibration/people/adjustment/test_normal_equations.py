@@ -61,7 +61,7 @@ def full_system(equations, state):
     Written as one least-squares problem: the boxes with their robust weights, then every prior.
     """
     data, used = equations.data, equations.used
-    weight = np.sqrt(equations.linearise(*state).weight)
+    weight = np.sqrt(equations.linearize(*state).weight)
 
     def residuals(change):
         parameters, offset, xy, height = unpacked(state, change)
@@ -97,7 +97,7 @@ variants = pytest.mark.parametrize(
 @given(seed=st.integers(0, 10**6))
 def test_the_step_is_that_of_the_full_system(seed, shared, known):
     equations, state = problem(seed, shared=shared, known=known)
-    linear = equations.linearise(*state)
+    linear = equations.linearize(*state)
     damping = 0.3
     found = equations.step(linear, *state, damping)
     assert found is not None
@@ -126,7 +126,7 @@ def test_the_covariance_is_that_of_the_full_system_and_the_held_offset(seed, sha
     by_offset = -inverse @ matrix[:, size]
     by_offset[size] = 1
     expected = inverse + RULES.foot_offset_sd**2 * np.outer(by_offset, by_offset)
-    found = equations.covariance(equations.linearise(*state), *state)
+    found = equations.covariance(equations.linearize(*state), *state)
     kept = slice(0, size + 1)
     scale = np.sqrt(np.diag(expected)[kept]) + 1e-9
     np.testing.assert_allclose(
@@ -142,7 +142,7 @@ def test_the_cost_falls_along_the_gradient_as_fast_as_it_says(seed, shared, know
     _, gradient = full_system(equations, state)
     gradient[: 7 * CAMERAS].reshape(-1, 7)[3] = 0
     step = 1e-5 * gradient / np.linalg.norm(gradient)
-    costs = [equations.linearise(*unpacked(state, s)).cost for s in (step, -step)]
+    costs = [equations.linearize(*unpacked(state, s)).cost for s in (step, -step)]
     # The weights are those of the robust cost, whose gradient is twice that of half the squares.
     assert (costs[1] - costs[0]) / 2 == pytest.approx(2 * step @ gradient, rel=1e-4)
 
@@ -150,11 +150,11 @@ def test_the_cost_falls_along_the_gradient_as_fast_as_it_says(seed, shared, know
 @given(st.integers(0, 10**6))
 def test_an_edge_at_the_robust_width_counts_half_and_no_edge_counts_more_than_once(seed):
     equations, state = problem(seed, shared=False, known=False)
-    linear = equations.linearise(*state)
+    linear = equations.linearize(*state)
     np.testing.assert_allclose(linear.weight, 1 / (1 + (linear.residual / CAUCHY) ** 2))
     there = equations.data.box - linear.residual * equations.data.sd
     half = dataclasses.replace(equations.data, box=there + CAUCHY * equations.data.sd)
-    again = NormalEquations(half, CAMERAS, PEOPLE, PRIOR, RULES, False, None).linearise(*state)
+    again = NormalEquations(half, CAMERAS, PEOPLE, PRIOR, RULES, False, None).linearize(*state)
     np.testing.assert_allclose(again.weight, 0.5)
 
 
@@ -171,7 +171,7 @@ def test_an_edge_of_no_weight_is_absent(seed, error):
             sd=np.where(silent, np.inf, equations.data.sd),
         )
         again = NormalEquations(data, CAMERAS, PEOPLE, PRIOR, RULES, False, None)
-        steps.append(again.step(again.linearise(*state), *state, 0.1))
+        steps.append(again.step(again.linearize(*state), *state, 0.1))
     for one, other in zip(*steps, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree.calibration.people.matching._mutual_nearest import Judgement
+from catfree.calibration.people.matching._mutual_nearest import Judgment
 from catfree.calibration.people.matching._verdict import Verdict, _shortcomings
 from catfree.settings import CalibrationSettings
 
@@ -12,8 +12,8 @@ SETTINGS = CalibrationSettings()
 
 
 def verdict(matches: int, association: float, margin: float) -> Verdict:
-    judgement = Judgement(100.0, association, matches, np.zeros((matches, 3), int))
-    return Verdict(judgement, 100.0 - margin, _shortcomings(judgement, margin, SETTINGS))
+    judgment = Judgment(100.0, association, matches, np.zeros((matches, 3), int))
+    return Verdict(judgment, 100.0 - margin, _shortcomings(judgment, margin, SETTINGS))
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from catfree.methods.evidence.observe._views import ground_views
 from catfree.methods.evidence.track._existence import (
     CELLS,
     clutter_cells,
+    delivered,
     judge_groups,
-    looking,
     misses,
 )
 from catfree.settings import EvidenceSettings
@@ -129,7 +129,7 @@ def test_a_camera_without_a_picture_is_out_only_where_many_are_expected():
     there[:, 2] = False
     scene = Scene(there, np.zeros((5, 2)), np.zeros(5))
     few, many = (
-        looking(np.full((5, CAMERAS), rate), scene.member, scene.frame, scene.boxes)
+        delivered(np.full((5, CAMERAS), rate), scene.member, scene.frame, scene.boxes)
         for rate in (0.6, 0.61)  # of five people: three, and more than three
     )
     assert few.all()
@@ -144,7 +144,7 @@ def test_a_camera_that_saw_anybody_at_all_had_a_picture():
     there = np.ones((6, CAMERAS), bool)
     there[:5, 2] = False
     scene = Scene(there, np.zeros((6, 2)), np.zeros(6))
-    assert looking(np.full((6, CAMERAS), 0.9), scene.member, scene.frame, scene.boxes).all()
+    assert delivered(np.full((6, CAMERAS), 0.9), scene.member, scene.frame, scene.boxes).all()
 
 
 @given(st.integers(0, 10**6))

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence import EvidenceSettings, describe, solve
-from catfree.methods.evidence.track._suppress_overlapping import alone_in_place
+from catfree.methods.evidence.track._suppress_overlapping import suppress_overlapping_tracks
 from catfree.methods.evidence.track._tracking import Trails
 from catfree.synthetic import DetectorModel, make_world
 from catfree.types import Fate
@@ -49,7 +49,7 @@ def crowds(draw):
 @given(crowds())
 def test_nobody_stays_beside_a_better_supported_one_and_nobody_goes_without_one(crowd):
     rows, evidence, here = crowd
-    alone = alone_in_place(rows, evidence, here, RADIUS)
+    alone = suppress_overlapping_tracks(rows, evidence, here, RADIUS)
     assert not (alone & ~here).any()
     support = np.bincount(rows.track, np.where(here, evidence, 0))[rows.track]
     rank = list(zip(rows.group >= 0, support, -rows.covariance[:, 0, 0], strict=True))
@@ -68,42 +68,50 @@ def test_the_order_of_the_rows_says_nothing(crowd, random):
     rows, evidence, here = crowd
     order = np.arange(len(rows))
     random.shuffle(order)
-    mixed = alone_in_place(rows[order], evidence[order], here[order], RADIUS)
-    np.testing.assert_array_equal(mixed, alone_in_place(rows, evidence, here, RADIUS)[order])
+    mixed = suppress_overlapping_tracks(rows[order], evidence[order], here[order], RADIUS)
+    np.testing.assert_array_equal(
+        mixed, suppress_overlapping_tracks(rows, evidence, here, RADIUS)[order]
+    )
 
 
 def test_a_long_track_outlives_a_short_one_that_is_surer_for_a_moment():
     rows = trails([0, 0, 0, 1], [0, 1, 2, 1], [[0, 0]] * 3 + [[0.1, 0]])
-    found = alone_in_place(rows, np.array([3.0, 3.0, 3.0, 6.0]), np.ones(4, bool), RADIUS)
+    found = suppress_overlapping_tracks(
+        rows, np.array([3.0, 3.0, 3.0, 6.0]), np.ones(4, bool), RADIUS
+    )
     np.testing.assert_array_equal(found, [True, True, True, False])
 
 
 def test_who_was_seen_stays_before_the_gap_of_a_better_supported_track():
     rows = trails([0, 0, 0, 1], [0, 1, 2, 1], [[0, 0]] * 4, seen=[True, False, True, True])
-    found = alone_in_place(rows, np.array([6.0, 1.0, 6.0, 2.0]), np.ones(4, bool), RADIUS)
+    found = suppress_overlapping_tracks(
+        rows, np.array([6.0, 1.0, 6.0, 2.0]), np.ones(4, bool), RADIUS
+    )
     np.testing.assert_array_equal(found, [True, False, True, True])
 
 
 def test_of_equals_the_sharper_one_stays():
     rows = trails([0, 1], [0, 0], [[0, 0]] * 2, spread=[2.0, 1.0])
-    found = alone_in_place(rows, np.full(2, 6.0), np.ones(2, bool), RADIUS)
+    found = suppress_overlapping_tracks(rows, np.full(2, 6.0), np.ones(2, bool), RADIUS)
     np.testing.assert_array_equal(found, [False, True])
 
 
 def test_who_is_not_there_displaces_nobody_and_a_radius_of_nought_keeps_all():
     rows = trails([0, 1], [0, 0], [[0, 0]] * 2)
-    found = alone_in_place(rows, np.array([6.0, 2.0]), np.array([False, True]), RADIUS)
+    found = suppress_overlapping_tracks(rows, np.array([6.0, 2.0]), np.array([False, True]), RADIUS)
     np.testing.assert_array_equal(found, [False, True])
-    assert alone_in_place(rows, np.array([6.0, 2.0]), np.ones(2, bool), 0.0).all()
+    assert suppress_overlapping_tracks(rows, np.array([6.0, 2.0]), np.ones(2, bool), 0.0).all()
 
 
 def test_arms_length_is_far_enough_and_so_is_another_moment():
     rows = trails([0, 1, 2], [0, 0, 1], [[0, 0], [0.3, 0], [0, 0]])
-    assert alone_in_place(rows, np.ones(3), np.ones(3, bool), RADIUS).all()
+    assert suppress_overlapping_tracks(rows, np.ones(3), np.ones(3, bool), RADIUS).all()
 
 
 def test_nobody_is_alone_where_nobody_is():
-    assert alone_in_place(trails([], [], []), np.zeros(0), np.zeros(0, bool), RADIUS).shape == (0,)
+    assert suppress_overlapping_tracks(
+        trails([], [], []), np.zeros(0), np.zeros(0, bool), RADIUS
+    ).shape == (0,)
 
 
 def in_camps(personal_space, by_looks):
