@@ -81,7 +81,7 @@ def _report_of_failure(out: Path) -> Iterator[Any]:
             files = []
         if not files:
             raise
-        message = f"{error} The detector's boxes are in {out / 'report.html'}."
+        message = f"{error} A picture of the detected boxes is in {out / 'report.html'}."
         raise type(error)(message) from error
 
 

@@ -38,9 +38,10 @@ DEMO_SETTINGS = Settings(evidence=EvidenceSettings(working_area=False))
 
 EASY = (
     "What is easy about this world: cameras are exactly synchronized and do not shake, lenses have "
-    "no distortion, the light is constant, the ground is flat, clothes have no patterns, and people "
-    "do not stand still for long. What is hard: focal lengths and body heights differ from what the "
-    "calibration assumes, people hide each other, stand, enter and leave, and furniture hides them."
+    "no distortion, the light is constant, the ground is flat, clothes have no patterns, and "
+    "people do not stand still for long. What is hard: focal lengths and body heights differ from "
+    "what the calibration assumes, people hide each other, stand, enter and leave, and furniture "
+    "hides them."
 )
 
 
