@@ -181,19 +181,19 @@ def score(world: World, outcome: RunOutcome) -> list[AlignedScore]:
         InsufficientDataError: if fewer than three cameras are registered.
     """
     rig, tracks = outcome.scene.rig, outcome.localization.tracks
-    centres = np.asarray(rig.centers, np.float64)
+    centers = np.asarray(rig.centers, np.float64)
     scores = []
     for alignment, fixed_scale in (("similarity", False), ("rigid", True)):
         similarity = align_centres(
-            centres, world.true_centres, registered=rig.registered, fixed_scale=fixed_scale
+            centers, world.true_centres, registered=rig.registered, fixed_scale=fixed_scale
         )
         moved = np.asarray(similarity(tracks.position))
         rows = crop(tracks.to_rows(moved[:, :2]), world.area)
         found = detection_metrics(world.ground_truth, rows, outcome.frames)
         followed = tracking_metrics(world.ground_truth, rows, outcome.frames)
-        error = np.full(len(centres), np.nan)
+        error = np.full(len(centers), np.nan)
         known = rig.registered
-        offset = np.asarray(similarity(centres[known])) - world.true_centres[known]
+        offset = np.asarray(similarity(centers[known])) - world.true_centres[known]
         error[known] = np.linalg.norm(offset, axis=-1)
         scores.append(
             AlignedScore(
