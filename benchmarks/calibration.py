@@ -1,10 +1,10 @@
-"""How well a rig is recovered from simulated pedestrians alone.
+"""Accuracy of a rig recovered from simulated pedestrians alone.
 
 Worlds differ in number and layout of cameras, length, and noise of the boxes; some boxes are
 truncated and a tenth are false. The crowd of each world is drawn a few percent taller or shorter
-than the 1.70 m that the calibration assumes, which no boxes can tell: the scale error is printed as
-it is, and as it would be if the mean height of the crowd were known. `--registration` leaves the
-evidence loop out; `--quick` takes every fourth world.
+than the 1.70 m that the calibration assumes, which boxes cannot reveal: the scale error is printed
+as it is, and as it would be with the true mean height of the crowd. `--registration` skips the
+evidence loop; `--quick` uses every fourth world.
 """
 
 import sys

@@ -1,8 +1,8 @@
 """Rigs from parts of a sequence: `python -m benchmarks.calibration_parts DATA --only wildtrack`.
 
-How long must people be recorded, and does it matter when? Every part (halves, thirds, quarters, and
+Tests how the length and the time of recording matter. Every part (halves, thirds, quarters, and
 halves that begin in between) is calibrated from its own boxes alone. DATA as in
-`benchmarks.methods`; real sequences of more than 100 frames take part, once for each set of boxes.
+`benchmarks.methods`; uses real sequences of more than 100 frames, once per set of boxes.
 """
 
 import argparse

@@ -1,9 +1,9 @@
-"""What each ingredient of the evidence method is worth: the scores with it switched off.
+"""Scores of the evidence method with each ingredient switched off.
 
     python benchmarks/evidence_ablation.py DATA [DATA ...]
 
 Each DATA is a uniform JSON file or a scenario folder (see `catfree.adapters`). Measured: MODA,
-and IDF1 behind the stroke, with the true rig on the first two (the room with Faster R-CNN boxes)
+and IDF1 after the slash, with the true rig on the first two (the room with Faster R-CNN boxes)
 and a disturbed one on the others:
 
 | without | WildTrack 0-715 | room, 15 people | uneven7 | gmvd8 |

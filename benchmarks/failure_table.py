@@ -1,10 +1,10 @@
-"""When do both filters accept an incorrect correspondence? The paper's Table "failure".
+"""Incorrect correspondences that both filters accept: the paper's Table "failure".
 
-Two cameras stand at random on a circle of 20 m diameter, 3 m above the floor; two people a fixed
-distance apart have their midpoint anywhere in a square of 10 m around the centre. One camera's ray
-to the first person is paired with the other camera's ray to the second, each turned by a normal
-angle about a random perpendicular axis, and triangulated by least squares. The table gives the
-percentage of those wrong pairs whose sigma, and whose sigma and ground distance, stay below the
+Two cameras are placed at random on a circle of 20 m diameter, 3 m above the floor; two people a
+fixed distance apart have their midpoint anywhere in a square of 10 m around the center. One
+camera's ray to the first person is paired with the other camera's ray to the second, each turned by
+a normal angle about a random perpendicular axis, and triangulated by least squares. The table gives
+the percentage of those wrong pairs whose sigma, and whose sigma and ground distance, stay below the
 thresholds that the paper measured on WildTrack, by the angle between the two baselines.
 
     python benchmarks/failure_table.py

@@ -1,7 +1,7 @@
-"""Every figure that the README states, as suites that `benchmarks.gate` runs.
+"""All figures in the README, as suites that `benchmarks.gate` runs.
 
 A suite works on one sequence, or on one kind of simulated world: it localizes or calibrates once
-and tells all that follows from it. Keys are the suite's name, a slash, and the figure's name.
+and returns all figures that follow. Keys are the suite's name, a slash, and the figure's name.
 """
 
 import dataclasses

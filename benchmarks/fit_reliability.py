@@ -1,11 +1,11 @@
-"""Fit the MODA to expect without labels: `python -m benchmarks.fit_reliability [--check DATA]`.
+"""Fit the label-free prediction of MODA: `python -m benchmarks.fit_reliability [--check DATA]`.
 
 Both methods run on the simulated worlds of `reliability_worlds`; a linear function of the numbers
-in `Reliability` is fitted to their MODA. What it is worth is measured on worlds that took no part:
-ten folds, and each layout left out. `--check` predicts real recordings and scenarios, which never
-take part in a fit. `--write` puts the coefficients into `catfree/methods/_expectation_fits.py`.
+in `Reliability` is fitted to their MODA. It is validated on held-out worlds: in ten folds, and by
+leaving out each layout. `--check` predicts real recordings and scenarios, which are never used in a
+fit. `--write` writes the coefficients to `catfree/methods/_expectation_fits.py`.
 
-A world takes one to three seconds; `--rows FILE` keeps what was measured, and resumes.
+A world takes one to three seconds; `--rows FILE` stores the measurements and resumes from them.
 """
 
 import argparse

@@ -1,18 +1,18 @@
-"""Whether anything that the README states got worse: `python -m benchmarks.gate [DATA]`.
+"""Check that no figure in the README got worse: `python -m benchmarks.gate [DATA]`.
 
 Measures every figure of `benchmarks.figures`, compares it with `benchmarks/baseline.json` and exits
-with 1 if one got worse, was not measured though its data are there, or has no baseline. DATA is the
-folder that holds `real/` and `scenarios/`; without it, `data` in the folder that `CATFREE_SHARED`
-names, or in `shared/` beside the checkout. Figures whose data are absent are named and not counted.
+with 1 if one got worse, was not measured although its data exist, or has no baseline. DATA is the
+folder that holds `real/` and `scenarios/`; without it, `data` in the folder named by
+`CATFREE_SHARED`, or in `shared/` beside the checkout. Figures without data are listed and skipped.
 
-The baseline says for every figure its value, its unit, which way is better ("higher", "lower", or
-"either" where any change counts), and how far it may move. On one machine figures do not vary; on
-another processor the last digits of a float32 sum do, and with them now and then one position of
-some thousands. Tolerances are therefore the rounding at which the figures are published: 0.15
-points of MODA, 0.5 of IDF1 and HOTA, where one swapped identity moves a whole track, 0.01 m. Short
-sequences have larger ones, as one person in one frame weighs more there.
+The baseline gives the value and unit of each figure, which direction is better ("higher", "lower",
+or "either" if any change counts), and the tolerance. On one machine figures do not vary; on another
+processor the last digits of a float32 sum do, which occasionally changes one position in thousands.
+Tolerances are therefore the rounding of the published figures: 0.15 points of MODA, 0.5 of IDF1 and
+HOTA, where one swapped identity affects a whole track, 0.01 m. Short sequences have larger
+tolerances because one person in one frame weighs more there.
 
-This program never writes the baseline. Change it by hand, in a commit of its own that says why.
+This program never writes the baseline. Change it by hand, in a separate commit that says why.
 """
 
 import argparse

@@ -1,8 +1,8 @@
-"""The two methods on every sequence of a data folder: `python -m benchmarks.methods DATA`.
+"""Run both methods on every sequence of a data folder: `python -m benchmarks.methods DATA`.
 
-DATA holds `real/*.json` (uniform JSON) and `scenarios/*/` as the readers of catfree take them. Real
+DATA holds `real/*.json` (uniform JSON) and `scenarios/*/` in the formats that catfree reads. Real
 sequences use the true calibration; scenarios are localized with their disturbed rig and aligned by
-a similarity of the camera centres. Predictions outside the evaluation area are not counted.
+a similarity of the camera centers. Predictions outside the evaluation area are ignored.
 """
 
 import argparse

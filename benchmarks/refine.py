@@ -1,9 +1,9 @@
-"""What refining a disturbed rig with people gains: `python benchmarks/refine.py [--quick]`.
+"""Gain from refining a disturbed rig with people: `python benchmarks/refine.py [--quick]`.
 
 Every camera is off by 1 degree, 0.3 m and 2 % of its focal length, the ground by half a degree and
-5 cm. Camera centres are compared after the similarity that fits them best. Both methods refine the
-same rig: "paper" by the paper's procedure, all rounds, "evidence" until the residual stops falling.
-MODA is that of the paper's method with either rig.
+5 cm. Camera centers are compared after the similarity that fits them best. Both methods refine the
+same rig: "paper" by all rounds of the paper's procedure, "evidence" until the residual stops
+falling. MODA is that of the paper's method with each rig.
 """
 
 import argparse

@@ -1,9 +1,9 @@
-"""Simulated worlds of every difficulty, on which the expected MODA is fitted.
+"""Simulated worlds of varying difficulty, to which the expected MODA is fitted.
 
-A world follows from its number. What varies: layout, cameras left, crowd, bystanders, occluders,
-frames, recall, noise, truncation and false boxes of the detector, embeddings, scores and ankles
-present or not, and how far rig and ground are off. The ranges reach from the library's defaults
-(every fourth world has the default detector) to detectors and rigs that are hardly usable.
+A world is determined by its number. The worlds vary in layout, cameras left, crowd, bystanders,
+occluders, frames, recall, noise, truncation and false boxes of the detector, embeddings, scores and
+ankles present or not, and the errors of rig and ground. The ranges extend from the library's
+defaults (every fourth world has the default detector) to barely usable detectors and rigs.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""Both methods on worse and worse input: `python -m benchmarks.robustness [DATA]`.
+"""Both methods on increasingly degraded input: `python -m benchmarks.robustness [DATA]`.
 
 MODA at 0.5 m. Simulated worlds with the usual disturbed rig, and the scenario folders of DATA. A
-rolled camera, a crowd and a worse rig need another world, so that scenarios have no such rows.
+rolled camera, a crowd and a worse rig need another world, so scenarios have no such rows.
 """
 
 import argparse

@@ -1,10 +1,10 @@
-"""Robust triangulation against named peers, in one process: `python benchmarks/triangulation.py`.
+"""Compare robust triangulation with named peers: `python benchmarks/triangulation.py`.
 
 Peers: pycolmap's `estimate_triangulation` (LO-RANSAC on angular errors) and a loop over SciPy's
 `least_squares` with a Huber loss. Every method sees the same hypotheses: rays from cameras on a
-ring to one person with angular noise, and with one wrong ray in a share of them. Errors in angle
-count for pycolmap, which so trusts near cameras more; catfree and SciPy get the same knowledge as
-the weights of the paper's Eq. w, from the heights of the boxes.
+ring to one person with angular noise, and with one wrong ray in a share of them. pycolmap
+minimizes angular errors and so gives near cameras more weight; catfree and SciPy get the same
+information as the weights of the paper's Eq. w, from the heights of the boxes.
 """
 
 import argparse

@@ -1,12 +1,12 @@
-"""Whether the stated uncertainty is honest: `python -m benchmarks.uncertainty [DATA]`.
+"""Check the calibration of the stated uncertainty: `python -m benchmarks.uncertainty [DATA]`.
 
-One row a set: the share of true positions inside the 95 % ellipse, the factor on all sigmas that
-would make it 95 %, the median sigma, and the expected calibration error of the existence
-probabilities. Without DATA (see `benchmarks.methods`) simulated worlds only; `--picture FILE` draws
-these, and never the data.
+One row per set: the share of true positions inside the 95 % ellipse, the factor on all sigmas that
+would give 95 %, the median sigma, and the expected calibration error of the existence
+probabilities. Without DATA (see `benchmarks.methods`) uses simulated worlds only; `--picture FILE`
+draws these, never the data.
 
-The diagram of probabilities takes every row of every track that was considered, reported or not:
-of reported ones nearly all are near 1.
+The diagram of probabilities uses every row of every candidate track, reported or not: nearly all
+reported ones have a probability near 1.
 """
 
 import argparse

@@ -2,10 +2,10 @@
 
     python examples/bring_your_own_detector.py a.mp4 b.mp4 c.mp4
 
-Any object fits that takes a picture and gives boxes. This one wants to see a camera's footage
-first (`fit`): people are what differs from the usual picture. It needs no weights and is not good,
-since whoever stands beside somebody else is one box with them: put your own in its place. A
-detector that needs no footage has `__call__` and `fingerprint` only.
+A detector is any callable from an image to boxes. This one first learns the background from a
+camera's footage (`fit`) and detects what differs from it. It needs no weights and merges people who
+stand close together: replace it by your own. A detector that does not learn from the footage only
+needs `__call__` and `fingerprint`.
 """
 
 import argparse
@@ -17,24 +17,24 @@ import numpy as np
 
 import catfree as cf
 
-DIFFERENCE = 30  # grey levels
+DIFFERENCE = 30  # gray levels
 SMALLEST = 24  # pixels of height
-SAMPLED = 100, 2  # of so many pictures every so-many-th shows what is usual
+SAMPLED = 100, 2  # background from every second of the first 100 images
 
 
 class Moving:
-    """Boxes of tall things that were not there before."""
+    """Detects tall regions that differ from the background."""
 
-    fingerprint = "moving-1"  # change it with the rules, so that no stale result is reused
+    fingerprint = "moving-1"  # change it with the code, so that no stale result is reused
 
     def fit(self, images: Iterable[np.ndarray]) -> "MovingAt":
-        """The detector for the camera that took these RGB pictures."""
+        """Learn the background of one camera from its RGB images."""
         some = list(islice(images, 0, *SAMPLED))
         return MovingAt(np.median(some, axis=0).astype(np.uint8))
 
 
 class MovingAt:
-    """`Moving` for one camera."""
+    """`Moving`, fitted to one camera."""
 
     fingerprint = Moving.fingerprint
 
@@ -42,7 +42,7 @@ class MovingAt:
         self.usual = usual
 
     def __call__(self, image: np.ndarray) -> cf.adapters.FrameDetections:
-        """The people in one RGB picture."""
+        """Detect the people in one RGB image."""
         changed = (cv2.absdiff(image, self.usual).max(axis=2) > DIFFERENCE).astype(np.uint8)
         whole = cv2.morphologyEx(changed, cv2.MORPH_CLOSE, np.ones((15, 5), np.uint8))
         _, _, blobs, _ = cv2.connectedComponentsWithStats(whole)
@@ -53,13 +53,13 @@ class MovingAt:
 
 
 def main() -> None:
-    """Run with this detector and print who is where."""
+    """Run with this detector and print the positions."""
     parser = argparse.ArgumentParser(description="Track people with a detector of your own.")
-    parser.add_argument("videos", nargs="+", help="one video file or image folder a camera")
+    parser.add_argument("videos", nargs="+", help="one video file or image folder per camera")
     parser.add_argument("--scene", help="scene.json of a known calibration")
-    asked = parser.parse_args()
-    scene = cf.adapters.read_scene_json(asked.scene)[0] if asked.scene else None
-    tracks = cf.run(asked.videos, detector=Moving(), scene=scene).tracks
+    options = parser.parse_args()
+    scene = cf.adapters.read_scene_json(options.scene)[0] if options.scene else None
+    tracks = cf.run(options.videos, detector=Moving(), scene=scene).tracks
     for frame, person, x, y in tracks.to_rows():
         print(f"frame {frame:.0f}: person {person:.0f} at {x:.2f} m, {y:.2f} m")
 

@@ -1,9 +1,9 @@
-"""Calibrate cameras from nothing but people, then localize the people with that rig.
+"""Calibrate cameras from people alone, then localize the people with that rig.
 
-Reads a sequence in the uniform JSON format whose true calibration and positions are known, forgets
-the calibration, finds one from the person boxes alone, and compares: camera centres, focal lengths,
-and the detection score (MODA) of the positions that follow, with the true rig, with the found rig
-after a similarity, and with the found rig as it is, in metres (rigid alignment only).
+Reads a sequence in the uniform JSON format with known calibration and positions, calibrates from
+the person boxes alone, and compares camera centers, focal lengths, and the detection score (MODA)
+with the true rig, with the estimated rig after a similarity alignment, and with the estimated rig
+after a rigid alignment, which keeps its scale.
 
     python examples/calibrate_from_people.py sequence.json
 """
@@ -24,25 +24,25 @@ def main() -> None:
     sequence = cf.adapters.read_uniform_json(parser.parse_args().sequence)
     truth, detections = sequence.scene, sequence.detections
 
-    found = cf.calibrate(detections, truth.rig.image_size, camera_names=sequence.camera_names)
-    known = found.scene.rig.registered
-    centers, true_centers = np.asarray(found.scene.rig.centers), np.asarray(truth.rig.centers)
-    similarity = align_centres(centers, true_centers, registered=known)
-    rigid = align_centres(centers, true_centers, registered=known, fixed_scale=True)
+    calibration = cf.calibrate(detections, truth.rig.image_size, camera_names=sequence.camera_names)
+    registered = calibration.scene.rig.registered
+    centers, true_centers = np.asarray(calibration.scene.rig.centers), np.asarray(truth.rig.centers)
+    similarity = align_centres(centers, true_centers, registered=registered)
+    rigid = align_centres(centers, true_centers, registered=registered, fixed_scale=True)
     for index, name in enumerate(sequence.camera_names):
-        if not known[index]:
-            print(f"{name}: not placed, nothing supports it")
+        if not registered[index]:
+            print(f"{name}: not registered, no evidence")
             continue
         moved = np.asarray(similarity(centers[index]))
-        focal = found.scene.rig.K[index, 0, 0]
+        focal = calibration.scene.rig.K[index, 0, 0]
         print(
-            f"{name}: centre off by {np.linalg.norm(moved - true_centers[index]):.2f} m, focal "
+            f"{name}: center off by {np.linalg.norm(moved - true_centers[index]):.2f} m, focal "
             f"{focal:.0f} px (true {truth.rig.K[index, 0, 0]:.0f}), evidence "
-            f"{found.log_likelihood_ratio[index]:.0f} above chance"
+            f"{calibration.log_likelihood_ratio[index]:.0f} above chance"
         )
     print(
-        f"scale of the found rig: {1 / float(similarity.scale):.3f} of the true one, known to "
-        f"{100 * found.scale_sd:.0f} % by its own account"
+        f"scale of the estimated rig: {1 / float(similarity.scale):.3f} of the true one, stated "
+        f"deviation {100 * calibration.scale_sd:.0f} %"
     )
 
     def moda(scene, transform=None):
@@ -56,9 +56,9 @@ def main() -> None:
             positions, people = crop(positions, area), crop(people, area)
         return detection_metrics(people, positions, sequence.frames).moda
 
-    print(f"MODA with the true rig:              {moda(truth):.1f}")
-    print(f"MODA with the found rig, similarity: {moda(found.scene, similarity):.1f}")
-    print(f"MODA with the found rig, rigid:      {moda(found.scene, rigid):.1f}")
+    print(f"MODA with the true rig:                  {moda(truth):.1f}")
+    print(f"MODA with the estimated rig, similarity: {moda(calibration.scene, similarity):.1f}")
+    print(f"MODA with the estimated rig, rigid:      {moda(calibration.scene, rigid):.1f}")
 
 
 if __name__ == "__main__":

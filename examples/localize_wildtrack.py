@@ -1,4 +1,4 @@
-"""Localize and track people in a sequence with true positions, and say how well that went.
+"""Localize and track people in a sequence with true positions, and score the result.
 
 python examples/localize_wildtrack.py PATH_TO_JSON [--method paper|evidence] [--out DIR]
 
@@ -19,11 +19,11 @@ from catfree.evaluation import DetectionMetrics, bootstrap, crop, detection_metr
 from catfree.viz import plot_bird_eye, plot_gates
 
 BLOCK = 200  # frame labels reported together, as the paper does for held-out footage
-NEIGHBOURS = 10  # successive frames that the bootstrap draws together
+NEIGHBORS = 10  # consecutive frames that the bootstrap draws together
 
 
 def score(sequence: MultiViewSequence, tracks: cf.Tracks, frames: np.ndarray) -> DetectionMetrics:
-    """Metrics of some frames; positions outside the annotated area count nowhere."""
+    """Metrics of some frames; positions outside the annotated area are ignored."""
     truth, found = sequence.ground_truth, tracks.to_rows()
     if sequence.evaluation_area is not None:
         truth, found = crop(truth, sequence.evaluation_area), crop(found, sequence.evaluation_area)
@@ -31,7 +31,7 @@ def score(sequence: MultiViewSequence, tracks: cf.Tracks, frames: np.ndarray) ->
 
 
 def report_accuracy(sequence: MultiViewSequence, tracks: cf.Tracks) -> None:
-    """A table with a row for each block of frames and one for all of them."""
+    """Print a table with one row per block of frames and one for all frames."""
     print(f"{'frames':>12} {'MODA':>7} {'MODP':>7} {'prec.':>7} {'recall':>7}")
     block = (sequence.frames - sequence.frames[0]) // BLOCK
     for number in np.unique(block):
@@ -41,12 +41,12 @@ def report_accuracy(sequence: MultiViewSequence, tracks: cf.Tracks) -> None:
         print(f"{label:>12} " + " ".join(f"{rate:7.2f}" for rate in rates))
     metrics = score(sequence, tracks, sequence.frames)
     print(f"{'all':>12} " + " ".join(f"{rate:7.2f}" for rate in metrics.rates))
-    length = min(NEIGHBOURS, len(metrics.frames))
+    length = min(NEIGHBORS, len(metrics.frames))
     print(f"with intervals: {bootstrap(metrics, block_length=length)}")
 
 
 def report_filters(localization: cf.Localization, unit: str) -> None:
-    """The estimated thresholds and what became of the candidates."""
+    """Print the estimated thresholds and the fates of the candidates."""
     thresholds = localization.thresholds
     for name, value in (("tau_sigma", thresholds.tau_sigma), ("tau_g", thresholds.tau_g)):
         print(f"{name}: " + ("not estimated" if value is None else f"{value:.3f} {unit}"))
@@ -76,7 +76,7 @@ def main() -> None:
 
 
 def run(path: Path, method: str, out: Path) -> None:
-    """Everything, for one file and one method ("paper" or "evidence")."""
+    """Process one file with one method ("paper" or "evidence")."""
     started = time.perf_counter()
     sequence = cf.adapters.read_uniform_json(path)
     read = time.perf_counter()
@@ -98,7 +98,7 @@ def run(path: Path, method: str, out: Path) -> None:
 
 
 def draw(sequence: MultiViewSequence, localization: cf.Localization, out: Path) -> None:
-    """A picture of all tracks, one of a few seconds, and the two gates."""
+    """Draw all tracks, the tracks of ten frames, and the two gates."""
     scene, area = sequence.scene, sequence.evaluation_area
     assert scene is not None
     out.mkdir(parents=True, exist_ok=True)

@@ -2,9 +2,9 @@
 
     python examples/own_cameras.py a.mp4 b.mp4 c.mp4 --out results
 
-Without further arguments people are found by what moves before the background, and cameras and
-ground from the people. `--detector yolo11x-pose.onnx --embedder osnet.onnx` take networks instead,
-`--scene scene.json` a known calibration.
+Without further arguments people are found by background subtraction, and cameras and ground from
+the people. Use `--detector yolo11x-pose.onnx --embedder osnet.onnx` for networks and
+`--scene scene.json` for a known calibration.
 """
 
 import argparse
@@ -14,27 +14,27 @@ from catfree import run_stages, write_results
 
 
 def main() -> None:
-    """Run every stage, keep what is finished, write the results."""
+    """Run all stages with a cache and write the results."""
     parser = argparse.ArgumentParser(description="Track people with several static cameras.")
-    parser.add_argument("videos", nargs="+", help="one video file or image folder a camera")
+    parser.add_argument("videos", nargs="+", help="one video file or image folder per camera")
     parser.add_argument("--detector", help="ONNX file of YOLO11-pose or YOLOv8-pose")
     parser.add_argument("--embedder", help="ONNX file of a re-identification network")
     parser.add_argument("--scene", help="scene.json of a known calibration")
-    parser.add_argument("--stride", type=int, default=1, help="use every so-many-th frame")
+    parser.add_argument("--stride", type=int, default=1, help="use every n-th frame")
     parser.add_argument("--out", default="results", help="folder for the results")
-    asked = parser.parse_args()
+    options = parser.parse_args()
 
     outcome = run_stages(
-        cf.adapters.SynchronizedVideos(asked.videos, stride=asked.stride),
-        detector=cf.adapters.YoloPoseOnnx(asked.detector) if asked.detector else None,
-        embedder=cf.adapters.ReIdOnnx(asked.embedder) if asked.embedder else None,
-        scene=cf.adapters.read_scene_json(asked.scene)[0] if asked.scene else None,
-        cache_dir=f"{asked.out}/cache",
+        cf.adapters.SynchronizedVideos(options.videos, stride=options.stride),
+        detector=cf.adapters.YoloPoseOnnx(options.detector) if options.detector else None,
+        embedder=cf.adapters.ReIdOnnx(options.embedder) if options.embedder else None,
+        scene=cf.adapters.read_scene_json(options.scene)[0] if options.scene else None,
+        cache_dir=f"{options.out}/cache",
         progress=lambda stage, done, total: print(f"\r{stage} {done}/{total}   ", end=""),
     )
-    write_results(asked.out, outcome)
+    write_results(options.out, outcome)
     tracks = outcome.localization.tracks
-    print(f"\n{len(set(tracks.track_id.tolist()))} tracks; see {asked.out}/report.html")
+    print(f"\n{len(set(tracks.track_id.tolist()))} tracks; see {options.out}/report.html")
 
 
 if __name__ == "__main__":

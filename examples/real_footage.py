@@ -1,14 +1,14 @@
-"""Real videos through real networks, and what can be said about the result without any truth.
+"""Run networks on real videos and check the plausibility of the result without ground truth.
 
     python examples/real_footage.py a.mp4 b.mp4 c.mp4 --detector yolo11n-pose.onnx --stride 3
 
-Boxes and looks come from the networks, cameras and ground from the people. Three questions need no
-truth: which cameras are registered and how high they hang, how tall the people are, and how well
-the boxes agree with the tracks. Pictures in the output folder show the rest: look at them.
+Boxes and embeddings come from the networks, cameras and ground from the people. Three checks need
+no ground truth: which cameras are registered and how high they are mounted, how tall the people
+are, and how well the boxes agree with the tracks. Also look at the pictures in the output folder.
 
-`--reconstructor vggt.onnx` also asks a VGGT export for cameras of the first instant and says what
-it gives. `--multiviewx FOLDER` measures which of the annotated people of MultiviewX's pictures the
-detector finds, in the whole picture and in tiles.
+`--reconstructor vggt.onnx` also runs a VGGT export on the first instant and prints the cameras.
+`--multiviewx FOLDER` measures the detector's recall of the annotated people of MultiviewX, in whole
+images and in tiles.
 """
 
 import argparse
@@ -31,11 +31,11 @@ from catfree.adapters.detectors._box_suppression import box_overlap
 from catfree.viz import draw_frame
 
 PICTURES = 4  # instants that are drawn
-MATCH = 0.5  # intersection over union of a box that found somebody
+MATCH = 0.5  # intersection over union of a correct box
 
 
 def describe(outcome: RunOutcome, names: list[str]) -> None:
-    """Print what is plausible or not about cameras and people."""
+    """Print quantities of cameras and people that can be checked for plausibility."""
     rig, tracks = outcome.scene.rig, outcome.localization.tracks
     for camera, name in enumerate(names):
         boxes = int((outcome.detections.camera == camera).sum())
@@ -54,10 +54,10 @@ def describe(outcome: RunOutcome, names: list[str]) -> None:
     if not len(tracks):
         print("nobody was localized")
         return
-    now = np.bincount(np.unique(tracks.frame, return_inverse=True)[1])
+    per_frame = np.bincount(np.unique(tracks.frame, return_inverse=True)[1])
     extent = np.ptp(tracks.ground_xy, axis=0)
     print(
-        f"{len(people)} tracks, {np.median(now):.0f} people at a time, on {extent[0]:.1f} x "
+        f"{len(people)} tracks, {np.median(per_frame):.0f} people at a time, on {extent[0]:.1f} x "
         f"{extent[1]:.1f} m; sigma {np.median(tracks.sigma):.2f} m"
     )
     steps = [
@@ -72,7 +72,7 @@ def describe(outcome: RunOutcome, names: list[str]) -> None:
 
 
 def draw(outcome: RunOutcome, videos: SynchronizedVideos, out: Path) -> list[Path]:
-    """Boxes, tracks and posts of a person's height in a few instants of all cameras."""
+    """Draw boxes, tracks and posts of a person's height at a few instants of all cameras."""
     chosen = np.linspace(0, videos.frame_count - 1, PICTURES + 2).round().astype(int)[1:-1]
     files = []
     for at, (frame, images) in enumerate(videos):
@@ -88,7 +88,7 @@ def draw(outcome: RunOutcome, videos: SynchronizedVideos, out: Path) -> list[Pat
 
 
 def reconstruct(path: str, images: list[np.ndarray]) -> None:
-    """Print what a VGGT export says about the pictures of one instant."""
+    """Print the reconstruction of one instant by a VGGT export."""
     found = VggtOnnx(path)(images)
     focal = ", ".join(f"{value:.0f}" for value in found.K[:, 0, 0])
     print(
@@ -107,52 +107,52 @@ def measure_recall(detector: str, folder: Path) -> None:
         if path is not None
     ]
     if not pictures:
-        print(f"{folder} holds no pictures (Image_subsets/C1..C6), so no recall is measured.")
+        print(f"{folder} holds no pictures (Image_subsets/C1..C6), so recall is not measured.")
         return
     truth = sequence.detections
     for tiles in (None, (2, 2), (3, 2)):
-        find, seen, total = YoloPoseOnnx(detector, tiles=tiles), 0, 0
+        find, hits, total = YoloPoseOnnx(detector, tiles=tiles), 0, 0
         for camera, frame, path in pictures:
             people = truth.box[(truth.camera == camera) & (truth.frame == frame)]
             image = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
             overlap = box_overlap(people.astype(np.float32), find(image).box.astype(np.float32))
-            seen += int((overlap.max(axis=1, initial=0) >= MATCH).sum())
+            hits += int((overlap.max(axis=1, initial=0) >= MATCH).sum())
             total += len(people)
-        print(f"recall of {total} people, tiles {tiles}: {seen / max(total, 1):.1%}")
+        print(f"recall of {total} people, tiles {tiles}: {hits / max(total, 1):.1%}")
 
 
 def main() -> None:
     """Run, describe, draw."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("videos", nargs="+", help="one video file or image folder a camera")
+    parser.add_argument("videos", nargs="+", help="one video file or image folder per camera")
     parser.add_argument("--detector", required=True, help="ONNX file of YOLO11- or YOLOv8-pose")
     parser.add_argument("--embedder", help="ONNX file of a re-identification network")
     parser.add_argument("--reconstructor", help="ONNX file of VGGT")
     parser.add_argument("--multiviewx", type=Path, help="folder of MultiviewX with its pictures")
-    parser.add_argument("--stride", type=int, default=1, help="use every so-many-th frame")
+    parser.add_argument("--stride", type=int, default=1, help="use every n-th frame")
     parser.add_argument("--end", type=int, help="frame to stop before")
     parser.add_argument("--out", type=Path, default=Path("results"), help="folder for the results")
-    asked = parser.parse_args()
+    options = parser.parse_args()
 
-    videos = SynchronizedVideos(asked.videos, stride=asked.stride, end=asked.end)
+    videos = SynchronizedVideos(options.videos, stride=options.stride, end=options.end)
     print(f"{videos.camera_count} cameras, {videos.frame_count} instants, {videos.fps or 0:.1f} Hz")
-    if asked.reconstructor:
-        reconstruct(asked.reconstructor, next(iter(videos))[1])
-    if asked.multiviewx:
-        measure_recall(asked.detector, asked.multiviewx)
+    if options.reconstructor:
+        reconstruct(options.reconstructor, next(iter(videos))[1])
+    if options.multiviewx:
+        measure_recall(options.detector, options.multiviewx)
     try:
         outcome = run_stages(
             videos,
-            YoloPoseOnnx(asked.detector),
-            ReIdOnnx(asked.embedder) if asked.embedder else None,
-            cache_dir=asked.out / "cache",
+            YoloPoseOnnx(options.detector),
+            ReIdOnnx(options.embedder) if options.embedder else None,
+            cache_dir=options.out / "cache",
         )
     except cf.CatFreeError as error:
         print(f"No result: {error}")
         return
-    write_results(asked.out, outcome, videos=videos)
+    write_results(options.out, outcome, videos=videos)
     describe(outcome, videos.camera_names)
-    for path in draw(outcome, videos, asked.out):
+    for path in draw(outcome, videos, options.out):
         print(path)
 
 

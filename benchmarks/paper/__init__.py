@@ -1,1 +1,1 @@
-"""Every table of the paper, its numbers beside ours: `python -m benchmarks.paper.all`."""
+"""All tables of the paper, with its numbers beside ours: `python -m benchmarks.paper.all`."""

@@ -1,4 +1,4 @@
-"""Variants of the method on the twins and on everything else that is there: the shared frame."""
+"""Shared code of the ablations: variants of the method on the twins and all available data."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """Camera removal, beside the paper's Table "camk": `python -m benchmarks.paper.camera_removal`.
 
-The first k cameras provide the rays; frames, boxes, rig and constants stay. Sigma (Eq. sigma with
-w = 1) and co-visibility are those of the true rig at the annotated positions: a camera sees a
-person if the foot point is in its picture, whoever stands in between.
+Only the first k cameras provide rays; frames, boxes, rig and constants are unchanged. Sigma (Eq.
+sigma with w = 1) and co-visibility are those of the true rig at the annotated positions: a camera
+sees a person if the foot point is in its image, regardless of occlusion.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""Sentences on what the paper claims, written from the numbers: reproduced, in part, or not."""
+"""Verdicts on the paper's claims, computed from the numbers: reproduced, in part, or not."""
 
 from collections.abc import Mapping, Sequence
 
@@ -34,10 +34,10 @@ def difference(first: Score, second: Score) -> Interval:
 
 
 def higher(claim: str, gains: Mapping[str, Interval]) -> str:
-    """Verdict on "the first is better than the second", from the gain in each place.
+    """Verdict on "the first is better than the second", from the gain in each case.
 
-    A place supports the claim if the interval of its gain is above zero and contradicts it if the
-    interval is below; otherwise it leaves the claim open. The claim is reproduced if some place
+    A case supports the claim if the interval of its gain is above zero and contradicts it if the
+    interval is below; otherwise it leaves the claim open. The claim is reproduced if some case
     supports it and none contradicts it.
     """
     outcome: dict[str, bool | None] = {
@@ -58,7 +58,7 @@ def alike(claim: str, gains: Mapping[str, Interval], tolerance: float) -> str:
 
 
 def holds_in(claim: str, outcome: Mapping[str, bool], evidence: Mapping[str, str]) -> str:
-    """Verdict on a claim that was decided place by place, each with its numbers."""
+    """Verdict on a claim that was decided case by case, each with its numbers."""
     return _sentence(claim, outcome, evidence)
 
 
@@ -81,7 +81,7 @@ def _texts(gains: Mapping[str, Interval]) -> dict[str, str]:
 
 
 def _sentence(claim: str, outcome: Mapping[str, bool | None], evidence: Mapping[str, str]) -> str:
-    """`Claim: verdict (where, with numbers)`; None is a place that leaves the claim open."""
+    """`Claim: verdict (where, with numbers)`; None is a case that leaves the claim open."""
     if not outcome:
         return f"{claim}: **{UNTESTED}**, no data."
     places: dict[bool | None, list[str]] = {True: [], False: [], None: []}

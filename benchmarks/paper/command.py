@@ -1,4 +1,4 @@
-"""The command line that all table modules share."""
+"""Command line shared by all table modules."""
 
 import argparse
 from collections.abc import Callable

@@ -1,9 +1,9 @@
 """Ground-truth coverage stage by stage (Table "coverage"): `python -m benchmarks.paper.coverage`.
 
-A person is covered by a stage if a hypothesis that it lets through lies within 0.5 m. Stages are
-BK's first pass, so its recovery is off. The separation of right from wrong hypotheses by their
-distance to the ground is measured on what passes the uncertainty filter inside the area; a
-hypothesis is right if somebody stands within 0.5 m of it.
+A stage covers a person if a hypothesis that passes it is within 0.5 m. The stages are those of BK's
+first pass, without recovery. The separation of correct and wrong hypotheses by their distance to
+the ground is measured on hypotheses that pass the uncertainty filter inside the area; a hypothesis
+is correct if a person is within 0.5 m.
 """
 
 import dataclasses

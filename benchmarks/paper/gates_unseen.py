@@ -1,6 +1,6 @@
 """The filters on the eight-camera twin (Table "gatesunseen"): `-m benchmarks.paper.gates_unseen`.
 
-The paper has five sequences of one installation; a twin has one world a seed.
+The paper has five sequences of one installation; a twin has one world per seed.
 """
 
 from benchmarks.paper import claims

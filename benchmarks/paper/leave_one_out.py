@@ -1,8 +1,8 @@
 """Alignment without one camera, beside "gauge": `python -m benchmarks.paper.leave_one_out`.
 
-The similarity from the recovered camera centres to the true ones is fitted again without each
-camera, and all predictions are scored again: how much of the score is the alignment's. Where the
-withheld centre lands says how good the rig is.
+The similarity from the recovered camera centers to the true ones is fitted again without each
+camera, and all predictions are scored again, which shows how much the score depends on the
+alignment. The position of the withheld center shows how accurate the rig is.
 """
 
 import numpy as np

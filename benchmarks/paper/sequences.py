@@ -1,14 +1,14 @@
-"""The sequences that the tables are made on: simulated twins, scenario folders, real data.
+"""Sequences of the tables: simulated twins, scenario folders, real data.
 
-A twin is a simulated world in the manner of one of the paper's data sets. It was set once, from
-what the paper prints and from the library's defaults, before any table was made, and is never
-changed so that a claim holds:
+A twin is a simulated world that imitates one of the paper's data sets. Its parameters were chosen
+once, from the paper and from the library's defaults, before any table was computed, and are never
+changed to support a claim:
 
 - cameras, area, frame rate and crowd are the library's layouts (`catfree.synthetic._layouts`):
   seven uneven cameras (WildTrack), six around a dense crowd (MultiviewX), six and eight around a
   courtyard (GMVD configurations 1 and 2);
-- the numbers of frames (40, 40, 105 and 105) and of people in the area (24, 37, 39 and 33 a frame)
-  are the paper's;
+- the numbers of frames (40, 40, 105 and 105) and of people in the area (24, 37, 39 and 33 per
+  frame) are the paper's;
 - a third as many bystanders outside the area as people in it, groups of up to four, a third of
   the groups standing: the defaults of `make_world`;
 - the rig is off by the default `RigError`, which puts the root mean square of the angle between a
@@ -19,7 +19,7 @@ changed so that a claim holds:
 `python -m benchmarks.paper.twins` measures each of these on the worlds.
 
 With `rough_ground=True` the recovered ground is off by 1 degree and 0.2 m instead of half a degree
-and 5 cm, everything else being equal: the second condition under which claims are tested.
+and 5 cm, with everything else unchanged: the second condition under which claims are tested.
 """
 
 import dataclasses

@@ -2,8 +2,8 @@
 
 Settings differ in the number of cameras or in the time window, as in the paper: the first k cameras
 of all frames, and single windows with all cameras. The correlation is that of log sigma, median of
-the annotated positions by the true rig, with MODA. Beside it stands what nobody needs labels for:
-the median sigma that the method itself reports, over the suppression radius.
+the annotated positions by the true rig, with MODA. The label-free counterpart is
+the median sigma that the method reports, divided by the suppression radius.
 """
 
 from dataclasses import dataclass

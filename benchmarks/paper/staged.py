@@ -1,6 +1,6 @@
-"""`cf.localize` of the paper's method with its first stages remembered between variants.
+"""`cf.localize` with the paper's method, caching the first stages between variants.
 
-Association takes most of the time and does not depend on filters or trajectories, which is what
+Association takes most of the time and does not depend on filters or trajectories, which
 most tables vary. The result is that of `cf.localize`; `tests/benchmarks` compares them.
 """
 

@@ -1,9 +1,9 @@
-"""How the twins came out beside the paper's data: `python -m benchmarks.paper.twins`.
+"""Compare the twins with the paper's data: `python -m benchmarks.paper.twins`.
 
 Residuals are those of true correspondences: the angle between the foot ray of a box, shot by the
-recovered rig, and the true position of the person whom it shows. The paper's noise model (its
-Table "failure": one normal angle of standard deviation sigma_theta a ray) has a root mean square of
-sigma_theta = 20.6 mrad and a median of 13.9 mrad.
+recovered rig, and the true position of its person. The paper's noise model (its Table "failure":
+one normal angle of standard deviation sigma_theta per ray) has a root mean square of sigma_theta =
+20.6 mrad and a median of 13.9 mrad.
 """
 
 import numpy as np
@@ -29,7 +29,7 @@ PAPER = {
     "GMVD c2": {"people": (4086 + 2802 + 2803 + 4161 + 2692) / 506, "ankles": 100 * 11601 / 26473},
 }
 ROWS = (
-    ("people in the area a frame", "people"),
+    ("people in the area per frame", "people"),
     ("bystanders a frame", "bystanders"),
     ("people in groups %", "groups"),
     ("people standing still %", "standing"),
@@ -41,7 +41,7 @@ ROWS = (
     ("appearance distance, same person", "same"),
     ("appearance distance, other person", "other"),
     ("same-person pairs above 0.6 %", "same_rejected"),
-    ("held-out camera centre error m", "held_out"),
+    ("held-out camera center error m", "held_out"),
     ("ground tilt degrees", "tilt"),
     ("ground offset m", "offset"),
 )

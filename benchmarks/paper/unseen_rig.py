@@ -1,11 +1,11 @@
 """An unseen rig of eight cameras, beside "unseenrig": `python -m benchmarks.paper.unseen_rig`.
 
-One courtyard with eight cameras in the manner of GMVD; every seed is another sequence of the same
+One courtyard with eight cameras, as in GMVD; each seed is another sequence of the same
 installation. As in the paper the rig is estimated once, on the first sequence, and used for all:
 
-- "disturbed": as a reconstruction delivers it, off by the default `RigError`;
+- "disturbed": with the errors of a reconstruction, by the default `RigError`;
 - "refined": the same after 25 rounds of `cf.refine` with confirmed ankles (the paper's procedure);
-- "people alone": `cf.calibrate` of the first sequence's boxes, which never saw the disturbed rig.
+- "people alone": `cf.calibrate` of the first sequence's boxes, without the disturbed rig.
 """
 
 import dataclasses

@@ -1,6 +1,6 @@
 """The paper's named variants as settings, from the baseline I to the final method BT.
 
-What the paper prints decides the base of each table: Table "gates" ends in BK's numbers, Table
+The base of each table follows from the paper's numbers: Table "gates" ends in BK's numbers, Table
 "traj" in BS's, Tables "quantile", "baselines" and "gatesunseen" in BT's.
 """
 

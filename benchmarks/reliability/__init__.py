@@ -1,6 +1,6 @@
-"""Damaged files, attacks, kills, full disks and odd names: does every failure end in one sentence?
+"""Check that damaged files, attacks, kills, full disks and odd names give one-sentence errors.
 
     python -m benchmarks.reliability [--short] [--seed N]
 
-Everything is made from a tiny synthetic world; no data set is needed.
+All inputs come from a tiny synthetic world; no data set is needed.
 """

@@ -1,4 +1,4 @@
-"""Run all of it, print the table, and fail if anything is not as it must be."""
+"""Run all checks, print the table, and fail if any check fails."""
 
 import argparse
 import faulthandler

@@ -1,4 +1,4 @@
-"""Files made by hand to crash, to stall, to fill the memory or to reach beyond their folder."""
+"""Malicious files that try to crash, stall, exhaust memory or access other folders."""
 
 import functools
 import io

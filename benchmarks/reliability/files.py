@@ -1,4 +1,4 @@
-"""One valid file or folder for every reader, and the reader that goes with it."""
+"""One valid file or folder per reader, with its reader."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""SIGKILL at random moments: what a run leaves is whole, and the next one goes on from it."""
+"""SIGKILL at random moments: remaining files are intact, and the next run resumes from them."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""Cameras with names that mean something to a file system, a page, a formula or a terminal."""
+"""Camera names with a special meaning in file systems, HTML, spreadsheets or terminals."""
 
 from pathlib import Path
 

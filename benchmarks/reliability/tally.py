@@ -1,4 +1,4 @@
-"""One attempt at something that must work or end in one sentence, and the count of all of them."""
+"""Run one attempt, which must succeed or raise a one-sentence error, and count the outcomes."""
 
 import collections
 import contextlib

@@ -1,9 +1,9 @@
 """MODA against the quality of appearance: `python -m benchmarks.studies.appearance --out results`.
 
-The quality is the share of an embedding's variation that belongs to the person, the rest being
-viewpoint, camera colours and noise in the detector model's proportions. The expected cosine
+The quality is the share of an embedding's variance due to the person; the rest is due to
+viewpoint, camera colors and noise in the detector model's proportions. The expected cosine
 distance of one person in two cameras is (1 - quality) times that of two people: at 0 appearance
-says nothing, at 100 % everything. The detector model's default is 43 %.
+carries no information, at 100 % it identifies people. The detector model's default is 43 %.
 """
 
 from benchmarks.studies.sweep import DetectorModel, Sequence, Study, detector, main, simulate

@@ -1,7 +1,7 @@
 """MODA against the number of frames: `python -m benchmarks.studies.frames --out results`.
 
-The windows of one world share their middle, and only the eight frames there are scored: what
-changes is how much else the methods have seen, not whom they are asked about.
+The windows of one world share their middle, and only the eight middle frames are scored: the
+methods get more or fewer frames, but the scored people stay the same.
 """
 
 import dataclasses

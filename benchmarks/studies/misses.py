@@ -1,7 +1,7 @@
 """MODA against the miss rate: `python -m benchmarks.studies.misses --out results`.
 
-The rate is that of people who are large and fully visible; who is hidden or far away is missed more
-often still, and a miss lasts half a second on average.
+The rate applies to people who are large and fully visible; hidden or distant people are missed more
+often, and a miss lasts half a second on average.
 """
 
 from benchmarks.studies.sweep import Sequence, Study, detector, main, simulate

@@ -1,7 +1,7 @@
 """MODA against the error of the rig: `python -m benchmarks.studies.rig --out results`.
 
-Every camera is turned by this angle about a random axis, moved by 0.3 m a degree in a random
-direction, and its focal length is off by 4 % a degree: the proportions of `RigError`'s defaults.
+Every camera is turned by this angle about a random axis, moved by 0.3 m per degree in a random
+direction, and its focal length is off by 4 % per degree: the proportions of `RigError`'s defaults.
 The ground keeps those defaults (half a degree, 5 cm).
 """
 

@@ -1,8 +1,8 @@
-"""One quantity varied, both methods, several seeds: a CSV and a figure.
+"""Vary one quantity for both methods and several seeds; write a CSV and a figure.
 
-A study names the quantity, its values, and how to make the sequence of a value and a seed. Every
-seed is another rig, another crowd and another run of the detector; a seed keeps all that it can
-when the value changes, and both methods see the same boxes. Bands span the seeds, lines are means.
+A study defines the quantity, its values, and how to make the sequence of a value and a seed. Each
+seed is another rig, another crowd and another run of the detector; as much as possible is kept when
+the value changes, and both methods get the same boxes. Bands span the seeds, lines are means.
 """
 
 import argparse

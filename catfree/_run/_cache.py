@@ -1,4 +1,4 @@
-"""Results of finished stages on disk, found again by the content that they follow from."""
+"""Cache of stage results on disk, keyed by the content they are computed from."""
 
 import dataclasses
 import functools
@@ -28,12 +28,12 @@ from catfree.types._writing import cannot_write, is_temporary, make_folder
 T = TypeVar("T")
 Arrays = dict[str, Any]
 
-# A file under a temporary name is seconds old while its writer lives; older than an hour it was
-# left by a killed run.
+# A live writer holds a temporary file for seconds; one older than an hour is left over from a
+# killed run.
 ABANDONED_AFTER = 3600.0
 SEPARATOR = "."
 
-# What is asked of a result that was read, beyond that its fields are what they declare.
+# Checks of a loaded result beyond the declared types of its fields.
 _CHECKS: dict[type, Callable[[Any], None]] = {
     Localization: require_sound_localization,
     Tracks: require_sound_tracks,
@@ -41,15 +41,15 @@ _CHECKS: dict[type, Callable[[Any], None]] = {
 
 
 class StageCache:
-    """A folder of results, one file a result, named by stage and content key.
+    """A folder of results, one file per result, named by stage and content key.
 
-    Files appear complete or not at all, under names that only equal content gives: a run that was
-    killed leaves what it had finished, two runs at once write the same files twice, and other
-    videos, weights, settings or code never find them. A damaged file counts as absent.
+    Files appear complete or not at all, under names that only equal content produces: a killed run
+    leaves the stages it finished, concurrent runs write identical files, and other videos, weights,
+    settings or code never find them. A damaged file counts as absent.
     """
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
-        """Make the folder if it does not exist, and sweep out what killed runs left half-written.
+        """Create the folder if it does not exist and remove partial files of killed runs.
 
         Raises:
             WriteError: if the folder cannot be made.
@@ -60,19 +60,19 @@ class StageCache:
                 old = time.time() - file.stat().st_mtime > ABANDONED_AFTER
                 if is_temporary(file.name) and file.suffix == ".npz" and old:
                     file.unlink()
-            except OSError:  # another run was faster
+            except OSError:  # another run removed it first
                 continue
 
     def path(self, stage: str, key: str) -> Path:
-        """Where the result of a stage with this content key is or would be."""
+        """Path of the result of a stage with this content key, whether or not it exists."""
         return self.folder / f"{stage}-{key[:40]}.npz"
 
     def has(self, stage: str, key: str) -> bool:
-        """Whether a file of that name exists."""
+        """Whether the result file exists."""
         return self.path(stage, key).is_file()
 
     def load(self, stage: str, key: str, kind: type[T]) -> T | None:
-        """A stored result, or None if there is none that can be read.
+        """Load a stored result, or return None if there is no readable one.
 
         Args:
             stage: the stage's name.
@@ -89,19 +89,19 @@ class StageCache:
         """Store a dataclass of arrays, numbers and further dataclasses.
 
         Raises:
-            WriteError: if the disk is full or not writable; no half file is left behind.
+            WriteError: if the disk is full or not writable; no partial file is left behind.
         """
         path = self.path(stage, key)
         try:
             save_arrays(path, type(value).__name__, to_arrays(value))
         except (OSError, InvalidInputError) as error:
-            told = cannot_write(path, error) if isinstance(error, OSError) else error
+            reason = cannot_write(path, error) if isinstance(error, OSError) else error
             raise WriteError(
-                f"{told} Stages that are in the cache already will be found again."
+                f"{reason} Stages that are already in the cache will be reused."
             ) from error
 
     def result(self, stage: str, key: str, kind: type[T], compute: Callable[[], T]) -> T:
-        """What `compute()` returns, from the cache if an earlier run stored it.
+        """Return the result of `compute()`, from the cache if an earlier run stored it.
 
         Args:
             stage: the stage's name.
@@ -121,7 +121,7 @@ class StageCache:
 
 
 def to_arrays(value: Any) -> Arrays:
-    """Name to array for the fields of a dataclass; those of a nested one are `outer.inner`."""
+    """Map field names of a dataclass to arrays; fields of a nested one are named `outer.inner`."""
     arrays: Arrays = {}
     for field in dataclasses.fields(value):
         item = getattr(value, field.name)
@@ -134,11 +134,12 @@ def to_arrays(value: Any) -> Arrays:
 
 
 def from_arrays(kind: type[T], arrays: Arrays) -> T:
-    """The dataclass that `to_arrays` took apart.
+    """Rebuild the dataclass that `to_arrays` converted.
 
     Raises:
-        FileFormatError: if a field is missing that can neither be None nor be left out.
-        InvalidInputError: if a field is not what it declares, or breaks what its type promises.
+        FileFormatError: if a field is missing that is neither optional nor has a default.
+        InvalidInputError: if a field does not have its declared type, or violates an invariant of
+            its dataclass.
     """
     values: dict[str, Any] = {}
     hints, optional = _field_types(kind), _optional_arguments(kind)
@@ -178,7 +179,7 @@ def content_hash(value: Any) -> str:
 
 @functools.cache
 def code_hash(*packages: str) -> str:
-    """SHA-256 of the source of sub-packages of catfree; of all of it if none is named."""
+    """SHA-256 of the source of the named sub-packages of catfree; of all of catfree if none."""
     root = Path(__file__).parents[1]
     folders = [root / package for package in packages] or [root]
     digest = hashlib.sha256()
@@ -196,6 +197,6 @@ def _field_types(kind: type[Any]) -> dict[str, Any]:
 
 @functools.cache
 def _optional_arguments(kind: type[Any]) -> frozenset[str]:
-    """What need not be passed to make one: fields that files of an earlier version lack."""
+    """Constructor arguments with a default: fields that files of earlier versions may lack."""
     parameters = inspect.signature(kind.__init__).parameters.values()
     return frozenset(p.name for p in parameters if p.default is not inspect.Parameter.empty)

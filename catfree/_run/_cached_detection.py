@@ -1,4 +1,4 @@
-"""Detection in pieces that are kept: a killed run goes on where it was, not from the start."""
+"""Detection in cached pieces, so that a killed run resumes where it stopped."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -31,21 +31,21 @@ from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.types import Detections
 from catfree.types._progress import Progress
 
-# Instants a piece: a network on a processor needs about a minute for six cameras, which is what a
-# kill may cost.
+# Instants per piece. A network on a CPU needs about a minute for six cameras: the most that a kill
+# loses.
 PIECE = 20
 
 
 @dataclass(frozen=True)
 class Appearance:
-    """What the people of a piece look like: (n, D), row for row as its boxes."""
+    """Embeddings (n, D) of a piece, in the order of its boxes."""
 
     embedding: Float[np.ndarray, "n d"]
 
 
 @dataclass
 class _Piece:
-    """Some instants in a row, and what is known about them."""
+    """Consecutive instants and their cached results."""
 
     first: int
     count: int
@@ -66,22 +66,22 @@ def detect_with_cache(
     cache: StageCache,
     progress: Progress | None = None,
 ) -> Detections:
-    """What `detect_videos` gives, in pieces of a few instants that later runs find again.
+    """Run `detect_videos` in pieces of a few instants that later runs reuse.
 
-    Boxes and embeddings are kept apart: another embedder does not repeat the detection.
+    Boxes and embeddings are cached separately: another embedder does not repeat the detection.
 
     Args:
-        videos: the cameras' pictures, instant by instant.
-        detector: finds people in one picture.
-        embedder: describes what they look like, or None.
-        cache: where finished pieces are.
+        videos: the cameras' images, instant by instant.
+        detector: finds people in one image.
+        embedder: computes their embeddings, or None.
+        cache: holds finished pieces.
         progress: called as progress(stage, done, total) after each instant.
 
     Returns:
-        One row a person, sorted by frame and camera.
+        One row per box, sorted by frame and camera.
 
     Raises:
-        InvalidInputError: if detector or embedder say nothing about their content.
+        InvalidInputError: if detector or embedder have no fingerprint.
         InsufficientDataError: as `detect_videos`.
         FileFormatError: as `detect_videos`.
         WriteError: if a finished piece cannot be stored.
@@ -99,7 +99,7 @@ def detect_with_cache(
         for piece in span:
             instants = islice(stream, piece.count)
             if piece.complete:
-                deque(instants, maxlen=0)  # decoded, not looked at
+                deque(instants, maxlen=0)  # decode and discard
             else:
                 counted = _counted(instants, piece.first, videos.frame_count, progress)
                 _complete(piece, counted, detectors, shared, describe, cache)
@@ -116,12 +116,12 @@ def fit_with_cache(
     cache: StageCache,
     progress: Progress | None = None,
 ) -> list[Detector]:
-    """What `fit_to_cameras` gives; a learnt background is kept as soon as it is there.
+    """Run `fit_to_cameras`, caching each background as soon as it is learned.
 
     Args:
         videos: as `fit_to_cameras`.
         detector: as `fit_to_cameras`.
-        cache: where the backgrounds of cameras are that an earlier run learnt.
+        cache: holds backgrounds that an earlier run learned.
         progress: as `fit_to_cameras`.
 
     Raises:
@@ -148,21 +148,21 @@ def fit_with_cache(
 
 
 def fingerprint_of(part: Any, role: str) -> str:
-    """The content hash of a detector, embedder or reconstructor.
+    """Return the content hash of a detector, embedder or reconstructor.
 
     Args:
         part: the detector, embedder or reconstructor.
-        role: what it is, for the message.
+        role: what the part is, for the message.
 
     Raises:
-        InvalidInputError: if it has none, so that its results cannot be told from another's.
+        InvalidInputError: if it has none, so that results of different parts cannot be told apart.
     """
     fingerprint = getattr(part, "fingerprint", None)
     if not isinstance(fingerprint, str) or not fingerprint:
         raise InvalidInputError(
             f"The {role} {type(part).__name__} has no fingerprint, so its results cannot be "
-            "cached. Give it a property `fingerprint` that names weights and parameters, or run "
-            "without cache_dir."
+            "cached. Give it a property `fingerprint` that identifies weights and parameters, or "
+            "run without cache_dir."
         )
     return fingerprint
 
@@ -210,16 +210,16 @@ def _complete(
     describe: Describer | None,
     cache: StageCache,
 ) -> None:
-    """Find what the piece lacks; store it unless the videos broke off in the middle."""
-    known = piece.boxes
+    """Compute what the piece lacks; store it unless the videos ended inside the piece."""
+    cached_boxes = piece.boxes
     frame, camera, found, embedding = [], [], [], []
-    seen = 0
+    instant_count = 0
     for tick, images in instants:
-        seen += 1
-        if known is None:
+        instant_count += 1
+        if cached_boxes is None:
             instant = detect_instant(images, detectors, shared, tick)
         else:
-            instant = [_stored(known, tick, index) for index in range(len(images))]
+            instant = [_stored(cached_boxes, tick, index) for index in range(len(images))]
         for index, (image, people) in enumerate(zip(images, instant, strict=True)):
             frame.append(np.full(len(people), tick))
             camera.append(np.full(len(people), index))
@@ -228,14 +228,14 @@ def _complete(
                 embedding.append(describe(image, people.box, index, tick))
     if not found:
         return
-    whole = seen == piece.count
-    if known is None:
+    is_whole = instant_count == piece.count
+    if cached_boxes is None:
         piece.boxes = collect_detections(frame, camera, found, None)
-        if whole:
+        if is_whole:
             cache.store("boxes", piece.box_key, piece.boxes)
     if piece.look_key is not None:
         piece.looks = Appearance(join_descriptions(embedding))
-        if whole:
+        if is_whole:
             cache.store("looks", piece.look_key, piece.looks)
 
 
@@ -248,7 +248,7 @@ def _stored(boxes: Detections, tick: int, camera: int) -> FrameDetections:
 def _join(pieces: Sequence[_Piece], videos: SynchronizedVideos) -> Detections:
     if not pieces:
         raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
-    # Pieces without people say nothing about poses or the length of embeddings.
+    # Empty pieces do not tell whether there are poses, or how long embeddings are.
     peopled = [piece for piece in pieces if piece.boxes is not None and len(piece.boxes)]
     peopled = peopled or list(pieces[:1])
     columns: dict[str, Any] = {}

@@ -1,8 +1,8 @@
-"""Whether the clock of each camera fits a known scene, told without labels.
+"""Detect cameras whose clock does not fit a known scene, without labels.
 
-People stand on the same ground for every camera at the same instant. Where a camera's boxes meet
-the others' better at another shift of its clock, by more than chance reaches at all other shifts,
-its clock is off.
+At one instant all cameras see the same people at the same ground positions. If a camera's boxes
+agree with those of the other cameras better at another shift of its clock, by more than chance
+reaches at all other shifts, its clock is off.
 """
 
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from jaxtyping import Bool, Float, Int
 from catfree.settings import CalibrationSettings, EvidenceSettings
 from catfree.types import Detections, Scene
 
-LONGEST = 60  # instants to either side that are tried
-BOXES = 600  # of each camera that are compared, in evenly spread instants
-FEWEST_CHANCES = 20  # shifts that tell what chance reaches
+LONGEST = 60  # instants: largest shift tried in either direction
+BOXES = 600  # per camera that are compared, in evenly spread instants
+FEWEST_CHANCES = 20  # shifts from which the effect of chance is measured
 
 
 @dataclass(frozen=True)
 class GroundFeet:
-    """Where the boxes of one camera stand, padded to instants.
+    """Ground positions of the boxes of one camera, padded per instant.
 
     Attributes:
         xy: (T, N, 2) ground coordinates in scene units.
@@ -34,15 +34,15 @@ class GroundFeet:
 
 
 def find_clock_offsets(detections: Detections, scene: Scene) -> Int[np.ndarray, " cam"]:
-    """Frames by which the frame numbers of each camera are too high, as far as the boxes show it.
+    """Estimate by how many frames the frame numbers of each camera are too high.
 
     Args:
         detections: (N,) boxes of cameras that should be synchronized.
         scene: known cameras and ground.
 
     Returns:
-        (C,) frames to subtract, as `remove_offsets` does; 0 where the clock fits, or
-        where nothing can be said. A camera that started late has a negative number.
+        (C,) frames to subtract, as `remove_offsets` does; 0 where the clock fits or cannot be
+        judged. A camera that started late has a negative number.
     """
     count = scene.rig.camera_count
     found = np.zeros(count, np.int64)
@@ -56,7 +56,7 @@ def find_clock_offsets(detections: Detections, scene: Scene) -> Int[np.ndarray, 
     reach = min(LONGEST, int(instant.max()) // 3)
     shifts = np.arange(-reach, reach + 1)
     for _ in known:
-        # One camera at a time, the clearest first: its wrong clock also disturbs the others.
+        # One camera at a time, the clearest first: its wrong clock also affects the others.
         offers = [
             (*_better_shift(agreement(feet, c, shifts), shifts), c) for c in known if not found[c]
         ]
@@ -71,7 +71,7 @@ def find_clock_offsets(detections: Detections, scene: Scene) -> Int[np.ndarray, 
 def stand_on_ground(
     detections: Detections, instant: Int[np.ndarray, " n"], scene: Scene, camera: int
 ) -> GroundFeet:
-    """Where one camera's boxes stand, if the middle of the lower edge is on the ground.
+    """Project the middle of the lower edge of one camera's boxes to the ground.
 
     Args:
         detections: (N,) boxes of all cameras.
@@ -102,7 +102,7 @@ def stand_on_ground(
     down = ray @ normal
     edge = CalibrationSettings().edge_deviation(np.asarray(detections.height[rows])) / K[1, 1]
     noise = np.hypot(edge, EvidenceSettings.angular_noise)
-    # A ray that its own noise lifts to the horizon meets the ground nowhere in particular.
+    # A ray within its own noise of the horizon has no defined ground point.
     lands = down < -noise
     reach = -float(scene.ground.signed_distance(center)) / np.where(lands, down, -1.0)
     along = ray @ basis
@@ -118,11 +118,11 @@ def stand_on_ground(
 def agreement(
     feet: dict[int, GroundFeet], camera: int, shifts: Int[np.ndarray, " shift"]
 ) -> Float[np.ndarray, " shift"]:
-    """How well a camera's boxes meet those of the other cameras at shifted times.
+    """Measure how well a camera's boxes agree with those of the other cameras at shifted times.
 
     Args:
-        feet: of each camera.
-        camera: whose clock is shifted.
+        feet: ground positions by camera.
+        camera: the one whose clock is shifted.
         shifts: instants by which its clock may be too high.
 
     Returns:
@@ -161,9 +161,10 @@ def agreement(
 def _better_shift(
     score: Float[np.ndarray, " shift"], shifts: Int[np.ndarray, " shift"]
 ) -> tuple[float, int]:
-    """The best shift, and by how much more than chance it is better than none; 0 if it is not.
+    """Return the gain of the best shift over no shift in excess of chance, and that shift.
 
-    Chance is what the score does at shifts that are farther from the best than no shift is.
+    Chance is the range of the score at shifts farther from the best one than zero is. Both are 0 if
+    there is no gain.
     """
     if not np.isfinite(score).any():
         return 0.0, 0
@@ -177,7 +178,7 @@ def _better_shift(
 
 
 def _shifted(feet: GroundFeet, shift: int) -> GroundFeet:
-    """The feet on a clock that was too high by some instants; what leaves the footage is lost."""
+    """Shift the clock of ground positions by some instants; drop those outside the footage."""
     length = len(feet.valid)
     source = np.arange(length) + shift
     inside = (source >= 0) & (source < length)

@@ -1,4 +1,4 @@
-"""What a failed run leaves behind: the boxes, a picture of them, and a report that says why."""
+"""Output of a failed run: the boxes, a picture of them, and a report with the error."""
 
 import os
 from pathlib import Path
@@ -26,19 +26,19 @@ from catfree.viz.footage._contact_sheet import draw_boxes, write_sheet
 def write_failure(
     folder: str | os.PathLike[str], error: CatFreeError, unfinished: Unfinished
 ) -> list[Path]:
-    """Write what a run had when it failed.
+    """Write the partial results of a failed run.
 
     Args:
-        folder: made if it does not exist.
+        folder: created if it does not exist.
         error: why it failed.
-        unfinished: what there was; nothing is written before anybody was detected.
+        unfinished: the partial results; nothing is written before detection has finished.
 
     Returns:
         The files: `boxes/CAMERA.txt`, `detections.npz`, `pictures/boxes.jpg`, `report.md` and
         `report.html`.
 
     Raises:
-        CatFreeError: if a file cannot be written, or the footage not be read again.
+        CatFreeError: if a file cannot be written, or the footage cannot be read again.
         OSError: if the disk is full or not writable.
     """
     videos, detections = unfinished.videos, unfinished.detections
@@ -56,7 +56,7 @@ def write_failure(
         Paragraph(str(error)),
         *describe_warnings(unfinished.warnings),
         Heading("What the detector saw"),
-        Picture("pictures/boxes.jpg", "the boxes at the instant that has most of them"),
+        Picture("pictures/boxes.jpg", "the instant with the most boxes"),
         box_table(videos, detections),
         Heading("Footage"),
         footage_table(videos),
@@ -65,7 +65,7 @@ def write_failure(
 
 
 def box_table(videos: SynchronizedVideos, detections: Detections) -> Table:
-    """One row per camera: how many boxes, how tall, how sure."""
+    """Number, median height and median score of the boxes, one row per camera."""
     rows = []
     for camera, name in enumerate(videos.camera_names):
         boxes = detections[detections.camera == camera]
@@ -77,9 +77,9 @@ def box_table(videos: SynchronizedVideos, detections: Detections) -> Table:
 
 
 def _fullest_instant(videos: SynchronizedVideos, detections: Detections) -> list[np.ndarray]:
-    """The pictures of the instant with most boxes, the boxes drawn."""
+    """Images of the instant with the most boxes, with the boxes drawn."""
     frames = videos.frames
     count = (detections.frame[None, :] == frames[:, None]).sum(axis=1)
     frame, images = next(videos.instants_from(int(count.argmax())))
-    now = detections[detections.frame == frame]
-    return [draw_boxes(image, now[now.camera == camera]) for camera, image in enumerate(images)]
+    boxes = detections[detections.frame == frame]
+    return [draw_boxes(image, boxes[boxes.camera == camera]) for camera, image in enumerate(images)]

@@ -1,6 +1,6 @@
-"""What is wrong with the input of a run, as far as it shows.
+"""Checks of the input of a run.
 
-Mistakes that make a run pointless raise; what a run can live with becomes a sentence.
+Fatal mistakes raise; others become warnings.
 """
 
 import os
@@ -18,7 +18,7 @@ from catfree.errors import InvalidInputError
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Scene
 
-WORTH_SAYING = 0.05  # share of a camera's footage; recordings never end on the same frame
+WORTH_SAYING = 0.05  # share of the footage lost; recordings never end on the same frame
 # Rose criterion: a signal stands out from noise at five standard deviations.
 DEVIATIONS_TO_MEASURE = 5.0
 
@@ -38,24 +38,24 @@ def require_distinct_videos(videos: SynchronizedVideos) -> None:
         if other != camera:
             one, two = videos.footage[other].path, videos.footage[camera].path
             raise InvalidInputError(
-                f"Cameras {other} and {camera} are the same recording: {one} and {two} are equal "
-                "byte for byte, so that the second adds nothing but false confidence. Leave one "
-                "of them out."
+                f"Cameras {other} and {camera} are the same recording: {one} and {two} are "
+                "equal byte for byte, so the second adds only false confidence. Leave one of "
+                "them out."
             )
 
 
 def order_like_videos(
     scene: Scene, names: Sequence[str], videos: SynchronizedVideos
 ) -> tuple[Scene, tuple[str, ...]]:
-    """The scene with its cameras in the order of the videos, where their names tell it.
+    """Put the cameras of a scene in the order of the videos, where their names allow it.
 
     Args:
         scene: with one camera per video.
         names: (C,) names of its cameras.
-        videos: whose `camera_names` are looked up.
+        videos: their `camera_names` are matched with `names`.
 
     Returns:
-        The scene, and warnings: what was put in order, or that names do not fit.
+        The scene, and warnings: that cameras were reordered, or that names do not match.
     """
     wanted, given = list(videos.camera_names), list(names)
     if wanted == given or len(wanted) != len(given):
@@ -67,7 +67,7 @@ def order_like_videos(
             f"The scene lists its cameras as {', '.join(given)}, the videos come as "
             f"{', '.join(wanted)}: they were matched by name.",
         )
-    if given == list(default_names(scene.rig, None)):  # which say nothing
+    if given == list(default_names(scene.rig, None)):  # default names carry no information
         return scene, ()
     return scene, (
         f"The scene names its cameras {', '.join(given)}, the videos are {', '.join(wanted)}: "
@@ -76,13 +76,13 @@ def order_like_videos(
 
 
 def lost_footage(videos: SynchronizedVideos) -> tuple[str, ...]:
-    """Warnings about cameras that end long before the others.
+    """Warn about cameras that end long before the others.
 
     Args:
         videos: on their common clock.
 
     Returns:
-        A sentence for each such camera: what of the others is not used.
+        One sentence per such camera: how much footage of the others is not used.
     """
     footage, rate = videos.footage, videos.fps
     ends = [one.available.stop for one in footage]
@@ -103,14 +103,14 @@ def lost_footage(videos: SynchronizedVideos) -> tuple[str, ...]:
 
 
 def tiny_boxes(detections: Detections, settings: CalibrationSettings) -> str | None:
-    """A sentence if most boxes are too low to be measured: they are not people, or far away.
+    """Warn if most boxes are too small to be measured: not people, or people far away.
 
     Args:
-        detections: everybody whom the cameras saw.
-        settings: whose noise of box edges counts.
+        detections: boxes of all cameras.
+        settings: define the noise of box edges.
 
     Returns:
-        The sentence, or None if the boxes are high enough, or there are none.
+        One sentence, or None if the boxes are large enough or there are none.
     """
     if not len(detections):
         return None
@@ -122,24 +122,25 @@ def tiny_boxes(detections: Detections, settings: CalibrationSettings) -> str | N
     return (
         f"These boxes are not people, or people too far away to measure: the median height of "
         f"{len(detections)} boxes is {np.median(height):.0f} px. Pass a detector of people, or "
-        "larger pictures."
+        "larger images."
     )
 
 
 def clock_warnings(
     detections: Detections, scene: Scene, videos: SynchronizedVideos
 ) -> tuple[str, ...]:
-    """Warnings about cameras whose clocks do not fit a known scene.
+    """Warn about cameras whose clocks do not fit a known scene.
 
     Args:
-        detections: everybody whom the cameras saw.
+        detections: boxes of all cameras.
         scene: known cameras and ground.
         videos: the footage.
     """
     offset = find_clock_offsets(detections, scene)
     return tuple(
-        f"Camera {videos.camera_names[c]!r} seems to have {_started(int(offset[c]), videos)}: its "
-        f"people fit theirs best then. Nothing was shifted. {_advice(offset, videos)}"
+        f"Camera {videos.camera_names[c]!r} seems to have {_started(int(offset[c]), videos)}: "
+        f"with that shift its people match theirs best. Nothing was shifted. "
+        f"{_advice(offset, videos)}"
         for c in np.flatnonzero(offset)
     )
 
@@ -150,11 +151,11 @@ def calibration_warnings(
     videos: SynchronizedVideos,
     settings: Settings,
 ) -> tuple[str, ...]:
-    """Warnings about clocks that the calibration corrected, or would have had to.
+    """Warn about clocks that the calibration corrected or that seem to need a correction.
 
     Args:
         calibration: found from the people.
-        detections: everybody whom the cameras saw, on the clocks as given.
+        detections: all boxes, on the clocks as given.
         videos: the footage, on the clocks as given.
         settings: of the run.
     """
@@ -184,7 +185,7 @@ def calibration_warnings(
 def without_offsets(
     videos: SynchronizedVideos, detections: Detections, frame_offset: Int[np.ndarray, " cam"]
 ) -> tuple[SynchronizedVideos, Detections]:
-    """Videos and boxes on corrected clocks, as far as all cameras reach.
+    """Put videos and boxes on corrected clocks, restricted to instants of all cameras.
 
     Args:
         videos: the footage on the clocks as given.
@@ -197,7 +198,7 @@ def without_offsets(
 
 
 def _started(offset: int, videos: SynchronizedVideos) -> str:
-    """When a camera began to record, from the frames by which its numbers are too high."""
+    """Describe when a camera began to record; its frame numbers are too high by `offset`."""
     seconds = "" if videos.tick_rate is None else f" ({abs(offset) / videos.tick_rate:.1f} s)"
     when = "after" if offset < 0 else "before"
     return f"started about {abs(offset)} frames{seconds} {when} the others"

@@ -1,4 +1,4 @@
-"""The report of a run: what came out, how far to trust it, and with which settings."""
+"""The report of a run: results, reliability and settings."""
 
 import dataclasses
 import html
@@ -23,7 +23,7 @@ _STYLE = (
     "padding:.3rem .8rem;text-align:left}img{max-width:100%}code{background:#f4f4f4}"
 )
 
-# What the fields of `Thresholds` are called in a table.
+# Labels of the fields of `Thresholds`.
 THRESHOLD_NAMES = {
     "tau_sigma": "threshold on sigma (scene units)",
     "tau_g": "threshold on the distance from the ground (scene units)",
@@ -31,7 +31,7 @@ THRESHOLD_NAMES = {
     "tau_g_recovery": "threshold on the distance of recovered positions from the ground",
     "median_box_height": "median height of a box (px)",
     "pose_ratio": "weight of boxes without confirmed ankles",
-    "extension_appearance": "largest difference in looks of an extension",
+    "extension_appearance": "largest appearance distance of an extension",
 }
 
 
@@ -45,7 +45,7 @@ class Heading:
 
 @dataclass(frozen=True)
 class Paragraph:
-    """Some sentences."""
+    """One or more sentences."""
 
     text: str
 
@@ -83,9 +83,9 @@ def write_report(
     Args:
         folder: where they go; it must exist.
         outcome: what `run_stages` returned.
-        settings: the settings that it ran with.
-        files: the other files of the folder, to be listed.
-        pictures: pictures in the folder, to be shown.
+        settings: the settings of the run.
+        files: other files of the folder, to be listed.
+        pictures: pictures of the folder, to be shown.
         extra: further blocks, shown first.
 
     Returns:
@@ -124,14 +124,14 @@ def write_blocks(folder: str | os.PathLike[str], blocks: Sequence[Block]) -> lis
 
 
 def describe_warnings(warnings: Sequence[str]) -> list[Block]:
-    """What the reader should know first; nothing if there is nothing."""
+    """The warnings under a heading; no block if there are none."""
     if not warnings:
         return []
     return [Heading("Warnings"), *(Paragraph(sentence) for sentence in warnings)]
 
 
 def footage_table(videos: SynchronizedVideos) -> Table:
-    """One row per camera: what its file brings, and how much of that is used."""
+    """Length, frame rate, size and unused frames of the videos, one row per camera."""
     rows = []
     for one in videos.footage:
         rate = "" if one.fps is None else f"{one.fps:.4g}"
@@ -144,17 +144,17 @@ def footage_table(videos: SynchronizedVideos) -> Table:
 
 
 def describe_result(outcome: RunOutcome) -> list[Block]:
-    """How many people were found, when and from what."""
+    """Numbers of cameras, frames, detections, tracks and positions."""
     tracks, frames = outcome.localization.tracks, outcome.frames
     people = len(np.unique(tracks.track_id[tracks.track_id >= 0]))
-    a_frame = len(tracks) / len(frames) if len(frames) else 0.0
-    unit = "metres" if outcome.scene.metric else "scene units of unknown size"
+    per_frame = len(tracks) / len(frames) if len(frames) else 0.0
+    unit = "meters" if outcome.scene.metric else "scene units of unknown size"
     rows = (
         ("cameras", f"{int(outcome.scene.rig.registered.sum())} of {len(outcome.camera_names)}"),
         ("frames", str(len(frames))),
         ("detections", str(len(outcome.detections))),
         ("tracks", str(people)),
-        ("positions", f"{len(tracks)} ({a_frame:.1f} a frame)"),
+        ("positions", f"{len(tracks)} ({per_frame:.1f} per frame)"),
         ("unit of length", unit),
     )
     return [Heading("Result"), Table(("", ""), rows)]
@@ -163,11 +163,11 @@ def describe_result(outcome: RunOutcome) -> list[Block]:
 def describe_cameras(
     outcome: RunOutcome, person_height: float = CalibrationSettings.person_height
 ) -> list[Block]:
-    """Where the cameras are and how well that is known.
+    """Describe the cameras and how well their poses are known.
 
     Args:
         outcome: what `run_stages` returned.
-        person_height: mean height in metres that the calibration took people to have.
+        person_height: mean person height in meters that the calibration assumed.
     """
     rig, calibration = outcome.scene.rig, outcome.calibration
     table = camera_table(outcome.scene, outcome.camera_names, calibration)
@@ -176,17 +176,17 @@ def describe_cameras(
     if lost:
         blocks.append(
             Paragraph(
-                f"Not registered, and ignored: {', '.join(lost)}. The evidence for a place of "
-                "these cameras was too weak: too few people seen together with the others."
+                f"Not registered, and ignored: {', '.join(lost)}. The evidence for the poses of "
+                "these cameras was too weak: they share too few people with the others."
             )
         )
     if calibration is not None:
         blocks.append(
             Paragraph(
-                "Cameras and ground were found from the people alone. Their heights are taken to "
-                f"be {person_height:.2f} m on average: if yours are 5 % taller, all lengths are "
-                "5 % too short. "
-                f"One standard deviation of all lengths is {100 * calibration.scale_sd:.0f} %."
+                "Cameras and ground were found from the people alone, assuming an average height "
+                f"of {person_height:.2f} m: if your people are 5 % taller, all lengths are 5 % too "
+                "short. "
+                f"The standard deviation of all lengths is {100 * calibration.scale_sd:.0f} %."
             )
         )
     return blocks
@@ -195,12 +195,12 @@ def describe_cameras(
 def camera_table(
     scene: Scene, camera_names: Sequence[str], calibration: Calibration | None = None
 ) -> Table:
-    """Height, focal length and, where found from people, the trust in each camera."""
+    """Height, focal length and, for a rig from people, the reliability of each camera."""
     rig = scene.rig
     height = np.asarray(scene.ground.signed_distance(np.asarray(rig.centers, np.float64)))
     header = ["camera", "height above ground", "focal length (px)"]
     if calibration is not None:
-        header += ["agrees with the others (%)", "evidence", "centre uncertain by (m)"]
+        header += ["agrees with the others (%)", "evidence", "center uncertainty (m)"]
     rows = []
     for camera, name in enumerate(camera_names):
         if not rig.registered[camera]:
@@ -219,15 +219,15 @@ def camera_table(
 
 
 def describe_reliability(localization: Localization, scene: Scene) -> list[Block]:
-    """The label-free summary, the thresholds and what became of the candidates."""
+    """The label-free summary, the thresholds and the fates of the candidates."""
     reliability, tracks = localization.reliability, localization.tracks
     unit = " m" if scene.metric else ""
     extended = float((tracks.origin != Origin.DETECTED).mean()) if len(tracks) else 0.0
     rows = [
         *_expected_rows(reliability),
-        ("median sigma of a position", _shown(reliability.median_sigma, ".3f", unit)),
-        ("sigma over suppression radius", _shown(reliability.sigma_over_radius, ".2f")),
-        ("cameras that support a position", _shown(reliability.mean_supporting_cameras, ".2f")),
+        ("median sigma of a position", _formatted(reliability.median_sigma, ".3f", unit)),
+        ("sigma over suppression radius", _formatted(reliability.sigma_over_radius, ".2f")),
+        ("mean cameras per position", _formatted(reliability.mean_supporting_cameras, ".2f")),
         ("detections that support a position", f"{100 * reliability.detections_used:.0f} %"),
         ("positions added by the trajectories", f"{100 * extended:.1f} %"),
         ("accepted positions that were recovered", f"{100 * reliability.fraction_recovered:.1f} %"),
@@ -241,9 +241,9 @@ def describe_reliability(localization: Localization, scene: Scene) -> list[Block
     if reliability.expected_moda is not None:
         blocks.append(
             Paragraph(
-                "The expected MODA (at half a metre) is predicted from rows of this table by a fit "
-                "to simulated worlds. It knows nothing of people whom no box shows and of errors "
-                "that all cameras share, such as a wrong scale."
+                "The expected MODA (at half a meter) is predicted from rows of this table by a fit "
+                "to simulated worlds. It does not account for people without any box, nor for "
+                "errors that all cameras share, such as a wrong scale."
             )
         )
     return [
@@ -253,19 +253,19 @@ def describe_reliability(localization: Localization, scene: Scene) -> list[Block
     ]
 
 
-def _shown(value: float, form: str, unit: str = "") -> str:
-    """A number about positions, which is none where there are no positions."""
+def _formatted(value: float, form: str, unit: str = "") -> str:
+    """Format a number that is NaN without positions."""
     return f"{value:{form}}{unit}" if np.isfinite(value) else "nobody found"
 
 
 def _expected_rows(reliability: Reliability) -> list[tuple[str, str]]:
-    """What the run expects of itself, as far as it does."""
+    """Expected MODA, precision and recall, where available."""
     rows = []
     expected, low, high = reliability.expected_moda, reliability.moda_low, reliability.moda_high
     if expected is not None and low is not None and high is not None:
-        said = f"{expected:.0f} (90 % interval {low:.0f} to {high:.0f})"
+        interval = f"{expected:.0f} (90 % interval {low:.0f} to {high:.0f})"
         note = reliability.expectation_note
-        rows.append(("expected MODA", said if np.isfinite(expected) else f"unknown: {note}"))
+        rows.append(("expected MODA", interval if np.isfinite(expected) else f"unknown: {note}"))
     for name, value in (
         ("expected precision", reliability.expected_precision),
         ("expected recall", reliability.expected_recall),
@@ -307,7 +307,7 @@ def to_html(blocks: Iterable[Block]) -> str:
             case Heading(text, level):
                 parts.append(f"<h{level}>{html.escape(text)}</h{level}>")
             case Paragraph(text):
-                # The one mark that paragraphs use is the back quote around file names.
+                # The only markup in paragraphs is backquotes around file names.
                 pieces = html.escape(text).split("`")
                 marked = (f"<code>{p}</code>" if at % 2 else p for at, p in enumerate(pieces))
                 parts.append(f"<p>{''.join(marked)}</p>")

@@ -27,9 +27,9 @@ from catfree.types._progress import Progress
 from catfree.types._writing import cannot_write, replacing
 from catfree.viz.footage._contact_sheet import write_sheet
 
-# TrackEval matches two squares at an IoU of one half; in a scene without metres the matching
-# distance is the farthest that a track steps between frames.
-MATCHING_METRES = 1.0
+# TrackEval matches two squares at an IoU of 0.5. In a scene of unknown scale the matching distance
+# is the longest step of a track between frames.
+MATCHING_METERS = 1.0
 LOCALIZATION_FILE, SCENE_FILE = "localization.npz", "scene.json"
 
 
@@ -43,16 +43,15 @@ def write_results(
     area: Sequence[float | int] | None = None,
     ground_truth: Float[np.ndarray, "n 4"] | None = None,
 ) -> list[Path]:
-    """Write everything that a run found.
+    """Write all results of a run.
 
     Args:
-        folder: made if it does not exist; files of an earlier run are replaced.
+        folder: created if it does not exist; files of an earlier run are replaced.
         outcome: what `run_stages` returned.
-        settings: the settings that it ran with, for the report.
-        videos: the footage, to show one instant of it with what was found; None for no such
-            picture.
+        settings: the settings of the run, for the report.
+        videos: the footage, to draw the result on one instant; None for no such picture.
         pictures: draw plots; None: if matplotlib is installed.
-        area: x_min, x_max, y_min, y_max of an area to frame in the plots, in ground coordinates.
+        area: x_min, x_max, y_min, y_max of an area to outline in the plots, in ground coordinates.
         ground_truth: (N, 4) rows [frame, id, x, y] in ground coordinates to draw, or None.
 
     Returns:
@@ -63,8 +62,8 @@ def write_results(
 
     Raises:
         InvalidInputError: if the localization was made from other detections.
-        WriteError: if the disk is full or not writable; no file is left half-written.
-        MissingDependencyError: if pictures are asked for and matplotlib is not installed.
+        WriteError: if the disk is full or not writable; no partial file is left behind.
+        MissingDependencyError: if `pictures` is True and matplotlib is not installed.
     """
     root = Path(folder)
     settings = settings or Settings()
@@ -95,11 +94,11 @@ def write_results(
 def write_rig(
     folder: str | os.PathLike[str], scene: Scene, camera_names: Sequence[str]
 ) -> list[Path]:
-    """Write cameras and ground as `scene.json`, for COLMAP and for anipose.
+    """Write cameras and ground as `scene.json` and in the formats of COLMAP and anipose.
 
     Args:
-        folder: made if it does not exist.
-        scene: cameras and ground; those not registered are only in `scene.json`.
+        folder: created if it does not exist.
+        scene: cameras and ground; cameras that are not registered are only in `scene.json`.
         camera_names: (C,) names.
 
     Returns:
@@ -118,11 +117,11 @@ def write_rig(
 
 
 def read_results(folder: str | os.PathLike[str]) -> tuple[Localization, Scene, tuple[str, ...]]:
-    """Localization, scene and camera names of a folder that `write_results` wrote.
+    """Read localization, scene and camera names from a folder that `write_results` wrote.
 
     Raises:
-        InvalidInputError: if a file is not there, or a value in it is out of range.
-        FileFormatError: if a file holds something else, or the files are of two runs.
+        InvalidInputError: if a file is missing, or a value in it is out of range.
+        FileFormatError: if a file has another format, or the files are from different runs.
     """
     root = Path(folder)
     scene, names = read_scene_json(root / SCENE_FILE)
@@ -146,14 +145,14 @@ def draw_pictures(
     area: Sequence[float | int] | None = None,
     ground_truth: Float[np.ndarray, "n 4"] | None = None,
 ) -> list[Path]:
-    """Draw the bird's-eye view, the expected uncertainty and, where there are any, the gates.
+    """Draw the bird's-eye view, the expected uncertainty and the gates, if there are any.
 
     Args:
-        folder: made if it does not exist.
+        folder: created if it does not exist.
         localization: what `localize` returned.
         scene: the scene it was made with.
         camera_names: (C,) labels of the cameras.
-        area: x_min, x_max, y_min, y_max of an area to frame.
+        area: x_min, x_max, y_min, y_max of an area to outline.
         ground_truth: (N, 4) rows [frame, id, x, y] to draw, or None.
 
     Returns:
@@ -177,8 +176,10 @@ def draw_pictures(
     figures["bird_eye.png"] = view.figure
     if scene.rig.registered.sum() >= 2:
         expected = coverage(scene, area)
-        seen = plot_coverage(expected, scene, localization=localization, camera_names=camera_names)
-        figures["coverage.png"] = seen.figure
+        coverage_view = plot_coverage(
+            expected, scene, localization=localization, camera_names=camera_names
+        )
+        figures["coverage.png"] = coverage_view.figure
     if localization.thresholds.tau_sigma is not None:
         figures["gates.png"] = plot_gates(localization, scene)[0].figure
     written = []
@@ -195,12 +196,12 @@ def draw_pictures(
 def draw_views(
     folder: str | os.PathLike[str], videos: SynchronizedVideos, outcome: RunOutcome
 ) -> Path:
-    """Draw what all cameras saw in the middle of the footage, with boxes and tracks.
+    """Draw boxes and tracks on all cameras' images in the middle of the footage.
 
     Args:
-        folder: made if it does not exist.
+        folder: created if it does not exist.
         videos: the footage.
-        outcome: what was found in it.
+        outcome: the result of the run.
 
     Returns:
         `views.jpg`: the cameras' pictures side by side.
@@ -210,7 +211,7 @@ def draw_views(
     root = Path(folder)
     root.mkdir(parents=True, exist_ok=True)
     middle = videos.frame_count // 2
-    # Footage that broke off has no middle.
+    # Truncated footage may not reach its middle.
     instant = next(videos.instants_from(middle), None) or next(iter(videos))
     frame, images = instant
     drawn = [
@@ -226,7 +227,7 @@ def write_overlay(
     outcome: RunOutcome,
     progress: Progress | None = None,
 ) -> Path:
-    """Write `overlay.mp4`, the pictures of all cameras with the tracks, to a folder."""
+    """Write `overlay.mp4`, the images of all cameras with the tracks, to a folder."""
     from catfree.viz.footage._overlay import write_overlay_video
 
     root = Path(folder)
@@ -246,7 +247,7 @@ def write_overlay(
 def _write_tables(root: Path, outcome: RunOutcome, settings: Settings) -> list[Path]:
     tracks, scene = outcome.localization.tracks, outcome.scene
     extent = float(scene.extent)
-    reach = MATCHING_METRES if scene.metric else settings.trajectories.link_radius * extent
+    reach = MATCHING_METERS if scene.metric else settings.trajectories.link_radius * extent
     files = [
         write_tracks_csv(root / "tracks.csv", tracks),
         write_mot_ground(root / "tracks_mot.txt", tracks, outcome.frames, threshold=reach),
@@ -277,7 +278,7 @@ def write_boxes(
     """Write the boxes of each camera as `CAMERA.txt` in MOTChallenge form.
 
     Args:
-        folder: made if it does not exist.
+        folder: created if it does not exist.
         detections: (N,) boxes of all cameras.
         camera_names: (C,) names.
         frames: (T,) all frame numbers; the first becomes 1.
@@ -291,6 +292,6 @@ def write_boxes(
     files = []
     for camera, name in enumerate(file_names(camera_names)):
         rows = detections.camera == camera
-        known = None if identity is None else identity[rows]
-        files.append(write_mot_boxes(root / f"{name}.txt", detections[rows], frames, known))
+        track_id = None if identity is None else identity[rows]
+        files.append(write_mot_boxes(root / f"{name}.txt", detections[rows], frames, track_id))
     return files

@@ -1,4 +1,4 @@
-"""`run`: RGB video in, tracks on the ground out; every stage resumes from its cache."""
+"""`run`: from RGB videos to tracks on the ground, with cached stages."""
 
 import os
 from collections.abc import Sequence
@@ -41,18 +41,18 @@ Videos = SynchronizedVideos | Sequence[str | os.PathLike[str]]
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """What a run found, stage by stage.
+    """Results of all stages of a run.
 
     Attributes:
         localization: tracks, candidates, thresholds and reliability.
-        detections: everybody whom the cameras saw, at the second look where there was one: what
-            `localization.identity` and the tracks' `support` count.
+        detections: boxes of all cameras, after the second look if there was one;
+            `localization.identity` and the tracks' `support` index them.
         scene: cameras and ground.
-        calibration: how the scene was found from people, or None where it came from elsewhere.
-        camera_names: (C,) names of the cameras, after their files.
-        frames: (T,) the frames that were looked at.
-        videos: the footage, on clocks that were corrected where offsets were searched; None where
-            the outcome did not come from videos.
+        calibration: the calibration from people, or None if the scene has another source.
+        camera_names: (C,) names of the cameras, from their file names.
+        frames: (T,) the processed frames.
+        videos: the footage, on corrected clocks if offsets were searched; None if the outcome does
+            not come from videos.
     """
 
     localization: Localization
@@ -65,17 +65,17 @@ class RunOutcome:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences about the input that the reader should know first."""
+        """Sentences about problems of the input."""
         return self.localization.warnings
 
 
 @dataclass
 class Unfinished:
-    """What a run has so far: filled while it goes on, for those who look at it after an error.
+    """Partial results of a run, filled as it proceeds and available after an error.
 
     Attributes:
         videos: the footage, once it is open.
-        detections: everybody whom the cameras saw, once that is known.
+        detections: boxes of all cameras, once detection has finished.
         warnings: sentences about the input.
     """
 
@@ -102,36 +102,35 @@ def run(
         tracks = cf.run(["north.mp4", "east.mp4", "south.mp4"]).tracks
 
     Args:
-        videos: one video file or image folder a camera, or `SynchronizedVideos` where clocks,
-            frame rates or the part to use must be said.
-        detector: finds people in a picture; None for `BackgroundDetector`, which needs no weights.
-        embedder: describes what people look like; None for `ColorEmbedder` with a
+        videos: one video file or image folder per camera, or `SynchronizedVideos` to specify
+            clocks, frame rates or the part to use.
+        detector: finds people in an image; None for `BackgroundDetector`, which needs no weights.
+        embedder: computes appearance embeddings; None for `ColorEmbedder` with a
             `BackgroundDetector`, and for no appearance with other detectors.
-        reconstructor: finds the cameras from the pictures of one instant.
+        reconstructor: finds the cameras from the images of one instant.
         scene: known cameras and ground. Without scene and reconstructor both are found from the
-            people who walk through the pictures (`calibrate`), in metres.
-        settings: of calibration and localization, `Settings()` if None. The calibration takes the
-            detector's `box_slack`, if it states one, unless the settings say another than usual,
-            and boxes of a score of at least `calibration_confidence`.
-        cache_dir: folder in which finished stages are kept. A run that was killed goes on from
-            there with an identical result; other videos, weights, settings or code never reuse it.
+            people in the videos (`calibrate`), in meters.
+        settings: of calibration and localization, `Settings()` if None. The calibration uses
+            the detector's `box_slack`, if it has one and the settings keep the default, and boxes
+            with a score of at least `calibration_confidence`.
+        cache_dir: folder for finished stages. A killed run resumes from them with an identical
+            result; other videos, weights, settings or code never reuse them.
         progress: called as `progress(stage, done, total)`.
-        scene_names: (C,) names of the scene's cameras: videos that come in another order are
-            matched to them by name.
-        maximum_offset: where the cameras are found from people, search clock offsets of single
-            cameras up to so many frames, and correct them; 0 trusts the frame numbers.
+        scene_names: (C,) names of the scene's cameras, to match videos in another order by name.
+        maximum_offset: largest clock offset of a single camera, in frames, to search and correct
+            when the cameras are found from people; 0 trusts the frame numbers.
 
     Returns:
-        What `localize` gives for the scene, with `warnings` about the input. With the default
-        method, and a detector that learns each camera's background, after a second look at the
-        pictures where the tracks of the first say that people should stand; and with the pieces of
-        one person's track joined by their looks. Its `identity` and the tracks' `support` count the
-        detections of the last look, which `run_stages` also returns.
+        The result of `localize` for the scene, with `warnings` about the input. The default method
+        also joins fragments of one person's track by appearance and, with a detector that learns
+        each camera's background, detects a second time where the first tracks predict people.
+        `identity` and the tracks' `support` index the detections of the last pass, which
+        `run_stages` also returns.
 
     Raises:
         InvalidInputError: if a video does not exist, two videos are equal byte for byte, or the
-            scene has other cameras.
-        FileFormatError: naming camera and frame, if a picture cannot be decoded.
+            cameras of the scene do not match the videos.
+        FileFormatError: naming camera and frame, if an image cannot be decoded.
         InsufficientDataError: if there is too little footage.
         CalibrationError: if no rig can be found from the people.
         WriteError: if the cache cannot be written.
@@ -164,7 +163,7 @@ def run_stages(
     maximum_offset: int = 0,
     unfinished: Unfinished | None = None,
 ) -> RunOutcome:
-    """`run` with the results of all stages.
+    """Do what `run` does and return the results of all stages.
 
     Args:
         videos: as `run`.
@@ -177,7 +176,7 @@ def run_stages(
         progress: as `run`.
         scene_names: as `run`.
         maximum_offset: as `run`.
-        unfinished: told what there is as soon as it is there.
+        unfinished: receives partial results as soon as they are available.
 
     Returns:
         Detections, scene, calibration and localization.
@@ -194,15 +193,14 @@ def run_stages(
     for name, stage in stages.items():
         if not (stage is None or callable(stage) or hasattr(stage, "fit")):
             raise InvalidInputError(
-                f"{name} must be an object that can be called, such as those of catfree.adapters, "
-                f"got {stage!r}."
+                f"{name} must be a callable such as those of catfree.adapters, got {stage!r}."
             )
     if scene is not None and reconstructor is not None:
         raise InvalidInputError("Pass a scene or a reconstructor, not both.")
     if not isinstance(videos, SynchronizedVideos):
         if isinstance(videos, str | os.PathLike) or not videos:
             raise InvalidInputError(
-                f"videos must list one video file or image folder a camera, got {videos!r}."
+                f"videos must list one video file or image folder per camera, got {videos!r}."
             )
         videos = SynchronizedVideos(videos)
     so_far = Unfinished() if unfinished is None else unfinished
@@ -275,13 +273,13 @@ def _require_same_cameras(scene: Scene, videos: SynchronizedVideos) -> None:
     if rig.camera_count != videos.camera_count:
         raise InvalidInputError(
             f"The scene has {rig.camera_count} cameras, but there are {videos.camera_count} "
-            "videos. Pass one video a camera, in the order of the rig."
+            "videos. Pass one video per camera, in the order of the rig."
         )
-    other = (rig.image_size != videos.image_size).any(axis=1)
-    if other.any():
-        at = int(np.argmax(other))
+    differs = (rig.image_size != videos.image_size).any(axis=1)
+    if differs.any():
+        at = int(np.argmax(differs))
         raise InvalidInputError(
-            f"Camera {at} of the scene has pictures of {' x '.join(map(str, rig.image_size[at]))} "
+            f"Camera {at} of the scene has images of {' x '.join(map(str, rig.image_size[at]))} "
             f"px, but its video {videos.camera_names[at]!r} has "
             f"{' x '.join(map(str, videos.image_size[at]))} px."
         )

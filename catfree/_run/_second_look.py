@@ -1,8 +1,8 @@
-"""A second look at the videos by a detector that is told where people should stand.
+"""A second detection pass, guided by where the tracks predict people.
 
-Once cameras and tracks are known, everybody's place in every picture is: what other cameras and
-moments saw of somebody helps where silhouettes merge. The detector still reports only what its own
-picture shows.
+Cameras and tracks predict each person's place in every image. This helps where silhouettes merge:
+other cameras and moments tell the people apart. The detector still reports only what its own image
+shows.
 """
 
 import os
@@ -28,17 +28,17 @@ from catfree.types._progress import Progress
 
 STAGE = "second look"
 BLOCK = 16384  # points that are projected together
-FEWEST_HEIGHTS = 5  # boxes that a person's own height needs
-HEIGHT_ROUNDS = 4  # of a fixed point that gains two digits a round
-EDGE = 2.0  # pixels from the picture's edge within which a box is cut
-# The sole that a camera sees stands so much nearer than the body's axis, in heights.
+FEWEST_HEIGHTS = 5  # boxes needed to estimate the height of a single person
+HEIGHT_ROUNDS = 4  # of a fixed-point iteration that gains two digits per round
+EDGE = 2.0  # pixels: a box closer to the image border is cut
+# Distance, in body heights, by which the visible sole is nearer to the camera than the body's axis.
 FOOT_AHEAD = CalibrationSettings.foot_offset / CalibrationSettings.person_height
-SAME = 0.01  # pixels: a box that the second look did not change
+SAME = 0.01  # pixels: a box that moved less did not change
 
 
 @dataclass(frozen=True)
 class ExpectedPeople:
-    """Where tracked people should stand in the pictures, one row a person and picture.
+    """Predicted image positions of tracked people, one row per person and image.
 
     Attributes:
         frame: (K,) frame.
@@ -52,22 +52,22 @@ class ExpectedPeople:
     place: Float[np.ndarray, "k 3"]
 
     def in_picture(self, frame: int, camera: int) -> Float[np.ndarray, "n 3"]:
-        """The places in one picture."""
+        """Return the places in one image."""
         return self.place[(self.frame == frame) & (self.camera == camera)]
 
 
 def expected_people(
     localization: Localization, detections: Detections, scene: Scene
 ) -> ExpectedPeople:
-    """Project every position of every track, as tall as its boxes say, into every camera.
+    """Project every track position into every camera, with the height estimated from its boxes.
 
     Args:
-        localization: what a method returned.
-        detections: what it was made from.
-        scene: the scene it was made with.
+        localization: the result of a method.
+        detections: the detections that it was made from.
+        scene: the scene that it was made with.
 
     Returns:
-        People of whom a part is inside the picture, sorted by frame.
+        People partly or fully inside the image, sorted by frame.
     """
     tracks, rig = localization.tracks, scene.rig
     cameras = np.flatnonzero(rig.registered)
@@ -85,10 +85,10 @@ def expected_people(
     size = low[:, 1] - high[:, 1]
     u = (low[:, 0] + high[:, 0]) / 2
     width, rows = np.asarray(rig.image_size, np.float64)[camera].T
-    seen = (np.minimum(depth, other) > 0.5 * height) & (size > 1)
-    seen &= (u > 0) & (u < width) & (high[:, 1] < rows) & (low[:, 1] > 0)
+    is_visible = (np.minimum(depth, other) > 0.5 * height) & (size > 1)
+    is_visible &= (u > 0) & (u < width) & (high[:, 1] < rows) & (low[:, 1] > 0)
     place = np.stack([u, low[:, 1], size], -1)
-    return ExpectedPeople(tracks.frame[row][seen], camera[seen], place[seen])
+    return ExpectedPeople(tracks.frame[row][is_visible], camera[is_visible], place[is_visible])
 
 
 def look_again(
@@ -99,18 +99,18 @@ def look_again(
     first: Detections,
     progress: Progress | None = None,
 ) -> Detections:
-    """Everybody whom the cameras see, now that it is known where to look.
+    """Detect people again, given where they are expected.
 
     Args:
-        videos: the pictures of the first look.
-        detectors: one a camera.
-        embedder: describes what people look like, or None.
-        expected: where people should stand.
-        first: what the first look found; boxes that stay keep their embedding.
+        videos: the footage of the first pass.
+        detectors: one per camera.
+        embedder: computes appearance embeddings, or None.
+        expected: predicted places of people.
+        first: detections of the first pass; unchanged boxes keep their embedding.
         progress: called as `progress("second look", done, total)`.
 
     Returns:
-        One row a person, sorted by frame and camera.
+        One row per box, sorted by frame and camera.
 
     Raises:
         FileFormatError: as `detect_videos`.
@@ -144,7 +144,7 @@ def _look(
     first: Detections,
     numbered: tuple[int, Image],
 ) -> tuple[FrameDetections, Float[np.ndarray, "n d"]]:
-    """One camera's people of one instant and what they look like."""
+    """Detect the people of one camera at one instant and compute their embeddings."""
     camera, image = numbered
     detector, places = detectors[camera], expected.in_picture(frame, camera)
     people = ask_for_people(lambda: detector.look_again(image, places), detector, camera, frame)
@@ -164,18 +164,18 @@ def _look(
 def track_heights(
     localization: Localization, detections: Detections, scene: Scene
 ) -> Float[np.ndarray, " m"]:
-    """How tall the person of each track position is.
+    """Estimate the body height for each track position.
 
-    The median over the person's boxes of the height at which the vertical above the position meets
-    the box's upper edge; that of all people where too few boxes show somebody's head.
+    This is the median, over the person's boxes, of the height at which the vertical above the
+    position meets the box's upper edge. People with too few uncut boxes get the median of all.
 
     Args:
-        localization: what a method returned.
-        detections: what it was made from.
-        scene: the scene it was made with.
+        localization: the result of a method.
+        detections: the detections that it was made from.
+        scene: the scene that it was made with.
 
     Returns:
-        (M,) scene units, one value a person; 0 where no box shows anybody.
+        (M,) scene units, one value per person; 0 if there is no uncut box at all.
 
     Raises:
         InvalidInputError: if the localization was made from other detections.
@@ -197,18 +197,18 @@ def track_heights(
         span = low[:, 1] - high[:, 1]
         height = height * np.clip((low[:, 1] - top) / np.where(span > 0, span, np.inf), 0, 100)
     usual = float(np.median(height))
-    own = {
+    by_person = {
         one: np.median(height[tracks.track_id[row] == one])
         for one, count in zip(*np.unique(tracks.track_id[row], return_counts=True), strict=True)
         if count >= FEWEST_HEIGHTS
     }
-    return np.array([own.get(one, usual) for one in tracks.track_id])
+    return np.array([by_person.get(one, usual) for one in tracks.track_id])
 
 
 def _project(
     rig: Rig, camera: Int[np.ndarray, " n"], points: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
-    """Pixels and depths of points, each in a camera of its own."""
+    """Pixels and depths of points, each in its own camera."""
     lens = None if rig.distortion is None else np.asarray(rig.distortion)[camera]
     K, R, t = (np.asarray(values)[camera] for values in (rig.K, rig.R, rig.t))
     pixel, depth = in_blocks(_project_all, (K, R, t, points, lens), BLOCK)

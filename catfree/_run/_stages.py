@@ -1,4 +1,4 @@
-"""The stages of a run, each from the cache if an earlier run finished it."""
+"""The stages of a run, each loaded from the cache if an earlier run finished it."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -40,7 +40,7 @@ def detect(
     cache: StageCache | None = None,
     progress: Progress | None = None,
 ) -> Detections:
-    """The first stage: everybody whom the cameras saw; see `detect_videos`."""
+    """First stage: detect people in all videos; see `detect_videos`."""
     if cache is None:
         return detect_videos(videos, detector, embedder, progress, fitted=fitted)
     return detect_with_cache(videos, detector, embedder, cache, progress)
@@ -56,16 +56,16 @@ def calibrate_cameras(
     cache: StageCache | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
-    """The second stage without a known scene: cameras and ground from confident boxes of people.
+    """Second stage without a known scene: calibrate cameras and ground from confident boxes.
 
     Args:
-        videos: whose picture sizes and names count.
-        detector: whose boxes they are; its `box_slack`, if it states one, replaces the default.
-        detections: everybody whom the cameras saw; those of a score below
-            `settings.calibration_confidence` do not take part.
-        settings: of the run; its `calibration`, `evidence` and confidences count.
-        maximum_offset: search clock offsets of single cameras up to so many frames.
-        cache: where a finished calibration is, or how one began.
+        videos: the footage; only its image sizes and camera names are used.
+        detector: the source of the boxes; its `box_slack`, if any, replaces the default.
+        detections: boxes of all cameras; those with a score below
+            `settings.calibration_confidence` are ignored.
+        settings: of the run; only `calibration`, `evidence` and the confidences are used.
+        maximum_offset: largest clock offset of a single camera to search, in frames.
+        cache: holds a finished calibration, or its first half.
         progress: called as `progress(stage, done, total)`.
 
     Raises:
@@ -75,7 +75,7 @@ def calibrate_cameras(
     rules, usual = given.calibration, CalibrationSettings.box_slack
     if rules.box_slack == usual:
         rules = dataclasses.replace(rules, box_slack=getattr(detector, "box_slack", usual))
-    # Nothing else of the settings counts: changing it leaves a finished calibration as it is.
+    # Other settings have no effect here, so changing them does not invalidate the cache.
     settings = Settings(
         confidence=max(given.confidence, given.calibration_confidence),
         calibration_confidence=given.calibration_confidence,
@@ -93,7 +93,7 @@ def calibrate_cameras(
     def compute() -> Calibration:
         if cache is None:
             return calibrate(detections, size, settings, maximum_offset=maximum_offset, **options)
-        # Placing the cameras takes as long as refining them: a killed run repeats one of the two.
+        # Registration and refinement take equally long: a killed run repeats only one of them.
         begun = remembered("registration", begin)
         return finish_calibration(begun, detections, settings, **options)
 
@@ -115,7 +115,7 @@ def calibrate_cameras(
         tiny = tiny_boxes(detections, rules)
         if tiny is None:
             raise
-        raise CalibrationError(f"{tiny} Calibration said: {error}") from error
+        raise CalibrationError(f"{tiny} The calibration error was: {error}") from error
 
 
 def reconstruct(
@@ -126,7 +126,7 @@ def reconstruct(
     cache: StageCache | None = None,
     progress: Progress | None = None,
 ) -> Scene:
-    """The second stage with a reconstructor: some instants, aggregated to one static rig."""
+    """Second stage with a reconstructor: aggregate several instants to one static rig."""
     keys = ()
     if cache is not None:
         weights = fingerprint_of(reconstructor, "reconstructor")
@@ -152,25 +152,25 @@ def detect_again(
     cache: StageCache | None = None,
     progress: Progress | None = None,
 ) -> Detections:
-    """The third stage: a second look where the tracks of the first say that people should stand.
+    """Third stage: detect again where the tracks of the first pass predict people.
 
     Args:
-        videos: the pictures.
+        videos: the footage.
         detector: as `run`.
         embedder: as `run`.
-        detections: what the first look found.
+        detections: boxes of the first pass.
         scene: cameras and ground.
         settings: of the localization.
-        fitted: what `fit_to_cameras` gave where that was done before.
-        cache: where a finished second look is.
+        fitted: the result of `fit_to_cameras`, if available.
+        cache: holds a finished second pass.
         progress: called as `progress(stage, done, total)`.
 
     Returns:
-        What `look_again` gives, or the detections as they are if the detector takes no hints.
+        The result of `look_again`, or the unchanged detections if the detector takes no hints.
     """
-    # Hints may be vague: places that are too uncertain to report are good enough.
-    vague = dataclasses.replace(settings.evidence, working_area=False)
-    settings = dataclasses.replace(settings, evidence=vague)
+    # Positions too uncertain to report are still good enough as hints.
+    unrestricted = dataclasses.replace(settings.evidence, working_area=False)
+    settings = dataclasses.replace(settings, evidence=unrestricted)
 
     def look() -> Detections:
         if fitted is not None:
@@ -202,13 +202,13 @@ def localize_people(
     cache: StageCache | None = None,
     progress: Progress | None = None,
 ) -> Localization:
-    """The last stage: tracks on the ground, pieces of one person joined by their looks.
+    """Last stage: track people on the ground and join track fragments by appearance.
 
     Args:
-        detections: everybody whom the cameras saw.
+        detections: boxes of all cameras.
         scene: cameras and ground.
         settings: of the localization.
-        cache: where a finished localization is.
+        cache: holds a finished localization.
         progress: called as `progress(stage, done, total)`.
     """
     return _cached(
@@ -239,9 +239,9 @@ def _cached(
     settings: object = None,
     **parameters: object,
 ) -> T:
-    """The result of a stage, from the cache if it is there."""
+    """Return the result of a stage, from the cache if available."""
     if cache is None:
         return compute()
-    asked = dataclasses.asdict(settings) if dataclasses.is_dataclass(settings) else settings  # type: ignore[arg-type]
-    key = hash_parameters(stage, code_hash(), *follows_from, settings=asked, **parameters)
+    options = dataclasses.asdict(settings) if dataclasses.is_dataclass(settings) else settings  # type: ignore[arg-type]
+    key = hash_parameters(stage, code_hash(), *follows_from, settings=options, **parameters)
     return cache.result(stage, key, kind, compute)

@@ -1,7 +1,7 @@
-"""Pieces of one person's track joined across gaps by what they look like and how people move.
+"""Join fragments of one person's track across gaps by appearance and motion.
 
-Everything is learnt from the sequence itself: how alike one person's two halves look and how alike
-people look who are there at the same time, and how far people get within each number of frames.
+All parameters are learned from the sequence: the appearance distance between the two halves of a
+track and between people present at the same time, and the displacement per number of frames.
 """
 
 import equinox as eqx
@@ -11,23 +11,23 @@ from scipy.optimize import linear_sum_assignment
 
 from catfree.types import Detections, Localization, Tracks
 
-LEAST_PAIRS = 8  # pairs of both kinds before looks are believed
-EVIDENCE_LIMIT = 8.0  # log-odds: no look is surer than one error in three thousand
+LEAST_PAIRS = 8  # of each kind of pair needed to use appearance
+EVIDENCE_LIMIT = 8.0  # log-odds: appearance never claims less than one error in three thousand
 
 
 class Pieces(eqx.Module):
-    """Tracks before they are joined, in order of identity.
+    """Track fragments before they are joined, in order of identity.
 
     Attributes:
         identity: (K,) track ids.
         first: (K,) first frame.
         last: (K,) last frame.
-        begin: (K, 2) where they begin.
-        end: (K, 2) where they end.
-        begin_sigma: (K,) uncertainty of where they begin.
-        end_sigma: (K,) uncertainty of where they end.
-        looks: (K, D) mean unit embedding, zero where nothing was seen.
-        halves: (K, 2, D) the same of the earlier and the later half.
+        begin: (K, 2) first position.
+        end: (K, 2) last position.
+        begin_sigma: (K,) uncertainty of the first position.
+        end_sigma: (K,) uncertainty of the last position.
+        looks: (K, D) mean unit embedding, zero without any box.
+        halves: (K, 2, D) the same for the earlier and the later half.
     """
 
     identity: Int[np.ndarray, " k"]
@@ -45,15 +45,15 @@ class Pieces(eqx.Module):
 
 
 def stitch_tracks(localization: Localization, detections: Detections) -> Localization:
-    """The same result with the pieces of each person under one identity.
+    """Give the fragments of each person one identity.
 
     Args:
-        localization: what a method returned.
-        detections: what it was made from; without embeddings only motion speaks.
+        localization: the result of a method.
+        detections: the detections that it was made from; without embeddings only motion is used.
 
     Returns:
-        Positions as before; of two pieces that overlap for a few frames, the earlier one ends where
-        the later one begins.
+        The same result with joined identities; of two fragments that overlap for a few frames, the
+        earlier one ends where the later one begins.
 
     Raises:
         InvalidInputError: if the localization was made from other detections.
@@ -68,7 +68,7 @@ def stitch_tracks(localization: Localization, detections: Detections) -> Localiz
 
 
 def collect_pieces(tracks: Tracks, detections: Detections, shown: Int[np.ndarray, " n"]) -> Pieces:
-    """Where each track begins and ends and what it looks like.
+    """Collect start, end and appearance of each track.
 
     Args:
         tracks: positions sorted by frame.
@@ -79,16 +79,16 @@ def collect_pieces(tracks: Tracks, detections: Detections, shown: Int[np.ndarray
     rows = [np.flatnonzero(tracks.track_id == one) for one in identity]
     looks, halves = [], []
     embedding = detections.embedding
-    for one, own in zip(identity, rows, strict=True):
+    for one, track_rows in zip(identity, rows, strict=True):
         if embedding is None:
             looks.append(np.zeros(1))
             halves.append(np.zeros((2, 1)))
             continue
-        mine = np.flatnonzero(shown == one)
-        middle = np.median(tracks.frame[own])
-        early = detections.frame[mine] < middle
-        looks.append(_mean_look(embedding[mine]))
-        halves.append([_mean_look(embedding[mine[early]]), _mean_look(embedding[mine[~early]])])
+        boxes = np.flatnonzero(shown == one)
+        middle = np.median(tracks.frame[track_rows])
+        early = detections.frame[boxes] < middle
+        looks.append(_mean_look(embedding[boxes]))
+        halves.append([_mean_look(embedding[boxes[early]]), _mean_look(embedding[boxes[~early]])])
     return Pieces(
         identity=identity,
         first=np.array([tracks.frame[own[0]] for own in rows]),
@@ -103,21 +103,20 @@ def collect_pieces(tracks: Tracks, detections: Detections, shown: Int[np.ndarray
 
 
 def link_pieces(pieces: Pieces, tracks: Tracks) -> Int[np.ndarray, " k"]:
-    """The piece that goes on after each one, or -1.
+    """Find the fragment that continues each one, or -1.
 
-    The log-odds of a link weigh "the same person" against "somebody who is new": how likely the
-    later piece begins there for a person who was last seen here, against the density at which
-    pieces begin anywhere, and how alike they look. Links are chosen together, one to one, so that
-    their log-odds add up to the most.
+    The log-odds of a link compare "the same person" with "a new person": the likelihood of the
+    later start given the earlier end, against the density of starts anywhere, and the similarity of
+    appearance. A one-to-one assignment maximizes the sum of the log-odds.
 
     Args:
-        pieces: the pieces.
+        pieces: the fragments.
         tracks: the positions that they consist of.
     """
     gap = pieces.first[None, :] - pieces.last[:, None]
     length = pieces.last - pieces.first + 1
     shorter = np.minimum(length[:, None], length[None, :])
-    # Short overlaps occur where one piece fades while the next is already there.
+    # Short overlaps occur where one fragment ends after the next has begun.
     possible = (gap > -0.5 * shorter) & (pieces.first[None, :] > pieces.first[:, None])
     np.fill_diagonal(possible, False)
     odds = _motion_odds(pieces, tracks, np.maximum(gap, 1)) + _look_odds(pieces)
@@ -130,12 +129,12 @@ def link_pieces(pieces: Pieces, tracks: Tracks) -> Int[np.ndarray, " k"]:
 
 
 def join(tracks: Tracks, pieces: Pieces, follower: Int[np.ndarray, " k"]) -> Tracks:
-    """The pieces of each chain under one identity, numbered as `Tracks.renumbered` does.
+    """Give the fragments of each chain one identity, numbered as by `Tracks.renumbered`.
 
     Args:
         tracks: the positions.
-        pieces: the pieces that they consist of.
-        follower: (K,) what `link_pieces` gives.
+        pieces: the fragments that they consist of.
+        follower: (K,) the result of `link_pieces`.
     """
     chain = np.arange(len(pieces))
     keep = np.ones(len(tracks), bool)
@@ -151,12 +150,12 @@ def join(tracks: Tracks, pieces: Pieces, follower: Int[np.ndarray, " k"]) -> Tra
 def _motion_odds(
     pieces: Pieces, tracks: Tracks, gap: Int[np.ndarray, "k k"]
 ) -> Float[np.ndarray, "k k"]:
-    """Log-odds of the places where pieces end and begin."""
+    """Log-odds of a link by the end and start positions."""
     spread = squared_displacement(tracks)
     variance = spread[np.minimum(gap, len(spread) - 1)]
-    # Beyond the longest lag seen, people wander: variance grows with time.
+    # Beyond the longest observed lag the variance grows linearly with time, as in a random walk.
     variance = variance * np.maximum(gap / (len(spread) - 1), 1)
-    # Where a track breaks its person was badly seen, and its sigma says how badly.
+    # Tracks break where the person was poorly visible, which sigma quantifies.
     variance = variance + pieces.end_sigma[:, None] ** 2 + pieces.begin_sigma[None, :] ** 2
     square = ((pieces.begin[None, :] - pieces.end[:, None]) ** 2).sum(-1)
     frames = int(tracks.frame.max() - tracks.frame.min()) + 1
@@ -167,18 +166,18 @@ def _motion_odds(
 
 
 def squared_displacement(tracks: Tracks) -> Float[np.ndarray, " lag"]:
-    """Mean square of one coordinate's displacement within each number of frames.
+    """Compute the mean squared displacement per coordinate for each number of frames.
 
     Args:
         tracks: positions with identities.
 
     Returns:
-        (L,) scene units squared; entry 0 is that of one frame.
+        (L,) scene units squared; entry 0 repeats that of one frame.
     """
     total, count = np.zeros(len(tracks) + 2), np.zeros(len(tracks) + 2)
     for one in np.unique(tracks.track_id):
-        own = tracks.track_id == one
-        frame, place = tracks.frame[own], tracks.ground_xy[own]
+        is_member = tracks.track_id == one
+        frame, place = tracks.frame[is_member], tracks.ground_xy[is_member]
         for step in range(1, len(frame)):
             lag = frame[step:] - frame[:-step]
             square = ((place[step:] - place[:-step]) ** 2).mean(-1)
@@ -188,7 +187,7 @@ def squared_displacement(tracks: Tracks) -> Float[np.ndarray, " lag"]:
     enough = np.flatnonzero(count >= LEAST_PAIRS)
     longest = int(enough.max()) if len(enough) else 1
     mean = total[: longest + 1] / np.maximum(count[: longest + 1], 1)
-    # A longer time is never a shorter way, and nobody's position is exact.
+    # Displacement does not decrease with the lag, and no position is exact.
     floor = float(np.median(tracks.sigma**2)) + 1e-12
     mean = np.maximum.accumulate(np.maximum(mean, floor))
     mean[0] = mean[min(1, longest)]
@@ -196,7 +195,7 @@ def squared_displacement(tracks: Tracks) -> Float[np.ndarray, " lag"]:
 
 
 def _look_odds(pieces: Pieces) -> Float[np.ndarray, "k k"]:
-    """Log-odds that two pieces look like one person, linear in the logarithm of their distance."""
+    """Log-odds of a link by appearance, linear in the logarithm of the embedding distance."""
     distance = _distances(pieces.looks, pieces.looks)
     known = (pieces.looks**2).sum(-1) > 0
     neutral = np.zeros((len(pieces), len(pieces)))
@@ -205,11 +204,11 @@ def _look_odds(pieces: Pieces) -> Float[np.ndarray, "k k"]:
     )
     others = distance[np.triu(together & known[:, None] & known[None, :], 1)]
     halved = ((pieces.halves**2).sum(-1) > 0).all(-1)
-    own = 1 - (pieces.halves[halved, 0] * pieces.halves[halved, 1]).sum(-1)
-    if min(len(own), len(others)) < LEAST_PAIRS:
+    within = 1 - (pieces.halves[halved, 0] * pieces.halves[halved, 1]).sum(-1)
+    if min(len(within), len(others)) < LEAST_PAIRS:
         return neutral
-    same, other = np.log(np.maximum(own, 1e-6)), np.log(np.maximum(others, 1e-6))
-    # One variance for both: the odds then only fall with the distance.
+    same, other = np.log(np.maximum(within, 1e-6)), np.log(np.maximum(others, 1e-6))
+    # With one variance for both, the odds decrease monotonically with the distance.
     variance = max((same.var() + other.var()) / 2, 1e-6)
     slope = (same.mean() - other.mean()) / variance
     if slope >= 0:
@@ -226,7 +225,7 @@ def _distances(
 
 
 def _mean_look(embedding: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " d"]:
-    """Unit vector in the middle of all, robust against boxes that show somebody else as well."""
+    """Normalized median embedding, robust against boxes that also show another person."""
     if len(embedding) == 0:
         return np.zeros(embedding.shape[1])
     middle = np.median(embedding.astype(np.float64), axis=0)

@@ -1,4 +1,4 @@
-"""The command line: a thin shell over the functions of the library."""
+"""The commands of the command line."""
 
 import contextlib
 import sys
@@ -36,12 +36,12 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command line.
 
     Args:
-        arguments: the words after `catfree`; None for those of the process. `--version` alone
+        arguments: the arguments after `catfree`; None for those of the process. `--version` alone
             prints the version.
 
     Returns:
-        The exit code: 0, or 1 after an error, which is one sentence on standard error. Words that
-        make no sense exit with 2.
+        The exit code: 0, or 1 after an error, which is one sentence on standard error. Invalid
+        arguments exit with 2.
     """
     if (sys.argv[1:] if arguments is None else arguments) == ["--version"]:
         print_text(f"catfree {catfree.__version__}")
@@ -51,7 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
         tyro.extras.subcommand_cli_from_dict(
             _commands(tyro),
             prog="catfree",
-            description="Videos of static cameras in, tracked people on the ground out. "
+            description="Track people on the ground from videos of static cameras. "
             "`--version` prints the version.",
             args=arguments,
         )
@@ -60,14 +60,14 @@ def main(arguments: list[str] | None = None) -> int:
     except OSError as error:
         return fail(f"{error.filename or 'A file'}: {error.strerror or error}.")
     except KeyboardInterrupt:
-        fail("Interrupted. Run it again to go on with the stages that are finished.")
+        fail("Interrupted. Run the command again to resume from the finished stages.")
         return INTERRUPTED
     return 0
 
 
 @contextlib.contextmanager
 def _report_of_failure(out: Path) -> Iterator[Any]:
-    """What a run has so far; if it fails, that is written, and the error names the report."""
+    """Yield the partial results of a run; if it fails, write them and name the report."""
     from catfree._run._failed_run import write_failure
     from catfree._run._run import Unfinished
 
@@ -77,16 +77,16 @@ def _report_of_failure(out: Path) -> Iterator[Any]:
     except CatFreeError as error:
         try:
             files = write_failure(out, error, unfinished)
-        except (CatFreeError, OSError):  # the first error is the one to know
+        except (CatFreeError, OSError):  # report the first error
             files = []
         if not files:
             raise
-        said = f"{error} What the detector saw is in {out / 'report.html'}."
-        raise type(error)(said) from error
+        message = f"{error} A picture of the detected boxes is in {out / 'report.html'}."
+        raise type(error)(message) from error
 
 
 def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
-    """The sub-commands; built here because their annotations need tyro."""
+    """Sub-commands by name, built here because their annotations need tyro."""
     positional = tyro.conf.Positional
 
     def run(
@@ -111,26 +111,26 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         """Track the people in the videos of several static cameras.
 
         Args:
-            videos: one video file or image folder a camera.
+            videos: one video file or image folder per camera.
             out: folder for the results.
             detector: ONNX file of a person detector (YOLO11-pose, YOLOv8-pose or YOLOX); without
-                it people are found by what moves before the background.
+                it people are found by background subtraction.
             embedder: ONNX file of a re-identification network.
-            reconstructor: ONNX file of VGGT, which finds the cameras from the pictures.
+            reconstructor: ONNX file of VGGT, which finds the cameras from the images.
             scene: known cameras and ground (scene.json); without it and without a reconstructor
                 they are found from the people.
             method: the localization method.
             cache: folder for finished stages; `cache` in the results folder if not given.
-            stride: use every so-many-th frame.
+            stride: use every stride-th frame.
             start: first frame.
             end: frame to stop before.
             offsets: the frame of each camera that shows the first common instant.
-            frame_rate: frames a second to use; the lowest of the cameras if not given.
-            keep_before_damage: go on with what comes before a frame that cannot be decoded.
-            max_offset: where cameras are found from people, search their clock offsets up to so
-                many frames, and correct them.
+            frame_rate: frames per second to use; the lowest of the cameras if not given.
+            keep_before_damage: use the footage before a frame that cannot be decoded.
+            max_offset: largest clock offset of a single camera, in frames, to search and correct
+                when the cameras are found from people.
             pictures: draw plots.
-            overlay: write a video of all cameras with the tracks.
+            overlay: write a video of all cameras with the tracks drawn in.
         """
         require_files(
             videos,
@@ -172,7 +172,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             )
         footage = outcome.videos or footage
         if footage.interruption is not None:
-            fail(f"Used what came before the damage: {footage.interruption}")
+            fail(f"Used only the footage before the damage: {footage.interruption}")
         drawn = None if pictures else False
         write_results(out, outcome, settings, videos=footage, pictures=drawn)
         if overlay:
@@ -192,17 +192,17 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         workers: int | None = None,
         pictures: bool = True,
     ) -> None:
-        """Render a world, track its people from the videos alone, and score the tracks.
+        """Render a synthetic world, track its people from the videos alone, and score the tracks.
 
         Args:
             out: folder for videos and results.
-            seed: another number, another world.
+            seed: of the random world.
             cameras: cameras around the square.
             people: people on the square at a time.
-            frames: frames, 5 a second.
+            frames: number of frames, 5 per second.
             size: width and height of the videos in pixels.
             method: the localization method.
-            workers: rendering processes; one a processor if not given.
+            workers: rendering processes; one per processor if not given.
             pictures: draw plots.
         """
         from catfree.cli._demo import EASY, run_demo, score_table
@@ -235,18 +235,18 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         keep_before_damage: bool = False,
         max_offset: int = 0,
     ) -> None:
-        """Find cameras and ground in metres from the people in the videos.
+        """Find cameras and ground in meters from the people in the videos.
 
         Args:
-            videos: one video file or image folder a camera.
+            videos: one video file or image folder per camera.
             out: folder for scene.json and the rig in other formats.
-            detector: ONNX file of a person detector; without it people are found by what moves.
+            detector: ONNX file of a person detector; without it people are found by
+                background subtraction.
             cache: folder for finished stages; `cache` in the output folder if not given.
-            stride: use every so-many-th frame.
+            stride: use every stride-th frame.
             offsets: the frame of each camera that shows the first common instant.
-            keep_before_damage: go on with what comes before a frame that cannot be decoded.
-            max_offset: search clock offsets of single cameras up to so many frames, and correct
-                them.
+            keep_before_damage: use the footage before a frame that cannot be decoded.
+            max_offset: largest clock offset of a single camera, in frames, to search and correct.
         """
         require_files(videos, detector=detector)
         from catfree._run._cache import StageCache
@@ -269,22 +269,24 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         stages = StageCache(out / "cache" if cache is None else cache)
         with _report_of_failure(out) as unfinished, progress_bars() as progress:
             unfinished.videos, unfinished.warnings = footage, lost_footage(footage)
-            seen = detect(footage, finder, cache=stages, progress=progress)
-            unfinished.detections = seen
-            found = calibrate_cameras(
+            boxes = detect(footage, finder, cache=stages, progress=progress)
+            unfinished.detections = boxes
+            calibration = calibrate_cameras(
                 footage,
                 finder,
-                seen,
+                boxes,
                 maximum_offset=max_offset,
                 cache=stages,
                 progress=progress,
             )
-            said = unfinished.warnings + calibration_warnings(found, seen, footage, Settings())
+            warnings = unfinished.warnings + calibration_warnings(
+                calibration, boxes, footage, Settings()
+            )
         if footage.interruption is not None:
-            fail(f"Used what came before the damage: {footage.interruption}")
-        write_rig(out, found.scene, footage.camera_names)
-        warn(said)
-        print_table(camera_table(found.scene, footage.camera_names, found))
+            fail(f"Used only the footage before the damage: {footage.interruption}")
+        write_rig(out, calibration.scene, footage.camera_names)
+        warn(warnings)
+        print_table(camera_table(calibration.scene, footage.camera_names, calibration))
         print_text(f"The rig is in {out}.")
 
     def evaluate(
@@ -299,8 +301,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         Args:
             tracks: tracks.csv of a run.
             ground_truth: CSV with a header and the columns frame, id, x, y.
-            area: x_min x_max y_min y_max; everything outside is ignored.
-            threshold: largest distance of a match for MODA, in metres.
+            area: x_min x_max y_min y_max; positions outside are ignored.
+            threshold: largest distance of a match for MODA, in meters.
             track_threshold: the same for MOTA and IDF1.
         """
         from catfree._run._report import Table
@@ -314,7 +316,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         if not len(truth):
             raise InsufficientDataError(
                 f"No position of {ground_truth} lies in the area {area}, so nothing can be scored. "
-                "Check that area and positions have the same coordinates."
+                "Check that area and positions use the same coordinates."
             )
         people = detection_metrics(truth, found, frames, threshold)
         paths = tracking_metrics(truth, found, frames, track_threshold)

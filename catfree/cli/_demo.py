@@ -1,4 +1,4 @@
-"""The demo: a rendered world, its videos through the whole pipeline, and the score."""
+"""The demo: render a world, run the whole pipeline on its videos, and score the tracks."""
 
 import os
 from collections.abc import Callable
@@ -28,38 +28,38 @@ from catfree.synthetic.render import make_demo_world, render_videos
 from catfree.types import Scene
 from catfree.types._progress import Progress
 
-SMALLEST_PICTURE = 32  # pixels; people in smaller ones are dots
-LARGEST_PICTURE = 4096  # pixels; larger ones are beyond common decoders and fill the memory
-FEWEST_CAMERAS = 3  # two centres leave the alignment with the truth undetermined
+SMALLEST_PICTURE = 32  # pixels; people in smaller ones are mere dots
+LARGEST_PICTURE = 4096  # pixels; larger ones exceed common decoders and memory
+FEWEST_CAMERAS = 3  # two centers do not determine the alignment with the truth
 
-# The default holds back people where a rig pins them down badly. The demo scores the square alone
-# and cuts off everything around it, so that nothing needs to be held back.
+# The default does not report people where the rig is imprecise. The demo scores only the square, so
+# it does not need this restriction.
 DEMO_SETTINGS = Settings(evidence=EvidenceSettings(working_area=False))
 
 EASY = (
-    "What is easy about this world: cameras are exactly synchronized, lenses have no distortion, "
-    "nothing shakes, the light is constant, the ground is flat, nobody wears a pattern, and nobody "
-    "stands still for long. Not "
-    "easy: focal lengths and body heights are drawn away from what the calibration assumes, people "
-    "hide each other, stand, enter and leave, and furniture hides them."
+    "What is easy about this world: cameras are exactly synchronized and do not shake, lenses have "
+    "no distortion, the light is constant, the ground is flat, clothes have no patterns, and "
+    "people do not stand still for long. What is hard: focal lengths and body heights differ from "
+    "what the calibration assumes, people hide each other, stand, enter and leave, and furniture "
+    "hides them."
 )
 
 
 @dataclass(frozen=True)
 class AlignedScore:
-    """How good positions and cameras are after one kind of alignment of the camera centres.
+    """Accuracy of positions and cameras after one kind of alignment of the camera centers.
 
     Attributes:
-        alignment: what was fitted: "similarity" or "rigid" (metres taken at their word).
+        alignment: "similarity" or "rigid" (without correcting the scale).
         moda: detection accuracy in percent, matches within 0.5 m.
         precision: share of the positions that are right, in percent.
         recall: share of the people that were found, in percent.
-        position_error: mean distance of matched positions in metres.
+        position_error: mean distance of matched positions in meters.
         idf1: identity score in percent, matches within 1 m.
-        hota: percent.
-        centre_error: (C,) distance of each camera's centre from the truth in metres, NaN where not
+        hota: in percent.
+        centre_error: (C,) distance of each camera's center from the truth in meters, NaN where not
             registered.
-        scale: metres a scene unit that the alignment found; 1 for a rigid one.
+        scale: fitted meters per scene unit; 1 for a rigid alignment.
     """
 
     alignment: str
@@ -79,10 +79,10 @@ class DemoOutcome:
 
     Attributes:
         world: the truth.
-        videos: the rendered files, one a camera.
-        outcome: what the pipeline made of them.
+        videos: the rendered files, one per camera.
+        outcome: the result of the pipeline.
         scores: after a similarity and after a rigid alignment.
-        files: what was written.
+        files: the written files.
     """
 
     world: World
@@ -108,14 +108,14 @@ def run_demo(
     """Render a seeded world, track its people from the video files alone, and score the tracks.
 
     Args:
-        folder: where videos and results go; made if it does not exist.
-        seed: everything about the world follows from it.
+        folder: where videos and results go; created if it does not exist.
+        seed: determines the world completely.
         cameras: cameras around the square.
         people: people on the square at a time.
-        frames: number of frames, 5 a second.
+        frames: number of frames, 5 per second.
         image_size: width and height of the videos in pixels.
         settings: of the localization, `DEMO_SETTINGS` if None.
-        workers: rendering processes; None: one a processor.
+        workers: rendering processes; None: one per processor.
         pictures: draw plots; None: if matplotlib is installed.
         progress: called as `progress(stage, done, total)`.
 
@@ -123,9 +123,9 @@ def run_demo(
         Truth, outcome and scores.
 
     Raises:
-        InvalidInputError: if there are fewer than three cameras, nobody to see, or pictures of a
-            size that no video should have.
-        CatFreeError: whatever the pipeline meets, for instance a rig that cannot be found.
+        InvalidInputError: if there are fewer than three cameras, no people, or images too small or
+            too large for a video.
+        CatFreeError: any error of the pipeline, for instance a rig that cannot be found.
     """
     if cameras < FEWEST_CAMERAS:
         raise InvalidInputError(f"The demo needs at least {FEWEST_CAMERAS} cameras, got {cameras}.")
@@ -153,7 +153,7 @@ def run_demo(
         seed, cameras=cameras, people=people, frames=frames, image_size=image_size
     )
     videos = render_videos(world, root / "videos", progress, workers=workers)
-    # From here on, nothing but the files is known.
+    # From here on, only the video files are used.
     outcome = run_stages(videos, settings=settings, progress=progress)
     scores = score(world, outcome)
     truth = truth_in_scene(world, outcome.scene)
@@ -162,38 +162,38 @@ def run_demo(
         root, outcome, settings, videos=footage, pictures=pictures, ground_truth=truth
     )
     pictured = [path for path in files if path.parent.name == "pictures"]
-    told = [Heading("Score against the truth"), score_table(scores), Paragraph(EASY)]
-    files += write_report(root, outcome, settings, files, pictured, extra=told)
+    score_blocks = [Heading("Score against the truth"), score_table(scores), Paragraph(EASY)]
+    files += write_report(root, outcome, settings, files, pictured, extra=score_blocks)
     return DemoOutcome(world, tuple(videos), outcome, tuple(scores), tuple(dict.fromkeys(files)))
 
 
 def score(world: World, outcome: RunOutcome) -> list[AlignedScore]:
     """Compare a run with the world's truth, after a similarity and after a rigid alignment.
 
-    The alignment is fitted to the camera centres, never to people. People outside the area do not
-    count, neither true nor found ones.
+    The alignment is fitted to the camera centers, never to people. True and found people outside
+    the area are ignored.
 
     Args:
         world: the truth.
-        outcome: what was found.
+        outcome: the result of the run.
 
     Raises:
         InsufficientDataError: if fewer than three cameras are registered.
     """
     rig, tracks = outcome.scene.rig, outcome.localization.tracks
-    centres = np.asarray(rig.centers, np.float64)
+    centers = np.asarray(rig.centers, np.float64)
     scores = []
     for alignment, fixed_scale in (("similarity", False), ("rigid", True)):
         similarity = align_centres(
-            centres, world.true_centres, registered=rig.registered, fixed_scale=fixed_scale
+            centers, world.true_centres, registered=rig.registered, fixed_scale=fixed_scale
         )
         moved = np.asarray(similarity(tracks.position))
         rows = crop(tracks.to_rows(moved[:, :2]), world.area)
         found = detection_metrics(world.ground_truth, rows, outcome.frames)
         followed = tracking_metrics(world.ground_truth, rows, outcome.frames)
-        error = np.full(len(centres), np.nan)
+        error = np.full(len(centers), np.nan)
         known = rig.registered
-        offset = np.asarray(similarity(centres[known])) - world.true_centres[known]
+        offset = np.asarray(similarity(centers[known])) - world.true_centres[known]
         error[known] = np.linalg.norm(offset, axis=-1)
         scores.append(
             AlignedScore(
@@ -212,7 +212,7 @@ def score(world: World, outcome: RunOutcome) -> list[AlignedScore]:
 
 
 def score_table(scores: list[AlignedScore] | tuple[AlignedScore, ...]) -> Table:
-    """Scores side by side, one column an alignment."""
+    """Scores side by side, one column per alignment."""
     lines: list[tuple[str, Callable[[AlignedScore], str]]] = [
         ("MODA (0.5 m)", lambda s: f"{s.moda:.1f}"),
         ("precision", lambda s: f"{s.precision:.1f}"),
@@ -220,21 +220,21 @@ def score_table(scores: list[AlignedScore] | tuple[AlignedScore, ...]) -> Table:
         ("position error (m)", lambda s: f"{s.position_error:.2f}"),
         ("IDF1 (1 m)", lambda s: f"{s.idf1:.1f}"),
         ("HOTA", lambda s: f"{s.hota:.1f}"),
-        ("camera-centre error, mean (m)", lambda s: f"{np.nanmean(s.centre_error):.2f}"),
-        ("camera-centre error, worst (m)", lambda s: f"{np.nanmax(s.centre_error):.2f}"),
+        ("camera-center error, mean (m)", lambda s: f"{np.nanmean(s.centre_error):.2f}"),
+        ("camera-center error, worst (m)", lambda s: f"{np.nanmax(s.centre_error):.2f}"),
         ("scale", lambda s: f"{s.scale:.3f}"),
         (
             "cameras registered",
             lambda s: f"{int(np.isfinite(s.centre_error).sum())} of {len(s.centre_error)}",
         ),
     ]
-    header = ("alignment of the camera centres", *(s.alignment for s in scores))
+    header = ("alignment of the camera centers", *(s.alignment for s in scores))
     rows = tuple((name, *(show(s) for s in scores)) for name, show in lines)
     return Table(header, rows)
 
 
 def truth_in_scene(world: World, scene: Scene) -> Float[np.ndarray, "n 4"]:
-    """The true rows [frame, id, x, y] in ground coordinates of a scene, for pictures."""
+    """True rows [frame, id, x, y] in ground coordinates of a scene, for pictures."""
     similarity: Similarity = align_centres(
         np.asarray(scene.rig.centers, np.float64),
         world.true_centres,

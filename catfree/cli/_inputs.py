@@ -1,6 +1,6 @@
-"""From the words of the command line to what the library takes: settings, videos, networks, truth.
+"""Open what the command line names: settings, videos, networks and ground truth.
 
-The adapters are imported where a file is opened, so that `catfree --help` loads no video library.
+Adapters are imported where a file is opened, so that `catfree --help` loads no video library.
 """
 
 import csv
@@ -17,7 +17,7 @@ TRUTH_COLUMNS = ("frame", "id", "x", "y")
 
 
 def settings_of(method: str) -> Any:
-    """The settings that a method is named for."""
+    """Return the settings of a named method."""
     from catfree.settings import Settings
 
     if method == "default":
@@ -29,11 +29,11 @@ def require_files(videos: tuple[Path, ...], **others: Path | None) -> None:
     """Raise if a named file is missing, before anything slow begins.
 
     Args:
-        videos: of the cameras.
-        others: further files by the option that names them; None for an option that was not given.
+        videos: the cameras' videos.
+        others: further files by option; None for an option that was not given.
 
     Raises:
-        InvalidInputError: naming the first one that is missing.
+        InvalidInputError: naming the first missing file.
     """
     _require_two(videos)
     for camera, path in enumerate(videos):
@@ -49,12 +49,12 @@ def require_files(videos: tuple[Path, ...], **others: Path | None) -> None:
 def _require_two(paths: tuple[Path, ...]) -> None:
     if len(paths) < 2:
         raise InvalidInputError(
-            f"People are located where views meet: name at least 2 videos, got {len(paths)}."
+            f"Locating people needs at least 2 videos, got {len(paths)}. Name one per camera."
         )
 
 
 def open_videos(paths: tuple[Path, ...], **options: Any) -> Any:
-    """The cameras' videos on one clock.
+    """Open the cameras' videos on a common clock.
 
     Raises:
         InvalidInputError: if there are fewer than two.
@@ -66,7 +66,7 @@ def open_videos(paths: tuple[Path, ...], **options: Any) -> Any:
 
 
 def open_detector(path: Path | None) -> Any:
-    """The network of an ONNX file, whichever known detector it is."""
+    """Open the ONNX file of any supported detector."""
     from catfree.adapters.detectors._yolo_pose import YoloPoseOnnx
     from catfree.adapters.detectors._yolox import YoloxOnnx
 
@@ -82,21 +82,21 @@ def open_detector(path: Path | None) -> Any:
 
 
 def open_embedder(path: Path | None) -> Any:
-    """The re-identification network of an ONNX file."""
+    """Open the ONNX file of a re-identification network."""
     from catfree.adapters.embedders._reid import ReIdOnnx
 
     return None if path is None else ReIdOnnx(path)
 
 
 def open_reconstructor(path: Path | None) -> Any:
-    """VGGT of an ONNX file."""
+    """Open the ONNX file of VGGT."""
     from catfree.adapters.reconstructors._vggt import VggtOnnx
 
     return None if path is None else VggtOnnx(path)
 
 
 def open_scene(path: Path | None) -> tuple[Any, tuple[str, ...] | None]:
-    """Cameras and ground of a saved scene, `.npz` or JSON, and the cameras' names if it has any."""
+    """Read a saved scene, `.npz` or JSON, and the cameras' names if it has any."""
     from catfree.adapters.calibration_files._rig_json import read_scene_json
     from catfree.types import Scene
 
@@ -106,11 +106,11 @@ def open_scene(path: Path | None) -> tuple[Any, tuple[str, ...] | None]:
 
 
 def read_truth(path: Path) -> np.ndarray:
-    """(N, 4) rows of a CSV file with the columns frame, id (or track_id), x and y.
+    """Read rows (N, 4) of a CSV file with the columns frame, id (or track_id), x and y.
 
     Raises:
-        FileFormatError: if a column is missing, or naming the first line that is too short or too
-            long, or holds no numbers.
+        FileFormatError: if a column is missing, or a line (which it names) has too few or too many
+            columns or a value that is not a number.
     """
     from catfree.adapters.files._documents import read_text
 
@@ -123,7 +123,7 @@ def read_truth(path: Path) -> np.ndarray:
             f"{path}: line {reader.line_num} is not CSV: {quoted(error)}."
         ) from error
     header = lines[0][1] if lines else []
-    # Tracks of catfree can be the truth of another run.
+    # Tracks of one run can serve as the truth of another.
     identity = "track_id" if "track_id" in header else "id"
     names = [identity if name == "id" else name for name in TRUTH_COLUMNS]
     missing = [name for name in names if name not in header]
@@ -133,7 +133,9 @@ def read_truth(path: Path) -> np.ndarray:
             f"the columns {', '.join(TRUTH_COLUMNS)}."
         )
     if len(lines) == 1:
-        raise FileFormatError(f"{path} has a header but no rows: there is no truth to compare to.")
+        raise FileFormatError(
+            f"{path} has a header but no rows: there is no truth to compare with."
+        )
     columns = [header.index(name) for name in names]
     rows = []
     for line, words in lines[1:]:

@@ -1,7 +1,6 @@
-"""What the command line shows: progress on standard error, results on standard output.
+"""Output of the command line: progress on standard error, results on standard output.
 
-Only here are stages named for people and is anything printed, so that the commands read as what
-they do.
+All printing and all human-readable stage names are in this module.
 """
 
 import contextlib
@@ -18,7 +17,7 @@ from catfree.types._progress import Progress
 
 FAILURE, INTERRUPTED = 1, 130
 
-# What the library calls its arguments when it gives advice, and what the command line does.
+# Advice in terms of library arguments, and the same in terms of command-line options.
 OPTIONS = {
     "pass on_error='keep'": "give --keep-before-damage",
     "Pass a detector": "Give --detector, a detector",
@@ -48,7 +47,7 @@ STAGE_LABELS = {
 
 
 def require_tyro() -> Any:
-    """The module that reads the words, once everything that the terminal needs is there.
+    """Import tyro, after checking that rich is installed too.
 
     Raises:
         MissingDependencyError: if tyro or rich is not installed.
@@ -66,7 +65,7 @@ def require_tyro() -> Any:
 
 @contextlib.contextmanager
 def progress_bars() -> Iterator[Progress]:
-    """A bar a stage on standard error, with rate and time left."""
+    """One bar per stage on standard error, with rate and time left."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -81,7 +80,7 @@ def progress_bars() -> Iterator[Progress]:
     from rich.text import Text
 
     class RateColumn(ProgressColumn):
-        """Steps a second."""
+        """Steps per second."""
 
         def render(self, task: Task) -> Text:
             speed = task.finished_speed or task.speed
@@ -107,7 +106,7 @@ def progress_bars() -> Iterator[Progress]:
         def progress(stage: str, done: int, total: int) -> None:
             nonlocal current
             if stage != current:
-                # A stage that begins, or begins again, says that those before it are over.
+                # When a stage begins, or begins again, all earlier ones have finished.
                 finish()
                 current = stage
             if stage not in tasks:
@@ -119,24 +118,24 @@ def progress_bars() -> Iterator[Progress]:
 
 
 def print_text(text: str) -> None:
-    """A line on standard output; what its encoding cannot show is escaped."""
+    """Print a line on standard output; escape what its encoding cannot represent."""
     encoding = sys.stdout.encoding or "utf-8"
     print(text.encode(encoding, "backslashreplace").decode(encoding))
 
 
 def print_result(outcome: Any, out: Path) -> None:
-    """What a run found, in one sentence, and where to read on."""
+    """Print the result of a run in one sentence, and the path of the report."""
     tracks = outcome.localization.tracks
     people = len(np.unique(tracks.track_id))
     registered = int(outcome.scene.rig.registered.sum())
     print_text(
         f"{people} tracks with {len(tracks)} positions in {len(outcome.frames)} frames, from "
-        f"{registered} of {len(outcome.camera_names)} cameras. Start with {out / 'report.html'}."
+        f"{registered} of {len(outcome.camera_names)} cameras. The report is {out / 'report.html'}."
     )
 
 
 def print_table(table: Any, *, aside: bool = False) -> None:
-    """A table of `catfree._run._report`, numbers to the right; `aside` on standard error."""
+    """Print a table of `catfree._run._report`; on standard error if `aside`."""
     from rich.console import Console
     from rich.table import Table
 
@@ -149,19 +148,19 @@ def print_table(table: Any, *, aside: bool = False) -> None:
 
 
 def fail(sentence: str) -> int:
-    """Say on standard error what went wrong, in one line; the exit code for it."""
-    print(f"catfree: {_in_words_of_the_shell(sentence)}", file=sys.stderr)
+    """Print one line about a failure on standard error and return the exit code."""
+    print(f"catfree: {_for_shell(sentence)}", file=sys.stderr)
     return FAILURE
 
 
 def warn(warnings: Iterable[str]) -> None:
-    """Say on standard error what the reader should know first, one line each."""
+    """Print warnings on standard error, one line each."""
     for sentence in warnings:
-        print(f"catfree: warning: {_in_words_of_the_shell(sentence)}", file=sys.stderr)
+        print(f"catfree: warning: {_for_shell(sentence)}", file=sys.stderr)
 
 
-def _in_words_of_the_shell(sentence: str) -> str:
-    """A sentence of the library in one line, with the options of the command line."""
+def _for_shell(sentence: str) -> str:
+    """Put a message of the library on one line and name command-line options in it."""
     for argument, option in OPTIONS.items():
         sentence = sentence.replace(argument, option)
     sentence = OFFSETS.sub(lambda m: f"give --offsets {m[1].replace(',', '')}", sentence)

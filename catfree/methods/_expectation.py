@@ -1,22 +1,22 @@
-"""The MODA to expect of a run, from what it says about itself: no labels, no truth.
+"""Predict the MODA of a run from its label-free reliability summary.
 
-A linear function of scale-free numbers of `Reliability`, one a method, fitted to simulated worlds
-whose truth is known (`_expectation_fits`; `python -m benchmarks.fit_reliability` makes them
-again). For the paper's method they are the share of the boxes that end up in a position and the
-median sigma; sigma alone, taken where positions are reported, says little, because those that are
-reported are those with a small sigma. For the evidence method they are the recall that its own
-probabilities of existence promise, the median sigma and the cameras a position.
+The prediction is a linear function of scale-free numbers of `Reliability`, one function per method,
+fitted to simulated worlds with known truth (`_expectation_fits`, computed by
+`python -m benchmarks.fit_reliability`). For the paper's method the numbers are the share of boxes
+used by a position and the median sigma; sigma alone is a weak predictor because only positions with
+a small sigma are reported. For the evidence method they are the recall expected from its existence
+probabilities, the median sigma and the number of cameras per position.
 
-It holds for
+It is valid for
 
-- the settings it was fitted with, `Settings.paper()` and `Settings()`, at half a metre,
-- an area that the cameras were put up to watch, and boxes of people of any quality between those
-  of the fit: what no box shows, a label-free number cannot know,
-- errors that differ between cameras. One that all cameras share (a wrong scale, a ground that is
-  too high) moves everybody alike and is invisible from within.
+- the settings it was fitted with, `Settings.paper()` and `Settings()`, at half a meter,
+- an area that the cameras are set up to watch, and boxes of a quality within the range of the fit:
+  a label-free number cannot account for people without any box,
+- errors that differ between cameras. An error that all cameras share (a wrong scale, a ground that
+  is too high) shifts all positions and cannot be detected without labels.
 
-Somewhat outside of the fitted range of a number the function is continued and the interval widened
-by as much as the continuation changed it; far outside nothing is said: NaN. Both leave a note.
+Slightly outside the fitted range of a number the function is extrapolated, and the interval widened
+by the change due to the extrapolation. Far outside the result is NaN. Both cases add a note.
 """
 
 import dataclasses
@@ -27,18 +27,18 @@ from catfree.methods._expectation_fits import FITS, Fit
 from catfree.settings import Settings
 from catfree.types import Localization, Reliability
 
-FARTHEST = 0.5  # share of a fitted range by which a number may lie outside it
+FARTHEST = 0.5  # share of a fitted range by which a number may exceed it
 
 
 def with_expectation(result: Localization, settings: Settings) -> Localization:
-    """The result with the MODA to expect in its `reliability`.
+    """Add the expected MODA to the `reliability` of a result.
 
     Args:
-        result: what a method found.
-        settings: what it ran with.
+        result: the result of a method.
+        settings: the settings of the run.
 
     Returns:
-        The same result, `expected_moda`, `moda_low`, `moda_high` and `expectation_note` filled in.
+        The same result with `expected_moda`, `moda_low`, `moda_high` and `expectation_note` set.
     """
     reliability = expect_moda(result.reliability, settings, positions=len(result.tracks))
     return dataclasses.replace(result, reliability=reliability)
@@ -51,51 +51,51 @@ def expect_moda(
     positions: int | None = None,
     fits: Sequence[Fit] = FITS,
 ) -> Reliability:
-    """The summary with the MODA to expect.
+    """Add the expected MODA to a reliability summary.
 
     Args:
-        reliability: the other numbers of the summary.
-        settings: what the run used; the calibration's do not matter.
-        positions: how many were reported, where that is known. None reported is a MODA of 0,
-            whatever else holds, if there was anybody.
+        reliability: the summary.
+        settings: of the run; those of the calibration have no effect.
+        positions: number of reported positions, if known. With 0 the MODA is 0, provided that
+            there was anybody.
         fits: the coefficients; those of the library by default.
 
     Returns:
-        The summary with the four fields filled in.
+        The summary with the four fields set.
     """
     if positions == 0:
-        return _said(reliability, 0.0, 0.0, 0.0, "No position was reported.")
+        return _with_moda(reliability, 0.0, 0.0, 0.0, "No position was reported.")
     fit = next((fit for fit in fits if _same_method(fit.settings, settings)), None)
     if fit is None:
-        known = " and ".join(
+        fitted = " and ".join(
             "Settings.paper()" if fit.settings.method == "paper" else "Settings()" for fit in fits
         )
         changed = ", ".join(_differences(fits, settings))
-        return _unsaid(
+        return _without_moda(
             reliability,
-            f"The expectation was fitted for {known}; these settings differ in {changed}, on which "
-            "it depends.",
+            f"The expectation was fitted for {fitted}; these settings differ in {changed}, on "
+            "which it depends.",
         )
-    total, beyond, note = fit.intercept, 0.0, None
+    total, widening, note = fit.intercept, 0.0, None
     for term in fit.terms:
         value = term.read(reliability)
         excess = term.excess(value)
         if not excess <= 0:  # NaN too
             note = (
-                f"{term.name.replace('_', ' ')} is {value:.3g}; the expectation is known between "
+                f"{term.name.replace('_', ' ')} is {value:.3g}; the expectation was fitted between "
                 f"{term.low:.3g} and {term.high:.3g}."
             )
             if not excess <= FARTHEST * (term.transform(term.high) - term.transform(term.low)):
-                return _unsaid(reliability, note)
-            beyond += abs(term.slope) * excess
+                return _without_moda(reliability, note)
+            widening += abs(term.slope) * excess
         total += term.slope * term.transform(value)
     middle = min(total, 100.0)
-    low = min(total - fit.below - beyond, middle)
-    high = min(total + fit.above + beyond, 100.0)
-    return _said(reliability, middle, low, high, note)
+    low = min(total - fit.below - widening, middle)
+    high = min(total + fit.above + widening, 100.0)
+    return _with_moda(reliability, middle, low, high, note)
 
 
-def _said(
+def _with_moda(
     reliability: Reliability, middle: float, low: float, high: float, note: str | None
 ) -> Reliability:
     return dataclasses.replace(
@@ -103,12 +103,12 @@ def _said(
     )
 
 
-def _unsaid(reliability: Reliability, note: str) -> Reliability:
-    return _said(reliability, math.nan, math.nan, math.nan, note)
+def _without_moda(reliability: Reliability, note: str) -> Reliability:
+    return _with_moda(reliability, math.nan, math.nan, math.nan, note)
 
 
 def _same_method(fitted: Settings, used: Settings) -> bool:
-    """Whether two settings localize alike: only the parts that the method reads are compared."""
+    """Whether two settings agree in all parts that the method uses."""
     return not _changed_parts(fitted, used)
 
 
@@ -122,7 +122,7 @@ def _changed_parts(fitted: Settings, used: Settings) -> list[str]:
 
 
 def _differences(fits: Sequence[Fit], used: Settings) -> list[str]:
-    """The settings, by name, that differ from those of the fit of the same method."""
+    """Names of the settings that differ from those of the fit of the same method."""
     fitted = next((fit.settings for fit in fits if fit.settings.method == used.method), None)
     if fitted is None:
         return ["method"]

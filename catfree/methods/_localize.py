@@ -1,4 +1,4 @@
-"""`localize`: from person boxes and a scene to tracked ground positions, stage by stage."""
+"""`localize`: from person boxes and a scene to tracked ground positions."""
 
 import equinox as eqx
 import numpy as np
@@ -62,16 +62,16 @@ def localize(
     report = progress or no_progress
     keep = usable(detections, scene, settings)
     if not keep.any():
-        found = empty_localization(
+        result = empty_localization(
             scene.rig.camera_count,
             existence=settings.method == "evidence",
             detection_count=len(detections),
         )
     elif settings.method == "evidence":
-        found = _localize_by_evidence(detections, scene, keep, settings, report)
+        result = _localize_by_evidence(detections, scene, keep, settings, report)
     else:
-        found = _localize_by_paper(detections, scene, keep, settings, report)
-    return with_expectation(found, settings)
+        result = _localize_by_paper(detections, scene, keep, settings, report)
+    return with_expectation(result, settings)
 
 
 def _localize_by_evidence(
@@ -81,23 +81,23 @@ def _localize_by_evidence(
     settings: Settings,
     report: Progress,
 ) -> Localization:
-    """Catfree's own method: measure, self-calibrate, associate, exist, track."""
+    """Run the evidence method on the usable detections."""
     try:
-        found = evidence.localize_by_evidence(
+        result = evidence.localize_by_evidence(
             detections[keep], scene, settings.evidence, progress=report
         )
-    except InsufficientDataError:  # boxes, but none of a person who stands on the ground
+    except InsufficientDataError:  # no box of a person on the ground
         return empty_localization(
             scene.rig.camera_count, existence=True, detection_count=len(detections)
         )
     row = np.flatnonzero(keep)
     candidates, tracks = (
         np.where(support >= 0, row[support], -1)
-        for support in (found.candidates.support, found.tracks.support)
+        for support in (result.candidates.support, result.tracks.support)
     )
     return eqx.tree_at(
         lambda r: (r.candidates.support, r.tracks.support, r.detection_count),
-        found,
+        result,
         (candidates, tracks, len(detections)),
     )
 
@@ -109,7 +109,7 @@ def _localize_by_paper(
     settings: Settings,
     report: Progress,
 ) -> Localization:
-    """CAT-Free as published, stage by stage."""
+    """Run the published CAT-Free method, stage by stage."""
     frame = CanonicalFrame.of(scene)
     rig = frame.rig(scene.rig)
     observations = observe(detections, rig, keep=keep)
@@ -154,7 +154,7 @@ def _localize_by_paper(
 
 
 def usable(detections: Detections, scene: Scene, settings: Settings) -> np.ndarray:
-    """(N,) which detections take part: confident enough, and seen by a registered camera.
+    """(N,) whether each detection is confident enough and of a registered camera.
 
     Raises:
         InvalidInputError: if a detection names a camera that the rig does not have.

@@ -1,4 +1,4 @@
-"""How tall the tracked people are in scene units, for the posts that stand for them in pictures."""
+"""Height of the tracked people in scene units, for the posts that represent them in images."""
 
 import numpy as np
 from jaxtyping import Float
@@ -8,12 +8,12 @@ from catfree.viz._camera_view import rays_of_pixels
 
 
 def person_height(detections: Detections, localization: Localization, scene: Scene) -> float:
-    """Median height of the tracked people, from the upper edges of the boxes that show them.
+    """Estimate the median height of the tracked people from the upper edges of their boxes.
 
     Args:
         detections: person boxes of the sequence.
-        localization: what `cf.localize` returned for them.
-        scene: the scene it was made with.
+        localization: the result of `cf.localize` for them.
+        scene: the scene that it was made with.
 
     Returns:
         Scene units; 0 if no box shows a tracked person.
@@ -37,7 +37,7 @@ def person_height(detections: Detections, localization: Localization, scene: Sce
 def _heights(
     boxes: Detections, position: Float[np.ndarray, "n 3"], scene: Scene, camera: int
 ) -> Float[np.ndarray, " n"]:
-    """Where the ray of each box's upper edge passes closest to the vertical above the position."""
+    """Height at which each box's upper-edge ray is closest to the vertical at the position."""
     top = np.stack([(boxes.box[:, 0] + boxes.box[:, 2]) / 2, boxes.box[:, 1]], -1)
     ray = rays_of_pixels(scene.rig, camera, top)
     up = np.asarray(scene.ground.normal, np.float64)

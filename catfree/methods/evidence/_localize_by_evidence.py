@@ -1,4 +1,4 @@
-"""The solution as catfree's result types, in scene units."""
+"""`localize_by_evidence`: convert the solution to result types in scene units."""
 
 import equinox as eqx
 import numpy as np
@@ -22,18 +22,18 @@ from catfree.types._progress import Progress
 
 
 class Clusters(eqx.Module):
-    """Boxes that are one person in one frame: correspondences for bundle adjustment.
+    """Groups of boxes of one person in one frame: correspondences for bundle adjustment.
 
     Attributes:
         frame: (H,) frame number.
         member: (H, C) index of the detection in each camera, or -1.
         ground_xy: (H, 2) coordinates along the plane's basis, scene units.
         height: (H,) of the person in scene units.
-        log_odds: (H,) of a person being there, from this frame alone.
+        log_odds: (H,) log-odds that the person exists, from this frame alone.
         track: (H,) identity of the reported track that the cluster belongs to, or -1.
-        kept: (H,) whether there is such a track.
-        sigma: (H, C, 3) noise of centre, top and bottom of each box in pixels, NaN without a box
-            and for edges that the image border cuts.
+        kept: (H,) whether the cluster belongs to a reported track.
+        sigma: (H, C, 3) noise of center, top and bottom of each box in pixels, NaN without a box
+            and for edges cut by the image border.
     """
 
     frame: Int[np.ndarray, " h"]
@@ -46,12 +46,12 @@ class Clusters(eqx.Module):
     sigma: Float[np.ndarray, "h cam 3"]
 
     def strict(self, minimum_log_odds: float = 3.0) -> Bool[np.ndarray, " h"]:
-        """(H,) those to trust as correspondences: in a track, and seen by half the cameras.
+        """(H,) whether to trust a cluster as correspondence: in a track, seen by half the cameras.
 
-        Cameras that see nobody at all do not count.
+        Cameras without any box do not count.
         """
-        seen = self.member >= 0
-        views, cameras = seen.sum(1), int(seen.any(0).sum())
+        is_member = self.member >= 0
+        views, cameras = is_member.sum(1), int(is_member.any(0).sum())
         enough = max(3, -(-cameras // 2))
         return self.kept & (views >= enough) & (self.log_odds > minimum_log_odds)
 
@@ -72,8 +72,8 @@ def localize_by_evidence(
         progress: called as `progress(stage, done, total)`.
 
     Returns:
-        Tracks with covariance, velocity and existence probability, every candidate and its fate, in
-        the frame and units of the scene.
+        Tracks with covariance, velocity and existence probability, and every candidate with its
+        fate, in the frame and units of the scene.
 
     Raises:
         InsufficientDataError: if no box of a registered camera stands on the ground.
@@ -89,26 +89,25 @@ def describe(
     *,
     detection_count: int,
 ) -> Localization:
-    """A solution in the frame and units of its scene.
+    """Convert a solution to the frame and units of its scene.
 
     Args:
-        solution: what `solve` found.
-        scene: the scene it was found in.
-        settings: for the radius of a reported position.
-        detection_count: number of detections that it was found from.
+        solution: the result of `solve`.
+        scene: the scene passed to `solve`.
+        settings: only `report_radius` is used.
+        detection_count: number of detections passed to `solve`.
 
     Returns:
-        The result of a run.
+        The localization.
     """
     settings = settings or EvidenceSettings()
     s = solution
     unit = float(s.views.unit)
     rows = np.flatnonzero(s.kept)
     trails = s.trails[rows]
-    there = s.groups.member >= 0
-    members = np.where(there, s.boxes.row[s.groups.member], -1)
-    seen = trails.group >= 0
-    support = np.where(seen[:, None], members[trails.group], -1)
+    members = np.where(s.groups.member >= 0, s.boxes.row[s.groups.member], -1)
+    is_detected = trails.group >= 0
+    support = np.where(is_detected[:, None], members[trails.group], -1)
     covariance = s.position_covariance[rows] * unit**2
     xy = trails.mean[:, :2] * unit + s.views.origin
     pace = unit / usual_step(s.boxes.frames)
@@ -120,7 +119,7 @@ def describe(
         sigma=np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2),
         covariance=covariance,
         supporting_cameras=(support >= 0).sum(1),
-        origin=np.where(seen, Origin.DETECTED, Origin.INTERPOLATED).astype(np.int64),
+        origin=np.where(is_detected, Origin.DETECTED, Origin.INTERPOLATED).astype(np.int64),
         existence=s.probability[rows],
         support=support,
         velocity=trails.mean[:, 3:] * pace,
@@ -131,27 +130,27 @@ def describe(
     fate[s.trails.group[likely & ~s.kept]] = Fate.UNCERTAINTY_FILTER
     fate[s.trails.group[likely & s.suppressed]] = Fate.SUPPRESSED
     fate[s.trails.group[likely & s.outside]] = Fate.WORKING_AREA
-    fate[trails.group[seen]] = Fate.ACCEPTED
+    fate[trails.group[is_detected]] = Fate.ACCEPTED
     sigma = np.sqrt((s.covariance[:, 0, 0] + s.covariance[:, 1, 1]) / 2) * unit
     candidates = Candidates(
         frame=s.boxes.frames[s.groups.frame],
         position=_on_plane(s.state[:, :2] * unit + s.views.origin, scene),
         sigma=sigma,
-        ground_distance=np.zeros(len(sigma)),  # the state lives on the ground
+        ground_distance=np.zeros(len(sigma)),  # the state is on the ground by definition
         rms_angle=np.full(len(sigma), np.nan),
         support=members,
         score=s.existence.log_odds,
         fate=fate,
     )
     radius = settings.report_radius * unit
-    used = s.groups.member[trails.group[seen]]
+    used = s.groups.member[trails.group[is_detected]]
     median = float(np.median(tracks.sigma)) if len(tracks) else float("nan")
     precision, recall = _expected_rates(s, rows, fate, settings.report_radius)
     reliability = Reliability(
         median_sigma=median,
         sigma_over_radius=median / radius,
         fraction_recovered=0.0,
-        fraction_extended=float(np.mean(~seen)) if len(tracks) else 0.0,
+        fraction_extended=float(np.mean(~is_detected)) if len(tracks) else 0.0,
         mean_supporting_cameras=float(tracks.supporting_cameras.mean()) if len(tracks) else 0.0,
         detections_used=float((used >= 0).sum() / max(len(s.boxes.row), 1)),
         expected_precision=precision,
@@ -166,34 +165,35 @@ def describe(
 def _expected_rates(
     solution: EvidenceSolution, rows: np.ndarray, fate: np.ndarray, radius: float
 ) -> tuple[float, float]:
-    """Precision and recall by the probabilities of what is reported and of what is not.
+    """Expected precision and recall by the probabilities of reported and rejected candidates.
 
-    Who was suppressed is not missed: it was the same person a second time.
+    Suppressed candidates do not count as missed: they duplicate a reported person.
     """
     s = solution
     within = probability_within(s.position_covariance[rows], radius)
-    right = float((s.probability[rows] * within).sum())
+    correct = float((s.probability[rows] * within).sum())
     left_out = s.existence.log_odds[(fate != Fate.ACCEPTED) & (fate != Fate.SUPPRESSED)]
     missed = float(expit(left_out).sum())
-    people = right + missed
+    people = correct + missed
     return (
-        right / len(rows) if len(rows) else float("nan"),
-        right / people if people > 0 else float("nan"),
+        correct / len(rows) if len(rows) else float("nan"),
+        correct / people if people > 0 else float("nan"),
     )
 
 
 def clusters_of(solution: EvidenceSolution) -> Clusters:
-    """The groups of a solution as correspondences between cameras.
+    """Convert the groups of a solution to correspondences between cameras.
 
     Args:
-        solution: what `solve` found.
+        solution: the result of `solve`.
 
     Returns:
-        All groups, single boxes included, in scene units; `Clusters.strict` says which to trust.
+        All groups, including single boxes, in scene units; `Clusters.strict` selects the reliable
+        ones.
     """
     s = solution
     unit = float(s.views.unit)
-    there = s.groups.member >= 0
+    is_member = s.groups.member >= 0
     track = np.full(len(s.groups), -1)
     kept = np.flatnonzero(s.kept & (s.trails.group >= 0))
     track[s.trails.group[kept]] = s.trails.track[kept]
@@ -201,13 +201,13 @@ def clusters_of(solution: EvidenceSolution) -> Clusters:
     noise, used = (np.asarray(a)[rows] for a in (s.measurements.noise, s.measurements.used))
     return Clusters(
         frame=s.boxes.frames[s.groups.frame],
-        member=np.where(there, s.boxes.row[s.groups.member], -1),
+        member=np.where(is_member, s.boxes.row[s.groups.member], -1),
         ground_xy=s.state[:, :2] * unit + s.views.origin,
         height=s.state[:, 2] * unit,
         log_odds=s.existence.log_odds,
         track=track,
         kept=track >= 0,
-        sigma=np.where(there[..., None] & used, noise, np.nan),
+        sigma=np.where(is_member[..., None] & used, noise, np.nan),
     )
 
 

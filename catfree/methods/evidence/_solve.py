@@ -1,4 +1,4 @@
-"""The evidence method, stage by stage: measure, self-calibrate, associate, exist, track, report."""
+"""The stages of the evidence method: self-calibrate, measure, associate, track, select."""
 
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ from catfree.methods.evidence.group._appearance import (
     learn_ratio,
     looks_of,
 )
-from catfree.methods.evidence.group._group import agreement, group, group_by_looks
+from catfree.methods.evidence.group._group import appearance_log_odds, group, group_by_looks
 from catfree.methods.evidence.group._groups import Groups, Priors
 from catfree.methods.evidence.learn._self_calibration import foot_cover, self_calibrate
 from catfree.methods.evidence.observe._boxes import Boxes, prepare_boxes
@@ -33,22 +33,22 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 from catfree.types._progress import Progress, no_progress
 
-SURE_LOG_ODDS = 3.0  # groups that teach how fast people move
-VAGUEST_PRIOR = 0.05  # per H0²: a tracked person is somewhere within a few metres
+SURE_LOG_ODDS = 3.0  # of the groups from which the speed of people is learned
+VAGUEST_PRIOR = 0.05  # per H0²: a tracked person is within a few meters
 
 
 class EvidenceSolution(eqx.Module):
-    """Everything the method found, in units of H0 on the plane (see `GroundViews`).
+    """All results of the method, in units of H0 on the plane (see `GroundViews`).
 
     Attributes:
-        boxes, views, noise, measurements: what was seen, and how well.
-        groups: who was seen together; `existence`: what speaks for each of them.
+        boxes, views, noise, measurements: the boxes, their cameras, noise and likelihoods.
+        groups: boxes of one person in one frame; `existence`: the evidence for each group.
         state: (H, 3) position and height of each group; `covariance`: (H, 3, 3).
-        trails: the tracks; `evidence`: (M,) log-odds of each of their rows;
-        probability: (M,) that the person was there.
-        suppressed: (M,) people in the place of a better supported one.
-        outside: (M,) people beyond the ground that the rig covers.
-        kept: (M,) whether it is reported.
+        trails: the tracks; `evidence`: (M,) log-odds of each of their rows.
+        probability: (M,) that the person was present.
+        suppressed: (M,) whether a better supported person is in the same place.
+        outside: (M,) whether the position is outside the working area of the rig.
+        kept: (M,) whether the row is reported.
         position_covariance: (M, 2, 2) with sway, uneven ground and pose errors, as reported.
     """
 
@@ -70,7 +70,7 @@ class EvidenceSolution(eqx.Module):
 
 
 class _Pass(NamedTuple):
-    """What one pass of association and tracking found; see `EvidenceSolution`."""
+    """Results of one pass of association and tracking; see `EvidenceSolution`."""
 
     groups: Groups
     existence: Existence
@@ -88,7 +88,7 @@ def solve(
     *,
     progress: Progress | None = None,
 ) -> EvidenceSolution:
-    """Find the people of a sequence by weighing what every camera saw and did not see.
+    """Find the people of a sequence from the evidence of boxes and of missing boxes.
 
     Args:
         detections: boxes of all cameras and frames, in any order.
@@ -97,7 +97,7 @@ def solve(
         progress: called as `progress(stage, done, total)`.
 
     Returns:
-        Tracks and all intermediate products, in float64 whatever the caller's default is.
+        Tracks and all intermediate results, in float64 regardless of JAX's configuration.
 
     Raises:
         InsufficientDataError: if no box of a registered camera stands on the ground.
@@ -129,7 +129,7 @@ def _solve(
     if appearance is not None and likeness is not None:
         ratios = PairRatios(appearance, likeness, settings.appearance_weight)
     time = _steps(boxes.frames)
-    # One instant has no tracks: every group speaks for itself.
+    # A single instant has no tracks: every group is judged on its own.
     passes = settings.passes if settings.track and len(time) > 1 else 0
     priors = None
     found: _Pass | None = None
@@ -145,20 +145,24 @@ def _solve(
         else:
             groups = group_by_looks(boxes, measured, noise, priors, ratios)
         state, covariance = mean_and_covariance(groups.info, spread)
-        likely = agreement(groups, likeness, appearance, settings)
-        seen = predict_views(state, groups.frame, groups.member, boxes, views)
+        appearance_term = appearance_log_odds(groups, likeness, appearance, settings)
+        predicted_views = predict_views(state, groups.frame, groups.member, boxes, views)
         n = len(boxes.row)
-        rate = learn_detection_rate(seen, groups.member, boxes.size[:n], boxes.camera[:n], settings)
-        existence = judge_groups(groups, likely, measured, boxes, views, rate(seen), settings)
+        rate = learn_detection_rate(
+            predicted_views, groups.member, boxes.size[:n], boxes.camera[:n], settings
+        )
+        existence = judge_groups(
+            groups, appearance_term, measured, boxes, views, rate(predicted_views), settings
+        )
         if passes == 0:
             trails = unlinked(groups.frame, state, covariance)
             evidence = existence.log_odds
             probability = expit(evidence)
             found = _Pass(groups, existence, state, covariance, trails, evidence, probability)
             break
-        there = groups.member >= 0
-        fewest = min(3, there.any(0).sum())  # of the cameras that see anybody
-        sure = (there.sum(1) >= fewest) & (existence.log_odds > SURE_LOG_ODDS)
+        is_member = groups.member >= 0
+        fewest = min(3, is_member.any(0).sum())  # of the cameras with any box
+        sure = (is_member.sum(1) >= fewest) & (existence.log_odds > SURE_LOG_ODDS)
         motion = estimate_motion(state[sure, :2], groups.frame[sure], time)
         looks = None
         if ratios is not None and settings.link_by_looks:
@@ -181,12 +185,16 @@ def _solve(
     if settings.working_area:
         rows = np.flatnonzero(kept)
         member = np.full((len(rows), boxes.table.shape[1]), -1)
-        seen = predict_views(trails.mean[rows, :3], trails.frame[rows], member, boxes, views)
+        predicted_views = predict_views(
+            trails.mean[rows, :3], trails.frame[rows], member, boxes, views
+        )
         cameras = len(np.unique(boxes.camera[: len(boxes.row)]))
-        kept[rows] = in_working_area(trails.mean[rows, :3], seen, views, noise, cameras, settings)
+        kept[rows] = in_working_area(
+            trails.mean[rows, :3], predicted_views, views, noise, cameras, settings
+        )
         outside[rows] = ~kept[rows]
-    # An error of the whole map leaves everybody where they are among the others: it widens what is
-    # reported and does not decide who is.
+    # An error of the whole map does not change relative positions: it widens the reported
+    # covariance and does not affect which positions are reported.
     if settings.pose_errors:
         position_covariance = position_covariance + shared_covariance(
             trails, kept, found.groups, measured, boxes, views, noise, settings
@@ -201,7 +209,8 @@ def _solve(
 def probability_within(covariance: np.ndarray, radius: float) -> np.ndarray:
     """(M,) probability that a Gaussian error (M, 2, 2) stays within a radius of the same unit."""
     values = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 1e-12))
-    # The disc in polar coordinates of the whitened plane, whose radial integral is closed form.
+    # Integrate over the disc in polar coordinates of the whitened plane: radially in closed form,
+    # numerically over the angle.
     angle = (np.arange(64) + 0.5) * (2 * np.pi / 64)
     stretch = (values[:, :1] * np.cos(angle)) ** 2 + (values[:, 1:] * np.sin(angle)) ** 2
     return (1 - np.exp(-0.5 * radius**2 / stretch)).mean(1)
@@ -209,12 +218,12 @@ def probability_within(covariance: np.ndarray, radius: float) -> np.ndarray:
 
 def _steps(frames: np.ndarray) -> np.ndarray:
     """Time of each frame in units of the sequence's usual step."""
-    # As integers: they may be nanoseconds since 1970.
+    # Subtract as integers: frame numbers may be nanoseconds since 1970.
     return (frames - frames[:1]).astype(float) / usual_step(frames)
 
 
 def usual_step(frames: np.ndarray) -> float:
-    """The median distance of frame numbers (F,) in order; 1 below two of them."""
+    """Median step between sorted frame numbers (F,); 1 for fewer than two."""
     return float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0
 
 
@@ -226,11 +235,11 @@ def _row_evidence(
     rate: DetectionRate,
     settings: EvidenceSettings,
 ) -> np.ndarray:
-    """(M,) log-odds of each row of the tracks; in a gap all cameras missed the person."""
+    """(M,) log-odds of each track row; in a gap, that all cameras missed the person."""
     evidence = np.zeros(len(trails))
-    seen = trails.group >= 0
-    evidence[seen] = existence.log_odds[trails.group[seen]]
-    gaps = np.flatnonzero(~seen)
+    is_detected = trails.group >= 0
+    evidence[is_detected] = existence.log_odds[trails.group[is_detected]]
+    gaps = np.flatnonzero(~is_detected)
     if len(gaps):
         member = np.full((len(gaps), boxes.table.shape[1]), -1)
         expected = predict_views(trails.mean[gaps, :3], trails.frame[gaps], member, boxes, views)
@@ -239,13 +248,13 @@ def _row_evidence(
 
 
 def _track_priors(trails: Trails, groups: Groups) -> Priors:
-    """Smoothed positions without what the frame itself had to say."""
+    """Smoothed positions, excluding the measurements of the frame itself."""
     precision = np.linalg.inv(trails.covariance[:, :3, :3])
     vector = np.einsum("nij,nj->ni", precision, trails.mean[:, :3])
-    seen = trails.group >= 0
-    own = groups.info[trails.group[seen]]
-    precision[seen] -= own.matrix
-    vector[seen] -= own.vector
+    is_detected = trails.group >= 0
+    group_info = groups.info[trails.group[is_detected]]
+    precision[is_detected] -= group_info.matrix
+    vector[is_detected] -= group_info.vector
     values, axes = np.linalg.eigh(precision)
     values = np.maximum(values, VAGUEST_PRIOR)
     covariance = np.einsum("nij,nj,nkj->nik", axes, 1 / values, axes)

@@ -1,1 +1,1 @@
-"""Drawings on the footage with OpenCV."""
+"""Drawing on footage with OpenCV."""

@@ -1,4 +1,4 @@
-"""One picture per camera, side by side in one file."""
+"""Images of all cameras side by side in one file."""
 
 import math
 import os
@@ -16,11 +16,11 @@ VIEW_WIDTH = 640  # pixels per camera
 
 
 def write_sheet(path: str | os.PathLike[str], images: Sequence[Image]) -> Path:
-    """Write pictures side by side as one JPEG file.
+    """Write images side by side as one JPEG file.
 
     Args:
-        path: the file.
-        images: (H, W, 3) uint8 RGB of each camera, of any sizes.
+        path: of the JPEG file.
+        images: (H, W, 3) uint8 RGB, one per camera, of any sizes.
 
     Returns:
         The path.
@@ -42,11 +42,11 @@ def write_sheet(path: str | os.PathLike[str], images: Sequence[Image]) -> Path:
 
 
 def draw_boxes(image: Image, boxes: Detections) -> Image:
-    """A copy of a picture with boxes.
+    """Draw boxes on a copy of an image.
 
     Args:
         image: (H, W, 3) uint8 RGB.
-        boxes: those of this picture.
+        boxes: the boxes of this image.
     """
     canvas = image.copy()
     for box in boxes.box:

@@ -1,4 +1,4 @@
-"""Drawing on pictures with OpenCV: lines, polygons, labels, and round grid steps."""
+"""Drawing on images with OpenCV: lines, polygons, labels, and round grid steps."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ WHITE: Color = (255, 255, 255)
 
 
 def default_stroke(image: Image) -> float:
-    """Line thickness in pixels that suits a picture: 2 at full HD."""
+    """Default line thickness in pixels for an image: 2 at full HD."""
     return max(1.0, image.shape[0] / 540)
 
 
@@ -30,7 +30,7 @@ def draw_polyline(
     """Draw a line through pixels (N, 2) in place; points must be finite and not far outside."""
     import cv2
 
-    # Sub-pixel positions as fixed-point numbers with four binary digits.
+    # Sub-pixel positions as fixed-point numbers with four fractional bits.
     fixed = np.round(np.asarray(points) * 16).astype(np.int32).reshape(-1, 1, 2)
     cv2.polylines(image, [fixed], closed, color, max(1, round(stroke)), cv2.LINE_AA, 4)
 
@@ -53,7 +53,7 @@ def fill_polygon(
 
 
 def text_size(text: str, stroke: float) -> tuple[int, int]:
-    """Width and height in pixels of a label including its background."""
+    """Width and height in pixels of a label, including its background."""
     import cv2
 
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, *_font(stroke))
@@ -70,7 +70,7 @@ def draw_label(
     width, height = text_size(text, stroke)
     x, y, pad = round(place[0]), round(place[1]), round(2 * stroke)
     cv2.rectangle(image, (x, y), (x + width - 1, y + height - 1), color, cv2.FILLED)
-    # Lighter colors of the palette need dark letters.
+    # Light colors need dark text.
     light = 0.299 * color[0] + 0.587 * color[1] + 0.114 * color[2] > 150
     ink = (0, 0, 0) if light else WHITE
     at = (x + pad, y + height - 1 - pad)

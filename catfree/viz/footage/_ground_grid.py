@@ -1,4 +1,4 @@
-"""The ground's grid in a camera's picture, to check a calibration by eye."""
+"""Draw a grid of the ground on a camera's image, to check a calibration by eye."""
 
 from collections.abc import Sequence
 
@@ -21,7 +21,7 @@ from catfree.viz.footage._drawing import (
 
 LINES_PER_EXTENT = 16  # default spacing: the round number below E / 16
 LABEL_EVERY = 5  # lines
-SAMPLES = 8  # points per cell along a line, so that lens distortion shows
+SAMPLES = 8  # points per cell along a line, to follow lens distortion
 LINE_COLOR: Color = (235, 235, 235)
 X_COLOR: Color = (213, 94, 0)  # the line y = 0
 Y_COLOR: Color = (0, 114, 178)  # the line x = 0
@@ -29,14 +29,14 @@ SHADOW: Color = (30, 30, 30)
 
 
 def grid_spacing(scene: Scene) -> float:
-    """Round distance between grid lines in scene units: 1 m on a square of usual size."""
+    """Round distance between grid lines in scene units: 1 m on a typical square."""
     return round_step(float(scene.extent) / LINES_PER_EXTENT)
 
 
 def ground_grid(
     scene: Scene, area: Sequence[float | int] | np.ndarray, spacing: float
 ) -> list[tuple[str, int, Float[np.ndarray, "n 2"]]]:
-    """The lines of constant x and of constant y on the ground.
+    """Sample the lines of constant x and of constant y on the ground.
 
     Args:
         scene: the scene.
@@ -44,7 +44,7 @@ def ground_grid(
         spacing: distance between the lines in scene units.
 
     Returns:
-        (axis, index, points): the constant axis "x" or "y", its value divided by the spacing, and
+        (axis, index, points): the constant axis, "x" or "y", its value divided by the spacing, and
         points (N, 2) along the line in ground coordinates.
     """
     lines = []
@@ -70,30 +70,30 @@ def draw_ground_grid(
     spacing: float | int | None = None,
     stroke: float | int | None = None,
 ) -> Image:
-    """Draw the ground's grid, with its axes in color, on a copy of a camera's picture.
+    """Draw a grid of the ground, with colored axes, on a copy of a camera's image.
 
-    If lines follow the edges of the floor and stop at walls, rig and ground are right.
+    If the lines follow the edges of the floor and stop at walls, rig and ground are right.
 
     Args:
         image: (H, W, 3) uint8 RGB of the camera's original size.
         scene: the scene.
         camera: index of a registered camera.
-        area: x_min, x_max, y_min, y_max in ground coordinates; None for the area that two cameras
-            see.
+        area: x_min, x_max, y_min, y_max in ground coordinates; None for the area seen by at
+            least two cameras.
         spacing: distance between lines in scene units; None for the round number below E / 16.
-        stroke: line thickness in pixels; None for a default that suits the picture size.
+        stroke: line thickness in pixels; None for a default by image size.
 
     Returns:
         (H, W, 3) uint8 RGB. Orange is the line y = 0, blue x = 0; every fifth line is labeled.
 
     Raises:
-        InvalidInputError: if the picture and the camera differ in size, the camera is not
+        InvalidInputError: if the image and the camera differ in size, the camera is not
             registered, or the spacing is not positive.
     """
     require_camera_picture(image, scene, camera)
     step = grid_spacing(scene) if spacing is None else float(spacing)
     if not step > 0:
-        raise InvalidInputError(f"spacing is {step}; it must be a positive length.")
+        raise InvalidInputError(f"spacing is {step}; it must be positive.")
     thick = default_stroke(image) if stroke is None else stroke
     bounds = visible_area(scene) if area is None else area
     canvas, size = image.copy(), (image.shape[1], image.shape[0])
@@ -113,7 +113,7 @@ def draw_ground_grid(
 
 
 def require_camera_picture(image: Image, scene: Scene, camera: int) -> None:
-    """Raise unless the camera is registered and the picture has its size.
+    """Raise unless the camera is registered and the image has its size.
 
     Raises:
         InvalidInputError: naming the camera and the sizes.
@@ -121,14 +121,14 @@ def require_camera_picture(image: Image, scene: Scene, camera: int) -> None:
     rig = scene.rig
     if not 0 <= camera < rig.camera_count or not rig.registered[camera]:
         raise InvalidInputError(
-            f"Camera {camera} is not a registered camera of this scene, so nothing on the ground "
-            "can be drawn in its picture."
+            f"Camera {camera} is not a registered camera of this scene, so the ground cannot be "
+            "drawn on its image. Choose a registered camera."
         )
     width, height = (int(side) for side in rig.image_size[camera])
     if image.shape[:2] != (height, width):
         raise InvalidInputError(
-            f"The picture of camera {camera} is {image.shape[1]} x {image.shape[0]} px, but the "
-            f"scene's camera has {width} x {height} px: pass the original picture."
+            f"The image of camera {camera} is {image.shape[1]} x {image.shape[0]} px, but the "
+            f"scene's camera has {width} x {height} px. Pass the original image."
         )
 
 

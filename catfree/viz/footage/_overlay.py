@@ -1,4 +1,4 @@
-"""The tracks in the cameras' own pictures, beside the moving bird's-eye view."""
+"""Draw tracks on the cameras' images, beside an animated bird's-eye view."""
 
 import os
 from collections.abc import Sequence
@@ -26,9 +26,9 @@ from catfree.viz.footage._ground_grid import require_camera_picture
 from catfree.viz.footage._plan_canvas import CIRCLE, PlanCanvas
 
 STAGE = "overlay"
-TRAIL = 20  # instants of the past on the bird's-eye view
-PLAN_SHARE = 0.32  # of the video's width
-RING_SHARE = 0.15  # radius of the ring around the feet in person heights
+TRAIL = 20  # past instants shown in the bird's-eye view
+PLAN_SHARE = 0.32  # share of the video's width
+RING_SHARE = 0.15  # radius of the ring around the feet, in person heights
 DEFAULT_FPS = 5.0  # for image folders, which have no frame rate
 
 
@@ -43,27 +43,27 @@ def draw_frame(
     person_height: float | int | None = None,
     stroke: float | int | None = None,
 ) -> Image:
-    """A copy of one picture with its boxes and the tracked people.
+    """Draw boxes and tracked people on a copy of one image.
 
     Every tracked person in view gets a ring on the ground, a post of a person's height and the
-    identity. Boxes have the colour of the track they show, or grey. A thin ring marks a position
-    that the trajectories added.
+    identity. A box has the color of its track, or gray without one. A thin ring marks a position
+    without a detection.
 
     Args:
         image: (H, W, 3) uint8 RGB of the camera's original size.
         camera: index of the camera.
-        frame: the frame of `detections` and tracks that the picture shows.
-        detections: person boxes of the sequence; an empty one leaves out the boxes.
+        frame: the frame of `detections` and tracks that the image shows.
+        detections: person boxes of the sequence; if empty, no boxes are drawn.
         localization: what `cf.localize` returned for them.
         scene: the scene it was made with.
         person_height: height of the posts in scene units; None for the median of the people seen.
-        stroke: line thickness in pixels; None to suit the picture.
+        stroke: line thickness in pixels; None for a default by image size.
 
     Returns:
-        (H, W, 3) uint8 RGB. A camera that is not registered shows its boxes only.
+        (H, W, 3) uint8 RGB. For a camera that is not registered, only boxes are drawn.
 
     Raises:
-        InvalidInputError: if the picture has another size than the camera, or the localization was
+        InvalidInputError: if the image and the camera differ in size, or the localization was
             made from other detections.
     """
     if len(detections):
@@ -72,19 +72,19 @@ def draw_frame(
         person_height = estimate_person_height(detections, localization, scene)
     thick = default_stroke(image) if stroke is None else float(stroke)
     canvas = image.copy()
-    shown = np.flatnonzero((detections.frame == frame) & (detections.camera == camera))
-    now = localization.tracks[localization.tracks.frame == frame]
+    box_rows = np.flatnonzero((detections.frame == frame) & (detections.camera == camera))
+    positions = localization.tracks[localization.tracks.frame == frame]
     identity = localization.identity
     if not scene.rig.registered[camera]:
-        now = now[:0]
+        positions = positions[:0]
         identity = np.full_like(identity, -1)
     else:
         require_camera_picture(image, scene, camera)
-    for row in shown:
+    for row in box_rows:
         corners = detections.box[row, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2)
         draw_polyline(canvas, corners, track_color(identity[row]), 0.6 * thick, closed=True)
-    if len(now):
-        _draw_people(canvas, now, scene, camera, float(person_height), thick)
+    if len(positions):
+        _draw_people(canvas, positions, scene, camera, float(person_height), thick)
     return canvas
 
 
@@ -103,17 +103,17 @@ def write_overlay_video(
 ) -> Path:
     """Write an MP4 of all cameras with boxes, identities and posts, beside the bird's-eye view.
 
-    Two instants are in memory at a time.
+    Holds two instants in memory at a time.
 
     Args:
-        path: the MP4 file; it appears once it is complete.
+        path: of the MP4 file, which appears only once it is complete.
         videos: the cameras' videos in the rig's order: one file or image folder each, or
             `SynchronizedVideos`, whose frame indices are those of the detections.
         detections: person boxes of the sequence.
         localization: what `cf.localize` returned for them.
         scene: the scene it was made with.
         width: of the video in pixels; made even.
-        fps: frames a second; None for that of the videos.
+        fps: frames per second; None for the rate of the videos.
         person_height: height of the posts in scene units; None for the median of the people seen.
         camera_names: (C,) labels; None for C1, C2, ...
         progress: called as progress("overlay", done, total) after each instant.
@@ -124,7 +124,7 @@ def write_overlay_video(
     Raises:
         InvalidInputError: if the number of videos or their sizes do not fit the scene, the
             localization was made from other detections, or OpenCV cannot write the file.
-        FileFormatError: if a picture cannot be decoded.
+        FileFormatError: if an image cannot be decoded.
         WriteError: if the folder is not writable.
     """
     import cv2
@@ -133,7 +133,7 @@ def write_overlay_video(
     if source.camera_count != scene.rig.camera_count:
         raise InvalidInputError(
             f"There are {source.camera_count} videos for {scene.rig.camera_count} cameras. Give "
-            "one a camera, in the rig's order."
+            "one per camera, in the rig's order."
         )
     if person_height is None:
         person_height = estimate_person_height(detections, localization, scene)
@@ -170,7 +170,7 @@ def write_overlay_video(
 
 
 class _Board:
-    """Where each camera's picture and the bird's-eye view go in the video's frames."""
+    """Layout of the camera images and the bird's-eye view in the video's frames."""
 
     def __init__(self, scene: Scene, tracks: Tracks, names: Sequence[str], width: int) -> None:
         sizes = np.asarray(scene.rig.image_size, np.float64)
@@ -179,7 +179,9 @@ class _Board:
         self._columns = _tile_columns(count, tallest)
         tile = int(width * (1 - PLAN_SHARE)) // self._columns // 2 * 2
         if tile < 16:
-            raise InvalidInputError(f"width is {width} pixels, too small for {count} cameras.")
+            raise InvalidInputError(
+                f"width is {width} pixels, too small for {count} cameras. Pass a larger one."
+            )
         self._tile = (tile, max(round(tile * tallest / 2) * 2, 2))
         rows = -(-count // self._columns)
         plan = (int(width) // 2 * 2 - tile * self._columns, self._tile[1] * rows)
@@ -192,7 +194,7 @@ class _Board:
         self._frames = np.unique(tracks.frame)
 
     def stroke_in(self, camera: int) -> float:
-        """The thickness in the original picture that gives the board's stroke after shrinking."""
+        """Thickness in the original image that gives the board's stroke after scaling."""
         return float(self._stroke / self._shrink[camera])
 
     def assemble(self, frame: int, pictures: Sequence[Image]) -> Image:
@@ -225,14 +227,16 @@ def _tile_columns(count: int, ratio: float) -> int:
 
 
 def _draw_people(
-    canvas: Image, now: Tracks, scene: Scene, camera: int, height: float, stroke: float
+    canvas: Image, tracks: Tracks, scene: Scene, camera: int, height: float, stroke: float
 ) -> None:
     basis = np.asarray(scene.ground.basis, np.float64)
     up = np.asarray(scene.ground.normal, np.float64)
     ring = RING_SHARE * height * CIRCLE.T @ basis.T
     size = (canvas.shape[1], canvas.shape[0])
     texts, anchors, colors = [], [], []
-    for position, identity, origin in zip(now.position, now.track_id, now.origin, strict=True):
+    for position, identity, origin in zip(
+        tracks.position, tracks.track_id, tracks.origin, strict=True
+    ):
         color = track_color(identity)
         points = np.concatenate([position + ring, [position, position + height * up]])
         pixel, in_front = project_points(scene.rig, camera, points)
@@ -245,18 +249,18 @@ def _draw_people(
         texts.append(str(identity) if identity >= 0 else "")
         anchors.append(pixel[-1])
         colors.append(color)
-    shown = [at for at, text in enumerate(texts) if text]
+    labeled = [at for at, text in enumerate(texts) if text]
     draw_labels(
         canvas,
-        [texts[at] for at in shown],
-        np.array([anchors[at] for at in shown]).reshape(-1, 2),
-        [colors[at] for at in shown],
+        [texts[at] for at in labeled],
+        np.array([anchors[at] for at in labeled]).reshape(-1, 2),
+        [colors[at] for at in labeled],
         stroke,
     )
 
 
 def _inside(pixel: np.ndarray, size: tuple[int, int]) -> bool:
-    """Whether foot or head is in the picture, and neither is far outside."""
+    """Whether the foot or the head is inside the image, and neither is far outside."""
     limit = np.array(size)
-    seen = ((pixel >= 0) & (pixel < limit)).all(-1).any()
-    return bool(seen and ((pixel > -limit) & (pixel < 2 * limit)).all())
+    is_visible = ((pixel >= 0) & (pixel < limit)).all(-1).any()
+    return bool(is_visible and ((pixel > -limit) & (pixel < 2 * limit)).all())

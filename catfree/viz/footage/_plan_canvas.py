@@ -1,4 +1,4 @@
-"""The moving bird's-eye view of the overlay video, drawn with OpenCV."""
+"""The animated bird's-eye view of the overlay video, drawn with OpenCV."""
 
 from collections.abc import Sequence
 
@@ -18,7 +18,7 @@ CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 49)), np.sin(np.linspace(0, 
 
 
 class PlanCanvas:
-    """A picture of the ground from above, on which single frames are drawn."""
+    """A bird's-eye view of the ground on which single frames are drawn."""
 
     def __init__(
         self,
@@ -33,7 +33,7 @@ class PlanCanvas:
         Args:
             scene: the scene.
             view: x_min, x_max, y_min, y_max in ground coordinates that must be visible.
-            size: width and height of the picture in pixels.
+            size: width and height of the image in pixels.
             names: (C,) labels of the cameras.
             stroke: line thickness in pixels.
         """
@@ -52,11 +52,11 @@ class PlanCanvas:
         return self._origin + self._scale * np.asarray(xy, np.float64) * np.array([1, -1])
 
     def draw(self, positions: Tracks, trail: Tracks) -> Image:
-        """Draw the picture of one frame.
+        """Draw one frame.
 
         Args:
             positions: positions in the frame.
-            trail: positions of the same tracks in the last frames.
+            trail: positions of the same tracks in recent frames.
         """
         image = self._background.copy()
         for row in range(len(positions)):
@@ -64,7 +64,7 @@ class PlanCanvas:
                 major, minor, angle = confidence_ellipse(positions.covariance[row])
                 turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
                 outline = positions.ground_xy[row] + (turn @ (CIRCLE * [[major], [minor]])).T
-                # An ellipse far larger than the picture is useless and overflows.
+                # An ellipse far larger than the image carries no information and overflows.
                 if major * self._scale < 2 * max(image.shape):
                     color = track_color(positions.track_id[row])
                     fill_polygon(image, self.to_pixels(outline), color, 0.22)

@@ -1,4 +1,4 @@
-"""How much two boxes look alike, as a log-likelihood ratio learned from the sequence."""
+"""Appearance similarity of boxes as a log-likelihood ratio learned from the sequence."""
 
 from itertools import pairwise
 
@@ -21,10 +21,10 @@ KEPT_ENTRIES = 1 << 26  # of pairwise ratios kept from pass to pass: 256 MB
 
 
 class Appearance(eqx.Module):
-    """Embeddings of all boxes, and where their frame's table of pairs holds them.
+    """Embeddings of all boxes, and their rows in the pair table of their frame.
 
     Attributes:
-        embedding: (N, D) of unit length, in single precision: looks are not that precise.
+        embedding: (N, D) of unit length, in single precision, which is sufficient.
         slot: (N, 2) frame and row in that frame's table of each box.
         first: (F + 1,) first box of each frame.
         width: rows of a table.
@@ -36,12 +36,12 @@ class Appearance(eqx.Module):
     width: int
 
     def distances(self, frames: Int[np.ndarray, " f"]) -> Float[np.ndarray, "f slot slot"]:
-        """Cosine distance in [0, 2] of all pairs of boxes of some frames."""
+        """Cosine distances in [0, 2] of all pairs of boxes of some frames."""
         shape = (len(frames), self.width, self.embedding.shape[1])
         block = np.zeros(shape, self.embedding.dtype)
         for i, frame in enumerate(frames):
-            own = slice(self.first[frame], self.first[frame + 1])
-            block[i, : own.stop - own.start] = self.embedding[own]
+            rows = slice(self.first[frame], self.first[frame + 1])
+            block[i, : rows.stop - rows.start] = self.embedding[rows]
         distance = block @ block.transpose(0, 2, 1)
         return np.subtract(1, distance, out=distance)
 
@@ -51,14 +51,14 @@ class Appearance(eqx.Module):
         return max(1, TABLE_ENTRIES // self.width**2)
 
     def blocks(self) -> list[tuple[int, int]]:
-        """Runs of frames, first and end, whose tables fit into memory together."""
+        """Runs of frames, as (first, end), whose tables fit into memory together."""
         frames = len(self.first) - 1
         step = self.frames_at_a_time
         return [(i, min(i + step, frames)) for i in range(0, frames, step)]
 
 
 def compare_frames(boxes: Boxes) -> Appearance | None:
-    """The embeddings by frame, or None without any."""
+    """Arrange the embeddings by frame; None without embeddings."""
     if boxes.embedding is None:
         return None
     count = np.diff(boxes.first)
@@ -71,11 +71,11 @@ def compare_frames(boxes: Boxes) -> Appearance | None:
 
 
 class Likeness(eqx.Module):
-    """Two Gaussians of the cosine distance: of one person's boxes, and of two people's.
+    """Gaussians of the cosine distance between boxes of one person and of two people.
 
     Attributes:
-        same: () center and spread of the first; `other`: of the second.
-        limit: bound of a ratio.
+        same: () mean and deviation for one person; `other`: for two people.
+        limit: bound of the absolute log-likelihood ratio.
     """
 
     same: tuple[float, float]
@@ -85,7 +85,7 @@ class Likeness(eqx.Module):
     def __call__(self, distance: np.ndarray) -> np.ndarray:
         """Log-likelihood ratio 'same person' against 'another person of the frame'."""
         (m1, s1), (m0, s0) = self.same, self.other
-        # Beyond its own centre a distance cannot speak for the other side.
+        # Beyond a Gaussian's mean the ratio stays constant, so that it is monotonic.
         d = np.clip(distance, m1, m0)
         ratio = np.log(s0 / s1) - 0.5 * ((d - m1) / s1) ** 2 + 0.5 * ((d - m0) / s0) ** 2
         return np.clip(ratio, -self.limit, self.limit)
@@ -94,11 +94,11 @@ class Likeness(eqx.Module):
 def learn_ratio(
     appearance: Appearance, groups: Groups, settings: EvidenceSettings
 ) -> Likeness | None:
-    """Log-likelihood ratio learned from groups of at least three views.
+    """Learn the log-likelihood ratio from groups of at least three views.
 
-    Two Gaussians (median and MAD) of the distances within and between groups, from as many evenly
-    spread frames as self-calibration takes; None where too little is known or distances do not
-    tell people apart.
+    Fits Gaussians (median and MAD) to the distances within and between groups, in as many evenly
+    spread frames as self-calibration uses. Returns None if there are too few pairs or if distances
+    do not discriminate people.
     """
     frames = evenly_spread(np.arange(len(appearance.first) - 1), settings.calibration_frames)
     strong = np.flatnonzero(((groups.member >= 0).sum(1) >= 3) & np.isin(groups.frame, frames))
@@ -108,10 +108,10 @@ def learn_ratio(
     bounds = np.searchsorted(groups.frame[label], np.append(frames, len(appearance.first)))
     within, between = [], []
     for begin, end in pairwise(bounds):
-        own = slice(begin, end)
-        once = camera[own][:, None] < camera[own]
-        distance = 1 - looks[own] @ looks[own].T
-        same = label[own][:, None] == label[own]
+        rows = slice(begin, end)
+        once = camera[rows][:, None] < camera[rows]
+        distance = 1 - looks[rows] @ looks[rows].T
+        same = label[rows][:, None] == label[rows]
         within.append(distance[once & same])
         between.append(distance[once & ~same])
     samples = [np.concatenate(values or [np.zeros(0)]) for values in (within, between)]
@@ -122,10 +122,10 @@ def learn_ratio(
 
 
 class PairRatios:
-    """Weighted log-likelihood ratios of all pairs of boxes, a block of frames at a time.
+    """Weighted log-likelihood ratios of all pairs of boxes, by blocks of frames.
 
-    All passes of the association ask for the same ones: those of a sequence of usual length are
-    kept.
+    All passes of the association use the same ratios, so they are cached unless the sequence is too
+    long.
     """
 
     def __init__(self, appearance: Appearance, likeness: Likeness, weight: float) -> None:
@@ -135,7 +135,7 @@ class PairRatios:
         self._kept: dict[int, np.ndarray] = {}
 
     def __getitem__(self, index: int) -> Float[np.ndarray, "f slot slot"]:
-        """Of the frames of one block, padded to one of few lengths."""
+        """Ratios of the frames of one block, padded to one of few lengths."""
         if index in self._kept:
             return self._kept[index]
         begin, end = self.blocks[index]
@@ -156,7 +156,7 @@ class PairRatios:
 def group_agreement(
     likeness: Likeness, appearance: Appearance, member: np.ndarray
 ) -> Float[np.ndarray, " group"]:
-    """(H,) sum of the pairwise ratios within each group."""
+    """(H,) sum of the pairwise log-likelihood ratios within each group."""
     C = member.shape[1]
     total = np.zeros(len(member))
     for a in range(C):
@@ -168,15 +168,15 @@ def group_agreement(
 
 
 class Looks(eqx.Module):
-    """What each group looks like, to be compared with what a track looked like so far.
+    """Appearance of each group, to be compared with that of the tracks so far.
 
-    The mean distance of all pairs of two sets of boxes follows from the sums of their embeddings.
+    The mean distance between two sets of boxes follows from the sums of their embeddings.
 
     Attributes:
         total: (H, D) sum of the embeddings of each group's boxes.
-        count: (H,) number of boxes that have one.
-        likeness: log-likelihood ratio of a distance.
-        weight: of a box.
+        count: (H,) number of boxes with an embedding.
+        likeness: maps a distance to a log-likelihood ratio.
+        weight: of one box.
     """
 
     total: Float[np.ndarray, "group dim"]
@@ -192,7 +192,7 @@ class Looks(eqx.Module):
     ) -> Float[np.ndarray, "track k"]:
         """Log-likelihood ratio that a group is a track's person rather than somebody else.
 
-        All boxes of the group are new to the track, and count as new boxes of a group do.
+        Each box of the group counts like a new box of a group.
 
         Args:
             total: (T, D) sum of the embeddings of each track's boxes.
@@ -200,7 +200,7 @@ class Looks(eqx.Module):
             groups: (K,) the groups to compare with.
 
         Returns:
-            (T, K), zero where either has no embedding.
+            (T, K), zero where the track or the group has no embedding.
         """
         new = self.count[groups]
         track = total / np.maximum(count, 1)[:, None]
@@ -211,20 +211,20 @@ class Looks(eqx.Module):
 
 
 def looks_of(ratios: PairRatios, member: Int[np.ndarray, "group cam"]) -> Looks:
-    """What groups look like.
+    """Sum the embeddings of each group.
 
     Args:
-        ratios: the embeddings, and what their distances say.
+        ratios: the embeddings, the likelihood ratio and its weight.
         member: (H, C) boxes of each group, -1 for none.
     """
     embedding = ratios.appearance.embedding
-    known = np.asarray(embedding.any(axis=1))
-    there = (member >= 0) & known[np.maximum(member, 0)]
+    has_embedding = np.asarray(embedding.any(axis=1))
+    is_usable = (member >= 0) & has_embedding[np.maximum(member, 0)]
     total = np.zeros((len(member), embedding.shape[1]), embedding.dtype)
     for camera in range(member.shape[1]):
-        rows = np.flatnonzero(there[:, camera])
+        rows = np.flatnonzero(is_usable[:, camera])
         total[rows] += embedding[member[rows, camera]]
-    return Looks(total, there.sum(1), ratios.likeness, ratios.weight)
+    return Looks(total, is_usable.sum(1), ratios.likeness, ratios.weight)
 
 
 def _robust(values: np.ndarray) -> tuple[float, float]:

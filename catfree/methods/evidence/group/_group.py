@@ -1,4 +1,4 @@
-"""Boxes of one instant grouped into people, by position and height, and by looks where known."""
+"""Group the boxes of one instant into people by position and height, and optionally appearance."""
 
 import equinox as eqx
 import jax
@@ -22,7 +22,7 @@ from catfree.settings import EvidenceSettings
 def group(
     boxes: Boxes, measured: Measurements, noise: Noise, priors: Priors | None = None
 ) -> Groups:
-    """`associate` by position and height alone."""
+    """Run `associate` by position and height only."""
     return associate(
         measured.info,
         np.asarray(measured.state)[:, :2],
@@ -44,7 +44,7 @@ def group_by_looks(
     priors: Priors | None,
     ratios: PairRatios,
 ) -> Groups:
-    """`associate` with appearance, a run of frames at a time: its tables grow with their number."""
+    """Run `associate` with appearance, block by block to limit the size of its tables."""
     parts = []
     for index, (begin, end) in enumerate(ratios.blocks):
         low, high = int(boxes.first[begin]), int(boxes.first[end])
@@ -58,10 +58,12 @@ def group_by_looks(
         slot = rows(ratios.appearance.slot)
         slot[: high - low, 0] -= begin
         info = measured.info
-        own = None
+        block_priors = None
         if priors is not None:
             chosen = (priors.frame >= begin) & (priors.frame < end)
-            own = Priors(priors.frame[chosen], priors.mean[chosen], priors.covariance[chosen])
+            block_priors = Priors(
+                priors.frame[chosen], priors.mean[chosen], priors.covariance[chosen]
+            )
         part = associate(
             Information(rows(info.matrix), rows(info.vector), rows(info.constant)),
             rows(measured.state)[:, :2],
@@ -74,20 +76,20 @@ def group_by_looks(
             float(noise.spread),
             ratios[index],
             slot,
-            own,
+            block_priors,
         )
         member = np.where(part.member >= 0, part.member + low, -1)
         parts.append(eqx.tree_at(lambda groups: groups.member, part, member))
     return jax.tree.map(lambda *values: np.concatenate(values), *parts)
 
 
-def agreement(
+def appearance_log_odds(
     groups: Groups,
     likeness: Likeness | None,
     appearance: Appearance | None,
     settings: EvidenceSettings,
 ) -> np.ndarray:
-    """(H,) what the likeness of its boxes says about each group: of k boxes k - 1 are new."""
+    """(H,) appearance log-odds of each group: the mean pairwise ratio times the k - 1 new boxes."""
     if likeness is None or appearance is None:
         return np.zeros(len(groups))
     count = (groups.member >= 0).sum(1)

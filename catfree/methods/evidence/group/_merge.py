@@ -1,8 +1,8 @@
 """Greedy merging of boxes into people by the gain in log evidence.
 
-All frames are merged at once in rounds: a pair of groups that is the best remaining partner of both
-merges in the same round as all other such pairs. Gains depend on the two groups alone, so this
-gives exactly the groups that merging one best pair at a time would give.
+All frames are merged together in rounds. Each round merges every pair of groups that are each
+other's best partner. A gain depends only on the two groups, so the result is exactly that of
+merging one best pair at a time.
 """
 
 from functools import partial
@@ -18,9 +18,11 @@ from catfree.geometry._buckets import fine_length
 from catfree.methods.evidence._gaussian import Information, log_evidence
 from catfree.methods.evidence.group._groups import Groups, Priors, collect_groups, prior_information
 
-FEWEST_PAIRS = 4096  # to which pairs are padded: so many cost less than compiling for fewer
-BITS = 31  # cameras to a word, with or without 64-bit integers
-PAIRS_AT_A_TIME = 1 << 18  # neighbors looked at together: what a cache holds
+FEWEST_PAIRS = (
+    4096  # least padded number of pairs: computing them is cheaper than compiling for fewer
+)
+BITS = 31  # cameras per word, with or without 64-bit integers
+PAIRS_AT_A_TIME = 1 << 18  # neighbors processed together: fits a cache
 PAIR_GATE = 16.0  # squared Mahalanobis distance of two boxes that may start or join a group
 
 
@@ -31,7 +33,7 @@ def candidate_pairs(
     camera: np.ndarray,
     items: np.ndarray,
 ) -> np.ndarray:
-    """Pairs of items of one frame and different cameras that are close for their uncertainty.
+    """Find pairs of items of one frame and different cameras within the gate.
 
     Args:
         position: (N, 2) in H0.
@@ -47,11 +49,13 @@ def candidate_pairs(
         return np.zeros((0, 2), np.int64)
     xx, xy, yy = (covariance[items, k, m] for k, m in ((0, 0), (0, 1), (1, 1)))
     widest = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)  # variance along the longest axis
-    order = np.argsort(widest, kind="stable")  # each pair is found once, from its vaguer member
+    order = np.argsort(
+        widest, kind="stable"
+    )  # each pair is found once, from its less certain member
     items, xx, xy, yy, widest = (values[order] for values in (items, xx, xy, yy, widest))
     (x, y), instant, view = position[items].T, frame[items], camera[items]
     reach = np.sqrt(2 * PAIR_GATE * widest)
-    far = 4 * (np.abs(position[items]).max() + reach[-1]) + 1  # frames apart never meet
+    far = 4 * (np.abs(position[items]).max() + reach[-1]) + 1  # separates frames
     place = np.column_stack([x, y, instant * far])
     tree = KDTree(place)
     found = []
@@ -82,13 +86,13 @@ def candidate_pairs(
 
 
 def _searches(reach: np.ndarray, crowd: int) -> list[tuple[int, int]]:
-    """Runs of items, first and end, to search around at once.
+    """Runs of items, as (first, end), whose neighbors are searched together.
 
-    Their reaches differ by less than a factor of two, and all their neighbours fit into memory.
+    Their reaches differ by less than a factor of two, and all their neighbors fit into memory.
 
     Args:
-        reach: (n,) how far to search around each, ascending.
-        crowd: items of the fullest instant: so many neighbours one item may have.
+        reach: (n,) search radius of each item, ascending.
+        crowd: items of the fullest instant, an upper bound on the neighbors of one item.
     """
     octaves = np.flatnonzero(np.diff(np.ceil(np.log2(reach / reach[0])))) + 1
     step = max(PAIRS_AT_A_TIME // crowd, 1)
@@ -105,20 +109,20 @@ def merge_groups(info, camera, pairs, members, looks, slot, density, spread, app
 
     Args:
         info: (N) information of each item.
-        camera: (N,) camera of each item (C for a track prior), one group holds each at most once.
-        pairs: (P, 2) candidate pairs, padding is (0, 0).
-        members: (N, C) the item itself at its camera, else -1.
+        camera: (N,) camera of each item (C for a track prior); a group has each at most once.
+        pairs: (P, 2) candidate pairs, padded with (0, 0).
+        members: (N, C) the item's own index at its camera, -1 elsewhere.
         looks: (F, D, D) weighted appearance log-likelihood ratios, or (1, 1, 1).
         slot: (N, 2) frame and position in `looks` of each item.
         density: people per H0².
         spread: of heights in H0.
-        appearance: whether `looks` counts.
+        appearance: whether to use `looks`.
 
     Returns:
         (N,) the row that represents each item's group.
     """
     N = camera.shape[0]
-    own = log_evidence(info, density, spread)
+    item_evidence = log_evidence(info, density, spread)
     rows = jnp.arange(N)
     first, second = pairs[:, 0], pairs[:, 1]
 
@@ -163,12 +167,13 @@ def merge_groups(info, camera, pairs, members, looks, slot, density, spread, app
         )
         return target[root], matrix, vector, constant, evidence, mask, members, mutual.any()
 
-    # A bit a camera, and one for track priors, in as many words as they fill.
+    # One bit per camera and one for track priors, in as many words as needed.
     words = members.shape[1] // BITS + 1
     bits = jnp.left_shift(1, camera % BITS)[:, None]
     mask = jnp.where(camera[:, None] // BITS == jnp.arange(words)[None], bits, 0)
     start = (
-        rows, info.matrix, info.vector, info.constant, own, mask, members, jnp.array(True),
+        rows, info.matrix, info.vector, info.constant, item_evidence, mask, members,
+        jnp.array(True),
     )  # fmt: skip
     return jax.lax.while_loop(lambda carry: carry[-1], step, start)[0]
 
@@ -191,23 +196,23 @@ def associate(
 
     Args:
         info: (N) likelihoods of the boxes.
-        position: (N, 2) of each box alone, in H0.
-        covariance: (N, 2, 2) of it.
+        position: (N, 2) estimate from each box alone, in H0.
+        covariance: (N, 2, 2) of the position.
         frame: (N,) frame index.
         camera: (N,) camera index.
-        valid: (N,) which boxes take part.
+        valid: (N,) which boxes to group.
         cameras: C.
         density: people per H0².
         spread: of heights in H0.
         looks: (F, D, D) weighted appearance log-likelihood ratios, or None.
         slot: (N, 2) frame and place in `looks` of each box.
-        priors: what tracks expect.
+        priors: predictions of the tracks.
 
     Returns:
-        One group a person, single boxes included, sorted by frame and first member.
+        One group per person, including single boxes, sorted by frame and first member.
     """
     if priors is not None and len(priors.frame):
-        # The padding holds as many of them as it can.
+        # Use existing padding for the priors first.
         begin = int(np.flatnonzero(valid).max(initial=-1)) + 1
         count = begin + len(priors.frame)
         length = max(len(frame), fine_length(count))
@@ -244,7 +249,7 @@ def associate(
 
 
 def _extend(values: Any, more: Any, *, begin: int, length: int) -> np.ndarray:
-    """Rows up to `begin` followed by more rows, padded with zeros."""
+    """Rows up to `begin`, followed by more rows and zero padding."""
     host = np.asarray(values)
     out = np.zeros((length, *host.shape[1:]), host.dtype)
     out[:begin], out[begin : begin + len(more)] = host[:begin], more

@@ -1,4 +1,4 @@
-"""Who should be seen by whom: hidden shares, image borders, and the detection rate they imply."""
+"""Expected visibility of people: occlusion, image borders, and the learned detection rate."""
 
 import equinox as eqx
 import jax
@@ -9,15 +9,20 @@ from jaxtyping import Array, Float
 from catfree.methods.evidence.observe._views import GroundViews, safe_ratio
 from catfree.settings import EvidenceSettings
 
-ENTRIES = 1 << 17  # boxes that are compared with regions at a time: what a cache holds
-COLUMNS = 8  # sampled columns of a box; its rows are integrated exactly
-ASPECT = 0.4  # width of a standing person over the height
-COVER_EDGES = (0.15, 0.4, 0.7, 0.95)  # between classes of hidden share, each its own rate
+ENTRIES = 1 << 17  # boxes compared with regions at a time: fits a cache
+COLUMNS = 8  # sampled columns of a box; rows are integrated exactly
+ASPECT = 0.4  # width of a standing person divided by the height
+COVER_EDGES = (
+    0.15,
+    0.4,
+    0.7,
+    0.95,
+)  # boundaries between classes of hidden share, each with its own rate
 HEIGHT_QUANTILES = (0.15, 0.5)  # of a camera's boxes, between small, usual and large people
-WITNESSES = 3  # other cameras that must see a person before a miss counts
+WITNESSES = 3  # other cameras that must see a person for a miss to count
 LOWER_BODY = 0.3  # share of a box that holds the legs from the knees down
-WHOLE = 0.99  # weight inside the image from which a sighting teaches the detection rate
-PRIOR_RANGE = (0.02, 0.98)  # of what a detection rate is drawn to
+WHOLE = 0.99  # least weight inside the image for learning the detection rate
+PRIOR_RANGE = (0.02, 0.98)  # of the rate towards which detection rates are shrunk
 RATE_RANGE = (0.01, 0.99)  # of a detection rate: nothing is impossible or certain
 BODY_RAMP = (0.3, 0.7)  # shares of the body inside the image between "cut off" and "in view"
 
@@ -25,13 +30,13 @@ BODY_RAMP = (0.3, 0.7)  # shares of the body inside the image between "cut off" 
 def covered_share(region: Array, floor: Array, others: Array, active: Array) -> Float[Array, ""]:
     """Share of a rectangle hidden by boxes that reach lower, that is, by nearer people.
 
-    Every such box covers, in a column, all that lies below its top edge: the union is exact.
+    In each column such a box covers everything below its top edge, so the union is exact.
 
     Args:
         region: (4,) x1, y1, x2, y2 in pixels.
         floor: () the row that a box must pass to be nearer.
         others: (B, 4) boxes of the same image.
-        active: (B,) which of them exist.
+        active: (B,) which boxes to use.
 
     Returns:
         () share in [0, 1].
@@ -63,7 +68,7 @@ def covered_feet(box, frame, camera, table) -> Float[Array, " box"]:
 
 
 class Views(eqx.Module):
-    """How each camera should see each person.
+    """Predicted visibility of each person in each camera.
 
     Attributes:
         inside: (H, C) weight in [0, 1] of the part of the body inside the image.
@@ -85,7 +90,7 @@ def expected_views(state, frame, member, box, table, views: GroundViews) -> View
     Args:
         state: (H, 3) position and height in H0.
         frame: (H,) frame index.
-        member: (H, C) the person's own detection in each camera or -1; it hides nothing.
+        member: (H, C) the person's own detection in each camera or -1; it does not hide the person.
         box: (N, 4) all boxes in pixels.
         table: (F, C, B) rows of each frame and camera.
         views: the cameras.
@@ -95,7 +100,7 @@ def expected_views(state, frame, member, box, table, views: GroundViews) -> View
     """
     table, box = jnp.asarray(table), jnp.asarray(box)
 
-    def one(state, f, own, matrix, size, known, c):
+    def one(state, f, detection, matrix, size, is_registered, c):
         foot = matrix[:, 0] * state[0] + matrix[:, 1] * state[1] + matrix[:, 3]
         head = foot + matrix[:, 2] * state[2]
         u = 0.5 * (safe_ratio(foot[0], foot[2]) + safe_ratio(head[0], head[2]))
@@ -106,16 +111,16 @@ def expected_views(state, frame, member, box, table, views: GroundViews) -> View
         tall = jnp.clip(jnp.minimum(bottom, size[1]) - jnp.maximum(top, 0.0), 0)
         share = wide * tall / (2 * half * height)
         inside = jnp.clip((share - BODY_RAMP[0]) / (BODY_RAMP[1] - BODY_RAMP[0]), 0, 1)
-        front = (foot[2] > 1e-6) & (head[2] > 1e-6) & known
+        front = (foot[2] > 1e-6) & (head[2] > 1e-6) & is_registered
         others = table[f, c]
-        active = (others >= 0) & (others != own)
+        active = (others >= 0) & (others != detection)
         region = jnp.stack(
             [u - half, jnp.maximum(top, 0.0), u + half, jnp.minimum(bottom, size[1])]
         )
         region = jnp.where(front, region, 0.0)
         cover = covered_share(region, region[3], box[jnp.maximum(others, 0)], active)
-        seen = [jnp.where(front, x, 0.0) for x in (inside, share)]
-        return seen[0], jnp.where(front, height, 1.0), cover, seen[1]
+        inside, share = (jnp.where(front, x, 0.0) for x in (inside, share))
+        return inside, jnp.where(front, height, 1.0), cover, share
 
     per_camera = jax.vmap(one, in_axes=(None, None, 0, 0, 0, 0, 0))
     matrix, image_size = jnp.asarray(views.matrix), jnp.asarray(views.image_size)
@@ -129,10 +134,10 @@ def expected_views(state, frame, member, box, table, views: GroundViews) -> View
 
 
 class DetectionRate(eqx.Module):
-    """How often a camera detects a person that it should see.
+    """Probability that a camera detects a person in view.
 
     Attributes:
-        heights: (C, 2) box heights between the bins in pixels.
+        heights: (C, 2) box heights that separate the bins, in pixels.
         rate: (C, 3, 5) by camera, height and cover.
     """
 
@@ -140,7 +145,7 @@ class DetectionRate(eqx.Module):
     rate: Float[np.ndarray, "cam 3 5"]
 
     def __call__(self, seen: Views) -> np.ndarray:
-        """(H, C) detection probability, the inside weight included."""
+        """(H, C) detection probability, including the inside weight."""
         camera = np.arange(self.rate.shape[0])[None, :]
         return np.asarray(seen.inside) * self.rate[camera, *self._bins(seen)]
 
@@ -157,10 +162,10 @@ def learn_detection_rate(
     camera: np.ndarray,
     settings: EvidenceSettings,
 ) -> DetectionRate:
-    """Count hits among people that at least three other cameras confirm.
+    """Learn detection rates from people confirmed by at least three other cameras.
 
     Args:
-        seen: (H, C) expected views.
+        seen: (H, C) predicted views.
         member: (H, C) detection or -1.
         size: (n,) box heights.
         camera: (n,) their cameras.
@@ -169,9 +174,9 @@ def learn_detection_rate(
     C = member.shape[1]
     heights = np.zeros((C, 2))
     for c in range(C):
-        own = size[camera == c]
-        if len(own):
-            heights[c] = np.quantile(own, HEIGHT_QUANTILES)
+        camera_sizes = size[camera == c]
+        if len(camera_sizes):
+            heights[c] = np.quantile(camera_sizes, HEIGHT_QUANTILES)
     rate = DetectionRate(heights, np.ones((C, 3, 5)))
     height, cover = rate._bins(seen)
     hit = member >= 0
@@ -183,7 +188,7 @@ def learn_detection_rate(
     np.add.at(trials, index, w)
     np.add.at(hits, index, w * hit)
     pseudo = settings.detection_rate_pseudo_counts
-    # Shrink towards the cover's rate in all cameras, that towards the overall rate.
+    # Shrink towards the product of camera and cover rates, and those towards the overall rate.
     overall = (hits.sum() + pseudo * settings.detection_rate_start) / (trials.sum() + pseudo)
     by_cover = (hits.sum((0, 1)) + pseudo * overall) / (trials.sum((0, 1)) + pseudo)
     by_camera = (hits.sum((1, 2)) + pseudo * overall) / (trials.sum((1, 2)) + pseudo)

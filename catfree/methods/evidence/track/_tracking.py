@@ -1,4 +1,4 @@
-"""Groups linked over time: Kalman filter, assignment by evidence, smoothing, best segment."""
+"""Link groups over time: Kalman filter, assignment by evidence, smoothing."""
 
 import equinox as eqx
 import numpy as np
@@ -16,21 +16,24 @@ from catfree.methods.evidence.group._appearance import Looks
 from catfree.methods.evidence.group._groups import Groups
 from catfree.settings import EvidenceSettings
 
-JITTER = 0.03  # H0 a frame: steps and sway that no velocity explains
-HEIGHT_JITTER = 0.005  # H0 a frame: people bow and straighten
-USUAL_SPEED = 0.4  # H0 a frame and axis, where too few steps tell: strolling at two frames a second
+JITTER = 0.03  # H0 per frame: steps and sway not explained by a velocity
+HEIGHT_JITTER = 0.005  # H0 per frame: people bend and straighten
+USUAL_SPEED = 0.4  # H0 per frame and axis, without enough data: strolling at 2 frames per second
 MEMORY = 0.85  # correlation of the velocity over one frame: people turn within a few steps
-SPEED_RANGE = (0.05, 1.0)  # H0 a frame: standing at video rate, walking fast at two a second
-CONSECUTIVE = 1.5  # usual steps: frames farther apart do not tell the speed
+SPEED_RANGE = (
+    0.05,
+    1.0,
+)  # H0 per frame: standing at video rate, walking fast at 2 frames per second
+CONSECUTIVE = 1.5  # usual steps: frames farther apart are not used for the speed
 LINKS_AT_A_TIME = 1 << 18  # pairs of a track and a group: 100 MB
-FEWEST_STEPS = 10  # below which the usual speed is assumed
+FEWEST_STEPS = 10  # below which USUAL_SPEED is assumed
 
 
 class Motion(eqx.Module):
-    """How people of this sequence move from frame to frame.
+    """Motion model of the people of a sequence.
 
     Attributes:
-        speed: () standard deviation of a velocity component, H0 a frame.
+        speed: () standard deviation of a velocity component, H0 per frame.
         memory: () correlation of the velocity over one frame.
     """
 
@@ -44,8 +47,8 @@ class Trails(eqx.Module):
     Attributes:
         track: (M,) identity.
         frame: (M,) frame index.
-        group: (M,) group that was seen, or -1 in a gap.
-        mean: (M, 5) smoothed y1, y2, H, v1, v2 a usual step; NaN for a velocity that is unknown.
+        group: (M,) the group of the frame, or -1 in a gap.
+        mean: (M, 5) smoothed y1, y2, H, v1, v2 per usual step; NaN for an unknown velocity.
         covariance: (M, 5, 5).
     """
 
@@ -66,7 +69,7 @@ class Trails(eqx.Module):
 
 
 def estimate_motion(position: np.ndarray, frame: np.ndarray, time: np.ndarray) -> Motion:
-    """Speed from mutual nearest neighbours in consecutive frames.
+    """Estimate the speed from mutual nearest neighbors in consecutive frames.
 
     Args:
         position: (H, 2) trusted positions in H0.
@@ -104,18 +107,18 @@ def _transition(motion: Motion, dt: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _link_gain(mean, covariance, info: Information, density, spread, gate):
-    """(T, K) log evidence that a group is a track's next position rather than somebody new."""
+    """(T, K) log evidence that a group continues a track rather than being a new person."""
     precision = np.linalg.inv(covariance)
     pull = np.einsum("tij,tj->ti", precision, mean)
     matrix = precision[:, None] + info.matrix[None]
     vector = pull[:, None] + info.vector[None]
     det, form = determinant_and_form(matrix, vector)
-    own_det = np.linalg.det(precision)
-    own = np.einsum("ti,ti->t", mean, pull)
+    prior_det = np.linalg.det(precision)
+    prior_form = np.einsum("ti,ti->t", mean, pull)
     value = (
-        0.5 * np.log(own_det)[:, None]
+        0.5 * np.log(prior_det)[:, None]
         - 0.5 * np.log(det)
-        - 0.5 * (own[:, None] + info.constant[None] - form)
+        - 0.5 * (prior_form[:, None] + info.constant[None] - form)
     )
     gain = value - log_evidence(info, density, spread)[None]
     center, around = mean_and_covariance(info, spread)
@@ -144,16 +147,16 @@ def follow(
 
     Args:
         groups: sorted by frame.
-        log_odds: (H,) existence.
+        log_odds: (H,) of existence.
         time: (F,) time of each frame in usual steps.
-        motion: how people move.
+        motion: the motion model.
         density: people per H0².
         spread: of heights in H0.
         settings: constants.
-        looks: what the groups look like, if anybody knows.
+        looks: appearance of the groups, if available.
 
     Returns:
-        All tracks, gaps included, ends trimmed.
+        All tracks, including gaps but not beyond their first and last group.
     """
     bounds = np.searchsorted(groups.frame, np.arange(len(time) + 1))
     mean, cov = np.zeros((0, 5)), np.zeros((0, 5, 5))
@@ -168,12 +171,12 @@ def follow(
             A, Q = _transition(motion, float(time[t] - time[t - 1]))
             mean, cov = mean @ A.T, A @ cov @ A.T + Q
         predicted = (mean, cov)
-        here = np.arange(bounds[t], bounds[t + 1])
-        here = here[log_odds[here] > -settings.evidence_limit / 2]
-        info = groups.info[here]
-        seen = np.full(len(track), -1)
-        if len(track) and len(here):
-            step = max(1, LINKS_AT_A_TIME // len(here))
+        candidates = np.arange(bounds[t], bounds[t + 1])
+        candidates = candidates[log_odds[candidates] > -settings.evidence_limit / 2]
+        info = groups.info[candidates]
+        assigned = np.full(len(track), -1)
+        if len(track) and len(candidates):
+            step = max(1, LINKS_AT_A_TIME // len(candidates))
             gain = np.concatenate([
                 _link_gain(
                     mean[i : i + step, :3], cov[i : i + step, :3, :3], info, density, spread,
@@ -183,38 +186,39 @@ def follow(
             ])  # fmt: skip
             gain = gain - settings.gap_penalty * gap[:, None]
             if looks is not None:
-                gain = gain + looks.ratio(look, boxes, here)
+                gain = gain + looks.ratio(look, boxes, candidates)
             rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
             good = gain[rows, columns] > 0
-            seen[rows[good]] = columns[good]
-        hit = np.flatnonzero(seen >= 0)
+            assigned[rows[good]] = columns[good]
+        hit = np.flatnonzero(assigned >= 0)
         if len(hit):
             precision = np.linalg.inv(cov[hit])
             vector = np.einsum("tij,tj->ti", precision, mean[hit])
-            precision[:, :3, :3] += info.matrix[seen[hit]]
-            vector[:, :3] += info.vector[seen[hit]]
+            precision[:, :3, :3] += info.matrix[assigned[hit]]
+            vector[:, :3] += info.vector[assigned[hit]]
             mean, cov = mean.copy(), cov.copy()
             cov[hit] = np.linalg.inv(precision)
             mean[hit] = np.einsum("tij,tj->ti", cov[hit], vector)
-        gap = np.where(seen >= 0, 0, gap + 1)
-        fresh = np.setdiff1d(np.arange(len(here)), seen)
+        gap = np.where(assigned >= 0, 0, gap + 1)
+        fresh = np.setdiff1d(np.arange(len(candidates)), assigned)
         m3, c3 = mean_and_covariance(info[fresh], spread)
         new_mean = np.concatenate([m3, np.zeros((len(fresh), 2))], 1)
         new_cov = np.zeros((len(fresh), 5, 5))
         new_cov[:, :3, :3] = c3
         new_cov[:, 3, 3] = new_cov[:, 4, 4] = motion.speed**2
-        group = np.concatenate([np.where(seen >= 0, here[seen] if len(here) else -1, -1),
-                                here[fresh]]).astype(int)  # fmt: skip
+        linked = candidates[assigned] if len(candidates) else -1
+        linked = np.where(assigned >= 0, linked, -1)
+        group = np.concatenate([linked, candidates[fresh]]).astype(int)
         mean, cov = np.concatenate([mean, new_mean]), np.concatenate([cov, new_cov])
         track = np.concatenate([track, count + np.arange(len(fresh))])
         gap = np.concatenate([gap, np.zeros(len(fresh), int)])
         count += len(fresh)
         alive = gap <= settings.gap
         if looks is not None:
-            look[hit] += looks.total[here[seen[hit]]]
-            boxes[hit] += looks.count[here[seen[hit]]]
-            look = np.concatenate([look, looks.total[here[fresh]]])[alive]
-            boxes = np.concatenate([boxes, looks.count[here[fresh]]])[alive]
+            look[hit] += looks.total[candidates[assigned[hit]]]
+            boxes[hit] += looks.count[candidates[assigned[hit]]]
+            look = np.concatenate([look, looks.total[candidates[fresh]]])[alive]
+            boxes = np.concatenate([boxes, looks.count[candidates[fresh]]])[alive]
         predicted = (
             np.concatenate([predicted[0], new_mean]),
             np.concatenate([predicted[1], new_cov]),
@@ -225,7 +229,7 @@ def follow(
 
 
 def _smooth(history, time, motion: Motion) -> Trails:
-    """Rauch-Tung-Striebel, all tracks of a frame at once."""
+    """Rauch-Tung-Striebel smoothing, all tracks of a frame at once."""
     last = {}
     rows = []
     later = None
@@ -235,13 +239,13 @@ def _smooth(history, time, motion: Motion) -> Trails:
         if later is not None:
             A, _ = _transition(motion, float(time[t + 1] - time[t]))
             next_track, next_mean, next_cov = later
-            _, here, there = np.intersect1d(track, next_track, return_indices=True)
-            if len(here):
+            _, rows_now, rows_next = np.intersect1d(track, next_track, return_indices=True)
+            if len(rows_now):
                 ntrack, _, _, _, pm, pc = history[t + 1]
-                at = np.searchsorted(ntrack, track[here])
-                G = cov[here] @ A.T @ np.linalg.inv(pc[at])
-                mean[here] += np.einsum("tij,tj->ti", G, next_mean[there] - pm[at])
-                cov[here] += G @ (next_cov[there] - pc[at]) @ G.transpose(0, 2, 1)
+                at = np.searchsorted(ntrack, track[rows_now])
+                G = cov[rows_now] @ A.T @ np.linalg.inv(pc[at])
+                mean[rows_now] += np.einsum("tij,tj->ti", G, next_mean[rows_next] - pm[at])
+                cov[rows_now] += G @ (next_cov[rows_next] - pc[at]) @ G.transpose(0, 2, 1)
         keep = group >= 0
         for i in np.flatnonzero(keep):
             last.setdefault(track[i], t)
