@@ -15,7 +15,7 @@ from benchmarks.reliability.names import odd_names
 from benchmarks.reliability.tally import Tally
 
 MEMORY = 24 * 2**30  # bytes of address space: an allocation without bounds is an error, not a crash
-STUCK = 120  # seconds without an end, in code that no signal interrupts
+STUCK = 600  # seconds without an end, in code that no signal interrupts
 
 
 def main() -> int:
@@ -33,12 +33,12 @@ def main() -> int:
             ("decay", lambda p: decay(tally, p, options.seed, 30 if options.short else 1200)),
             ("attacks", lambda p: attack(tally, p)),
             ("names", lambda p: odd_names(tally, p, pictures=not options.short)),
-            ("kills", lambda p: kill(tally, p, options.seed, 2 if options.short else 30)),
+            ("kills", lambda p: kill(tally, p, options.seed, 1 if options.short else 30)),
             ("disks", lambda p: full_disks(tally, p, 4 if options.short else 15)),
         )
         for name, run in parts:
             (root / name).mkdir()
-            faulthandler.dump_traceback_later(STUCK * (1 if options.short else 15), exit=True)
+            faulthandler.dump_traceback_later(STUCK * (1 if options.short else 10), exit=True)
             run(root / name)
             print(f"{name}: {tally.failures} failures so far", file=sys.stderr, flush=True)
         faulthandler.cancel_dump_traceback_later()

@@ -57,7 +57,8 @@ def kill(tally: Tally, folder: Path, seed: int, kills: int) -> None:
             image[0, 0] = (0, camera, frame)  # blue, green, red
             cv2.imwrite(str(pictures / str(camera) / f"{frame:03d}.png"), image)
     first = folder / "whole"
-    _start(pictures, folder / "compiling").wait()
+    if kills > KILLS_PER_RUN:  # otherwise it would take longer than it saves
+        _start(pictures, folder / "compiling").wait()
     started = _start(pictures, first)
     begin = time.perf_counter()
     started.wait()
