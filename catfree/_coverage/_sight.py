@@ -8,17 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from catfree.geometry import (
-    CanonicalFrame,
-    angular_residual,
-    ground_sigma,
-    information,
-    pixel_to_ray,
-    project,
-)
+from catfree.geometry import CanonicalFrame
+from catfree.geometry import angular_residual
+from catfree.geometry import ground_sigma
+from catfree.geometry import information
+from catfree.geometry import pixel_to_ray
+from catfree.geometry import project
+from catfree.geometry._buckets import in_blocks
 from catfree.types import Plane, Scene
 
-PLACES_BLOCK = 4096  # places evaluated together; grids are padded to it, so that few sizes compile
+PLACES_BLOCK = 4096  # places evaluated together
 # A lens polynomial can fold points far outside the picture back into it. The ray of such a pixel
 # misses the point by far more than this angle in radians.
 FOLD_TOLERANCE = 1e-2
@@ -49,8 +48,7 @@ def look(
     normal = np.asarray(scene.ground.normal, np.float64)
     on_plane = -np.asarray(scene.ground.offset, np.float64) * normal
     world = places @ np.asarray(scene.ground.basis, np.float64).T + on_plane
-    count = len(places)
-    points = np.pad(frame.to_canonical(world), ((0, -count % PLACES_BLOCK), (0, 0)))
+    points = frame.to_canonical(world)
     points[:, 2] = 0
     height = None if person_height is None else jnp.asarray(person_height / frame.extent)
     # Unregistered cameras may hold NaN.
@@ -61,8 +59,7 @@ def look(
     distortion = None
     if rig.distortion is not None:
         distortion = jnp.asarray(np.where(active[:, None], rig.distortion, 0))
-    visible, sigma = _look_everywhere(
-        jnp.asarray(points),
+    cameras = (
         K,
         R,
         t,
@@ -72,14 +69,15 @@ def look(
         jnp.asarray(sigma_theta, K.dtype),
         height,
     )
-    return np.asarray(visible)[:count].T, np.asarray(sigma, np.float64)[:count] * frame.extent
+    visible, sigma = in_blocks(
+        lambda block: _look_everywhere(block, *cameras), (points,), PLACES_BLOCK
+    )
+    return visible.T, sigma.astype(np.float64) * frame.extent
 
 
 @jax.jit
-def _look_everywhere(points: Array, *rig: Any) -> tuple[Array, Array]:
-    blocks = points.reshape(-1, PLACES_BLOCK, 3)
-    visible, sigma = jax.lax.map(jax.vmap(lambda point: _look_at(point, *rig)), blocks)
-    return visible.reshape(len(points), -1), sigma.reshape(-1)
+def _look_everywhere(points: Array, *cameras: Any) -> tuple[Array, Array]:
+    return jax.vmap(lambda point: _look_at(point, *cameras))(points)
 
 
 def _look_at(

@@ -206,16 +206,19 @@ def draw_views(
     Returns:
         `views.jpg`: the cameras' pictures side by side.
     """
+    from catfree.viz._person_height import person_height
     from catfree.viz.footage._overlay import draw_frame
 
     root = Path(folder)
     root.mkdir(parents=True, exist_ok=True)
+    results = (outcome.detections, outcome.localization, outcome.scene)
+    height = person_height(*results)
     middle = videos.frame_count // 2
     # Truncated footage may not reach its middle.
     instant = next(videos.instants_from(middle), None) or next(iter(videos))
     frame, images = instant
     drawn = [
-        draw_frame(image, camera, frame, outcome.detections, outcome.localization, outcome.scene)
+        draw_frame(image, camera, frame, *results, person_height=height)
         for camera, image in enumerate(images)
     ]
     return write_sheet(root / "views.jpg", drawn)
