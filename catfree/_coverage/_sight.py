@@ -8,12 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from catfree.geometry import CanonicalFrame
-from catfree.geometry import angular_residual
-from catfree.geometry import ground_sigma
-from catfree.geometry import information
-from catfree.geometry import pixel_to_ray
-from catfree.geometry import project
+from catfree.geometry import (
+    CanonicalFrame,
+    angular_residual,
+    ground_sigma,
+    information,
+    pixel_to_ray,
+    project,
+)
 from catfree.geometry._buckets import in_blocks
 from catfree.types import Plane, Scene
 

@@ -10,10 +10,6 @@ from catfree.geometry._buckets import fine_length
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Rig
 
-# To which rows, frames and boxes of a picture are padded at least: computing so many takes less
-# than compiling for fewer.
-FEWEST_BOXES, FEWEST_FRAMES, FEWEST_IN_PICTURE = 4096, 256, 16
-
 
 class Boxes(eqx.Module):
     """Boxes sorted by frame, camera and edges, padded to N rows.
@@ -110,7 +106,7 @@ def prepare_boxes(detections: Detections, rig: Rig, settings: EvidenceSettings) 
     rows = rows[order]
     n = len(rows)
     frames, frame = np.unique(detections.frame[rows], return_inverse=True)
-    N = fine_length(n, FEWEST_BOXES)
+    N = fine_length(n)
     camera = detections.camera[rows]
     box = box[rows]
     middle = (box[:, 0] + box[:, 2]) / 2
@@ -167,7 +163,7 @@ def _row_table(frame: np.ndarray, camera: np.ndarray, F: int, C: int) -> np.ndar
     key = frame * C + camera
     start = np.searchsorted(key, np.arange(F * C))
     slot = np.arange(len(key)) - start[key] if len(key) else np.zeros(0, int)
-    B = fine_length(int(slot.max()) + 1 if len(slot) else 1, FEWEST_IN_PICTURE)
-    table = np.full((fine_length(F, FEWEST_FRAMES) * C, B), -1)
+    B = fine_length(int(slot.max()) + 1 if len(slot) else 1, 4)
+    table = np.full((fine_length(F, 8) * C, B), -1)
     table[key, slot] = np.arange(len(key))
     return table.reshape(-1, C, B)
