@@ -150,13 +150,12 @@ def _look(
     people = ask_for_people(lambda: detector.look_again(image, places), detector, camera, frame)
     if describe is None:
         return people, np.zeros((len(people), 0))
-    before = first[(first.frame == frame) & (first.camera == camera)]
-    if before.embedding is None or not len(before):
+    before = np.flatnonzero((first.frame == frame) & (first.camera == camera))
+    if first.embedding is None or not len(before):
         return people, describe(image, people.box, camera, frame)
-    offset = np.abs(people.box[:, None] - before.box[None]).max(-1)
-    same = offset.argmin(1)
+    offset = np.abs(people.box[:, None] - first.box[before]).max(-1)
     changed = offset.min(1) > SAME
-    vectors = before.embedding[same].copy()
+    vectors = first.embedding[before[offset.argmin(1)]]
     vectors[changed] = describe(image, people.box[changed], camera, frame)
     return people, vectors
 
