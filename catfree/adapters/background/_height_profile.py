@@ -84,8 +84,8 @@ class Blobs:
         corners = [(x.start, y.start, x.stop, y.stop) for y, x in find_objects(numbered)]
         box = np.array(corners, np.int64).reshape(-1, 4)
         rows, columns = mask.shape
-        whole = (box[:, :2] > 0) & (box[:, 2:] < [columns, rows])
-        complete = np.asarray(whole.all(axis=1))
+        inside = (box[:, :2] > 0) & (box[:, 2:] < [columns, rows])
+        complete = np.asarray(inside.all(axis=1))
         trimmed = [_trim(numbered, index, whole) for index, whole in enumerate(corners, start=1)]
         return cls(numbered, np.array(trimmed, np.int64).reshape(-1, 4), box, area[kept], complete)
 
