@@ -141,7 +141,7 @@ def test_report_blocks_escape_what_they_show():
     assert "| p\\|q | v |\n| --- | --- |\n| <b> | 1 |" in text
 
 
-def test_boxes_take_the_identity_of_the_track_they_support(world, outcome):
+def test_boxes_take_the_identity_of_the_track_they_support(outcome, results):
     for camera, name in enumerate(outcome.camera_names):
         rows = outcome.detections.camera == camera
         identity = outcome.localization.identity[rows]
@@ -153,7 +153,7 @@ def test_boxes_take_the_identity_of_the_track_they_support(world, outcome):
         np.testing.assert_array_equal(np.unique(got, axis=0), np.unique(wanted, axis=0))
 
 
-def test_results_of_other_detections_are_refused(world, outcome, tmp_path):
+def test_results_of_other_detections_are_refused(outcome, tmp_path):
     fewer = dataclasses.replace(outcome, detections=outcome.detections[1:])
     with pytest.raises(InvalidInputError, match="not from these"):
         write_results(tmp_path, fewer, pictures=False)
