@@ -84,6 +84,7 @@ def localize_staged(sequence: Sequence, scene: cf.Scene, settings: cf.Settings) 
         positions,
         thresholds,
         settings,
+        detection_count=len(sequence.detections),
     )
 
 

@@ -9,7 +9,6 @@ from catfree.geometry import CanonicalFrame
 from catfree.methods import evidence
 from catfree.methods._expectation import with_expectation
 from catfree.methods.paper._assemble import assemble, empty_localization
-from catfree.methods.paper._compilation import start_compilation
 from catfree.methods.paper._select import select_positions
 from catfree.methods.paper.association import (
     associate_in_two_passes,
@@ -114,11 +113,9 @@ def _localize_by_paper(
     rig = frame.rig(scene.rig)
     observations = observe(detections, rig, keep=keep)
     rays = cast_rays(observations, rig)
-    compilation = start_compilation(observations, rays, rig, settings)
     report("tracklets", 0, 1)
     tracklet = link_tracklets(observations, settings.tracklets)
     groups, rays, ratio = associate_in_two_passes(observations, rays, settings, report)
-    compilation.result()
     report("positions", 0, 1)
     located = locate(observations, rays, rig, groups, tracklet, settings)
     report("selection", 0, 1)

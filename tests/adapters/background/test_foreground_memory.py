@@ -31,7 +31,7 @@ def background():
 
 def picture_with_a_box(background, seed):
     rng = np.random.default_rng(seed)
-    picture = background.scene.astype(np.uint8)
+    picture = np.moveaxis(background.scene, 0, -1).astype(np.uint8)
     x, y = rng.integers(0, COLUMNS - 12), rng.integers(0, ROWS - 16)
     picture[y : y + 16, x : x + 12] = rng.integers(0, 256, 3)
     return picture
@@ -56,7 +56,7 @@ def test_a_changed_picture_is_another_one(background):
     memory = ForegroundMemory(background.compare)
     picture = picture_with_a_box(background, 0)
     before = memory(picture).mask.sum()
-    picture[:] = background.scene.astype(np.uint8)
+    picture[:] = np.moveaxis(background.scene, 0, -1).astype(np.uint8)
     assert before > 0
     assert memory(picture).mask.sum() == 0
 

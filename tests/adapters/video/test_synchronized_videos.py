@@ -197,7 +197,7 @@ def test_names_tell_cameras_apart(tmp_path):
 def test_videos_that_differ_in_suffix_only(tmp_path):
     paths = [write_video(tmp_path / f"cam{suffix}", 2) for suffix in (".mp4", ".avi")]
     assert SynchronizedVideos(paths).camera_names == ["cam.mp4", "cam.avi"]
-    with pytest.raises(InvalidInputError, match="Cameras 0 and 1 are the same video"):
+    with pytest.raises(InvalidInputError, match="Cameras 0 and 1 are the same file"):
         SynchronizedVideos([paths[0], paths[0]])
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree import Fate
-from catfree.filters import selection
+from catfree.methods.paper import _select as selection
 from catfree.methods.paper._select import (
     Hypotheses,
     outside_by_frame,

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree.methods.evidence import appearance, association, tracking, visibility
 from catfree.methods.evidence._gaussian import Information
+from catfree.methods.evidence.group import _appearance as appearance, _merge as association
 from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.observe import _visibility as visibility
+from catfree.methods.evidence.track import _tracking as tracking
 from catfree.methods.evidence.track._tracking import Motion, follow
 from catfree.settings import EvidenceSettings
 
