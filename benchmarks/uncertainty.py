@@ -99,7 +99,11 @@ def judge_considered(sequence: Sequence) -> tuple[Honesty, Honesty]:
     solution = solve(boxes, sequence.scene)
     considered = eqx.tree_at(lambda s: s.kept, solution, np.ones_like(solution.kept))
     reported, all_of_them = (
-        judge(describe(found, sequence.scene).tracks, sequence) for found in (solution, considered)
+        judge(
+            describe(found, sequence.scene, detection_count=len(sequence.detections)).tracks,
+            sequence,
+        )
+        for found in (solution, considered)
     )
     return reported, all_of_them
 
