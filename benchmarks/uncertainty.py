@@ -100,7 +100,7 @@ def judge_considered(sequence: Sequence) -> tuple[Honesty, Honesty]:
     considered = eqx.tree_at(lambda s: s.kept, solution, np.ones_like(solution.kept))
     reported, all_of_them = (
         judge(
-            describe(found, sequence.scene, detection_count=len(sequence.detections)).tracks,
+            describe(found, sequence.scene, detection_count=len(boxes)).tracks,
             sequence,
         )
         for found in (solution, considered)
