@@ -110,7 +110,7 @@ def test_a_missing_file_is_named_before_anything_is_opened(option, tmp_path):
     assert done.returncode == 1
 
 
-@pytest.mark.parametrize(("command", "module"), [("run", "run"), ("calibrate", "stages")])
+@pytest.mark.parametrize(("command", "module"), [("run", "_run"), ("calibrate", "_stages")])
 def test_clock_offsets_are_searched_on_request(command, module, tmp_path, monkeypatch):
     asked = []
 
@@ -118,8 +118,7 @@ def test_clock_offsets_are_searched_on_request(command, module, tmp_path, monkey
         asked.append(maximum_offset)
         raise CalibrationError("pretended")
 
-    # The function `run` hides the module of its name.
-    place = importlib.import_module(f"catfree.{module}")
+    place = importlib.import_module(f"catfree._run.{module}")
     monkeypatch.setattr(place, "calibrate_cameras", pretend)
     videos = [str(path) for path in write_noise(tmp_path)]
     words = [command, *videos, "--out", str(tmp_path / "out"), "--max-offset", "7"]
