@@ -35,7 +35,9 @@ def require_declared_types(kind: type, values: Mapping[str, Any]) -> None:
     hints = typing.get_type_hints(kind)
     with jaxtyped("context"):
         for field in dataclasses.fields(kind):
-            item, options = values.get(field.name), options_of(hints[field.name])
+            if field.name not in values:
+                continue
+            item, options = values[field.name], options_of(hints[field.name])
             arrays = tuple(o for o in options if _is_array_type(o))
             if item is None and types.NoneType in options:
                 continue

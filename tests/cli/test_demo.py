@@ -46,7 +46,8 @@ def answer(world, scale=1.0, registered=None):
         origin=np.full(count, int(Origin.DETECTED)),
     )
     nothing = empty_localization(4)
-    found = Localization(tracks, nothing.candidates, nothing.thresholds, nothing.reliability)
+    count = len(world.detections)
+    found = Localization(tracks, nothing.candidates, nothing.thresholds, nothing.reliability, count)
     names = tuple(f"c{camera}" for camera in range(4))
     return RunOutcome(found, world.detections, scene, None, names, np.arange(FRAMES))
 
