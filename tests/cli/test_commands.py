@@ -296,7 +296,7 @@ def test_words_that_make_no_sense_exit_with_two(capsys):
 
 def test_results_that_cannot_be_written(outcome, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(CatFreeError, match="Cannot write .*out"):
+    with pytest.raises(CatFreeError, match=r"Cannot write .*out"):
         write_results(tmp_path / "file" / "out", outcome, pictures=False)
 
 
