@@ -223,12 +223,14 @@ def transform_scene(similarity: Similarity, scene: Scene, *, metric: bool | None
         Scene of NumPy or JAX arrays, as in `transform_rig`.
     """
     scale, _, _, xp = _parts(similarity, scene.extent)
-    return Scene(
+    moved = Scene(
         transform_rig(similarity, scene.rig),
         transform_plane(similarity, scene.ground),
         xp.asarray(scale * scene.extent),
-        scene.metric if metric is None else metric,
     )
+    # Set afterwards: a transformed scene may have any size, a metric one that a user brings may not.
+    object.__setattr__(moved, "metric", scene.metric if metric is None else metric)
+    return moved
 
 
 def _parts(similarity: Similarity, like: Any) -> tuple[Any, Any, Any, Any]:
