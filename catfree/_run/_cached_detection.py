@@ -29,7 +29,7 @@ from catfree.adapters.video._detect_videos import collect_detections, detect_ins
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.types import Detections
-from catfree.types._progress import Progress
+from catfree.types._annotations import Progress
 
 # Instants per piece. A network on a CPU needs about a minute for six cameras: the most that a kill
 # loses.

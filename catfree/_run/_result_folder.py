@@ -22,8 +22,8 @@ from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import FileFormatError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
+from catfree.types._annotations import Progress
 from catfree.types._archive import load_arrays, naming_file, save_arrays
-from catfree.types._progress import Progress
 from catfree.types._writing import cannot_write, replacing
 from catfree.viz.footage._contact_sheet import write_sheet
 
@@ -118,6 +118,12 @@ def write_rig(
 
 def read_results(folder: str | os.PathLike[str]) -> tuple[Localization, Scene, tuple[str, ...]]:
     """Read localization, scene and camera names from a folder that `write_results` wrote.
+
+    Args:
+        folder: the result folder.
+
+    Returns:
+        The localization, its scene, and the names of the cameras.
 
     Raises:
         InvalidInputError: if a file is missing, or a value in it is out of range.

@@ -32,8 +32,8 @@ from catfree.calibration import Calibration
 from catfree.errors import InvalidInputError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
+from catfree.types._annotations import Progress
 from catfree.types._forks import require_own_process
-from catfree.types._progress import Progress
 from catfree.types._validation import require_instance
 
 Videos = SynchronizedVideos | Sequence[str | os.PathLike[str]]

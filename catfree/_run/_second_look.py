@@ -24,7 +24,7 @@ from catfree.geometry import project
 from catfree.geometry._buckets import in_blocks
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Localization, Rig, Scene
-from catfree.types._progress import Progress
+from catfree.types._annotations import Progress
 
 STAGE = "second look"
 BLOCK = 16384  # points that are projected together

@@ -26,7 +26,7 @@ from catfree.errors import CalibrationError
 from catfree.methods._localize import localize
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Localization, Scene
-from catfree.types._progress import Progress
+from catfree.types._annotations import Progress
 
 T = TypeVar("T")
 

@@ -13,8 +13,8 @@ from catfree.calibration.people import (
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections
+from catfree.types._annotations import Progress, no_progress
 from catfree.types._forks import require_own_process
-from catfree.types._progress import Progress, no_progress
 from catfree.types._validation import require_instance
 
 

@@ -22,7 +22,7 @@ from catfree.calibration.people._residual_outliers import residual_outliers, wor
 from catfree.errors import CalibrationError, InsufficientDataError
 from catfree.settings import Settings
 from catfree.types import Detections
-from catfree.types._progress import Progress
+from catfree.types._annotations import Progress
 
 FEWEST_TO_FLAG = 3  # with three cameras, two that agree expose the third
 RESTING = 0.2  # standard deviations; a smaller move adds two percent to a camera's error

@@ -26,7 +26,7 @@ from catfree.methods.paper.association import (
 )
 from catfree.settings import Settings
 from catfree.types import Detections, Plane, Rays, Rig, Scene
-from catfree.types._progress import Progress, no_progress
+from catfree.types._annotations import Progress, no_progress
 from catfree.types._sampling import evenly_spread
 from catfree.types._validation import require_instance, require_known_cameras
 

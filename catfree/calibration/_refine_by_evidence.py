@@ -30,7 +30,7 @@ from catfree.methods.paper.association import (
 )
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Rig, Scene
-from catfree.types._progress import Progress
+from catfree.types._annotations import Progress
 from catfree.types._sampling import evenly_spread
 
 PATIENCE = 3  # rounds without a smaller residual before the loop ends

@@ -26,7 +26,7 @@ from catfree.settings import Settings
 from catfree.synthetic._world import World
 from catfree.synthetic.render import make_demo_world, render_videos
 from catfree.types import Scene
-from catfree.types._progress import Progress
+from catfree.types._annotations import Progress
 
 SMALLEST_PICTURE = 32  # pixels; people in smaller ones are mere dots
 LARGEST_PICTURE = 4096  # pixels; larger ones exceed common decoders and memory

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from catfree.errors import MissingDependencyError
-from catfree.types._progress import Progress
+from catfree.types._annotations import Progress
 
 FAILURE, INTERRUPTED = 1, 130
 

@@ -12,7 +12,7 @@ from catfree.errors import InvalidInputError
 from catfree.filters._otsu import log_otsu, otsu
 from catfree.filters._sample_arrays import as_floating, as_mask
 from catfree.settings import Selection
-from catfree.types._array_types import HostOrDevice
+from catfree.types._annotations import HostOrDevice
 
 Gate = Literal["support", "uncertainty", "ground"]
 Sample = Literal["all", "remaining"]

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Num
 
 from catfree.filters._sample_arrays import as_mask, as_sample
-from catfree.types._array_types import HostOrDevice
+from catfree.types._annotations import HostOrDevice
 
 # Splits whose criteria agree to this many units of rounding are ties, so that neither the order of
 # the sample nor its unit decides between them.

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Num
 
 from catfree.filters._otsu import otsu, otsu_separability
 from catfree.filters._sample_arrays import as_floating, as_mask
-from catfree.types._array_types import HostOrDevice
+from catfree.types._annotations import HostOrDevice
 
 
 class Signal(IntEnum):

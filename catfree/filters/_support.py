@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Num, ScalarLike
 
 from catfree.filters._sample_arrays import as_floating
-from catfree.types._array_types import HostOrDevice
+from catfree.types._annotations import HostOrDevice
 
 
 def support(

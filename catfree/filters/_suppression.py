@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Num, ScalarLike
 
 from catfree.errors import InvalidInputError
 from catfree.filters._sample_arrays import as_floating, as_mask
-from catfree.types._array_types import HostOrDevice
+from catfree.types._annotations import HostOrDevice
 
 
 def suppress(

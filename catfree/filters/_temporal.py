@@ -10,7 +10,7 @@ Source: paper, Sec. "Selecting pedestrian positions", temporal consistency.
 import numpy as np
 from jaxtyping import Bool, Int
 
-from catfree.types._array_types import HostOrDevice
+from catfree.types._annotations import HostOrDevice
 
 
 def frames_of_pairs(

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float, Real
 from numpy.typing import ArrayLike
 
-from catfree.types._array_types import HostOrDevice
+from catfree.types._annotations import HostOrDevice
 
 # Standard deviation of a zero-mean normal variable over the median of its absolute value.
 MEDIAN_TO_DEVIATION = 1.4826

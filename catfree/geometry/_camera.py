@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Real
 
 from catfree.geometry._arrays import float_arrays, safe_norm
-from catfree.types._array_types import HostOrDevice
+from catfree.types._annotations import HostOrDevice
 
 # Newton's method converges quadratically from the distorted point; ten steps reach float64
 # precision for every lens whose distortion is invertible in its image.

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray, Real, UInt32
 from catfree.errors import InsufficientDataError
 from catfree.geometry._arrays import Scalar, epsilon, float_arrays
 from catfree.types import Plane
-from catfree.types._array_types import HostOrDevice
+from catfree.types._annotations import HostOrDevice
 
 # A ray whose slope to the plane is below this many epsilons is parallel to it.
 PARALLEL_EPSILONS = 8.0

@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool, Float, Real
 
 from catfree.geometry._arrays import Scalar, float_arrays, safe_norm
 from catfree.geometry._camera import back_project
-from catfree.types._array_types import HostOrDevice
+from catfree.types._annotations import HostOrDevice
 
 
 def pixel_to_ray(

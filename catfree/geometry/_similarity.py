@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Real
 from catfree.errors import DegenerateGeometryError, InvalidInputError
 from catfree.geometry._arrays import epsilon, float_arrays, tiny
 from catfree.types import Plane, Rig, Scene
-from catfree.types._array_types import HostOrDevice
+from catfree.types._annotations import HostOrDevice
 from catfree.types._validation import is_traced
 
 # A singular value below this share of the largest one is zero (rounding of float64 inputs).
@@ -228,7 +228,7 @@ def transform_scene(similarity: Similarity, scene: Scene, *, metric: bool | None
         transform_plane(similarity, scene.ground),
         xp.asarray(scale * scene.extent),
     )
-    # Set afterwards: a transformed scene may have any size, a metric one that a user brings may not.
+    # Set afterwards: the constructor refuses metric cameras that are too high, at any scale here.
     object.__setattr__(moved, "metric", scene.metric if metric is None else metric)
     return moved
 

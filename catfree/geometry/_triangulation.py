@@ -29,7 +29,7 @@ from catfree.geometry._ray_distances import (
     residuals_of,
     solve_regularized,
 )
-from catfree.types._array_types import HostOrDevice
+from catfree.types._annotations import HostOrDevice
 
 
 class Triangulation(eqx.Module):

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, Real
 
 from catfree.geometry import _symmetric3 as symmetric3
 from catfree.geometry._arrays import Scalar, epsilon, float_arrays, safe_norm, tiny
-from catfree.types._array_types import HostOrDevice
+from catfree.types._annotations import HostOrDevice
 
 # Below this many epsilons the reciprocal condition of a matrix is rounding noise.
 SINGULAR_EPSILONS = 8.0

@@ -20,8 +20,8 @@ from catfree.methods.paper.association import (
 from catfree.methods.paper.trajectories import build_trajectories
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene, Thresholds
+from catfree.types._annotations import Progress, no_progress
 from catfree.types._forks import require_own_process
-from catfree.types._progress import Progress, no_progress
 from catfree.types._validation import require_instance, require_known_cameras
 
 

@@ -8,10 +8,18 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 from catfree.types._archive import load_arrays, naming_file, save_arrays
+from catfree.types._declared_types import require_declared_types
 from catfree.types._detections import Detections
-from catfree.types._validation import as_count, as_float, as_integer, first_index, require_shape
+from catfree.types._validation import (
+    as_count,
+    as_float,
+    as_integer,
+    first_index,
+    require_finite,
+    require_shape,
+)
 
 
 class Fate(IntEnum):
@@ -250,9 +258,6 @@ class Tracks(eqx.Module):
         optional = ("existence", "support", "velocity", "velocity_covariance")
         required = [name for name in cls.__annotations__ if name not in optional]
         arrays = load_arrays(path, "Tracks", required=required, optional=optional)
-        # Imported here, because the checks name this type.
-        from catfree.types._result_checks import require_declared_types, require_sound_tracks
-
         naming_file(path, lambda: require_declared_types(cls, arrays))
         tracks = cls(**arrays)
         naming_file(path, lambda: require_sound_tracks(tracks))
@@ -391,3 +396,44 @@ class Localization(eqx.Module):
                 f"{len(detections)}. Pass the detections that it was made from; if a file of "
                 "version 0.1 holds it, run `localize` again."
             )
+
+
+def require_sound_tracks(tracks: Tracks) -> None:
+    """Raise unless tracks are finite, with lengths and probabilities in range.
+
+    A position that fewer than two cameras support may have an infinite sigma.
+
+    Raises:
+        InvalidInputError: naming the first column and row.
+    """
+    unknown = np.isposinf(tracks.sigma) & (tracks.supporting_cameras < 2)
+    for name in ("position", "ground_xy", "existence"):
+        if getattr(tracks, name) is not None:
+            require_finite(getattr(tracks, name), name)
+    for name in ("sigma", "covariance"):
+        require_finite(getattr(tracks, name), name, ~unknown)
+    _require((np.asarray(tracks.sigma) >= 0), tracks.sigma, "sigma", "a length")
+    _require(np.isin(tracks.origin, list(Origin)), tracks.origin, "origin", "a known origin")
+    if tracks.existence is not None:
+        existence = np.asarray(tracks.existence)
+        _require((existence >= 0) & (existence <= 1), existence, "existence", "a probability")
+
+
+def require_sound_localization(localization: Localization) -> None:
+    """Raise unless `localize` could have returned this result.
+
+    Raises:
+        InvalidInputError: naming the first field or row.
+    """
+    require_sound_tracks(localization.tracks)
+    candidates = localization.candidates
+    for name in ("position", "ground_distance", "score"):
+        require_finite(getattr(candidates, name), f"candidates.{name}")
+    _require(~np.isnan(candidates.sigma), candidates.sigma, "candidates.sigma", "a length")
+    _require(np.isin(candidates.fate, list(Fate)), candidates.fate, "candidates.fate", "a fate")
+
+
+def _require(good: Any, values: Any, name: str, meaning: str) -> None:
+    if not np.all(good):
+        at = first_index(~good)
+        raise InvalidInputError(f"{name}[{at}] is {quoted(values[~good][0])}, not {meaning}.")

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.errors import InvalidInputError
+from catfree.types._annotations import HostOrDevice
 from catfree.types._archive import load_arrays, naming_file, save_arrays
-from catfree.types._array_types import HostOrDevice
 from catfree.types._validation import (
     as_boolean,
     as_float,

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.errors import InvalidInputError
+from catfree.types._annotations import HostOrDevice
 from catfree.types._archive import load_arrays, naming_file, save_arrays
-from catfree.types._array_types import HostOrDevice
 from catfree.types._rig import RIG_FIELDS, Rig
 from catfree.types._validation import (
     as_boolean,

@@ -26,7 +26,7 @@ from catfree.adapters.protocols import (
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.types import Detections
-from catfree.types._progress import Progress
+from catfree.types._annotations import Progress
 
 
 def detect_videos(

@@ -15,7 +15,7 @@ from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Plane, Rig, Scene
-from catfree.types._progress import Progress, no_progress
+from catfree.types._annotations import Progress, no_progress
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from catfree.calibration.reconstructions._ground_evidence import (
 from catfree.errors import GroundRejectedError, InsufficientDataError
 from catfree.geometry import fit_plane_ransac
 from catfree.types import Detections, Plane, Rig
-from catfree.types._array_types import HostOrDevice
+from catfree.types._annotations import HostOrDevice
 from catfree.types._sampling import evenly_spread
 
 INLIER_SHARE = 0.01  # fraction of E: the paper's tolerance of a ray (delta)

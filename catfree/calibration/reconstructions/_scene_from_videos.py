@@ -7,7 +7,7 @@ from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration.reconstructions._aggregate import aggregate
 from catfree.calibration.reconstructions._ground import find_ground
 from catfree.types import Detections, Scene
-from catfree.types._progress import Progress, no_progress
+from catfree.types._annotations import Progress, no_progress
 
 INSTANTS = 12  # reconstructed instants; four of them may be wrong
 

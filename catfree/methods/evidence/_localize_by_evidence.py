@@ -18,7 +18,7 @@ from catfree.types import (
     Thresholds,
     Tracks,
 )
-from catfree.types._progress import Progress
+from catfree.types._annotations import Progress
 
 
 class Clusters(eqx.Module):

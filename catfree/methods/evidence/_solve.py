@@ -31,7 +31,7 @@ from catfree.methods.evidence.track._suppress_overlapping import suppress_overla
 from catfree.methods.evidence.track._tracking import Trails, estimate_motion, follow, unlinked
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
-from catfree.types._progress import Progress, no_progress
+from catfree.types._annotations import Progress, no_progress
 
 SURE_LOG_ODDS = 3.0  # of the groups from which the speed of people is learned
 VAGUEST_PRIOR = 0.05  # per H0²: a tracked person is within a few meters

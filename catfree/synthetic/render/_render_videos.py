@@ -25,7 +25,7 @@ from catfree.synthetic.render._painter import Painter
 from catfree.synthetic.render._stage import Stage, build_stage, street_furniture
 from catfree.synthetic.render._textures import ground_picture
 from catfree.types import Rig
-from catfree.types._progress import Progress
+from catfree.types._annotations import Progress
 from catfree.types._writing import make_folder, replacement
 
 STAGE_NAME = "render"

@@ -9,7 +9,7 @@ import numpy as np
 from catfree.adapters import SynchronizedVideos
 from catfree.errors import InvalidInputError
 from catfree.types import Detections, Localization, Origin, Scene, Tracks
-from catfree.types._progress import Progress
+from catfree.types._annotations import Progress
 from catfree.types._writing import replacement
 from catfree.viz._camera_view import project_points, visible_runs
 from catfree.viz._palette import CAMERA_COLOR, track_color

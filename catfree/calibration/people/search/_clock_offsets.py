@@ -21,7 +21,7 @@ from catfree.errors import CalibrationError
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
-from catfree.types._progress import Progress
+from catfree.types._annotations import Progress
 from catfree.types._sampling import evenly_spread
 
 TRIED_OFFSETS = 16  # offsets of an unplaced camera that are refined

@@ -16,7 +16,7 @@ from catfree.calibration.people.search._completion import complete_rig
 from catfree.calibration.people.search._growth import drop_harmful, grow_rig, prune_rig
 from catfree.calibration.people.search._seed_pairs import PairHypothesis, search_pair, seed_rig
 from catfree.errors import CalibrationError
-from catfree.types._progress import Progress
+from catfree.types._annotations import Progress
 
 THREADS = 2  # array operations release the interpreter lock only partly
 GROWN_SEEDS = 2  # minimum; more only while cameras are missing

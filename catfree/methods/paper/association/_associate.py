@@ -14,7 +14,7 @@ from catfree.methods.paper.association._observe import Observations
 from catfree.methods.paper.association._ray_weights import pose_ratio, ray_weights
 from catfree.settings import Settings
 from catfree.types import Rays
-from catfree.types._progress import Progress, no_progress
+from catfree.types._annotations import Progress, no_progress
 
 CHUNK = 8192  # detections associated together: bounds memory and avoids recompilation
 

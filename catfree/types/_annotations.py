@@ -1,7 +1,11 @@
-"""Progress reports of long computations."""
+"""Types of arguments that many functions share."""
 
 from collections.abc import Callable
 
+import numpy as np
+from jaxtyping import Array
+
+HostOrDevice = np.ndarray | Array
 Progress = Callable[[str, int, int], None]  # called as `progress(stage, done, total)`
 
 
