@@ -130,10 +130,7 @@ def _expectation(result: cf.Localization, moda: float) -> Figures:
         return {}
     assert told.moda_low is not None
     assert told.moda_high is not None
-    return {
-        "MODA above expectation": moda - told.expected_moda,
-        "MODA inside the 90 % interval": told.moda_low <= moda <= told.moda_high,
-    }
+    return {"MODA inside the 90 % interval": told.moda_low <= moda <= told.moda_high}
 
 
 def _honesty(found: uncertainty.Honesty) -> Figures:
@@ -219,8 +216,11 @@ def demo(seed: int, data: Path | None) -> Figures:
     """The demo: rendered videos through the whole pipeline."""
     with tempfile.TemporaryDirectory() as folder:
         similarity, rigid = run_demo(folder, seed, pictures=False).scores
+    error = similarity.centre_error[np.isfinite(similarity.centre_error)]
     return {
-        "cameras": int(np.isfinite(similarity.centre_error).sum()),
+        "cameras": len(error),
+        "centre error, mean": error.mean(),
+        "scale": similarity.scale,
         "MODA, similarity": similarity.moda,
         "MODA, rigid": rigid.moda,
         "IDF1": similarity.idf1,
@@ -231,8 +231,8 @@ def demo(seed: int, data: Path | None) -> Figures:
 def _suites() -> list[Suite]:
     """All, cheap ones first."""
     suites = [
-        Suite(f"turned cameras/{layout}", partial(turned_cameras, layout, seed), quick=True)
-        for layout, seed in robustness.LAYOUTS
+        Suite(f"turned cameras/{layout}", partial(turned_cameras, layout, seed), quick=index == 0)
+        for index, (layout, seed) in enumerate(robustness.LAYOUTS)
     ]
     for name in (*MULTIVIEWX, *REAL, *SCENES, *BARE):
         quick = name not in (WILDTRACK, *SCENES[1:], *BARE[1:])
