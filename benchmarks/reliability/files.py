@@ -79,7 +79,7 @@ class Material:
         self.scene, self.detections = world.true_scene, world.detections
         self.names = ("north", "east", "south", "west")[:cameras]
         self.rig = self.scene.rig
-        self.localization = _result(cameras)
+        self.localization = _result(cameras, len(self.detections))
         self.tracks = self.localization.tracks
 
     def lens_rig(self) -> Rig:
@@ -182,7 +182,7 @@ def _load(kind: Any) -> Callable[[Path], Any]:
     return lambda folder: kind.load(folder / "a.npz")
 
 
-def _result(cameras: int) -> Localization:
+def _result(cameras: int, detection_count: int) -> Localization:
     """Two people who walk through eight frames, without running anything."""
     count = 16
     frame, person = np.divmod(np.arange(count), 2)
@@ -198,6 +198,8 @@ def _result(cameras: int) -> Localization:
         supporting_cameras=np.full(count, 2),
         origin=np.zeros(count, np.int64),
         existence=np.full(count, 0.9),
+        velocity=np.zeros((count, 2)),
+        velocity_covariance=np.tile(0.01 * np.eye(2), (count, 1, 1)),
     )
     candidates = Candidates(
         frame=frame,
@@ -210,7 +212,8 @@ def _result(cameras: int) -> Localization:
         fate=np.zeros(count, np.int64),
     )
     reliability = Reliability(0.1, 0.2, 0.0, 0.0, 2.0, 0.9)
-    return Localization(tracks, candidates, Thresholds(median_box_height=80.0), reliability)
+    thresholds = Thresholds(median_box_height=80.0)
+    return Localization(tracks, candidates, thresholds, reliability, detection_count)
 
 
 def _write_results(folder: Path, m: Material) -> None:
