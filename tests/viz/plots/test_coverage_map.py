@@ -2,23 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import strategies as st
 
-from catfree._coverage import (
-    Coverage,
-    coverage,
-)
+from catfree._coverage import Coverage, coverage
 from catfree.errors import InvalidInputError
 from catfree.synthetic import make_layout
 from catfree.viz.plots._coverage_map import iso_levels, plot_coverage
 
 AREA = (-6.0, 6.0, -5.0, 5.0)
-SEEDS = st.integers(0, 10_000)
-NOISE = 0.0206
-
-
-def scene_of(seed, name="ring4"):
-    return make_layout(name, seed).scene
 
 
 def test_iso_levels_are_round_and_inside():
@@ -31,7 +21,7 @@ def test_iso_levels_are_round_and_inside():
 
 @pytest.mark.parametrize("quantity", ["sigma", "cameras"])
 def test_maps_show_the_numbers(quantity):
-    scene = scene_of(3)
+    scene = make_layout("ring4", 3).scene
     result = coverage(scene, AREA, resolution=0.5)
     ax = plot_coverage(result, scene, quantity=quantity)
     ax.figure.canvas.draw()
@@ -56,7 +46,7 @@ def test_tracks_are_drawn_over_the_map(world, localization):
 
 
 def test_a_map_without_any_coverage_can_be_drawn():
-    scene = scene_of(3)
+    scene = make_layout("ring4", 3).scene
     far = coverage(scene, (500.0, 520.0, 500.0, 520.0), resolution=5.0)
     blind = Coverage(far.x, far.y, np.zeros_like(far.visible), np.full_like(far.sigma, np.inf), 0.4)
     assert blind.accuracy == 0
