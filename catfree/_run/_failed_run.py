@@ -78,8 +78,8 @@ def box_table(videos: SynchronizedVideos, detections: Detections) -> Table:
 
 def _fullest_instant(videos: SynchronizedVideos, detections: Detections) -> list[np.ndarray]:
     """Images of the instant with the most boxes, with the boxes drawn."""
-    frames = videos.frames
-    count = (detections.frame[None, :] == frames[:, None]).sum(axis=1)
+    instant = np.searchsorted(videos.frames, detections.frame)
+    count = np.bincount(instant, minlength=len(videos.frames))
     frame, images = next(videos.instants_from(int(count.argmax())))
     boxes = detections[detections.frame == frame]
     return [draw_boxes(image, boxes[boxes.camera == camera]) for camera, image in enumerate(images)]
