@@ -2,17 +2,23 @@
 
 All parameters are learned from the sequence: the appearance distance between the two halves of a
 track and between people present at the same time, and the displacement per number of frames.
+Everything learned is a sum over fragments, so that a long recording is learned in parts.
 """
+
+from collections.abc import Sequence
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from catfree.types import Detections, Localization, Tracks
 
 LEAST_PAIRS = 8  # of each kind of pair needed to use appearance
 EVIDENCE_LIMIT = 8.0  # log-odds: appearance never claims less than one error in three thousand
+PAIRS_AT_A_TIME = 1 << 20  # 200 MB
 
 
 class Pieces(eqx.Module):
@@ -26,6 +32,7 @@ class Pieces(eqx.Module):
         end: (K, 2) last position.
         begin_sigma: (K,) uncertainty of the first position.
         end_sigma: (K,) uncertainty of the last position.
+        boxes: (K,) number of boxes with an embedding.
         looks: (K, D) mean unit embedding, zero without any box.
         halves: (K, 2, D) the same for the earlier and the later half.
     """
@@ -37,11 +44,43 @@ class Pieces(eqx.Module):
     end: Float[np.ndarray, "k 2"]
     begin_sigma: Float[np.ndarray, " k"]
     end_sigma: Float[np.ndarray, " k"]
+    boxes: Int[np.ndarray, " k"]
     looks: Float[np.ndarray, "k d"]
     halves: Float[np.ndarray, "k 2 d"]
 
     def __len__(self) -> int:
         return len(self.identity)
+
+
+class Habits(eqx.Module):
+    """What a recording teaches about motion and appearance, as sums that add up over its parts.
+
+    Attributes:
+        square: (L,) sum of the squared displacements per coordinate by number of frames.
+        pairs: (L,) number of displacements by number of frames.
+        variance: () sum over parts of positions times their median squared sigma.
+        rows: () number of positions.
+        low: (2,) smallest ground coordinates.
+        high: (2,) largest ground coordinates.
+        frames: () number of frames.
+        longest: () number of frames of the longest part.
+        pieces: () number of fragments.
+        alike: (3,) number, sum and sum of squares of the logarithms of the appearance distance
+            between the halves of a fragment.
+        unlike: (3,) the same between fragments present at the same time.
+    """
+
+    square: Float[np.ndarray, " lag"]
+    pairs: Float[np.ndarray, " lag"]
+    variance: float
+    rows: int
+    low: Float[np.ndarray, "2"]
+    high: Float[np.ndarray, "2"]
+    frames: int
+    longest: int
+    pieces: int
+    alike: Float[np.ndarray, "3"]
+    unlike: Float[np.ndarray, "3"]
 
 
 def stitch_tracks(localization: Localization, detections: Detections) -> Localization:
@@ -63,7 +102,7 @@ def stitch_tracks(localization: Localization, detections: Detections) -> Localiz
     if len(np.unique(tracks.track_id)) < 2:
         return localization
     pieces = collect_pieces(tracks, detections, localization.identity)
-    follower = link_pieces(pieces, tracks)
+    follower = link_pieces(pieces, learn_habits(tracks, pieces))
     return eqx.tree_at(lambda result: result.tracks, localization, join(tracks, pieces, follower))
 
 
@@ -77,32 +116,90 @@ def collect_pieces(tracks: Tracks, detections: Detections, shown: Int[np.ndarray
     """
     identity = np.unique(tracks.track_id)
     rows = [np.flatnonzero(tracks.track_id == one) for one in identity]
-    looks, halves = [], []
+    boxes, looks, halves = [], [], []
     embedding = detections.embedding
+    width = 1 if embedding is None else embedding.shape[1]
     for one, track_rows in zip(identity, rows, strict=True):
         if embedding is None:
+            boxes.append(0)
             looks.append(np.zeros(1))
             halves.append(np.zeros((2, 1)))
             continue
-        boxes = np.flatnonzero(shown == one)
+        members = np.flatnonzero(shown == one)
         middle = np.median(tracks.frame[track_rows])
-        early = detections.frame[boxes] < middle
-        looks.append(_mean_look(embedding[boxes]))
-        halves.append([_mean_look(embedding[boxes[early]]), _mean_look(embedding[boxes[~early]])])
+        early = detections.frame[members] < middle
+        boxes.append(len(members))
+        looks.append(_mean_look(embedding[members]))
+        parts = (members[early], members[~early])
+        halves.append([_mean_look(embedding[part]) for part in parts])
+    first, last = ([own[end] for own in rows] for end in (0, -1))
     return Pieces(
         identity=identity,
-        first=np.array([tracks.frame[own[0]] for own in rows]),
-        last=np.array([tracks.frame[own[-1]] for own in rows]),
-        begin=np.array([tracks.ground_xy[own[0]] for own in rows]),
-        end=np.array([tracks.ground_xy[own[-1]] for own in rows]),
-        begin_sigma=np.array([tracks.sigma[own[0]] for own in rows]),
-        end_sigma=np.array([tracks.sigma[own[-1]] for own in rows]),
-        looks=np.array(looks, np.float64),
-        halves=np.array(halves, np.float64),
+        first=tracks.frame[first],
+        last=tracks.frame[last],
+        begin=tracks.ground_xy[first],
+        end=tracks.ground_xy[last],
+        begin_sigma=tracks.sigma[first],
+        end_sigma=tracks.sigma[last],
+        boxes=np.array(boxes, np.int64),
+        looks=np.array(looks, np.float64).reshape(-1, width),
+        halves=np.array(halves, np.float64).reshape(-1, 2, width),
     )
 
 
-def link_pieces(pieces: Pieces, tracks: Tracks) -> Int[np.ndarray, " k"]:
+def learn_habits(tracks: Tracks, pieces: Pieces) -> Habits:
+    """Sum up how people of one part of a recording move and look.
+
+    Args:
+        tracks: the positions of that part.
+        pieces: the fragments that they consist of.
+    """
+    square, pairs = squared_displacement(tracks)
+    any_row = len(tracks) > 0
+    frames = int(tracks.frame.max() - tracks.frame.min()) + 1 if any_row else 0
+    alike, unlike = _look_distances(pieces)
+    return Habits(
+        square=square,
+        pairs=pairs,
+        variance=len(tracks) * float(np.median(tracks.sigma**2)) if any_row else 0.0,
+        rows=len(tracks),
+        low=tracks.ground_xy.min(0, initial=np.inf),
+        high=tracks.ground_xy.max(0, initial=-np.inf),
+        frames=frames,
+        longest=frames,
+        pieces=len(pieces),
+        alike=_moments(alike),
+        unlike=_moments(unlike),
+    )
+
+
+def add_habits(parts: Sequence[Habits]) -> Habits:
+    """Combine what the parts of a recording teach.
+
+    Args:
+        parts: at least one.
+    """
+
+    def total(lags: list[np.ndarray]) -> np.ndarray:
+        length = max(map(len, lags))
+        return np.sum([np.pad(lag, (0, length - len(lag))) for lag in lags], axis=0)
+
+    return Habits(
+        square=total([part.square for part in parts]),
+        pairs=total([part.pairs for part in parts]),
+        variance=sum(part.variance for part in parts),
+        rows=sum(part.rows for part in parts),
+        low=np.min([part.low for part in parts], axis=0),
+        high=np.max([part.high for part in parts], axis=0),
+        frames=sum(part.frames for part in parts),
+        longest=max(part.longest for part in parts),
+        pieces=sum(part.pieces for part in parts),
+        alike=np.sum([part.alike for part in parts], axis=0),
+        unlike=np.sum([part.unlike for part in parts], axis=0),
+    )
+
+
+def link_pieces(pieces: Pieces, habits: Habits) -> Int[np.ndarray, " k"]:
     """Find the fragment that continues each one, or -1.
 
     The log-odds of a link compare "the same person" with "a new person": the likelihood of the
@@ -111,21 +208,75 @@ def link_pieces(pieces: Pieces, tracks: Tracks) -> Int[np.ndarray, " k"]:
 
     Args:
         pieces: the fragments.
-        tracks: the positions that they consist of.
+        habits: of their recording.
     """
-    gap = pieces.first[None, :] - pieces.last[:, None]
-    length = pieces.last - pieces.first + 1
-    shorter = np.minimum(length[:, None], length[None, :])
-    # Short overlaps occur where one fragment ends after the next has begun.
-    possible = (gap > -0.5 * shorter) & (pieces.first[None, :] > pieces.first[:, None])
-    np.fill_diagonal(possible, False)
-    odds = _motion_odds(pieces, tracks, np.maximum(gap, 1)) + _look_odds(pieces)
-    odds = np.where(possible, odds, -np.inf)
-    before, after = linear_sum_assignment(-np.maximum(odds, 0))
     follower = np.full(len(pieces), -1)
-    good = odds[before, after] > 0
-    follower[before[good]] = after[good]
+    if len(pieces) < 2:
+        return follower
+    spread = displacement_variance(habits)
+    by_start = np.argsort(pieces.first, kind="stable")
+    starts = pieces.first[by_start]
+    reach = _longest_gap(pieces, habits, spread)
+    low = np.searchsorted(starts, pieces.first, side="right")
+    high = np.searchsorted(starts, pieces.last + reach, side="right")
+    earlier, later, odds = [], [], []
+    for block in _blocks(np.maximum(high - low, 0)):
+        count = np.maximum(high[block] - low[block], 0)
+        one = np.repeat(block, count)
+        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        two = by_start[np.repeat(low[block], count) + within]
+        gap = pieces.first[two] - pieces.last[one]
+        length = pieces.last - pieces.first + 1
+        # Short overlaps occur where one fragment ends after the next has begun.
+        possible = gap > -0.5 * np.minimum(length[one], length[two])
+        one, two = one[possible], two[possible]
+        value = _motion_odds(pieces, one, two, habits, spread) + _look_odds(
+            pieces, one, two, habits
+        )
+        good = value > 0
+        earlier.append(one[good])
+        later.append(two[good])
+        odds.append(value[good])
+    one, two, value = map(np.concatenate, (earlier, later, odds))
+    before, after = best_assignment(one, two, value, len(pieces))
+    follower[before] = after
     return follower
+
+
+def best_assignment(
+    one: Int[np.ndarray, " p"],
+    two: Int[np.ndarray, " p"],
+    gain: Float[np.ndarray, " p"],
+    count: int,
+) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+    """Choose pairs, each index at most once per side, that maximize the sum of gains.
+
+    Args:
+        one: (P,) first index of each possible pair.
+        two: (P,) second index.
+        gain: (P,) positive gains.
+        count: number of indices on either side.
+
+    Returns:
+        The two indices of each chosen pair, in order of the first.
+    """
+    graph = coo_array((np.ones(len(one)), (one, count + two)), shape=(2 * count, 2 * count))
+    _, component = connected_components(graph, directed=False)
+    order = np.argsort(component[one], kind="stable")
+    cuts = np.flatnonzero(np.diff(component[one[order]])) + 1
+    before, after = [], []
+    for rows in np.split(order, cuts):
+        left, i = np.unique(one[rows], return_inverse=True)
+        right, j = np.unique(two[rows], return_inverse=True)
+        table = np.zeros((len(left), len(right)))
+        table[i, j] = gain[rows]
+        a, b = linear_sum_assignment(-table)
+        chosen = table[a, b] > 0
+        before.append(left[a[chosen]])
+        after.append(right[b[chosen]])
+    first, second = np.concatenate(before), np.concatenate(after)
+    by_first = np.argsort(first)
+    return first[by_first], second[by_first]
 
 
 def join(tracks: Tracks, pieces: Pieces, follower: Int[np.ndarray, " k"]) -> Tracks:
@@ -136,43 +287,45 @@ def join(tracks: Tracks, pieces: Pieces, follower: Int[np.ndarray, " k"]) -> Tra
         pieces: the fragments that they consist of.
         follower: (K,) the result of `link_pieces`.
     """
-    chain = np.arange(len(pieces))
-    keep = np.ones(len(tracks), bool)
+    chain, stop = chains(pieces, follower)
     at = np.searchsorted(pieces.identity, tracks.track_id)
+    keep = tracks.frame < stop[at]
+    return eqx.tree_at(lambda table: table.track_id, tracks, chain[at])[keep].renumbered()
+
+
+def chains(
+    pieces: Pieces, follower: Int[np.ndarray, " k"]
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Follow the links from fragment to fragment.
+
+    Args:
+        pieces: the fragments.
+        follower: (K,) the result of `link_pieces`.
+
+    Returns:
+        (K,) the first fragment of each fragment's chain, and (K,) the frame before which it ends,
+        because its follower begins there.
+    """
+    chain = np.arange(len(pieces))
+    stop = np.full(len(pieces), np.iinfo(np.int64).max)
     for piece in np.argsort(pieces.first, kind="stable"):
         after = follower[piece]
         if after >= 0:
             chain[after] = chain[piece]
-            keep &= ~((at == piece) & (tracks.frame >= pieces.first[after]))
-    return eqx.tree_at(lambda table: table.track_id, tracks, chain[at])[keep].renumbered()
+            stop[piece] = pieces.first[after]
+    return chain, stop
 
 
-def _motion_odds(
-    pieces: Pieces, tracks: Tracks, gap: Int[np.ndarray, "k k"]
-) -> Float[np.ndarray, "k k"]:
-    """Log-odds of a link by the end and start positions."""
-    spread = squared_displacement(tracks)
-    variance = spread[np.minimum(gap, len(spread) - 1)]
-    # Beyond the longest observed lag the variance grows linearly with time, as in a random walk.
-    variance = variance * np.maximum(gap / (len(spread) - 1), 1)
-    # Tracks break where the person was poorly visible, which sigma quantifies.
-    variance = variance + pieces.end_sigma[:, None] ** 2 + pieces.begin_sigma[None, :] ** 2
-    square = ((pieces.begin[None, :] - pieces.end[:, None]) ** 2).sum(-1)
-    frames = int(tracks.frame.max() - tracks.frame.min()) + 1
-    area = np.prod(np.maximum(np.ptp(tracks.ground_xy, axis=0), 1e-12))
-    begins = len(pieces) / (frames * area)
-    continued = -np.log(2 * np.pi * variance) - square / (2 * variance) - np.log(frames)
-    return continued - np.log(begins)
-
-
-def squared_displacement(tracks: Tracks) -> Float[np.ndarray, " lag"]:
-    """Compute the mean squared displacement per coordinate for each number of frames.
+def squared_displacement(
+    tracks: Tracks,
+) -> tuple[Float[np.ndarray, " lag"], Float[np.ndarray, " lag"]]:
+    """Sum the squared displacement per coordinate for each number of frames.
 
     Args:
         tracks: positions with identities.
 
     Returns:
-        (L,) scene units squared; entry 0 repeats that of one frame.
+        (L,) sums in scene units squared, and (L,) numbers of displacements; entry 0 is unused.
     """
     total, count = np.zeros(len(tracks) + 2), np.zeros(len(tracks) + 2)
     for one in np.unique(tracks.track_id):
@@ -184,44 +337,116 @@ def squared_displacement(tracks: Tracks) -> Float[np.ndarray, " lag"]:
             usable = lag < len(total)
             np.add.at(total, lag[usable], square[usable])
             np.add.at(count, lag[usable], 1)
-    enough = np.flatnonzero(count >= LEAST_PAIRS)
+    return total, count
+
+
+def displacement_variance(habits: Habits) -> Float[np.ndarray, " lag"]:
+    """Compute the variance per coordinate of the displacement for each number of frames.
+
+    Args:
+        habits: of the recording.
+
+    Returns:
+        (L,) scene units squared; entry 0 repeats that of one frame.
+    """
+    enough = np.flatnonzero(habits.pairs >= LEAST_PAIRS)
     longest = int(enough.max()) if len(enough) else 1
-    mean = total[: longest + 1] / np.maximum(count[: longest + 1], 1)
+    mean = habits.square[: longest + 1] / np.maximum(habits.pairs[: longest + 1], 1)
     # Displacement does not decrease with the lag, and no position is exact.
-    floor = float(np.median(tracks.sigma**2)) + 1e-12
+    floor = habits.variance / max(habits.rows, 1) + 1e-12
     mean = np.maximum.accumulate(np.maximum(mean, floor))
     mean[0] = mean[min(1, longest)]
     return mean
 
 
-def _look_odds(pieces: Pieces) -> Float[np.ndarray, "k k"]:
-    """Log-odds of a link by appearance, linear in the logarithm of the embedding distance."""
-    distance = _distances(pieces.looks, pieces.looks)
-    known = (pieces.looks**2).sum(-1) > 0
-    neutral = np.zeros((len(pieces), len(pieces)))
-    together = (pieces.first[:, None] <= pieces.last[None, :]) & (
-        pieces.first[None, :] <= pieces.last[:, None]
-    )
-    others = distance[np.triu(together & known[:, None] & known[None, :], 1)]
-    halved = ((pieces.halves**2).sum(-1) > 0).all(-1)
-    within = 1 - (pieces.halves[halved, 0] * pieces.halves[halved, 1]).sum(-1)
-    if min(len(within), len(others)) < LEAST_PAIRS:
+def _spread_after(
+    gap: Int[np.ndarray, " p"], spread: Float[np.ndarray, " lag"]
+) -> Float[np.ndarray, " p"]:
+    gap = np.maximum(gap, 1)
+    variance = spread[np.minimum(gap, len(spread) - 1)]
+    # Beyond the longest observed lag the variance grows linearly with time, as in a random walk.
+    return variance * np.maximum(gap / (len(spread) - 1), 1)
+
+
+def _density(habits: Habits) -> float:
+    """Starts of fragments per frame and squared scene unit."""
+    area = np.prod(np.maximum(habits.high - habits.low, 1e-12))
+    return float(habits.pieces / (habits.frames * area))
+
+
+def _motion_odds(
+    pieces: Pieces,
+    one: Int[np.ndarray, " p"],
+    two: Int[np.ndarray, " p"],
+    habits: Habits,
+    spread: Float[np.ndarray, " lag"],
+) -> Float[np.ndarray, " p"]:
+    """Log-odds of links by the end and start positions."""
+    variance = _spread_after(pieces.first[two] - pieces.last[one], spread)
+    # Tracks break where the person was poorly visible, which sigma quantifies.
+    variance = variance + pieces.end_sigma[one] ** 2 + pieces.begin_sigma[two] ** 2
+    square = ((pieces.begin[two] - pieces.end[one]) ** 2).sum(-1)
+    # A person may be seen again at any time within the longest part.
+    continued = -np.log(2 * np.pi * variance) - square / (2 * variance) - np.log(habits.longest)
+    return continued - np.log(_density(habits))
+
+
+def _longest_gap(pieces: Pieces, habits: Habits, spread: Float[np.ndarray, " lag"]) -> int:
+    """Number of frames beyond which no fragment continues another, however alike they look."""
+    widest = np.exp(EVIDENCE_LIMIT) / (2 * np.pi * habits.longest * _density(habits))
+    if widest <= spread[-1]:
+        return int(np.searchsorted(spread, widest))
+    return int(min(widest / spread[-1] * (len(spread) - 1), np.ptp(pieces.first))) + 1
+
+
+def _look_odds(
+    pieces: Pieces, one: Int[np.ndarray, " p"], two: Int[np.ndarray, " p"], habits: Habits
+) -> Float[np.ndarray, " p"]:
+    """Log-odds of links by appearance, linear in the logarithm of the embedding distance."""
+    neutral = np.zeros(len(one))
+    if min(habits.alike[0], habits.unlike[0]) < LEAST_PAIRS:
         return neutral
-    same, other = np.log(np.maximum(within, 1e-6)), np.log(np.maximum(others, 1e-6))
+    (same, same_variance), (other, other_variance) = map(
+        _mean_and_variance, (habits.alike, habits.unlike)
+    )
     # With one variance for both, the odds decrease monotonically with the distance.
-    variance = max((same.var() + other.var()) / 2, 1e-6)
-    slope = (same.mean() - other.mean()) / variance
+    slope = (same - other) / max((same_variance + other_variance) / 2, 1e-6)
     if slope >= 0:
         return neutral
-    odds = slope * (np.log(np.maximum(distance, 1e-6)) - (same.mean() + other.mean()) / 2)
-    odds = np.clip(odds, -EVIDENCE_LIMIT, EVIDENCE_LIMIT)
-    return np.where(known[:, None] & known[None, :], odds, 0.0)
+    distance = _log_distance(np.einsum("pd,pd->p", pieces.looks[one], pieces.looks[two]))
+    odds = slope * (distance - (same + other) / 2)
+    known = (pieces.boxes[one] > 0) & (pieces.boxes[two] > 0)
+    return np.where(known, np.clip(odds, -EVIDENCE_LIMIT, EVIDENCE_LIMIT), 0.0)
 
 
-def _distances(
-    one: Float[np.ndarray, "a d"], two: Float[np.ndarray, "b d"]
-) -> Float[np.ndarray, "a b"]:
-    return np.clip(1 - one @ two.T, 0, 2)
+def _look_distances(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
+    """Log distances between the halves of a fragment, and between fragments at the same time."""
+    halved = ((pieces.halves**2).sum(-1) > 0).all(-1)
+    alike = (pieces.halves[halved, 0] * pieces.halves[halved, 1]).sum(-1)
+    known = np.flatnonzero(pieces.boxes > 0)
+    looks, first, last = pieces.looks[known], pieces.first[known], pieces.last[known]
+    together = (first[:, None] <= last[None, :]) & (first[None, :] <= last[:, None])
+    unlike = (looks @ looks.T)[np.triu(together, 1)]
+    return _log_distance(alike), _log_distance(unlike)
+
+
+def _log_distance(cosine: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+    return np.log(np.clip(1 - cosine, 1e-6, 2))
+
+
+def _moments(value: Float[np.ndarray, " p"]) -> Float[np.ndarray, "3"]:
+    return np.array([len(value), value.sum(), (value**2).sum()])
+
+
+def _mean_and_variance(moments: Float[np.ndarray, "3"]) -> tuple[float, float]:
+    count, total, square = moments
+    return total / count, max(square / count - (total / count) ** 2, 0.0)
+
+
+def _blocks(count: Int[np.ndarray, " k"]) -> list[Int[np.ndarray, " b"]]:
+    """Split indices into runs with a bounded sum of counts."""
+    block = np.cumsum(count) // PAIRS_AT_A_TIME
+    return np.split(np.arange(len(count)), np.flatnonzero(np.diff(block)) + 1)
 
 
 def _mean_look(embedding: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " d"]:

@@ -4,8 +4,17 @@ import equinox as eqx
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from scipy.optimize import linear_sum_assignment
 
-from catfree._run._stitch import squared_displacement, stitch_tracks
+from catfree._run._stitch import (
+    add_habits,
+    best_assignment,
+    collect_pieces,
+    displacement_variance,
+    learn_habits,
+    link_pieces,
+    stitch_tracks,
+)
 from catfree.methods.paper._assemble import empty_localization
 from catfree.types import (
     Candidates,
@@ -186,7 +195,35 @@ def test_squared_displacement_of_a_straight_walk(speed):
         supporting_cameras=np.full(30, 2),
         origin=np.zeros(30, int),
     )
-    spread = squared_displacement(tracks)
+    nobody = Detections([], [], np.zeros((0, 4)))
+    pieces = collect_pieces(tracks, nobody, np.zeros(0, int))
+    spread = displacement_variance(learn_habits(tracks, pieces))
     lag = np.arange(1, len(spread))
     expected = np.maximum((speed * lag) ** 2 / 2, 1e-4)
     np.testing.assert_allclose(spread[1:], expected, rtol=1e-6)
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), unique=True, min_size=1, max_size=20),
+    st.integers(0, 100),
+)
+def test_best_assignment_is_that_of_the_whole_table(pairs_of_indices, seed):
+    one, two = np.array(pairs_of_indices).T
+    gain = np.random.default_rng(seed).uniform(0.1, 1, len(one))
+    before, after = best_assignment(one, two, gain, 6)
+    table = np.zeros((6, 6))
+    table[one, two] = gain
+    best = table[linear_sum_assignment(-table)].sum()
+    assert len(set(before)) == len(set(after)) == len(before)
+    assert (table[before, after] > 0).all()
+    np.testing.assert_allclose(table[before, after].sum(), best)
+
+
+def test_habits_of_one_part_are_its_own_and_those_of_more_lie_between():
+    localization, detections, _ = sequence(9, {1: (20, 24)})
+    tracks = localization.tracks
+    pieces = collect_pieces(tracks, detections, localization.identity)
+    whole = learn_habits(tracks, pieces)
+    twice = add_habits([whole, whole])
+    np.testing.assert_allclose(displacement_variance(twice), displacement_variance(whole))
+    np.testing.assert_array_equal(link_pieces(pieces, twice), link_pieces(pieces, whole))
