@@ -7,7 +7,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 
 
 def is_traced(*values: Any) -> bool:
@@ -91,6 +91,18 @@ def as_count(value: Any, name: str) -> int:
     if array.shape != ():
         raise InvalidInputError(f"{name} must be one whole number, got shape {array.shape}.")
     return int(array)
+
+
+def as_positive(value: Any, name: str) -> float:
+    """Return a finite number above 0 as a float.
+
+    Raises:
+        InvalidInputError: if it is anything else.
+    """
+    number = np.asarray(value)
+    if number.shape != () or number.dtype.kind not in "fiu" or not 0 < number < np.inf:
+        raise InvalidInputError(f"{name} must be a positive number, got {quoted(value)}.")
+    return float(number)
 
 
 def as_point(value: Any, name: str) -> np.ndarray:

@@ -6,7 +6,10 @@ import os
 from pathlib import Path
 from typing import Any
 
+from catfree.errors import InvalidInputError
+
 _CHUNK = 1 << 20
+_SAMPLES = 16
 
 
 def hash_file(path: str | os.PathLike[str]) -> str:
@@ -15,6 +18,34 @@ def hash_file(path: str | os.PathLike[str]) -> str:
     with Path(path).open("rb") as stream:
         while piece := stream.read(_CHUNK):
             digest.update(piece)
+    return digest.hexdigest()
+
+
+def hash_samples(path: str | os.PathLike[str]) -> str:
+    """Compute the SHA-256 of a file's size and of evenly spread parts, 16 MiB at most.
+
+    For recordings too large to be read as a whole. Of a folder, its names, sizes and 16 files.
+
+    Raises:
+        InvalidInputError: if there is nothing at that path, or it cannot be read.
+    """
+    source = Path(path)
+    try:
+        if source.is_dir():
+            files = sorted(file for file in source.rglob("*") if file.is_file())
+            names = [f"{file.relative_to(source).as_posix()} {file.stat().st_size}" for file in files]
+            chosen = files[:: max(1, len(files) // _SAMPLES)][:_SAMPLES]
+            return hash_parameters("folder", *names, *(hash_samples(file) for file in chosen))
+        size = source.stat().st_size
+        digest = hashlib.sha256(str(size).encode())
+        with source.open("rb") as stream:
+            for part in range(_SAMPLES):
+                stream.seek(part * max(0, size - _CHUNK) // (_SAMPLES - 1))
+                digest.update(stream.read(_CHUNK))
+                if size <= _CHUNK:
+                    break
+    except OSError as error:
+        raise InvalidInputError(f"Cannot read {source}: {error.strerror or error}.") from error
     return digest.hexdigest()
 
 

@@ -1,0 +1,120 @@
+"""Give each person one identity over all shards of a recording."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from catfree._run._stitch import Habits, Pieces, add_habits, chains, link_pieces
+
+Pairs = tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]
+
+
+@dataclass(frozen=True)
+class Identities:
+    """The identity of each track of each shard.
+
+    Attributes:
+        shard: (K,) position of the shard, sorted.
+        local: (K,) identity within the shard, sorted within each.
+        identity: (K,) identity in the recording, counted from 0 in the order in which people
+            first appear.
+        stop: (K,) frame before which the track ends, because the person goes on as another one.
+    """
+
+    shard: Int[np.ndarray, " k"]
+    local: Int[np.ndarray, " k"]
+    identity: Int[np.ndarray, " k"]
+    stop: Int[np.ndarray, " k"]
+
+    def of(self, shard: int, local: Int[np.ndarray, " m"]) -> Pairs:
+        """(M,) identity and (M,) stop of tracks of one shard; each must be known."""
+        begin, end = np.searchsorted(self.shard, [shard, shard + 1])
+        at = begin + np.searchsorted(self.local[begin:end], local)
+        return self.identity[at], self.stop[at]
+
+
+def identify(
+    pieces: Sequence[Pieces], habits: Sequence[Habits], matched: Sequence[Pairs]
+) -> Identities:
+    """Join the tracks of all shards by their matches, then by looks and motion across gaps.
+
+    Args:
+        pieces: of each shard, in order of time.
+        habits: of each shard.
+        matched: for each shard but the last, the identities in it and in the next one of the pairs
+            that are one person.
+    """
+    count = [len(part) for part in pieces]
+    shard = np.repeat(np.arange(len(pieces)), count)
+    table = _concatenate(pieces)
+    begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+    one, two = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    for index, pair in enumerate(matched):
+        rows = []
+        for at, names in enumerate(pair):
+            known = pieces[index + at].identity
+            row = np.searchsorted(known, names)
+            found = row < len(known)
+            found[found] = known[row[found]] == names[found]
+            rows.append(np.where(found, begin[index + at] + row, -1))
+        # A track that only the overlap has is not reported by its shard.
+        both = (rows[0] >= 0) & (rows[1] >= 0)
+        one.append(rows[0][both])
+        two.append(rows[1][both])
+    before, after = np.concatenate(one), np.concatenate(two)
+    links = coo_array((np.ones(len(before)), (before, after)), shape=(len(table), len(table)))
+    _, person = connected_components(links, directed=False)
+    whole = _merge(table, person)
+    first_of, stop = chains(whole, link_pieces(whole, add_habits(habits)))
+    order = np.lexsort((*whole.begin.T[::-1], whole.begin_sigma, whole.first))
+    roots = order[first_of[order] == order]
+    number = np.empty(len(whole), np.int64)
+    number[roots] = np.arange(len(roots))
+    return Identities(shard, table.identity, number[first_of[person]], stop[person])
+
+
+def _merge(table: Pieces, person: Int[np.ndarray, " k"]) -> Pieces:
+    """One fragment per person from the fragments of several shards."""
+    names = np.unique(person)
+    earliest = np.lexsort((table.first, person))
+    latest = np.lexsort((table.last, person))
+    head = earliest[np.searchsorted(person[earliest], names)]
+    tail = latest[np.searchsorted(person[latest], names, side="right") - 1]
+    looks = np.zeros((len(names), table.looks.shape[1]))
+    np.add.at(looks, person, table.boxes[:, None] * table.looks)
+    boxes = np.zeros(len(names), np.int64)
+    np.add.at(boxes, person, table.boxes)
+    length = np.linalg.norm(looks, axis=1, keepdims=True)
+    return Pieces(
+        identity=names,
+        first=table.first[head],
+        last=table.last[tail],
+        begin=table.begin[head],
+        end=table.end[tail],
+        begin_sigma=table.begin_sigma[head],
+        end_sigma=table.end_sigma[tail],
+        boxes=boxes,
+        looks=looks / np.maximum(length, 1e-12),
+        halves=np.zeros((len(names), 2, looks.shape[1])),
+    )
+
+
+def _concatenate(pieces: Sequence[Pieces]) -> Pieces:
+    """The fragments of all shards in one table."""
+    width = max(part.looks.shape[1] for part in pieces)
+    columns = {}
+    for name in vars(pieces[0]):
+        values = [getattr(part, name) for part in pieces]
+        if name in ("looks", "halves"):
+            # Without any box, a shard does not know how long an embedding is.
+            blank = [np.zeros((*value.shape[:-1], width)) for value in values]
+            values = [
+                value if value.shape[-1] == width else empty
+                for value, empty in zip(values, blank, strict=True)
+            ]
+        columns[name] = np.concatenate(values)
+    return Pieces(**columns)

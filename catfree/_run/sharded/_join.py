@@ -1,0 +1,214 @@
+"""`join`: one table of the whole recording from the tables of its shards."""
+
+import itertools
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import catfree
+from catfree._run._cache import from_arrays
+from catfree._run.sharded._identities import Identities, Pairs, identify
+from catfree._run.sharded._overlap import Positions, match_tracks
+from catfree._run.sharded._receipt import (
+    SCENE_FILE,
+    SCHEMA,
+    WORK_FOLDER,
+    Receipt,
+    files_of,
+    read_receipt,
+    require_intact,
+)
+from catfree._run.sharded._run_shard import ShardSummary
+from catfree._run.sharded._shard import StrPath
+from catfree._run.sharded._stored_tracks import MANIFEST, StoredTracks, open_tracks
+from catfree.adapters.calibration_files._rig_json import read_scene_json, write_scene_json
+from catfree.adapters.files._documents import (
+    require_folder,
+    write_bytes_atomically,
+    write_text_atomically,
+)
+from catfree.adapters.files._fingerprint import hash_file
+from catfree.adapters.tables._detections_table import require_pyarrow
+from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.types import Tracks
+from catfree.types._archive import load_arrays
+
+
+def join(out: StrPath) -> Tracks:
+    """Join the finished shards of a recording to one table and read it.
+
+    Args:
+        out: the folder of the recording that the shards were written to.
+
+    Returns:
+        The tracks of the whole recording, without `support`, which the table does not have. For
+        recordings that do not fit into memory, use `run_shards` and `open_tracks`.
+
+    Raises:
+        InvalidInputError: if there is no finished shard.
+        FileFormatError: naming the shard that is missing, damaged, of another version, or made
+            with other settings, code, scene or plan than the rest.
+        WriteError: if the disk is full or not writable.
+    """
+    return join_shards(out).read()
+
+
+def join_shards(out: StrPath) -> StoredTracks:
+    """Do what `join` does with no more than one shard in memory.
+
+    Each person gets one identity: tracks of neighboring shards are matched where the shards
+    overlap, then fragments are joined across gaps by looks and motion, over all shards.
+
+    Args:
+        out: as `join`.
+
+    Returns:
+        The joined table.
+
+    Raises:
+        CatFreeError: as `join`.
+    """
+    folder = require_folder(out, "results of shards")
+    receipts = read_receipts(folder)
+    scene, names = read_scene_json(folder / WORK_FOLDER / SCENE_FILE)
+    first = receipts[0]
+    if hash_file(folder / WORK_FOLDER / SCENE_FILE) != first.scene_file:
+        raise FileFormatError(
+            f"{folder / WORK_FOLDER / SCENE_FILE} is not the scene that the shards were made "
+            "with. Run them again."
+        )
+    (folder / MANIFEST).unlink(missing_ok=True)  # it says that the table is complete
+    summaries = [_read_summary(folder, receipt) for receipt in receipts]
+    matched = [_match(folder, one, two) for one, two in itertools.pairwise(receipts)]
+    identities = identify(
+        [summary.pieces for summary in summaries], [s.habits for s in summaries], matched
+    )
+    parts = [_write_joined(folder, receipt, identities) for receipt in receipts]
+    for stale in folder.glob("part-*.parquet"):
+        if stale.name not in {part["file"] for part in parts}:
+            stale.unlink()
+    write_scene_json(folder / SCENE_FILE, scene, names)
+    document = {
+        "schema": SCHEMA,
+        "catfree": catfree.__version__,
+        "done": True,
+        "source": first.source,
+        "run": first.run,
+        "settings": first.settings,
+        "scene_file": hash_file(folder / SCENE_FILE),
+        "clock": first.clock,
+        "people": int(identities.identity.max(initial=-1)) + 1,
+        "parts": parts,
+    }
+    write_text_atomically(folder / MANIFEST, json.dumps(document, indent=1) + "\n")
+    return open_tracks(folder)
+
+
+def read_receipts(folder: Path) -> list[Receipt]:
+    """Read the receipts of all shards of a recording, and check that they belong together.
+
+    Args:
+        folder: of the recording.
+
+    Raises:
+        InvalidInputError: if there is no receipt.
+        FileFormatError: naming the shard that is missing, damaged, or does not fit the rest.
+    """
+    paths = sorted((folder / WORK_FOLDER).glob("part-*.json"))
+    if not paths:
+        raise InvalidInputError(f"{folder} holds no finished shard. Run cf.run_shard first.")
+    receipts = sorted(map(read_receipt, paths), key=lambda receipt: receipt.index)
+    first = receipts[0]
+    for receipt in receipts:
+        for name, what in (
+            ("source", "another recording"),
+            ("count", "another plan"),
+            ("scene_file", "another scene"),
+            ("run", "other settings, other networks or another version of catfree"),
+        ):
+            if getattr(receipt, name) != getattr(first, name):
+                raise FileFormatError(
+                    f"{folder}: shard {receipt.index} was made with {what} than shard "
+                    f"{first.index}. Run all shards of one plan with the same scene and settings."
+                )
+    found = [receipt.index for receipt in receipts]
+    if found != list(range(first.count)):
+        missing = sorted(set(range(first.count)) - set(found))
+        listed = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
+        raise FileFormatError(
+            f"{folder}: {len(missing)} of {first.count} shards are not finished ({listed}). Run "
+            "them with cf.run_shard."
+        )
+    for one, two in itertools.pairwise(receipts):
+        if one.stop != two.first:
+            raise FileFormatError(
+                f"{folder}: shard {one.index} ends before frame {one.stop}, but shard {two.index} "
+                f"begins at frame {two.first}. Run all shards of one plan."
+            )
+    for receipt in receipts:
+        require_intact(files_of(folder, receipt.index), receipt)
+    return receipts
+
+
+def _read_summary(folder: Path, receipt: Receipt) -> ShardSummary:
+    path = files_of(folder, receipt.index).pieces
+    return from_arrays(ShardSummary, load_arrays(path, ShardSummary.__name__, required=None))
+
+
+def _match(folder: Path, earlier: Receipt, later: Receipt) -> Pairs:
+    """Match two neighboring shards in the frames that both saw."""
+    one, two = (
+        _positions(folder, receipt, later.first_seen, earlier.stop_seen)
+        for receipt in (earlier, later)
+    )
+    return match_tracks(one, two)
+
+
+def _positions(folder: Path, receipt: Receipt, first: int, stop: int) -> Positions:
+    _, parquet, dataset = require_pyarrow()
+    field = dataset.field("frame")
+    names = ["frame", "track_id", "x", "y", "cov_xx", "cov_xy", "cov_yy"]
+    path = files_of(folder, receipt.index).part
+    table = parquet.read_table(path, columns=names, filters=(field >= first) & (field < stop))
+    column = {name: table[name].to_numpy() for name in names}
+    xx, xy, yy = (column[f"cov_{axes}"] for axes in ("xx", "xy", "yy"))
+    tracked = column["track_id"] >= 0
+    return Positions(
+        column["frame"][tracked],
+        column["track_id"][tracked],
+        np.stack([column["x"], column["y"]], axis=-1)[tracked],
+        np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)[tracked],
+    )
+
+
+def _write_joined(folder: Path, receipt: Receipt, identities: Identities) -> dict[str, Any]:
+    """Write the reported positions of a shard with their identities in the recording."""
+    pyarrow, parquet, _ = require_pyarrow()
+    files = files_of(folder, receipt.index)
+    try:
+        table = parquet.read_table(files.part)
+    except Exception as error:  # pyarrow raises many types for damaged files
+        raise FileFormatError(f"{files.part} cannot be read: {quoted(error)}.") from error
+    frame, local = table["frame"].to_numpy(), table["track_id"].to_numpy()
+    reported = (frame >= receipt.first) & (frame < receipt.stop)
+    table, frame, local = table.filter(reported), frame[reported], local[reported]
+    identity, stop = np.full(len(local), -1), np.full(len(local), np.iinfo(np.int64).max)
+    tracked = local >= 0
+    identity[tracked], stop[tracked] = identities.of(receipt.index, local[tracked])
+    at = table.schema.get_field_index("track_id")
+    table = table.set_column(at, table.schema.field(at), pyarrow.array(identity))
+    table = table.filter(frame < stop).sort_by([("frame", "ascending"), ("track_id", "ascending")])
+    sink = pyarrow.BufferOutputStream()
+    parquet.write_table(table, sink, compression="zstd")
+    path = folder / files.part.name
+    write_bytes_atomically(path, sink.getvalue().to_pybytes())
+    return {
+        "file": path.name,
+        "first": receipt.first,
+        "stop": receipt.stop,
+        "rows": len(table),
+        "sha256": hash_file(path),
+        "boxes_used": receipt.boxes_used,
+    }

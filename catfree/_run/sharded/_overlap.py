@@ -1,0 +1,69 @@
+"""Match the tracks of two neighboring shards in the frames that both of them saw."""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.stats import chi2
+
+from catfree._run._stitch import best_assignment
+
+# Two positions of one person rest on the same boxes: they are closer than this in all but one of a
+# thousand frames.
+GATE = float(chi2.ppf(0.999, 2))
+
+
+class Positions(eqx.Module):
+    """Positions of one shard within an overlap, sorted by frame.
+
+    Attributes:
+        frame: (M,) frame.
+        track_id: (M,) identity within the shard.
+        xy: (M, 2) ground coordinates in scene units.
+        covariance: (M, 2, 2) of them.
+    """
+
+    frame: Int[np.ndarray, " m"]
+    track_id: Int[np.ndarray, " m"]
+    xy: Float[np.ndarray, "m 2"]
+    covariance: Float[np.ndarray, "m 2 2"]
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+
+def match_tracks(
+    earlier: Positions, later: Positions
+) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+    """Find the pairs of tracks that are one person.
+
+    The gain of a pair is summed over the frames that both have: how much smaller the squared
+    Mahalanobis distance is than the gate. A one-to-one assignment maximizes the sum of gains.
+
+    Args:
+        earlier: positions of the earlier shard.
+        later: positions of the later one, of the same frames.
+
+    Returns:
+        The identities of each pair in either shard, in order of the first.
+    """
+    empty = np.zeros(0, np.int64)
+    if not len(earlier) or not len(later):
+        return empty, empty
+    low = np.searchsorted(later.frame, earlier.frame, side="left")
+    count = np.searchsorted(later.frame, earlier.frame, side="right") - low
+    i = np.repeat(np.arange(len(earlier)), count)
+    j = np.repeat(low, count) + np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    if not len(i):
+        return empty, empty
+    offset = later.xy[j] - earlier.xy[i]
+    spread = later.covariance[j] + earlier.covariance[i]
+    solved = np.linalg.solve(spread, offset[..., None])[..., 0]
+    gain = GATE - (offset * solved).sum(-1)
+    names, a = np.unique(earlier.track_id, return_inverse=True)
+    others, b = np.unique(later.track_id, return_inverse=True)
+    total = np.zeros((len(names), len(others)))
+    # One frame far apart, as after an exchange, outweighs at most one frame together.
+    np.add.at(total, (a[i], b[j]), np.maximum(gain, -GATE))
+    one, two = np.nonzero(total > 0)
+    before, after = best_assignment(one, two, total[one, two], max(total.shape))
+    return names[before], others[after]

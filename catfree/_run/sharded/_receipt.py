@@ -1,0 +1,164 @@
+"""Receipts: which shard is finished, with which input, settings, scene and code."""
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from catfree._run.sharded._shard import Shard, StrPath
+from catfree.adapters.files._documents import read_json, write_text_atomically
+from catfree.adapters.files._fingerprint import hash_file
+from catfree.errors import FileFormatError, InvalidInputError, quoted
+
+SCHEMA = "catfree shards 1"
+SCENE_FILE = "scene.json"
+WORK_FOLDER = "_shards"  # readers of Parquet folders leave out names that begin with an underscore
+
+
+@dataclass(frozen=True)
+class Receipt:
+    """A finished shard.
+
+    Attributes:
+        schema: version of this format.
+        index: of the shard.
+        count: number of shards of its recording.
+        first: first frame whose positions it reports.
+        stop: frame after the last one.
+        first_seen: first frame that it looked at.
+        stop_seen: frame after the last one that it looked at.
+        shard: fingerprint of the shard.
+        source: fingerprint of the recording.
+        run: fingerprint of settings, scene, detector, embedder and code, the same for all shards
+            of a recording.
+        settings: of the localization.
+        clock: time of the frames, as the arguments of `Clock`.
+        scene_file: SHA-256 of the scene's file beside the receipt.
+        part: SHA-256 of the table of positions.
+        pieces: SHA-256 of the summary of its tracks.
+        boxes: number of boxes it looked at.
+        boxes_used: share of the boxes that support a position: how well they fit the scene. A
+            sudden change tells that a camera was moved.
+        expected_moda: label-free expectation of MODA in percent, or None.
+        median_sigma: median uncertainty of the positions in scene units, or None without any.
+        seconds: of computing time.
+        warnings: sentences about the input.
+    """
+
+    schema: str
+    index: int
+    count: int
+    first: int
+    stop: int
+    first_seen: int
+    stop_seen: int
+    shard: str
+    source: str
+    run: str
+    settings: dict[str, Any]
+    clock: dict[str, Any]
+    scene_file: str
+    part: str
+    pieces: str
+    boxes: int
+    boxes_used: float | None
+    expected_moda: float | None
+    median_sigma: float | None
+    seconds: float
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ShardFiles:
+    """The files of one shard.
+
+    Attributes:
+        part: table of positions, with those of the overlaps.
+        pieces: summary of its tracks.
+        receipt: written last.
+    """
+
+    part: Path
+    pieces: Path
+    receipt: Path
+
+
+def recording_folder(out: StrPath, site: str, date: str) -> Path:
+    """The folder of one recording: `out`, or `out/site=.../date=...` as Hive names them."""
+    folder = Path(out)
+    for key, value in (("site", site), ("date", date)):
+        folder = folder / f"{key}={value}" if value else folder
+    return folder
+
+
+def files_of(folder: StrPath, index: int) -> ShardFiles:
+    """The files of a shard in the folder of its recording."""
+    work, name = Path(folder) / WORK_FOLDER, f"part-{index:05d}"
+    return ShardFiles(*(work / f"{name}.{suffix}" for suffix in ("parquet", "npz", "json")))
+
+
+def is_finished(files: ShardFiles, shard: Shard, run: str) -> Receipt | None:
+    """Return the receipt of a shard if it matches, and its files are what the receipt says."""
+    try:
+        receipt = read_receipt(files.receipt)
+        if receipt.shard == shard.fingerprint and receipt.run == run:
+            require_intact(files, receipt)
+            return receipt
+    except (FileFormatError, InvalidInputError):  # another version, damaged, or absent
+        pass
+    return None
+
+
+def require_intact(files: ShardFiles, receipt: Receipt) -> None:
+    """Raise unless the files of a shard are those that its receipt describes.
+
+    Raises:
+        FileFormatError: naming the file.
+    """
+    for path, expected in ((files.part, receipt.part), (files.pieces, receipt.pieces)):
+        if not path.is_file() or hash_file(path) != expected:
+            what = "was changed or cut" if path.is_file() else "is missing"
+            raise FileFormatError(f"{path} {what}. Run shard {receipt.index} again.")
+
+
+def write_receipt(path: Path, receipt: Receipt) -> None:
+    """Write a receipt."""
+    write_text_atomically(path, json.dumps(dataclasses.asdict(receipt), indent=1) + "\n")
+
+
+def read_receipt(path: Path) -> Receipt:
+    """Read a receipt.
+
+    Raises:
+        InvalidInputError: if there is none.
+        FileFormatError: if it is damaged or of another version.
+    """
+    document = read_json(path, "receipt of a shard")
+    again = "Run this shard again."
+    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+        found = document.get("schema") if isinstance(document, dict) else document
+        raise FileFormatError(
+            f"{path} is a receipt of another version: {quoted(found)} instead of {SCHEMA!r}. "
+            f"{again}"
+        )
+    values: dict[str, Any] = {}
+    for field in dataclasses.fields(Receipt):
+        value = document.get(field.name)
+        if not _fits(value, str(field.type)):
+            raise FileFormatError(f"{path}: {field.name!r} is {quoted(value)}. {again}")
+        values[field.name] = tuple(value) if isinstance(value, list) else value
+    return Receipt(**values)
+
+
+def _fits(value: Any, kind: str) -> bool:
+    if kind.startswith("tuple"):
+        return isinstance(value, list) and all(isinstance(one, str) for one in value)
+    if kind.startswith("dict"):
+        return isinstance(value, dict)
+    if kind == "str":
+        return isinstance(value, str)
+    if kind == "int":
+        return isinstance(value, int) and not isinstance(value, bool)
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number or (value is None and "None" in kind)

@@ -1,0 +1,220 @@
+"""`run_shard`: localize one shard and write its positions, once."""
+
+import dataclasses
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+from catfree._run._cache import code_hash, content_hash, to_arrays
+from catfree._run._cached_detection import fingerprint_of
+from catfree._run._run import run_stages
+from catfree._run._stages import localize_people
+from catfree._run._stitch import Habits, Pieces, collect_pieces, learn_habits
+from catfree._run.sharded._receipt import (
+    SCENE_FILE,
+    SCHEMA,
+    WORK_FOLDER,
+    Receipt,
+    ShardFiles,
+    files_of,
+    is_finished,
+    recording_folder,
+    write_receipt,
+)
+from catfree._run.sharded._shard import Shard, StrPath, boxes_of, require_unchanged
+from catfree.adapters.calibration_files._rig_json import write_scene_json
+from catfree.adapters.files._fingerprint import hash_file, hash_parameters
+from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
+from catfree.adapters.tables._tracks_table import write_tracks_parquet
+from catfree.adapters.video._synchronized_videos import SynchronizedVideos
+from catfree.errors import InvalidInputError
+from catfree.settings import Settings
+from catfree.types import Detections, Localization, Scene
+from catfree.types._archive import save_arrays
+from catfree.types._forks import require_own_process
+from catfree.types._validation import require_instance
+from catfree.types._writing import make_folder
+
+
+@dataclasses.dataclass(frozen=True)
+class ShardSummary:
+    """What joining needs to know of a shard's tracks besides their positions.
+
+    Attributes:
+        pieces: the tracks within the frames that the shard reports.
+        habits: what they teach about motion and appearance.
+    """
+
+    pieces: Pieces
+    habits: Habits
+
+
+def run_shard(
+    shard: Shard,
+    *,
+    scene: Scene,
+    out: StrPath,
+    settings: Settings | None = None,
+    detector: Detector | FittedToCamera | None = None,
+    embedder: Embedder | None = None,
+) -> Receipt:
+    """Localize the people of one shard, unless that was done before.
+
+    Shards may run in any order, at the same time and more than once. The receipt is written last:
+    a shard that was killed has none and runs again.
+
+    Args:
+        shard: one of those that `shards` returned.
+        scene: cameras and ground, the same for all shards of the recording.
+        out: folder of the results; the shard writes to `_shards` in it, or in
+            `site=.../date=...` if it has a site and a date.
+        settings: of the localization.
+        detector: as `run`, for shards of videos.
+        embedder: as `run`, for shards of videos.
+
+    Returns:
+        The receipt.
+
+    Raises:
+        InvalidInputError: if the recording changed since the plan was made, or boxes name a camera
+            that the scene does not have.
+        FileFormatError: if an input file is damaged.
+        WriteError: if the disk is full or not writable.
+        ForkedProcessError: in a process forked after JAX was used.
+    """
+    require_own_process()
+    require_instance(shard, Shard, "shard")
+    require_instance(scene, Scene, "scene")
+    settings = Settings() if settings is None else settings
+    require_instance(settings, Settings, "settings")
+    if not shard.videos and (detector is not None or embedder is not None):
+        raise InvalidInputError(
+            f"The {shard.name} consists of boxes, so that detector and embedder have nothing to do."
+        )
+    run = run_fingerprint(scene, settings, detector, embedder)
+    folder = recording_folder(out, shard.site, shard.date)
+    files = files_of(folder, shard.index)
+    finished = is_finished(files, shard, run)
+    if finished is not None:
+        return finished
+    scene_file = _write_scene(folder, scene)
+    begin = time.perf_counter()
+    if shard.videos:
+        detections, localization = _from_videos(shard, scene, settings, detector, embedder)
+    else:
+        detections = boxes_of(shard)
+        localization = localize_people(detections, scene, settings)
+    write_part(files, shard, detections, localization)
+    reliability = localization.reliability
+    receipt = Receipt(
+        schema=SCHEMA,
+        index=shard.index,
+        count=shard.count,
+        first=shard.first,
+        stop=shard.stop,
+        first_seen=shard.first_seen,
+        stop_seen=shard.stop_seen,
+        shard=shard.fingerprint,
+        source=shard.source,
+        run=run,
+        settings=dataclasses.asdict(settings),
+        clock=dataclasses.asdict(shard.clock),
+        scene_file=scene_file,
+        part=hash_file(files.part),
+        pieces=hash_file(files.pieces),
+        boxes=len(detections),
+        boxes_used=_or_none(reliability.detections_used),
+        expected_moda=_or_none(reliability.expected_moda),
+        median_sigma=_or_none(reliability.median_sigma),
+        seconds=round(time.perf_counter() - begin, 3),
+        warnings=localization.warnings,
+    )
+    write_receipt(files.receipt, receipt)
+    return receipt
+
+
+def run_fingerprint(
+    scene: Scene,
+    settings: Settings,
+    detector: Any = None,
+    embedder: Any = None,
+) -> str:
+    """Hash of what is the same for all shards: scene, settings, networks and code."""
+    parts = {"detector": detector, "embedder": embedder}
+    names = [
+        "" if part is None else fingerprint_of(part, role) for role, part in parts.items()
+    ]
+    return hash_parameters(
+        "run", content_hash(scene), code_hash(), *names, settings=dataclasses.asdict(settings)
+    )
+
+
+def write_part(
+    files: ShardFiles, shard: Shard, detections: Detections, localization: Localization
+) -> None:
+    """Write positions and summary of a shard.
+
+    Args:
+        files: where.
+        shard: which.
+        detections: all boxes that it looked at.
+        localization: what they show.
+    """
+    tracks = localization.tracks
+    write_tracks_parquet(files.part, tracks)
+    within = tracks[(tracks.frame >= shard.first) & (tracks.frame < shard.stop)]
+    pieces = collect_pieces(within, detections, _within(localization, detections, shard))
+    summary = ShardSummary(pieces, learn_habits(within, pieces))
+    save_arrays(files.pieces, ShardSummary.__name__, to_arrays(summary))
+
+
+def _within(
+    localization: Localization, detections: Detections, shard: Shard
+) -> Int[np.ndarray, " n"]:
+    """(N,) the track of each box of the frames that the shard reports, else -1."""
+    is_reported = (detections.frame >= shard.first) & (detections.frame < shard.stop)
+    return np.where(is_reported, localization.identity, -1)
+
+
+def _from_videos(
+    shard: Shard,
+    scene: Scene,
+    settings: Settings,
+    detector: Detector | FittedToCamera | None,
+    embedder: Embedder | None,
+) -> tuple[Detections, Localization]:
+    require_unchanged(shard)
+    videos = SynchronizedVideos(
+        shard.videos,
+        start=shard.first_seen,
+        end=shard.stop_seen,
+        offsets=shard.offsets,
+        frame_rate=shard.clock.frame_rate,
+    )
+    outcome = run_stages(videos, detector, embedder, scene=scene, settings=settings)
+    return outcome.detections, outcome.localization
+
+
+def _write_scene(folder: Path, scene: Scene) -> str:
+    """Write the scene beside the receipts and return the SHA-256 of its file.
+
+    Raises:
+        InvalidInputError: if the folder holds joined shards of another scene.
+    """
+    work = make_folder(folder / WORK_FOLDER)
+    path = write_scene_json(work / SCENE_FILE, scene)
+    written = hash_file(path)
+    joined = folder / SCENE_FILE
+    if joined.is_file() and hash_file(joined) != written:
+        raise InvalidInputError(
+            f"{folder} holds results of another scene ({joined}). Name another folder."
+        )
+    return written
+
+
+def _or_none(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)

@@ -1,0 +1,275 @@
+"""`shards`: cut a recording into stretches of time that overlap."""
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from catfree._run._cache import content_hash
+from catfree.adapters.files._fingerprint import hash_parameters, hash_samples
+from catfree.adapters.tables._detections_table import (
+    clock_of_schema,
+    frame_range,
+    open_detections_table,
+)
+from catfree.adapters.video._synchronized_videos import SynchronizedVideos
+from catfree.errors import InvalidInputError
+from catfree.types import Clock, Detections
+from catfree.types._validation import as_positive
+
+StrPath = str | os.PathLike[str]
+MOST_SHARDS = 1_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Shard:
+    """A stretch of a recording: small, picklable, and independent of all others.
+
+    Attributes:
+        index: position among the shards of its recording, from 0.
+        count: number of shards of the recording.
+        first: first frame whose positions the shard reports.
+        stop: frame after the last one.
+        first_seen: first frame that it looks at, earlier than `first` by the overlap.
+        stop_seen: frame after the last one that it looks at.
+        clock: time of the frames.
+        source: fingerprint of the recording.
+        videos: one video file or image folder per camera; empty if the shard comes from boxes.
+        offsets: (C,) as `SynchronizedVideos` takes them, or None.
+        detections: the boxes of the frames that it looks at, or the path of a saved file or of a
+            Parquet table; None if the shard comes from videos.
+        site: name of the site, empty if there is only one.
+        date: of the recording, empty if there is only one.
+    """
+
+    index: int
+    count: int
+    first: int
+    stop: int
+    first_seen: int
+    stop_seen: int
+    clock: Clock
+    source: str
+    videos: tuple[str, ...] = ()
+    offsets: tuple[int, ...] | None = None
+    detections: Detections | str | None = None
+    site: str = ""
+    date: str = ""
+
+    @property
+    def name(self) -> str:
+        """For messages: `shard 17 of 144`, with site and date if there are any."""
+        where = " ".join(part for part in (self.site, self.date) if part)
+        return f"shard {self.index} of {self.count}" + (f" ({where})" if where else "")
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of what the shard looks at and reports."""
+        return hash_parameters(
+            "Shard",
+            self.source,
+            index=[self.index, self.count],
+            frames=[self.first, self.stop, self.first_seen, self.stop_seen],
+            clock=[self.clock.frame_rate, self.clock.start, self.clock.utc],
+            offsets=self.offsets,
+        )
+
+
+def shards(
+    recording: Sequence[StrPath] | SynchronizedVideos | Detections | StrPath,
+    every: float = 600.0,
+    overlap: float = 20.0,
+    frame_rate: float | None = None,
+    *,
+    offsets: Sequence[int] | None = None,
+    site: str = "",
+    date: str = "",
+) -> tuple[Shard, ...]:
+    """Cut a recording into shards that any number of processes or machines can localize.
+
+        plan = cf.shards("boxes.parquet", every=600, overlap=20, frame_rate=5)
+        with ProcessPoolExecutor(mp_context=get_context("spawn")) as executor:
+            list(executor.map(partial(cf.run_shard, scene=scene, out="day"), plan))
+        tracks = cf.join("day")
+
+    Args:
+        recording: one video file or image folder per camera; or the boxes of all cameras, as
+            `Detections`, as the path of a file that `Detections.save` wrote, or as the path of a
+            Parquet table (a file, or a folder of files). Use Parquet for long recordings: a shard
+            then reads its own rows only.
+        every: seconds per shard.
+        overlap: seconds that two neighboring shards share, half of it on either side of the cut;
+            identities are matched there.
+        frame_rate: frames per second; None for that of the videos or of the detections' clock.
+        offsets: as `SynchronizedVideos`, for videos.
+        site: name of the site if the plan holds shards of several.
+        date: of the recording if the plan holds shards of several.
+
+    Returns:
+        The shards in order of time. The last one is up to one and a half times as long as the
+        others, so that none is too short to learn from.
+
+    Raises:
+        InvalidInputError: if a file does not exist, there are no frames, no frame rate is known, or
+            the overlap is not shorter than the shards.
+    """
+    every, overlap = as_positive(every, "every"), _not_negative(overlap, "overlap")
+    if overlap >= every:
+        raise InvalidInputError(
+            f"overlap is {overlap:g} s, but shards are {every:g} s long. Make the shards longer "
+            "than their overlap."
+        )
+    for name, value in (("site", site), ("date", date)):
+        _require_folder_name(value, name)
+    whole = _whole(recording, frame_rate, offsets)
+    rate = whole.clock.frame_rate
+    length = max(1, round(every * rate))
+    margin = math.ceil(overlap * rate / 2)
+    frames = whole.stop - whole.first
+    count = max(1, int(frames / length + 0.5))
+    if count > MOST_SHARDS:
+        raise InvalidInputError(
+            f"{frames} frames make {count} shards of {every:g} s. Check the frame numbers, or pass "
+            "a larger every."
+        )
+    cuts = [whole.first + index * length for index in range(count)] + [whole.stop]
+    plan = []
+    for index, (first, stop) in enumerate(zip(cuts[:-1], cuts[1:], strict=True)):
+        # At the ends of the recording there is nothing to look at beyond it.
+        seen = (max(first - margin, whole.first), min(stop + margin, whole.stop))
+        boxes = whole.detections
+        if isinstance(boxes, Detections):
+            boxes = boxes[(boxes.frame >= seen[0]) & (boxes.frame < seen[1])]
+        plan.append(
+            replace(
+                whole, index=index, count=count, first=first, stop=stop, first_seen=seen[0],
+                stop_seen=seen[1], detections=boxes, site=site, date=date,
+            )
+        )  # fmt: skip
+    return tuple(plan)
+
+
+def _whole(
+    recording: Sequence[StrPath] | SynchronizedVideos | Detections | StrPath,
+    frame_rate: float | None,
+    offsets: Sequence[int] | None,
+) -> Shard:
+    """The recording as a single shard."""
+    if isinstance(recording, Detections | str | os.PathLike):
+        if offsets is not None:
+            raise InvalidInputError(
+                "offsets belong to videos; correct boxes with cf.calibration.remove_offsets."
+            )
+        return _boxes_as_one(recording, frame_rate)
+    videos = recording
+    if not isinstance(videos, SynchronizedVideos):
+        videos = SynchronizedVideos(videos, frame_rate=frame_rate, offsets=offsets)
+    clock = videos.clock
+    if clock is None:
+        raise InvalidInputError(
+            "The frame rate of these images is not known, so that seconds mean nothing. Pass "
+            "frame_rate."
+        )
+    frames = videos.frames
+    first, stop = int(frames[0]), int(frames[-1]) + 1
+    paths = tuple(str(one.path) for one in videos.footage)
+    source = hash_parameters("videos", *(hash_samples(path) for path in paths))
+    return Shard(
+        0, 1, first, stop, first, stop, clock, source, videos=paths, offsets=videos.offsets
+    )
+
+
+def _boxes_as_one(boxes: Detections | StrPath, frame_rate: float | None) -> Shard:
+    if isinstance(boxes, Detections):
+        detections, source = boxes, content_hash(boxes)
+        name, clock = "The detections", boxes.clock
+    else:
+        path = Path(boxes)
+        name, detections = str(path), None
+        if path.suffix == ".npz":
+            detections = Detections.load(path)
+            clock = detections.clock
+        else:
+            clock = clock_of_schema(open_detections_table(path).schema)
+        source = hash_samples(path)
+    if detections is None:
+        first, stop = frame_range(name)
+    elif len(detections):
+        first, stop = int(detections.frame.min()), int(detections.frame.max()) + 1
+    else:
+        raise InvalidInputError(f"{name} holds no boxes, so there is nothing to cut into shards.")
+    if frame_rate is not None:
+        rate = as_positive(frame_rate, "frame_rate")
+        clock = Clock(rate) if clock is None else replace(clock, frame_rate=rate)
+    if clock is None:
+        raise InvalidInputError(
+            f"{name} {'have' if isinstance(boxes, Detections) else 'has'} no clock, so that "
+            "seconds mean nothing. Pass frame_rate."
+        )
+    kept = boxes if isinstance(boxes, Detections) else os.path.abspath(name)
+    return Shard(0, 1, first, stop, first, stop, clock, source, detections=kept)
+
+
+def boxes_of(shard: Shard) -> Detections:
+    """Read the boxes that a shard looks at, on its clock.
+
+    Raises:
+        InvalidInputError: if the file does not exist or has changed since the plan was made.
+        FileFormatError: if the file holds something else.
+    """
+    boxes = shard.detections
+    assert boxes is not None
+    if isinstance(boxes, str):
+        require_unchanged(shard)
+        if Path(boxes).suffix == ".npz":
+            boxes = Detections.load(boxes)
+            is_seen = (boxes.frame >= shard.first_seen) & (boxes.frame < shard.stop_seen)
+            boxes = boxes[is_seen]
+        else:
+            from catfree.adapters.tables._detections_table import read_detections_parquet
+
+            boxes = read_detections_parquet(boxes, shard.first_seen, shard.stop_seen)
+    return replace_clock(boxes, shard.clock)
+
+
+def require_unchanged(shard: Shard) -> None:
+    """Raise if the files of a shard are not those that it was planned with.
+
+    Raises:
+        InvalidInputError: naming the recording.
+    """
+    if isinstance(shard.detections, str):
+        found, name = hash_samples(shard.detections), shard.detections
+    elif shard.videos:
+        found = hash_parameters("videos", *(hash_samples(path) for path in shard.videos))
+        name = ", ".join(shard.videos)
+    else:
+        return
+    if found != shard.source:
+        raise InvalidInputError(
+            f"{name} changed after {shard.name} was planned. Make the plan again with cf.shards."
+        )
+
+
+def replace_clock(detections: Detections, clock: Clock) -> Detections:
+    """The same boxes with a clock."""
+    columns = vars(detections) | {"clock": clock}
+    return Detections(**columns)
+
+
+def _not_negative(value: float, name: str) -> float:
+    number = np.asarray(value)
+    if number.shape != () or number.dtype.kind not in "fiu" or not 0 <= number < np.inf:
+        raise InvalidInputError(f"{name} must be a number of seconds, 0 or more, got {value!r}.")
+    return float(number)
+
+
+def _require_folder_name(value: str, name: str) -> None:
+    bad = not isinstance(value, str) or value in (".", "..") or set(value) & set("/\\\0=:*?\"<>|")
+    if bad or len(value) > 100:
+        raise InvalidInputError(
+            f"{name} is {value!r}, but it names a folder: use letters, digits, '-' and '_'."
+        )

@@ -1,0 +1,170 @@
+"""`open_tracks`: the joined table of a recording, read part by part."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from catfree._run.sharded._receipt import SCENE_FILE, SCHEMA
+from catfree._run.sharded._shard import StrPath
+from catfree.adapters.calibration_files._rig_json import read_scene_json
+from catfree.adapters.files._documents import naming_file, read_json, require_folder
+from catfree.adapters.files._fingerprint import hash_file
+from catfree.adapters.tables._detections_table import require_pyarrow
+from catfree.adapters.tables._tracks_table import read_tracks_parquet
+from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.types import Clock, Scene, Tracks
+
+MANIFEST = "manifest.json"
+
+
+@dataclass(frozen=True)
+class StoredPart:
+    """One file of a joined table.
+
+    Attributes:
+        path: the Parquet file.
+        first: first frame that it covers.
+        stop: frame after the last one.
+        rows: number of positions.
+        sha256: of the file.
+        boxes_used: share of the boxes that support a position: how well they fit the scene.
+    """
+
+    path: Path
+    first: int
+    stop: int
+    rows: int
+    sha256: str
+    boxes_used: float | None
+
+
+@dataclass(frozen=True)
+class StoredTracks:
+    """The tracks of a recording on disk; iterating reads one part after another.
+
+    Attributes:
+        folder: the folder of the recording.
+        scene: cameras and ground.
+        camera_names: (C,) names of the cameras.
+        clock: time of the frames.
+        people: number of identities.
+        parts: the files, in order of time.
+    """
+
+    folder: Path
+    scene: Scene
+    camera_names: tuple[str, ...]
+    clock: Clock
+    people: int
+    parts: tuple[StoredPart, ...]
+
+    def __len__(self) -> int:
+        return sum(part.rows for part in self.parts)
+
+    def __iter__(self) -> Iterator[Tracks]:
+        """Read the tracks of one part after another, sorted by frame, then track."""
+        return map(self._read, self.parts)
+
+    def between(self, begin: float, end: float) -> Tracks:
+        """Read the positions from `begin` to before `end`, in seconds on the clock."""
+        chosen = [
+            part
+            for part in self.parts
+            if self.clock.seconds(part.stop) > begin and self.clock.seconds(part.first) < end
+        ]
+        tracks = self._concatenate(map(self._read, chosen))
+        time = self.clock.seconds(tracks.frame)
+        return tracks[(time >= begin) & (time < end)]
+
+    def read(self) -> Tracks:
+        """Read all tracks into memory."""
+        return self._concatenate(iter(self))
+
+    def dataset(self) -> Any:
+        """Open the table as a `pyarrow.dataset.Dataset`, for queries that read only their rows."""
+        _, _, dataset = require_pyarrow()
+        return dataset.dataset([str(part.path) for part in self.parts], format="parquet")
+
+    def _read(self, part: StoredPart) -> Tracks:
+        if not part.path.is_file():
+            raise FileFormatError(f"{part.path} is missing. Join the shards again.")
+        if hash_file(part.path) != part.sha256:
+            raise FileFormatError(f"{part.path} was changed or cut. Join the shards again.")
+        return read_tracks_parquet(part.path, self.scene.ground)
+
+    def _concatenate(self, parts: Iterator[Tracks]) -> Tracks:
+        tables = [vars(part) for part in parts if len(part)]
+        if not tables:
+            return self._read(self.parts[0])[:0]
+        columns: dict[str, Any] = {"clock": self.clock}
+        for name, value in tables[0].items():
+            if name != "clock":
+                whole = value is not None
+                columns[name] = np.concatenate([t[name] for t in tables]) if whole else None
+        return Tracks(**columns)
+
+
+def open_tracks(out: StrPath) -> StoredTracks:
+    """Open a joined recording without reading its positions.
+
+        for tracks in cf.open_tracks("day"):
+            ...  # the tracks of ten minutes
+
+    Args:
+        out: the folder of the recording, which `join` or `run_shards` completed.
+
+    Returns:
+        The table on disk; only the part that is being read is in memory.
+
+    Raises:
+        InvalidInputError: if the folder does not exist or its shards have not been joined.
+        FileFormatError: if the manifest is damaged or of another version, a part is missing, or
+            the scene is not the one that the manifest names.
+    """
+    folder = require_folder(out, "joined shards")
+    path = folder / MANIFEST
+    if not path.is_file():
+        raise InvalidInputError(
+            f"{folder} has no {MANIFEST}: its shards have not been joined. Run cf.join first."
+        )
+    document = read_json(path, "manifest")
+    schema = document.get("schema") if isinstance(document, dict) else document
+    if schema != SCHEMA:
+        raise FileFormatError(
+            f"{path} is a manifest of another version: {quoted(schema)} instead of {SCHEMA!r}. "
+            "Join the shards again."
+        )
+    if hash_file(folder / SCENE_FILE) != document.get("scene_file"):
+        raise FileFormatError(
+            f"{folder / SCENE_FILE} is not the scene that {MANIFEST} was written for. Join the "
+            "shards again."
+        )
+    scene, names = read_scene_json(folder / SCENE_FILE)
+    try:
+        clock = document["clock"]
+        parts = tuple(
+            StoredPart(
+                folder / str(row["file"]), int(row["first"]), int(row["stop"]), int(row["rows"]),
+                str(row["sha256"]), row["boxes_used"],
+            )
+            for row in document["parts"]
+        )  # fmt: skip
+        opened = StoredTracks(
+            folder=folder,
+            scene=scene,
+            camera_names=names,
+            clock=naming_file(path, lambda: Clock(clock["frame_rate"], clock["start"], clock["utc"])),
+            people=int(document["people"]),
+            parts=parts,
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileFormatError(
+            f"{path} is damaged ({quoted(error)}). Join the shards again."
+        ) from error
+    for part in opened.parts:
+        if not part.path.is_file():
+            raise FileFormatError(f"{part.path} is missing. Join the shards again.")
+    return opened

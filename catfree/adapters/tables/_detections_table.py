@@ -1,0 +1,177 @@
+"""Detections as a Parquet table with one row per box, read in ranges of frames."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from catfree.adapters.files._documents import StrPath, naming_file, write_bytes_atomically
+from catfree.errors import FileFormatError, InvalidInputError, MissingDependencyError, quoted
+from catfree.types import Clock, Detections
+
+_BOX = ("x1", "y1", "x2", "y2")
+_REQUIRED = ("frame", "camera", *_BOX)
+_ROWS_PER_GROUP = 1 << 16  # a reader of a range of frames skips the other groups
+_RATE, _START, _UTC = b"catfree.frame_rate", b"catfree.clock_start", b"catfree.clock_utc"
+
+
+def write_detections_parquet(path: StrPath, detections: Detections) -> Path:
+    """Write detections as Parquet, sorted by frame and camera.
+
+    Columns: `frame`, `camera`, the box `x1`, `y1`, `x2`, `y2` in pixels and, where present,
+    `score`, `ankles_confirmed`, `embedding` (list of D numbers) and `keypoints` (list of 51). The
+    clock is in the metadata of the schema.
+
+    Args:
+        path: the file.
+        detections: what to write.
+
+    Returns:
+        The path.
+
+    Raises:
+        MissingDependencyError: if pyarrow is not installed.
+        InvalidInputError: if the folder does not exist.
+    """
+    pyarrow, parquet, _ = require_pyarrow()
+    ordered = detections[np.lexsort((detections.camera, detections.frame))]
+    columns: dict[str, Any] = {"frame": ordered.frame, "camera": ordered.camera}
+    columns |= dict(zip(_BOX, np.ascontiguousarray(ordered.box.T), strict=True))
+    for name in ("score", "ankles_confirmed"):
+        if getattr(ordered, name) is not None:
+            columns[name] = getattr(ordered, name)
+    for name in ("embedding", "keypoints"):
+        values = getattr(ordered, name)
+        if values is not None:
+            flat = values.reshape(len(values), -1)
+            # A list of no numbers has no rows of its own.
+            width = max(flat.shape[1], 1)
+            columns[name] = pyarrow.FixedSizeListArray.from_arrays(flat.ravel(), width)
+    table = pyarrow.table(columns)
+    if ordered.clock is not None:
+        clock = ordered.clock
+        kept = {_RATE: repr(clock.frame_rate), _START: repr(clock.start), _UTC: str(clock.utc)}
+        table = table.replace_schema_metadata(kept)
+    sink = pyarrow.BufferOutputStream()
+    parquet.write_table(table, sink, row_group_size=_ROWS_PER_GROUP, compression="zstd")
+    return write_bytes_atomically(path, sink.getvalue().to_pybytes())
+
+
+def read_detections_parquet(path: StrPath, first: int | None = None, stop: int | None = None):
+    """Read detections from a Parquet file, or from a folder of such files.
+
+    Args:
+        path: the file or folder, as `write_detections_parquet` writes them.
+        first: leave out boxes of earlier frames; None for none.
+        stop: leave out boxes of this frame and later ones; None for none.
+
+    Returns:
+        The detections; only the wanted rows are in memory.
+
+    Raises:
+        MissingDependencyError: if pyarrow is not installed.
+        InvalidInputError: if there is no such file, or a row is invalid.
+        FileFormatError: if a file is not Parquet or a column is missing or malformed.
+    """
+    _, _, dataset = require_pyarrow()
+    opened = open_detections_table(path)
+    field, rows = dataset.field("frame"), None
+    if first is not None:
+        rows = field >= first
+    if stop is not None:
+        rows = field < stop if rows is None else rows & (field < stop)
+    try:
+        table = opened.to_table(filter=rows)
+        column = {name: table[name].to_numpy() for name in _REQUIRED}
+        options: dict[str, Any] = {
+            name: table[name].to_numpy()
+            for name in ("score", "ankles_confirmed")
+            if name in table.column_names
+        }
+        for name in ("embedding", "keypoints"):
+            if name in table.column_names:
+                values = table[name].combine_chunks()
+                width = values.type.list_size
+                flat = values.flatten().to_numpy(zero_copy_only=False)
+                shape = (-1, 17, 3) if name == "keypoints" else (-1, width)
+                options[name] = flat.reshape(shape)
+    except FileFormatError:
+        raise
+    except Exception as error:  # pyarrow raises many types for damaged files
+        raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error
+    box = np.stack([column[name] for name in _BOX], axis=-1)
+    clock = clock_of_schema(opened.schema)
+    return naming_file(
+        Path(path),
+        lambda: Detections(column["frame"], column["camera"], box, clock=clock, **options),
+    )
+
+
+def open_detections_table(path: StrPath) -> Any:
+    """Open a Parquet file or folder as a `pyarrow.dataset.Dataset`, without reading rows.
+
+    Raises:
+        MissingDependencyError: if pyarrow is not installed.
+        InvalidInputError: if there is no such file or folder.
+        FileFormatError: if it is not a table of detections.
+    """
+    _, _, dataset = require_pyarrow()
+    source = Path(path)
+    if not source.exists():
+        raise InvalidInputError(f"There is no table of detections {source}. Check the path.")
+    try:
+        opened = dataset.dataset(source, format="parquet")
+    except Exception as error:
+        raise FileFormatError(f"{source} is not a Parquet table: {quoted(error)}.") from error
+    missing = [name for name in _REQUIRED if name not in opened.schema.names]
+    if missing:
+        raise FileFormatError(
+            f"{source} has no column {missing[0]!r}; a table of detections has the columns "
+            f"{', '.join(_REQUIRED)}."
+        )
+    return opened
+
+
+def frame_range(path: StrPath) -> tuple[int, int]:
+    """First frame of a table of detections and the frame after the last, without reading boxes.
+
+    Raises:
+        InvalidInputError: as `open_detections_table`, or if the table has no rows.
+        FileFormatError: as `open_detections_table`.
+    """
+    opened, (_, _, dataset) = open_detections_table(path), require_pyarrow()
+    low, high = [], []
+    for batch in opened.to_batches(columns=["frame"], batch_size=1 << 20):
+        if len(batch):
+            frame = batch.column(0).to_numpy()
+            low.append(frame.min())
+            high.append(frame.max())
+    if not low:
+        raise InvalidInputError(f"{path} holds no boxes, so there is nothing to cut into shards.")
+    return int(min(low)), int(max(high)) + 1
+
+
+def clock_of_schema(schema: Any) -> Clock | None:
+    """The clock in the metadata of a table's schema, or None."""
+    kept = schema.metadata or {}
+    if _RATE not in kept:
+        return None
+    start, utc = float(kept.get(_START, b"0")), kept.get(_UTC, b"False") == b"True"
+    return Clock(float(kept[_RATE]), start, utc)
+
+
+def require_pyarrow() -> tuple[Any, Any, Any]:
+    """Import pyarrow, its Parquet and its dataset module.
+
+    Raises:
+        MissingDependencyError: if pyarrow is not installed.
+    """
+    try:
+        import pyarrow
+        import pyarrow.dataset
+        import pyarrow.parquet
+    except ImportError as error:
+        raise MissingDependencyError(
+            "Parquet tables need pyarrow: pip install 'catfree[parquet]'."
+        ) from error
+    return pyarrow, pyarrow.parquet, pyarrow.dataset
