@@ -14,7 +14,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, MissingDependencyError, quoted
 from catfree.types import Origin, Tracks
-from catfree.types._results import require_sound_tracks
+from catfree.types.results import require_sound_tracks
 
 _COLUMNS = (
     "frame",

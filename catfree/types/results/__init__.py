@@ -1,0 +1,15 @@
+"""Results: tracks, and the localization that they are part of."""
+
+from catfree.types.results._localization import (
+    Candidates as Candidates,
+    Fate as Fate,
+    Localization as Localization,
+    Reliability as Reliability,
+    Thresholds as Thresholds,
+    require_sound_localization as require_sound_localization,
+)
+from catfree.types.results._tracks import (
+    Origin as Origin,
+    Tracks as Tracks,
+    require_sound_tracks as require_sound_tracks,
+)
