@@ -57,4 +57,5 @@ from catfree.adapters.tables import (
 from catfree.adapters.video import (
     SynchronizedVideos as SynchronizedVideos,
     detect_videos as detect_videos,
+    on_common_clock as on_common_clock,
 )

@@ -1,5 +1,6 @@
 """Frozen struct-of-arrays types that the stages exchange."""
 
+from catfree.types._clock import Clock as Clock
 from catfree.types._detections import Detections as Detections
 from catfree.types._rig import Rig as Rig
 from catfree.types._scene import Plane as Plane, Rays as Rays, Scene as Scene

@@ -6,10 +6,11 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt64
 
 from catfree.errors import InvalidInputError, quoted
 from catfree.types._archive import load_arrays, naming_file, save_arrays
+from catfree.types._clock import Clock, clock_from_array, clock_to_array, require_clock
 from catfree.types._validation import (
     as_float,
     as_integer,
@@ -59,6 +60,9 @@ class Tracks(eqx.Module):
             paper: difference of the neighboring positions.
         velocity_covariance: (M, 2, 2) covariance of `velocity`; NaN where `velocity` is; inf in
             the paper's method if it rests on a position with fewer than two cameras.
+        cameras: (M,) uint64 bit set of the cameras whose box supports the position, camera c being
+            bit c, in tracks that were read from a table; None where `support` says it, or unknown.
+        clock: gives the time of each frame, or None if unknown.
     """
 
     frame: Int[np.ndarray, " m"]
@@ -73,6 +77,8 @@ class Tracks(eqx.Module):
     support: Int[np.ndarray, "m cam"]
     velocity: Float[np.ndarray, "m 2"]
     velocity_covariance: Float[np.ndarray, "m 2 2"]
+    cameras: UInt64[np.ndarray, " m"] | None
+    clock: Clock | None = eqx.field(static=True)
 
     def __init__(
         self,
@@ -88,6 +94,8 @@ class Tracks(eqx.Module):
         support: Any = None,
         velocity: Any = None,
         velocity_covariance: Any = None,
+        cameras: Any = None,
+        clock: Any = None,
     ) -> None:
         """Validate and store.
 
@@ -104,6 +112,8 @@ class Tracks(eqx.Module):
             support: rows of the detections; None where they are not known.
             velocity: None where it is not known.
             velocity_covariance: None where it is not known.
+            cameras: None where `support` is known, or nothing is.
+            clock: of the frame numbers.
 
         Raises:
             InvalidInputError: naming the first column whose shape does not fit the others, or the
@@ -121,6 +131,8 @@ class Tracks(eqx.Module):
         self.velocity_covariance = (
             unknown if velocity_covariance is None else np.asarray(as_float(velocity_covariance))
         )
+        self.cameras = None if cameras is None else np.asarray(cameras)
+        self.clock = require_clock(clock)
         self._check(m)
 
     def _check(self, m: int) -> None:
@@ -131,6 +143,12 @@ class Tracks(eqx.Module):
         }  # fmt: skip
         if self.existence is not None:
             shapes["existence"] = (m,)
+        if self.cameras is not None:
+            shapes["cameras"] = (m,)
+            if self.cameras.dtype != np.uint64:
+                raise InvalidInputError(
+                    f"cameras must be a bit set of type uint64, got {self.cameras.dtype}."
+                )
         for name, shape in shapes.items():
             require_shape(getattr(self, name), shape, name)
         if (self.support < -1).any():
@@ -147,9 +165,16 @@ class Tracks(eqx.Module):
         """Select rows by a slice, a boolean mask or an integer array."""
         chosen = np.arange(len(self))[rows].reshape(-1)
         columns: dict[str, Any] = {
-            name: None if value is None else value[chosen] for name, value in vars(self).items()
+            name: None if value is None else value[chosen]
+            for name, value in vars(self).items()
+            if name != "clock"
         }
-        return Tracks(**columns)
+        return Tracks(**columns, clock=self.clock)
+
+    @property
+    def time(self) -> Float[np.ndarray, " m"] | None:
+        """(M,) float64 seconds of each position on the `clock`, or None without a clock."""
+        return None if self.clock is None else self.clock.seconds(self.frame)
 
     def renumbered(self) -> "Tracks":
         """Number the tracks from 0 in the order in which they begin, and sort the rows.
@@ -177,7 +202,7 @@ class Tracks(eqx.Module):
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to one `.npz` file (no pickle)."""
-        save_arrays(path, "Tracks", vars(self))
+        save_arrays(path, "Tracks", vars(self) | {"clock": clock_to_array(self.clock)})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Tracks":
@@ -187,12 +212,13 @@ class Tracks(eqx.Module):
             InvalidInputError: if there is no such file, or a number in it is out of range.
             FileFormatError: if the file holds something else.
         """
-        # Files of version 0.1 lack the last three.
-        optional = ("existence", "support", "velocity", "velocity_covariance")
+        # Files of version 0.1 lack support and velocity, those of version 0.2 the clock.
+        optional = ("existence", "support", "velocity", "velocity_covariance", "cameras", "clock")
         required = [name for name in cls.__annotations__ if name not in optional]
         arrays = load_arrays(path, "Tracks", required=required, optional=optional)
+        clock = naming_file(path, lambda: clock_from_array(arrays.pop("clock", None)))
         naming_file(path, lambda: require_declared_types(cls, arrays))
-        tracks = cls(**arrays)
+        tracks = cls(**arrays, clock=clock)
         naming_file(path, lambda: require_sound_tracks(tracks))
         return tracks
 
