@@ -26,7 +26,7 @@ REACH = 0.6
 # Seconds: 2001 counted from 1970. No recording lasts as long, so larger times are absolute.
 ABSOLUTE = 1e9
 
-Times = Float[np.ndarray, " t"]
+Times = Float[np.ndarray, " _"]  # seconds of frames, increasing; of any length
 
 
 def on_common_clock(
@@ -142,14 +142,14 @@ def common_start(times: Sequence[Times], names: Sequence[str]) -> tuple[float, b
     return min(first, default=0.0), any(absolute)
 
 
-def nearest_frame(times: Times, seconds: Times) -> Int[np.ndarray, " t"]:
+def nearest_frame(times: Times, seconds: Times) -> Int[np.ndarray, " _"]:
     """Return the index of the time nearest to each of some seconds; half-way cases round up."""
     after = np.clip(np.searchsorted(times, seconds), 1, max(len(times) - 1, 1))
     upper = np.minimum(after, len(times) - 1)
     return np.where(times[upper] - seconds <= seconds - times[after - 1], upper, after - 1)
 
 
-def ticks_of_frames(times: Times, start: float, rate: float) -> Int[np.ndarray, " t"]:
+def ticks_of_frames(times: Times, start: float, rate: float) -> Int[np.ndarray, " _"]:
     """Return the tick of each frame, or -1 for a frame that is left out; see `on_common_clock`.
 
     Args:

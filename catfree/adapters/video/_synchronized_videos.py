@@ -47,6 +47,7 @@ class CameraFootage:
         path: video file or image folder.
         frame_count: frames that it claims to hold.
         fps: frames per second, or None if unknown.
+        seconds: from the first frame to the end of the last, or None if unknown.
         image_size: width and height in pixels.
         available: the ticks that this camera alone would deliver, up to those that it dropped.
         dropped: instants that are not delivered because this camera has no frame near them.
@@ -56,9 +57,10 @@ class CameraFootage:
     path: Path
     frame_count: int
     fps: float | None
+    seconds: float | None
     image_size: tuple[int, int]
     available: range
-    dropped: int = 0
+    dropped: int
 
 
 class SynchronizedVideos:
@@ -236,6 +238,7 @@ class SynchronizedVideos:
                     source.path,
                     source.frame_count,
                     source.fps,
+                    _length(source),
                     source.image_size,
                     range(begin, max(begin, stop), self._stride),
                     self._dropped[camera],
@@ -483,6 +486,15 @@ def _extrapolated(times: Times, frame: int, fps: float | None) -> float:
     """Return the time of a frame, which may be before the first or after the last."""
     inside = min(max(frame, 0), len(times) - 1)
     return float(times[inside]) + (frame - inside) / (fps or 1.0)
+
+
+def _length(source: VideoSource) -> float | None:
+    """Return the seconds from the first frame to the end of the last."""
+    if source.fps is None:
+        return None
+    if source.times is None:
+        return source.frame_count / source.fps
+    return float(source.times[-1] - source.times[0]) + 1 / source.fps
 
 
 def _hash_of(times: Times | None) -> str | None:
