@@ -1,5 +1,9 @@
 """Results: tracks, and the localization that they are part of."""
 
+from catfree.types.results._arrow_table import (
+    MOST_CAMERAS as MOST_CAMERAS,
+    require_pyarrow as require_pyarrow,
+)
 from catfree.types.results._localization import (
     Candidates as Candidates,
     Fate as Fate,

@@ -1,8 +1,10 @@
 """`Tracks`: positions on the ground with identities."""
 
 import os
+from collections.abc import Sequence
+from dataclasses import replace
 from enum import IntEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import numpy as np
@@ -11,6 +13,7 @@ from jaxtyping import Float, Int, UInt64
 from catfree.errors import InvalidInputError, quoted
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._clock import Clock, clock_from_array, clock_to_array, require_clock
+from catfree.types._scene import Plane
 from catfree.types._validation import (
     as_float,
     as_integer,
@@ -19,6 +22,10 @@ from catfree.types._validation import (
     require_finite,
     require_shape,
 )
+from catfree.types.results._arrow_table import from_table, to_table
+
+if TYPE_CHECKING:
+    import pyarrow
 
 
 class Origin(IntEnum):
@@ -199,6 +206,52 @@ class Tracks(eqx.Module):
         """Return (M, 4) rows [frame, id, x, y] for `cf.evaluation`, of `ground_xy` or `xy`."""
         points = self.ground_xy if xy is None else np.asarray(xy)
         return np.column_stack([self.frame, self.track_id, points]).astype(np.float64)
+
+    def to_arrow(self, camera_names: Sequence[str] | None = None) -> "pyarrow.Table":
+        """Return the table that other programs read; `docs/table.md` describes it.
+
+        Columns: `time_s` in seconds on the clock, `frame`, `track_id`, ground coordinates `x`, `y`
+        in scene units, velocity `vx`, `vy` in scene units per second, covariance `cov_xx`,
+        `cov_xy`, `cov_yy` of x and y, `existence`, `sigma`, `origin` and `cameras`, the bit set of
+        the cameras whose box supports the row. What is unknown is null: times and velocities
+        without a clock, velocities of single positions, existence in the paper's method, cameras of
+        tracks from CSV. The schema's metadata give units, frame of reference, clock and names.
+
+        Args:
+            camera_names: (C,) for the metadata, or None.
+
+        Raises:
+            MissingDependencyError: if pyarrow is not installed.
+            InvalidInputError: if there are more than 64 cameras, or another number of names.
+        """
+        return to_table(vars(self), self.clock, camera_names)
+
+    @classmethod
+    def from_arrow(cls, table: "pyarrow.Table", ground: Plane | None = None) -> "Tracks":
+        """Read what `to_arrow` made, number for number.
+
+        Not in the table: `support` (it is (M, 0), and `cameras` holds the bit sets),
+        `velocity_covariance` (NaN) and `position`. `supporting_cameras` counts the bits of
+        `cameras`, and is 0 where these are unknown.
+
+        Args:
+            table: with its metadata; rows may have been selected, sorted or concatenated.
+            ground: the ground plane of the scene, which gives `position`; NaN if None.
+
+        Raises:
+            MissingDependencyError: if pyarrow is not installed.
+            InvalidInputError: if it is not an Arrow table, or a value in it is out of range.
+            FileFormatError: if it lacks a column, a value or its metadata.
+        """
+        columns = from_table(table)
+        flat = np.zeros((len(columns["frame"]), 3))
+        tracks = cls(position=flat, **columns)
+        require_sound_tracks(tracks)
+        if ground is None:
+            return replace(tracks, position=np.full_like(flat, np.nan))
+        normal, basis = (np.asarray(v, np.float64) for v in (ground.normal, ground.basis))
+        position = tracks.ground_xy @ basis.T - float(ground.offset) * normal
+        return replace(tracks, position=position)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to one `.npz` file (no pickle)."""

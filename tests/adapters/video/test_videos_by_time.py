@@ -45,6 +45,15 @@ class FakeSource:
         return f"frame {frame}"
 
 
+class Blind:
+    """A detector that sees nobody."""
+
+    fingerprint = "blind"
+
+    def __call__(self, image):
+        return FrameDetections(np.zeros((0, 4)), np.zeros(0))
+
+
 def fake_videos(sources, **options):
     by_name = {source.path.name: source for source in sources}
     place = "catfree.adapters.video._synchronized_videos.open_source"
@@ -235,10 +244,7 @@ def test_tables_of_absolute_times_put_late_files_in_their_place(tmp_path):
     assert videos.clock.frame_rate == pytest.approx(5)
     assert unknown_times(videos) == dropped_instants(videos) == ()
 
-    def nobody(image):
-        return FrameDetections(np.zeros((0, 4)), np.zeros(0))
-
-    assert detect_videos(videos, nobody).clock == videos.clock
+    assert detect_videos(videos, Blind()).clock == videos.clock
     # The same recording starting elsewhere is another input.
     before = videos.fingerprint
     write_table(paths[0] / "timestamps.csv", NOON + 1 + np.arange(10) / 5)
