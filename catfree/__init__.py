@@ -39,6 +39,7 @@ from catfree.methods import localize as localize
 from catfree.settings import Settings as Settings
 from catfree.types import (
     Candidates as Candidates,
+    Clock as Clock,
     Detections as Detections,
     Fate as Fate,
     Localization as Localization,

@@ -17,9 +17,9 @@ import numpy as np
 from catfree.errors import FileFormatError, InvalidInputError, WriteError
 from catfree.types import Localization, Tracks
 from catfree.types._archive import load_arrays, save_arrays
-from catfree.types._declared_types import options_of, require_declared_types
-from catfree.types._results import require_sound_localization, require_sound_tracks
+from catfree.types._validation import options_of, require_declared_types
 from catfree.types._writing import cannot_write, is_temporary, make_folder
+from catfree.types.results import require_sound_localization, require_sound_tracks
 
 T = TypeVar("T")
 Arrays = dict[str, Any]

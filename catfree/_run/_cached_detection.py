@@ -258,4 +258,4 @@ def _join(pieces: Sequence[_Piece], videos: SynchronizedVideos) -> Detections:
         columns[name] = np.concatenate(values) if complete else None
     looks = [piece.looks.embedding for piece in peopled if piece.looks is not None]
     columns["embedding"] = np.concatenate(looks) if len(looks) == len(peopled) else None
-    return Detections(**columns)
+    return Detections(**columns, clock=videos.clock)

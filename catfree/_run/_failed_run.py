@@ -11,8 +11,8 @@ from catfree._run._report import (
     Paragraph,
     Picture,
     Table,
+    describe_footage,
     describe_warnings,
-    footage_table,
     write_blocks,
 )
 from catfree._run._result_folder import write_boxes
@@ -58,8 +58,7 @@ def write_failure(
         Heading("What the detector saw"),
         Picture("pictures/boxes.jpg", "the instant with the most boxes"),
         box_table(videos, detections),
-        Heading("Footage"),
-        footage_table(videos),
+        *describe_footage(videos),
     ]
     return [*files, root / "detections.npz", sheet, *write_blocks(root, blocks)]
 

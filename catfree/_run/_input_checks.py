@@ -75,6 +75,51 @@ def order_like_videos(
     )
 
 
+def footage_warnings(videos: SynchronizedVideos) -> tuple[str, ...]:
+    """Warn about footage that is not used, and about times that are not known.
+
+    Args:
+        videos: on their common clock.
+    """
+    return lost_footage(videos) + dropped_instants(videos) + unknown_times(videos)
+
+
+def dropped_instants(videos: SynchronizedVideos) -> tuple[str, ...]:
+    """Warn about cameras that have no frame near some instants.
+
+    Args:
+        videos: on their common clock.
+
+    Returns:
+        One sentence per such camera: how many instants are left out because of it.
+    """
+    return tuple(
+        f"Camera {one.name!r} has no frame near {one.dropped} instants, which are not used "
+        f"({len(videos)} are): it dropped frames, or its frame rate varies."
+        for one in videos.footage
+        if one.dropped
+    )
+
+
+def unknown_times(videos: SynchronizedVideos) -> tuple[str, ...]:
+    """Warn about cameras whose frames have no times, where times are given nevertheless.
+
+    Args:
+        videos: on their common clock.
+
+    Returns:
+        One sentence per such camera: which frame rate is assumed.
+    """
+    if videos.clock is None:
+        return ()
+    return tuple(
+        f"Nothing tells the times of the frames of camera {one.name!r}; they are taken to be even, "
+        f"{videos.clock.frame_rate if one.fps is None else one.fps:g} per second."
+        for one, timeless in zip(videos.footage, videos.timeless, strict=True)
+        if timeless
+    )
+
+
 def lost_footage(videos: SynchronizedVideos) -> tuple[str, ...]:
     """Warn about cameras that end long before the others.
 

@@ -96,7 +96,7 @@ def write_report(
     blocks += describe_result(outcome)
     blocks += [Picture(_relative(path, root), _caption(path)) for path in pictures]
     if outcome.videos is not None:
-        blocks += [Heading("Footage"), footage_table(outcome.videos)]
+        blocks += describe_footage(outcome.videos)
     blocks += describe_cameras(outcome, settings.calibration.person_height)
     blocks += describe_reliability(outcome.localization, outcome.scene)
     blocks += describe_settings(settings)
@@ -130,17 +130,30 @@ def describe_warnings(warnings: Sequence[str]) -> list[Block]:
     return [Heading("Warnings"), *(Paragraph(sentence) for sentence in warnings)]
 
 
+def describe_footage(videos: SynchronizedVideos) -> list[Block]:
+    """The videos, and the time of frame 0 where the frames have times."""
+    blocks: list[Block] = [Heading("Footage"), footage_table(videos)]
+    clock = videos.clock
+    if clock is not None:
+        zero = clock.describe() if clock.utc else f"{clock.start:.3f} s"
+        blocks.append(
+            Paragraph(f"Frame 0 is at {zero}, and there are {clock.frame_rate:.6g} per second.")
+        )
+    return blocks
+
+
 def footage_table(videos: SynchronizedVideos) -> Table:
-    """Length, frame rate, size and unused frames of the videos, one row per camera."""
+    """Length, frame rate, size, unused and dropped frames of the videos, one row per camera."""
     rows = []
     for one in videos.footage:
         rate = "" if one.fps is None else f"{one.fps:.4g}"
-        seconds = "" if one.fps is None else f"{one.frame_count / one.fps:.1f}"
+        seconds = "" if one.seconds is None else f"{one.seconds:.1f}"
         size = f"{one.image_size[0]} x {one.image_size[1]}"
         unused = str(one.frame_count - len(videos))
-        rows.append((one.name, str(one.frame_count), rate, seconds, size, unused))
+        row = (one.name, str(one.frame_count), rate, seconds, size, unused, str(one.dropped))
+        rows.append(row)
     header = ("camera", "frames", "frames per second", "seconds", "size (px)", "frames not used")
-    return Table(header, tuple(rows))
+    return Table((*header, "dropped frames"), tuple(rows))
 
 
 def describe_result(outcome: RunOutcome) -> list[Block]:

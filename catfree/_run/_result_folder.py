@@ -25,6 +25,7 @@ from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._writing import cannot_write, replacing
+from catfree.types.results import MOST_CAMERAS
 from catfree.viz.footage._contact_sheet import write_sheet
 
 # TrackEval matches two squares at an IoU of 0.5. In a scene of unknown scale the matching distance
@@ -55,10 +56,10 @@ def write_results(
         ground_truth: (N, 4) rows [frame, id, x, y] in ground coordinates to draw, or None.
 
     Returns:
-        The files: `tracks.csv`, `tracks.parquet` where pyarrow is installed, `tracks_mot.txt` for
-        TrackEval, `boxes/CAMERA.txt` in MOTChallenge form with identities, `detections.npz`,
-        `localization.npz`, the scene as `scene.json`, `rig/colmap` and `rig/calibration.toml`,
-        `pictures/*.png`, `report.md` and `report.html`.
+        The files: `tracks.csv`, `tracks.parquet` where pyarrow is installed and there are at most
+        64 cameras, `tracks_mot.txt` for TrackEval, `boxes/CAMERA.txt` in MOTChallenge form with
+        identities, `detections.npz`, `localization.npz`, the scene as `scene.json`,
+        `rig/colmap` and `rig/calibration.toml`, `pictures/*.png`, `report.md` and `report.html`.
 
     Raises:
         InvalidInputError: if the localization was made from other detections.
@@ -261,8 +262,10 @@ def _write_tables(root: Path, outcome: RunOutcome, settings: Settings) -> list[P
         write_tracks_csv(root / "tracks.csv", tracks),
         write_mot_ground(root / "tracks_mot.txt", tracks, outcome.frames, threshold=reach),
     ]
-    if importlib.util.find_spec("pyarrow") is not None:
-        files.append(write_tracks_parquet(root / "tracks.parquet", tracks))
+    fits = tracks.support.shape[1] <= MOST_CAMERAS
+    if fits and importlib.util.find_spec("pyarrow") is not None:
+        parquet = root / "tracks.parquet"
+        files.append(write_tracks_parquet(parquet, tracks, outcome.camera_names))
     outcome.localization.require_detections(outcome.detections)
     files += write_boxes(
         root / "boxes",

@@ -10,7 +10,7 @@ from catfree._run._cache import StageCache
 from catfree._run._input_checks import (
     calibration_warnings,
     clock_warnings,
-    lost_footage,
+    footage_warnings,
     order_like_videos,
     require_distinct_videos,
     tiny_boxes,
@@ -204,7 +204,7 @@ def run_stages(
             )
         videos = SynchronizedVideos(videos)
     so_far = Unfinished() if unfinished is None else unfinished
-    so_far.videos, so_far.warnings = videos, lost_footage(videos)
+    so_far.videos, so_far.warnings = videos, footage_warnings(videos)
     require_distinct_videos(videos)
     if scene is not None:
         if scene_names is not None:

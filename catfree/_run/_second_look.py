@@ -133,7 +133,8 @@ def look_again(
                 progress(STAGE, done, videos.frame_count)
     if not found:
         raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
-    return collect_detections(frame, camera, found, embedding if embedder is not None else None)
+    vectors = embedding if embedder is not None else None
+    return collect_detections(frame, camera, found, vectors, clock=videos.clock)
 
 
 def _look(

@@ -49,6 +49,7 @@ from catfree.adapters.tables import (
     MotTable as MotTable,
     read_mot as read_mot,
     read_tracks_csv as read_tracks_csv,
+    read_tracks_parquet as read_tracks_parquet,
     write_mot_boxes as write_mot_boxes,
     write_mot_ground as write_mot_ground,
     write_tracks_csv as write_tracks_csv,
@@ -57,4 +58,5 @@ from catfree.adapters.tables import (
 from catfree.adapters.video import (
     SynchronizedVideos as SynchronizedVideos,
     detect_videos as detect_videos,
+    on_common_clock as on_common_clock,
 )

@@ -252,7 +252,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree._run._cache import StageCache
         from catfree._run._input_checks import (
             calibration_warnings,
-            lost_footage,
+            footage_warnings,
             require_distinct_videos,
         )
         from catfree._run._report import camera_table, footage_table
@@ -268,7 +268,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         require_distinct_videos(footage)
         stages = StageCache(out / "cache" if cache is None else cache)
         with _report_of_failure(out) as unfinished, progress_bars() as progress:
-            unfinished.videos, unfinished.warnings = footage, lost_footage(footage)
+            unfinished.videos, unfinished.warnings = footage, footage_warnings(footage)
             boxes = detect(footage, finder, cache=stages, progress=progress)
             unfinished.detections = boxes
             calibration = calibrate_cameras(

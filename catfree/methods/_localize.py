@@ -1,5 +1,7 @@
 """`localize`: from person boxes and a scene to tracked ground positions."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool
@@ -41,8 +43,9 @@ def localize(
 
     Returns:
         Tracks, every candidate with its fate, the thresholds and a label-free reliability summary,
-        in the frame and units of the scene. A similarity transform of the scene transforms the
-        result and changes nothing else; the order of cameras, detections and frames has no effect.
+        in the frame and units of the scene, on the clock of the detections. A similarity transform
+        of the scene transforms the result and changes nothing else; the order of cameras,
+        detections and frames has no effect.
 
     Raises:
         InvalidInputError: if a detection names a camera that the rig does not have.
@@ -70,7 +73,8 @@ def localize(
         result = _localize_by_evidence(detections, scene, keep, settings, report)
     else:
         result = _localize_by_paper(detections, scene, keep, settings, report)
-    return with_expectation(result, settings)
+    tracks = replace(result.tracks, clock=detections.clock)
+    return with_expectation(replace(result, tracks=tracks), settings)
 
 
 def _localize_by_evidence(

@@ -1,7 +1,10 @@
 """Frozen struct-of-arrays types that the stages exchange."""
 
+from catfree.types._clock import Clock as Clock
 from catfree.types._detections import Detections as Detections
-from catfree.types._results import (
+from catfree.types._rig import Rig as Rig
+from catfree.types._scene import Plane as Plane, Rays as Rays, Scene as Scene
+from catfree.types.results import (
     Candidates as Candidates,
     Fate as Fate,
     Localization as Localization,
@@ -10,5 +13,3 @@ from catfree.types._results import (
     Thresholds as Thresholds,
     Tracks as Tracks,
 )
-from catfree.types._rig import Rig as Rig
-from catfree.types._scene import Plane as Plane, Rays as Rays, Scene as Scene

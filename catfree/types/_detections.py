@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from catfree.errors import InvalidInputError
 from catfree.types._archive import load_arrays, naming_file, save_arrays
+from catfree.types._clock import Clock, clock_from_array, clock_to_array, require_clock
 from catfree.types._validation import (
     as_boolean,
     as_float,
@@ -35,6 +36,7 @@ class Detections(eqx.Module):
             estimator ran.
         embedding: (N, D) appearance vector, L2-normalized by its embedder, or None.
         keypoints: (N, 17, 3) COCO keypoints as x, y in pixels and confidence, or None.
+        clock: gives the time of each frame, or None if unknown.
     """
 
     frame: Int[np.ndarray, " n"]
@@ -44,6 +46,7 @@ class Detections(eqx.Module):
     ankles_confirmed: Bool[np.ndarray, " n"] | None
     embedding: Float[np.ndarray, "n d"] | None
     keypoints: Float[np.ndarray, "n 17 3"] | None
+    clock: Clock | None = eqx.field(static=True)
 
     def __init__(
         self,
@@ -54,6 +57,7 @@ class Detections(eqx.Module):
         ankles_confirmed: Any = None,
         embedding: Any = None,
         keypoints: Any = None,
+        clock: Any = None,
     ) -> None:
         """Validate and store.
 
@@ -76,6 +80,7 @@ class Detections(eqx.Module):
         self.keypoints = None if keypoints is None else np.asarray(as_float(keypoints))
         if self.keypoints is not None and self.keypoints.shape == (0,):
             self.keypoints = self.keypoints.reshape(0, 17, 3)
+        self.clock = require_clock(clock)
         self._check()
 
     def _check(self) -> None:
@@ -126,8 +131,10 @@ class Detections(eqx.Module):
     def __getitem__(self, rows: Any) -> "Detections":
         """Select rows by a slice, a boolean mask or an integer array, in that order."""
         chosen = np.arange(len(self))[rows].reshape(-1)
+        columns = {name: value for name, value in vars(self).items() if name != "clock"}
         return Detections(
-            **{name: None if value is None else value[chosen] for name, value in vars(self).items()}
+            **{name: None if value is None else value[chosen] for name, value in columns.items()},
+            clock=self.clock,
         )
 
     @property
@@ -147,7 +154,7 @@ class Detections(eqx.Module):
             InvalidInputError: if the folder does not exist.
             WriteError: if the disk is full or not writable.
         """
-        save_arrays(path, "Detections", vars(self))
+        save_arrays(path, "Detections", vars(self) | {"clock": clock_to_array(self.clock)})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Detections":
@@ -157,7 +164,11 @@ class Detections(eqx.Module):
             InvalidInputError: if there is no such file, or a row in it is invalid.
             FileFormatError: if the file holds something else.
         """
-        optional = ("score", "ankles_confirmed", "embedding", "keypoints")
+        # Files of versions 0.1 and 0.2 have no clock.
+        optional = ("score", "ankles_confirmed", "embedding", "keypoints", "clock")
         required = ("frame", "camera", "box")
         arrays = load_arrays(path, "Detections", required=required, optional=optional)
-        return naming_file(path, lambda: cls(**arrays))
+        columns = {name: array for name, array in arrays.items() if name != "clock"}
+        return naming_file(
+            path, lambda: cls(**columns, clock=clock_from_array(arrays.get("clock")))
+        )

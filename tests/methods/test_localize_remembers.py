@@ -212,14 +212,22 @@ def test_one_instant_has_no_velocity():
     assert len(cf.localize(boxes[boxes.frame == 3], world().scene).tracks) > 3
 
 
-def test_velocity_is_per_frame_number():
+def test_velocity_is_per_frame_number_and_tracks_keep_the_clock():
     boxes = world().detections
     columns = vars(boxes) | {"frame": 10 * boxes.frame + 7}
     for method, settings in METHODS.items():
+        columns["clock"] = cf.Clock(2, utc=True)
         with jax.enable_x64(True):
             slow = cf.localize(Detections(**columns), world().scene, settings).tracks
+        assert slow.clock == columns["clock"]
         fast = found(method).tracks
         np.testing.assert_allclose(10 * slow.velocity, fast.velocity, rtol=1e-9)
         np.testing.assert_allclose(
             100 * slow.velocity_covariance, fast.velocity_covariance, rtol=1e-9
         )
+
+
+@BOTH
+def test_nobody_is_on_a_clock_too(method):
+    boxes = Detections([], [], [], clock=cf.Clock(2))
+    assert cf.localize(boxes, world().scene, METHODS[method]).tracks.clock == cf.Clock(2)

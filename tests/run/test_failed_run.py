@@ -70,7 +70,7 @@ def test_a_failed_command_names_its_report(command, tmp_path, capsys):
     assert cli.main([command, *videos, "--out", str(out)]) == 1
     said = capsys.readouterr().err
     assert said.strip().splitlines()[-1].endswith(f"is in {out / 'report.html'}.")
-    assert "frames per second" in said  # the footage, before the work
+    assert "seconds" in said  # the footage, before the work
     assert "needs 2 cameras" in (out / "report.md").read_text()
 
 

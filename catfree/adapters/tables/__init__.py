@@ -8,6 +8,7 @@ from catfree.adapters.tables._motchallenge import (
 )
 from catfree.adapters.tables._tracks_table import (
     read_tracks_csv as read_tracks_csv,
+    read_tracks_parquet as read_tracks_parquet,
     write_tracks_csv as write_tracks_csv,
     write_tracks_parquet as write_tracks_parquet,
 )

@@ -2,6 +2,8 @@
 
 import csv
 import io
+from collections.abc import Sequence
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +12,12 @@ from catfree.adapters.files._documents import (
     StrPath,
     naming_file,
     read_text,
+    require_file,
     write_bytes_atomically,
 )
-from catfree.errors import FileFormatError, MissingDependencyError, quoted
-from catfree.types import Origin, Tracks
-from catfree.types._results import require_sound_tracks
+from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.types import Clock, Origin, Plane, Tracks
+from catfree.types.results import require_pyarrow, require_sound_tracks
 
 _COLUMNS = (
     "frame",
@@ -40,6 +43,10 @@ _VELOCITY = (
     "velocity_covariance_yy",
 )
 _WHOLE = ("frame", "track_id", "supporting_cameras")
+_TIME = "time_s"  # not in tables of version 0.2
+
+_OFF_CLOCK = 1e-6  # seconds by which a time in a table may differ from that of the clock
+_ABSOLUTE = 1e9  # seconds; later starts count from 1970
 
 
 def write_tracks_csv(path: StrPath, tracks: Tracks) -> Path:
@@ -47,8 +54,8 @@ def write_tracks_csv(path: StrPath, tracks: Tracks) -> Path:
 
     Columns: `frame`, `track_id`, ground coordinates `x`, `y` and position in scene units, `sigma`,
     the covariance of x and y, `supporting_cameras`, `origin` (detected, extended, ...), the
-    velocity of x and y in scene units per frame number with its covariance and, where the method
-    gives it, `existence`.
+    velocity of x and y in scene units per frame number with its covariance, `time_s` (empty
+    without a clock) and, where the method gives it, `existence`.
 
     Args:
         path: the file.
@@ -75,13 +82,15 @@ def read_tracks_csv(path: StrPath) -> Tracks:
         path: the file.
 
     Returns:
-        The tracks, number for number, without `support`, which is not in the table. Tables of
-        version 0.1 give no velocities (NaN).
+        The tracks, number for number, without `support`, which is not in the table. The clock is
+        the one that gives the times of at least two frames. Tables of version 0.1 give no
+        velocities (NaN), those of version 0.2 no clock.
 
     Raises:
         InvalidInputError: if the file does not exist, a number in it is not finite, or a sigma is
             negative.
-        FileFormatError: naming the first malformed column or line.
+        FileFormatError: naming the first malformed column or line, or if the times are not those
+            of one clock.
     """
     source = Path(path)
     try:
@@ -104,6 +113,8 @@ def read_tracks_csv(path: StrPath) -> Tracks:
         try:
             if name == "origin":
                 column[name] = np.array([Origin[value.upper()] for value in values], np.int64)
+            elif name == _TIME and not any(values):
+                continue
             else:
                 column[name] = np.array(values, np.int64 if name in _WHOLE else np.float64)
         except (ValueError, KeyError, OverflowError) as error:
@@ -127,41 +138,92 @@ def read_tracks_csv(path: StrPath) -> Tracks:
         existence=column.get("existence"),
         velocity=velocity,
         velocity_covariance=velocity_covariance,
+        clock=_clock_of(source, column["frame"], column.get(_TIME)),
     )
     naming_file(source, lambda: require_sound_tracks(tracks))
     return tracks
 
 
-def write_tracks_parquet(path: StrPath, tracks: Tracks) -> Path:
-    """Write tracks as Parquet with the columns of `write_tracks_csv`.
+def write_tracks_parquet(
+    path: StrPath, tracks: Tracks, camera_names: Sequence[str] | None = None
+) -> Path:
+    """Write the table of `Tracks.to_arrow` as Parquet, as `docs/table.md` describes it.
 
     Args:
         path: the file.
         tracks: what to write.
+        camera_names: (C,) for the metadata, or None.
 
     Returns:
         The path.
 
     Raises:
         MissingDependencyError: if pyarrow is not installed.
-        InvalidInputError: if the folder does not exist.
+        InvalidInputError: if the folder does not exist, or there are more than 64 cameras.
+        WriteError: if the disk is full or not writable.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise MissingDependencyError(
-            "Writing Parquet needs pyarrow: pip install 'catfree[parquet]'."
-        ) from error
+    table = tracks.to_arrow(camera_names)
+    import pyarrow
+    import pyarrow.parquet
+
     sink = pyarrow.BufferOutputStream()
-    # Explicit, because types cannot be inferred from columns without rows.
-    kinds = {name: pyarrow.int64() for name in _WHOLE} | {"origin": pyarrow.string()}
-    columns = _columns(tracks)
-    schema = pyarrow.schema([(name, kinds.get(name, pyarrow.float64())) for name in columns])
-    rows = {name: column.tolist() for name, column in columns.items()}
-    table = pyarrow.table(rows, schema=schema)
     pyarrow.parquet.write_table(table, sink)
     return write_bytes_atomically(path, sink.getvalue().to_pybytes())
+
+
+def read_tracks_parquet(path: StrPath, ground: Plane | None = None) -> Tracks:
+    """Read what `write_tracks_parquet` wrote.
+
+    Args:
+        path: the file.
+        ground: the ground plane of the scene, which gives `position`; NaN if None.
+
+    Returns:
+        The tracks, number for number, without what the table does not hold; see
+        `Tracks.from_arrow`.
+
+    Raises:
+        MissingDependencyError: if pyarrow is not installed.
+        InvalidInputError: if the file does not exist, or a value in it is out of range.
+        FileFormatError: if it is not a Parquet file of this table; files of version 0.2 and earlier
+            are not, `tracks.csv` beside them can be read.
+    """
+    require_pyarrow()
+    import pyarrow.parquet
+
+    source = require_file(path, "tracks")
+    try:
+        # Not read_table, which would take columns from the names of folders.
+        with pyarrow.parquet.ParquetFile(source) as file:
+            table = file.read()
+    # On damaged files the library raises errors of several kinds.
+    except Exception as error:
+        raise FileFormatError(f"{source} is not readable Parquet: {quoted(error)}.") from error
+    try:
+        return Tracks.from_arrow(table, ground)
+    except (FileFormatError, InvalidInputError) as error:
+        raise type(error)(f"{source}: {error}") from error
+
+
+def _clock_of(source: Path, frame: np.ndarray, time: np.ndarray | None) -> Clock | None:
+    """Return the clock that gives frames their times, or None if fewer than two frames have any."""
+    if time is None or len(np.unique(frame)) < 2:
+        return None
+    first, last = int(frame.argmin()), int(frame.argmax())
+    with np.errstate(all="ignore"):
+        found = (frame[last] - frame[first]) / (time[last] - time[first])
+    if np.isfinite(time).all() and 0 < found < np.inf:
+        # Prefer the short numbers that people choose to those that rounding leaves.
+        rates = [round(found, 3), float(Fraction(found).limit_denominator(1001)), float(found)]
+        for rate in rates:
+            begin = float(time[first] - frame[first] / rate) if rate > 0 else np.inf
+            for start in (round(begin, 3), round(begin, 6), begin):
+                if rate > 0 and (Clock(rate, start).seconds(frame) == time).all():
+                    return Clock(rate, start, start > _ABSOLUTE)
+        start = float(time[first] - frame[first] / found)
+        if (np.abs(Clock(found, start).seconds(frame) - time) <= _OFF_CLOCK).all():
+            return Clock(found, start, start > _ABSOLUTE)
+    raise FileFormatError(f"{source}: column {_TIME!r} is invalid: no clock gives these times.")
 
 
 def _symmetric(column: dict[str, np.ndarray], name: str) -> np.ndarray:
@@ -184,6 +246,8 @@ def _columns(tracks: Tracks) -> dict[str, np.ndarray]:
         *np.asarray(tracks.velocity_covariance).reshape(-1, 4)[:, [0, 1, 3]].T,
     ]
     columns: dict[str, np.ndarray] = dict(zip(_COLUMNS + _VELOCITY, values, strict=True))
+    time = tracks.time
+    columns[_TIME] = np.full(len(tracks), "") if time is None else time
     if tracks.existence is not None:
         columns["existence"] = tracks.existence
     return columns

@@ -1,5 +1,6 @@
 """Synchronized videos, and detections from them."""
 
+from catfree.adapters.video._common_clock import on_common_clock as on_common_clock
 from catfree.adapters.video._detect_videos import (
     detect_videos as detect_videos,
 )

@@ -25,7 +25,7 @@ from catfree.adapters.protocols import (
 )
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import InsufficientDataError, InvalidInputError
-from catfree.types import Detections
+from catfree.types import Clock, Detections
 from catfree.types._annotations import Progress
 
 
@@ -51,8 +51,8 @@ def detect_videos(
         fitted: the result of an earlier `fit_to_cameras`, or None to fit here.
 
     Returns:
-        One row per detected person, sorted by frame and camera; keypoints and confirmed ankles if
-        the detector estimates poses.
+        One row per detected person, sorted by frame and camera, on the videos' clock; keypoints and
+        confirmed ankles if the detector estimates poses.
 
     Raises:
         InvalidInputError: naming camera and frame of the first picture for which detector or
@@ -80,7 +80,7 @@ def detect_videos(
     if not people_of_pictures:
         raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
     vectors = embedding if embedder is not None else None
-    return collect_detections(frame, camera, people_of_pictures, vectors)
+    return collect_detections(frame, camera, people_of_pictures, vectors, clock=videos.clock)
 
 
 def fit_to_cameras(
@@ -177,6 +177,8 @@ def collect_detections(
     camera: list[np.ndarray],
     detected: list[FrameDetections],
     embedding: list[np.ndarray] | None,
+    *,
+    clock: Clock | None = None,
 ) -> Detections:
     """Join the rows of all pictures; keypoints only if every picture has them.
 
@@ -185,6 +187,7 @@ def collect_detections(
         camera: for each picture, its camera once per row.
         detected: for each picture, the people in it.
         embedding: for each picture, (n, D) appearance vectors, or None.
+        clock: of the frames.
     """
     optional_poses = [people.keypoints for people in detected]
     poses = [pose for pose in optional_poses if pose is not None]
@@ -197,4 +200,5 @@ def collect_detections(
         ankles_confirmed=None if keypoints is None else ankles_confirmed(keypoints),
         embedding=None if embedding is None else join_descriptions(embedding),
         keypoints=keypoints,
+        clock=clock,
     )

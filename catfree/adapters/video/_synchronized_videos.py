@@ -3,13 +3,13 @@
 import contextlib
 import copy
 import functools
+import hashlib
 import math
 import os
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from numbers import Real
 from pathlib import Path
 from typing import Literal
 
@@ -19,12 +19,23 @@ from jaxtyping import Int
 from catfree.adapters.files._camera_names import names_of_files
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import Image
+from catfree.adapters.video._common_clock import (
+    RATE_TOLERANCE,
+    REACH,
+    Times,
+    common_rate,
+    common_start,
+    nearest_frame,
+)
 from catfree.adapters.video._video_sources import FrameReader, VideoSource, open_source
 from catfree.errors import CatFreeError, FileFormatError, InsufficientDataError, InvalidInputError
+from catfree.types import Clock
 from catfree.types._validation import as_count, as_integer
 
-# Nominal rates such as 30 and 29.97 stand for the same clock.
-_RATE_TOLERANCE = 0.01
+# Instants that are compared with the times of frames at once.
+_BLOCK = 1 << 16
+
+Ticks = range | Int[np.ndarray, " t"]
 
 
 @dataclass(frozen=True)
@@ -36,25 +47,41 @@ class CameraFootage:
         path: video file or image folder.
         frame_count: frames that it claims to hold.
         fps: frames per second, or None if unknown.
+        seconds: from the first frame to the end of the last, or None if unknown.
         image_size: width and height in pixels.
-        available: the ticks that this camera alone would deliver.
+        available: the ticks that this camera alone would deliver, up to those that it dropped.
+        dropped: instants that are not delivered because this camera has no frame near them.
     """
 
     name: str
     path: Path
     frame_count: int
     fps: float | None
+    seconds: float | None
     image_size: tuple[int, int]
     available: range
+    dropped: int
 
 
 class SynchronizedVideos:
     """Videos of static cameras as a sequence of instants; only two instants are in memory.
 
-    A common clock ticks at `frame_rate`, by default the lowest rate among the cameras. Tick k shows
-    camera c's frame `offsets[c] + round(k * fps_c / frame_rate)`. Iteration delivers the ticks at
-    which every camera has a frame, from `start` to before `end`, every `stride`-th. Image folders
-    have no clock of their own: they have one image per tick.
+    A common clock ticks at `frame_rate`, by default the lowest rate among the cameras. Iteration
+    delivers the ticks at which every camera has a frame, from `start` to before `end`, every
+    `stride`-th. A tick shows each camera's frame that is nearest in time:
+
+    - Frames have the times of a table: `NAME.timestamps.csv` beside a video `NAME.mp4`, or
+      `timestamps.csv` in an image folder, with the columns `frame_id,timestamp_s` and one line per
+      frame from 0 on. Tick 0 is at the earliest of all times, so that files may start at different
+      times. Times beyond 1e9 are seconds since 1970 in UTC; then every camera needs such a table.
+    - Otherwise they have the timestamps of the video file, counted from its first frame. Where
+      these are even, within a quarter of a frame, tick k shows frame
+      `offsets[c] + round(k * fps_c / frame_rate)`, and rates that differ by less than 1 % count as
+      equal.
+    - Images without a table have no times: there is one image per tick.
+
+    A tick farther than 0.6 ticks from every frame of a camera is not delivered (`footage` counts
+    them): the camera dropped it, or its frame rate varies.
 
     Iterate as often as needed; each iteration decodes again, one instant ahead in a thread:
 
@@ -81,7 +108,7 @@ class SynchronizedVideos:
             start: first tick; None for the first that every camera has.
             end: tick to stop before; None for after the last that every camera has.
             offsets: (C,) the frame of each camera, in its own frames, that shows tick 0; negative
-                for a camera that was started later. None for all 0.
+                for a camera that was started later. None for the files' own times, or all 0.
             frame_rate: ticks per second; None for the lowest rate among the cameras.
             on_error: at a frame that cannot be decoded, "raise" an error or "keep" the instants
                 before it and stop there (`interruption` then holds the error). Formats without time
@@ -89,9 +116,10 @@ class SynchronizedVideos:
                 damage come too early; "raise" refuses such a file.
 
         Raises:
-            InvalidInputError: if a path does not exist or is given twice, or a parameter is
-                invalid.
-            FileFormatError: if a file cannot be decoded at all.
+            InvalidInputError: if a path does not exist or is given twice, a parameter is invalid,
+                or only some cameras have absolute times.
+            FileFormatError: if a file cannot be decoded at all, or a table of times is malformed
+                (naming its line).
             InsufficientDataError: if the cameras share no tick.
         """
         if isinstance(paths, str | os.PathLike) or not isinstance(paths, Sequence | None):
@@ -111,12 +139,16 @@ class SynchronizedVideos:
             raise InvalidInputError(
                 f"offsets must give one number per camera ({len(paths)}), got {offsets}."
             )
-        self._sources = [_open_camera(camera, path) for camera, path in enumerate(paths)]
+        # Reading the times of all frames is a pass over each file.
+        with ThreadPoolExecutor(min(len(paths), os.cpu_count() or 1)) as pool:
+            self._sources = list(pool.map(_open_camera, range(len(paths)), paths))
         self._offsets, self._keep = shifts, on_error == "keep"
         self.camera_names: list[str] = names_of_files([s.path for s in self._sources])
         self._rate = self._common_rate(frame_rate)
+        self._start, self._utc = self._common_start()
+        self._origins = self._origins_of_ticks(offsets is not None)
         self._limits, self._stride = (start, end), stride
-        self._ticks = self._shared_ticks(start, end, stride)
+        self._ticks, self._dropped = self._complete(self._shared_ticks(start, end, stride))
         self.interruption: CatFreeError | None = None
 
     @property
@@ -148,9 +180,24 @@ class SynchronizedVideos:
         return self._rate
 
     @property
+    def clock(self) -> Clock | None:
+        """The time of each tick, or None for image folders without times or a `frame_rate`."""
+        return None if self._rate is None else Clock(self._rate, self._start, self._utc)
+
+    @property
     def offsets(self) -> tuple[int, ...]:
         """(C,) the frame of each camera, in its own frames, that shows tick 0."""
-        return tuple(self._offsets)
+        return tuple(
+            offset if source.times is None else self._frame_at_origin(camera, source.times)
+            for camera, (source, offset) in enumerate(
+                zip(self._sources, self._offsets, strict=True)
+            )
+        )
+
+    @property
+    def timeless(self) -> tuple[bool, ...]:
+        """(C,) whether nothing tells the times of a camera's frames, so that they are assumed."""
+        return tuple(source.timeless for source in self._sources)
 
     @property
     def image_size(self) -> Int[np.ndarray, "cam 2"]:
@@ -163,10 +210,12 @@ class SynchronizedVideos:
         return hash_parameters(
             "SynchronizedVideos",
             *self.content_hashes,
-            ticks=[self._ticks.start, self._ticks.stop, self._ticks.step],
+            ticks=[int(self._ticks[0]), int(self._ticks[-1]), len(self._ticks), self._stride],
             offsets=self._offsets,
             rate=self._rate,
             keep=self._keep,
+            clock=[self._start, self._utc, self._origins],
+            times=[_hash_of(source.times) for source in self._sources],
         )
 
     @functools.cached_property
@@ -189,8 +238,10 @@ class SynchronizedVideos:
                     source.path,
                     source.frame_count,
                     source.fps,
+                    _length(source),
                     source.image_size,
                     range(begin, max(begin, stop), self._stride),
+                    self._dropped[camera],
                 )
             )
         return tuple(footage)
@@ -212,15 +263,23 @@ class SynchronizedVideos:
         ]
         corrected = copy.copy(self)
         corrected._offsets = [o + shift for o, shift in zip(self._offsets, shifts, strict=True)]
+        if self._rate is not None:
+            late = [ticks / self._rate for ticks in frame_offset]
+            corrected._origins = [o + s for o, s in zip(self._origins, late, strict=True)]
         shared = [corrected._span(camera) for camera in range(self.camera_count)]
         first, last = max(first for first, _ in shared), min(last for _, last in shared)
-        kept = [tick for tick in self._ticks if first <= tick <= last]
-        if not kept:
+        ticks = np.asarray(self._ticks)
+        ticks = ticks[(ticks >= first) & (ticks <= last)]
+        kept: Ticks = range(0)
+        if len(ticks):
+            span = range(int(ticks[0]), int(ticks[-1]) + 1, self._stride)
+            kept, corrected._dropped = corrected._complete(span)
+        if not len(kept):
             raise InsufficientDataError(
                 f"With the clocks corrected by {', '.join(map(str, frame_offset))} frames, no "
                 "instant is in all videos. Record longer."
             )
-        corrected._ticks = range(kept[0], kept[-1] + 1, self._stride)
+        corrected._ticks = kept
         return corrected
 
     def __iter__(self) -> Iterator[tuple[int, list[Image]]]:
@@ -275,7 +334,7 @@ class SynchronizedVideos:
                 stack.callback(readers[camera].close)
 
             def read(done: int) -> list[Image]:
-                tick = self._ticks[done]
+                tick = int(self._ticks[done])
                 return [self._read(c, reader, tick, done) for c, reader in readers.items()]
 
             # The next instant is decoded while this one is looked at.
@@ -292,7 +351,7 @@ class SynchronizedVideos:
                     return
                 if done + 1 < count:
                     ahead.append(pool.submit(read, done + 1))
-                yield self._ticks[done], images
+                yield int(self._ticks[done]), images
 
     def _read(self, camera: int, reader: FrameReader, tick: int, done: int) -> Image:
         source = self._sources[camera]
@@ -321,31 +380,83 @@ class SynchronizedVideos:
             for name, source in zip(self.camera_names, self._sources, strict=True)
             if source.fps is not None
         }
-        if frame_rate is None:
-            return min(rates.values(), default=None)
-        if not isinstance(frame_rate, Real) or not (math.isfinite(frame_rate) and frame_rate > 0):
-            raise InvalidInputError(f"frame_rate must be a positive number, got {frame_rate!r}.")
-        for name, rate in rates.items():
-            if frame_rate > rate * (1 + _RATE_TOLERANCE):
-                raise InvalidInputError(
-                    f"frame_rate is {frame_rate:g}, but camera {name!r} has only {rate:g} frames "
-                    "per second. Pass at most the lowest rate."
-                )
-        return float(frame_rate)
+        return common_rate(rates, frame_rate)
+
+    def _common_start(self) -> tuple[float, bool]:
+        """Seconds of the earliest frame, and whether they count from 1970."""
+        # Frames without times of their own count from the first one.
+        times = [np.zeros(1) if s.times is None else s.times for s in self._sources]
+        return common_start(times, self.camera_names)
+
+    def _origins_of_ticks(self, given: bool) -> list[float]:
+        """Return the time of tick 0 by each camera's times; `given` offsets overrule them."""
+        if not given:
+            return [self._start] * self.camera_count
+        origins = [
+            0.0 if source.times is None else _extrapolated(source.times, offset, source.fps)
+            for source, offset in zip(self._sources, self._offsets, strict=True)
+        ]
+        self._start = origins[0] if self._utc else 0.0
+        return origins
+
+    def _frame_at_origin(self, camera: int, times: Times) -> int:
+        """Return the number of the frame nearest to tick 0, which may lie outside the footage."""
+        origin, fps = self._origins[camera], self._sources[camera].fps or 1.0
+        if times[0] <= origin <= times[-1]:
+            return int(nearest_frame(times, np.array([origin]))[0])
+        end = 0 if origin < times[0] else len(times) - 1
+        return end + math.floor((origin - float(times[end])) * fps + 0.5)
+
+    def _place(self, camera: int, time: float) -> float:
+        """Return the place of a camera's time among the ticks."""
+        return (time - self._origins[camera]) * (self._rate or 1.0)
+
+    def _complete(self, span: range) -> tuple[Ticks, tuple[int, ...]]:
+        """Leave out ticks that a camera dropped, and count them for each camera."""
+        lost = np.zeros(len(span), bool)
+        dropped = [0] * self.camera_count
+        for camera, source in enumerate(self._sources):
+            if source.times is None:
+                continue
+            for first in range(0, len(span), _BLOCK):
+                tick = np.array(span[first : first + _BLOCK], np.int64)
+                seconds = self._origins[camera] + tick / (self._rate or 1.0)
+                away = source.times[nearest_frame(source.times, seconds)] - seconds
+                missed = np.abs(away) * (self._rate or 1.0) > REACH
+                dropped[camera] += int(missed.sum())
+                lost[first : first + _BLOCK] |= missed
+        if not lost.any():
+            return span, tuple(dropped)
+        if lost.all():
+            camera = int(np.argmax(dropped))
+            raise InsufficientDataError(
+                f"No instant is in all {self.camera_count} videos: camera "
+                f"{self.camera_names[camera]!r} has no frame near any of the {len(span)} ticks. "
+                "Check the times of its frames."
+            )
+        return np.array(span, np.int64)[~lost], tuple(dropped)
 
     def _frames_per_tick(self, camera: int) -> float:
         fps = self._sources[camera].fps
         if fps is None or self._rate is None:
             return 1.0
         ratio = fps / self._rate
-        return 1.0 if abs(ratio - 1) < _RATE_TOLERANCE else ratio
+        return 1.0 if abs(ratio - 1) < RATE_TOLERANCE else ratio
 
     def _source_frame(self, camera: int, tick: int) -> int:
+        times = self._sources[camera].times
+        if times is not None:
+            seconds = self._origins[camera] + tick / (self._rate or 1.0)
+            return int(nearest_frame(times, np.array([seconds]))[0])
         # Half-way cases round up, so that the spacing stays even.
         return self._offsets[camera] + math.floor(tick * self._frames_per_tick(camera) + 0.5)
 
     def _span(self, camera: int) -> tuple[int, int]:
         """First and last tick for which a camera has a frame."""
+        times = self._sources[camera].times
+        if times is not None:
+            first = math.ceil(self._place(camera, float(times[0])) - REACH)
+            return max(first, 0), math.floor(self._place(camera, float(times[-1])) + REACH)
         step, offset = self._frames_per_tick(camera), self._offsets[camera]
         first = math.ceil((-offset - 0.5) / step - 1e-9)
         count = self._sources[camera].frame_count
@@ -369,6 +480,25 @@ class SynchronizedVideos:
                 f"after tick {lasts[camera]}. Check start, end and offsets."
             )
         return range(begin, stop, stride)
+
+
+def _extrapolated(times: Times, frame: int, fps: float | None) -> float:
+    """Return the time of a frame, which may be before the first or after the last."""
+    inside = min(max(frame, 0), len(times) - 1)
+    return float(times[inside]) + (frame - inside) / (fps or 1.0)
+
+
+def _length(source: VideoSource) -> float | None:
+    """Return the seconds from the first frame to the end of the last."""
+    if source.fps is None:
+        return None
+    if source.times is None:
+        return source.frame_count / source.fps
+    return float(source.times[-1] - source.times[0]) + 1 / source.fps
+
+
+def _hash_of(times: Times | None) -> str | None:
+    return None if times is None else hashlib.sha256(times.tobytes()).hexdigest()
 
 
 def _open_camera(camera: int, path: str | os.PathLike[str]) -> VideoSource:

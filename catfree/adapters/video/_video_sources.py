@@ -3,7 +3,7 @@
 import hashlib
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -12,9 +12,15 @@ import numpy as np
 from catfree.adapters.files._camera_names import require_readable_name
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.protocols import Image
+from catfree.adapters.video._common_clock import RATE_TOLERANCE, Times, nearest_frame, rate_of
+from catfree.adapters.video._timestamps import packet_times, read_timestamps, sidecar_of
 from catfree.errors import FileFormatError, InvalidInputError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+
+# Times of packets within this share of a frame of an even clock count as even: they tell nothing
+# that the frame rate does not.
+_EVEN = 0.25
 
 
 @runtime_checkable
@@ -39,12 +45,16 @@ class VideoSource(Protocol):
         frame_count: frames that it claims to hold.
         fps: frames per second, or None if unknown.
         image_size: (width, height) in pixels.
+        times: seconds of each frame, or None if frame i is at `i / fps`.
+        timeless: whether that is an assumption, as nothing tells the times.
     """
 
     path: Path
     frame_count: int
     fps: float | None
     image_size: tuple[int, int]
+    times: Times | None
+    timeless: bool
 
     def open(self) -> FrameReader:
         """Open a reader positioned before the first frame."""
@@ -83,12 +93,10 @@ def natural_order(name: str) -> list[tuple[int, int, str]]:
 
 
 class ImageFolder:
-    """Images of one folder in natural order of their names, without a frame rate."""
-
-    fps: float | None = None
+    """Images of one folder in natural order of their names; only a table tells their times."""
 
     def __init__(self, path: Path) -> None:
-        """List the images and decode the first."""
+        """List the images, decode the first and read `timestamps.csv`, if there is one."""
         self.path = path
         names = (p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES)
         visible = (p for p in names if not p.name.startswith("."))
@@ -102,6 +110,12 @@ class ImageFolder:
         if first is None:
             raise FileFormatError(f"{self.describe(0)} cannot be decoded.")
         self.image_size = (first.shape[1], first.shape[0])
+        table = sidecar_of(path)
+        self.times = None if table is None else read_timestamps(table, self.frame_count)
+        self.fps: float | None = None
+        if self.times is not None and len(self.times) > 1:
+            self.fps = rate_of(self.times)
+        self.timeless = self.times is None
 
     def open(self) -> FrameReader:
         """Return the folder itself, as there is nothing to open."""
@@ -135,13 +149,18 @@ class ImageFolder:
 
 
 class VideoFile:
-    """A video file that OpenCV decodes; a constant frame rate is assumed."""
+    """A video file that OpenCV decodes.
+
+    Its frames are at the times of its table (`NAME.timestamps.csv`), else of its packets, else
+    evenly spaced.
+    """
 
     def __init__(self, path: Path) -> None:
-        """Read the properties of the file and its first frame."""
+        """Read the properties of the file, its first frame and the times of all frames."""
         import cv2
 
         self.path = path
+        self._number: Callable[[float], int] | None = None
         reader = self.open()
         try:
             first = reader.read(0)
@@ -155,17 +174,63 @@ class VideoFile:
                     f"{path} cannot be decoded: it is not a video, truncated or in a format that "
                     "OpenCV does not support. Repair or re-encode it, for instance with ffmpeg."
                 )
+            shown = reader.capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
             rate = reader.capture.get(cv2.CAP_PROP_FPS)
-            claimed = reader.capture.get(cv2.CAP_PROP_FRAME_COUNT)
+            claimed = int(reader.capture.get(cv2.CAP_PROP_FRAME_COUNT))
         finally:
             reader.close()
         self.image_size = (first.shape[1], first.shape[0])
         self.fps: float | None = float(rate) if np.isfinite(rate) and rate > 0 else None
-        self.frame_count = int(claimed) if claimed > 0 else self._count()
+        self.times: Times | None = None
+        packets = packet_times(path)
+        self.timeless = packets is None
+        if packets is not None:
+            claimed = self._follow(packets, shown, claimed)
+        self.frame_count = claimed if claimed > 0 else self._count()
+        table = sidecar_of(path)
+        if table is not None:
+            self.times, self.timeless = read_timestamps(table, self.frame_count), False
+            self.fps = rate_of(self.times) if len(self.times) > 1 else self.fps
+
+    def _follow(self, packets: Times, shown: float, claimed: int) -> int:
+        """Take rate and times from the packets, and return the number of frames.
+
+        Args:
+            packets: their times.
+            shown: the time of the first frame that can be decoded.
+            claimed: number of frames that the container claims, which may be an estimate from its
+                length, or less than 1.
+        """
+        gap = float(np.diff(packets).min()) if len(packets) > 1 else 0.0
+        stamped = not _is_avi(self.path)  # AVI counts packets instead, in the order of decoding
+        undecodable = int(np.searchsorted(packets, shown - gap / 2)) if stamped else 0
+        times = packets[undecodable:]
+        if not len(times):
+            return claimed
+        if self.fps is not None and not undecodable:
+            off = np.abs(packets * self.fps - np.arange(len(packets)))
+            if off.max() <= _EVEN:
+                fps = self.fps
+                self._number = (lambda time: round(time * fps)) if stamped else None
+                return claimed if claimed > 0 else len(packets)
+        rate = rate_of(times) if len(times) > 1 else self.fps
+        if rate is None:
+            return len(times)
+        # A file that was cut off claims to be longer than its packets; the frames that it lacks are
+        # at its end, where they cannot be decoded.
+        nominal, longest = self.fps or rate, float(np.diff(times).max(initial=1 / rate))
+        lacking = 0
+        if claimed > len(packets):
+            lacking = max(0, round((claimed / nominal - times[-1] - longest - 1 / nominal) * rate))
+        self.fps = nominal if abs(rate / nominal - 1) < RATE_TOLERANCE else rate
+        self.times = np.append(times, times[-1] + np.arange(1, lacking + 1) / rate)
+        if stamped:
+            self._number = lambda time: int(nearest_frame(times, np.array([time]))[0])
+        return len(self.times)
 
     def open(self) -> "_CaptureReader":
         """Open a decoder before the first frame."""
-        return _CaptureReader(self.path)
+        return _CaptureReader(self.path, self._number)
 
     def _count(self) -> int:
         """Count the frames that can be decoded, for files that do not state their number."""
@@ -187,11 +252,19 @@ class VideoFile:
 class _CaptureReader:
     """Decodes forward only: seeking in compressed video is not exact."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, number: Callable[[float], int] | None = None) -> None:
+        """Open the file.
+
+        Args:
+            path: the file.
+            number: gives the number of the frame at a time in seconds, to notice if the decoder
+                leaves out damaged frames; None if the file has no times.
+        """
         import cv2
 
         self.capture = cv2.VideoCapture(str(path))
         self.position = 0
+        self._number = number
         self._held: Image | None = None
 
     def read(self, frame: int) -> Image | None:
@@ -203,16 +276,33 @@ class _CaptureReader:
         while self.position < frame:
             if not self.capture.grab():
                 return None
-            self.position += 1
+            self._step()
         decoded, bgr = self.capture.read()
         if not decoded:
             return None
-        self.position += 1
+        self._step()
+        if self.position != frame + 1:
+            return None
         self._held = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
         return self._held
 
+    def _step(self) -> None:
+        """Count the frame that was just read, and those that the decoder left out before it."""
+        import cv2
+
+        if self._number is not None:
+            time = self.capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+            self.position = max(self.position, self._number(time))
+        self.position += 1
+
     def close(self) -> None:
         self.capture.release()
+
+
+def _is_avi(path: Path) -> bool:
+    """Return whether a file is of a format without timestamps, in which packets are counted."""
+    with path.open("rb") as stream:
+        return stream.read(4) == b"RIFF"
 
 
 def _is_art(capture: Any) -> bool:

@@ -1,5 +1,7 @@
 """`localize_by_evidence`: convert the solution to result types in scene units."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -79,7 +81,8 @@ def localize_by_evidence(
         InsufficientDataError: if no box of a registered camera stands on the ground.
     """
     solution = solve(detections, scene, settings, progress=progress)
-    return describe(solution, scene, settings, detection_count=len(detections))
+    found = describe(solution, scene, settings, detection_count=len(detections))
+    return replace(found, tracks=replace(found.tracks, clock=detections.clock))
 
 
 def describe(

@@ -11,6 +11,7 @@ from hypothesis import given, strategies as st
 from catfree.adapters import (
     read_mot,
     read_tracks_csv,
+    read_tracks_parquet,
     write_mot_boxes,
     write_mot_ground,
     write_tracks_csv,
@@ -18,7 +19,7 @@ from catfree.adapters import (
 )
 from catfree.errors import CatFreeError, FileFormatError, InvalidInputError, MissingDependencyError
 from catfree.methods.paper._assemble import empty_localization
-from catfree.types import Detections, Tracks
+from catfree.types import Clock, Detections, Tracks
 
 FINITE = st.floats(-1e6, 1e6, allow_nan=False)
 POSITIVE = st.floats(1e-3, 1e4)
@@ -65,18 +66,115 @@ def test_csv_gives_back_the_tracks_bit_for_bit(drawn, tmp_path_factory):
         np.testing.assert_array_equal(getattr(again, name), value)
 
 
-@given(drawn=track_arguments())
-def test_parquet_holds_the_columns_of_the_csv(drawn, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("parquet")
-    tracks = Tracks(**drawn)
-    header = write_tracks_csv(folder / "t.csv", tracks).read_text().splitlines()[0].split(",")
-    table = pyarrow.parquet.read_table(write_tracks_parquet(folder / "t.parquet", tracks))
-    assert table.column_names == header
-    assert table["frame"].to_pylist() == tracks.frame.tolist()
-    assert table["x"].to_pylist() == tracks.ground_xy[:, 0].tolist()
-    assert table["origin"].to_pylist() == [
-        ("detected", "extended", "interpolated")[origin] for origin in tracks.origin
-    ]
+@given(
+    drawn=track_arguments(),
+    clock=st.builds(
+        Clock,
+        st.sampled_from([5.0, 25.0, 29.97, 30000 / 1001, 10.123456789]),
+        st.sampled_from([0.0, 12.34, 1.7e9, 1.7e9 + 1 / 3]),
+    ),
+)
+def test_csv_keeps_the_clock(drawn, clock, tmp_path_factory):
+    path = tmp_path_factory.mktemp("csv") / "tracks.csv"
+    tracks = Tracks(**drawn, clock=clock)
+    again = read_tracks_csv(write_tracks_csv(path, tracks))
+    if len(np.unique(tracks.frame)) < 2:
+        assert again.clock is None
+    else:
+        np.testing.assert_allclose(again.time, tracks.time, atol=1e-6)
+        assert again.clock.utc == (clock.start > 1e9)
+    if len(tracks) and np.ptp(tracks.frame) > 100 and clock.start < 1e9:
+        assert again.clock.frame_rate == pytest.approx(clock.frame_rate, rel=1e-9)
+
+
+def test_common_clocks_come_back_from_csv_as_they_were(tmp_path):
+    for clock in (Clock(25.0), Clock(30000 / 1001, 12.5), Clock(5.0, 1.7e9, utc=True), None):
+        path = write_tracks_csv(tmp_path / "tracks.csv", one_track(clock=clock))
+        assert read_tracks_csv(path).clock == clock
+
+
+@pytest.mark.parametrize("times", [(0.0, 1.0, 1.5), (2.0, 1.0, 0.0), (0, 0, 0), (0, "nan", 2)])
+def test_times_of_no_clock_are_refused(times, tmp_path):
+    path = write_tracks_csv(tmp_path / "tracks.csv", one_track())
+    lines = path.read_text().splitlines()
+    assert lines[0].endswith(",time_s")
+    rows = [f"{line}{time}" for line, time in zip(lines[1:], times, strict=True)]
+    path.write_text("\n".join([lines[0], *rows]))
+    with pytest.raises(FileFormatError, match=r"tracks\.csv: column 'time_s' is invalid"):
+        read_tracks_csv(path)
+
+
+def test_a_table_of_version_0_2_gives_no_clock(tmp_path):
+    path = write_tracks_csv(tmp_path / "tracks.csv", one_track())
+    path.write_text(
+        "".join(f"{line.rpartition(',')[0]}\n" for line in path.read_text().splitlines())
+    )
+    assert "time_s" not in path.read_text()
+    assert read_tracks_csv(path).clock is None
+
+
+@given(drawn=track_arguments(), clock=st.none() | st.builds(Clock, POSITIVE, FINITE))
+def test_parquet_gives_back_the_table_bit_for_bit(drawn, clock, tmp_path_factory):
+    path = tmp_path_factory.mktemp("parquet") / "t.parquet"
+    tracks = Tracks(**drawn, clock=clock)
+    again = read_tracks_parquet(write_tracks_parquet(path, tracks))
+    assert again.to_arrow().equals(tracks.to_arrow(), check_metadata=True)
+    assert again.clock == clock
+
+
+def test_pandas_reads_parquet_without_us(tmp_path):
+    clock = Clock(25.0, 1.7e9, utc=True)
+    tracks = one_track(clock=clock, support=np.array([[0, 1, 2], [0, 1, -1], [-1, 3, 4]]))
+    path = write_tracks_parquet(tmp_path / "t.parquet", tracks, ["a", "b", "c"])
+    pandas = pytest.importorskip("pandas", reason="pandas is not installed")
+    frame = pandas.read_parquet(path)
+    np.testing.assert_array_equal(frame["time_s"], tracks.time)
+    assert frame["cameras"].tolist() == [7, 3, 6]
+    assert frame["origin"].tolist() == ["detected", "detected", "extended"]
+    assert frame["existence"].isna().all()
+    # From a table of another program, with the metadata of the file, tracks come back.
+    about = pyarrow.parquet.read_schema(path).metadata
+    later = pyarrow.Table.from_pandas(frame[frame["frame"] > 0], preserve_index=False)
+    again = Tracks.from_arrow(later.replace_schema_metadata(about))
+    np.testing.assert_array_equal(again.ground_xy, tracks.ground_xy[1:])
+    assert again.clock == clock
+
+
+def test_polars_reads_parquet_without_us(tmp_path):
+    polars = pytest.importorskip("polars", reason="polars is not installed")
+    tracks = one_track(clock=Clock(25.0))
+    path = write_tracks_parquet(tmp_path / "t.parquet", tracks)
+    frame = polars.read_parquet(path)
+    assert frame["time_s"].to_list() == tracks.time.tolist()
+    assert frame["origin"].to_list() == ["detected", "detected", "extended"]
+    assert frame["cameras"].null_count() == 3
+    assert polars.scan_parquet(path).filter(polars.col("frame") > 0).collect().height == 2
+    again = frame.to_arrow().replace_schema_metadata(pyarrow.parquet.read_schema(path).metadata)
+    assert Tracks.from_arrow(again).to_arrow().equals(tracks.to_arrow())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda content: b"", "is not readable Parquet"),
+        (lambda content: content[:-20], "is not readable Parquet"),
+        (lambda content: content.replace(b"detected", b"guessing"), "'guessing'"),
+    ],
+)
+def test_damaged_parquet_is_named(change, message, tmp_path):
+    path = write_tracks_parquet(tmp_path / "t.parquet", one_track())
+    path.write_bytes(change(path.read_bytes()))
+    with pytest.raises(FileFormatError, match=r"t\.parquet.*" + message):
+        read_tracks_parquet(path)
+
+
+def test_parquet_of_earlier_versions_is_named(tmp_path):
+    path = tmp_path / "t.parquet"
+    pyarrow.parquet.write_table(pyarrow.table({"frame": [0], "position_x": [1.0]}), path)
+    with pytest.raises(FileFormatError, match=r"t\.parquet: The table has no column 'time_s'"):
+        read_tracks_parquet(path)
+    with pytest.raises(InvalidInputError, match="There is no file"):
+        read_tracks_parquet(tmp_path / "absent.parquet")
 
 
 def test_a_table_of_version_0_1_gives_no_velocities(tmp_path):
@@ -115,6 +213,8 @@ def test_parquet_without_pyarrow(tmp_path, monkeypatch):
     monkeypatch.setattr(builtins, "__import__", refuse)
     with pytest.raises(MissingDependencyError, match=r"pip install 'catfree\[parquet\]'"):
         write_tracks_parquet(tmp_path / "t.parquet", one_track())
+    with pytest.raises(MissingDependencyError, match=r"pip install 'catfree\[parquet\]'"):
+        read_tracks_parquet(tmp_path / "t.parquet")
 
 
 def test_parquet_without_rows_has_the_columns_of_one_with_rows(tmp_path):

@@ -152,6 +152,8 @@ def test_every_delivered_tick_exists_in_every_camera_and_no_other(cameras, offse
 
 
 class FakeSource:
+    times = None
+
     def __init__(self, count, fps):
         self.frame_count, self.fps = count, fps
 

@@ -10,7 +10,7 @@ from catfree.errors import CatFreeError, InvalidInputError
 from catfree.methods.paper._assemble import empty_localization
 from catfree.types import Localization, Tracks
 from catfree.types._archive import save_arrays
-from catfree.types._results import require_sound_localization, require_sound_tracks
+from catfree.types.results import require_sound_localization, require_sound_tracks
 
 
 def tracks(count: int = 3) -> Tracks:

@@ -1,0 +1,190 @@
+"""One clock for cameras whose frames have times of their own."""
+
+import math
+from collections.abc import Sequence
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.types import Clock, Detections
+from catfree.types._validation import (
+    as_float,
+    first_index,
+    require_finite,
+    require_instance,
+    require_shape,
+)
+
+# Nominal rates such as 30 and 29.97 stand for the same clock.
+RATE_TOLERANCE = 0.01
+# A frame shows a tick if it is within this many ticks of it: half a tick, and slack for the jitter
+# of cameras whose frames lie midway between two ticks.
+REACH = 0.6
+# Seconds: 2001 counted from 1970. No recording lasts as long, so larger times are absolute.
+ABSOLUTE = 1e9
+
+Times = Float[np.ndarray, " _"]  # seconds of frames, increasing; of any length
+
+
+def on_common_clock(
+    detections: Detections, timestamps: Sequence[Any], frame_rate: float | int | None = None
+) -> Detections:
+    """Renumber the frames of detections so that equal numbers mean equal times.
+
+    Tick k is at `start + k / frame_rate` seconds, where `start` is the earliest timestamp. Each box
+    gets the tick nearest to its frame. No two frames of one camera share a tick: the farther one
+    moves to a free neighboring tick within 0.6 ticks of it, or is left out with its boxes. These
+    are the ticks of `SynchronizedVideos`.
+
+    Args:
+        detections: boxes whose frame numbers count the frames of each camera, from 0.
+        timestamps: (C) arrays: (T_c,) increasing seconds of camera c's frames 0 to T_c - 1. Times
+            beyond 1e9 count from 1970-01-01T00:00:00 UTC.
+        frame_rate: ticks per second; None for the lowest rate among the cameras: the mean of the
+            intervals near their median.
+
+    Returns:
+        The detections with ticks as frame numbers, and the clock.
+
+    Raises:
+        InvalidInputError: naming the first camera whose timestamps are invalid, are too few for its
+            boxes, or are absolute while those of another are not; or if the rate is higher than
+            that of a camera.
+        InsufficientDataError: if no camera has two timestamps to tell the rate.
+    """
+    require_instance(detections, Detections, "detections")
+    times = [_increasing(values, camera) for camera, values in enumerate(timestamps)]
+    names = [f"{camera}" for camera in range(len(times))]
+    rates = {name: rate_of(own) for name, own in zip(names, times, strict=True) if len(own) > 1}
+    rate = common_rate(rates, frame_rate)
+    if rate is None:
+        raise InsufficientDataError(
+            "No camera has two timestamps, so the frame rate is unknown. Pass frame_rate."
+        )
+    start, utc = common_start([own for own in times if len(own)], names)
+    ticks = [ticks_of_frames(own, start, rate) for own in times]
+    tick = np.full(len(detections), -1)
+    for camera in np.unique(detections.camera).tolist():
+        rows = np.flatnonzero(detections.camera == camera)
+        frame = detections.frame[rows]
+        known = len(ticks[camera]) if camera < len(ticks) else 0
+        bad = (frame < 0) | (frame >= known)
+        if bad.any():
+            raise InvalidInputError(
+                f"frame[{rows[bad][0]}] is {frame[bad][0]}, but camera {camera} has {known} "
+                "timestamps, for its frames from 0 on. Give every frame a timestamp."
+            )
+        tick[rows] = ticks[camera][frame]
+    kept = np.flatnonzero(tick >= 0)
+    columns = vars(detections[kept]) | {"frame": tick[kept], "clock": Clock(rate, start, utc)}
+    return Detections(**columns)
+
+
+def rate_of(times: Times) -> float:
+    """Return the frames per second of at least two increasing times.
+
+    Args:
+        times: seconds.
+
+    Returns:
+        The rate by the mean of the intervals near their median: gaps of dropped frames do not
+        count, and times that a file rounds to milliseconds do no harm.
+    """
+    step = np.diff(times)
+    middle = float(np.median(step))
+    return 1 / float(step[np.abs(step - middle) <= middle / 2].mean())
+
+
+def common_rate(rates: dict[str, float], frame_rate: float | int | None) -> float | None:
+    """Return the ticks per second: the lowest rate among the cameras, or the one that is asked for.
+
+    Args:
+        rates: frames per second by camera name, of cameras that have a rate.
+        frame_rate: the wanted rate, or None.
+
+    Raises:
+        InvalidInputError: if it is not a positive number, or a camera is slower.
+    """
+    if frame_rate is None:
+        return min(rates.values(), default=None)
+    if not isinstance(frame_rate, Real) or not (math.isfinite(frame_rate) and frame_rate > 0):
+        raise InvalidInputError(f"frame_rate must be a positive number, got {frame_rate!r}.")
+    for name, rate in rates.items():
+        if frame_rate > rate * (1 + RATE_TOLERANCE):
+            raise InvalidInputError(
+                f"frame_rate is {frame_rate:g}, but camera {name!r} has only {rate:g} frames "
+                "per second. Pass at most the lowest rate."
+            )
+    return float(frame_rate)
+
+
+def common_start(times: Sequence[Times], names: Sequence[str]) -> tuple[float, bool]:
+    """Return the earliest time, and whether times count from 1970 (UTC).
+
+    Args:
+        times: seconds of each camera's frames, none empty.
+        names: of these cameras.
+
+    Raises:
+        InvalidInputError: if some times are absolute and others are not.
+    """
+    first = [float(own[0]) for own in times]
+    absolute = [start > ABSOLUTE for start in first]
+    if any(absolute) and not all(absolute):
+        raise InvalidInputError(
+            f"Camera {names[absolute.index(True)]!r} has absolute times (seconds since 1970), but "
+            f"camera {names[absolute.index(False)]!r} does not: it has no place on that clock. "
+            "Give all cameras absolute times, or none."
+        )
+    return min(first, default=0.0), any(absolute)
+
+
+def nearest_frame(times: Times, seconds: Times) -> Int[np.ndarray, " _"]:
+    """Return the index of the time nearest to each of some seconds; half-way cases round up."""
+    after = np.clip(np.searchsorted(times, seconds), 1, max(len(times) - 1, 1))
+    upper = np.minimum(after, len(times) - 1)
+    return np.where(times[upper] - seconds <= seconds - times[after - 1], upper, after - 1)
+
+
+def ticks_of_frames(times: Times, start: float, rate: float) -> Int[np.ndarray, " _"]:
+    """Return the tick of each frame, or -1 for a frame that is left out; see `on_common_clock`.
+
+    Args:
+        times: increasing seconds of one camera's frames.
+        start: seconds of tick 0, not after any frame.
+        rate: ticks per second.
+    """
+    place = (times - start) * rate
+    tick = np.floor(place + 0.5).astype(np.int64)
+    if not len(tick):
+        return tick
+    shared = np.diff(tick) == 0
+    below = np.diff(tick, prepend=tick[0] - 2) > 1  # the tick before is free
+    early = np.append(shared, False) & below & (tick - place >= 1 - REACH) & (tick > 0)
+    tick[early] -= 1
+    shared = np.diff(tick) == 0
+    above = np.diff(tick, append=tick[-1] + 2) > 1
+    late = np.insert(shared, 0, False) & above & (place - tick >= 1 - REACH)
+    tick[late] += 1
+    # Of the frames that still share a tick, the nearest stays.
+    order = np.lexsort((np.abs(place - tick), tick))
+    best = np.zeros(len(tick), bool)
+    best[order[np.diff(tick[order], prepend=-1) > 0]] = True
+    return np.where(best, tick, -1)
+
+
+def _increasing(values: Any, camera: int) -> Times:
+    times = np.asarray(as_float(values), np.float64)
+    name = f"timestamps[{camera}]"
+    require_shape(times, (None,), name)
+    require_finite(times, name)
+    if (np.diff(times) <= 0).any():
+        at = int(first_index(np.diff(times) <= 0)) + 1
+        raise InvalidInputError(
+            f"{name}[{at}] is {times[at]:.6f}, not after {times[at - 1]:.6f} before it; times of "
+            "frames must increase."
+        )
+    return times

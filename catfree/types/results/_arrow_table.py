@@ -1,0 +1,251 @@
+"""The table of tracks in Arrow: its columns, and what its metadata say about them."""
+
+import json
+from collections.abc import Mapping, Sequence
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from catfree.errors import FileFormatError, InvalidInputError, MissingDependencyError, quoted
+from catfree.types._clock import Clock
+
+if TYPE_CHECKING:
+    import pyarrow
+
+ORIGINS = ("detected", "extended", "interpolated")
+MOST_CAMERAS = 64  # bits of the column `cameras`
+
+_FLOATS = ("x", "y", "vx", "vy", "cov_xx", "cov_xy", "cov_yy", "existence", "sigma")
+_COLUMNS = ("time_s", "frame", "track_id", *_FLOATS, "origin", "cameras")
+_OPTIONAL = ("time_s", "vx", "vy", "existence", "cameras")  # may be null
+_KIND = "catfree tracks, version 1"
+_DESCRIPTIONS = {
+    "frame_of_reference": "x and y are coordinates on the ground, along the basis of the scene's "
+    "ground plane",
+    "units": "time_s: s; x, y, sigma: scene units (meters in a metric scene); vx, vy: scene units "
+    "per second; cov_xx, cov_xy, cov_yy: scene units squared; existence: probability",
+    "bit_set": "cameras: bit c, of value 2^c, is set if a box of camera c supports the row",
+}
+
+
+def to_table(
+    columns: Mapping[str, Any], clock: Clock | None, camera_names: Sequence[str] | None
+) -> "pyarrow.Table":
+    """Make the table of tracks; see `Tracks.to_arrow`.
+
+    Args:
+        columns: the fields of the tracks.
+        clock: of their frames.
+        camera_names: (C,) names, or None.
+
+    Raises:
+        MissingDependencyError: if pyarrow is not installed.
+        InvalidInputError: if there are more than 64 cameras, or another number of names.
+    """
+    arrow = require_pyarrow()
+    names = None if camera_names is None else [str(name) for name in camera_names]
+    bits = _bits_of(columns["support"], columns["cameras"], names)
+    frame = np.asarray(columns["frame"], np.int64)
+    xy, covariance = (np.asarray(columns[name], np.float64) for name in ("ground_xy", "covariance"))
+    rate = np.nan if clock is None else clock.frame_rate
+    velocity = np.asarray(columns["velocity"], np.float64) * rate
+    unknown = np.full(len(frame), np.nan)
+    existence = columns["existence"]
+    numbers = dict(
+        zip(
+            _FLOATS,
+            [
+                *xy.T,
+                *velocity.T,
+                *covariance.reshape(-1, 4)[:, [0, 1, 3]].T,
+                unknown if existence is None else np.asarray(existence, np.float64),
+                np.asarray(columns["sigma"], np.float64),
+            ],
+            strict=True,
+        )
+    )
+    numbers["time_s"] = unknown if clock is None else clock.seconds(frame)
+    arrays = {
+        name: arrow.array(values, arrow.float64(), from_pandas=name in _OPTIONAL)
+        for name, values in numbers.items()
+    }
+    arrays["frame"] = arrow.array(frame)
+    arrays["track_id"] = arrow.array(np.asarray(columns["track_id"], np.int64))
+    arrays["origin"] = arrow.DictionaryArray.from_arrays(
+        arrow.array(np.asarray(columns["origin"], np.int8)), arrow.array(ORIGINS)
+    )
+    absent = arrow.nulls(len(frame), arrow.uint64())
+    arrays["cameras"] = absent if bits is None else arrow.array(bits, arrow.uint64())
+    schema = arrow.schema(
+        [arrow.field(name, arrays[name].type, name in _OPTIONAL) for name in _COLUMNS],
+        _metadata(clock, names, existence is not None, bits is not None),
+    )
+    return arrow.Table.from_arrays([arrays[name] for name in _COLUMNS], schema=schema)
+
+
+def from_table(table: "pyarrow.Table") -> dict[str, Any]:
+    """Return the fields of tracks that a table holds; see `Tracks.from_arrow`.
+
+    Args:
+        table: what `to_table` made, also if rows were selected, sorted or concatenated since.
+
+    Raises:
+        MissingDependencyError: if pyarrow is not installed.
+        InvalidInputError: if it is not an Arrow table.
+        FileFormatError: if it lacks a column, a value or its metadata, or a column has another
+            type.
+    """
+    arrow = require_pyarrow()
+    if not isinstance(table, arrow.Table):
+        raise InvalidInputError(
+            f"Tracks come from a pyarrow.Table, not from a {type(table).__name__}."
+        )
+    missing = [name for name in _COLUMNS if name not in table.column_names]
+    if missing:
+        raise FileFormatError(f"The table has no column {missing[0]!r}; is it a table of tracks?")
+    clock, has_existence, has_cameras = _described(table.schema.metadata or {})
+    numbers = {name: _numbers(table, name, arrow.float64()) for name in _FLOATS}
+    velocity = np.stack([numbers["vx"], numbers["vy"]], axis=-1)
+    xx, xy, yy = (numbers[f"cov_{axes}"] for axes in ("xx", "xy", "yy"))
+    bits = _bits_from(table) if has_cameras else None
+    frame = _numbers(table, "frame", arrow.int64())
+    return {
+        "frame": frame,
+        "track_id": _numbers(table, "track_id", arrow.int64()),
+        "ground_xy": np.stack([numbers["x"], numbers["y"]], axis=-1),
+        "sigma": numbers["sigma"],
+        "covariance": np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2),
+        "supporting_cameras": np.zeros(len(frame), np.int64)
+        if bits is None
+        else np.bitwise_count(bits).astype(np.int64),
+        "origin": _origins(table),
+        "existence": numbers["existence"] if has_existence else None,
+        "velocity": velocity if clock is None else _per_frame(velocity, clock.frame_rate),
+        "cameras": bits,
+        "clock": clock,
+    }
+
+
+def require_pyarrow() -> ModuleType:
+    """Import pyarrow.
+
+    Raises:
+        MissingDependencyError: if it is not installed.
+    """
+    try:
+        import pyarrow
+    except ImportError as error:
+        raise MissingDependencyError(
+            "Arrow tables and Parquet need pyarrow: pip install 'catfree[parquet]'."
+        ) from error
+    return pyarrow
+
+
+def _bits_of(support: Any, known: Any, names: list[str] | None) -> np.ndarray | None:
+    """(M,) the bit sets of the cameras that support each row, or None if nothing tells them."""
+    count = support.shape[1]
+    if count > MOST_CAMERAS:
+        name = repr(names[MOST_CAMERAS]) if names and len(names) == count else MOST_CAMERAS
+        raise InvalidInputError(
+            f"The column cameras has one bit for each of at most {MOST_CAMERAS} cameras, but there "
+            f"are {count}: camera {name} has none. Write the tracks as CSV or .npz."
+        )
+    if names is not None and count and len(names) != count:
+        raise InvalidInputError(
+            f"camera_names has {len(names)} names, but the tracks were made with {count} cameras."
+        )
+    if not count:
+        return known
+    bits = np.uint64(1) << np.arange(count, dtype=np.uint64)
+    return ((support >= 0) * bits).sum(axis=1, dtype=np.uint64)
+
+
+def _metadata(
+    clock: Clock | None, names: list[str] | None, has_existence: bool, has_cameras: bool
+) -> dict[str, str]:
+    from catfree import __version__
+
+    zero = "unknown" if clock is None else "start of recording"
+    parts = None
+    if clock is not None:
+        parts = {"frame_rate": clock.frame_rate, "start": clock.start, "utc": clock.utc}
+        zero = "1970-01-01T00:00:00Z" if clock.utc else zero
+    return {
+        "table": _KIND,
+        **_DESCRIPTIONS,
+        "time_zero": zero,
+        "frame_zero": "unknown" if clock is None else clock.describe(),
+        "clock": json.dumps(parts),
+        "camera_names": json.dumps(names),
+        "has_existence": json.dumps(has_existence),
+        "has_cameras": json.dumps(has_cameras),
+        "catfree_version": __version__,
+    }
+
+
+def _described(metadata: Mapping[bytes, bytes]) -> tuple[Clock | None, bool, bool]:
+    """Return the clock, and whether there are probabilities of existence and bit sets."""
+    if metadata.get(b"table") != _KIND.encode():
+        raise FileFormatError(
+            f"The table's metadata do not say {_KIND!r}: another program made it, or dropped them. "
+            "Copy them from the original with replace_schema_metadata."
+        )
+    try:
+        clock, has_existence, has_cameras = (
+            json.loads(metadata[name]) for name in (b"clock", b"has_existence", b"has_cameras")
+        )
+        made = None if clock is None else Clock(clock["frame_rate"], clock["start"], clock["utc"])
+        return made, bool(has_existence), bool(has_cameras)
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise FileFormatError(
+            f"The metadata of a table of tracks are damaged: {quoted(error)}."
+        ) from error
+
+
+def _column(table: "pyarrow.Table", name: str, kind: Any) -> Any:
+    """Return one column as one array of a type."""
+    arrow = require_pyarrow()
+    column = table[name]
+    if column.null_count and name not in _OPTIONAL:
+        raise FileFormatError(f"The table has no value in a row of column {name!r}.")
+    try:
+        cast = column.cast(kind)
+    except (arrow.ArrowInvalid, arrow.ArrowNotImplementedError) as error:
+        raise FileFormatError(
+            f"Column {name!r} has type {column.type}, not {kind}: {quoted(error)}."
+        ) from error
+    return cast.combine_chunks()
+
+
+def _numbers(table: "pyarrow.Table", name: str, kind: Any) -> np.ndarray:
+    # A copy: arrays of Arrow cannot be written to.
+    return np.array(_column(table, name, kind).to_numpy(zero_copy_only=False))
+
+
+def _bits_from(table: "pyarrow.Table") -> np.ndarray:
+    arrow = require_pyarrow()
+    column = _column(table, "cameras", arrow.uint64())
+    if column.null_count:
+        raise FileFormatError("The table has no value in a row of column 'cameras'.")
+    return np.array(column.to_numpy(zero_copy_only=False))
+
+
+def _origins(table: "pyarrow.Table") -> np.ndarray:
+    arrow = require_pyarrow()
+    names = _column(table, "origin", arrow.string()).dictionary_encode()
+    known = names.dictionary.to_pylist()
+    for name in known:
+        if name not in ORIGINS:
+            raise FileFormatError(f"Column 'origin' holds {quoted(name)}, not one of {ORIGINS}.")
+    values = np.array([ORIGINS.index(name) for name in known], np.int64)
+    return values[np.array(names.indices.to_numpy(zero_copy_only=False), np.int64)]
+
+
+def _per_frame(velocity: np.ndarray, rate: float) -> np.ndarray:
+    """Divide by the frame rate such that multiplying gives back every bit."""
+    slow = velocity / rate
+    for toward in (-np.inf, np.inf):
+        near = np.nextafter(velocity / rate, toward)
+        slow = np.where((slow * rate != velocity) & (near * rate == velocity), near, slow)
+    return slow

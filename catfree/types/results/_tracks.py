@@ -1,0 +1,303 @@
+"""`Tracks`: positions on the ground with identities."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float, Int, UInt64
+
+from catfree.errors import InvalidInputError, quoted
+from catfree.types._archive import load_arrays, naming_file, save_arrays
+from catfree.types._clock import Clock, clock_from_array, clock_to_array, require_clock
+from catfree.types._scene import Plane
+from catfree.types._validation import (
+    as_float,
+    as_integer,
+    first_index,
+    require_declared_types,
+    require_finite,
+    require_shape,
+)
+from catfree.types.results._arrow_table import from_table, to_table
+
+if TYPE_CHECKING:
+    import pyarrow
+
+
+class Origin(IntEnum):
+    """The source of a track's position.
+
+    Attributes:
+        DETECTED: boxes of this frame.
+        EXTENDED: the paper's extension of a track beyond its ends.
+        INTERPOLATED: the frames before and after.
+    """
+
+    DETECTED = 0
+    EXTENDED = 1
+    INTERPOLATED = 2
+
+
+class Tracks(eqx.Module):
+    """Positions on the ground with identities, sorted by frame, then track.
+
+    Attributes:
+        frame: (M,) frame of each position.
+        track_id: (M,) identity, counted from 0; -1 without tracking.
+        position: (M, 3) on the ground plane, scene units.
+        ground_xy: (M, 2) coordinates along the plane's basis P (`Pᵀ position`): x, y in meters
+            for a metric scene with z up.
+        sigma: (M,) ground uncertainty sqrt(trace(covariance) / 2) in scene units (Eq. sigma).
+        covariance: (M, 2, 2) of `ground_xy`, scene units squared; the paper's method: `Pᵀ Λ⁻¹ P`;
+            evidence: smoothed over time, with sway, uneven ground and the error of the whole map.
+        supporting_cameras: (M,) number of cameras that support the position.
+        origin: (M,) `Origin` values.
+        existence: (M,) probability that a person is there, or None if the method gives none.
+        support: (M, C) row of the caller's `Detections` that shows the person in each camera, or
+            -1. A detection supports at most one row. If several positions of the paper's method
+            share one, `supporting_cameras` and `sigma` count it for all of them, and `support`
+            assigns it to the position closest to its ray. (M, 0) if unknown, as in a CSV table.
+        velocity: (M, 2) velocity of `ground_xy` in scene units per frame number; multiply by the
+            frame rate for scene units per second. NaN if unknown: for positions without a track,
+            and in the paper's method for tracks of one position. Evidence: smoothed over time;
+            paper: difference of the neighboring positions.
+        velocity_covariance: (M, 2, 2) covariance of `velocity`; NaN where `velocity` is; inf in
+            the paper's method if it rests on a position with fewer than two cameras.
+        cameras: (M,) uint64 bit set of the cameras whose box supports the position, camera c being
+            bit c, in tracks that were read from a table; None where `support` says it, or unknown.
+        clock: gives the time of each frame, or None if unknown.
+    """
+
+    frame: Int[np.ndarray, " m"]
+    track_id: Int[np.ndarray, " m"]
+    position: Float[np.ndarray, "m 3"]
+    ground_xy: Float[np.ndarray, "m 2"]
+    sigma: Float[np.ndarray, " m"]
+    covariance: Float[np.ndarray, "m 2 2"]
+    supporting_cameras: Int[np.ndarray, " m"]
+    origin: Int[np.ndarray, " m"]
+    existence: Float[np.ndarray, " m"] | None
+    support: Int[np.ndarray, "m cam"]
+    velocity: Float[np.ndarray, "m 2"]
+    velocity_covariance: Float[np.ndarray, "m 2 2"]
+    cameras: UInt64[np.ndarray, " m"] | None
+    clock: Clock | None = eqx.field(static=True)
+
+    def __init__(
+        self,
+        frame: Any,
+        track_id: Any,
+        position: Any,
+        ground_xy: Any,
+        sigma: Any,
+        covariance: Any,
+        supporting_cameras: Any,
+        origin: Any,
+        existence: Any = None,
+        support: Any = None,
+        velocity: Any = None,
+        velocity_covariance: Any = None,
+        cameras: Any = None,
+        clock: Any = None,
+    ) -> None:
+        """Validate and store.
+
+        Args:
+            frame: as the attribute, like all others.
+            track_id: identities.
+            position: points on the ground.
+            ground_xy: their coordinates on it.
+            sigma: ground uncertainty.
+            covariance: of the coordinates.
+            supporting_cameras: how many.
+            origin: `Origin` values.
+            existence: probabilities, or None.
+            support: rows of the detections; None where they are not known.
+            velocity: None where it is not known.
+            velocity_covariance: None where it is not known.
+            cameras: None where `support` is known, or nothing is.
+            clock: of the frame numbers.
+
+        Raises:
+            InvalidInputError: naming the first column whose shape does not fit the others, or the
+                first entry of `support` below -1.
+        """
+        self.frame, self.track_id, self.origin = frame, track_id, origin
+        self.position, self.ground_xy = position, ground_xy
+        self.sigma, self.covariance = sigma, covariance
+        self.supporting_cameras, self.existence = supporting_cameras, existence
+        m = len(frame)
+        blank = np.zeros((m, 0), np.int64)
+        self.support = blank if support is None else as_integer(support, "support")
+        unknown = np.full((m, 2, 2), np.nan)
+        self.velocity = unknown[:, 0] if velocity is None else np.asarray(as_float(velocity))
+        self.velocity_covariance = (
+            unknown if velocity_covariance is None else np.asarray(as_float(velocity_covariance))
+        )
+        self.cameras = None if cameras is None else np.asarray(cameras)
+        self.clock = require_clock(clock)
+        self._check(m)
+
+    def _check(self, m: int) -> None:
+        shapes: dict[str, tuple[int | None, ...]] = {
+            "frame": (m,), "track_id": (m,), "position": (m, 3), "ground_xy": (m, 2),
+            "sigma": (m,), "covariance": (m, 2, 2), "supporting_cameras": (m,), "origin": (m,),
+            "support": (m, None), "velocity": (m, 2), "velocity_covariance": (m, 2, 2),
+        }  # fmt: skip
+        if self.existence is not None:
+            shapes["existence"] = (m,)
+        if self.cameras is not None:
+            shapes["cameras"] = (m,)
+            if self.cameras.dtype != np.uint64:
+                raise InvalidInputError(
+                    f"cameras must be a bit set of type uint64, got {self.cameras.dtype}."
+                )
+        for name, shape in shapes.items():
+            require_shape(getattr(self, name), shape, name)
+        if (self.support < -1).any():
+            at = first_index(self.support < -1)
+            raise InvalidInputError(
+                f"support[{at}] is {self.support[self.support < -1][0]}; it must be a row of the "
+                "detections, or -1 for none."
+            )
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def __getitem__(self, rows: Any) -> "Tracks":
+        """Select rows by a slice, a boolean mask or an integer array."""
+        chosen = np.arange(len(self))[rows].reshape(-1)
+        columns: dict[str, Any] = {
+            name: None if value is None else value[chosen]
+            for name, value in vars(self).items()
+            if name != "clock"
+        }
+        return Tracks(**columns, clock=self.clock)
+
+    @property
+    def time(self) -> Float[np.ndarray, " m"] | None:
+        """(M,) float64 seconds of each position on the `clock`, or None without a clock."""
+        return None if self.clock is None else self.clock.seconds(self.frame)
+
+    def renumbered(self) -> "Tracks":
+        """Number the tracks from 0 in the order in which they begin, and sort the rows.
+
+        Tracks that begin in the same frame are ordered by sigma, so the numbers do not depend on
+        the frame of reference or on the order of cameras and detections. Positions without a track
+        keep -1.
+        """
+        by_start = np.lexsort((*self.ground_xy.T[::-1], self.sigma, self.frame))
+        by_start = by_start[self.track_id[by_start] >= 0]
+        known, first, place = np.unique(
+            self.track_id[by_start], return_index=True, return_inverse=True
+        )
+        rank = np.empty(len(known), np.int64)
+        rank[np.argsort(first)] = np.arange(len(known))
+        track_id = np.full(len(self), -1)
+        track_id[by_start] = rank[place]
+        columns: dict[str, Any] = vars(self) | {"track_id": track_id}
+        return Tracks(**columns)[np.lexsort((track_id, self.frame))]
+
+    def to_rows(self, xy: Any = None) -> Float[np.ndarray, "m 4"]:
+        """Return (M, 4) rows [frame, id, x, y] for `cf.evaluation`, of `ground_xy` or `xy`."""
+        points = self.ground_xy if xy is None else np.asarray(xy)
+        return np.column_stack([self.frame, self.track_id, points]).astype(np.float64)
+
+    def to_arrow(self, camera_names: Sequence[str] | None = None) -> "pyarrow.Table":
+        """Return the table that other programs read; `docs/table.md` describes it.
+
+        Columns: `time_s` in seconds on the clock, `frame`, `track_id`, ground coordinates `x`, `y`
+        in scene units, velocity `vx`, `vy` in scene units per second, covariance `cov_xx`,
+        `cov_xy`, `cov_yy` of x and y, `existence`, `sigma`, `origin` and `cameras`, the bit set of
+        the cameras whose box supports the row. What is unknown is null: times and velocities
+        without a clock, velocities of single positions, existence in the paper's method, cameras of
+        tracks from CSV. The schema's metadata give units, frame of reference, clock and names.
+
+        Args:
+            camera_names: (C,) for the metadata, or None.
+
+        Raises:
+            MissingDependencyError: if pyarrow is not installed.
+            InvalidInputError: if there are more than 64 cameras, or another number of names.
+        """
+        return to_table(vars(self), self.clock, camera_names)
+
+    @classmethod
+    def from_arrow(cls, table: "pyarrow.Table", ground: Plane | None = None) -> "Tracks":
+        """Read what `to_arrow` made, number for number.
+
+        Not in the table: `support` (it is (M, 0), and `cameras` holds the bit sets),
+        `velocity_covariance` (NaN) and `position`. `supporting_cameras` counts the bits of
+        `cameras`, and is 0 where these are unknown.
+
+        Args:
+            table: with its metadata; rows may have been selected, sorted or concatenated.
+            ground: the ground plane of the scene, which gives `position`; NaN if None.
+
+        Raises:
+            MissingDependencyError: if pyarrow is not installed.
+            InvalidInputError: if it is not an Arrow table, or a value in it is out of range.
+            FileFormatError: if it lacks a column, a value or its metadata.
+        """
+        columns = from_table(table)
+        flat = np.zeros((len(columns["frame"]), 3))
+        tracks = cls(position=flat, **columns)
+        require_sound_tracks(tracks)
+        if ground is None:
+            return replace(tracks, position=np.full_like(flat, np.nan))
+        normal, basis = (np.asarray(v, np.float64) for v in (ground.normal, ground.basis))
+        position = tracks.ground_xy @ basis.T - float(ground.offset) * normal
+        return replace(tracks, position=position)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write to one `.npz` file (no pickle)."""
+        save_arrays(path, "Tracks", vars(self) | {"clock": clock_to_array(self.clock)})
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Tracks":
+        """Read what `save` wrote.
+
+        Raises:
+            InvalidInputError: if there is no such file, or a number in it is out of range.
+            FileFormatError: if the file holds something else.
+        """
+        # Files of version 0.1 lack support and velocity, those of version 0.2 the clock.
+        optional = ("existence", "support", "velocity", "velocity_covariance", "cameras", "clock")
+        required = [name for name in cls.__annotations__ if name not in optional]
+        arrays = load_arrays(path, "Tracks", required=required, optional=optional)
+        clock = naming_file(path, lambda: clock_from_array(arrays.pop("clock", None)))
+        naming_file(path, lambda: require_declared_types(cls, arrays))
+        tracks = cls(**arrays, clock=clock)
+        naming_file(path, lambda: require_sound_tracks(tracks))
+        return tracks
+
+
+def require_sound_tracks(tracks: Tracks) -> None:
+    """Raise unless tracks are finite, with lengths and probabilities in range.
+
+    A position that fewer than two cameras support may have an infinite sigma.
+
+    Raises:
+        InvalidInputError: naming the first column and row.
+    """
+    unknown = np.isposinf(tracks.sigma) & (tracks.supporting_cameras < 2)
+    for name in ("position", "ground_xy", "existence"):
+        if getattr(tracks, name) is not None:
+            require_finite(getattr(tracks, name), name)
+    for name in ("sigma", "covariance"):
+        require_finite(getattr(tracks, name), name, ~unknown)
+    require((np.asarray(tracks.sigma) >= 0), tracks.sigma, "sigma", "a length")
+    require(np.isin(tracks.origin, list(Origin)), tracks.origin, "origin", "a known origin")
+    if tracks.existence is not None:
+        existence = np.asarray(tracks.existence)
+        require((existence >= 0) & (existence <= 1), existence, "existence", "a probability")
+
+
+def require(good: Any, values: Any, name: str, meaning: str) -> None:
+    if not np.all(good):
+        at = first_index(~good)
+        raise InvalidInputError(f"{name}[{at}] is {quoted(values[~good][0])}, not {meaning}.")
