@@ -8,6 +8,8 @@ from catfree.cli import main as command_line
 
 def main() -> int:
     """Run the command line; what OpenCV and FFmpeg would say is said in its own sentences."""
+    # Cameras have threads of their own, which would only wait for OpenCV's.
+    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet
     return command_line()

@@ -1,12 +1,13 @@
 """Similarity transforms: the gauge freedom of a reconstruction, and the fit that removes it."""
 
+from functools import partial
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Real
+from jaxtyping import Array, Bool, Float, Real
 
 from catfree.errors import DegenerateGeometryError, InvalidInputError
 from catfree.geometry._arrays import epsilon, float_arrays, tiny
@@ -103,7 +104,24 @@ def fit_similarity(
             f"n at least 1, got {source.shape} and {target.shape}."
         )
     given = jnp.ones(source.shape[0], source.dtype) if given is None else given
-    present = jnp.asarray(given) > 0  # false for NaN too
+    fitted, covariance, spread = _fit(source, target, given, fixed_scale=fixed_scale)
+    if not is_traced(covariance, spread):
+        _require_determined(
+            np.asarray(covariance), bool(spread), int(np.sum(np.asarray(given) > 0))
+        )
+    return fitted
+
+
+@partial(jax.jit, static_argnames="fixed_scale")  # one compilation instead of one per operation
+def _fit(
+    source: Float[Array, "n dim"],
+    target: Float[Array, "n dim"],
+    given: Float[Array, " n"],
+    *,
+    fixed_scale: bool,
+) -> tuple[Similarity, Float[Array, "dim dim"], Bool[Array, ""]]:
+    """The fitted similarity, the cross-covariance, and whether the points differ."""
+    present = given > 0  # false for NaN too
     total = jnp.sum(jnp.where(present, given, 0))
     shares = jnp.where(present, given, 0) / jnp.where(total > 0, total, 1)
     source = jnp.where(present[:, None], source, 0)
@@ -116,15 +134,14 @@ def fit_similarity(
     # A smaller spread is the rounding of coinciding points.
     resolution = 4 * epsilon(source.dtype) * jnp.max(jnp.abs(source))
     spread = variance > jnp.maximum(resolution * resolution, tiny(source.dtype))
-    if not is_traced(covariance, variance):
-        _require_determined(np.asarray(covariance), bool(spread), int(np.sum(present)))
     rotation = nearest_rotation(covariance)
     if fixed_scale:
         scale = jnp.ones_like(variance)
     else:
         scale = jnp.sum(rotation * covariance) / jnp.where(spread, variance, 1)
         scale = jnp.where(spread & (scale > 0), scale, 1)
-    return Similarity(scale, rotation, target_mean - scale * (rotation @ source_mean))
+    fitted = Similarity(scale, rotation, target_mean - scale * (rotation @ source_mean))
+    return fitted, covariance, spread
 
 
 def _require_determined(covariance: np.ndarray, spread: bool, count: int) -> None:

@@ -18,7 +18,7 @@ from catfree.geometry._buckets import fine_length
 from catfree.methods.evidence._gaussian import Information, log_evidence
 from catfree.methods.evidence.group._groups import Groups, Priors, collect_groups, prior_information
 
-FEWEST_PAIRS = 4096  # pairs are padded to this: computing them is cheaper than compiling for fewer
+FEWEST_PAIRS = 2**14  # pairs are padded to this: computing them is cheaper than compiling for fewer
 BITS = 31  # cameras per word, with or without 64-bit integers
 PAIRS_AT_A_TIME = 1 << 18  # neighbors processed together: fits a cache
 PAIR_GATE = 16.0  # squared Mahalanobis distance of two boxes that may start or join a group
