@@ -30,10 +30,10 @@ from catfree.adapters.files._documents import (
     write_text_atomically,
 )
 from catfree.adapters.files._fingerprint import hash_file
-from catfree.adapters.tables._detections_table import require_pyarrow
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Tracks
 from catfree.types._archive import load_arrays
+from catfree.types.results import require_pyarrow
 
 
 def join(out: StrPath) -> Tracks:
@@ -167,11 +167,14 @@ def _match(folder: Path, earlier: Receipt, later: Receipt) -> Pairs:
 
 
 def _positions(folder: Path, receipt: Receipt, first: int, stop: int) -> Positions:
-    _, parquet, dataset = require_pyarrow()
-    field = dataset.field("frame")
+    require_pyarrow()
+    import pyarrow.dataset
+
+    field = pyarrow.dataset.field("frame")
     names = ["frame", "track_id", "x", "y", "cov_xx", "cov_xy", "cov_yy"]
     path = files_of(folder, receipt.index).part
-    table = parquet.read_table(path, columns=names, filters=(field >= first) & (field < stop))
+    opened = pyarrow.dataset.dataset([str(path)], format="parquet")
+    table = opened.to_table(columns=names, filter=(field >= first) & (field < stop))
     column = {name: table[name].to_numpy() for name in names}
     xx, xy, yy = (column[f"cov_{axes}"] for axes in ("xx", "xy", "yy"))
     tracked = column["track_id"] >= 0
@@ -185,10 +188,13 @@ def _positions(folder: Path, receipt: Receipt, first: int, stop: int) -> Positio
 
 def _write_joined(folder: Path, receipt: Receipt, identities: Identities) -> dict[str, Any]:
     """Write the reported positions of a shard with their identities in the recording."""
-    pyarrow, parquet, _ = require_pyarrow()
+    require_pyarrow()
+    import pyarrow.parquet
+
     files = files_of(folder, receipt.index)
     try:
-        table = parquet.read_table(files.part)
+        with pyarrow.parquet.ParquetFile(files.part) as file:
+            table = file.read()
     except Exception as error:  # pyarrow raises many types for damaged files
         raise FileFormatError(f"{files.part} cannot be read: {quoted(error)}.") from error
     frame, local = table["frame"].to_numpy(), table["track_id"].to_numpy()
@@ -201,7 +207,7 @@ def _write_joined(folder: Path, receipt: Receipt, identities: Identities) -> dic
     table = table.set_column(at, table.schema.field(at), pyarrow.array(identity))
     table = table.filter(frame < stop).sort_by([("frame", "ascending"), ("track_id", "ascending")])
     sink = pyarrow.BufferOutputStream()
-    parquet.write_table(table, sink, compression="zstd")
+    pyarrow.parquet.write_table(table, sink, compression="zstd")
     path = folder / files.part.name
     write_bytes_atomically(path, sink.getvalue().to_pybytes())
     return {

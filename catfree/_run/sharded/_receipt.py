@@ -10,6 +10,8 @@ from catfree._run.sharded._shard import Shard, StrPath
 from catfree.adapters.files._documents import read_json, write_text_atomically
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.types import Clock
+from catfree.types._validation import require_declared_types
 
 SCHEMA = "catfree shards 1"
 SCENE_FILE = "scene.json"
@@ -142,23 +144,15 @@ def read_receipt(path: Path) -> Receipt:
             f"{path} is a receipt of another version: {quoted(found)} instead of {SCHEMA!r}. "
             f"{again}"
         )
-    values: dict[str, Any] = {}
-    for field in dataclasses.fields(Receipt):
-        value = document.get(field.name)
-        if not _fits(value, str(field.type)):
-            raise FileFormatError(f"{path}: {field.name!r} is {quoted(value)}. {again}")
-        values[field.name] = tuple(value) if isinstance(value, list) else value
+    names = [field.name for field in dataclasses.fields(Receipt)]
+    missing = [name for name in names if name not in document]
+    if missing:
+        raise FileFormatError(f"{path} lacks {missing[0]!r}. {again}")
+    values = {name: document[name] for name in names}
+    try:
+        require_declared_types(Receipt, values)
+        Clock(**values["clock"])
+        values["warnings"] = tuple(map(str, values["warnings"]))
+    except (InvalidInputError, TypeError) as error:
+        raise FileFormatError(f"{path} is damaged ({quoted(error)}). {again}") from error
     return Receipt(**values)
-
-
-def _fits(value: Any, kind: str) -> bool:
-    if kind.startswith("tuple"):
-        return isinstance(value, list) and all(isinstance(one, str) for one in value)
-    if kind.startswith("dict"):
-        return isinstance(value, dict)
-    if kind == "str":
-        return isinstance(value, str)
-    if kind == "int":
-        return isinstance(value, int) and not isinstance(value, bool)
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number or (value is None and "None" in kind)

@@ -145,9 +145,7 @@ def run_fingerprint(
 ) -> str:
     """Hash of what is the same for all shards: scene, settings, networks and code."""
     parts = {"detector": detector, "embedder": embedder}
-    names = [
-        "" if part is None else fingerprint_of(part, role) for role, part in parts.items()
-    ]
+    names = ["" if part is None else fingerprint_of(part, role) for role, part in parts.items()]
     return hash_parameters(
         "run", content_hash(scene), code_hash(), *names, settings=dataclasses.asdict(settings)
     )

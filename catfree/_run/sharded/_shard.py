@@ -1,5 +1,6 @@
 """`shards`: cut a recording into stretches of time that overlap."""
 
+import itertools
 import math
 import os
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from catfree.adapters.tables._detections_table import (
     clock_of_schema,
     frame_range,
     open_detections_table,
+    read_detections_parquet,
 )
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import InvalidInputError
@@ -137,7 +139,7 @@ def shards(
         )
     cuts = [whole.first + index * length for index in range(count)] + [whole.stop]
     plan = []
-    for index, (first, stop) in enumerate(zip(cuts[:-1], cuts[1:], strict=True)):
+    for index, (first, stop) in enumerate(itertools.pairwise(cuts)):
         # At the ends of the recording there is nothing to look at beyond it.
         seen = (max(first - margin, whole.first), min(stop + margin, whole.stop))
         boxes = whole.detections
@@ -229,8 +231,6 @@ def boxes_of(shard: Shard) -> Detections:
             is_seen = (boxes.frame >= shard.first_seen) & (boxes.frame < shard.stop_seen)
             boxes = boxes[is_seen]
         else:
-            from catfree.adapters.tables._detections_table import read_detections_parquet
-
             boxes = read_detections_parquet(boxes, shard.first_seen, shard.stop_seen)
     return replace_clock(boxes, shard.clock)
 
@@ -268,7 +268,7 @@ def _not_negative(value: float, name: str) -> float:
 
 
 def _require_folder_name(value: str, name: str) -> None:
-    bad = not isinstance(value, str) or value in (".", "..") or set(value) & set("/\\\0=:*?\"<>|")
+    bad = not isinstance(value, str) or value in (".", "..") or set(value) & set('/\\\0=:*?"<>|')
     if bad or len(value) > 100:
         raise InvalidInputError(
             f"{name} is {value!r}, but it names a folder: use letters, digits, '-' and '_'."

@@ -10,12 +10,12 @@ import numpy as np
 from catfree._run.sharded._receipt import SCENE_FILE, SCHEMA
 from catfree._run.sharded._shard import StrPath
 from catfree.adapters.calibration_files._rig_json import read_scene_json
-from catfree.adapters.files._documents import naming_file, read_json, require_folder
+from catfree.adapters.files._documents import read_json, require_folder
 from catfree.adapters.files._fingerprint import hash_file
-from catfree.adapters.tables._detections_table import require_pyarrow
 from catfree.adapters.tables._tracks_table import read_tracks_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock, Scene, Tracks
+from catfree.types.results import require_pyarrow
 
 MANIFEST = "manifest.json"
 
@@ -85,8 +85,10 @@ class StoredTracks:
 
     def dataset(self) -> Any:
         """Open the table as a `pyarrow.dataset.Dataset`, for queries that read only their rows."""
-        _, _, dataset = require_pyarrow()
-        return dataset.dataset([str(part.path) for part in self.parts], format="parquet")
+        require_pyarrow()
+        import pyarrow.dataset
+
+        return pyarrow.dataset.dataset([str(part.path) for part in self.parts], format="parquet")
 
     def _read(self, part: StoredPart) -> Tracks:
         if not part.path.is_file():
@@ -144,7 +146,7 @@ def open_tracks(out: StrPath) -> StoredTracks:
         )
     scene, names = read_scene_json(folder / SCENE_FILE)
     try:
-        clock = document["clock"]
+        clock = Clock(**{key: document["clock"][key] for key in ("frame_rate", "start", "utc")})
         parts = tuple(
             StoredPart(
                 folder / str(row["file"]), int(row["first"]), int(row["stop"]), int(row["rows"]),
@@ -156,7 +158,7 @@ def open_tracks(out: StrPath) -> StoredTracks:
             folder=folder,
             scene=scene,
             camera_names=names,
-            clock=naming_file(path, lambda: Clock(clock["frame_rate"], clock["start"], clock["utc"])),
+            clock=clock,
             people=int(document["people"]),
             parts=parts,
         )

@@ -33,7 +33,9 @@ def hash_samples(path: str | os.PathLike[str]) -> str:
     try:
         if source.is_dir():
             files = sorted(file for file in source.rglob("*") if file.is_file())
-            names = [f"{file.relative_to(source).as_posix()} {file.stat().st_size}" for file in files]
+            names = [
+                f"{file.relative_to(source).as_posix()} {file.stat().st_size}" for file in files
+            ]
             chosen = files[:: max(1, len(files) // _SAMPLES)][:_SAMPLES]
             return hash_parameters("folder", *names, *(hash_samples(file) for file in chosen))
         size = source.stat().st_size

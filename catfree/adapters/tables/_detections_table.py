@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from catfree.adapters.files._documents import StrPath, naming_file, write_bytes_atomically
-from catfree.errors import FileFormatError, InvalidInputError, MissingDependencyError, quoted
+from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock, Detections
+from catfree.types.results import require_pyarrow
 
 _BOX = ("x1", "y1", "x2", "y2")
 _REQUIRED = ("frame", "camera", *_BOX)
@@ -33,7 +34,9 @@ def write_detections_parquet(path: StrPath, detections: Detections) -> Path:
         MissingDependencyError: if pyarrow is not installed.
         InvalidInputError: if the folder does not exist.
     """
-    pyarrow, parquet, _ = require_pyarrow()
+    require_pyarrow()
+    import pyarrow.parquet
+
     ordered = detections[np.lexsort((detections.camera, detections.frame))]
     columns: dict[str, Any] = {"frame": ordered.frame, "camera": ordered.camera}
     columns |= dict(zip(_BOX, np.ascontiguousarray(ordered.box.T), strict=True))
@@ -53,11 +56,13 @@ def write_detections_parquet(path: StrPath, detections: Detections) -> Path:
         kept = {_RATE: repr(clock.frame_rate), _START: repr(clock.start), _UTC: str(clock.utc)}
         table = table.replace_schema_metadata(kept)
     sink = pyarrow.BufferOutputStream()
-    parquet.write_table(table, sink, row_group_size=_ROWS_PER_GROUP, compression="zstd")
+    pyarrow.parquet.write_table(table, sink, row_group_size=_ROWS_PER_GROUP, compression="zstd")
     return write_bytes_atomically(path, sink.getvalue().to_pybytes())
 
 
-def read_detections_parquet(path: StrPath, first: int | None = None, stop: int | None = None):
+def read_detections_parquet(
+    path: StrPath, first: int | None = None, stop: int | None = None
+) -> Detections:
     """Read detections from a Parquet file, or from a folder of such files.
 
     Args:
@@ -73,9 +78,10 @@ def read_detections_parquet(path: StrPath, first: int | None = None, stop: int |
         InvalidInputError: if there is no such file, or a row is invalid.
         FileFormatError: if a file is not Parquet or a column is missing or malformed.
     """
-    _, _, dataset = require_pyarrow()
     opened = open_detections_table(path)
-    field, rows = dataset.field("frame"), None
+    import pyarrow.dataset
+
+    field, rows = pyarrow.dataset.field("frame"), None
     if first is not None:
         rows = field >= first
     if stop is not None:
@@ -115,12 +121,14 @@ def open_detections_table(path: StrPath) -> Any:
         InvalidInputError: if there is no such file or folder.
         FileFormatError: if it is not a table of detections.
     """
-    _, _, dataset = require_pyarrow()
+    require_pyarrow()
+    import pyarrow.dataset
+
     source = Path(path)
     if not source.exists():
         raise InvalidInputError(f"There is no table of detections {source}. Check the path.")
     try:
-        opened = dataset.dataset(source, format="parquet")
+        opened = pyarrow.dataset.dataset(source, format="parquet")
     except Exception as error:
         raise FileFormatError(f"{source} is not a Parquet table: {quoted(error)}.") from error
     missing = [name for name in _REQUIRED if name not in opened.schema.names]
@@ -139,7 +147,7 @@ def frame_range(path: StrPath) -> tuple[int, int]:
         InvalidInputError: as `open_detections_table`, or if the table has no rows.
         FileFormatError: as `open_detections_table`.
     """
-    opened, (_, _, dataset) = open_detections_table(path), require_pyarrow()
+    opened = open_detections_table(path)
     low, high = [], []
     for batch in opened.to_batches(columns=["frame"], batch_size=1 << 20):
         if len(batch):
@@ -158,20 +166,3 @@ def clock_of_schema(schema: Any) -> Clock | None:
         return None
     start, utc = float(kept.get(_START, b"0")), kept.get(_UTC, b"False") == b"True"
     return Clock(float(kept[_RATE]), start, utc)
-
-
-def require_pyarrow() -> tuple[Any, Any, Any]:
-    """Import pyarrow, its Parquet and its dataset module.
-
-    Raises:
-        MissingDependencyError: if pyarrow is not installed.
-    """
-    try:
-        import pyarrow
-        import pyarrow.dataset
-        import pyarrow.parquet
-    except ImportError as error:
-        raise MissingDependencyError(
-            "Parquet tables need pyarrow: pip install 'catfree[parquet]'."
-        ) from error
-    return pyarrow, pyarrow.parquet, pyarrow.dataset
