@@ -18,7 +18,7 @@ from catfree.adapters.files._documents import (
     text_of,
     write_text_atomically,
 )
-from catfree.errors import FileFormatError, quoted
+from catfree.errors import FileFormatError, quoted, shortened
 from catfree.types import Plane, Rig, Scene
 
 _CONVENTIONS = {
@@ -149,7 +149,12 @@ def _read_rig(document: Any, source: Path) -> NamedRig:
     for at, camera in enumerate(cameras):
         where = f"camera {at}"
         names.append(text_of(entry(camera, "name", source, where), source, f"the name of {where}"))
-        registered.append(bool(camera.get("registered", True)))
+        registered.append(camera.get("registered", True))
+        if not isinstance(registered[-1], bool):
+            raise FileFormatError(
+                f"{source}: registered of {where} ({shortened(names[-1])}) is "
+                f"{quoted(registered[-1])}; it must be true or false."
+            )
         for values, key, shape in ((K, "K", (3, 3)), (R, "R", (3, 3)), (t, "t", (3,))):
             value, place = entry(camera, key, source, where), f"{key} of {where}"
             values.append(numbers(value, shape, source, place, finite=registered[-1]))
