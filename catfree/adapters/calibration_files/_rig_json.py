@@ -20,6 +20,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, quoted, shortened
 from catfree.types import Plane, Rig, Scene
+from catfree.types._scene import require_plausible_heights
 
 _CONVENTIONS = {
     "camera": "x_camera = R x_world + t; x right, y down, z forward",
@@ -108,8 +109,12 @@ def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
     offset = numbers(entry(ground, "offset", source, "ground"), (), source, "the offset")
     extent = numbers(entry(document, "extent", source, "the file"), (), source, "the extent")
     metric = document["units"] == _UNITS[True]
-    scene = naming_file(source, lambda: Scene(named.rig, Plane(normal, offset), extent, metric))
-    return scene, named.names
+
+    def build() -> Scene:
+        scene = Scene(named.rig, Plane(normal, offset), extent, metric)
+        return require_plausible_heights(scene)
+
+    return naming_file(source, build), named.names
 
 
 def _rig_document(rig: Rig, names: Sequence[str] | None, metric: bool) -> dict[str, Any]:
