@@ -3,10 +3,10 @@
 No supplied calibration, no position labels, no training on the scene.
 """
 
+import typing as _typing
 from importlib import import_module as _import_module
-from typing import TYPE_CHECKING as _TYPE_CHECKING, Any as _Any
 
-if _TYPE_CHECKING:
+if _typing.TYPE_CHECKING:
     from catfree import (
         adapters as adapters,
         calibration as calibration,
@@ -37,9 +37,9 @@ def _names() -> list[str]:
     return sorted({*_PACKAGES, *(name for name in public if name[0] != "_")})
 
 
-if not _TYPE_CHECKING:  # which would accept any name
+if not _typing.TYPE_CHECKING:  # which would accept any name
 
-    def __getattr__(name: str) -> _Any:
+    def __getattr__(name: str) -> _typing.Any:
         if name in _PACKAGES:
             return _import_module(f"catfree.{name}")
         if name == "__all__":
