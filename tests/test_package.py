@@ -33,6 +33,7 @@ ALLOWED = {
     "calibration": {"geometry", "methods", "adapters"},
     "viz": {"geometry", "_coverage", "evaluation", "adapters"},
     "_run": {"geometry", "adapters", "methods", "calibration", "_coverage", "viz"},
+    "_public": {"methods", "calibration", "_coverage", "_run"},
     "cli": {"geometry", "adapters", "synthetic", "evaluation", "methods", "viz", "_run"},
     "__main__": {"cli"},
 }
@@ -151,10 +152,36 @@ def test_importing_is_light_and_silent():
     code = (
         "import jax; before = dict(jax.config.values)\n"
         "import sys, catfree\n"
+        "catfree.localize\n"
         f"print([name for name in {heavy} if name in sys.modules])\n"
         "print(before == dict(jax.config.values), jax.config.jax_enable_x64)"
     )
     assert fresh(code).splitlines() == ["[]", "True False"]
+
+
+@pytest.mark.parametrize("arguments", [["--version"], ["--help"], ["run", "--help"]])
+def test_help_does_not_wait_for_numerical_libraries(arguments):
+    pytest.importorskip("tyro")
+    code = (
+        "import sys, contextlib\n"
+        "from catfree.__main__ import main\n"
+        f"sys.argv = ['catfree', *{arguments}]\n"
+        "with contextlib.suppress(SystemExit): main()\n"
+        "print(sorted({'jax', 'equinox', 'scipy', 'cv2'} & set(sys.modules)))"
+    )
+    assert fresh(code).splitlines()[-1] == "[]"
+
+
+def test_every_listed_name_can_be_imported_and_no_other():
+    code = (
+        "from catfree import *\n"
+        "names = {name for name in dir() if name[0] != '_'}\n"
+        "import catfree\n"
+        "print(names == set(dir(catfree)), all(hasattr(catfree, name) for name in names))"
+    )
+    assert fresh(code) == "True True"
+    with pytest.raises(AttributeError, match="no attribute 'locate'"):
+        getattr(cf, "locate")  # noqa: B009
 
 
 # Where users find what the library offers.
@@ -168,9 +195,9 @@ def public(wanted):
     return {
         f"{place.__name__}.{name}": thing
         for place in PLACES
-        for name, thing in vars(place).items()
+        for name in (dir(cf) if place is cf else vars(place))
         if not name.startswith("_")
-        and wanted(inspect.unwrap(thing))
+        and wanted(inspect.unwrap(thing := getattr(place, name)))
         and thing.__module__.startswith("catfree")
     }
 

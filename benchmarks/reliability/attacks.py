@@ -16,10 +16,11 @@ import numpy as np
 
 from benchmarks.reliability.files import Material, Reader, readers
 from benchmarks.reliability.tally import Tally
-from catfree._run._cache import ABANDONED_AFTER, StageCache
+from catfree._run._cache import StageCache
 from catfree.adapters import read_opencv_yaml, write_opencv_yaml
 from catfree.methods._localize import localize
 from catfree.types import Detections, Localization
+from catfree.types._writing import ABANDONED_AFTER
 
 DEEP = 20_000
 DIGITS = b"9" * 5000

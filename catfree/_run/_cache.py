@@ -5,7 +5,6 @@ import functools
 import hashlib
 import inspect
 import os
-import time
 import types
 import typing
 from collections.abc import Callable
@@ -18,15 +17,12 @@ from catfree.errors import FileFormatError, InvalidInputError, WriteError
 from catfree.types import Localization, Tracks
 from catfree.types._archive import load_arrays, save_arrays
 from catfree.types._validation import options_of, require_declared_types
-from catfree.types._writing import cannot_write, is_temporary, make_folder
+from catfree.types._writing import cannot_write, make_folder, remove_abandoned
 from catfree.types.results import require_sound_localization, require_sound_tracks
 
 T = TypeVar("T")
 Arrays = dict[str, Any]
 
-# A live writer holds a temporary file for seconds; one older than an hour is left over from a
-# killed run.
-ABANDONED_AFTER = 3600.0
 SEPARATOR = "."
 
 # Checks of a loaded result beyond the declared types of its fields.
@@ -51,13 +47,7 @@ class StageCache:
             WriteError: if the folder cannot be made.
         """
         self.folder = make_folder(folder)
-        for file in self.folder.iterdir():
-            try:
-                old = time.time() - file.stat().st_mtime > ABANDONED_AFTER
-                if is_temporary(file.name) and file.suffix == ".npz" and old:
-                    file.unlink()
-            except OSError:  # another run removed it first
-                continue
+        remove_abandoned(self.folder)
 
     def path(self, stage: str, key: str) -> Path:
         """Path of the result of a stage with this content key, whether or not it exists."""

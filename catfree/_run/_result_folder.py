@@ -24,13 +24,14 @@ from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
 from catfree.types._archive import load_arrays, naming_file, save_arrays
-from catfree.types._writing import cannot_write, replacing
+from catfree.types._writing import cannot_write, remove_abandoned, replacing
 from catfree.types.results import MOST_CAMERAS
 from catfree.viz.footage._contact_sheet import write_sheet
 
 # TrackEval matches two squares at an IoU of 0.5. In a scene of unknown scale the matching distance
 # is the longest step of a track between frames.
 MATCHING_METERS = 1.0
+FOLDERS = ("", "boxes", "pictures", "rig", "rig/colmap")  # with files, within the result folder
 LOCALIZATION_FILE, SCENE_FILE = "localization.npz", "scene.json"
 
 
@@ -47,7 +48,8 @@ def write_results(
     """Write all results of a run.
 
     Args:
-        folder: created if it does not exist; files of an earlier run are replaced.
+        folder: created if it does not exist; files of an earlier run are replaced, and temporary
+            files removed that a killed one left over.
         outcome: what `run_stages` returned.
         settings: the settings of the run, for the report.
         videos: the footage, to draw the result on one instant; None for no such picture.
@@ -70,6 +72,8 @@ def write_results(
     settings = settings or Settings()
     try:
         root.mkdir(parents=True, exist_ok=True)
+        for part in FOLDERS:
+            remove_abandoned(root / part)
         files = _write_tables(root, outcome, settings) + write_rig(
             root, outcome.scene, outcome.camera_names
         )

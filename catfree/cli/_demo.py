@@ -35,6 +35,11 @@ FEWEST_CAMERAS = 3  # two centers do not determine the alignment with the truth
 # The default does not report people where the rig is imprecise. The demo scores only the square, so
 # it does not need this restriction.
 DEMO_SETTINGS = Settings(evidence=EvidenceSettings(working_area=False))
+UNPREDICTED = (
+    "There is no expected MODA below, because the demo scores only the square and therefore "
+    "reports people wherever it finds them, while the prediction was fitted to runs that report "
+    "them only where the cameras locate them precisely."
+)
 
 EASY = (
     "What is easy about this world: cameras are exactly synchronized and do not shake, lenses have "
@@ -163,6 +168,8 @@ def run_demo(
     )
     pictured = [path for path in files if path.parent.name == "pictures"]
     score_blocks = [Heading("Score against the truth"), score_table(scores), Paragraph(EASY)]
+    if settings == DEMO_SETTINGS:
+        score_blocks.append(Paragraph(UNPREDICTED))
     files += write_report(root, outcome, settings, files, pictured, extra=score_blocks)
     return DemoOutcome(world, tuple(videos), outcome, tuple(scores), tuple(dict.fromkeys(files)))
 

@@ -6,14 +6,13 @@ All printing and all human-readable stage names are in this module.
 import contextlib
 import re
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from catfree.errors import MissingDependencyError
-from catfree.types._annotations import Progress
 
 FAILURE, INTERRUPTED = 1, 130
 
@@ -64,7 +63,7 @@ def require_tyro() -> Any:
 
 
 @contextlib.contextmanager
-def progress_bars() -> Iterator[Progress]:
+def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
     """One bar per stage on standard error, with rate and time left."""
     from rich.console import Console
     from rich.progress import (

@@ -240,14 +240,12 @@ def transform_scene(similarity: Similarity, scene: Scene, *, metric: bool | None
         Scene of NumPy or JAX arrays, as in `transform_rig`.
     """
     scale, _, _, xp = _parts(similarity, scene.extent)
-    moved = Scene(
+    return Scene(
         transform_rig(similarity, scene.rig),
         transform_plane(similarity, scene.ground),
         xp.asarray(scale * scene.extent),
+        scene.metric if metric is None else metric,
     )
-    # Set afterwards: the constructor refuses metric cameras that are too high, at any scale here.
-    object.__setattr__(moved, "metric", scene.metric if metric is None else metric)
-    return moved
 
 
 def _parts(similarity: Similarity, like: Any) -> tuple[Any, Any, Any, Any]:

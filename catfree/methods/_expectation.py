@@ -67,14 +67,13 @@ def expect_moda(
         return _with_moda(reliability, 0.0, 0.0, 0.0, "No position was reported.")
     fit = next((fit for fit in fits if _same_method(fit.settings, settings)), None)
     if fit is None:
-        fitted = " and ".join(
+        fitted = " or ".join(
             "Settings.paper()" if fit.settings.method == "paper" else "Settings()" for fit in fits
         )
         changed = ", ".join(_differences(fits, settings))
         return _without_moda(
             reliability,
-            f"The expectation was fitted for {fitted}; these settings differ in {changed}, on "
-            "which it depends.",
+            f"It can be predicted only for runs with {fitted}, and this one has {changed}.",
         )
     total, widening, note = fit.intercept, 0.0, None
     for term in fit.terms:
@@ -122,16 +121,20 @@ def _changed_parts(fitted: Settings, used: Settings) -> list[str]:
 
 
 def _differences(fits: Sequence[Fit], used: Settings) -> list[str]:
-    """Names of the settings that differ from those of the fit of the same method."""
+    """Settings, with their values, that differ from those of the fit of the same method."""
     fitted = next((fit.settings for fit in fits if fit.settings.method == used.method), None)
     if fitted is None:
-        return ["method"]
-    names = []
+        return [f"method={used.method!r}"]
+    changed = []
     for part in _changed_parts(fitted, used):
         one, other = getattr(fitted, part), getattr(used, part)
         if not dataclasses.is_dataclass(one):
-            names.append(part)
+            changed.append(f"{part}={other!r}")
             continue
-        fields = (field.name for field in dataclasses.fields(one))
-        names += [f"{part}.{n}" for n in fields if getattr(one, n) != getattr(other, n)]
-    return names
+        names = (field.name for field in dataclasses.fields(one))
+        changed += [
+            f"{part}.{name}={getattr(other, name)!r}"
+            for name in names
+            if getattr(one, name) != getattr(other, name)
+        ]
+    return changed

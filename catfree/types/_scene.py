@@ -108,9 +108,8 @@ class Scene(eqx.Module):
         """Validate and store.
 
         Raises:
-            InvalidInputError: if rig or ground is something else, the extent is not positive, the
-                cameras are below the ground, or a camera of a metric scene is so high that the
-                rig must be in another unit.
+            InvalidInputError: if rig or ground is something else, the extent is not positive, or
+                the cameras are below the ground.
         """
         require_instance(rig, Rig, "rig")
         require_instance(ground, Plane, "ground")
@@ -127,14 +126,6 @@ class Scene(eqx.Module):
                 "The cameras are on the negative side of the ground (median "
                 f"{np.median(height):.3g} scene units). Flip the plane: Plane(-normal, -offset)."
             )
-        if self.metric and height.size and height.max() >= HIGHEST_CAMERA:
-            at = int(np.flatnonzero(rig.registered)[height.argmax()])
-            raise InvalidInputError(
-                f"Camera {at} is {height.max():.5g} m above the ground, but cameras that show "
-                f"people are below {HIGHEST_CAMERA:g} m. If the rig is in millimeters or "
-                "centimeters, divide t by 1000 or 100 (the readers of calibration files have "
-                "metres_per_unit); if its units are not known, pass metric=False."
-            )
 
     @classmethod
     def from_rig(cls, rig: Any, ground: Plane, metric: bool = False) -> "Scene":
@@ -146,7 +137,8 @@ class Scene(eqx.Module):
             metric: whether the rig is in meters.
 
         Raises:
-            InvalidInputError: if fewer than 2 cameras are registered, or as `Scene`.
+            InvalidInputError: if fewer than 2 cameras are registered, if a camera of a metric scene
+                is so high that the rig must be in another unit, or as `Scene`.
         """
         rig = getattr(rig, "rig", rig)
         require_instance(rig, Rig, "rig")
@@ -158,7 +150,7 @@ class Scene(eqx.Module):
             )
         with np.errstate(over="ignore"):  # an infinite extent is refused
             extent = 2 * np.median(np.linalg.norm(centers - centers.mean(0), axis=-1))
-        return cls(rig, ground, extent, metric)
+        return require_plausible_heights(cls(rig, ground, extent, metric))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to one `.npz` file (no pickle).
@@ -192,9 +184,34 @@ class Scene(eqx.Module):
             metric = as_boolean(arrays["metric"], "metric")
             require_shape(metric, (), "metric")
             ground = Plane(arrays["normal"], arrays["offset"])
-            return cls(Rig(**of_rig), ground, arrays["extent"], bool(metric))
+            scene = cls(Rig(**of_rig), ground, arrays["extent"], bool(metric))
+            return require_plausible_heights(scene)
 
         return naming_file(path, build)
+
+
+def require_plausible_heights(scene: Scene) -> Scene:
+    """Return the scene unless it claims meters and a camera is too high to show people.
+
+    It is for scenes from outside. Within the library scenes may be scaled at will.
+
+    Raises:
+        InvalidInputError: naming the highest camera.
+    """
+    rig, ground = scene.rig, scene.ground
+    if not scene.metric or is_traced(rig.R, rig.t, ground.normal, ground.offset):
+        return scene
+    height = np.asarray(ground.signed_distance(np.asarray(rig.centers)))
+    height = np.where(rig.registered, height, 0.0)
+    if height.max(initial=0.0) < HIGHEST_CAMERA:
+        return scene
+    at = int(height.argmax())
+    raise InvalidInputError(
+        f"Camera {at} is {height[at]:.5g} m above the ground, but cameras that show people are "
+        f"below {HIGHEST_CAMERA:g} m. If the rig is in millimeters or centimeters, divide t by "
+        "1000 or 100 (the readers of calibration files have metres_per_unit); if its units are "
+        "not known, pass metric=False."
+    )
 
 
 class Rays(eqx.Module):

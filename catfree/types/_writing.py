@@ -4,6 +4,7 @@ import contextlib
 import errno
 import os
 import re
+import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +16,9 @@ from catfree.errors import InvalidInputError, WriteError
 # They keep the suffix, by which some writers choose the format.
 _PREFIX, _LONGEST_SUFFIX = ".catfree-", 8
 _TEMPORARY = re.compile(r"\.catfree-[0-9a-f]{32}(\.[^./\\]{0,7})?")
+# A live writer touches its temporary file every few seconds; one untouched for an hour is left over
+# from a killed process.
+ABANDONED_AFTER = 3600.0
 
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 
@@ -22,6 +26,20 @@ _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 def is_temporary(name: str) -> bool:
     """Return whether `replacement` makes such names, as left over by a killed process."""
     return _TEMPORARY.fullmatch(name) is not None
+
+
+def remove_abandoned(folder: str | os.PathLike[str]) -> None:
+    """Remove what killed processes left over in a folder, but nothing in folders within it.
+
+    Args:
+        folder: need not exist.
+    """
+    oldest = time.time() - ABANDONED_AFTER
+    with contextlib.suppress(OSError), os.scandir(folder) as files:
+        for file in files:
+            with contextlib.suppress(OSError):  # another process removed it first
+                if is_temporary(file.name) and file.stat().st_mtime < oldest:
+                    os.unlink(file)
 
 
 @contextlib.contextmanager

@@ -3,9 +3,11 @@
 import csv
 import dataclasses
 import json
+import os
 import re
 import subprocess
 import sys
+import time
 
 import cv2
 import numpy as np
@@ -42,6 +44,7 @@ from catfree.settings import Settings
 from catfree.synthetic import make_world
 from catfree.synthetic._layouts import ring
 from catfree.types import Scene, Thresholds
+from catfree.types._writing import ABANDONED_AFTER
 
 pytest.importorskip("tyro")
 
@@ -93,6 +96,24 @@ def test_every_file_of_the_results_can_be_read_again(results, outcome):
     )
     leftovers = [path for path in results.rglob(".*") if path.is_file()]
     assert leftovers == []
+
+
+def test_what_a_killed_run_left_over_goes_and_all_else_stays(outcome, tmp_path):
+    folders = {path.parent for path in write_results(tmp_path, outcome)}
+    assert len(folders) > 3
+    past = time.time() - 2 * ABANDONED_AFTER
+    left, kept = [], []
+    for folder in folders:
+        left += [folder / f".catfree-{'a' * 32}{suffix}" for suffix in (".csv", ".mp4", "")]
+        kept += [folder / f".catfree-{'b' * 32}.csv", folder / f".catfree-{'g' * 32}.csv"]
+        kept += [folder / ".tracks.csv.swp"]
+    for path in (*left, *kept):
+        path.write_text("half")
+        if path.name[9] != "b":  # somebody is writing to these
+            os.utime(path, (past, past))
+    write_results(tmp_path, outcome)
+    assert not any(path.exists() for path in left)
+    assert all(path.exists() for path in kept)
 
 
 def test_every_camera_has_files_of_its_own(outcome, tmp_path):

@@ -123,6 +123,7 @@ def test_the_pipeline_gets_the_files_and_nothing_else(tmp_path, monkeypatch):
     assert "Score against the truth" in report
     assert "| MODA (0.5 m) | 100.0 | 100.0 |" in report
     assert "What is easy about this world" in report
+    assert "There is no expected MODA below, because the demo" in report
     assert isinstance(result.world.scene_from_world, Similarity)
 
 

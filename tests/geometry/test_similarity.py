@@ -210,6 +210,7 @@ def test_moved_points_keep_pixels_and_relative_distances_in_the_moved_scene(x64,
     scene = ring_scene()
     moved = geometry.transform_scene(move, scene)
     assert moved.metric
+    assert Scene(moved.rig, moved.ground, moved.extent, moved.metric).metric  # at any scale
     assert geometry.transform_scene(move, scene, metric=False).metric is False
     assert isinstance(moved.rig.R, np.ndarray)
     scale = float(move.scale)

@@ -109,7 +109,7 @@ def test_other_settings_have_no_expectation():
     found = expect_moda(SUMMARY, other, fits=(MADE,))
     assert math.isnan(found.expected_moda)
     assert "Settings.paper()" in found.expectation_note
-    assert "differ in trajectories.enabled," in found.expectation_note
+    assert "this one has trajectories.enabled=False." in found.expectation_note
     calibration = cf.settings.CalibrationSettings(person_height=1.6)
     same = dataclasses.replace(PAPER, calibration=calibration)
     assert expect_moda(SUMMARY, same, fits=(MADE,)).expected_moda == made().expected_moda

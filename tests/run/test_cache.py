@@ -14,17 +14,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from catfree._run._cache import (
-    ABANDONED_AFTER,
-    StageCache,
-    code_hash,
-    content_hash,
-    from_arrays,
-    to_arrays,
-)
+from catfree._run._cache import StageCache, code_hash, content_hash, from_arrays, to_arrays
 from catfree.errors import FileFormatError, WriteError
 from catfree.methods.paper._assemble import empty_localization
 from catfree.types import Detections, Localization, Plane, Rig, Scene
+from catfree.types._writing import ABANDONED_AFTER
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, strategies as st
 
 from catfree import Plane, Rig, Scene
-from catfree.adapters.calibration_files._named_rig import NamedRig
+from catfree.adapters import NamedRig, read_scene_json, write_scene_json
 from catfree.errors import InvalidInputError
 from catfree.synthetic import make_layout
 from tests.types.camera_parameters import K, parameters
@@ -131,16 +131,24 @@ def test_the_offset_may_be_fixed_while_the_normal_is_differentiated(x64):
     np.testing.assert_allclose(gradient(jnp.array([0.0, 0, 1])), [1, 2, 0], atol=1e-15)
 
 
-def test_a_metric_rig_in_millimetres_or_centimetres_is_refused():
-    K = np.tile([[1000.0, 0, 320], [0, 1000, 240], [0, 0, 1]], (2, 1, 1))
-    R = np.tile(np.diag([1.0, -1.0, -1.0]), (2, 1, 1))
+def test_a_metric_rig_in_millimetres_or_centimetres_is_refused(tmp_path):
+    K = np.tile([[1000.0, 0, 320], [0, 1000, 240], [0, 0, 1]], (3, 1, 1))
+    R = np.tile(np.diag([1.0, -1.0, -1.0]), (3, 1, 1))
     plane = Plane([0.0, 0.0, 1.0], 0.0)
     for unit in (100.0, 1000.0):
-        t = np.array([[0.0, 0.0, 0.5], [3.0, 0.0, 3.0]]) * unit
-        rig = Rig(K, R, t, (640, 480))
-        with pytest.raises(InvalidInputError, match=rf"Camera 1 is {3 * unit:g} m .*by 1000"):
-            Scene(rig, plane, 1.0, metric=True)
-        assert not Scene(rig, plane, 1.0).metric
+        t = np.array([[0.0, 0.0, 0.5], [3.0, 0.0, 3.0], [np.nan] * 3]) * unit
+        rig = Rig(K, R, t, (640, 480), registered=[True, True, False])
+        assert not Scene.from_rig(rig, plane).metric
+        unchecked = Scene(rig, plane, 1.0, metric=True)
+        unchecked.save(tmp_path / "scene.npz")
+        write_scene_json(tmp_path / "scene.json", unchecked)
+        for enter in (
+            lambda rig=rig: Scene.from_rig(rig, plane, metric=True),
+            lambda: Scene.load(tmp_path / "scene.npz"),
+            lambda: read_scene_json(tmp_path / "scene.json"),
+        ):
+            with pytest.raises(InvalidInputError, match=rf"Camera 1 is {3 * unit:g} m .*by 1000"):
+                enter()
 
 
 def test_a_rig_with_names_is_taken_for_its_rig():

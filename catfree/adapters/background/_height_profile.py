@@ -41,11 +41,6 @@ class HeightProfile:
         a, b, c = self.coefficients
         return a * v + b * u + c
 
-    def foot_below(self, u: Any, top: Any) -> Any:
-        """Compute the row of the foot of a person whose head is at (u, top)."""
-        a, b, c = self.coefficients
-        return (top + b * u + c) / max(1 - a, 1e-3)
-
 
 @dataclass(frozen=True)
 class Blobs:

@@ -18,8 +18,9 @@ from catfree.adapters.files._documents import (
     text_of,
     write_text_atomically,
 )
-from catfree.errors import FileFormatError, quoted
+from catfree.errors import FileFormatError, quoted, shortened
 from catfree.types import Plane, Rig, Scene
+from catfree.types._scene import require_plausible_heights
 
 _CONVENTIONS = {
     "camera": "x_camera = R x_world + t; x right, y down, z forward",
@@ -108,8 +109,12 @@ def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
     offset = numbers(entry(ground, "offset", source, "ground"), (), source, "the offset")
     extent = numbers(entry(document, "extent", source, "the file"), (), source, "the extent")
     metric = document["units"] == _UNITS[True]
-    scene = naming_file(source, lambda: Scene(named.rig, Plane(normal, offset), extent, metric))
-    return scene, named.names
+
+    def build() -> Scene:
+        scene = Scene(named.rig, Plane(normal, offset), extent, metric)
+        return require_plausible_heights(scene)
+
+    return naming_file(source, build), named.names
 
 
 def _rig_document(rig: Rig, names: Sequence[str] | None, metric: bool) -> dict[str, Any]:
@@ -149,7 +154,12 @@ def _read_rig(document: Any, source: Path) -> NamedRig:
     for at, camera in enumerate(cameras):
         where = f"camera {at}"
         names.append(text_of(entry(camera, "name", source, where), source, f"the name of {where}"))
-        registered.append(bool(camera.get("registered", True)))
+        registered.append(camera.get("registered", True))
+        if not isinstance(registered[-1], bool):
+            raise FileFormatError(
+                f"{source}: registered of {where} ({shortened(names[-1])}) is "
+                f"{quoted(registered[-1])}; it must be true or false."
+            )
         for values, key, shape in ((K, "K", (3, 3)), (R, "R", (3, 3)), (t, "t", (3,))):
             value, place = entry(camera, key, source, where), f"{key} of {where}"
             values.append(numbers(value, shape, source, place, finite=registered[-1]))

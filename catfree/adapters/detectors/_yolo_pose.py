@@ -34,9 +34,9 @@ class YoloPoseOnnx(OnnxDetector):
     of any input size, with or without metadata, in float32 or float16, with fixed or open axes.
 
     People should be at least 130 pixels tall in the network's input: YOLO11n-pose finds four in
-    five of the unoccluded people of that height, half of those 80 pixels tall, and almost none
-    below 40 (MultiviewX, at confidence 0.3 and an overlap with the true box of 0.5). `tiles` and
-    `image_size` raise that height; `catfree.adapters.detectors._tiling` says by how much.
+    five of the unoccluded people of that height, half of those 80 pixels tall, and one in five at
+    40 (MultiviewX, at confidence 0.3 and an overlap with the true box of 0.5). `tiles` and
+    `image_size` raise that height: n x n tiles multiply it by n - (n - 1) * tile_overlap.
 
     Weights: `yolo export model=yolo11x-pose.pt format=onnx` of the `ultralytics` package makes the
     file (`dynamic=True` for open axes, `imgsz=1088,1920` for small people). Ultralytics publishes

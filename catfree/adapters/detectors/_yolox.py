@@ -34,7 +34,7 @@ class YoloxOnnx(OnnxDetector):
     People should be at least 50 pixels tall in the network's input: YOLOX-nano finds four in five
     of the unoccluded people of that height, three in five of those 32 pixels tall, and a quarter at
     24 (MultiviewX, at confidence 0.3 and an overlap with the true box of 0.5). `tiles` and
-    `image_size` raise that height; `catfree.adapters.detectors._tiling` says by how much.
+    `image_size` raise that height: n x n tiles multiply it by n - (n - 1) * tile_overlap.
 
     Weights: the releases of github.com/Megvii-BaseDetection/YOLOX hold ONNX files (Apache-2.0).
     """

@@ -26,7 +26,7 @@ from catfree.synthetic.render._stage import Stage, build_stage, street_furniture
 from catfree.synthetic.render._textures import ground_picture
 from catfree.types import Rig
 from catfree.types._annotations import Progress
-from catfree.types._writing import make_folder, replacement
+from catfree.types._writing import make_folder, remove_abandoned, replacement
 
 STAGE_NAME = "render"
 REPORT_EVERY = 5  # frames between two progress reports
@@ -94,6 +94,7 @@ def render_videos(
         WriteError: if the folder cannot be made, or is not writable.
     """
     target = make_folder(folder)
+    remove_abandoned(target)
     stage = build_stage(
         world.area, world.columns, world.true_centres, seed=world.seed, shadows=shadows
     )

@@ -210,6 +210,19 @@ def test_json_keeps_unregistered_cameras(tmp_path):
     assert np.isnan(named.rig.K[1]).all()
 
 
+@pytest.mark.parametrize("value", ["false", "", 0, 1, 1.0, None, [], [False], {}])
+def test_json_says_of_every_camera_whether_it_is_registered(tmp_path, value):
+    path = write_rig_json(tmp_path / "rig.json", _ring(3), ("north", "east", "south"))
+    document = json.loads(path.read_text())
+    document["cameras"][1]["registered"] = value
+    path.write_text(json.dumps(document))
+    with pytest.raises(FileFormatError, match=r"rig\.json: .*camera 1 \(east\).*true or false"):
+        read_rig_json(path)
+    del document["cameras"][1]["registered"]
+    path.write_text(json.dumps(document))
+    assert read_rig_json(path).rig.registered.all()
+
+
 @given(drawn=rigs(), above=_numbers(0.01, 10), metric=st.booleans())
 def test_scene_json_round_trip(drawn, above, metric, tmp_path_factory):
     path = tmp_path_factory.mktemp("scene") / "scene.json"

@@ -1,0 +1,38 @@
+"""What `catfree` offers beside its packages; imported at the first use of any of it."""
+
+from catfree._coverage import (
+    Coverage as Coverage,
+    CoverageOptions as CoverageOptions,
+    camera_gain as camera_gain,
+    coverage as coverage,
+    rank_cameras as rank_cameras,
+)
+from catfree._run import (
+    RunOutcome as RunOutcome,
+    read_results as read_results,
+    run as run,
+    run_stages as run_stages,
+    write_results as write_results,
+)
+from catfree.calibration import (
+    Calibration as Calibration,
+    Refinement as Refinement,
+    calibrate as calibrate,
+    refine as refine,
+)
+from catfree.errors import CatFreeError as CatFreeError
+from catfree.methods import localize as localize
+from catfree.settings import Settings as Settings
+from catfree.types import (
+    Candidates as Candidates,
+    Clock as Clock,
+    Detections as Detections,
+    Fate as Fate,
+    Localization as Localization,
+    Origin as Origin,
+    Plane as Plane,
+    Rays as Rays,
+    Rig as Rig,
+    Scene as Scene,
+    Tracks as Tracks,
+)
