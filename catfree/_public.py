@@ -7,12 +7,19 @@ from catfree._coverage import (
     coverage as coverage,
     rank_cameras as rank_cameras,
 )
-from catfree._run import (
-    RunOutcome as RunOutcome,
+from catfree._run._result_folder import (
     read_results as read_results,
-    run as run,
-    run_stages as run_stages,
     write_results as write_results,
+)
+from catfree._run._run import RunOutcome as RunOutcome, run as run, run_stages as run_stages
+from catfree._run.sharded._executors import run_shards as run_shards
+from catfree._run.sharded._join import join as join
+from catfree._run.sharded._receipt import Receipt as Receipt
+from catfree._run.sharded._run_shard import run_shard as run_shard
+from catfree._run.sharded._shard import Shard as Shard, shards as shards
+from catfree._run.sharded._stored_tracks import (
+    StoredTracks as StoredTracks,
+    open_tracks as open_tracks,
 )
 from catfree.calibration import (
     Calibration as Calibration,

@@ -76,3 +76,15 @@ class ForkedProcessError(CatFreeError, RuntimeError):
 
 class MissingDependencyError(CatFreeError, ImportError):
     """An optional dependency is not installed; the message contains the pip command."""
+
+
+class ShardError(CatFreeError):
+    """Shards of one or more recordings failed; the message names each with its reason.
+
+    Attributes:
+        finished: the joined tables of the recordings that did not fail.
+    """
+
+    def __init__(self, message: str, finished: tuple[Any, ...] = ()) -> None:
+        super().__init__(message)
+        self.finished = finished

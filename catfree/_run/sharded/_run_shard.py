@@ -25,12 +25,11 @@ from catfree._run.sharded._receipt import (
     recording_folder,
     write_receipt,
 )
-from catfree._run.sharded._shard import Shard, StrPath, boxes_of, require_unchanged
+from catfree._run.sharded._shard import Shard, StrPath, boxes_of, open_videos
 from catfree.adapters.calibration_files._rig_json import write_scene_json
 from catfree.adapters.files._fingerprint import hash_file, hash_parameters
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.adapters.tables._tracks_table import write_tracks_parquet
-from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import InvalidInputError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
@@ -185,14 +184,7 @@ def _from_videos(
     detector: Detector | FittedToCamera | None,
     embedder: Embedder | None,
 ) -> tuple[Detections, Localization]:
-    require_unchanged(shard)
-    videos = SynchronizedVideos(
-        shard.videos,
-        start=shard.first_seen,
-        end=shard.stop_seen,
-        offsets=shard.offsets,
-        frame_rate=shard.clock.frame_rate,
-    )
+    videos = open_videos(shard)
     outcome = run_stages(videos, detector, embedder, scene=scene, settings=settings)
     return outcome.detections, outcome.localization
 

@@ -235,6 +235,23 @@ def boxes_of(shard: Shard) -> Detections:
     return replace_clock(boxes, shard.clock)
 
 
+def open_videos(shard: Shard) -> SynchronizedVideos:
+    """Open the instants of its videos that a shard looks at.
+
+    Raises:
+        InvalidInputError: if a file does not exist or has changed since the plan was made.
+        FileFormatError: if a file cannot be decoded.
+    """
+    require_unchanged(shard)
+    return SynchronizedVideos(
+        shard.videos,
+        start=shard.first_seen,
+        end=shard.stop_seen,
+        offsets=shard.offsets,
+        frame_rate=shard.clock.frame_rate,
+    )
+
+
 def require_unchanged(shard: Shard) -> None:
     """Raise if the files of a shard are not those that it was planned with.
 

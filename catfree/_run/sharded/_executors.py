@@ -1,0 +1,226 @@
+"""`run_shards`: run a plan on any executor, join each recording, and name what failed."""
+
+import contextlib
+import multiprocessing
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import (
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    as_completed,
+)
+from typing import Any
+
+from catfree._run.sharded._join import join_shards
+from catfree._run.sharded._receipt import recording_folder
+from catfree._run.sharded._run_shard import run_shard
+from catfree._run.sharded._shard import Shard, StrPath
+from catfree._run.sharded._stored_tracks import StoredTracks
+from catfree._run.sharded._worker import start_worker
+from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
+from catfree.errors import CatFreeError, ForkedProcessError, InvalidInputError, ShardError
+from catfree.settings import Settings
+from catfree.types import Scene
+from catfree.types._annotations import Progress, no_progress
+from catfree.types._validation import require_instance
+
+MEMORY_PER_WORKER = 1.5e9  # bytes for a shard of ten minutes
+RETRIES = 2  # of a shard whose Dask worker died
+
+Recording = tuple[str, str]  # site and date
+
+
+def run_shards(
+    plan: Sequence[Shard],
+    *,
+    scene: Scene | Mapping[str, Scene],
+    out: StrPath,
+    settings: Settings | None = None,
+    detector: Detector | FittedToCamera | None = None,
+    embedder: Embedder | None = None,
+    executor: Any = None,
+    progress: Progress | None = None,
+) -> tuple[StoredTracks, ...]:
+    """Run the shards of one or many recordings and join each recording to one table.
+
+        (day,) = cf.run_shards(cf.shards("boxes.parquet", frame_rate=5), scene=scene, out="day")
+
+    Finished shards are not run again, so that a call that was killed goes on where it stopped. A
+    recording that fails does not stop the others.
+
+    Args:
+        plan: shards of one recording as `shards` returns them, or of several, one after another,
+            told apart by `site` and `date`.
+        scene: cameras and ground; one for all, or one per site.
+        out: folder of the results; a shard with a site and a date goes to `site=.../date=...`.
+        settings: of the localization.
+        detector: as `run`, for shards of videos.
+        embedder: as `run`, for shards of videos.
+        executor: a `concurrent.futures.Executor` whose processes are not forked, or a
+            `dask.distributed.Client`; it is not shut down. None for spawned processes, one per
+            processor as far as the memory goes. Call from under `if __name__ == "__main__":` then.
+        progress: called as `progress("shards", done, total)`.
+
+    Returns:
+        The joined table of each recording, in the order of the plan.
+
+    Raises:
+        ShardError: after everything else has finished, naming each recording that failed and why;
+            its attribute `finished` holds the other tables.
+        InvalidInputError: if the plan is empty, a site has no scene, or `executor` is no executor.
+        ForkedProcessError: if the executor would fork its processes.
+    """
+    recordings = _by_recording(plan)
+    scenes = {key: _scene_of(scene, key[0]) for key in recordings}
+    report = progress or no_progress
+    failed: dict[Recording, CatFreeError] = {}
+    waiting = {key: len(parts) for key, parts in recordings.items()}
+    joined: dict[Recording, StoredTracks] = {}
+    with executor_for(executor, len(plan)) as pool:
+        tasks: dict[Future[Any], Shard] = {}
+        for shard in plan:
+            task = pool.submit(
+                run_shard,
+                shard,
+                scene=scenes[shard.site, shard.date],
+                out=os.fspath(out),
+                settings=settings,
+                detector=detector,
+                embedder=embedder,
+            )
+            tasks[task] = shard
+        report("shards", 0, len(plan))
+        try:
+            for done, task in enumerate(as_completed(tasks), start=1):
+                shard = tasks.pop(task)
+                key = (shard.site, shard.date)
+                waiting[key] -= 1
+                error = error_of(task, shard.name)
+                if error is not None:
+                    failed.setdefault(key, error)
+                elif not waiting[key] and key not in failed:
+                    try:
+                        joined[key] = join_shards(recording_folder(out, *key))
+                    except CatFreeError as reason:
+                        failed[key] = reason
+                report("shards", done, len(plan))
+        except BaseException:
+            for task in tasks:
+                task.cancel()
+            raise
+    finished = tuple(joined[key] for key in recordings if key in joined)
+    if failed:
+        raise ShardError(_describe(failed, len(recordings)), finished)
+    return finished
+
+
+@contextlib.contextmanager
+def executor_for(executor: Any, tasks: int) -> Iterator[Executor]:
+    """Yield an executor: the given one, that of a Dask client, or one of spawned processes.
+
+    Args:
+        executor: as `run_shards`.
+        tasks: number of tasks, so that no more processes are started.
+
+    Raises:
+        InvalidInputError: if it is neither.
+        ForkedProcessError: if it would fork its processes.
+    """
+    if executor is None:
+        # Not fork, with which JAX deadlocks.
+        context = multiprocessing.get_context("spawn")
+        workers = min(tasks, default_workers())
+        with ProcessPoolExecutor(workers, mp_context=context, initializer=start_worker) as pool:
+            try:
+                yield pool
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+    elif isinstance(executor, Executor):
+        require_not_forking(executor)
+        yield executor
+    elif callable(getattr(executor, "get_executor", None)):
+        yield executor.get_executor(pure=False, retries=RETRIES)
+    else:
+        raise InvalidInputError(
+            "executor must be a concurrent.futures.Executor or a dask.distributed.Client, got "
+            f"{type(executor).__name__}."
+        )
+
+
+def require_not_forking(executor: Executor) -> None:
+    """Raise if an executor forks its processes, in which JAX would wait forever."""
+    context = getattr(executor, "_mp_context", None)
+    if context is not None and context.get_start_method() == "fork":
+        raise ForkedProcessError(
+            "This executor forks its processes, in which JAX would wait forever: pass "
+            "mp_context=multiprocessing.get_context('spawn') to it."
+        )
+
+
+def default_workers() -> int:
+    """Number of worker processes that processors and free memory allow."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    processors = len(affinity(0)) if affinity is not None else os.cpu_count() or 1
+    try:
+        memory = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):  # not known on this system
+        return processors
+    return max(1, min(processors, int(memory / MEMORY_PER_WORKER)))
+
+
+def error_of(task: Future[Any], name: str) -> CatFreeError | None:
+    """The reason why a task failed in one sentence that names the task, or None.
+
+    Errors of other kinds than catfree's are raised: they are defects.
+    """
+    error = task.exception()
+    if error is None:
+        return None
+    if isinstance(error, CatFreeError):
+        return type(error)(f"{name}: {error}") if not isinstance(error, ShardError) else error
+    if isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker":
+        return CatFreeError(
+            f"{name}: its worker process died; it was killed or ran out of memory. Run again: "
+            "finished shards are kept."
+        )
+    raise error
+
+
+def _by_recording(plan: Sequence[Shard]) -> dict[Recording, list[Shard]]:
+    recordings: dict[Recording, list[Shard]] = {}
+    for shard in plan:
+        require_instance(shard, Shard, "an entry of the plan")
+        recordings.setdefault((shard.site, shard.date), []).append(shard)
+    if not recordings:
+        raise InvalidInputError("The plan is empty. Make one with cf.shards.")
+    for (site, date), parts in recordings.items():
+        indices = [shard.index for shard in parts]
+        if len(set(indices)) < len(indices):
+            raise InvalidInputError(
+                f"The plan has {parts[0].name} twice, of different recordings or of one. Give "
+                f"each recording its own site or date (here {site!r}, {date!r})."
+            )
+    return recordings
+
+
+def _scene_of(scene: Scene | Mapping[str, Scene], site: str) -> Scene:
+    if isinstance(scene, Scene):
+        return scene
+    require_instance(scene, Mapping, "scene")
+    if site not in scene:
+        raise InvalidInputError(f"There is no scene for site {site!r}. Add it to the scenes.")
+    return scene[site]
+
+
+def _describe(failed: Mapping[Recording, CatFreeError], count: int) -> str:
+    reasons = []
+    for (site, date), error in failed.items():
+        where = " ".join(part for part in (site, date) if part)
+        named = where and where not in str(error)
+        reasons.append(f"{where}: {error}" if named else str(error))
+    if count == 1:
+        return reasons[0]
+    return f"{len(failed)} of {count} recordings failed. " + " ".join(reasons)

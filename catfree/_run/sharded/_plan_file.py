@@ -1,0 +1,109 @@
+"""A plan as a file, for engines that start one process per shard."""
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from catfree._run.sharded._shard import Shard, StrPath
+from catfree.adapters.files._documents import read_json, write_text_atomically
+from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.types import Clock
+from catfree.types._validation import require_declared_types
+
+_SCHEMA = "catfree plan 1"
+
+
+@dataclass(frozen=True)
+class PlanFile:
+    """Shards and what is needed to run them, all by path.
+
+    Attributes:
+        shards: of one recording.
+        scene: path of the scene.
+        out: folder of the results.
+        method: "default", "paper" or "evidence".
+        detector: path of an ONNX file, empty for none.
+        embedder: path of an ONNX file, empty for none.
+    """
+
+    shards: tuple[Shard, ...]
+    scene: str
+    out: str
+    method: str = "default"
+    detector: str = ""
+    embedder: str = ""
+
+
+def write_plan(path: StrPath, plan: PlanFile) -> Path:
+    """Write a plan as JSON.
+
+    Raises:
+        InvalidInputError: if a shard holds its boxes in memory: save them to a file first.
+        WriteError: if the disk is full or not writable.
+    """
+    rows = []
+    for shard in plan.shards:
+        if not isinstance(shard.detections, str | None):
+            raise InvalidInputError(
+                "A plan in a file needs its boxes in a file. Save them with Detections.save or "
+                "cf.adapters.write_detections_parquet, and pass the path to cf.shards."
+            )
+        rows.append({field.name: getattr(shard, field.name) for field in dataclasses.fields(shard)})
+        rows[-1]["clock"] = dataclasses.asdict(shard.clock)
+    document = {"schema": _SCHEMA} | {
+        field.name: getattr(plan, field.name) for field in dataclasses.fields(plan)
+    }
+    document["shards"] = rows
+    return write_text_atomically(path, json.dumps(document, indent=1) + "\n")
+
+
+def read_plan(path: StrPath) -> PlanFile:
+    """Read what `write_plan` wrote.
+
+    Raises:
+        InvalidInputError: if there is no such file.
+        FileFormatError: if it is damaged or of another version.
+    """
+    source = Path(path)
+    document = read_json(source, "plan")
+    schema = document.get("schema") if isinstance(document, dict) else document
+    if schema != _SCHEMA:
+        raise FileFormatError(
+            f"{source} is a plan of another version: {quoted(schema)} instead of {_SCHEMA!r}. "
+            "Make it again with catfree plan."
+        )
+    try:
+        values = {field.name: document[field.name] for field in dataclasses.fields(PlanFile)}
+        values["shards"] = tuple(map(_shard, values["shards"]))
+        require_declared_types(PlanFile, values)
+        return PlanFile(**values)
+    except (KeyError, TypeError, AttributeError, InvalidInputError) as error:
+        raise FileFormatError(
+            f"{source} is damaged ({quoted(error)}). Make it again with catfree plan."
+        ) from error
+
+
+def shard_at(plan: Sequence[Shard], index: int) -> Shard:
+    """The shard of a plan with this index.
+
+    Raises:
+        InvalidInputError: if there is none.
+    """
+    if not 0 <= index < len(plan):
+        raise InvalidInputError(
+            f"There is no shard {index}: the plan has shards 0 to {len(plan) - 1}."
+        )
+    return plan[index]
+
+
+def _shard(row: dict[str, Any]) -> Shard:
+    values = dict(row)
+    values["clock"] = Clock(**values["clock"])
+    values["videos"] = tuple(map(str, values["videos"]))
+    offsets = values["offsets"]
+    values["offsets"] = None if offsets is None else tuple(map(int, offsets))
+    require_declared_types(Shard, values)
+    return Shard(**values)

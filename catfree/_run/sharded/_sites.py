@@ -1,0 +1,349 @@
+"""`run_sites`: calibrate each site once, then run the shards of all of them."""
+
+import dataclasses
+import tomllib
+from collections.abc import Sequence
+from concurrent.futures import Executor, as_completed
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from catfree._run._cache import code_hash
+from catfree._run._cached_detection import fingerprint_of
+from catfree._run._stages import calibrate_cameras, detect
+from catfree._run.sharded._executors import error_of, executor_for, run_shards
+from catfree._run.sharded._receipt import recording_folder
+from catfree._run.sharded._shard import Shard, StrPath, boxes_of, open_videos, shards
+from catfree._run.sharded._stored_tracks import StoredTracks
+from catfree.adapters.background._background_detector import BackgroundDetector
+from catfree.adapters.calibration_files._rig_json import read_scene_json, write_scene_json
+from catfree.adapters.files._documents import read_text
+from catfree.adapters.files._fingerprint import hash_parameters
+from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
+from catfree.calibration import calibrate
+from catfree.errors import (
+    CalibrationError,
+    CatFreeError,
+    FileFormatError,
+    InsufficientDataError,
+    InvalidInputError,
+    ShardError,
+    quoted,
+)
+from catfree.settings import Settings
+from catfree.types import Scene
+from catfree.types._annotations import Progress, no_progress
+from catfree.types._writing import make_folder
+
+MOST_TRIES = 4  # stretches of a recording from which its cameras may be found
+CALIBRATION_SECONDS = 300.0
+
+
+@dataclass(frozen=True)
+class Site:
+    """A recording of one site.
+
+    Attributes:
+        name: of the site, for the folder `site=NAME`.
+        recording: one video file or image folder per camera, or the path of saved boxes.
+        date: of the recording, for the folder `date=DATE`; empty for none.
+        scene: known cameras and ground, or their file; None to find them from the people.
+        image_size: (C, 2) width and height of each camera's images in pixels; needed to find the
+            cameras from saved boxes.
+        frame_rate: frames per second of saved boxes, or of images without times.
+    """
+
+    name: str
+    recording: tuple[str, ...] | str
+    date: str = ""
+    scene: Scene | str | None = None
+    image_size: tuple[tuple[int, int], ...] | None = None
+    frame_rate: float | None = None
+
+
+def run_sites(
+    sites: Sequence[Site],
+    *,
+    out: StrPath,
+    every: float = 600.0,
+    overlap: float = 20.0,
+    settings: Settings | None = None,
+    detector: Detector | FittedToCamera | None = None,
+    embedder: Embedder | None = None,
+    executor: Any = None,
+    progress: Progress | None = None,
+) -> tuple[StoredTracks, ...]:
+    """Track the people of many sites: calibrate each once, run all shards, join each recording.
+
+    A site that fails does not stop the others. Finished calibrations and shards are not repeated.
+
+    Args:
+        sites: the recordings; several of one site, told apart by their date, share its cameras.
+        out: folder of the results, with a folder `site=.../date=...` per recording, which readers
+            of Parquet folders take as columns.
+        every: seconds per shard.
+        overlap: seconds that neighboring shards share.
+        settings: of calibration and localization.
+        detector: as `run`, for videos.
+        embedder: as `run`, for videos.
+        executor: as `run_shards`.
+        progress: called as `progress("calibration", done, total)`, then with "shards".
+
+    Returns:
+        The joined table of each recording, in their order.
+
+    Raises:
+        ShardError: after everything else has finished, naming each site that failed and why; its
+            attribute `finished` holds the other tables.
+        InvalidInputError: if two recordings have the same name and date, or as `run_shards`.
+    """
+    names = [(site.name, site.date) for site in sites]
+    for name in names:
+        if not name[0] or names.count(name) > 1:
+            raise InvalidInputError(
+                f"Each recording needs its own name and date; {name} is empty or stands for two."
+            )
+    if not sites:
+        raise InvalidInputError("There are no sites to run.")
+    failed: dict[str, CatFreeError] = {}
+    with executor_for(executor, 2 * len(sites)) as pool:
+        scenes = _scenes(sites, out, settings, detector, pool, progress or no_progress, failed)
+        plan: list[Shard] = []
+        for site in sites:
+            if site.name in failed:
+                continue
+            try:
+                plan += shards(
+                    site.recording, every, overlap, site.frame_rate, site=site.name, date=site.date
+                )
+            except CatFreeError as error:
+                failed[f"{site.name} {site.date}".strip()] = error
+        finished: tuple[StoredTracks, ...] = ()
+        reasons = [f"{name}: {error}" for name, error in failed.items()]
+        if plan:
+            try:
+                finished = run_shards(
+                    plan,
+                    scene=scenes,
+                    out=out,
+                    settings=settings,
+                    detector=detector,
+                    embedder=embedder,
+                    executor=pool,
+                    progress=progress,
+                )
+            except ShardError as error:
+                finished = error.finished
+                reasons.append(str(error))
+    if reasons:
+        raise ShardError(
+            f"{len(finished)} of {len(sites)} recordings are complete. " + " ".join(reasons),
+            finished,
+        )
+    return finished
+
+
+def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
+    """Read a list of sites from a TOML file.
+
+        every = 600
+        method = "default"
+        [[site]]
+        name = "north"
+        date = "2026-11-20"
+        videos = ["north/a.mp4", "north/b.mp4"]
+        scene = "north/scene.json"
+
+    Args:
+        path: the file. Each `[[site]]` has a `name`, either `videos` or `detections` (a file of
+            saved boxes) and optionally `date`, `scene`, `image_size` and `frame_rate` as in
+            `Site`; paths are relative to the file. The options `every`, `overlap`, `method`,
+            `detector` and `embedder` (ONNX files) hold for all sites.
+
+    Returns:
+        The sites, and the options that the file gives.
+
+    Raises:
+        InvalidInputError: if there is no such file.
+        FileFormatError: if it is not such a file, naming the key.
+    """
+    source = Path(path)
+    try:
+        document = tomllib.loads(read_text(source, "list of sites"))
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+        raise FileFormatError(f"{source} is not TOML: {quoted(error)}.") from error
+    kinds: dict[str, type | tuple[type, ...]] = {
+        "every": (int, float), "overlap": (int, float), "method": str, "detector": str,
+        "embedder": str, "site": list,
+    }  # fmt: skip
+    _require_keys(document, kinds, source, "the file")
+    sites = []
+    for index, row in enumerate(document.pop("site", [])):
+        sites.append(_site(row, source, f"site {index}"))
+    if not sites:
+        raise FileFormatError(f"{source} has no [[site]].")
+    for name in ("detector", "embedder"):
+        if name in document:
+            document[name] = str(source.parent / document[name])
+    return tuple(sites), document
+
+
+def _site(row: Any, source: Path, where: str) -> Site:
+    kinds: dict[str, type | tuple[type, ...]] = {
+        "name": str, "date": (str, date), "videos": list, "detections": str, "scene": str,
+        "image_size": list, "frame_rate": (int, float),
+    }  # fmt: skip
+    _require_keys(row, kinds, source, where)
+    if "name" not in row or ("videos" in row) == ("detections" in row):
+        raise FileFormatError(f"{source}: {where} needs a name and either videos or detections.")
+    if "videos" in row:
+        recording = tuple(str(source.parent / str(video)) for video in row["videos"])
+    else:
+        recording = str(source.parent / row["detections"])
+    size = row.get("image_size")
+    if size is not None:
+        size = np.asarray(size)
+        if size.ndim != 2 or size.shape[1] != 2 or size.dtype.kind != "i":
+            raise FileFormatError(
+                f"{source}: image_size of {where} must list width and height of each camera."
+            )
+        size = tuple((int(width), int(height)) for width, height in size)
+    return Site(
+        name=row["name"],
+        recording=recording,
+        date=str(row.get("date", "")),
+        scene=str(source.parent / row["scene"]) if "scene" in row else None,
+        image_size=size,
+        frame_rate=row.get("frame_rate"),
+    )
+
+
+def _require_keys(
+    row: Any, kinds: dict[str, type | tuple[type, ...]], source: Path, where: str
+) -> None:
+    if not isinstance(row, dict):
+        raise FileFormatError(f"{source}: {where} must be a table, got {quoted(row)}.")
+    for key, value in row.items():
+        if key not in kinds:
+            known = ", ".join(kinds)
+            raise FileFormatError(f"{source}: {where} has no key {quoted(key)}; it has {known}.")
+        if not isinstance(value, kinds[key]) or isinstance(value, bool):
+            raise FileFormatError(f"{source}: {key} of {where} is {quoted(value)}.")
+
+
+def _scenes(
+    sites: Sequence[Site],
+    out: StrPath,
+    settings: Settings | None,
+    detector: Detector | FittedToCamera | None,
+    pool: Executor,
+    progress: Progress,
+    failed: dict[str, CatFreeError],
+) -> dict[str, Scene]:
+    """Read or find the scene of each site, in parallel; put the reasons of failures in `failed`."""
+    scenes: dict[str, Scene] = {}
+    tasks: dict[Any, str] = {}
+    for site in sites:
+        if site.name in scenes or site.name in failed or site.name in tasks.values():
+            continue
+        try:
+            if site.scene is None:
+                task = pool.submit(calibrate_site, site, str(out), settings, detector)
+                tasks[task] = site.name
+            elif isinstance(site.scene, Scene):
+                scenes[site.name] = site.scene
+            else:
+                scenes[site.name] = _read_scene(site.scene)
+        except CatFreeError as error:
+            failed[site.name] = error
+    for done, task in enumerate(as_completed(list(tasks)), start=1):
+        error = error_of(task, "calibration")
+        if error is not None:
+            failed[tasks[task]] = error
+        else:
+            scenes[tasks[task]] = task.result()
+        progress("calibration", done, len(tasks))
+    return scenes
+
+
+def calibrate_site(
+    site: Site,
+    out: StrPath,
+    settings: Settings | None = None,
+    detector: Detector | FittedToCamera | None = None,
+) -> Scene:
+    """Find the cameras of a site from the people of a stretch of its recording, once.
+
+    Stretches of five minutes are tried, spread over the recording, until one suffices: at night
+    nobody may be there.
+
+    Args:
+        site: the recording.
+        out: the scene is kept in `site=NAME/_calibration`.
+        settings: of the calibration.
+        detector: as `run`, for videos.
+
+    Raises:
+        CalibrationError: if no stretch suffices, with the reason of the last one.
+        CatFreeError: if the recording cannot be read.
+    """
+    settings = Settings() if settings is None else settings
+    finder = BackgroundDetector() if detector is None else detector
+    plan = shards(site.recording, CALIBRATION_SECONDS, 0, site.frame_rate)
+    key = hash_parameters(
+        "calibration", plan[0].source, fingerprint_of(finder, "detector"), code_hash(),
+        settings=dataclasses.asdict(settings), image_size=site.image_size,
+    )  # fmt: skip
+    folder = make_folder(recording_folder(out, site.name, "") / "_calibration")
+    path = folder / f"{key[:40]}.json"
+    if path.is_file():
+        return read_scene_json(path)[0]
+    reason: CatFreeError | None = None
+    for shard in _spread(plan)[:MOST_TRIES]:
+        try:
+            scene = _calibrate_stretch(shard, site, settings, finder)
+        except (CalibrationError, InsufficientDataError) as error:
+            reason = error
+            continue
+        return read_scene_json(write_scene_json(path, scene))[0]
+    raise CalibrationError(
+        f"No stretch of the recording of {site.name!r} shows its cameras; the last one that was "
+        f"tried: {reason}"
+    )
+
+
+def _calibrate_stretch(
+    shard: Shard, site: Site, settings: Settings, detector: Detector | FittedToCamera
+) -> Scene:
+    if shard.videos:
+        videos = open_videos(shard)
+        boxes = detect(videos, detector)
+        return calibrate_cameras(videos, detector, boxes, settings).scene
+    if site.image_size is None:
+        raise InvalidInputError(
+            f"The cameras of {site.name!r} are to be found from saved boxes: give image_size, or a "
+            "scene."
+        )
+    return calibrate(boxes_of(shard), np.array(site.image_size), settings).scene
+
+
+def _spread(plan: Sequence[Shard]) -> list[Shard]:
+    """The middle first, then the middles of the halves, and so on."""
+    order: list[int] = []
+    parts = 2
+    while len(order) < min(len(plan), MOST_TRIES):
+        for numerator in range(1, parts, 2):
+            index = numerator * len(plan) // parts
+            if index not in order:
+                order.append(index)
+        parts *= 2
+    return [plan[index] for index in order]
+
+
+def _read_scene(path: str) -> Scene:
+    if path.endswith(".npz"):
+        return Scene.load(path)
+    return read_scene_json(path)[0]
