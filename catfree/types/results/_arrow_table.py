@@ -52,7 +52,7 @@ def to_table(
     velocity = np.asarray(columns["velocity"], np.float64) * rate
     unknown = np.full(len(frame), np.nan)
     existence = columns["existence"]
-    numbers = dict(
+    numbers: dict[str, Any] = dict(
         zip(
             _FLOATS,
             [

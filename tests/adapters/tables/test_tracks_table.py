@@ -1,6 +1,7 @@
 """MOTChallenge text and tables of tracks."""
 
 import builtins
+import re
 from pathlib import Path
 
 import numpy as np
@@ -138,6 +139,23 @@ def test_pandas_reads_parquet_without_us(tmp_path):
     again = Tracks.from_arrow(later.replace_schema_metadata(about))
     np.testing.assert_array_equal(again.ground_xy, tracks.ground_xy[1:])
     assert again.clock == clock
+
+
+def test_the_documented_way_to_read_it(tmp_path, monkeypatch):
+    pytest.importorskip("pandas", reason="pandas is not installed")
+    tracks = one_track(
+        clock=Clock(5.0, 1.7e9, utc=True), support=np.array([[0, 1], [0, -1], [-1, 3]])
+    )
+    (tmp_path / "results").mkdir()
+    write_tracks_parquet(tmp_path / "results" / "tracks.parquet", tracks)
+    monkeypatch.chdir(tmp_path)
+    page = Path(__file__).parents[3] / "docs" / "table.md"
+    first, second = re.findall(r"^```python\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+    found: dict = {"pyarrow": pyarrow}
+    exec(first, found)
+    assert len(found["north"]) == 2
+    assert str(found["tracks"]["when"][0]) == "2023-11-14 22:13:20+00:00"
+    assert eval(second, found) == b"1970-01-01T00:00:00Z"
 
 
 def test_polars_reads_parquet_without_us(tmp_path):

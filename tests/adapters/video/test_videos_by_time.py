@@ -14,6 +14,7 @@ from catfree._run._input_checks import dropped_instants, footage_warnings, unkno
 from catfree._run._report import footage_table
 from catfree.adapters import FrameDetections, SynchronizedVideos, detect_videos
 from catfree.adapters.video._common_clock import REACH, rate_of
+from catfree.adapters.video._video_sources import open_source
 from catfree.errors import FileFormatError, InsufficientDataError, InvalidInputError
 from tests.adapters.video.test_common_clock import timelines
 from tests.adapters.video.test_synchronized_videos import (
@@ -230,6 +231,25 @@ def test_even_files_have_no_times_of_their_own_and_nothing_to_say(tmp_path):
     assert numbers_of(videos) == [(k, k, k) for k in range(10)]
     assert videos.clock == Clock(videos.tick_rate or 0)
     assert footage_warnings(videos) == ()
+
+
+def test_a_file_that_states_a_wrong_rate_is_even_all_the_same(tmp_path):
+    path = retimed(write_video(tmp_path / "a.mp4", 20), np.arange(20) * 100)
+    assert cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FPS) == 1000
+    videos = SynchronizedVideos([path, write_video(tmp_path / "b.avi", 20)])
+    assert numbers_of(videos) == [(k, k, k) for k in range(20)]
+    assert videos.clock == Clock(10.0)
+    assert [source.times for source in videos._sources] == [None, None]
+
+
+def test_frames_that_the_decoder_leaves_out_do_not_pass_unnoticed(tmp_path):
+    path = write_video(tmp_path / "a.mkv", 20)
+    source = open_source(path)
+    reader = source.open()
+    assert reader.read(3) is not None
+    reader.capture.grab()  # as if the decoder had lost frame 4
+    assert reader.read(4) is None
+    reader.close()
 
 
 def test_tables_of_absolute_times_put_late_files_in_their_place(tmp_path):
