@@ -161,7 +161,7 @@ class VideoFile:
         import cv2
 
         self.path = path
-        self._number: Callable[[float], int] | None = None
+        self._stamped = False
         reader = self.open()
         try:
             first = reader.read(0)
@@ -192,6 +192,7 @@ class VideoFile:
         if table is not None:
             self.times, self.timeless = read_timestamps(table, self.frame_count), False
             self.fps = rate_of(self.times) if len(self.times) > 1 else self.fps
+            self._stamped = False  # these are not the times of the packets
 
     def _follow(self, packets: Times, shown: float, claimed: int) -> int:
         """Take rate and times from the packets, and return the number of frames.
@@ -211,7 +212,7 @@ class VideoFile:
         rate = rate_of(times) if len(times) > 1 else self.fps
         if rate is None:
             return len(times)
-        nominal = self.fps or rate
+        self._stamped, nominal = stamped, self.fps or rate
         even = None if undecodable else _even_rate(times, nominal, rate)
         if even == nominal and claimed > 0:
             lacking = claimed - len(times)
@@ -224,16 +225,20 @@ class VideoFile:
             lacking = 0
         if even is not None:
             self.fps = even
-            self._number = (lambda time: round(time * even)) if stamped else None
             return len(times) + lacking
         self.fps = nominal if abs(rate / nominal - 1) < RATE_TOLERANCE else rate
         self.times = np.append(times, times[-1] + np.arange(1, lacking + 1) / rate)
-        self._number = lambda time: int(nearest_frame(times, np.array([time]))[0])
         return len(self.times)
 
     def open(self) -> "_CaptureReader":
         """Open a decoder before the first frame."""
-        return _CaptureReader(self.path, self._number)
+        return _CaptureReader(self.path, self._frame_at if self._stamped else None)
+
+    def _frame_at(self, time: float) -> int:
+        """Return the number of the frame whose packet has a time."""
+        if self.times is None:
+            return round(time * (self.fps or 0.0))
+        return int(nearest_frame(self.times, np.array([time]))[0])
 
     def _count(self) -> int:
         """Count the frames that can be decoded, for files that do not state their number."""

@@ -1,6 +1,7 @@
 """`SynchronizedVideos` of cameras whose frames have times: laws on made-up sources, real files."""
 
 import math
+import pickle
 from pathlib import Path
 from unittest.mock import patch
 
@@ -319,6 +320,25 @@ def test_images_without_times_say_so_if_a_rate_is_given(tmp_path):
         "Nothing tells the times of the frames of camera 'f'; they are taken to be even, 2 per "
         "second.",
     )
+
+
+def test_a_file_that_begins_before_its_time_zero(tmp_path):
+    early = with_times(np.arange(30) / 10 - 0.5, "0")
+    videos = fake_videos([early, FakeSource("1", 20, 10.0)])
+    assert shown(videos) == {tick: [tick + 5, tick] for tick in range(20)}
+    assert videos.clock is not None
+    assert videos.clock.start == 0
+
+
+def test_open_videos_can_be_sent_to_another_process(tmp_path):
+    paths = [
+        retimed(write_video(tmp_path / "a.mp4", 8), np.delete(np.arange(9) * 100, 4)),
+        write_video(tmp_path / "b.mp4", 9),
+    ]
+    videos = SynchronizedVideos(paths)
+    again = pickle.loads(pickle.dumps(videos))
+    assert again.clock == videos.clock
+    assert numbers_of(again) == numbers_of(videos)
 
 
 def test_cameras_that_never_meet(tmp_path):
