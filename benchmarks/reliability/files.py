@@ -21,6 +21,7 @@ from catfree.adapters import (
     read_scenario,
     read_scene_json,
     read_tracks_csv,
+    read_tracks_parquet,
     read_uniform_json,
     read_wildtrack,
     write_anipose_toml,
@@ -30,9 +31,11 @@ from catfree.adapters import (
     write_rig_json,
     write_scene_json,
     write_tracks_csv,
+    write_tracks_parquet,
 )
 from catfree.adapters.calibration_files._colmap_models import MODELS, PARAMETERS
 from catfree.adapters.calibration_files._rotation_vectors import rotation_to_vector
+from catfree.adapters.video._timestamps import read_timestamps
 from catfree.cli._inputs import read_truth
 from catfree.synthetic import make_world, ring
 from catfree.types import (
@@ -47,6 +50,7 @@ from catfree.types import (
 )
 from catfree.types._archive import save_arrays
 
+_TIMES = "frame_id,timestamp_s\n0,1700000000.0\n1,1700000000.04\n2,1700000000.08\n"
 WILDTRACK_LABELS = ("CVLab1", "CVLab2", "CVLab3", "CVLab4", "IDIAP1", "IDIAP2", "IDIAP3")
 
 
@@ -158,6 +162,16 @@ def readers(seed: int) -> list[Reader]:
             "read_tracks_csv",
             lambda f: write_tracks_csv(f / "a.csv", m.tracks),
             lambda f: read_tracks_csv(f / "a.csv"),
+        ),
+        Reader(
+            "read_tracks_parquet",
+            lambda f: write_tracks_parquet(f / "a.parquet", m.tracks),
+            lambda f: read_tracks_parquet(f / "a.parquet"),
+        ),
+        Reader(
+            "read_timestamps",
+            lambda f: (f / "a.csv").write_text(_TIMES),
+            lambda f: read_timestamps(f / "a.csv", 3),
         ),
         Reader("read_mot", lambda f: _write_mot(f, m), lambda f: _read_mot(f / "a.txt")),
         Reader("read_truth", lambda f: _write_truth(f, m), lambda f: read_truth(f / "a.csv")),

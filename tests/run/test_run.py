@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+import catfree as cf
 from catfree._run import _cache as cache_module, _stages as stages_module
 from catfree._run._cache import StageCache, content_hash
 from catfree._run._cached_detection import PIECE, fit_with_cache
@@ -216,6 +217,26 @@ def test_pieces_without_people_agree_with_one_pass(pictures, tmp_path):
             videos, ReadsItsPicture(some, name=name), ColorEmbedder(), cache=StageCache(folder)
         )
         assert same_content(whole, pieces)
+
+
+def test_every_way_through_the_stages_keeps_the_clock(pictures, tmp_path):
+    world, videos = small_world(), SynchronizedVideos(pictures, frame_rate=5)
+    outcomes = [
+        cf.run_stages(videos, ReadsItsPicture(world.detections), scene=world.scene, cache_dir=place)
+        for place in (None, tmp_path / "cache", tmp_path / "cache")
+    ]
+    cf.write_results(tmp_path / "out", outcomes[0], pictures=False)
+    found = [one.localization.tracks for one in outcomes]
+    found.append(cf.read_results(tmp_path / "out")[0].tracks)
+    found.append(cf.adapters.read_tracks_csv(tmp_path / "out" / "tracks.csv"))
+    found.append(cf.adapters.read_tracks_parquet(tmp_path / "out" / "tracks.parquet"))
+    assert [tracks.clock for tracks in found] == [cf.Clock(5)] * 6
+    assert [one.detections.clock for one in outcomes] == [cf.Clock(5)] * 3
+    assert len(found[0])
+    report = (tmp_path / "out" / "report.md").read_text()
+    assert "Frame 0 is at 0.000 s, and there are 5 per second." in report
+    assert "dropped frames" in report
+    assert "Nothing tells the times of the frames of camera" in report
 
 
 def test_damaged_footage_is_kept_up_to_the_damage(tmp_path):

@@ -167,7 +167,7 @@ def write_tracks_parquet(
     import pyarrow.parquet
 
     sink = pyarrow.BufferOutputStream()
-    pyarrow.parquet.write_table(table, sink)
+    pyarrow.parquet.write_table(table, sink, write_page_checksum=True)
     return write_bytes_atomically(path, sink.getvalue().to_pybytes())
 
 
@@ -194,7 +194,7 @@ def read_tracks_parquet(path: StrPath, ground: Plane | None = None) -> Tracks:
     source = require_file(path, "tracks")
     try:
         # Not read_table, which would take columns from the names of folders.
-        with pyarrow.parquet.ParquetFile(source) as file:
+        with pyarrow.parquet.ParquetFile(source, page_checksum_verification=True) as file:
             table = file.read()
     # On damaged files the library raises errors of several kinds.
     except Exception as error:

@@ -384,9 +384,10 @@ class SynchronizedVideos:
 
     def _common_start(self) -> tuple[float, bool]:
         """Seconds of the earliest frame, and whether they count from 1970."""
-        # Frames without times of their own count from the first one.
         times = [np.zeros(1) if s.times is None else s.times for s in self._sources]
-        return common_start(times, self.camera_names)
+        start, utc = common_start(times, self.camera_names)
+        # Frames without times of their own count from the first one.
+        return (0.0 if any(s.times is None for s in self._sources) else start), utc
 
     def _origins_of_ticks(self, given: bool) -> list[float]:
         """Return the time of tick 0 by each camera's times; `given` offsets overrule them."""

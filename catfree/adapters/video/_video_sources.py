@@ -4,6 +4,7 @@ import hashlib
 import os
 import re
 from collections.abc import Callable, Iterator
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -160,7 +161,7 @@ class VideoFile:
         import cv2
 
         self.path = path
-        self._number: Callable[[float], int] | None = None
+        self._stamped = False
         reader = self.open()
         try:
             first = reader.read(0)
@@ -191,6 +192,7 @@ class VideoFile:
         if table is not None:
             self.times, self.timeless = read_timestamps(table, self.frame_count), False
             self.fps = rate_of(self.times) if len(self.times) > 1 else self.fps
+            self._stamped = False  # these are not the times of the packets
 
     def _follow(self, packets: Times, shown: float, claimed: int) -> int:
         """Take rate and times from the packets, and return the number of frames.
@@ -207,30 +209,36 @@ class VideoFile:
         times = packets[undecodable:]
         if not len(times):
             return claimed
-        if self.fps is not None and not undecodable:
-            off = np.abs(packets * self.fps - np.arange(len(packets)))
-            if off.max() <= _EVEN:
-                fps = self.fps
-                self._number = (lambda time: round(time * fps)) if stamped else None
-                return claimed if claimed > 0 else len(packets)
         rate = rate_of(times) if len(times) > 1 else self.fps
         if rate is None:
             return len(times)
-        # A file that was cut off claims to be longer than its packets; the frames that it lacks are
-        # at its end, where they cannot be decoded.
-        nominal, longest = self.fps or rate, float(np.diff(times).max(initial=1 / rate))
-        lacking = 0
-        if claimed > len(packets):
-            lacking = max(0, round((claimed / nominal - times[-1] - longest - 1 / nominal) * rate))
+        self._stamped, nominal = stamped, self.fps or rate
+        even = None if undecodable else _even_rate(times, nominal, rate)
+        if even == nominal and claimed > 0:
+            lacking = claimed - len(times)
+        elif claimed > len(packets):
+            # A file that was cut off claims to be longer than its packets. The frames that it lacks
+            # are at its end, where they cannot be decoded.
+            longest = float(np.diff(times).max(initial=1 / rate)) + 1 / nominal
+            lacking = max(0, round((claimed / nominal - times[-1] - longest) * rate))
+        else:
+            lacking = 0
+        if even is not None:
+            self.fps = even
+            return len(times) + lacking
         self.fps = nominal if abs(rate / nominal - 1) < RATE_TOLERANCE else rate
         self.times = np.append(times, times[-1] + np.arange(1, lacking + 1) / rate)
-        if stamped:
-            self._number = lambda time: int(nearest_frame(times, np.array([time]))[0])
         return len(self.times)
 
     def open(self) -> "_CaptureReader":
         """Open a decoder before the first frame."""
-        return _CaptureReader(self.path, self._number)
+        return _CaptureReader(self.path, self._frame_at if self._stamped else None)
+
+    def _frame_at(self, time: float) -> int:
+        """Return the number of the frame whose packet has a time."""
+        if self.times is None:
+            return round(time * (self.fps or 0.0))
+        return int(nearest_frame(self.times, np.array([time]))[0])
 
     def _count(self) -> int:
         """Count the frames that can be decoded, for files that do not state their number."""
@@ -297,6 +305,23 @@ class _CaptureReader:
 
     def close(self) -> None:
         self.capture.release()
+
+
+def _even_rate(times: Times, nominal: float, measured: float) -> float | None:
+    """Return the rate at which times are even, or None.
+
+    Args:
+        times: of the frames.
+        nominal: the rate that the file claims, which some programs compute from one frame too many.
+        measured: the rate of the times, of which short numbers are preferred.
+    """
+    simple = float(Fraction(measured).limit_denominator(1001))
+    for rate in (nominal, round(measured, 3), simple, measured):
+        off = times * rate
+        off -= np.arange(len(times))
+        if max(off.max(), -off.min()) <= _EVEN:
+            return rate
+    return None
 
 
 def _is_avi(path: Path) -> bool:

@@ -52,7 +52,7 @@ def to_table(
     velocity = np.asarray(columns["velocity"], np.float64) * rate
     unknown = np.full(len(frame), np.nan)
     existence = columns["existence"]
-    numbers = dict(
+    numbers: dict[str, Any] = dict(
         zip(
             _FLOATS,
             [
@@ -104,6 +104,10 @@ def from_table(table: "pyarrow.Table") -> dict[str, Any]:
     missing = [name for name in _COLUMNS if name not in table.column_names]
     if missing:
         raise FileFormatError(f"The table has no column {missing[0]!r}; is it a table of tracks?")
+    try:
+        table.validate(full=True)
+    except arrow.ArrowException as error:
+        raise FileFormatError(f"The table is damaged: {quoted(error)}.") from error
     clock, has_existence, has_cameras = _described(table.schema.metadata or {})
     numbers = {name: _numbers(table, name, arrow.float64()) for name in _FLOATS}
     velocity = np.stack([numbers["vx"], numbers["vy"]], axis=-1)

@@ -1,6 +1,7 @@
 """`SynchronizedVideos` of cameras whose frames have times: laws on made-up sources, real files."""
 
 import math
+import pickle
 from pathlib import Path
 from unittest.mock import patch
 
@@ -14,6 +15,7 @@ from catfree._run._input_checks import dropped_instants, footage_warnings, unkno
 from catfree._run._report import footage_table
 from catfree.adapters import FrameDetections, SynchronizedVideos, detect_videos
 from catfree.adapters.video._common_clock import REACH, rate_of
+from catfree.adapters.video._video_sources import open_source
 from catfree.errors import FileFormatError, InsufficientDataError, InvalidInputError
 from tests.adapters.video.test_common_clock import timelines
 from tests.adapters.video.test_synchronized_videos import (
@@ -232,6 +234,25 @@ def test_even_files_have_no_times_of_their_own_and_nothing_to_say(tmp_path):
     assert footage_warnings(videos) == ()
 
 
+def test_a_file_that_states_a_wrong_rate_is_even_all_the_same(tmp_path):
+    path = retimed(write_video(tmp_path / "a.mp4", 20), np.arange(20) * 100)
+    assert cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FPS) == 1000
+    videos = SynchronizedVideos([path, write_video(tmp_path / "b.avi", 20)])
+    assert numbers_of(videos) == [(k, k, k) for k in range(20)]
+    assert videos.clock == Clock(10.0)
+    assert [source.times for source in videos._sources] == [None, None]
+
+
+def test_frames_that_the_decoder_leaves_out_do_not_pass_unnoticed(tmp_path):
+    path = write_video(tmp_path / "a.mkv", 20)
+    source = open_source(path)
+    reader = source.open()
+    assert reader.read(3) is not None
+    reader.capture.grab()  # as if the decoder had lost frame 4
+    assert reader.read(4) is None
+    reader.close()
+
+
 def test_tables_of_absolute_times_put_late_files_in_their_place(tmp_path):
     paths = [write_folder(tmp_path / "a", range(10)), write_video(tmp_path / "b.avi", 10, fps=5)]
     write_table(paths[0] / "timestamps.csv", NOON + np.arange(10) / 5)
@@ -299,6 +320,25 @@ def test_images_without_times_say_so_if_a_rate_is_given(tmp_path):
         "Nothing tells the times of the frames of camera 'f'; they are taken to be even, 2 per "
         "second.",
     )
+
+
+def test_a_file_that_begins_before_its_time_zero(tmp_path):
+    early = with_times(np.arange(30) / 10 - 0.5, "0")
+    videos = fake_videos([early, FakeSource("1", 20, 10.0)])
+    assert shown(videos) == {tick: [tick + 5, tick] for tick in range(20)}
+    assert videos.clock is not None
+    assert videos.clock.start == 0
+
+
+def test_open_videos_can_be_sent_to_another_process(tmp_path):
+    paths = [
+        retimed(write_video(tmp_path / "a.mp4", 8), np.delete(np.arange(9) * 100, 4)),
+        write_video(tmp_path / "b.mp4", 9),
+    ]
+    videos = SynchronizedVideos(paths)
+    again = pickle.loads(pickle.dumps(videos))
+    assert again.clock == videos.clock
+    assert numbers_of(again) == numbers_of(videos)
 
 
 def test_cameras_that_never_meet(tmp_path):
