@@ -217,4 +217,5 @@ def _write_joined(folder: Path, receipt: Receipt, identities: Identities) -> dic
         "rows": len(table),
         "sha256": hash_file(path),
         "boxes_used": receipt.boxes_used,
+        "warnings": receipt.warnings,
     }

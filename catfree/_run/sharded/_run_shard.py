@@ -30,7 +30,7 @@ from catfree.adapters.calibration_files._rig_json import write_scene_json
 from catfree.adapters.files._fingerprint import hash_file, hash_parameters
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.adapters.tables._tracks_table import write_tracks_parquet
-from catfree.errors import InvalidInputError
+from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._archive import save_arrays
@@ -184,8 +184,13 @@ def _from_videos(
     detector: Detector | FittedToCamera | None,
     embedder: Embedder | None,
 ) -> tuple[Detections, Localization]:
-    videos = open_videos(shard)
-    outcome = run_stages(videos, detector, embedder, scene=scene, settings=settings)
+    try:
+        videos = open_videos(shard)
+        outcome = run_stages(videos, detector, embedder, scene=scene, settings=settings)
+    except InsufficientDataError as error:  # as while a camera was down
+        nobody = Detections([], [], np.zeros((0, 4)), clock=shard.clock)
+        empty = localize_people(nobody, scene, settings)
+        return nobody, dataclasses.replace(empty, warnings=(str(error),))
     return outcome.detections, outcome.localization
 
 

@@ -5,6 +5,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +82,7 @@ class Shard:
 
 
 def shards(
-    recording: Sequence[StrPath] | SynchronizedVideos | Detections | StrPath,
+    recording: Sequence[StrPath] | Detections | StrPath,
     every: float = 600.0,
     overlap: float = 20.0,
     frame_rate: float | None = None,
@@ -155,7 +156,7 @@ def shards(
 
 
 def _whole(
-    recording: Sequence[StrPath] | SynchronizedVideos | Detections | StrPath,
+    recording: Sequence[StrPath] | Detections | StrPath,
     frame_rate: float | None,
     offsets: Sequence[int] | None,
 ) -> Shard:
@@ -166,9 +167,7 @@ def _whole(
                 "offsets belong to videos; correct boxes with cf.calibration.remove_offsets."
             )
         return _boxes_as_one(recording, frame_rate)
-    videos = recording
-    if not isinstance(videos, SynchronizedVideos):
-        videos = SynchronizedVideos(videos, frame_rate=frame_rate, offsets=offsets)
+    videos = SynchronizedVideos(recording, frame_rate=frame_rate, offsets=offsets)
     clock = videos.clock
     if clock is None:
         raise InvalidInputError(
@@ -179,9 +178,8 @@ def _whole(
     first, stop = int(frames[0]), int(frames[-1]) + 1
     paths = tuple(str(one.path) for one in videos.footage)
     source = hash_parameters("videos", *(hash_samples(path) for path in paths))
-    return Shard(
-        0, 1, first, stop, first, stop, clock, source, videos=paths, offsets=videos.offsets
-    )
+    given = None if offsets is None else videos.offsets
+    return Shard(0, 1, first, stop, first, stop, clock, source, videos=paths, offsets=given)
 
 
 def _boxes_as_one(boxes: Detections | StrPath, frame_rate: float | None) -> Shard:
@@ -241,15 +239,19 @@ def open_videos(shard: Shard) -> SynchronizedVideos:
     Raises:
         InvalidInputError: if a file does not exist or has changed since the plan was made.
         FileFormatError: if a file cannot be decoded.
+        InsufficientDataError: if no instant is in all videos.
     """
     require_unchanged(shard)
-    return SynchronizedVideos(
-        shard.videos,
-        start=shard.first_seen,
-        end=shard.stop_seen,
-        offsets=shard.offsets,
-        frame_rate=shard.clock.frame_rate,
-    )
+    whole = _open(shard.videos, shard.offsets, shard.clock.frame_rate, shard.source)
+    return whole.between(shard.first_seen, shard.stop_seen)
+
+
+@lru_cache(maxsize=1)
+def _open(
+    paths: tuple[str, ...], offsets: tuple[int, ...] | None, frame_rate: float, source: str
+) -> SynchronizedVideos:
+    """Open the videos of a recording once per process: this reads the times of all frames."""
+    return SynchronizedVideos(paths, offsets=offsets, frame_rate=frame_rate)
 
 
 def require_unchanged(shard: Shard) -> None:

@@ -282,6 +282,22 @@ class SynchronizedVideos:
         corrected._ticks = kept
         return corrected
 
+    def between(self, start: int, end: int) -> "SynchronizedVideos":
+        """Return the instants from tick `start` to before tick `end`, without opening files again.
+
+        Raises:
+            InsufficientDataError: if there are none.
+        """
+        ticks = np.asarray(self._ticks)
+        ticks = ticks[(ticks >= start) & (ticks < end)]
+        if not len(ticks):
+            raise InsufficientDataError(f"No instant from tick {start} to {end} is in all videos.")
+        part = copy.copy(self)
+        part._limits = (start, end)
+        span = range(int(ticks[0]), int(ticks[-1]) + 1, self._stride)
+        part._ticks, part._dropped = self._complete(span)
+        return part
+
     def __iter__(self) -> Iterator[tuple[int, list[Image]]]:
         """Yield (frame index, one picture per camera) of each instant in order.
 

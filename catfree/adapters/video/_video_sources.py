@@ -17,6 +17,8 @@ from catfree.adapters.video._common_clock import RATE_TOLERANCE, Times, nearest_
 from catfree.adapters.video._timestamps import packet_times, read_timestamps, sidecar_of
 from catfree.errors import FileFormatError, InvalidInputError
 
+FARTHEST_DECODED = 1000  # frames: decoding up to there is faster than looking for a key frame
+JUMP_MARGIN = 50  # frames by which seeking may come out too late
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
 # Times of packets within this share of a frame of an even clock count as even: they tell nothing
@@ -258,7 +260,7 @@ class VideoFile:
 
 
 class _CaptureReader:
-    """Decodes forward only: seeking in compressed video is not exact."""
+    """Decodes forward; jumps ahead only where the times of the frames confirm the place."""
 
     def __init__(self, path: Path, number: Callable[[float], int] | None = None) -> None:
         """Open the file.
@@ -271,7 +273,7 @@ class _CaptureReader:
         import cv2
 
         self.capture = cv2.VideoCapture(str(path))
-        self.position = 0
+        self.position, self._path = 0, path
         self._number = number
         self._held: Image | None = None
 
@@ -281,6 +283,8 @@ class _CaptureReader:
         # A frame rate above the camera's own reads the same frame twice.
         if frame == self.position - 1:
             return self._held
+        if frame - self.position > FARTHEST_DECODED:
+            self._jump(frame - JUMP_MARGIN)
         while self.position < frame:
             if not self.capture.grab():
                 return None
@@ -293,6 +297,22 @@ class _CaptureReader:
             return None
         self._held = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
         return self._held
+
+    def _jump(self, frame: int) -> None:
+        """Move to a frame or to one before it; seeking in compressed video is not exact."""
+        import cv2
+
+        if self._number is None:
+            return
+        self.capture.set(cv2.CAP_PROP_POS_FRAMES, frame)
+        if self.capture.grab():
+            reached = self._number(self.capture.get(cv2.CAP_PROP_POS_MSEC) / 1000)
+            if self.position <= reached <= frame:
+                self.position = reached + 1
+                return
+        self.capture.release()
+        self.capture = cv2.VideoCapture(str(self._path))
+        self.position = 0
 
     def _step(self) -> None:
         """Count the frame that was just read, and those that the decoder left out before it."""
