@@ -166,7 +166,7 @@ def readers(seed: int) -> list[Reader]:
         Reader(
             "read_tracks_parquet",
             lambda f: write_tracks_parquet(f / "a.parquet", m.tracks),
-            lambda f: read_tracks_parquet(f / "a.parquet"),
+            lambda f: read_tracks_parquet(f / "a.parquet", m.scene.ground),
         ),
         Reader(
             "read_timestamps",
