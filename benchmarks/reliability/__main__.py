@@ -12,6 +12,7 @@ from benchmarks.reliability.disks import full_disks
 from benchmarks.reliability.fuzz import decay, fuzz
 from benchmarks.reliability.kills import kill
 from benchmarks.reliability.names import odd_names
+from benchmarks.reliability.shard_kills import kill_shards
 from benchmarks.reliability.tally import Tally
 
 MEMORY = 24 * 2**30  # bytes of address space: an allocation without bounds is an error, not a crash
@@ -34,6 +35,7 @@ def main() -> int:
             ("attacks", lambda p: attack(tally, p)),
             ("names", lambda p: odd_names(tally, p, pictures=not options.short)),
             ("kills", lambda p: kill(tally, p, options.seed, 1 if options.short else 30)),
+            ("shards", lambda p: kill_shards(tally, p, options.seed, 1 if options.short else 50)),
             ("disks", lambda p: full_disks(tally, p, 4 if options.short else 15)),
         )
         for name, run in parts:

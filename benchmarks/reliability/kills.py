@@ -90,23 +90,29 @@ def kill(tally: Tally, folder: Path, seed: int, kills: int) -> None:
 
 def _start(pictures: Path, out: Path) -> subprocess.Popen[str]:
     """A run in a process of its own, once it has imported what it needs."""
-    # Compiling again would take most of the time, and kills would seldom hit anything else.
-    compiled = {
-        "JAX_COMPILATION_CACHE_DIR": str(pictures.parent / "compiled"),
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
-        "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
-    }
     process = subprocess.Popen(
         [sys.executable, "-m", "benchmarks.reliability.kills", str(pictures), str(out)],
         stdout=subprocess.PIPE,
         text=True,
-        env=os.environ | compiled,
+        env=os.environ | compiled_in(pictures.parent),
         cwd=Path(__file__).parents[2],
     )
     assert process.stdout is not None
     process.stdout.readline()
     process.stdout.close()
     return process
+
+
+def compiled_in(folder: Path) -> dict[str, str]:
+    """Environment of a process that keeps what it compiles in a folder.
+
+    Compiling again would take most of the time, and kills would seldom hit anything else.
+    """
+    return {
+        "JAX_COMPILATION_CACHE_DIR": str(folder / "compiled"),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+        "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+    }
 
 
 def _contents(folder: Path) -> dict[str, bytes]:

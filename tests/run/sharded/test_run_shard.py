@@ -1,6 +1,8 @@
 """A shard runs once, says what it is made of, and together they find what one run finds."""
 
 import dataclasses
+import errno
+import os
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ import catfree as cf
 from catfree._run.sharded import _run_shard as module
 from catfree._run.sharded._receipt import files_of
 from catfree._run.sharded._run_shard import run_fingerprint
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.errors import FileFormatError, InvalidInputError, WriteError
 from catfree.settings import EvidenceSettings
 from catfree.synthetic import DetectorModel, make_world
 from catfree.types import Detections
@@ -83,6 +85,30 @@ def test_a_damaged_shard_runs_again(world, plan, tmp_path, what, monkeypatch):
             path.write_bytes(path.read_bytes()[:-20])
         cf.run_shard(plan[0], scene=world.true_scene, out=tmp_path)
         assert len(runs) == expected
+
+
+@pytest.mark.parametrize("which", range(4))
+def test_a_full_disk_is_said_and_loses_no_finished_shard(world, plan, tmp_path, which, monkeypatch):
+    monkeypatch.setattr(module, "boxes_of", lambda shard: shard.detections[:0])
+    options = {"scene": world.true_scene, "out": tmp_path}
+    cf.run_shard(plan[0], **options)
+    files, real, writes = files_of(tmp_path, plan[1].index), os.replace, []
+
+    def full(source, target):
+        writes.append(target)
+        if len(writes) > which:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        real(source, target)
+
+    if which < 3:
+        monkeypatch.setattr(os, "replace", full)
+        with pytest.raises(WriteError, match="No space left on device"):
+            cf.run_shard(plan[1], **options)
+        monkeypatch.setattr(os, "replace", real)
+        assert not files.receipt.exists()
+        assert not list(tmp_path.rglob(".catfree-*"))
+    cf.run_shard(plan[1], **options)
+    assert len(cf.join(tmp_path)) == 0
 
 
 def test_a_folder_holds_one_scene(world, plan, out):
