@@ -24,7 +24,7 @@ from catfree.errors import CatFreeError, ForkedProcessError, InvalidInputError, 
 from catfree.settings import Settings
 from catfree.types import Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._validation import require_instance
+from catfree.types._validation import as_count, require_instance
 
 MEMORY_PER_WORKER = 1.5e9  # bytes for a shard of ten minutes
 RETRIES = 2  # of a shard whose Dask worker died
@@ -78,7 +78,7 @@ def run_shards(
     failed: dict[Recording, CatFreeError] = {}
     waiting = {key: len(parts) for key, parts in recordings.items()}
     joined: dict[Recording, StoredTracks] = {}
-    with executor_for(executor, len(plan)) as pool:
+    with executor_for(executor) as pool:
         tasks: dict[Future[Any], Shard] = {}
         for shard in plan:
             task = pool.submit(
@@ -117,27 +117,19 @@ def run_shards(
 
 
 @contextlib.contextmanager
-def executor_for(executor: Any, tasks: int) -> Iterator[Executor]:
+def executor_for(executor: Any) -> Iterator[Executor]:
     """Yield an executor: the given one, that of a Dask client, or one of spawned processes.
 
     Args:
         executor: as `run_shards`.
-        tasks: number of tasks, so that no more processes are started.
 
     Raises:
         InvalidInputError: if it is neither.
         ForkedProcessError: if it would fork its processes.
     """
     if executor is None:
-        # Not fork, with which JAX deadlocks.
-        context = multiprocessing.get_context("spawn")
-        workers = min(tasks, default_workers())
-        with ProcessPoolExecutor(workers, mp_context=context, initializer=start_worker) as pool:
-            try:
-                yield pool
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+        with spawned_workers() as pool:
+            yield pool
     elif isinstance(executor, Executor):
         require_not_forking(executor)
         yield executor
@@ -148,6 +140,29 @@ def executor_for(executor: Any, tasks: int) -> Iterator[Executor]:
             "executor must be a concurrent.futures.Executor or a dask.distributed.Client, got "
             f"{type(executor).__name__}."
         )
+
+
+@contextlib.contextmanager
+def spawned_workers(count: int | None = None) -> Iterator[Executor]:
+    """Yield an executor whose processes are spawned, as tasks need them, with one thread each.
+
+    Args:
+        count: most processes; None for as many as processors and memory allow.
+
+    Raises:
+        InvalidInputError: if the count is less than 1.
+    """
+    most = default_workers() if count is None else as_count(count, "workers")
+    if most < 1:
+        raise InvalidInputError(f"workers is {most}; it must be at least 1.")
+    # Not fork, with which JAX deadlocks.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(most, mp_context=context, initializer=start_worker) as pool:
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def require_not_forking(executor: Executor) -> None:

@@ -109,7 +109,7 @@ def run_sites(
     if not sites:
         raise InvalidInputError("There are no sites to run.")
     failed: dict[str, CatFreeError] = {}
-    with executor_for(executor, 2 * len(sites)) as pool:
+    with executor_for(executor) as pool:
         scenes = _scenes(sites, out, settings, detector, pool, progress or no_progress, failed)
         plan: list[Shard] = []
         for site in sites:
