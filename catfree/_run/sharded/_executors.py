@@ -85,7 +85,7 @@ def run_shards(
                 run_shard,
                 shard,
                 scene=scenes[shard.site, shard.date],
-                out=os.fspath(out),
+                out=os.path.abspath(out),  # workers may be in another folder
                 settings=settings,
                 detector=detector,
                 embedder=embedder,

@@ -1,6 +1,7 @@
 """`run_sites`: calibrate each site once, then run the shards of all of them."""
 
 import dataclasses
+import os
 import tomllib
 from collections.abc import Sequence
 from concurrent.futures import Executor, as_completed
@@ -16,7 +17,14 @@ from catfree._run._cached_detection import fingerprint_of
 from catfree._run._stages import calibrate_cameras, detect
 from catfree._run.sharded._executors import error_of, executor_for, run_shards
 from catfree._run.sharded._receipt import recording_folder
-from catfree._run.sharded._shard import Shard, StrPath, boxes_of, open_videos, shards
+from catfree._run.sharded._shard import (
+    Shard,
+    StrPath,
+    boxes_of,
+    open_videos,
+    require_folder_name,
+    shards,
+)
 from catfree._run.sharded._stored_tracks import StoredTracks
 from catfree.adapters.background._background_detector import BackgroundDetector
 from catfree.adapters.calibration_files._rig_json import read_scene_json, write_scene_json
@@ -106,8 +114,12 @@ def run_sites(
             raise InvalidInputError(
                 f"Each recording needs its own name and date; {name} is empty or stands for two."
             )
+        require_folder_name(name[0], "name")
+        require_folder_name(name[1], "date")
     if not sites:
         raise InvalidInputError("There are no sites to run.")
+    # Workers may be in another folder.
+    sites = [dataclasses.replace(site, recording=_absolute(site.recording)) for site in sites]
     failed: dict[str, CatFreeError] = {}
     with executor_for(executor) as pool:
         scenes = _scenes(sites, out, settings, detector, pool, progress or no_progress, failed)
@@ -234,6 +246,12 @@ def _require_keys(
             raise FileFormatError(f"{source}: {key} of {where} is {quoted(value)}.")
 
 
+def _absolute(recording: tuple[str, ...] | str) -> tuple[str, ...] | str:
+    if isinstance(recording, str | os.PathLike):
+        return os.path.abspath(recording)
+    return tuple(map(os.path.abspath, recording))
+
+
 def _scenes(
     sites: Sequence[Site],
     out: StrPath,
@@ -251,7 +269,7 @@ def _scenes(
             continue
         try:
             if site.scene is None:
-                task = pool.submit(calibrate_site, site, str(out), settings, detector)
+                task = pool.submit(calibrate_site, site, os.path.abspath(out), settings, detector)
                 tasks[task] = site.name
             elif isinstance(site.scene, Scene):
                 scenes[site.name] = site.scene
