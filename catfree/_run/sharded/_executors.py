@@ -112,7 +112,10 @@ def run_shards(
             raise
     finished = tuple(joined[key] for key in recordings if key in joined)
     if failed:
-        raise ShardError(_describe(failed, len(recordings)), finished)
+        reasons = tuple(_reason(*key, error) for key, error in failed.items())
+        several = f"{len(failed)} of {len(recordings)} recordings failed. "
+        message = (several if len(recordings) > 1 else "") + " ".join(reasons)
+        raise ShardError(message, finished, reasons)
     return finished
 
 
@@ -230,12 +233,6 @@ def _scene_of(scene: Scene | Mapping[str, Scene], site: str) -> Scene:
     return scene[site]
 
 
-def _describe(failed: Mapping[Recording, CatFreeError], count: int) -> str:
-    reasons = []
-    for (site, date), error in failed.items():
-        where = " ".join(part for part in (site, date) if part)
-        named = where and where not in str(error)
-        reasons.append(f"{where}: {error}" if named else str(error))
-    if count == 1:
-        return reasons[0]
-    return f"{len(failed)} of {count} recordings failed. " + " ".join(reasons)
+def _reason(site: str, date: str, error: CatFreeError) -> str:
+    where = " ".join(part for part in (site, date) if part)
+    return f"{where}: {error}" if where not in str(error) else str(error)

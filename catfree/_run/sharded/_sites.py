@@ -121,8 +121,10 @@ def run_sites(
     # Workers may be in another folder.
     sites = [dataclasses.replace(site, recording=_absolute(site.recording)) for site in sites]
     failed: dict[str, CatFreeError] = {}
+    reasons: list[str] = []
     with executor_for(executor) as pool:
         scenes = _scenes(sites, out, settings, detector, pool, progress or no_progress, failed)
+        reasons += [f"{name}: {error}" for name, error in failed.items()]
         plan: list[Shard] = []
         for site in sites:
             if site.name in failed:
@@ -132,9 +134,8 @@ def run_sites(
                     site.recording, every, overlap, site.frame_rate, site=site.name, date=site.date
                 )
             except CatFreeError as error:
-                failed[f"{site.name} {site.date}".strip()] = error
+                reasons.append(f"{site.name} {site.date}".strip() + f": {error}")
         finished: tuple[StoredTracks, ...] = ()
-        reasons = [f"{name}: {error}" for name, error in failed.items()]
         if plan:
             try:
                 finished = run_shards(
@@ -149,11 +150,12 @@ def run_sites(
                 )
             except ShardError as error:
                 finished = error.finished
-                reasons.append(str(error))
+                reasons += error.reasons
     if reasons:
         raise ShardError(
             f"{len(finished)} of {len(sites)} recordings are complete. " + " ".join(reasons),
             finished,
+            tuple(reasons),
         )
     return finished
 
@@ -277,6 +279,8 @@ def _scenes(
                 scenes[site.name] = _read_scene(site.scene)
         except CatFreeError as error:
             failed[site.name] = error
+    if tasks:
+        progress("calibration", 0, len(tasks))
     for done, task in enumerate(as_completed(list(tasks)), start=1):
         error = error_of(task, "calibration")
         if error is not None:
