@@ -16,6 +16,7 @@ from catfree._run._cache import code_hash
 from catfree._run._cached_detection import fingerprint_of
 from catfree._run._stages import calibrate_cameras, detect
 from catfree._run.sharded._executors import error_of, executor_for, run_shards
+from catfree._run.sharded._plan_file import METHODS
 from catfree._run.sharded._receipt import recording_folder
 from catfree._run.sharded._shard import (
     Shard,
@@ -185,8 +186,9 @@ def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
         FileFormatError: if it is not such a file, naming the key.
     """
     source = Path(path)
+    text = read_text(source, "list of sites")
     try:
-        document = tomllib.loads(read_text(source, "list of sites"))
+        document = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
         raise FileFormatError(f"{source} is not TOML: {quoted(error)}.") from error
     kinds: dict[str, type | tuple[type, ...]] = {
@@ -199,6 +201,12 @@ def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
         sites.append(_site(row, source, f"site {index}"))
     if not sites:
         raise FileFormatError(f"{source} has no [[site]].")
+    if document.get("method", METHODS[0]) not in METHODS:
+        known = ", ".join(METHODS)
+        raise FileFormatError(f"{source}: method is {quoted(document['method'])}, not of {known}.")
+    for name in ("every", "overlap"):
+        if name in document:
+            document[name] = _number(document[name], source, name)
     for name in ("detector", "embedder"):
         if name in document:
             document[name] = str(source.parent / document[name])
@@ -214,25 +222,34 @@ def _site(row: Any, source: Path, where: str) -> Site:
     if "name" not in row or ("videos" in row) == ("detections" in row):
         raise FileFormatError(f"{source}: {where} needs a name and either videos or detections.")
     if "videos" in row:
-        recording = tuple(str(source.parent / str(video)) for video in row["videos"])
+        if not all(isinstance(video, str) for video in row["videos"]):
+            raise FileFormatError(f"{source}: videos of {where} must be paths.")
+        recording = tuple(str(source.parent / video) for video in row["videos"])
     else:
         recording = str(source.parent / row["detections"])
     size = row.get("image_size")
     if size is not None:
-        size = np.asarray(size)
-        if size.ndim != 2 or size.shape[1] != 2 or size.dtype.kind != "i":
+        if not all(isinstance(pair, list) and list(map(type, pair)) == [int, int] for pair in size):
             raise FileFormatError(
                 f"{source}: image_size of {where} must list width and height of each camera."
             )
-        size = tuple((int(width), int(height)) for width, height in size)
+        size = tuple((width, height) for width, height in size)
+    rate = row.get("frame_rate")
     return Site(
         name=row["name"],
         recording=recording,
         date=str(row.get("date", "")),
         scene=str(source.parent / row["scene"]) if "scene" in row else None,
         image_size=size,
-        frame_rate=row.get("frame_rate"),
+        frame_rate=None if rate is None else _number(rate, source, f"frame_rate of {where}"),
     )
+
+
+def _number(value: int | float, source: Path, name: str) -> float:
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise FileFormatError(f"{source}: {name} is {quoted(value)}.") from error
 
 
 def _require_keys(
@@ -314,7 +331,7 @@ def calibrate_site(
     """
     settings = Settings() if settings is None else settings
     finder = BackgroundDetector() if detector is None else detector
-    plan = shards(site.recording, CALIBRATION_SECONDS, 0, site.frame_rate)
+    plan = shards(site.recording, CALIBRATION_SECONDS, 0.0, site.frame_rate)
     key = hash_parameters(
         "calibration", plan[0].source, fingerprint_of(finder, "detector"), code_hash(),
         settings=dataclasses.asdict(settings), image_size=site.image_size,
