@@ -2,8 +2,10 @@
 
 import dataclasses
 import json
+import re
 from concurrent.futures import ThreadPoolExecutor
 from datetime import date
+from pathlib import Path
 
 import pytest
 from hypothesis import given, strategies as st
@@ -136,6 +138,16 @@ def test_mistakes_are_named(tmp_path, text, sentence):
     assert str(path) in str(error.value)
 
 
+def test_the_documented_list_can_be_read(tmp_path):
+    page = (Path(__file__).parents[3] / "docs" / "long_recordings.md").read_text(encoding="utf-8")
+    text = re.search(r"^```toml\n(.*?)^```", page, re.DOTALL | re.MULTILINE)[1]
+    (tmp_path / "sites.toml").write_text(text.replace("# image_size", "image_size"))
+    (north, south), options = read_sites(tmp_path / "sites.toml")
+    assert (len(north.recording), north.scene, south.frame_rate) == (3, None, 5)
+    assert south.image_size == ((1920, 1080),) * 2
+    assert set(options) == {"every", "overlap", "method", "detector", "embedder"}
+
+
 def test_a_list_that_is_not_there(tmp_path):
     with pytest.raises(InvalidInputError, match=r"^There is no file .*sites\.toml"):
         read_sites(tmp_path / "sites.toml")
@@ -194,6 +206,10 @@ def test_days_of_one_site_share_its_scene_and_are_tables_of_their_own(folder, ex
     assert [table.folder for table in tables] == [
         tmp_path / "site=north" / f"date={site.date}" for site in sites
     ]
+    pattern = tmp_path / "site=*" / "date=*" / "part-*.parquet"
+    polars = pytest.importorskip("polars", reason="polars is not installed")
+    days = polars.scan_parquet(pattern, hive_partitioning=True).collect()["date"]
+    assert days.value_counts().sort("date")["count"].to_list() == list(map(len, tables))
     import pyarrow.dataset
 
     whole = pyarrow.dataset.dataset(
