@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from catfree._run._stitch import Habits, Pieces, add_habits, chains, link_pieces
 
-Pairs = tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]
+Pairs = tuple[Int[np.ndarray, "..."], Int[np.ndarray, "..."]]  # of different lengths
 
 
 @dataclass(frozen=True)

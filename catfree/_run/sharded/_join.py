@@ -12,6 +12,7 @@ from catfree._run._cache import from_arrays
 from catfree._run.sharded._identities import Identities, Pairs, identify
 from catfree._run.sharded._overlap import Positions, match_tracks
 from catfree._run.sharded._receipt import (
+    MANIFEST,
     SCENE_FILE,
     SCHEMA,
     WORK_FOLDER,
@@ -22,8 +23,7 @@ from catfree._run.sharded._receipt import (
 )
 from catfree._run.sharded._run_shard import ShardSummary
 from catfree._run.sharded._shard import StrPath
-from catfree._run.sharded._stored_tracks import MANIFEST, StoredTracks, open_tracks
-from catfree.adapters.calibration_files._rig_json import read_scene_json, write_scene_json
+from catfree._run.sharded._stored_tracks import StoredTracks, open_tracks
 from catfree.adapters.files._documents import (
     require_folder,
     write_bytes_atomically,
@@ -72,12 +72,10 @@ def join_shards(out: StrPath) -> StoredTracks:
     """
     folder = require_folder(out, "results of shards")
     receipts = read_receipts(folder)
-    scene, names = read_scene_json(folder / WORK_FOLDER / SCENE_FILE)
-    first = receipts[0]
-    if hash_file(folder / WORK_FOLDER / SCENE_FILE) != first.scene_file:
+    first, scene_file = receipts[0], folder / SCENE_FILE
+    if not scene_file.is_file() or hash_file(scene_file) != first.scene_file:
         raise FileFormatError(
-            f"{folder / WORK_FOLDER / SCENE_FILE} is not the scene that the shards were made "
-            "with. Run them again."
+            f"{scene_file} is not the scene that the shards were made with. Run them again."
         )
     (folder / MANIFEST).unlink(missing_ok=True)  # it says that the table is complete
     summaries = [_read_summary(folder, receipt) for receipt in receipts]
@@ -89,7 +87,6 @@ def join_shards(out: StrPath) -> StoredTracks:
     for stale in folder.glob("part-*.parquet"):
         if stale.name not in {part["file"] for part in parts}:
             stale.unlink()
-    write_scene_json(folder / SCENE_FILE, scene, names)
     document = {
         "schema": SCHEMA,
         "catfree": catfree.__version__,
@@ -97,7 +94,7 @@ def join_shards(out: StrPath) -> StoredTracks:
         "source": first.source,
         "run": first.run,
         "settings": first.settings,
-        "scene_file": hash_file(folder / SCENE_FILE),
+        "scene_file": first.scene_file,
         "clock": first.clock,
         "people": int(identities.identity.max(initial=-1)) + 1,
         "parts": parts,

@@ -14,8 +14,8 @@ from catfree.types import Clock
 from catfree.types._validation import require_declared_types
 
 SCHEMA = "catfree shards 1"
-SCENE_FILE = "scene.json"
 WORK_FOLDER = "_shards"  # readers of Parquet folders leave out names that begin with an underscore
+SCENE_FILE, MANIFEST = f"{WORK_FOLDER}/scene.json", f"{WORK_FOLDER}/manifest.json"
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,11 @@
 """`run_shard`: localize one shard and write its positions, once."""
 
 import dataclasses
+import hashlib
 import math
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -27,6 +29,7 @@ from catfree._run.sharded._receipt import (
 )
 from catfree._run.sharded._shard import Shard, StrPath, boxes_of, open_videos
 from catfree.adapters.calibration_files._rig_json import write_scene_json
+from catfree.adapters.files._documents import write_bytes_atomically
 from catfree.adapters.files._fingerprint import hash_file, hash_parameters
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.adapters.tables._tracks_table import write_tracks_parquet
@@ -79,8 +82,8 @@ def run_shard(
         The receipt.
 
     Raises:
-        InvalidInputError: if the recording changed since the plan was made, or boxes name a camera
-            that the scene does not have.
+        InvalidInputError: if the recording changed since the plan was made, boxes name a camera
+            that the scene does not have, or `out` holds shards of another scene.
         FileFormatError: if an input file is damaged.
         WriteError: if the disk is full or not writable.
         ForkedProcessError: in a process forked after JAX was used.
@@ -107,8 +110,46 @@ def run_shard(
     else:
         detections = boxes_of(shard)
         localization = localize_people(detections, scene, settings)
-    write_part(files, shard, detections, localization)
-    reliability = localization.reliability
+    seconds = time.perf_counter() - begin
+    return write_shard(
+        files, shard, detections, localization, settings, run=run, scene_file=scene_file,
+        seconds=seconds,
+    )  # fmt: skip
+
+
+def write_shard(
+    files: ShardFiles,
+    shard: Shard,
+    detections: Detections,
+    localization: Localization,
+    settings: Settings,
+    *,
+    run: str,
+    scene_file: str,
+    seconds: float,
+) -> Receipt:
+    """Write positions and summary of a shard, and its receipt last.
+
+    Args:
+        files: where.
+        shard: which.
+        detections: all boxes that it looked at.
+        localization: what they show.
+        settings: of the localization.
+        run: the result of `run_fingerprint`.
+        scene_file: SHA-256 of the scene's file.
+        seconds: that the localization took.
+
+    Raises:
+        WriteError: if the disk is full or not writable.
+    """
+    files.receipt.unlink(missing_ok=True)  # of an earlier run, whose files are replaced now
+    tracks, reliability = localization.tracks, localization.reliability
+    write_tracks_parquet(files.part, tracks)
+    reported = tracks[(tracks.frame >= shard.first) & (tracks.frame < shard.stop)]
+    pieces = collect_pieces(reported, detections, _within(localization, detections, shard))
+    summary = ShardSummary(pieces, learn_habits(reported, pieces))
+    save_arrays(files.pieces, ShardSummary.__name__, to_arrays(summary))
     receipt = Receipt(
         schema=SCHEMA,
         index=shard.index,
@@ -129,7 +170,7 @@ def run_shard(
         boxes_used=_or_none(reliability.detections_used),
         expected_moda=_or_none(reliability.expected_moda),
         median_sigma=_or_none(reliability.median_sigma),
-        seconds=round(time.perf_counter() - begin, 3),
+        seconds=round(seconds, 3),
         warnings=localization.warnings,
     )
     write_receipt(files.receipt, receipt)
@@ -148,25 +189,6 @@ def run_fingerprint(
     return hash_parameters(
         "run", content_hash(scene), code_hash(), *names, settings=dataclasses.asdict(settings)
     )
-
-
-def write_part(
-    files: ShardFiles, shard: Shard, detections: Detections, localization: Localization
-) -> None:
-    """Write positions and summary of a shard.
-
-    Args:
-        files: where.
-        shard: which.
-        detections: all boxes that it looked at.
-        localization: what they show.
-    """
-    tracks = localization.tracks
-    write_tracks_parquet(files.part, tracks)
-    within = tracks[(tracks.frame >= shard.first) & (tracks.frame < shard.stop)]
-    pieces = collect_pieces(within, detections, _within(localization, detections, shard))
-    summary = ShardSummary(pieces, learn_habits(within, pieces))
-    save_arrays(files.pieces, ShardSummary.__name__, to_arrays(summary))
 
 
 def _within(
@@ -198,16 +220,20 @@ def _write_scene(folder: Path, scene: Scene) -> str:
     """Write the scene beside the receipts and return the SHA-256 of its file.
 
     Raises:
-        InvalidInputError: if the folder holds joined shards of another scene.
+        InvalidInputError: if the folder holds shards of another scene.
     """
-    work = make_folder(folder / WORK_FOLDER)
-    path = write_scene_json(work / SCENE_FILE, scene)
-    written = hash_file(path)
-    joined = folder / SCENE_FILE
-    if joined.is_file() and hash_file(joined) != written:
+    make_folder(folder / WORK_FOLDER)
+    path = folder / SCENE_FILE
+    before = hash_file(path) if path.is_file() else None
+    with TemporaryDirectory() as scratch:
+        content = write_scene_json(Path(scratch) / path.name, scene).read_bytes()
+    written = hashlib.sha256(content).hexdigest()
+    if before not in (None, written):
         raise InvalidInputError(
-            f"{folder} holds results of another scene ({joined}). Name another folder."
+            f"{folder} holds shards of another scene ({path}). Name another folder."
         )
+    if before is None:
+        write_bytes_atomically(path, content)
     return written
 
 

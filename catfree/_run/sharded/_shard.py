@@ -83,9 +83,9 @@ class Shard:
 
 def shards(
     recording: Sequence[StrPath] | Detections | StrPath,
-    every: float = 600.0,
-    overlap: float = 20.0,
-    frame_rate: float | None = None,
+    every: float | int = 600.0,
+    overlap: float | int = 20.0,
+    frame_rate: float | int | None = None,
     *,
     offsets: Sequence[int] | None = None,
     site: str = "",
@@ -157,7 +157,7 @@ def shards(
 
 def _whole(
     recording: Sequence[StrPath] | Detections | StrPath,
-    frame_rate: float | None,
+    frame_rate: float | int | None,
     offsets: Sequence[int] | None,
 ) -> Shard:
     """The recording as a single shard."""
@@ -182,7 +182,7 @@ def _whole(
     return Shard(0, 1, first, stop, first, stop, clock, source, videos=paths, offsets=given)
 
 
-def _boxes_as_one(boxes: Detections | StrPath, frame_rate: float | None) -> Shard:
+def _boxes_as_one(boxes: Detections | StrPath, frame_rate: float | int | None) -> Shard:
     if isinstance(boxes, Detections):
         detections, source = boxes, content_hash(boxes)
         name, clock = "The detections", boxes.clock
@@ -200,7 +200,7 @@ def _boxes_as_one(boxes: Detections | StrPath, frame_rate: float | None) -> Shar
     elif len(detections):
         first, stop = int(detections.frame.min()), int(detections.frame.max()) + 1
     else:
-        raise InvalidInputError(f"{name} holds no boxes, so there is nothing to cut into shards.")
+        raise InvalidInputError(f"{name} hold no boxes, so there is nothing to cut into shards.")
     if frame_rate is not None:
         rate = as_positive(frame_rate, "frame_rate")
         clock = Clock(rate) if clock is None else replace(clock, frame_rate=rate)
@@ -279,7 +279,7 @@ def replace_clock(detections: Detections, clock: Clock) -> Detections:
     return Detections(**columns)
 
 
-def _not_negative(value: float, name: str) -> float:
+def _not_negative(value: float | int, name: str) -> float:
     number = np.asarray(value)
     if number.shape != () or number.dtype.kind not in "fiu" or not 0 <= number < np.inf:
         raise InvalidInputError(f"{name} must be a number of seconds, 0 or more, got {value!r}.")

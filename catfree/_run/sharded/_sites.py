@@ -70,15 +70,15 @@ class Site:
     date: str = ""
     scene: Scene | str | None = None
     image_size: tuple[tuple[int, int], ...] | None = None
-    frame_rate: float | None = None
+    frame_rate: float | int | None = None
 
 
 def run_sites(
     sites: Sequence[Site],
     *,
     out: StrPath,
-    every: float = 600.0,
-    overlap: float = 20.0,
+    every: float | int = 600.0,
+    overlap: float | int = 20.0,
     settings: Settings | None = None,
     detector: Detector | FittedToCamera | None = None,
     embedder: Embedder | None = None,

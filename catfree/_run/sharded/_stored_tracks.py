@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from catfree._run.sharded._receipt import SCENE_FILE, SCHEMA
+from catfree._run.sharded._receipt import MANIFEST, SCENE_FILE, SCHEMA
 from catfree._run.sharded._shard import StrPath
 from catfree.adapters.calibration_files._rig_json import read_scene_json
 from catfree.adapters.files._documents import read_json, require_folder
@@ -16,8 +16,6 @@ from catfree.adapters.tables._tracks_table import read_tracks_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock, Scene, Tracks
 from catfree.types.results import require_pyarrow
-
-MANIFEST = "manifest.json"
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class StoredTracks:
         """Read the tracks of one part after another, sorted by frame, then track."""
         return map(self._read, self.parts)
 
-    def between(self, begin: float, end: float) -> Tracks:
+    def between(self, begin: float | int, end: float | int) -> Tracks:
         """Read the positions from `begin` to before `end`, in seconds on the clock."""
         chosen = [
             part
@@ -139,12 +137,12 @@ def open_tracks(out: StrPath) -> StoredTracks:
             f"{path} is a manifest of another version: {quoted(schema)} instead of {SCHEMA!r}. "
             "Join the shards again."
         )
-    if hash_file(folder / SCENE_FILE) != document.get("scene_file"):
+    scene_file = folder / SCENE_FILE
+    if not scene_file.is_file() or hash_file(scene_file) != document.get("scene_file"):
         raise FileFormatError(
-            f"{folder / SCENE_FILE} is not the scene that {MANIFEST} was written for. Join the "
-            "shards again."
+            f"{scene_file} is not the scene that the shards were made with. Run them again."
         )
-    scene, names = read_scene_json(folder / SCENE_FILE)
+    scene, names = read_scene_json(scene_file)
     try:
         clock = Clock(**{key: document["clock"][key] for key in ("frame_rate", "start", "utc")})
         parts = tuple(

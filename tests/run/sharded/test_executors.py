@@ -1,0 +1,170 @@
+"""Any executor runs the shards; what fails is named and stops nothing else."""
+
+import multiprocessing
+import os
+import signal
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import catfree as cf
+from catfree._run.sharded import _executors as module
+from catfree._run.sharded._worker import start_worker
+from catfree.errors import ForkedProcessError, InvalidInputError, ShardError
+from catfree.synthetic import make_layout, make_world
+from catfree.types import Detections
+from tests.run.sharded.walks import plan_of, seen_by, walks, write
+
+SCENE = make_layout("ring4", 0).scene
+
+
+class AtOnce(Executor):
+    """Runs each task when it is submitted."""
+
+    def __init__(self):
+        self.ended = False
+
+    def submit(self, task, /, *arguments, **options):
+        future = Future()
+        try:
+            future.set_result(task(*arguments, **options))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+    def shutdown(self, wait=True, *, cancel_futures=False):
+        self.ended = True
+
+
+@pytest.fixture
+def cheap(monkeypatch):
+    """Shards that take no time: what they would find is made up."""
+    rng = np.random.default_rng(0)
+    whole = walks(rng, 4, 100)
+
+    def run(shard, *, scene, out, settings, detector, embedder):
+        if shard.site == "broken":
+            raise InvalidInputError("The lens cap is on.")
+        folder = module.recording_folder(out, shard.site, shard.date)
+        folder.mkdir(parents=True, exist_ok=True)
+        return write(folder, shard, seen_by(shard, whole, rng))
+
+    monkeypatch.setattr(module, "run_shard", run)
+    return plan_of(100, 50, 10)
+
+
+def named(plan, site, date=""):
+    return [replace(shard, site=site, date=date) for shard in plan]
+
+
+def test_recordings_are_joined_and_the_executor_stays_open(cheap, tmp_path):
+    executor, steps = AtOnce(), []
+    plan = [*named(cheap, "north", "monday"), *named(cheap, "south")]
+    tables = cf.run_shards(
+        plan,
+        scene=SCENE,
+        out=tmp_path,
+        executor=executor,
+        progress=lambda *step: steps.append(step),
+    )
+    assert [table.folder for table in tables] == [
+        tmp_path / "site=north" / "date=monday",
+        tmp_path / "site=south",
+    ]
+    assert all(len(table) and table.people == 4 for table in tables)
+    assert not executor.ended
+    assert steps == [("shards", done, 4) for done in range(5)]
+    dataset = pytest.importorskip("pyarrow.dataset", reason="pyarrow is not installed")
+    whole = dataset.dataset(tmp_path, partitioning="hive").to_table()
+    assert set(whole["site"].to_pylist()) == {"north", "south"}
+    assert len(whole) == sum(map(len, tables))
+
+
+def test_a_failing_site_stops_no_other(cheap, tmp_path):
+    plan = [*named(cheap, "broken"), *named(cheap, "north")]
+    with pytest.raises(ShardError, match=r"1 of 2 recordings failed.*broken.*lens cap") as caught:
+        cf.run_shards(
+            plan, scene={"broken": SCENE, "north": SCENE}, out=tmp_path, executor=AtOnce()
+        )
+    (table,) = caught.value.finished
+    assert table.people == 4
+
+
+def test_scenes_belong_to_sites(cheap, tmp_path):
+    with pytest.raises(InvalidInputError, match="no scene for site 'south'"):
+        cf.run_shards(
+            named(cheap, "south"), scene={"north": SCENE}, out=tmp_path, executor=AtOnce()
+        )
+
+
+def test_plans_are_checked(cheap, tmp_path):
+    options = {"scene": SCENE, "out": tmp_path, "executor": AtOnce()}
+    with pytest.raises(InvalidInputError, match="plan is empty"):
+        cf.run_shards([], **options)
+    with pytest.raises(InvalidInputError, match="shard 0 of 2 twice"):
+        cf.run_shards([*cheap, *cheap], **options)
+    with pytest.raises(InvalidInputError, match=r"concurrent.futures.Executor or a dask"):
+        cf.run_shards(cheap, scene=SCENE, out=tmp_path, executor="threads")
+
+
+def test_defects_are_not_hidden(cheap, tmp_path, monkeypatch):
+    def run(shard, **options):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(module, "run_shard", run)
+    with pytest.raises(ZeroDivisionError):
+        cf.run_shards(cheap, scene=SCENE, out=tmp_path, executor=AtOnce())
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
+def test_a_pool_that_forks_is_refused(cheap, tmp_path):
+    with (
+        ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("fork")) as pool,
+        pytest.raises(ForkedProcessError, match=r"mp_context=multiprocessing.get_context\('spawn"),
+    ):
+        cf.run_shards(cheap, scene=SCENE, out=tmp_path, executor=pool)
+
+
+def test_threads_do(tmp_path):
+    world = make_world("ring4", 2, frames=60, people=3)
+    plan = cf.shards(world.detections, every=6, overlap=2, frame_rate=5)
+    with ThreadPoolExecutor(2) as pool:
+        (table,) = cf.run_shards(plan, scene=world.true_scene, out=tmp_path, executor=pool)
+        assert pool.submit(abs, -1).result() == 1
+    assert len(table) > 60
+
+
+def nobody(frames):
+    return Detections(
+        np.arange(frames), np.zeros(frames, int), np.tile([0.0, 0, 10, 30], (frames, 1))
+    )
+
+
+def kill_at(shard, **options):
+    """Run a shard; the second one ends its process."""
+    if shard.index == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return cf.run_shard(shard, **options)
+
+
+@pytest.mark.slow
+def test_a_worker_that_dies_loses_no_finished_shard(tmp_path, monkeypatch):
+    plan = cf.shards(nobody(100), every=10, overlap=0, frame_rate=5)
+    assert len(plan) == 2
+    monkeypatch.setattr(module, "run_shard", kill_at)
+    context = multiprocessing.get_context("spawn")
+    with (
+        ProcessPoolExecutor(1, mp_context=context, initializer=start_worker) as pool,
+        pytest.raises(ShardError, match=r"shard 1 of 2: its worker process died"),
+    ):
+        cf.run_shards(plan, scene=SCENE, out=tmp_path, executor=pool)
+    assert [path.name for path in tmp_path.glob("_shards/part-*.json")] == ["part-00000.json"]
+    monkeypatch.undo()
+    (table,) = cf.run_shards(plan, scene=SCENE, out=tmp_path)  # spawned processes of our own
+    assert len(table.parts) == 2
+
+
+def test_workers_fit_the_machine():
+    assert 1 <= module.default_workers() <= (os.cpu_count() or 1)
