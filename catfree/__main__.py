@@ -3,7 +3,7 @@
 import os
 import sys
 
-from catfree.cli import main as command_line
+from catfree._run.sharded._worker import ONE_THREAD
 
 
 def main() -> int:
@@ -12,6 +12,11 @@ def main() -> int:
     os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet
+    if sys.argv[1:2] == ["shard"]:
+        os.environ.update(ONE_THREAD)  # as in the workers of other engines, to the byte
+    # Workers import this module, too, and NumPy must not count the processors before they start.
+    from catfree.cli import main as command_line
+
     return command_line()
 
 

@@ -17,6 +17,11 @@ from catfree._run.sharded._join import join as join
 from catfree._run.sharded._receipt import Receipt as Receipt
 from catfree._run.sharded._run_shard import run_shard as run_shard
 from catfree._run.sharded._shard import Shard as Shard, shards as shards
+from catfree._run.sharded._sites import (
+    Site as Site,
+    read_sites as read_sites,
+    run_sites as run_sites,
+)
 from catfree._run.sharded._stored_tracks import (
     StoredTracks as StoredTracks,
     open_tracks as open_tracks,

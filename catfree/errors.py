@@ -83,8 +83,12 @@ class ShardError(CatFreeError):
 
     Attributes:
         finished: the joined tables of the recordings that did not fail.
+        reasons: one sentence per recording that failed.
     """
 
-    def __init__(self, message: str, finished: tuple[Any, ...] = ()) -> None:
+    def __init__(
+        self, message: str, finished: tuple[Any, ...] = (), reasons: tuple[str, ...] = ()
+    ) -> None:
         super().__init__(message)
         self.finished = finished
+        self.reasons = reasons

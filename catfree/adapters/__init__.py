@@ -47,9 +47,11 @@ from catfree.adapters.reconstructors import (
 )
 from catfree.adapters.tables import (
     MotTable as MotTable,
+    read_detections_parquet as read_detections_parquet,
     read_mot as read_mot,
     read_tracks_csv as read_tracks_csv,
     read_tracks_parquet as read_tracks_parquet,
+    write_detections_parquet as write_detections_parquet,
     write_mot_boxes as write_mot_boxes,
     write_mot_ground as write_mot_ground,
     write_tracks_csv as write_tracks_csv,

@@ -19,6 +19,7 @@ from catfree.cli._inputs import (
     require_files,
     settings_of,
 )
+from catfree.cli._shard_commands import shard_commands
 from catfree.cli._terminal import (
     INTERRUPTED,
     fail,
@@ -48,8 +49,8 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     try:
         tyro = require_tyro()
-        tyro.extras.subcommand_cli_from_dict(
-            _commands(tyro),
+        code = tyro.extras.subcommand_cli_from_dict(
+            _commands(tyro) | shard_commands(tyro),
             prog="catfree",
             description="Track people on the ground from videos of static cameras. "
             "`--version` prints the version.",
@@ -62,7 +63,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         fail("Interrupted. Run the command again to resume from the finished stages.")
         return INTERRUPTED
-    return 0
+    return code or 0
 
 
 @contextlib.contextmanager

@@ -25,6 +25,8 @@ OFFSETS = re.compile(r"pass offsets=\(([-\d, ]+)\)")
 
 # In the order of a run.
 STAGE_LABELS = {
+    "calibration": "calibrating sites",
+    "shards": "tracking people by shards",
     "render": "rendering the world",
     "fit": "learning the background",
     "detect": "detecting people",

@@ -24,7 +24,7 @@ from catfree.errors import CatFreeError, ForkedProcessError, InvalidInputError, 
 from catfree.settings import Settings
 from catfree.types import Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._validation import require_instance
+from catfree.types._validation import as_count, require_instance
 
 MEMORY_PER_WORKER = 1.5e9  # bytes for a shard of ten minutes
 RETRIES = 2  # of a shard whose Dask worker died
@@ -78,14 +78,14 @@ def run_shards(
     failed: dict[Recording, CatFreeError] = {}
     waiting = {key: len(parts) for key, parts in recordings.items()}
     joined: dict[Recording, StoredTracks] = {}
-    with executor_for(executor, len(plan)) as pool:
+    with executor_for(executor) as pool:
         tasks: dict[Future[Any], Shard] = {}
         for shard in plan:
             task = pool.submit(
                 run_shard,
                 shard,
                 scene=scenes[shard.site, shard.date],
-                out=os.fspath(out),
+                out=os.path.abspath(out),  # workers may be in another folder
                 settings=settings,
                 detector=detector,
                 embedder=embedder,
@@ -112,32 +112,27 @@ def run_shards(
             raise
     finished = tuple(joined[key] for key in recordings if key in joined)
     if failed:
-        raise ShardError(_describe(failed, len(recordings)), finished)
+        reasons = tuple(_reason(*key, error) for key, error in failed.items())
+        several = f"{len(failed)} of {len(recordings)} recordings failed. "
+        message = (several if len(recordings) > 1 else "") + " ".join(reasons)
+        raise ShardError(message, finished, reasons)
     return finished
 
 
 @contextlib.contextmanager
-def executor_for(executor: Any, tasks: int) -> Iterator[Executor]:
+def executor_for(executor: Any) -> Iterator[Executor]:
     """Yield an executor: the given one, that of a Dask client, or one of spawned processes.
 
     Args:
         executor: as `run_shards`.
-        tasks: number of tasks, so that no more processes are started.
 
     Raises:
         InvalidInputError: if it is neither.
         ForkedProcessError: if it would fork its processes.
     """
     if executor is None:
-        # Not fork, with which JAX deadlocks.
-        context = multiprocessing.get_context("spawn")
-        workers = min(tasks, default_workers())
-        with ProcessPoolExecutor(workers, mp_context=context, initializer=start_worker) as pool:
-            try:
-                yield pool
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+        with spawned_workers() as pool:
+            yield pool
     elif isinstance(executor, Executor):
         require_not_forking(executor)
         yield executor
@@ -148,6 +143,29 @@ def executor_for(executor: Any, tasks: int) -> Iterator[Executor]:
             "executor must be a concurrent.futures.Executor or a dask.distributed.Client, got "
             f"{type(executor).__name__}."
         )
+
+
+@contextlib.contextmanager
+def spawned_workers(count: int | None = None) -> Iterator[Executor]:
+    """Yield an executor whose processes are spawned, as tasks need them, with one thread each.
+
+    Args:
+        count: most processes; None for as many as processors and memory allow.
+
+    Raises:
+        InvalidInputError: if the count is less than 1.
+    """
+    most = default_workers() if count is None else as_count(count, "workers")
+    if most < 1:
+        raise InvalidInputError(f"workers is {most}; it must be at least 1.")
+    # Not fork, with which JAX deadlocks.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(most, mp_context=context, initializer=start_worker) as pool:
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def require_not_forking(executor: Executor) -> None:
@@ -215,12 +233,6 @@ def _scene_of(scene: Scene | Mapping[str, Scene], site: str) -> Scene:
     return scene[site]
 
 
-def _describe(failed: Mapping[Recording, CatFreeError], count: int) -> str:
-    reasons = []
-    for (site, date), error in failed.items():
-        where = " ".join(part for part in (site, date) if part)
-        named = where and where not in str(error)
-        reasons.append(f"{where}: {error}" if named else str(error))
-    if count == 1:
-        return reasons[0]
-    return f"{len(failed)} of {count} recordings failed. " + " ".join(reasons)
+def _reason(site: str, date: str, error: CatFreeError) -> str:
+    where = " ".join(part for part in (site, date) if part)
+    return f"{where}: {error}" if where not in str(error) else str(error)

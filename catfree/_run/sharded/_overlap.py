@@ -1,15 +1,16 @@
 """Match the tracks of two neighboring shards in the frames that both of them saw."""
 
+import math
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.stats import chi2
 
 from catfree._run._stitch import best_assignment
 
 # Two positions of one person rest on the same boxes: they are closer than this in all but one of a
 # thousand frames.
-GATE = float(chi2.ppf(0.999, 2))
+GATE = -2 * math.log(0.001)
 
 
 class Positions(eqx.Module):

@@ -13,6 +13,7 @@ from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock
 from catfree.types._validation import require_declared_types
 
+METHODS = ("default", "paper", "evidence")
 _SCHEMA = "catfree plan 1"
 
 
@@ -79,8 +80,12 @@ def read_plan(path: StrPath) -> PlanFile:
         values = {field.name: document[field.name] for field in dataclasses.fields(PlanFile)}
         values["shards"] = tuple(map(_shard, values["shards"]))
         require_declared_types(PlanFile, values)
+        if values["method"] not in METHODS:
+            raise InvalidInputError(f"method is {quoted(values['method'])}")
+        if [shard.index for shard in values["shards"]] != list(range(len(values["shards"]))):
+            raise InvalidInputError("its shards are not in order")
         return PlanFile(**values)
-    except (KeyError, TypeError, AttributeError, InvalidInputError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise FileFormatError(
             f"{source} is damaged ({quoted(error)}). Make it again with catfree plan."
         ) from error
@@ -94,7 +99,7 @@ def shard_at(plan: Sequence[Shard], index: int) -> Shard:
     """
     if not 0 <= index < len(plan):
         raise InvalidInputError(
-            f"There is no shard {index}: the plan has shards 0 to {len(plan) - 1}."
+            f"There is no shard {index}: the plan has {len(plan)} shards, counted from 0."
         )
     return plan[index]
 

@@ -126,7 +126,7 @@ def shards(
             "than their overlap."
         )
     for name, value in (("site", site), ("date", date)):
-        _require_folder_name(value, name)
+        require_folder_name(value, name)
     whole = _whole(recording, frame_rate, offsets)
     rate = whole.clock.frame_rate
     length = max(1, round(every * rate))
@@ -176,7 +176,7 @@ def _whole(
         )
     frames = videos.frames
     first, stop = int(frames[0]), int(frames[-1]) + 1
-    paths = tuple(str(one.path) for one in videos.footage)
+    paths = tuple(os.path.abspath(one.path) for one in videos.footage)
     source = hash_parameters("videos", *(hash_samples(path) for path in paths))
     given = None if offsets is None else videos.offsets
     return Shard(0, 1, first, stop, first, stop, clock, source, videos=paths, offsets=given)
@@ -286,7 +286,12 @@ def _not_negative(value: float | int, name: str) -> float:
     return float(number)
 
 
-def _require_folder_name(value: str, name: str) -> None:
+def require_folder_name(value: str, name: str) -> None:
+    """Raise unless a text can be part of a folder's name.
+
+    Raises:
+        InvalidInputError: naming the argument.
+    """
     bad = not isinstance(value, str) or value in (".", "..") or set(value) & set('/\\\0=:*?"<>|')
     if bad or len(value) > 100:
         raise InvalidInputError(

@@ -1,6 +1,7 @@
 """`run_sites`: calibrate each site once, then run the shards of all of them."""
 
 import dataclasses
+import os
 import tomllib
 from collections.abc import Sequence
 from concurrent.futures import Executor, as_completed
@@ -15,8 +16,16 @@ from catfree._run._cache import code_hash
 from catfree._run._cached_detection import fingerprint_of
 from catfree._run._stages import calibrate_cameras, detect
 from catfree._run.sharded._executors import error_of, executor_for, run_shards
+from catfree._run.sharded._plan_file import METHODS
 from catfree._run.sharded._receipt import recording_folder
-from catfree._run.sharded._shard import Shard, StrPath, boxes_of, open_videos, shards
+from catfree._run.sharded._shard import (
+    Shard,
+    StrPath,
+    boxes_of,
+    open_videos,
+    require_folder_name,
+    shards,
+)
 from catfree._run.sharded._stored_tracks import StoredTracks
 from catfree.adapters.background._background_detector import BackgroundDetector
 from catfree.adapters.calibration_files._rig_json import read_scene_json, write_scene_json
@@ -106,11 +115,17 @@ def run_sites(
             raise InvalidInputError(
                 f"Each recording needs its own name and date; {name} is empty or stands for two."
             )
+        require_folder_name(name[0], "name")
+        require_folder_name(name[1], "date")
     if not sites:
         raise InvalidInputError("There are no sites to run.")
+    # Workers may be in another folder.
+    sites = [dataclasses.replace(site, recording=_absolute(site.recording)) for site in sites]
     failed: dict[str, CatFreeError] = {}
-    with executor_for(executor, 2 * len(sites)) as pool:
+    reasons: list[str] = []
+    with executor_for(executor) as pool:
         scenes = _scenes(sites, out, settings, detector, pool, progress or no_progress, failed)
+        reasons += [f"{name}: {error}" for name, error in failed.items()]
         plan: list[Shard] = []
         for site in sites:
             if site.name in failed:
@@ -120,9 +135,8 @@ def run_sites(
                     site.recording, every, overlap, site.frame_rate, site=site.name, date=site.date
                 )
             except CatFreeError as error:
-                failed[f"{site.name} {site.date}".strip()] = error
+                reasons.append(f"{site.name} {site.date}".strip() + f": {error}")
         finished: tuple[StoredTracks, ...] = ()
-        reasons = [f"{name}: {error}" for name, error in failed.items()]
         if plan:
             try:
                 finished = run_shards(
@@ -137,11 +151,12 @@ def run_sites(
                 )
             except ShardError as error:
                 finished = error.finished
-                reasons.append(str(error))
+                reasons += error.reasons
     if reasons:
         raise ShardError(
             f"{len(finished)} of {len(sites)} recordings are complete. " + " ".join(reasons),
             finished,
+            tuple(reasons),
         )
     return finished
 
@@ -171,8 +186,9 @@ def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
         FileFormatError: if it is not such a file, naming the key.
     """
     source = Path(path)
+    text = read_text(source, "list of sites")
     try:
-        document = tomllib.loads(read_text(source, "list of sites"))
+        document = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
         raise FileFormatError(f"{source} is not TOML: {quoted(error)}.") from error
     kinds: dict[str, type | tuple[type, ...]] = {
@@ -185,6 +201,12 @@ def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
         sites.append(_site(row, source, f"site {index}"))
     if not sites:
         raise FileFormatError(f"{source} has no [[site]].")
+    if document.get("method", METHODS[0]) not in METHODS:
+        known = ", ".join(METHODS)
+        raise FileFormatError(f"{source}: method is {quoted(document['method'])}, not of {known}.")
+    for name in ("every", "overlap"):
+        if name in document:
+            document[name] = _number(document[name], source, name)
     for name in ("detector", "embedder"):
         if name in document:
             document[name] = str(source.parent / document[name])
@@ -200,25 +222,34 @@ def _site(row: Any, source: Path, where: str) -> Site:
     if "name" not in row or ("videos" in row) == ("detections" in row):
         raise FileFormatError(f"{source}: {where} needs a name and either videos or detections.")
     if "videos" in row:
-        recording = tuple(str(source.parent / str(video)) for video in row["videos"])
+        if not all(isinstance(video, str) for video in row["videos"]):
+            raise FileFormatError(f"{source}: videos of {where} must be paths.")
+        recording = tuple(str(source.parent / video) for video in row["videos"])
     else:
         recording = str(source.parent / row["detections"])
     size = row.get("image_size")
     if size is not None:
-        size = np.asarray(size)
-        if size.ndim != 2 or size.shape[1] != 2 or size.dtype.kind != "i":
+        if not all(isinstance(pair, list) and list(map(type, pair)) == [int, int] for pair in size):
             raise FileFormatError(
                 f"{source}: image_size of {where} must list width and height of each camera."
             )
-        size = tuple((int(width), int(height)) for width, height in size)
+        size = tuple((width, height) for width, height in size)
+    rate = row.get("frame_rate")
     return Site(
         name=row["name"],
         recording=recording,
         date=str(row.get("date", "")),
         scene=str(source.parent / row["scene"]) if "scene" in row else None,
         image_size=size,
-        frame_rate=row.get("frame_rate"),
+        frame_rate=None if rate is None else _number(rate, source, f"frame_rate of {where}"),
     )
+
+
+def _number(value: int | float, source: Path, name: str) -> float:
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise FileFormatError(f"{source}: {name} is {quoted(value)}.") from error
 
 
 def _require_keys(
@@ -232,6 +263,12 @@ def _require_keys(
             raise FileFormatError(f"{source}: {where} has no key {quoted(key)}; it has {known}.")
         if not isinstance(value, kinds[key]) or isinstance(value, bool):
             raise FileFormatError(f"{source}: {key} of {where} is {quoted(value)}.")
+
+
+def _absolute(recording: tuple[str, ...] | str) -> tuple[str, ...] | str:
+    if isinstance(recording, str | os.PathLike):
+        return os.path.abspath(recording)
+    return tuple(map(os.path.abspath, recording))
 
 
 def _scenes(
@@ -251,7 +288,7 @@ def _scenes(
             continue
         try:
             if site.scene is None:
-                task = pool.submit(calibrate_site, site, str(out), settings, detector)
+                task = pool.submit(calibrate_site, site, os.path.abspath(out), settings, detector)
                 tasks[task] = site.name
             elif isinstance(site.scene, Scene):
                 scenes[site.name] = site.scene
@@ -259,6 +296,8 @@ def _scenes(
                 scenes[site.name] = _read_scene(site.scene)
         except CatFreeError as error:
             failed[site.name] = error
+    if tasks:
+        progress("calibration", 0, len(tasks))
     for done, task in enumerate(as_completed(list(tasks)), start=1):
         error = error_of(task, "calibration")
         if error is not None:
@@ -292,7 +331,7 @@ def calibrate_site(
     """
     settings = Settings() if settings is None else settings
     finder = BackgroundDetector() if detector is None else detector
-    plan = shards(site.recording, CALIBRATION_SECONDS, 0, site.frame_rate)
+    plan = shards(site.recording, CALIBRATION_SECONDS, 0.0, site.frame_rate)
     key = hash_parameters(
         "calibration", plan[0].source, fingerprint_of(finder, "detector"), code_hash(),
         settings=dataclasses.asdict(settings), image_size=site.image_size,

@@ -1,5 +1,9 @@
 """Tracks and boxes as tables."""
 
+from catfree.adapters.tables._detections_table import (
+    read_detections_parquet as read_detections_parquet,
+    write_detections_parquet as write_detections_parquet,
+)
 from catfree.adapters.tables._motchallenge import (
     MotTable as MotTable,
     read_mot as read_mot,

@@ -1,0 +1,203 @@
+"""The commands for long recordings and many sites."""
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from catfree.cli._inputs import (
+    open_detector,
+    open_embedder,
+    open_scene,
+    require_files,
+    settings_of,
+)
+from catfree.cli._terminal import fail, print_text, progress_bars
+from catfree.errors import InvalidInputError, MissingDependencyError, ShardError, quoted
+
+BOXES = (".npz", ".parquet")
+
+
+def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
+    """Sub-commands by name, built here because their annotations need tyro."""
+    positional = tyro.conf.Positional
+
+    def plan(
+        recording: Annotated[tuple[Path, ...], positional],
+        scene: Path,
+        out: Path,
+        every: float = 600.0,
+        overlap: float = 20.0,
+        frame_rate: float | None = None,
+        offsets: tuple[int, ...] | None = None,
+        detector: Path | None = None,
+        embedder: Path | None = None,
+        method: Literal["default", "paper", "evidence"] = "default",
+    ) -> None:
+        """Cut a long recording into shards and write them to plan.json.
+
+        Args:
+            recording: one video file or image folder per camera, or a single file of saved boxes
+                (.npz or .parquet), or a folder of Parquet files.
+            scene: known cameras and ground (scene.json).
+            out: folder for the plan and the results.
+            every: seconds per shard.
+            overlap: seconds that neighboring shards share.
+            frame_rate: frames per second; that of the videos or of the saved boxes if not given.
+            offsets: the frame of each camera that shows the first common instant.
+            detector: ONNX file of a person detector; without it people are found by background
+                subtraction.
+            embedder: ONNX file of a re-identification network.
+            method: the localization method.
+        """
+        from catfree._run.sharded._plan_file import PlanFile, write_plan
+        from catfree._run.sharded._shard import shards
+        from catfree.types._writing import make_folder
+
+        networks = {"detector": detector, "embedder": embedder}
+        boxes = recording[0] if len(recording) == 1 and _holds_boxes(recording[0]) else None
+        if boxes is None:
+            require_files(recording, scene=scene, **networks)
+        elif detector is not None or embedder is not None:
+            raise InvalidInputError(
+                f"{boxes} holds boxes, so that --detector and --embedder have nothing to do."
+            )
+        open_scene(scene)  # before many processes fail at it
+        parts = shards(
+            recording if boxes is None else boxes, every, overlap, frame_rate, offsets=offsets
+        )
+        folder = make_folder(out)
+        names = {role: "" if path is None else _absolute(path) for role, path in networks.items()}
+        document = PlanFile(parts, _absolute(scene), _absolute(out), method, **names)
+        path = write_plan(folder / "plan.json", document)
+        print_text(
+            f"{path} has {len(parts)} shards. Run each with `catfree shard --plan {path} --index "
+            f"N` (N from 0 to {len(parts) - 1}), then `catfree join {out}`."
+        )
+
+    def shard(plan: Path, index: int) -> None:
+        """Localize one shard of a plan, unless that was done before.
+
+        Args:
+            plan: what `catfree plan` wrote.
+            index: of the shard, counted from 0.
+        """
+        from catfree._run.sharded._plan_file import read_plan, shard_at
+        from catfree._run.sharded._run_shard import run_shard
+
+        document = read_plan(plan)
+        chosen = shard_at(document.shards, index)
+        scene, _ = open_scene(Path(document.scene))
+        receipt = run_shard(
+            chosen,
+            scene=scene,
+            out=document.out,
+            settings=settings_of(document.method),
+            detector=open_detector(_path(document.detector)),
+            embedder=open_embedder(_path(document.embedder)),
+        )
+        print_text(f"Shard {index} of {receipt.count} is finished: {receipt.boxes} boxes.")
+
+    def join(out: Annotated[Path, positional]) -> None:
+        """Join the finished shards of a recording to one table.
+
+        Args:
+            out: the folder that the plan named.
+        """
+        from catfree._run.sharded._join import join_shards
+
+        _print_recording(join_shards(out))
+
+    def run_sites(
+        sites: Annotated[Path, positional],
+        out: Path,
+        dask: str | None = None,
+        workers: int | None = None,
+    ) -> int:
+        """Track the people of many sites: calibrate each once, run all shards, join them.
+
+        Args:
+            sites: TOML file with the recordings; see docs/long_recordings.md.
+            out: folder for the results, with a folder `site=.../date=...` per recording.
+            dask: address of a Dask scheduler whose workers run the shards.
+            workers: processes on this machine; as many as processors and memory allow if not
+                given.
+        """
+        from catfree._run.sharded._sites import read_sites, run_sites
+
+        recordings, options = read_sites(sites)
+        settings = settings_of(options.pop("method", "default"))
+        detector = open_detector(_path(options.pop("detector", "")))
+        embedder = open_embedder(_path(options.pop("embedder", "")))
+        reasons: tuple[str, ...] = ()
+        with _executor(dask, workers) as executor, progress_bars() as progress:
+            try:
+                finished = run_sites(
+                    recordings,
+                    out=out,
+                    settings=settings,
+                    detector=detector,
+                    embedder=embedder,
+                    executor=executor,
+                    progress=progress,
+                    **options,
+                )
+            except ShardError as error:
+                finished, reasons = error.finished, error.reasons
+        for recording in finished:
+            _print_recording(recording)
+        for reason in reasons:
+            fail(reason)
+        return int(bool(reasons))
+
+    return {"plan": plan, "shard": shard, "join": join, "run-sites": run_sites}
+
+
+def _holds_boxes(path: Path) -> bool:
+    return path.suffix in BOXES or (path.is_dir() and any(path.rglob("*.parquet")))
+
+
+def _absolute(path: Path) -> str:
+    """The path from the root: other processes may start in another folder."""
+    return os.path.abspath(path)
+
+
+def _path(text: str) -> Path | None:
+    return Path(text) if text else None
+
+
+def _print_recording(recording: Any) -> None:
+    print_text(f"{recording.folder}: {recording.people} people, {len(recording)} positions.")
+
+
+@contextlib.contextmanager
+def _executor(dask: str | None, workers: int | None) -> Iterator[Any]:
+    """Yield the client of a Dask scheduler, or an executor of processes of this machine.
+
+    Raises:
+        MissingDependencyError: if Dask is not installed.
+        InvalidInputError: if no scheduler answers, or both are given.
+    """
+    from catfree._run.sharded._executors import spawned_workers
+
+    if dask is None:
+        with spawned_workers(workers) as pool:
+            yield pool
+        return
+    if workers is not None:
+        raise InvalidInputError("--workers is for this machine alone. Leave it out with --dask.")
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise MissingDependencyError(
+            "--dask needs dask.distributed: pip install 'catfree[distributed]'."
+        ) from error
+    try:
+        client = Client(dask)
+    except (OSError, ValueError) as error:
+        raise InvalidInputError(
+            f"No Dask scheduler answers at {dask} ({quoted(error)}). Check the address."
+        ) from error
+    with client:
+        yield client

@@ -1,0 +1,47 @@
+"""Localize a long recording in shards on a Dask cluster.
+
+Two workers of this machine stand for a cluster; with one, pass the address of its scheduler to
+`Client` instead. The recording is simulated: boxes of four cameras in a Parquet table.
+
+    pip install 'catfree[distributed]'
+    python examples/shards_on_dask.py --out day
+"""
+
+import argparse
+from pathlib import Path
+
+import dask
+from distributed import Client, LocalCluster
+
+import catfree as cf
+from catfree.synthetic import make_world
+
+# Dask limits the threads of other libraries itself.
+ONE_THREAD = {"distributed.nanny.pre-spawn-environ.PJRT_NPROC": 1}
+
+
+def main() -> None:
+    """Simulate, cut, localize, join."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("day"), help="folder for the results")
+    parser.add_argument("--frames", type=int, default=3000, help="frames to simulate, 5 per second")
+    parser.add_argument("--every", type=float, default=120.0, help="seconds per shard")
+    arguments = parser.parse_args()
+    out = arguments.out
+    out.mkdir(parents=True, exist_ok=True)
+
+    world = make_world("ring4", frames=arguments.frames, people=6)
+    boxes = cf.adapters.write_detections_parquet(out / "_boxes.parquet", world.detections)
+    plan = cf.shards(boxes, every=arguments.every, overlap=10, frame_rate=5)
+
+    with (
+        dask.config.set(ONE_THREAD),
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
+        (day,) = cf.run_shards(plan, scene=world.scene, out=out, executor=client)
+    print(f"{len(plan)} shards, {day.people} people, {len(day)} positions in {day.folder}")
+
+
+if __name__ == "__main__":  # which worker processes do not run
+    main()

@@ -1,0 +1,78 @@
+"""Tables of detections give back what was written, whole or in a range of frames."""
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from catfree.adapters import read_detections_parquet, write_detections_parquet
+from catfree.errors import FileFormatError, InvalidInputError
+from catfree.types import Clock, Detections
+
+pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+
+
+def boxes(seed, count, frames, width, with_options, clock):
+    rng = np.random.default_rng(seed)
+    corner = rng.uniform(0, 500, (count, 2))
+    options = {}
+    if with_options:
+        options = {
+            "score": rng.uniform(0, 1, count),
+            "ankles_confirmed": rng.random(count) > 0.5,
+            "embedding": rng.normal(size=(count, width)),
+            "keypoints": rng.uniform(0, 1, (count, 17, 3)),
+        }
+    return Detections(
+        rng.integers(0, frames, count), rng.integers(0, 4, count),
+        np.hstack([corner, corner + rng.uniform(1, 90, (count, 2))]), clock=clock, **options,
+    )  # fmt: skip
+
+
+def assert_equal(one, two):
+    assert one.clock == two.clock
+    for name in ("frame", "camera", "box", "score", "ankles_confirmed", "embedding", "keypoints"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+
+
+@given(
+    st.integers(0, 2**16), st.integers(0, 40), st.integers(1, 20), st.integers(1, 5),
+    st.booleans(), st.none() | st.just(Clock(12.5, 1e9 + 0.1, True)), st.data(),
+)  # fmt: skip
+def test_any_range_of_frames_is_read_as_it_was_written(
+    tmp_path_factory, seed, count, frames, width, with_options, clock, data
+):
+    written = boxes(seed, count, frames, width, with_options, clock)
+    path = write_detections_parquet(tmp_path_factory.mktemp("boxes") / "b.parquet", written)
+    ordered = written[np.lexsort((written.camera, written.frame))]
+    assert_equal(read_detections_parquet(path), ordered)
+    first, stop = (data.draw(st.none() | st.integers(-2, frames + 2)) for _ in range(2))
+    low, high = -np.inf if first is None else first, np.inf if stop is None else stop
+    inside = (ordered.frame >= low) & (ordered.frame < high)
+    assert_equal(read_detections_parquet(path, first, stop), ordered[inside])
+
+
+def test_a_folder_of_tables_is_one_table(tmp_path):
+    whole = boxes(0, 30, 10, 3, True, Clock(5.0))
+    whole = whole[np.lexsort((whole.camera, whole.frame))]
+    for index, half in enumerate((whole[whole.frame < 5], whole[whole.frame >= 5])):
+        write_detections_parquet(tmp_path / f"{index}.parquet", half)
+    assert_equal(read_detections_parquet(tmp_path), whole)
+
+
+def test_other_files_are_refused(tmp_path):
+    import pyarrow
+    import pyarrow.parquet
+
+    with pytest.raises(InvalidInputError, match=r"no table of detections .*none\.parquet"):
+        read_detections_parquet(tmp_path / "none.parquet")
+    path = tmp_path / "b.parquet"
+    path.write_text("no table")
+    with pytest.raises(FileFormatError, match=r"b\.parquet is not a Parquet table"):
+        read_detections_parquet(path)
+    pyarrow.parquet.write_table(pyarrow.table({"frame": [1], "camera": [0]}), path)
+    with pytest.raises(FileFormatError, match="has no column 'x1'"):
+        read_detections_parquet(path)
+    table = {name: [1.0] for name in ("camera", "x1", "y1", "x2", "y2")} | {"frame": ["one"]}
+    pyarrow.parquet.write_table(pyarrow.table(table), path)
+    with pytest.raises((FileFormatError, InvalidInputError), match=r"b\.parquet"):
+        read_detections_parquet(path)

@@ -1,0 +1,226 @@
+"""The commands for long recordings: each does its work, and every failure is one sentence."""
+
+import contextlib
+import json
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+import catfree as cf
+from catfree._run.sharded._worker import ONE_THREAD
+from catfree.adapters import write_detections_parquet, write_scene_json
+from catfree.cli import _commands as cli
+from catfree.synthetic import make_world
+
+pytest.importorskip("tyro")
+pytest.importorskip("pyarrow")
+
+CUT = ("--every", "6", "--overlap", "3", "--frame-rate", "5")
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A folder with boxes of twelve seconds, their scene, and lists of sites."""
+    folder = tmp_path_factory.mktemp("recording")
+    world = make_world("ring4", frames=60, people=4)
+    write_detections_parquet(folder / "boxes.parquet", world.detections)
+    write_scene_json(folder / "scene.json", world.scene)
+    site = '[[site]]\nname = "{}"\nframe_rate = 5\nscene = "scene.json"\ndetections = "{}"\n'
+    options = "every = 6\noverlap = 3\n"
+    lists = {
+        "good": options + site.format("north", "boxes.parquet"),
+        "half": options + site.format("gone", "x.npz") + site.format("north", "boxes.parquet"),
+        "twice": site.format("north", "boxes.parquet") + site.format("north", "boxes.parquet"),
+        "unknown": "colour = 3\n" + site.format("north", "boxes.parquet"),
+        "empty": "every = 6\n",
+    }
+    for name, text in lists.items():
+        (folder / f"{name}.toml").write_text(text)
+    return folder
+
+
+@pytest.fixture
+def in_threads(monkeypatch):
+    """Run shards in threads of this process, which has compiled them already."""
+
+    @contextlib.contextmanager
+    def workers(count=None):
+        with ThreadPoolExecutor(count or 1) as pool:
+            yield pool
+
+    monkeypatch.setattr("catfree._run.sharded._executors.spawned_workers", workers)
+
+
+def last_sentence(capsys):
+    """The last line on standard error, which names the program; no traceback before it."""
+    error = capsys.readouterr().err.strip()
+    assert "Traceback" not in error
+    last = error.splitlines()[-1]
+    assert last.startswith("catfree: ")
+    return last
+
+
+def test_plan_then_shards_then_join(files, tmp_path, capsys):
+    out, plan = tmp_path / "day", tmp_path / "day" / "plan.json"
+    words = [str(files / "boxes.parquet"), "--scene", str(files / "scene.json"), *CUT]
+    assert cli.main(["plan", *words, "--out", str(out)]) == 0
+    assert f"{plan} has 2 shards" in capsys.readouterr().out
+    for index in (1, 0):
+        assert cli.main(["shard", "--plan", str(plan), "--index", str(index)]) == 0
+        assert f"Shard {index} of 2 is finished: " in capsys.readouterr().out
+    assert cli.main(["join", str(out)]) == 0
+    day = cf.open_tracks(out)
+    said = capsys.readouterr().out
+    assert said == f"{out}: {day.people} people, {len(day)} positions.\n"
+    assert day.people > 0
+    assert [(part.first, part.stop) for part in day.parts] == [(0, 30), (30, 60)]
+    # Neither command repeats what is done.
+    before = {path: path.stat().st_mtime_ns for path in (out / "_shards").glob("part-*")}
+    assert len(before) == 6
+    assert cli.main(["shard", "--plan", str(plan), "--index", "0"]) == 0
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+
+
+def test_a_plan_can_be_run_from_any_folder(files, tmp_path, monkeypatch):
+    monkeypatch.chdir(files)
+    words = ["boxes.parquet", "--scene", "scene.json", "--method", "paper", *CUT]
+    assert cli.main(["plan", *words, "--out", str(tmp_path)]) == 0
+    document = json.loads((tmp_path / "plan.json").read_text())
+    assert document["scene"] == str(files / "scene.json")
+    assert document["out"] == str(tmp_path)
+    assert document["method"] == "paper"
+    assert {row["detections"] for row in document["shards"]} == {str(files / "boxes.parquet")}
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["boxes.parquet", "--scene", "x.json"], "There is no file x.json"),
+        (["a.mp4", "--scene", "scene.json"], "at least 2 videos, got 1"),
+        (["a.mp4", "b.mp4", "--scene", "scene.json"], "Camera 0: There is no video file"),
+        (["x.npz", "--scene", "scene.json"], "x.npz"),
+        (["boxes.parquet", "--scene", "scene.json"], "has no clock"),
+        (["boxes.parquet", "--scene", "scene.json", *CUT[2:], "--every", "2"], "longer than"),
+        (["boxes.parquet", "--scene", "scene.json", *CUT, "--detector", "a"], "--detector and"),
+        (["boxes.parquet", "--scene", "scene.json", *CUT, "--offsets", "0", "1"], "to videos"),
+    ],
+)
+def test_what_cannot_be_planned(files, tmp_path, monkeypatch, capsys, words, sentence):
+    monkeypatch.chdir(files)
+    assert cli.main(["plan", *words, "--out", str(tmp_path / "day")]) == 1
+    assert sentence in last_sentence(capsys)
+    assert not (tmp_path / "day").exists()
+
+
+@pytest.fixture(scope="module")
+def planned(files, tmp_path_factory):
+    out = tmp_path_factory.mktemp("planned")
+    words = [str(files / "boxes.parquet"), "--scene", str(files / "scene.json"), *CUT]
+    assert cli.main(["plan", *words, "--out", str(out)]) == 0
+    return out
+
+
+@pytest.mark.parametrize(
+    ("index", "change", "sentence"),
+    [
+        ("2", None, "There is no shard 2: the plan has 2 shards"),
+        ("-1", None, "There is no shard -1"),
+        ("0", lambda text: text[:99], "is not valid JSON"),
+        ("0", lambda text: text.replace("plan 1", "plan 9"), "a plan of another version"),
+        ("0", lambda text: text.replace('"first"', '"begin"'), "is damaged"),
+        ("0", lambda text: text.replace("boxes.parquet", "x.parquet"), "Cannot read"),
+        ("0", lambda text: text.replace("scene.json", "x.json"), "There is no file"),
+    ],
+)
+def test_a_shard_that_cannot_be_run(planned, tmp_path, capsys, index, change, sentence):
+    text = (planned / "plan.json").read_text()
+    plan = tmp_path / "plan.json"
+    plan.write_text(text if change is None else change(text))
+    assert cli.main(["shard", "--plan", str(plan), "--index", index]) == 1
+    assert sentence in last_sentence(capsys)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["shard", "--plan", "none.json", "--index", "0"], "There is no file none.json"),
+        (["join", "nowhere"], "There is no folder nowhere"),
+        (["join", "."], "holds no finished shard"),
+        (["run-sites", "none.toml", "--out", "o"], "catfree: There is no file none.toml"),
+        (["run-sites", "unknown.toml", "--out", "o"], "no key 'colour'; it has every"),
+        (["run-sites", "twice.toml", "--out", "o"], "'north'"),
+        (["run-sites", "empty.toml", "--out", "o"], "has no [[site]]"),
+        (["run-sites", "good.toml", "--out", "o", "--workers", "0"], "workers is 0"),
+        (["run-sites", "good.toml", "--out", "o", "--dask", "d", "--workers", "1"], "--workers is"),
+    ],
+)
+def test_failures_are_one_sentence(files, tmp_path, monkeypatch, capsys, words, sentence):
+    for path in files.glob("*.toml"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(words) == 1
+    assert sentence in last_sentence(capsys)
+    assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.usefixtures("in_threads")
+def test_sites_that_are_complete_are_listed(files, tmp_path, capsys):
+    assert cli.main(["run-sites", str(files / "good.toml"), "--out", str(tmp_path)]) == 0
+    folder = tmp_path / "site=north"
+    day = cf.open_tracks(folder)
+    said = capsys.readouterr()
+    assert said.out == f"{folder}: {day.people} people, {len(day)} positions.\n"
+    assert "tracking people by shards" in said.err
+    assert "2/2" in said.err
+
+
+@pytest.mark.usefixtures("in_threads")
+def test_a_site_that_fails_is_named_after_the_others_are_complete(files, tmp_path, capsys):
+    assert cli.main(["run-sites", str(files / "half.toml"), "--out", str(tmp_path)]) == 1
+    said = capsys.readouterr()
+    assert said.out.startswith(f"{tmp_path / 'site=north'}: ")
+    (sentence,) = [line for line in said.err.splitlines() if line.startswith("catfree: ")]
+    assert sentence.startswith("catfree: gone: ")
+    assert "x.npz" in sentence
+
+
+def test_sites_on_dask(files, tmp_path, capsys):
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    words = ["run-sites", str(files / "good.toml"), "--out", str(tmp_path)]
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:
+        assert cli.main([*words, "--dask", cluster.scheduler_address]) == 0
+    assert f"{tmp_path / 'site=north'}: " in capsys.readouterr().out
+
+
+def test_a_scheduler_that_does_not_answer(files, tmp_path, capsys):
+    dask = pytest.importorskip("dask", reason="dask is not installed")
+    pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    words = ["run-sites", str(files / "good.toml"), "--out", str(tmp_path / "o")]
+    with dask.config.set({"distributed.comm.timeouts.connect": "0.1s"}):
+        assert cli.main([*words, "--dask", "tcp://127.0.0.1:1"]) == 1
+    assert "No Dask scheduler answers at tcp://127.0.0.1:1" in last_sentence(capsys)
+
+
+def test_a_missing_dask_is_named(files, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    words = ["run-sites", str(files / "good.toml"), "--out", str(tmp_path), "--dask", "there"]
+    assert cli.main(words) == 1
+    assert "pip install 'catfree[distributed]'" in last_sentence(capsys)
+
+
+def test_a_process_for_one_shard_uses_one_thread():
+    code = (
+        "import os, sys\n"
+        "from catfree.__main__ import main\n"
+        "print('numpy' in sys.modules)\n"
+        "sys.argv = ['catfree', 'shard', '--plan', 'none.json', '--index', '0']\n"
+        f"print(main(), {{name: os.environ[name] for name in {list(ONE_THREAD)}}})"
+    )
+    command = [sys.executable, "-c", code]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    # NumPy counts the processors when it is imported.
+    assert said.splitlines() == ["False", f"1 {ONE_THREAD}"]

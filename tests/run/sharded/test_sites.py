@@ -1,0 +1,287 @@
+"""Lists of sites are read as they stand or refused by name; a site is calibrated once."""
+
+import dataclasses
+import json
+import re
+from concurrent.futures import ThreadPoolExecutor
+from datetime import date
+from pathlib import Path
+
+import pytest
+from hypothesis import given, strategies as st
+
+import catfree as cf
+from catfree._run.sharded import _sites
+from catfree._run.sharded._plan_file import METHODS
+from catfree._run.sharded._sites import Site, read_sites, run_sites
+from catfree.adapters import write_detections_parquet, write_scene_json
+from catfree.errors import CalibrationError, FileFormatError, InvalidInputError, ShardError
+from catfree.synthetic import make_world
+
+texts = st.text(st.characters(codec="ascii", exclude_categories=["Cc"]), min_size=1, max_size=12)
+rates = st.integers(1, 100) | st.floats(0.1, 100)
+sizes = st.lists(st.tuples(st.integers(1, 4000), st.integers(1, 4000)).map(list), max_size=3)
+recordings = st.lists(texts, max_size=3).map(lambda v: {"videos": v}) | texts.map(
+    lambda path: {"detections": path}
+)
+options = {
+    "date": st.dates(date(1900, 1, 1)) | texts, "scene": texts, "image_size": sizes,
+    "frame_rate": rates,
+}  # fmt: skip
+rows = st.builds(
+    lambda name, recording, more: {"name": name} | recording | more,
+    texts,
+    recordings,
+    st.fixed_dictionaries({}, optional=options),
+)
+heads = st.fixed_dictionaries(
+    {},
+    optional={
+        "every": rates, "overlap": rates, "method": st.sampled_from(METHODS), "detector": texts,
+        "embedder": texts,
+    },
+)  # fmt: skip
+
+
+def toml(value):
+    """A value as TOML writes it."""
+    if isinstance(value, date):
+        return value.isoformat()
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(key)} = {toml(v)}" for key, v in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    return json.dumps(value) if isinstance(value, str | bool | int) else repr(value)
+
+
+def write(folder, head, sites):
+    lines = [f"{json.dumps(key)} = {toml(value)}" for key, value in head.items()]
+    path = folder / "sites.toml"
+    path.write_text("\n".join([*lines, f"site = {toml(sites)}"]), encoding="utf-8")
+    return path
+
+
+@given(heads, st.lists(rows, min_size=1, max_size=3))
+def test_a_list_is_read_as_it_stands(tmp_path_factory, head, sites):
+    folder = tmp_path_factory.mktemp("sites")
+    found, options = read_sites(write(folder, head, sites))
+    for name in ("detector", "embedder"):
+        if name in head:
+            head[name] = str(folder / head[name])
+    assert options == head
+    assert len(found) == len(sites)
+    for site, row in zip(found, sites, strict=True):
+        assert site.name == row["name"]
+        assert site.date == str(row.get("date", ""))
+        assert site.frame_rate == row.get("frame_rate")
+        assert site.scene == (str(folder / row["scene"]) if "scene" in row else None)
+        if "videos" in row:
+            assert site.recording == tuple(str(folder / video) for video in row["videos"])
+        else:
+            assert site.recording == str(folder / row["detections"])
+        size = row.get("image_size")
+        assert site.image_size == (None if size is None else tuple(map(tuple, size)))
+
+
+anything = st.recursive(
+    st.booleans() | st.integers() | st.floats() | texts | st.dates(date(1000, 1, 1)),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@given(heads, st.lists(rows, min_size=1, max_size=2), st.data())
+def test_a_list_with_a_mistake_is_read_or_refused_by_name(tmp_path_factory, head, sites, data):
+    place = data.draw(st.sampled_from([head, *sites]))
+    key = data.draw(texts | st.sampled_from([*heads_and_rows(), "site"]))
+    place[key] = data.draw(anything)
+    if place is head and key == "site":
+        sites = place.pop(key)
+    path = write(tmp_path_factory.mktemp("sites"), head, sites)
+    found, said = None, ""
+    try:
+        found, _ = read_sites(path)
+    except FileFormatError as error:
+        said = str(error)
+    assert found or str(path) in said
+
+
+def heads_and_rows():
+    return ("every", "overlap", "method", "detector", "name", "videos", "detections", *options)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("every = ", "is not TOML"),
+        ("every = 6", r"has no \[\[site\]\]"),
+        ("site = 3", "site of the file is 3"),
+        ("site = [3]", "site 0 must be a table"),
+        ("speed = 6", "the file has no key 'speed'; it has every, overlap"),
+        ("every = true", "every of the file is True"),
+        ("method = 'paper '\n[[site]]\nname = 'a'\ndetections = 'a'", "method is 'paper '"),
+        ("[[site]]\nname = 'a'", "site 0 needs a name and either videos or detections"),
+        ("[[site]]\nname = 'a'\nvideos = ['a']\ndetections = 'a'", "needs a name and either"),
+        ("[[site]]\ndetections = 'a'", "needs a name"),
+        ("[[site]]\nname = 'a'\nvideos = [1, 2]", "videos of site 0 must be paths"),
+        ("[[site]]\nname = 'a'\ndetections = 'a'\nfps = 5", "site 0 has no key 'fps'"),
+        ("[[site]]\nname = 'a'\ndetections = 'a'\nframe_rate = '5'", "frame_rate of site 0 is '5'"),
+        ("[[site]]\nname = 'a'\ndetections = 'a'\nimage_size = [[1], [2, 3]]", "image_size of"),
+        ("[[site]]\nname = 'a'\ndetections = 'a'\nimage_size = [1920, 1080]", "image_size of"),
+    ],
+)
+def test_mistakes_are_named(tmp_path, text, sentence):
+    path = tmp_path / "sites.toml"
+    path.write_text(text)
+    with pytest.raises(FileFormatError, match=sentence) as error:
+        read_sites(path)
+    assert str(path) in str(error.value)
+
+
+def test_the_documented_list_can_be_read(tmp_path):
+    page = (Path(__file__).parents[3] / "docs" / "long_recordings.md").read_text(encoding="utf-8")
+    text = re.search(r"^```toml\n(.*?)^```", page, re.DOTALL | re.MULTILINE)[1]
+    (tmp_path / "sites.toml").write_text(text.replace("# image_size", "image_size"))
+    (north, south), options = read_sites(tmp_path / "sites.toml")
+    assert (len(north.recording), north.scene, south.frame_rate) == (3, None, 5)
+    assert south.image_size == ((1920, 1080),) * 2
+    assert set(options) == {"every", "overlap", "method", "detector", "embedder"}
+
+
+def test_a_list_that_is_not_there(tmp_path):
+    with pytest.raises(InvalidInputError, match=r"^There is no file .*sites\.toml"):
+        read_sites(tmp_path / "sites.toml")
+
+
+@pytest.fixture(scope="module")
+def world():
+    return make_world("ring4", frames=60, people=4)
+
+
+@pytest.fixture(scope="module")
+def folder(world, tmp_path_factory):
+    pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+    folder = tmp_path_factory.mktemp("recordings")
+    write_detections_parquet(folder / "boxes.parquet", world.detections)
+    write_scene_json(folder / "scene.json", world.scene)
+    return folder
+
+
+@pytest.fixture
+def executor():
+    with ThreadPoolExecutor(1) as pool:
+        yield pool
+
+
+def site_in(folder, name="north", **options):
+    site = Site(name, str(folder / "boxes.parquet"), scene=str(folder / "scene.json"))
+    return dataclasses.replace(site, frame_rate=5.0, **options)
+
+
+CUT = {"every": 6.0, "overlap": 3.0}
+
+
+def test_a_site_that_fails_does_not_stop_the_others(folder, executor, tmp_path):
+    sites = [
+        site_in(folder, "gone", recording=str(folder / "x.parquet")),
+        site_in(folder, "unseen", scene=str(folder / "x.json"), date="2026-11-20"),
+        site_in(folder),
+    ]
+    seen = []
+    with pytest.raises(ShardError, match="1 of 3 recordings are complete") as caught:
+        run_sites(
+            sites, out=tmp_path, executor=executor, progress=lambda *step: seen.append(step), **CUT
+        )
+    assert sorted(reason.split(":")[0] for reason in caught.value.reasons) == ["gone", "unseen"]
+    assert all(reason in str(caught.value) for reason in caught.value.reasons)
+    (north,) = caught.value.finished
+    assert north.folder == tmp_path / "site=north"
+    assert len(cf.open_tracks(north.folder)) > 0
+    assert seen == [("shards", done, 2) for done in range(3)]
+
+
+def test_days_of_one_site_share_its_scene_and_are_tables_of_their_own(folder, executor, tmp_path):
+    sites = [site_in(folder, date=day) for day in ("2026-11-20", "2026-11-21")]
+    tables = run_sites(sites, out=tmp_path, executor=executor, **CUT)
+    assert [table.folder for table in tables] == [
+        tmp_path / "site=north" / f"date={site.date}" for site in sites
+    ]
+    pattern = tmp_path / "site=*" / "date=*" / "part-*.parquet"
+    polars = pytest.importorskip("polars", reason="polars is not installed")
+    days = polars.scan_parquet(pattern, hive_partitioning=True).collect()["date"]
+    assert days.value_counts().sort("date")["count"].to_list() == list(map(len, tables))
+    import pyarrow.dataset
+
+    whole = pyarrow.dataset.dataset(
+        tmp_path, format="parquet", partitioning="hive", exclude_invalid_files=True
+    )
+    assert whole.count_rows() == sum(map(len, tables)) > 0
+    assert {"site", "date"} <= set(whole.schema.names)
+
+
+@pytest.mark.parametrize("name", ["", "..", "a/b", "a=b", "a" * 101])
+def test_names_that_name_no_folder_are_refused_before_anything_is_written(folder, tmp_path, name):
+    out = tmp_path / "out"
+    for site in (site_in(folder, name, scene=None), site_in(folder, date=name or "/")):
+        with pytest.raises(InvalidInputError, match="name"):
+            run_sites([site], out=out)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_each_recording_needs_a_name_and_a_date_of_its_own(folder, tmp_path):
+    with pytest.raises(InvalidInputError, match="'north'"):
+        run_sites([site_in(folder), site_in(folder)], out=tmp_path)
+    with pytest.raises(InvalidInputError, match="no sites"):
+        run_sites([], out=tmp_path)
+
+
+def test_cameras_of_saved_boxes_need_the_size_of_the_images(folder, executor, tmp_path):
+    with pytest.raises(ShardError, match="give image_size, or a scene"):
+        run_sites([site_in(folder, scene=None)], out=tmp_path, executor=executor, **CUT)
+
+
+@pytest.fixture
+def calibrations(world, monkeypatch):
+    """The stretches that were calibrated; the answer is the true scene."""
+    tried = []
+
+    def answer(shard, site, settings, detector):
+        tried.append((site.name, shard.index))
+        return world.scene
+
+    monkeypatch.setattr(_sites, "_calibrate_stretch", answer)
+    return tried
+
+
+def test_a_site_is_calibrated_once(folder, executor, tmp_path, calibrations):
+    days = [site_in(folder, scene=None, date=day) for day in ("2026-11-20", "2026-11-21")]
+    first = run_sites(days, out=tmp_path, executor=executor, **CUT)
+    assert calibrations == [("north", 0)]
+    again = run_sites(days, out=tmp_path, executor=executor, **CUT)
+    assert calibrations == [("north", 0)]
+    assert [table.parts for table in again] == [table.parts for table in first]
+    other = cf.Settings(calibration_confidence=0.6)
+    run_sites([days[0]], out=tmp_path / "other", settings=other, executor=executor, **CUT)
+    assert len(calibrations) == 2
+
+
+def test_other_stretches_are_tried_until_one_suffices(folder, tmp_path, world, monkeypatch):
+    monkeypatch.setattr(_sites, "CALIBRATION_SECONDS", 2.0)
+    tried = []
+
+    def answer(shard, site, settings, detector):
+        tried.append(shard.index)
+        if len(tried) < 3:
+            raise CalibrationError("Nobody is there.")
+        return world.scene
+
+    monkeypatch.setattr(_sites, "_calibrate_stretch", answer)
+    site = site_in(folder, scene=None)
+    found = _sites.calibrate_site(site, tmp_path)
+    assert (found.rig.image_size == world.scene.rig.image_size).all()
+    assert tried == [3, 1, 4]
+    tried.clear()
+    monkeypatch.setattr(_sites, "MOST_TRIES", 2)
+    with pytest.raises(CalibrationError, match=r"'north'.*Nobody is there"):
+        _sites.calibrate_site(site, tmp_path / "b")
+    assert len(tried) == 2
