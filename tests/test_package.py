@@ -75,6 +75,7 @@ def test_imports_point_one_way(room):
             assert beyond == set(), f"{path} imports {sorted(beyond)}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "folder", sorted(str(path.parent) for path in source_files() if path.name == "__init__.py")
 )
@@ -123,6 +124,7 @@ def test_no_public_name_is_shadowed_by_a_module():
                 assert found is None or inspect.ismodule(found), f"{path.parent}/{module.name}"
 
 
+@pytest.mark.slow
 def test_the_package_lists_its_curated_names_only():
     modules = {"adapters", "calibration", "errors", "evaluation", "filters", "geometry", "methods"}
     modules |= {"settings", "synthetic", "testing", "types", "viz"}
@@ -134,6 +136,7 @@ def test_the_package_lists_its_curated_names_only():
     assert not any(name.startswith("_") for name in listed.split())
 
 
+@pytest.mark.slow
 def test_imports_are_absolute():
     for path in source_files():
         for node in ast.walk(ast.parse((ROOT / path).read_text())):
@@ -146,6 +149,7 @@ def fresh(code: str) -> str:
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
 
+@pytest.mark.slow
 def test_importing_is_light_and_silent():
     heavy = ["cv2", "onnxruntime", "torch", "matplotlib", "trimesh", "pyarrow", "tyro"]
     heavy += ["rich", "scipy.stats"]
@@ -159,6 +163,7 @@ def test_importing_is_light_and_silent():
     assert fresh(code).splitlines() == ["[]", "True False"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["--version"], ["--help"], ["run", "--help"]])
 def test_help_does_not_wait_for_numerical_libraries(arguments):
     pytest.importorskip("tyro")
@@ -172,6 +177,7 @@ def test_help_does_not_wait_for_numerical_libraries(arguments):
     assert fresh(code).splitlines()[-1] == "[]"
 
 
+@pytest.mark.slow
 def test_every_listed_name_can_be_imported_and_no_other():
     code = (
         "from catfree import *\n"

@@ -21,6 +21,7 @@ def test_rotations_are_rotations(R):
     assert np.linalg.det(R) == pytest.approx(1)
 
 
+@pytest.mark.slow
 @given(similarities(scales=(0.5, 2.0), reach=3.0))
 def test_similarities_keep_to_their_bounds(similarity):
     assert 0.499 < float(similarity.scale) < 2.001
@@ -41,6 +42,7 @@ def test_every_camera_sees_the_middle_from_above(scene):
     np.testing.assert_allclose(np.linalg.det(rig.R), 1)
 
 
+@pytest.mark.slow
 @given(observed(), st.data())
 def test_boxes_are_whole_and_their_foot_rays_meet_the_people(drawn, data):
     scene, positions, boxes = drawn
@@ -72,6 +74,7 @@ def test_more_people_than_fit_are_refused():
         find(observed(people=5), lambda world: True)
 
 
+@pytest.mark.slow
 def test_shrinking_ends_at_the_plain_case():
     np.testing.assert_array_equal(find(rotations(), lambda R: True), np.eye(3))
     plain = find(scenes(), lambda scene: True)

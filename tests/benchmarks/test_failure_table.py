@@ -12,6 +12,7 @@ failure_table = importlib.util.module_from_spec(specification)
 specification.loader.exec_module(failure_table)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("separation", failure_table.PAPER)
 def test_incorrect_pairs_survive_as_often_as_the_paper_says(separation):
     found = failure_table.survival(separation, samples=100_000, seed=1)

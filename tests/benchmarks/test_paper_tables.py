@@ -191,6 +191,7 @@ VARIANTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("four_cameras")
 @pytest.mark.parametrize("name", VARIANTS)
 def test_remembered_stages_change_nothing(name):
@@ -205,6 +206,7 @@ def test_remembered_stages_change_nothing(name):
     assert found.thresholds.tau_g == wanted.thresholds.tau_g
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("four_cameras")
 def test_the_gauge_of_a_scene_does_not_change_the_score():
     sequence = twin("WildTrack", 0, 5)

@@ -47,6 +47,7 @@ def test_the_first_cameras_keep_their_boxes_and_their_place(wildtrack):
     assert part.scene.extent == wildtrack.scene.extent
 
 
+@pytest.mark.slow
 def test_fewer_cameras_never_know_better(wildtrack):
     sigmas, cameras = zip(
         *(
@@ -71,6 +72,7 @@ def test_sigma_at_a_person_is_that_of_the_map(wildtrack):
     assert float(cell.sigma[0, 0]) == pytest.approx(sigma[0], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_camera_removal_has_a_row_a_number_of_cameras_and_a_verdict():
     table = camera_removal.table(TINY)
     rows = rows_of(table)
@@ -107,6 +109,7 @@ def test_the_papers_own_numbers_give_the_papers_correlation():
     assert spearman == pytest.approx(sigma_curve.PAPER_SPEARMAN, abs=0.005)
 
 
+@pytest.mark.slow
 def test_resampled_moda_is_that_of_the_frames(wildtrack):
     metrics = score(localize(wildtrack, cf.Settings.paper()), wildtrack, tracking=False).detection
     drawn = sigma_curve.resampled_moda(metrics, np.random.default_rng(0))
@@ -114,6 +117,7 @@ def test_resampled_moda_is_that_of_the_frames(wildtrack):
     np.testing.assert_allclose(drawn, metrics.moda)
 
 
+@pytest.mark.slow
 def test_the_curve_pools_cameras_and_windows():
     table = sigma_curve.table(TINY)
     settings = [row[2] for row in rows_of(table)[1:]]
@@ -171,6 +175,7 @@ def test_held_out_blocks_without_data_are_skipped_and_judged_by_their_order():
     assert "not reproduced" in other[0]
 
 
+@pytest.mark.slow
 def test_the_alignment_table_refits_without_each_camera():
     table = leave_one_out.table(TINY)
     rows = rows_of(table)[1:]
@@ -201,6 +206,7 @@ def test_the_unseen_rig_is_judged_by_the_papers_mean():
     assert "not reproduced" in unseen_rig.judge("refined", "paper", [60.0])
 
 
+@pytest.mark.slow
 def test_the_unseen_rig_table_has_every_rig_and_says_which_failed(monkeypatch):
     first = unseen_rig.sequence(0, 4)
     made = {"disturbed": first.scene, "refined": first.true_scene, "people alone": None}

@@ -58,6 +58,7 @@ def test_rig_and_ground_are_off_by_what_the_axis_says():
     np.testing.assert_allclose(angle, 2, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_windows_share_their_scored_middle():
     short, long = frames.window(8, 0, 6), frames.window(32, 0, 6)
     np.testing.assert_array_equal(short.frames, long.frames)

@@ -39,11 +39,13 @@ def furthest(found, right):
     return np.nanmax(np.linalg.norm(away, axis=1))
 
 
+@pytest.mark.slow
 def test_a_rig_in_order_stays_as_it_is(loop, right):
     assert loop.replace_outliers(right) is right
     assert loop.replace_blocking(right) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [(1.5, -1.0), (2.5, -1.7), (-2.0, 2.0)])
 def test_a_camera_beside_its_place_is_taken_to_it(loop, right, step):
     found = loop.settle(moved(right, WRONG, *step))
@@ -51,6 +53,7 @@ def test_a_camera_beside_its_place_is_taken_to_it(loop, right, step):
     assert furthest(found, right) < 0.3
 
 
+@pytest.mark.slow
 def test_a_camera_without_people_is_placed_anew(loop, right):
     away = loop.refine(moved(right, WRONG, 2.5, -1.7))
     assert furthest(away, right) > 1.0
@@ -59,6 +62,7 @@ def test_a_camera_without_people_is_placed_anew(loop, right):
     assert furthest(found, right) < 0.3
 
 
+@pytest.mark.slow
 def test_a_rig_that_lacks_a_camera_and_has_another_beside_its_place(loop, right):
     lacking = without_camera(moved(right, WRONG, 1.5, -1.0), MISSING, SETTINGS.calibration)
     found = loop.settle(lacking)
@@ -74,6 +78,7 @@ def test_three_cameras_do_not_tell_which_of_them_is_wrong(loop, right):
     assert loop.replace_outliers(few) is few
 
 
+@pytest.mark.slow
 def test_a_camera_that_fits_nowhere_is_flagged_in_the_end(world, loop, right):
     assert loop.without_outliers(right) is right
     beside = moved(right, WRONG, 2.5, -1.7)

@@ -74,6 +74,7 @@ def test_elimination_solves_the_whole_system(seed):
     np.testing.assert_allclose(shift.reshape(-1), solution[28:], atol=1e-4 * scale)
 
 
+@pytest.mark.slow
 def test_finds_the_minimum_that_scipy_finds():
     rng, cameras, points, sightings = small_problem(3, noise=2.0, people=6)
     start = cameras.moved(np.column_stack([rng.normal(0, 0.01, (4, 6)), rng.normal(0, 0.02, 4)]))
@@ -149,6 +150,7 @@ def disturbed():
     return world, refine(world.detections, world.scene, PAPER, rounds=4)
 
 
+@pytest.mark.slow
 def test_halves_the_error_of_a_disturbed_rig(disturbed):
     world, found = disturbed
     assert centre_error(found.scene, world) < 0.5 * centre_error(world.scene, world)
@@ -205,6 +207,7 @@ def test_a_camera_that_is_not_registered_stays_out():
     np.testing.assert_array_equal(np.asarray(found.scene.rig.K)[2], np.asarray(scene.rig.K)[2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [PAPER, Settings()], ids=["paper", "evidence"])
 def test_what_cannot_be_refined_is_refused(method):
     world = make_world("ring4", 0, frames=3, people=4)

@@ -58,11 +58,13 @@ def test_runs_are_few_frames_in_neighbours(frames, most):
         assert min(map(len, runs)) >= min(RUN, most)
 
 
+@pytest.mark.slow
 def test_halves_the_error_of_a_disturbed_rig(disturbed):
     world, found = disturbed
     assert centre_error(found.scene, world) < 0.5 * centre_error(world.scene, world)
 
 
+@pytest.mark.slow
 def test_stops_when_the_residual_stops_falling_and_the_best_round_wins(disturbed):
     world, found = disturbed
     assert len(found.residuals) == len(found.people) < 26
@@ -88,6 +90,7 @@ def test_the_rig_as_a_whole_stays_in_place_and_size(disturbed):
     np.testing.assert_allclose(mean, 0, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_right_rig_stays():
     world = small_world(RIGHT)
     found = refine(world.detections, world.scene)
@@ -101,6 +104,7 @@ def test_a_right_rig_stays():
     assert np.degrees(turn.magnitude()).max() < 0.5
 
 
+@pytest.mark.slow
 def test_order_of_cameras_does_not_matter(disturbed):
     world, found = disturbed
     order = np.array([3, 0, 4, 1, 2])
@@ -120,6 +124,7 @@ def test_order_of_cameras_does_not_matter(disturbed):
     np.testing.assert_allclose(np.asarray(again.scene.rig.centers), expected, atol=atol)
 
 
+@pytest.mark.slow
 def test_similarity_of_the_scene_moves_the_result(disturbed):
     world, _ = disturbed
     turn = Rotation.from_euler("xyz", [1.0, 2.0, 3.0]).as_matrix()
@@ -133,6 +138,7 @@ def test_similarity_of_the_scene_moves_the_result(disturbed):
     np.testing.assert_allclose(np.asarray(there.scene.rig.centers), expected, atol=atol)
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_not_registered_stays_out_and_the_ground_may_stay(disturbed):
     world, _ = disturbed
     scene, known = without_camera(world.scene, 2)
@@ -145,6 +151,7 @@ def test_a_camera_that_is_not_registered_stays_out_and_the_ground_may_stay(distu
     np.testing.assert_array_equal(found.scene.ground.normal, scene.ground.normal)
 
 
+@pytest.mark.slow
 def test_edges_that_the_image_border_cuts_do_not_stop_it(disturbed):
     world, _ = disturbed
     boxes, rig = world.detections, world.scene.rig

@@ -79,6 +79,7 @@ def one_sentence(capsys):
     return error
 
 
+@pytest.mark.slow
 def test_every_file_of_the_results_can_be_read_again(results, outcome):
     tracks = read_tracks_csv(results / "tracks.csv")
     np.testing.assert_array_equal(tracks.position, outcome.localization.tracks.position)
@@ -98,6 +99,7 @@ def test_every_file_of_the_results_can_be_read_again(results, outcome):
     assert leftovers == []
 
 
+@pytest.mark.slow
 def test_what_a_killed_run_left_over_goes_and_all_else_stays(outcome, tmp_path):
     folders = {path.parent for path in write_results(tmp_path, outcome)}
     assert len(folders) > 3
@@ -116,6 +118,7 @@ def test_what_a_killed_run_left_over_goes_and_all_else_stays(outcome, tmp_path):
     assert all(path.exists() for path in kept)
 
 
+@pytest.mark.slow
 def test_every_camera_has_files_of_its_own(outcome, tmp_path):
     alike = dataclasses.replace(outcome, camera_names=("a/b", "a_b", "a b"))
     write_results(tmp_path, alike, pictures=False)
@@ -276,6 +279,7 @@ def test_thresholds_are_told_in_words(outcome):
     assert not any(name in text for name in THRESHOLD_NAMES)
 
 
+@pytest.mark.slow
 def test_plot_draws_again(results, tmp_path, capsys):
     pytest.importorskip("matplotlib")
     assert cli.main(["plot", str(results), "--out", str(tmp_path / "p")]) == 0
@@ -321,6 +325,7 @@ def test_results_that_cannot_be_written(outcome, tmp_path):
         write_results(tmp_path / "file" / "out", outcome, pictures=False)
 
 
+@pytest.mark.slow
 def test_calibrate_and_run_on_footage_without_people(tmp_path, capsys):
     videos = []
     for camera in range(2):
@@ -338,6 +343,7 @@ def test_calibrate_and_run_on_footage_without_people(tmp_path, capsys):
         assert not (out / "scene.json").exists()
 
 
+@pytest.mark.slow
 def test_run_with_a_known_scene(world, tmp_path, capsys):
     videos = []
     rng = np.random.default_rng(0)
@@ -360,6 +366,7 @@ def test_run_with_a_known_scene(world, tmp_path, capsys):
     assert list((out / "cache").glob("boxes-*.npz"))
 
 
+@pytest.mark.slow
 def test_results_are_written_before_the_overlay(world, tmp_path, monkeypatch, capsys):
     videos = []
     for camera in range(3):
@@ -387,6 +394,7 @@ def test_help_needs_no_video_library():
     assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
 
 
+@pytest.mark.slow
 def test_a_process_says_one_sentence_about_a_video_that_is_none(tmp_path):
     for name in ("a.mp4", "b.mp4"):
         (tmp_path / name).write_bytes(b"no video" * 100)

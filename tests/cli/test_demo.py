@@ -52,6 +52,7 @@ def answer(world, scale=1.0, registered=None):
     return RunOutcome(found, world.detections, scene, None, names, np.arange(FRAMES))
 
 
+@pytest.mark.slow
 def test_the_truth_scores_full_marks_in_any_frame(world):
     for result in score(world, answer(world)):
         assert result.moda == pytest.approx(100)
@@ -71,6 +72,7 @@ def test_a_wrong_scale_counts_only_after_rigid_alignment(world):
     assert np.nanmin(rigid.centre_error) > 0.5
 
 
+@pytest.mark.slow
 def test_a_lost_camera_is_told_and_left_out_of_the_alignment(world):
     known = np.array([True, True, False, True])
     outcome = answer(world, registered=known)
@@ -90,6 +92,7 @@ def test_truth_is_drawn_where_the_tracks_are(world):
         np.testing.assert_allclose(tracks[same][0, 2:], row[2:], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_the_pipeline_gets_the_files_and_nothing_else(tmp_path, monkeypatch):
     """All the way through pictures and report, with an answer in place of the pipeline."""
     given, made = [], []

@@ -42,6 +42,7 @@ def reported_stages() -> dict[str, set[str]]:
     return found
 
 
+@pytest.mark.slow
 def test_every_reported_stage_has_a_label_and_every_label_a_stage():
     reported = reported_stages()
     unnamed = {stage: where for stage, where in reported.items() if stage not in STAGE_LABELS}

@@ -44,6 +44,7 @@ def inside_by_opencv(rig, points):
     return np.array(seen)
 
 
+@pytest.mark.slow
 @settings(max_examples=8)  # each compares 30 places one by one
 @given(seed=SEEDS)
 def test_sigma_and_visibility_are_those_of_the_geometry(x64, seed):
@@ -65,6 +66,7 @@ def test_sigma_and_visibility_are_those_of_the_geometry(x64, seed):
     assert np.isinf(result.sigma[result.cameras < 2]).all()
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 def test_removing_a_camera_never_lowers_sigma(seed):
     scene = scene_of(seed)
@@ -77,6 +79,7 @@ def test_removing_a_camera_never_lowers_sigma(seed):
         assert rest.covered <= whole.covered
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, camera=st.integers(0, 3))
 def test_adding_the_removed_camera_back_gives_the_whole_map(seed, camera):
     scene = scene_of(seed)
@@ -116,6 +119,7 @@ def test_one_more_camera_never_makes_any_place_worse(seed, place, target):
     np.testing.assert_allclose(gain.sigma_ratio[blind], 1, rtol=1e-4)
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(seed=SEEDS, scale=st.floats(0.05, 20.0), turn=st.floats(-3.0, 3.0))
 def test_what_a_camera_gives_moves_with_the_scene(x64, seed, scale, turn):
@@ -159,6 +163,7 @@ def test_the_order_of_cameras_has_no_effect(seed, order):
     np.testing.assert_allclose(after.sigma, before.sigma, rtol=1e-4)
 
 
+@pytest.mark.slow
 @given(
     seed=SEEDS,
     scale=st.floats(0.01, 100.0),
@@ -239,6 +244,7 @@ def test_accuracy_is_the_gaussian_mass_in_the_disc():
     assert one.area == (-0.5, 1.5, -0.5, 1.5)
 
 
+@pytest.mark.slow
 def test_heads_must_be_in_the_picture_if_a_height_is_given(x64):
     scene = scene_of(7)
     feet = coverage(scene, (-12.0, 12.0, -12.0, 12.0), resolution=1.0)
@@ -249,6 +255,7 @@ def test_heads_must_be_in_the_picture_if_a_height_is_given(x64):
     assert tall.visible.sum() < feet.visible.sum()
 
 
+@pytest.mark.slow
 def test_points_that_a_lens_polynomial_folds_back_are_not_seen(x64):
     scene = scene_of(1)
     lens = np.tile([-0.35, 0.0, 0.0, 0.0, 0.0], (4, 1))
@@ -321,6 +328,7 @@ def test_float32_agrees_with_float64():
     np.testing.assert_allclose(single.sigma, double.sigma, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_medians_of_the_public_calibration(shared):
     scene = read_uniform_json(shared / "data/real/wildtrack_0_715.json").scene
     medians = []

@@ -34,6 +34,7 @@ transforms = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(transforms)
 def test_centres_of_a_moved_scene_are_aligned_exactly(world_from_scene):
     scene = np.asarray(world_from_scene.inverse()(CENTRES))
@@ -42,6 +43,7 @@ def test_centres_of_a_moved_scene_are_aligned_exactly(world_from_scene):
     assert float(aligned.scale) == pytest.approx(float(world_from_scene.scale), rel=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(transforms)
 def test_scores_do_not_depend_on_the_frame_of_the_scene(scene_from_world):
@@ -66,6 +68,7 @@ def test_scores_do_not_depend_on_the_frame_of_the_scene(scene_from_world):
     assert result.value == pytest.approx(expected.value, abs=1e-7)
 
 
+@pytest.mark.slow
 def test_fixed_scale_is_rigid():
     aligned = evaluation.align_centres(2 * CENTRES, CENTRES, fixed_scale=True)
     assert float(aligned.scale) == 1.0
@@ -144,6 +147,7 @@ def test_bad_shapes_are_refused(call, message):
         call()
 
 
+@pytest.mark.slow
 @given(st.floats(-0.03, 0.03), st.floats(0.98, 1.02), st.floats(-0.1, 0.1))
 def test_a_small_similarity_between_people_is_undone(angle, scale, shift):
     random = np.random.default_rng(4)
@@ -161,6 +165,7 @@ def test_a_small_similarity_between_people_is_undone(angle, scale, shift):
     assert str(result).startswith(f"RMS {result.rms_before:.3f} m before, 0.000 m after")
 
 
+@pytest.mark.slow
 def test_without_double_precision_it_is_accurate_to_a_millimetre():
     with jax.enable_x64(False):
         scene = np.asarray(transform(0.4, 0.3, 0.2, 5.0)(CENTRES), dtype=np.float64)
@@ -176,6 +181,7 @@ def test_positions_without_partners_are_refused():
         evaluation.align_positions([[0, 1, 0, 0]], [[0, 1, 0.1, 0], [0, 2, 9, 9]])
 
 
+@pytest.mark.slow
 def test_reference_similarities(shared):
     compared = 0
     for case in json.loads((shared / "vectors" / "umeyama.json").read_text())["cases"]:

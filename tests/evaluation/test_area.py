@@ -23,6 +23,7 @@ def test_crop_keeps_exactly_the_rows_inside_and_is_idempotent(table):
     assert evaluation.crop(table, {"x": AREA[:2], "y": AREA[2:]}).tolist() == expected
 
 
+@pytest.mark.slow
 @given(tables, tables)
 def test_ignoring_the_outside_equals_cropping_both(truth, predicted):
     result = evaluation.detection_metrics_in_area(truth, predicted, AREA, range(4))

@@ -42,6 +42,7 @@ def scores(truth, predicted, frames):
     )
 
 
+@pytest.mark.slow
 @given(people(), people())
 def test_a_listed_frame_without_rows_changes_no_score(truth, predicted):
     np.testing.assert_array_equal(
@@ -52,6 +53,7 @@ def test_a_listed_frame_without_rows_changes_no_score(truth, predicted):
     assert metrics.tp_per_frame[-1] == metrics.fp_per_frame[-1] == metrics.fn_per_frame[-1] == 0
 
 
+@pytest.mark.slow
 @given(people(), people(), st.sets(st.integers(0, 3), min_size=1))
 def test_rows_of_frames_that_are_not_listed_are_as_if_they_were_not_there(truth, predicted, frames):
     def listed(rows):

@@ -186,6 +186,7 @@ SAME_NAMES = (
 PERCENT = ("mota", "idf1", "idp", "idr", "precision", "recall")
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(
     st.integers(0, 10**6),

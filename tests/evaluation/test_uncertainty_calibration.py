@@ -32,6 +32,7 @@ def test_honest_covariances_cover_their_level(level):
     assert coverage.squared_mahalanobis.mean() == pytest.approx(2.0, abs=0.15)
 
 
+@pytest.mark.slow
 def test_overconfidence_is_seen_and_measured():
     coverage = evaluation.ellipse_coverage(*simulate(1, reported=0.5), threshold=5.0)
     # With half the sigma the 95 % ellipse holds 1 - 0.05^(1/4) of a plane Gaussian.
@@ -40,6 +41,7 @@ def test_overconfidence_is_seen_and_measured():
     assert "matched positions inside the 95 % ellipse" in str(coverage)
 
 
+@pytest.mark.slow
 @given(st.floats(-3, 3), st.floats(0.3, 3))
 def test_rotating_or_scaling_the_world_changes_no_mahalanobis_distance(angle, scale):
     truth, predicted, covariance = simulate(2, n=30)

@@ -1,7 +1,10 @@
 import re
 import sys
 
+import pytest
 
+
+@pytest.mark.slow
 def test_finds_the_cameras_and_scores_all_three_rigs(
     load_example, write_sequence, monkeypatch, capsys
 ):

@@ -16,6 +16,7 @@ def sequence_file(write_sequence):
     return write_sequence(frames=12, people=6)
 
 
+@pytest.mark.slow
 def test_reports_every_block_the_whole_and_the_filters(example, sequence_file, tmp_path, capsys):
     example.run(sequence_file, "paper", tmp_path)
     text = capsys.readouterr().out

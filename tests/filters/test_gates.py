@@ -67,6 +67,7 @@ def keep_by_hand(sigma, distance, weight, candidate, gates):
     }[gates]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gates", EVERY_ORDER)
 @given(drawn=rows)
 def test_every_order_equals_its_rule(x64, gates, drawn):
@@ -76,6 +77,7 @@ def test_every_order_equals_its_rule(x64, gates, drawn):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gates", EVERY_ORDER)
 @given(drawn=rows)
 def test_every_candidate_has_one_fate(gates, drawn):
@@ -85,6 +87,7 @@ def test_every_candidate_has_one_fate(gates, drawn):
     np.testing.assert_array_equal(fates.sum(0), table[3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gates", EVERY_ORDER)
 @pytest.mark.parametrize("fixed_quantile", [None, 0.6])
 @given(drawn=rows, data=st.data())
@@ -101,6 +104,7 @@ def test_order_and_unit_do_not_matter(gates, fixed_quantile, drawn, data):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fixed_quantile", [None, 0.3])
 def test_the_second_threshold_comes_from_the_survivors(fixed_quantile):
     random = np.random.default_rng(0)
@@ -115,6 +119,7 @@ def test_the_second_threshold_comes_from_the_survivors(fixed_quantile):
     assert outcome.tau_support == -np.inf
 
 
+@pytest.mark.slow
 def test_orders_by_hand():
     # Three good hypotheses; one uncertain, one off the ground, one with little support.
     sigma = np.array([1, 1.1, 1.2, 50, 1.1, 1.0], np.float32)
@@ -132,6 +137,7 @@ def test_orders_by_hand():
     np.testing.assert_array_equal(np.flatnonzero(added.unsupported), [5])
 
 
+@pytest.mark.slow
 def test_infinite_sigma_is_never_certain():
     sigma = np.full(4, np.inf, np.float32)
     ones = np.ones(4, np.float32)
@@ -142,6 +148,7 @@ def test_infinite_sigma_is_never_certain():
     assert ignored.keep.all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gates", EVERY_ORDER)
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_equal_hypotheses_all_pass(dtype, gates, count):
@@ -152,6 +159,7 @@ def test_equal_hypotheses_all_pass(dtype, gates, count):
     assert outcome.tau_sigma.dtype == outcome.tau_g.dtype == outcome.tau_support.dtype == dtype
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gates", EVERY_ORDER)
 def test_a_point_on_the_ground_passes_the_ground_gate(gates):
     distance = np.array([0, 0, 1, 1.1, 40], np.float32)

@@ -49,12 +49,14 @@ def exact_otsu(sample):
     return (lower + upper) / 2
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(sample=whole_numbers)
 def test_otsu_equals_exact_arithmetic(x64, sample):
     assert filters.otsu(*padded(sample, np.float64)) == float(exact_otsu(sample))
 
 
+@pytest.mark.slow
 @given(sample=st.lists(st.floats(-1e6, 1e6, width=32), min_size=1, max_size=SIZE))
 def test_otsu_attains_the_largest_criterion(dtype, sample):
     threshold = float(filters.otsu(*padded(sample, dtype)))
@@ -68,6 +70,7 @@ def test_otsu_attains_the_largest_criterion(dtype, sample):
     assert attained[0] >= best * (1 - 40 * np.finfo(dtype).eps)
 
 
+@pytest.mark.slow
 @given(sample=whole_numbers, shift=st.integers(-50, 50), factor=st.sampled_from([1e-3, 0.7, 900.0]))
 def test_otsu_follows_shift_and_scale(dtype, sample, shift, factor):
     values, member = padded(sample, dtype)
@@ -92,6 +95,7 @@ def test_log_otsu_is_otsu_of_the_logarithms(x64, sample):
     np.testing.assert_allclose(filters.log_otsu(values, member), expected, rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["otsu", "log_otsu", "otsu_separability"])
 @given(sample=positive_floats, data=st.data())
 def test_order_does_not_matter(name, sample, data):
@@ -110,6 +114,7 @@ def test_masked_out_is_left_out(name, filler, sample):
     assert estimate(*padded(sample, np.float32, filler)) == alone
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["otsu", "log_otsu", "otsu_separability"])
 def test_mask_equals_a_shorter_array(dtype, name):
     estimate = getattr(filters, name)
@@ -120,6 +125,7 @@ def test_mask_equals_a_shorter_array(dtype, name):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["otsu", "log_otsu", "otsu_separability"])
 def test_jit_and_vmap_equal_the_plain_function(dtype, name):
     estimate = getattr(filters, name)
@@ -143,6 +149,7 @@ def test_separability_is_the_explained_share_of_the_variance(x64, sample):
     np.testing.assert_allclose(measured, expected, rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sample", "expected"),
     [
@@ -197,6 +204,7 @@ def test_whole_numbers_become_the_default_float():
     assert filters.otsu(jnp.array([1, 2, 9, 10])).dtype == jnp.float32
 
 
+@pytest.mark.slow
 def test_neighbouring_floats_are_still_separated(dtype):
     low = dtype.type(1)
     high = np.nextafter(low, dtype.type(2))
@@ -211,6 +219,7 @@ def test_large_floats_do_not_overflow(dtype):
     assert np.isfinite(filters.log_otsu(np.array([largest / 4, largest], dtype)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", ["lognormal", "two clumps", "far from zero"])
 def test_many_float32_values_split_as_in_float64(x64, draw):
     random = np.random.default_rng(5)
@@ -230,6 +239,7 @@ def test_many_float32_values_split_as_in_float64(x64, draw):
     assert abs(np.searchsorted(ordered, threshold, "right") - (best + 1)) <= 30
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["otsu", "log_otsu", "otsu_separability"])
 @pytest.mark.parametrize(
     "sample", [[1, 2, 4, 8], [3, 3, 3, 3], [np.nan, np.inf, 0, 2], [np.nan] * 4, [0, 0, 0, 0]]

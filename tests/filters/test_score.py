@@ -38,6 +38,7 @@ def score_by_hand(signals):
     return standardized @ weights / weights.sum(), weights
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 1000), flip=st.booleans())
 def test_score_equals_its_definition(x64, seed, flip):
     signals, _ = signals_of(seed)
@@ -51,6 +52,7 @@ def test_score_equals_its_definition(x64, seed, flip):
     assert (result.weights[Signal.RECONSTRUCTION_CONFIDENCE] > 0) == (not flip)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 1000), data=st.data())
 def test_units_and_order_do_not_matter(x64, seed, data):
     signals, _ = signals_of(seed, 20)
@@ -63,6 +65,7 @@ def test_units_and_order_do_not_matter(x64, seed, data):
     np.testing.assert_allclose(moved.weights, plain.weights, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_the_score_ranks_better_than_any_signal(seed):
     signals, good = signals_of(seed)
@@ -74,6 +77,7 @@ def test_the_score_ranks_better_than_any_signal(seed):
     assert share_of_pairs_in_order(np.asarray(score_of(signals).score)) >= best_signal
 
 
+@pytest.mark.slow
 def test_masked_out_is_left_out(dtype):
     signals, _ = signals_of(1, 20)
     signals = signals.astype(dtype)
@@ -115,6 +119,7 @@ def test_a_missing_entry_counts_as_average():
     np.testing.assert_allclose(result.score, by_hand, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_few_hypotheses(dtype, count):
     result = score_of(np.arange(count * 7).reshape(count, 7).astype(dtype))
@@ -171,6 +176,7 @@ def project(K, R, t, point):
     return pixel[:2] / pixel[2]
 
 
+@pytest.mark.slow
 @given(view=views(), height=st.floats(0.3, 2.5), lift=st.floats(-0.5, 0.5))
 def test_implied_height_is_the_height_of_what_is_projected(x64, view, height, lift):
     K, R, t, foot, normal, offset = view
@@ -199,6 +205,7 @@ def test_implied_height_is_the_nearest_approach_and_follows_scale(x64, view, shi
     np.testing.assert_allclose(scaled, measured * factor, rtol=1e-8, atol=1e-8 * factor)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("foot", [[0, 0, 0], [0, 0, 5], [4, 0, 0]])
 def test_implied_height_is_finite_for_a_camera_looking_down(dtype, foot):
     K, R = np.diag([800, 800, 1]).astype(dtype), np.diag([1, -1, -1]).astype(dtype)

@@ -91,6 +91,7 @@ def looking_at(*angles):
     return np.stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))], -1)[None]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("angles", "weights", "expected"),
     [
@@ -115,6 +116,7 @@ def test_no_rays_at_all():
     assert filters.weighted_support(index, np.zeros((2, 0))) == 0
 
 
+@pytest.mark.slow
 def test_a_position_at_a_camera_is_not_seen_by_it():
     index = filters.support(
         np.zeros(3), np.zeros((1, 3)), looking_at(0.0).astype(np.float32), np.ones((1, 1)), RADIUS
@@ -129,6 +131,7 @@ def test_weighted_support_sums_the_chosen_rays(dtype):
     assert total.dtype == dtype
 
 
+@pytest.mark.slow
 def test_vmap_equals_a_loop(dtype):
     random = np.random.default_rng(0)
     origins = random.normal(size=(5, 10, 3)).astype(dtype) * 10

@@ -37,6 +37,7 @@ def suppress_by_hand(positions, priority, radius, where):
     return keep
 
 
+@pytest.mark.slow
 @given(drawn=places, radius=radii)
 def test_suppress_equals_a_loop(drawn, radius):
     positions, priority, where = arrays(drawn)
@@ -94,6 +95,7 @@ def test_suppressing_twice_changes_nothing(drawn, radius):
     assert not np.any(outside(positions, keep, radius, where))
 
 
+@pytest.mark.slow
 def test_a_chain_by_hand(dtype):
     # Each of a chain is in reach of the next only: the strongest end keeps every second one.
     positions = np.stack([np.arange(6), np.zeros(6)], -1).astype(dtype)
@@ -103,12 +105,14 @@ def test_a_chain_by_hand(dtype):
     assert filters.suppress(positions, middle, 1.0).tolist() == [1, 0, 1, 0, 1, 0]
 
 
+@pytest.mark.slow
 def test_later_columns_break_ties(dtype):
     positions = np.zeros((3, 2), dtype)
     priority = np.array([[2, 0], [2, 1], [1, 9]], dtype)
     assert filters.suppress(positions, priority, 1.0).tolist() == [False, True, False]
 
 
+@pytest.mark.slow
 def test_degenerate_sizes(dtype):
     assert filters.suppress(np.zeros((0, 2), dtype), np.zeros(0, dtype), 1.0).shape == (0,)
     assert filters.suppress(np.zeros((1, 2), dtype), np.zeros(1, dtype), 1.0).tolist() == [True]
@@ -118,6 +122,7 @@ def test_degenerate_sizes(dtype):
     assert same.tolist() == [True, False, False]
 
 
+@pytest.mark.slow
 def test_vmap_equals_a_loop(dtype):
     random = np.random.default_rng(0)
     positions = random.random((4, 30, 2)).astype(dtype)

@@ -2,6 +2,7 @@
 
 import jax
 import numpy as np
+import pytest
 from hypothesis import given, strategies as st
 
 from catfree.geometry._buckets import SHORT, coarse_length, fine_length, in_blocks
@@ -43,6 +44,7 @@ def test_longer_arrays_never_get_shorter_lengths(count, other):
     assert coarse_length(low, 64) <= coarse_length(high, 64)
 
 
+@pytest.mark.slow
 def test_few_lengths_serve_a_million_rows():
     assert len({fine_length(count) for count in range(1, 10**6, 37)}) <= 60
     assert {coarse_length(count, 16384) for count in range(1, 10**6, 37)} == {

@@ -78,6 +78,7 @@ def clouds(draw, count=8):
     return points, weights
 
 
+@pytest.mark.slow
 @given(clouds())
 def test_fit_is_the_smallest_principal_axis(x64, cloud):
     points, weights = cloud
@@ -91,6 +92,7 @@ def test_fit_is_the_smallest_principal_axis(x64, cloud):
     np.testing.assert_allclose(residual, values[0], rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.slow
 @given(clouds(count=5))
 def test_fit_differentiates(x64, cloud):
     reverse, forward = fit_reverse(*cloud), fit_forward(*cloud)
@@ -110,6 +112,7 @@ def test_fit_differentiates(x64, cloud):
             )
 
 
+@pytest.mark.slow
 @given(clouds())
 def test_absent_points_do_not_count(x64, cloud):
     points, weights = cloud
@@ -119,6 +122,7 @@ def test_absent_points_do_not_count(x64, cloud):
     assert (np.asarray(fit_reverse(padded, more)[0][:, -1]) == 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "points",
     [np.zeros((4, 3)), np.outer(np.arange(4.0), [1, 2, 3]), np.eye(4, 3), np.full((4, 3), 1e4)],
@@ -138,6 +142,7 @@ def scene_cloud(rng, floor=300, clutter=200):
     return np.concatenate([ground, above])
 
 
+@pytest.mark.slow
 @given(
     st.integers(0, 20),
     hnp.arrays(np.float64, 6, elements=st.floats(-3, 3)),
@@ -160,6 +165,7 @@ def test_ransac_finds_the_floor_wherever_the_scene_is_moved(x64, seed, motion, s
     np.testing.assert_allclose(moved.plane.offset, expected.offset, atol=1e-7 * scale)
 
 
+@pytest.mark.slow
 def test_ransac_prefers_the_floor_to_clutter_with_a_given_threshold_and_orientation(x64):
     cloud = scene_cloud(np.random.default_rng(0), floor=60, clutter=300)
     found = geometry.fit_plane_ransac(
@@ -170,6 +176,7 @@ def test_ransac_prefers_the_floor_to_clutter_with_a_given_threshold_and_orientat
     np.testing.assert_array_equal(found.inliers, distances <= 0.06)
 
 
+@pytest.mark.slow
 def test_ransac_ignores_points_that_are_masked_out():
     cloud = scene_cloud(np.random.default_rng(0)).astype(np.float32)
     mask = np.ones(len(cloud), bool)
@@ -181,6 +188,7 @@ def test_ransac_ignores_points_that_are_masked_out():
     assert not found.inliers[~mask].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 1, 2, 3])
 def test_ransac_of_too_few_points_is_finite(count):
     points = np.arange(12, dtype=np.float32).reshape(4, 3) ** 2
@@ -190,6 +198,7 @@ def test_ransac_of_too_few_points_is_finite(count):
     assert found.inliers.sum() <= count
 
 
+@pytest.mark.slow
 def test_ransac_leaves_out_points_that_are_not_finite():
     rng = np.random.default_rng(0)
     ground = np.c_[rng.uniform(-5, 5, (50, 2)), np.zeros(50)]

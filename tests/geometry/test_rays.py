@@ -43,6 +43,7 @@ def rotation(vector: np.ndarray) -> np.ndarray:
     return cv2.Rodrigues(vector)[0]
 
 
+@pytest.mark.slow
 @given(rotation_vectors, positions, pixels, lenses, st.floats(0.5, 50))
 def test_projecting_a_point_of_the_ray_gives_the_pixel(x64, turn, t, pixel, lens, depth):
     R = rotation(turn)
@@ -54,6 +55,7 @@ def test_projecting_a_point_of_the_ray_gives_the_pixel(x64, turn, t, pixel, lens
     np.testing.assert_allclose(np.linalg.norm(direction), 1, atol=1e-14)
 
 
+@pytest.mark.slow
 @given(rotation_vectors, positions, positions, lenses)
 def test_projection_agrees_with_opencv(x64, turn, t, point, lens):
     R = rotation(turn)
@@ -76,6 +78,7 @@ def test_undistortion_agrees_with_opencv(x64, pixel):
     np.testing.assert_allclose(back_project(K, pixel, WIDE_LENS), expected, atol=1e-9)
 
 
+@pytest.mark.slow
 @given(pixels)
 def test_undistortion_differentiates_as_the_inverse(x64, pixel):
     jacobian = np.asarray(back_project_jacobian(K, pixel, WIDE_LENS))
@@ -84,6 +87,7 @@ def test_undistortion_differentiates_as_the_inverse(x64, pixel):
     np.testing.assert_allclose(jacobian @ forward, np.eye(2), atol=1e-8)
 
 
+@pytest.mark.slow
 @given(hnp.arrays(np.float64, 2, elements=st.floats(-50, 50)), lenses)
 def test_undistortion_stays_finite_far_outside_the_image(point, lens):
     point, lens = point.astype(np.float32), lens.astype(np.float32)
@@ -93,6 +97,7 @@ def test_undistortion_stays_finite_far_outside_the_image(point, lens):
     assert np.isfinite(gradient).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("point", [[0, 0, 0], [0, 0, -2.0], [1e-20, 0, 0], [5, 1, 0], [1, 0, 1e-9]])
 def test_points_beside_and_behind_a_camera_project_to_something_finite(point):
     point = jnp.asarray(point, jnp.float32)
@@ -128,6 +133,7 @@ def test_small_angles_keep_their_digits_in_float32_where_the_arccosine_loses_the
     assert np.isfinite(gradient).all()
 
 
+@pytest.mark.slow
 def test_a_position_at_the_camera_centre_is_at_a_right_angle_with_zero_gradient():
     origin, direction = jnp.array([1.0, 2, 3]), jnp.array([0.0, 0, 1])
     assert geometry.angular_residual(origin, origin, direction) == np.float32(math.pi / 2)

@@ -41,6 +41,7 @@ def in_general_position(cloud, least=0.5):
     assume(np.linalg.svd(cloud - cloud.mean(0), compute_uv=False)[1] > least)
 
 
+@pytest.mark.slow
 @given(similarities(), similarities(), points)
 def test_group_laws(x64, a, b, cloud):
     a, b = Similarity(*a), Similarity(*b)
@@ -61,6 +62,7 @@ def test_fit_recovers_an_exact_similarity(x64, truth, cloud):
     np.testing.assert_allclose(found(cloud), truth(cloud), atol=1e-8 * float(truth.scale))
 
 
+@pytest.mark.slow
 @given(similarities(), points, noises)
 def test_fit_is_equivariant_in_both_frames(x64, move, cloud, noise):
     target = cloud + noise
@@ -95,6 +97,7 @@ def test_no_nearby_similarity_fits_better(x64, cloud, noise, nudge, fixed_scale)
         assert found.scale == 1
 
 
+@pytest.mark.slow
 @given(points, noises)
 def test_derivatives_agree_with_finite_differences_in_both_modes(x64, cloud, noise):
     target = cloud + noise
@@ -119,6 +122,7 @@ def test_derivatives_agree_with_finite_differences_in_both_modes(x64, cloud, noi
             )
 
 
+@pytest.mark.slow
 @given(points)
 def test_absent_pairs_do_not_count(x64, cloud):
     in_general_position(cloud)
@@ -131,6 +135,7 @@ def test_absent_pairs_do_not_count(x64, cloud):
     assert (np.asarray(gradient[:, -1]) == 0).all()
 
 
+@pytest.mark.slow
 def test_reference_cases(x64, shared):
     cases = json.loads((shared / "vectors/umeyama.json").read_text())["cases"]
     assert len(cases) == 19
@@ -163,6 +168,7 @@ DEGENERATE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("name", DEGENERATE)
 def test_degenerate_points_raise_when_concrete_and_are_finite_when_traced(x64, name, dtype):
@@ -204,6 +210,7 @@ def ring_scene(dtype=np.float64):
     return Scene.from_rig(rig, Plane(np.array([0, 0, 1], dtype), dtype(0)), metric=True)
 
 
+@pytest.mark.slow
 @given(similarities(), hnp.arrays(np.float64, 3, elements=st.floats(-3, 3)))
 def test_moved_points_keep_pixels_and_relative_distances_in_the_moved_scene(x64, move, point):
     move = Similarity(*move)

@@ -48,6 +48,7 @@ def test_float32_error_is_backward_stable(entries, vector, exponent):
     np.testing.assert_allclose(found, expected, atol=tolerance)
 
 
+@pytest.mark.slow
 @given(entries, st.floats(-5, 0))
 def test_reciprocal_condition_brackets_the_eigenvalue_ratio(x64, entries, exponent):
     matrix = with_eigenvalues(entries, np.array([1, 10 ** (exponent / 2), 10**exponent]))
@@ -57,6 +58,7 @@ def test_reciprocal_condition_brackets_the_eigenvalue_ratio(x64, entries, expone
     assert ratio / 9 * (1 - 1e-6) <= found <= ratio * (1 + 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize(
     "matrix",

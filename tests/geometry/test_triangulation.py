@@ -64,6 +64,7 @@ def huber_loss(position, origins, directions, weights, delta=DELTA):
     return np.sum(weights * near * (distances - near / 2))
 
 
+@pytest.mark.slow
 @given(sightings(noise=0.0))
 def test_exact_rays_meet_in_their_point(x64, case):
     origins, directions, _ = case
@@ -73,6 +74,7 @@ def test_exact_rays_meet_in_their_point(x64, case):
     np.testing.assert_allclose(least_squares(*case), found.position, atol=1e-9)
 
 
+@pytest.mark.slow
 @given(sightings(noise=0.3))
 def test_no_other_point_has_a_smaller_loss(x64, case):
     found = np.asarray(triangulate_once(*case, DELTA).position)
@@ -83,6 +85,7 @@ def test_no_other_point_has_a_smaller_loss(x64, case):
     assert best <= start.fun + 1e-8
 
 
+@pytest.mark.slow
 @given(sightings(noise=0.3))
 def test_least_squares_solves_the_normal_equations(x64, case):
     origins, directions, weights = case
@@ -92,6 +95,7 @@ def test_least_squares_solves_the_normal_equations(x64, case):
     np.testing.assert_allclose(least_squares(*case), np.linalg.solve(matrix, right), atol=1e-8)
 
 
+@pytest.mark.slow
 @given(sightings(noise=0.3))
 def test_refit_is_the_robust_fit_of_the_inliers_alone(x64, case):
     origins, directions, weights = case
@@ -119,6 +123,7 @@ def test_refit_is_the_robust_fit_of_the_inliers_alone(x64, case):
         # Else the kept rays are one line, and any point of it fits as well as another.
 
 
+@pytest.mark.slow
 @given(sightings(noise=0.1), st.floats(-3, 3), hnp.arrays(float, 6, elements=st.floats(-3, 3)))
 def test_a_similarity_moves_the_result(x64, case, exponent, motion):
     origins, directions, weights = case
@@ -131,6 +136,7 @@ def test_a_similarity_moves_the_result(x64, case, exponent, motion):
     np.testing.assert_allclose(found.distances, scale * expected.distances, atol=1e-6 * scale)
 
 
+@pytest.mark.slow
 @given(sightings(noise=0.1), st.permutations(range(4)))
 def test_the_order_of_rays_does_not_matter(x64, case, order):
     expected = triangulate(*case, DELTA)
@@ -147,6 +153,7 @@ def test_only_the_ratio_of_weights_matters(x64, case, factor):
     np.testing.assert_allclose(found, expected, atol=1e-7)
 
 
+@pytest.mark.slow
 @given(sightings(count=3, noise=0.1))
 def test_a_ray_of_weight_zero_is_a_ray_left_out(x64, case):
     padded = [np.concatenate([a, np.full((1, *a.shape[1:]), np.nan)]) for a in case]
@@ -162,6 +169,7 @@ def test_a_ray_of_weight_zero_is_a_ray_left_out(x64, case):
             assert (np.asarray(b[:, 3]) == 0).all()
 
 
+@pytest.mark.slow
 @given(sightings(noise=0.1))
 def test_a_batch_under_jit_gives_what_single_calls_give(x64, case):
     batch = [np.stack([a, a[::-1]]) for a in case]
@@ -172,6 +180,7 @@ def test_a_batch_under_jit_gives_what_single_calls_give(x64, case):
         np.testing.assert_array_equal(together.inliers[row], alone.inliers)
 
 
+@pytest.mark.slow
 def test_large_batches_are_cut_and_packed_without_a_trace():
     # More than a block; an eighth has an absent ray, a third a wrong one.
     count, rng = 4096 + 100, np.random.default_rng(0)
@@ -192,6 +201,7 @@ def test_large_batches_are_cut_and_packed_without_a_trace():
         assert np.mean(found.inliers[rows] == apart.inliers) > 0.999
 
 
+@pytest.mark.slow
 @given(sightings(noise=0.04))
 def test_derivatives_agree_with_finite_differences_in_both_modes(x64, case):
     reverse, forward = jacobians(*case)
@@ -215,6 +225,7 @@ def test_derivatives_agree_with_finite_differences_in_both_modes(x64, case):
             )
 
 
+@pytest.mark.slow
 @given(sightings(noise=0.03), st.sampled_from([1e-3, 1.0, 1e3]), st.booleans())
 def test_float32_agrees_with_float64_far_away_and_at_any_scale(x64, case, scale, far):
     origins, directions, weights = case
@@ -247,6 +258,7 @@ DEGENERATE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("name", DEGENERATE)
 def test_degenerate_rays_give_finite_values_and_gradients(x64, name, dtype):
@@ -281,6 +293,7 @@ def test_one_wrong_ray_among_four_is_rejected_by_hand(x64):
     np.testing.assert_allclose(found.distances, [0, 0, 0, 10], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_two_far_rays_settle_at_the_balance_of_their_weights(x64):
     # Along the common perpendicular of length 1 the heavier ray pulls w x, the lighter w' delta.
     origins = np.array([[-10.0, 0, 0], [0, -10, 1]])

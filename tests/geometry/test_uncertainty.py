@@ -52,6 +52,7 @@ def sigma(*case):
     return float(traced_sigma(*case))
 
 
+@pytest.mark.slow
 @given(sightings())
 def test_information_is_the_printed_sum(x64, case):
     position, origins, directions, weights = case
@@ -118,6 +119,7 @@ def test_order_of_rays_and_absent_rays_do_not_matter(x64, case, order):
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_two_perpendicular_rays_by_hand(x64):
     # Rays along x and y from 10 m: the first fixes y and z, the second x and z.
     origins = np.array([[-10.0, 0, 0], [0, -10, 0]])
@@ -130,6 +132,7 @@ def test_two_perpendicular_rays_by_hand(x64):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize(
     ("directions", "weights"),
@@ -155,6 +158,7 @@ def test_one_ray_or_parallel_rays_give_infinite_sigma_and_finite_gradients(
     assert (covariance == np.diag([np.inf, np.inf])).all()
 
 
+@pytest.mark.slow
 def test_a_position_at_a_camera_centre_is_finite():
     origins = jnp.array([[0.0, 0, 0], [5, 0, 1], [0, 5, 1]])
     directions = jnp.array([[1.0, 0, 0], [-1, 0, 0], [0, -1, 0]])
@@ -163,6 +167,7 @@ def test_a_position_at_a_camera_centre_is_finite():
     assert np.isfinite(gradients[0]).all()
 
 
+@pytest.mark.slow
 @given(sightings())
 def test_gradient_agrees_with_finite_differences_in_both_modes(x64, case):
     reverse, forward = gradient_reverse(*case), gradient_forward(*case)
@@ -196,6 +201,7 @@ def test_float32_agrees_with_float64_far_from_the_origin(x64, case, scale):
     np.testing.assert_allclose(found, sigma(*case64), rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_sigma_predicts_the_error_of_noisy_rays():
     """Monte Carlo: isotropic angular noise, weighted by the inverse squared distance."""
     rng = np.random.default_rng(5)
@@ -227,6 +233,7 @@ def test_sigma_predicts_the_error_of_noisy_rays():
     assert (ratio < 1.05).all()
 
 
+@pytest.mark.slow
 def test_wildtrack_sigma_by_number_of_cameras(shared):
     """Medians over people in the area, seen by the first k cameras that have them in the image."""
     record = json.loads((shared / "data/real/wildtrack_0_715.json").read_text())

@@ -193,6 +193,7 @@ def test_the_report_says_what_to_expect(world, found):
     )
 
 
+@pytest.mark.slow
 def test_expected_rates_are_probabilities_and_only_the_evidence_method_has_them(world, found):
     assert found.reliability.expected_precision is None
     said = cf.localize(world.detections, world.scene).reliability
@@ -233,6 +234,7 @@ def test_margins_hold_the_stated_share_of_what_comes_next(seed, count):
     assert share > 0.9 - 4.5 * math.sqrt(0.09 / count)
 
 
+@pytest.mark.slow
 def test_worlds_that_took_no_part_lie_in_the_interval():
     inside, errors = [], []
     for number in range(90_001, 90_013):

@@ -81,6 +81,7 @@ def reference():
         return cf.localize(WORLD.detections, WORLD.scene, PAPER)
 
 
+@pytest.mark.slow
 @hypothesis_settings(max_examples=12)
 @given(
     st.floats(-3, 3),
@@ -115,6 +116,7 @@ def test_a_similarity_and_any_order_give_the_same_tracks(
     )
 
 
+@pytest.mark.slow
 def test_supports_point_at_the_callers_rows(reference):
     """A supporting detection belongs to the camera of its column and the frame of its row."""
     candidates, seen = reference.candidates, WORLD.detections
@@ -362,6 +364,7 @@ def crowd(cameras: int, frames: int, people: int, seed: int = 0) -> tuple[Detect
     return Detections(frame, camera, box, embedding=embedding), Scene.from_rig(rig, ground, True)
 
 
+@pytest.mark.slow
 def test_forty_cameras():
     detections, scene = crowd(40, 3, 5)
     # Every hypothesis is right here, so the adaptive gates have nothing to separate.

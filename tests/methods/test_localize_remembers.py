@@ -29,6 +29,7 @@ def found(method: str) -> cf.Localization:
         return cf.localize(world().detections, world().scene, METHODS[method])
 
 
+@pytest.mark.slow
 @BOTH
 def test_support_is_of_the_frame_and_the_camera(method):
     tracks, seen = found(method).tracks, world().detections
@@ -109,6 +110,7 @@ def assert_the_same(one: cf.Localization, two: cf.Localization, cameras, rows, s
     np.testing.assert_array_equal(one.identity[rows], two.identity)
 
 
+@pytest.mark.slow
 @BOTH
 @hypothesis_settings(max_examples=5)
 @given(st.permutations(range(CAMERAS)), st.integers(0, 2**32 - 1))
@@ -167,6 +169,7 @@ def straight_walk(step: int) -> tuple[Detections, Scene, np.ndarray, np.ndarray]
     return boxes, world().true_scene, place, 0.6 * ahead / step
 
 
+@pytest.mark.slow
 @BOTH
 @pytest.mark.parametrize("step", [1, 5])
 def test_velocities_are_those_of_people_who_walk_straight_on(method, step):
@@ -203,6 +206,7 @@ def test_covariances_of_velocities_are_covariances(method):
     assert (np.linalg.eigvalsh(spread) > 0).all()
 
 
+@pytest.mark.slow
 def test_one_instant_has_no_velocity():
     boxes = world().detections
     for settings in METHODS.values():

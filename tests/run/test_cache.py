@@ -155,6 +155,7 @@ def test_what_the_cache_sweeps_is_what_writing_leaves(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_sentence_and_leaves_no_file(tmp_path):
     script = textwrap.dedent(
         """
@@ -192,6 +193,7 @@ def _store_often(folder: str, value: float) -> None:
         StageCache(folder).store("stage", "same", Inner(np.full(2000, value)))
 
 
+@pytest.mark.slow
 def test_two_writers_of_one_result_never_mix(tmp_path):
     context = multiprocessing.get_context("spawn")
     writers = [context.Process(target=_store_often, args=(str(tmp_path), v)) for v in (1.0, 2.0)]

@@ -120,6 +120,7 @@ def test_run_is_detection_and_localization_with_a_known_scene(pictures, tmp_path
     assert again.calls == 0
 
 
+@pytest.mark.slow
 def test_pieces_from_the_cache_are_what_one_pass_gives(pictures, tmp_path):
     world, videos = small_world(), SynchronizedVideos(pictures)
     embedder = ColorEmbedder()
@@ -160,6 +161,7 @@ def test_answers_are_checked_over_all_pieces(pictures, tmp_path):
             detect(videos, ReadsItsPicture(world.detections), Grows(), **options)
 
 
+@pytest.mark.slow
 def test_other_content_is_never_reused(pictures, tmp_path):
     world, stages = small_world(), StageCache(tmp_path)
     videos = SynchronizedVideos(pictures)
@@ -194,6 +196,7 @@ def killed(function, *arguments):
     return process.exitcode == -signal.SIGKILL
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_where_it_was(pictures, tmp_path):
     world, videos = small_world(), SynchronizedVideos(pictures)
     whole = detect(videos, ReadsItsPicture(world.detections), ColorEmbedder())
@@ -206,6 +209,7 @@ def test_a_killed_run_goes_on_where_it_was(pictures, tmp_path):
     assert same_content(whole, resumed)
 
 
+@pytest.mark.slow
 def test_pieces_without_people_agree_with_one_pass(pictures, tmp_path):
     videos = SynchronizedVideos(pictures)
     seen = small_world().detections

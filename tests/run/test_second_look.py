@@ -77,6 +77,7 @@ class CountsBoxes:
         return np.tile(np.eye(64)[0], (len(box), 1))
 
 
+@pytest.mark.slow
 def test_people_are_expected_where_they_are(world, found):
     """Foot, head and column of most true bodies in view, within a few hundredths of a height."""
     expected = expected_people(found, world.detections, world.true_scene)
@@ -102,6 +103,7 @@ def test_people_are_expected_where_they_are(world, found):
     assert abs(np.median(below)) < 0.015
 
 
+@pytest.mark.slow
 def test_the_unit_of_the_scene_does_not_matter(world, found):
     twice = world.true_scene
     rig = replace(twice.rig, t=2 * np.asarray(twice.rig.t))
@@ -112,6 +114,7 @@ def test_the_unit_of_the_scene_does_not_matter(world, found):
     np.testing.assert_allclose(other.place, one.place, rtol=2e-3, atol=0.5)
 
 
+@pytest.mark.slow
 def test_nobody_is_expected_by_a_camera_that_is_not_registered(world):
     scene = world.true_scene
     rig = replace(scene.rig, registered=np.array([True, True, False, True]))

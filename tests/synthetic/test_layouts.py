@@ -32,6 +32,7 @@ def covering(layout) -> np.ndarray:
     return count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_layouts_are_seeded_rigs_above_the_ground_that_see_the_area(name, seed):

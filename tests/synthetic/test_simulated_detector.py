@@ -52,6 +52,7 @@ def along_the_view(distances) -> tuple:
     return layout.rig, standing([centre[:2] + d * forward for d in distances])
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 1000))
 def test_boxes_contain_the_projected_people(seed):
     layout, walkers = crowd(seed, frames=5)
@@ -78,6 +79,7 @@ def test_boxes_contain_the_projected_people(seed):
         assert (np.abs(head[:, 1] - box[:, 1]) < 0.08 * (box[:, 3] - box[:, 1])).all()
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 1000))
 def test_a_perfect_detector_reports_every_body_inside_an_image(seed):
     layout, walkers = crowd(seed, frames=3)
@@ -172,6 +174,7 @@ def test_appearance_is_strong_in_time_and_weak_across_views():
     assert np.quantile(distance[~same & ~view], 0.05) < np.quantile(distance[same & ~view], 0.95)
 
 
+@pytest.mark.slow
 def test_false_positives_come_at_the_stated_rate():
     layout, walkers = crowd(4, people=10, frames=200)
     for rate in (0.0, 0.5, 2.0):

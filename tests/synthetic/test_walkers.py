@@ -16,6 +16,7 @@ AREA = (-6.0, 6.0, -9.0, 9.0)
 PILLARS = np.array([[0.0, 0.0, 0.4], [3.0, -4.0, 0.6]])
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**32 - 1),
     people=st.integers(0, 20),
@@ -33,6 +34,7 @@ def test_same_seed_gives_the_same_people_bit_for_bit(seed, people, background, f
         np.testing.assert_array_equal(value, getattr(second, name))
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1), fps=st.sampled_from([2.0, 5.0, 10.0]))
 def test_people_stay_in_the_world_and_move_like_people(seed, fps):
     walkers = simulate_walkers(
@@ -63,6 +65,7 @@ def test_people_stay_in_the_world_and_move_like_people(seed, fps):
         assert np.linalg.norm(here - [x, y], axis=-1).min() > radius + 0.1
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
 def test_bystanders_never_enter_the_area(seed):
     walkers = simulate_walkers(AREA, frames=60, people=6, background=8, fps=2.0, seed=seed)
@@ -78,6 +81,7 @@ def test_mean_height_is_off_the_assumed_one(seed):
     assert HEIGHT_MEAN_SHIFT[0] - error_of_mean < shift < HEIGHT_MEAN_SHIFT[1] + error_of_mean
 
 
+@pytest.mark.slow
 def test_people_enter_leave_stand_and_walk():
     walkers = simulate_walkers(AREA, frames=400, people=15, fps=2.0, seed=3, stay=40)
     appears = walkers.present[1:] & ~walkers.present[:-1]
@@ -94,6 +98,7 @@ def test_people_enter_leave_stand_and_walk():
     assert 1.0 < np.median(speed[speed > 0.5]) < 1.6
 
 
+@pytest.mark.slow
 def test_nobody_orbits_a_waypoint():
     walkers = simulate_walkers(AREA, frames=600, people=10, fps=10.0, seed=5, stay=1e9, standing=0)
     velocity = walkers.velocity[:, walkers.present.all(0)]
@@ -105,6 +110,7 @@ def test_nobody_orbits_a_waypoint():
     assert np.abs(window[100:] - window[:-100]).max() < 4 * np.pi
 
 
+@pytest.mark.slow
 def test_groups_keep_together():
     walkers = simulate_walkers(AREA, frames=200, people=20, fps=5.0, seed=2, stay=1e9)
     for group in np.unique(walkers.group):

@@ -15,6 +15,7 @@ def in_metres(world):
     return transform_scene(world.scene_from_world.inverse(), world.scene, metric=True)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10_000))
 def test_small_worlds_are_consistent(seed):
     world = make_world("ring4", seed, frames=10, people=6)
@@ -29,6 +30,7 @@ def test_small_worlds_are_consistent(seed):
     assert (world.scene.ground.signed_distance(world.scene.rig.centers) > 0).all()
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10_000))
 def test_the_recovered_scene_is_the_true_one_but_for_the_stated_error(x64, seed):
     exact = make_world("ring4", seed, frames=1, people=1, rig_error=NO_ERROR)
@@ -41,6 +43,7 @@ def test_the_recovered_scene_is_the_true_one_but_for_the_stated_error(x64, seed)
     np.testing.assert_allclose(shift, 0.3, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_residuals_of_rays_are_what_the_documentation_states():
     detector, with_default, with_degree = [], [], []
     for name in ("ring6", "multiviewx", "wildtrack", "gmvd6", "gmvd8"):
@@ -64,6 +67,7 @@ def test_small_worlds_are_fast():
     assert time.process_time() - start < 1.0  # 0.02 s; twenty times that under the shape checks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("people", "background"), [(20, 10), (5, 0)])
 def test_population_is_what_was_asked_for(people, background):
     world = make_world("gmvd6", 1, frames=50, people=people, background=background)

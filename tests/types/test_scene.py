@@ -27,6 +27,7 @@ def test_the_basis_is_orthonormal_right_handed_and_in_the_plane(x, y, z, offset,
     assert plane.basis.dtype == dtype
 
 
+@pytest.mark.slow
 def test_the_basis_of_a_level_plane_is_world_x_and_y():
     np.testing.assert_array_equal(Plane([0, 0, 1], 0).basis, np.eye(3)[:, :2])
     np.testing.assert_array_equal(Plane([0, 0, 5], 2).basis, np.eye(3)[:, :2])
@@ -125,6 +126,7 @@ def assert_same_bits(back, wanted):
             assert other.tobytes() == value.tobytes()
 
 
+@pytest.mark.slow
 def test_the_offset_may_be_fixed_while_the_normal_is_differentiated(x64):
     # |n · x / |n|| with x = (1, 2, 3) and n = z: the derivative is the part of x across n.
     gradient = jax.grad(lambda normal: Plane(normal, 0.0).signed_distance(np.array([1.0, 2, 3])))

@@ -50,6 +50,7 @@ for name, call in calls.items():
 """
 
 
+@pytest.mark.slow
 def test_public_functions_name_arguments_of_another_type():
     done = subprocess.run([sys.executable, "-c", SWAPPED], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -119,6 +120,7 @@ for needle, call in calls.items():
 """
 
 
+@pytest.mark.slow
 def test_mistaken_arguments_are_one_sentence(tmp_path):
     videos = [tmp_path / "videos" / name for name in ("a", "b")]
     for folder in videos:

@@ -170,6 +170,7 @@ def matches(truth, found):
     return rows[good], columns[good]
 
 
+@pytest.mark.slow
 def test_recall_precision_and_feet(street):
     frames, detector = street
     seen = found = true = 0
@@ -191,6 +192,7 @@ def test_recall_precision_and_feet(street):
     assert np.std(feet) < 0.025
 
 
+@pytest.mark.slow
 def test_knowing_where_people_stand_finds_more_of_them_and_nobody_else(street):
     frames, detector = street
     rng = np.random.default_rng(0)
@@ -300,6 +302,7 @@ def test_exposure_may_change(street):
     assert again / found > 0.85
 
 
+@pytest.mark.slow
 def test_a_larger_picture_gives_the_same_boxes_in_its_pixels(street):
     frames, detector = street
     doubled = BackgroundDetector().fit(np.kron(f[0], np.ones((2, 2, 1), np.uint8)) for f in frames)
@@ -310,6 +313,7 @@ def test_a_larger_picture_gives_the_same_boxes_in_its_pixels(street):
     np.testing.assert_array_equal(large.score, small.score)
 
 
+@pytest.mark.slow
 def test_live_pictures_are_learned_from_as_they_come(street):
     frames, fitted = street
     detector = BackgroundDetector()
@@ -319,6 +323,7 @@ def test_live_pictures_are_learned_from_as_they_come(street):
     assert 0.8 < later / sum(len(fitted(image)) for image, _, _ in frames[64:80]) < 1.2
 
 
+@pytest.mark.slow
 def test_protocols_and_fingerprints(street):
     frames, detector = street
     assert isinstance(BackgroundDetector(), Detector)
@@ -344,6 +349,7 @@ def test_too_few_pictures_and_another_camera(street):
 # The parts.
 
 
+@pytest.mark.slow
 @given(st.integers(0, 1000))
 def test_samples_spread_evenly_over_a_stream(count):
     samples = PictureSamples()
@@ -356,6 +362,7 @@ def test_samples_spread_evenly_over_a_stream(count):
     assert len(steps) <= 1
 
 
+@pytest.mark.slow
 @given(
     st.floats(0.05, 0.5),
     st.floats(-0.03, 0.03),

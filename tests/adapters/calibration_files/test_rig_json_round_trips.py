@@ -130,6 +130,7 @@ def test_any_name_survives_toml_and_json(drawn, text, tmp_path_factory):
         assert form.read(folder).names == tuple(names)
 
 
+@pytest.mark.slow
 @every_format
 @given(drawn=rigs(max_cameras=2), where=st.floats(0, 1), data=st.data())
 def test_damaged_files_raise_only_our_errors_and_name_the_file(

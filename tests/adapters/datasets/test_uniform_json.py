@@ -239,6 +239,7 @@ REAL = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REAL)
 def test_real_sequences(name, shared):
     sequence = read_uniform_json(shared / "data" / "real" / f"{name}.json")

@@ -77,6 +77,7 @@ def answers_in_a_sentence(read, path) -> bool:
     return True
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(data=st.data(), junk=JUNK)
 def test_uniform_json(data, junk, tmp_path_factory):
@@ -105,6 +106,7 @@ def test_rig_and_scene_json(read, data, junk, scene_document, tmp_path_factory):
     assert answers_in_a_sentence(read, path)
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(data=st.data(), junk=JUNK)
 def test_scenario(data, junk, tmp_path_factory):

@@ -361,6 +361,7 @@ def test_corrected_multiviewx_is_refused(tmp_path):
         read_multiviewx(tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("read", "original", "uniform"),
     [

@@ -238,6 +238,7 @@ def real_picture(shared: Path) -> np.ndarray:
     return np.ascontiguousarray(video.read()[1][:, :, ::-1])
 
 
+@pytest.mark.slow
 def test_real_decode_agrees_with_an_independent_one(shared):
     import onnxruntime
 
@@ -269,6 +270,7 @@ def test_real_decode_agrees_with_an_independent_one(shared):
     )
 
 
+@pytest.mark.slow
 def test_real_network_finds_shrunken_people_only_in_tiles(shared):
     path = shared / "models/yolo11n-pose.onnx"
     image = real_picture(shared)
@@ -303,6 +305,7 @@ def annotated_pictures(shared: Path) -> list[tuple[np.ndarray, np.ndarray]]:
     return pictures
 
 
+@pytest.mark.slow
 def test_finer_tiles_find_more_people_and_nobody_twice(shared):
     """People of these pictures are 46 px tall in the network's input, 83 and 120 px in tiles."""
     pictures = annotated_pictures(shared)

@@ -57,6 +57,7 @@ def test_other_networks_are_refused(constant_graph):
         YoloxOnnx(path)
 
 
+@pytest.mark.slow
 def test_the_real_network_sees_what_the_pose_network_sees(shared):
     clips = sorted((shared / "data/real/mmptrack_retail").glob("*.mp4"))
     if not clips:

@@ -154,6 +154,7 @@ def test_wrong_calls(make, constant_graph):
         VggtOnnx(constant_graph([1, "s", 3, 28, 28], outputs, lead=2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["vggt_tiny_random_112x168.onnx", "vggt_tiny_random_294x518.onnx"])
 @pytest.mark.parametrize("mode", ["crop", "pad"])
 def test_the_real_graphs_contract(shared, name, mode):

@@ -191,6 +191,7 @@ def test_all_rows_of_an_embedder_are_of_one_length():
         describe(picture, box, 5, 3)
 
 
+@pytest.mark.slow
 def test_real_clips_give_real_people(shared):
     clips = sorted((shared / "data/real/mmptrack_retail").glob("*.mp4"))
     if not clips:

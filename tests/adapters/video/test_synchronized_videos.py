@@ -333,6 +333,7 @@ def test_the_fingerprint_follows_content_and_timing(tmp_path):
     assert SynchronizedVideos([other], end=8).fingerprint != print_of
 
 
+@pytest.mark.slow
 def test_real_clips(shared):
     clips = sorted((shared / "data/real/mmptrack_retail").glob("*.mp4"))
     if not clips:

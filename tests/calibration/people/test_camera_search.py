@@ -36,6 +36,7 @@ def calibration(world):
     return found
 
 
+@pytest.mark.slow
 def test_a_missing_camera_is_found(world, calibration) -> None:
     rig = calibration.scene.rig
     missing = without_camera(calibration, CAMERA, RULES)
@@ -47,6 +48,7 @@ def test_a_missing_camera_is_found(world, calibration) -> None:
     assert found.log_likelihood_ratio[CAMERA] > RULES.minimum_margin
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [0, -9])
 def test_a_camera_that_is_missing_for_lateness_gets_its_offset(world, calibration, late) -> None:
     missing = without_camera(calibration, CAMERA, RULES)
@@ -56,6 +58,7 @@ def test_a_camera_that_is_missing_for_lateness_gets_its_offset(world, calibratio
     assert offset_for(missing, boxes, CAMERA, 12, RULES) == late
 
 
+@pytest.mark.slow
 def test_a_misplaced_camera_is_moved_back(world, calibration) -> None:
     rig = calibration.scene.rig
     beside = moved(calibration, CAMERA, 0.9, -0.9)
@@ -65,6 +68,7 @@ def test_a_misplaced_camera_is_moved_back(world, calibration) -> None:
     assert np.linalg.norm(distance[CAMERA]) < 0.6
 
 
+@pytest.mark.slow
 def test_a_camera_of_another_time_is_neither_found_nor_confirmed(world, calibration) -> None:
     boxes = world.detections
     mine = boxes.camera == CAMERA

@@ -66,6 +66,7 @@ def assert_without(detections, camera, centers):
     assert center_errors(found, centers)[0].mean() < 0.3
 
 
+@pytest.mark.slow
 def test_a_small_world_is_recovered_in_metres(world, recovered):
     found, stages = recovered
     errors, scale = center_errors(found, world.true_centres)
@@ -86,6 +87,7 @@ def test_a_small_world_is_recovered_in_metres(world, recovered):
     assert {"pairs", "seeds", "growth"} <= set(stages)
 
 
+@pytest.mark.slow
 def test_the_order_of_boxes_does_not_matter(world, recovered):
     order = np.random.default_rng(0).permutation(len(world.detections))
     one, _ = recovered
@@ -107,6 +109,7 @@ def true_members(world):
     return members
 
 
+@pytest.mark.slow
 def test_true_correspondences_do_not_harm_a_rig(world, recovered):
     found, _ = recovered
     members = true_members(world)
@@ -157,6 +160,7 @@ def test_focal_lengths_that_nobody_can_know_do_not_outweigh_one_for_all(world, r
     assert known.max() > CalibrationSettings().largest_focal_sd
 
 
+@pytest.mark.slow
 def test_a_shuffled_camera_is_flagged(world):
     rng = np.random.default_rng(0)
     frames = np.unique(world.detections.frame)
@@ -165,6 +169,7 @@ def test_a_shuffled_camera_is_flagged(world):
     assert_without(shuffled, 1, world.true_centres)
 
 
+@pytest.mark.slow
 def test_a_mirrored_camera_is_flagged(world):
     mirrored = replaced(
         world.detections,
@@ -174,6 +179,7 @@ def test_a_mirrored_camera_is_flagged(world):
     assert_without(mirrored, 2, world.true_centres)
 
 
+@pytest.mark.slow
 def test_a_camera_that_looks_elsewhere_is_flagged(world):
     elsewhere = make_world("ring4", 9, frames=60, people=7, detector=DETECTOR).detections
     ours, theirs = world.detections, elsewhere[elsewhere.camera == 0]
@@ -186,6 +192,7 @@ def test_a_camera_that_looks_elsewhere_is_flagged(world):
     assert_without(mixed, 0, world.true_centres)
 
 
+@pytest.mark.slow
 def test_a_camera_without_boxes_is_flagged(world):
     found = register(world.detections[world.detections.camera != 3], np.tile(SIZE, (4, 1)))
     assert found.scene.rig.registered.tolist() == [True, True, True, False]
@@ -215,6 +222,7 @@ def test_identical_boxes_prove_nothing(world):
         register(Detections(world.detections.frame, world.detections.camera, box), SIZE)
 
 
+@pytest.mark.slow
 def test_one_person_makes_no_rig_to_be_trusted():
     world = make_world(
         "ring4",
@@ -249,6 +257,7 @@ def test_wrong_sizes_and_names_are_named(world):
         register(world.detections, SIZE, camera_names=["left"])
 
 
+@pytest.mark.slow
 def test_a_late_clock_is_found_and_corrected(world):
     late = replaced(world.detections, 1, frame=lambda f: f + 6)
     found = register(late, SIZE, maximum_offset=10)

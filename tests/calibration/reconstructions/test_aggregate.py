@@ -47,6 +47,7 @@ def errors(found: Rig, true: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     )
 
 
+@pytest.mark.slow
 @given(seed=seeds, count=st.integers(1, 8), cameras=st.integers(3, 6))
 @settings(max_examples=15)
 def test_exact_reconstructions_give_the_rig_whatever_their_frames(seed, count, cameras, x64):
@@ -60,6 +61,7 @@ def test_exact_reconstructions_give_the_rig_whatever_their_frames(seed, count, c
     assert (found.spread.instants == count).all()
 
 
+@pytest.mark.slow
 @given(seed=seeds, bad=st.integers(0, 3))
 @settings(max_examples=15)
 def test_three_garbage_instants_in_ten_hardly_matter(seed, bad, x64):
@@ -90,6 +92,7 @@ def test_one_bad_camera_in_some_instants_costs_nothing_but_those(x64):
     assert away.max() < 1e-3
 
 
+@pytest.mark.slow
 def test_spread_says_how_much_the_instants_disagree(x64):
     rig, rng = make_layout("ring6", 0).rig, np.random.default_rng(0)
     many = [reconstruct(rig, rng, rotation=0.01, focal=0.03) for _ in range(60)]

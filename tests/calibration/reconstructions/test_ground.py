@@ -49,6 +49,7 @@ def assert_is_floor(found: Ground, *, normal=(0.0, 0.0, 1.0), rig: Rig, height: 
     assert abs(found.plane.signed_distance(under)) < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("with_people", [True, False])
 @pytest.mark.parametrize(
     "contents",
@@ -81,6 +82,7 @@ def test_evidence_says_what_was_seen(world):
     assert floor.feet_apart < 0.3
 
 
+@pytest.mark.slow
 def test_people_on_a_slope_stand_upright(world):
     # The world is turned by 12 degrees, gravity is not: cameras and people lean on their ground.
     turn = Rotation.from_euler("x", 12, degrees=True).as_matrix()
@@ -116,6 +118,7 @@ def test_a_floor_that_lies_behind_the_feet_is_refused(world):
         find_ground(points, world.true_rig, world.detections)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**31 - 1))
 @settings(max_examples=8)
 def test_similarity_of_the_scene_moves_the_ground(seed):
@@ -150,6 +153,7 @@ def test_doubtful_and_missing_points_do_not_count(world):
     assert not found.inliers[len(good) :].any()
 
 
+@pytest.mark.slow
 def test_same_seed_same_ground(world):
     points = room(np.random.default_rng(8), floor=400, walls=800)
     one, two = (find_ground(points, world.true_rig, seed=3).plane for _ in range(2))

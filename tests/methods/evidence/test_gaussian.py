@@ -1,6 +1,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hypothesis import given, strategies as st
 from scipy.integrate import quad
 
@@ -82,6 +83,7 @@ def test_evidence_does_not_depend_on_the_order_of_the_cameras(items):
     )
 
 
+@pytest.mark.slow
 @given(st.floats(-3, 3), st.floats(-3, 3), st.floats(0.7, 1.3), st.integers(0, 4))
 def test_slopes_of_the_edges_match_finite_differences(x, y, h, camera):
     with jax.enable_x64(True):

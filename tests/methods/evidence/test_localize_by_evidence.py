@@ -24,6 +24,7 @@ def rows_of(result):
     return np.column_stack([t.frame, t.ground_xy])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_people_who_walk_are_found_and_keep_their_identity(seed):
     truth, detections, scene = walk(seed=seed)
@@ -35,6 +36,7 @@ def test_people_who_walk_are_found_and_keep_their_identity(seed):
     assert accepted.sum() == (result.tracks.origin == Origin.DETECTED).sum()
 
 
+@pytest.mark.slow
 def test_true_positions_lie_inside_the_stated_ellipses():
     truth, detections, scene = walk(people=8, frames=20, seed=3, noise=0.02)
     t = localize_by_evidence(detections, scene).tracks
@@ -46,6 +48,7 @@ def test_true_positions_lie_inside_the_stated_ellipses():
     assert np.mean(inside) > 0.9
 
 
+@pytest.mark.slow
 @settings(max_examples=4)
 @given(
     st.floats(0.05, 20),
@@ -72,6 +75,7 @@ def test_a_similarity_of_the_scene_is_one_of_the_result(scale, rotation, shift):
     np.testing.assert_allclose(scale * a.sigma[order_a], b.sigma[order_b], rtol=1e-6)
 
 
+@pytest.mark.slow
 @settings(max_examples=4)
 @given(st.randoms(use_true_random=False))
 def test_the_order_of_detections_and_cameras_has_no_effect(random):
@@ -89,6 +93,7 @@ def test_the_order_of_detections_and_cameras_has_no_effect(random):
     np.testing.assert_allclose(plain, other, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_an_unregistered_camera_has_no_say():
     truth, detections, scene = walk(seed=7)
     rig = scene.rig
@@ -101,12 +106,14 @@ def test_an_unregistered_camera_has_no_say():
     assert (result.candidates.support[:, 2] == -1).all()
 
 
+@pytest.mark.slow
 def test_one_frame_is_enough_for_positions():
     truth, detections, scene = walk(frames=1, seed=8, clutter=0.0)
     result = localize_by_evidence(detections, scene)
     assert moda(truth, result) > 80
 
 
+@pytest.mark.slow
 def test_a_rolled_and_distorted_rig_is_understood():
     truth, detections, scene = walk(seed=9, rig=make_rig(roll=np.deg2rad(20)))
     assert moda(truth, localize_by_evidence(detections, scene)) > 95
@@ -119,12 +126,14 @@ def test_no_person_on_the_ground_is_an_error_that_says_so():
         localize_by_evidence(sky, scene)
 
 
+@pytest.mark.slow
 def test_a_blind_frame_of_one_camera_is_not_held_against_people():
     truth, detections, scene = walk(people=8, seed=10, clutter=0.0)
     blind = (detections.camera == 1) & (detections.frame == 5)
     assert moda(truth, localize_by_evidence(detections[~blind], scene)) > 97
 
 
+@pytest.mark.slow
 def test_clusters_are_right_correspondences():
     truth, detections, scene = walk(seed=11)
     clusters = clusters_of(solve(detections, scene))
@@ -206,11 +215,13 @@ def test_every_switch_is_an_ingredient():
     assert switches == list(INGREDIENTS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", INGREDIENTS)
 def test_every_ingredient_can_be_switched_off(name):
     assert INGREDIENTS[name][1] in changes(*without(name))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["uneven_ground", "pose_errors"])
 def test_doubts_about_ground_and_poses_widen_ellipses_and_nothing_else(name):
     plain, other = without(name)
@@ -223,12 +234,14 @@ def test_doubts_about_ground_and_poses_widen_ellipses_and_nothing_else(name):
     assert added.max(1).min() > 0
 
 
+@pytest.mark.slow
 def test_outside_the_working_area_people_are_found_but_not_reported():
     plain, other = without("working_area")
     there = {tuple(row) for row in np.column_stack([other.frame, other.ground_xy])}
     assert {tuple(row) for row in np.column_stack([plain.frame, plain.ground_xy])} < there
 
 
+@pytest.mark.slow
 def test_looks_tell_people_apart():
     truth, detections, scene = walk(people=9, frames=8, seed=13, noise=0.03)
     rng = np.random.default_rng(0)

@@ -32,17 +32,20 @@ def test_boxes_of_nobody_on_the_ground_give_no_positions(method, box):
     assert len(found.tracks) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS, ids=lambda s: s.method)
 def test_one_box_is_nobody_yet(method):
     assert len(cf.localize(boxes_at([0.5, 0.2], [1]), SCENE, method).tracks) == 0
 
 
+@pytest.mark.slow
 def test_one_person_of_one_instant_is_found():
     found = cf.localize(boxes_at([0.5, 0.2], [0, 1, 2, 3]), SCENE).tracks
     assert len(found) <= 1
     np.testing.assert_allclose(found.position[:, :2], [[0.5, 0.2]] * len(found), atol=0.1)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(
     st.lists(

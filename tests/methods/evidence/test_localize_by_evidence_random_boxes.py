@@ -22,6 +22,7 @@ def with_random_boxes(world, count, seed=0):
     )
 
 
+@pytest.mark.slow
 def test_random_boxes_leave_finite_tracks_of_the_same_people():
     world = make_world("ring6", 3, frames=12, people=12)
     clean = cf.localize(with_random_boxes(world, 0), world.scene).tracks
@@ -38,6 +39,7 @@ def moda(world, boxes, settings):
     return detection_metrics(world.ground_truth, rows, frames=np.arange(12)).moda
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 5, 6])
 def test_four_wrong_cameras_and_random_boxes_lose_nobody(seed):
     # So few boxes and so wrong a rig that the usual start of self-calibration joins no three

@@ -26,6 +26,7 @@ def world():
     return simulated("ring6", 8, frames=FRAMES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "least"),
     [
@@ -41,12 +42,14 @@ def test_bad_input_costs_less_than_it_costs_the_papers_method(world, name, least
     assert evidence >= paper
 
 
+@pytest.mark.slow
 def test_a_rolled_camera_is_understood():
     paper, evidence = modas(simulated("ring6", 8, frames=FRAMES, roll=ROLL))
     assert evidence > 85
     assert evidence >= paper
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("layout", "seed", "degrees"), [("gmvd8", 33, 0.5), ("wildtrack", 38, 1.0)]
 )
@@ -59,6 +62,7 @@ def test_cameras_that_disagree_make_no_camps(layout, seed, degrees):
     assert found.recall > 65
 
 
+@pytest.mark.slow
 def test_a_camera_that_drops_frames_costs_nothing(world):
     def moda(sequence):
         return score(cf.localize(sequence.detections, sequence.scene), sequence).moda

@@ -113,6 +113,7 @@ def test_hidden_shares_take_no_more_memory_than_a_few_boxes_against_their_image(
     assert program.memory_analysis().temp_size_in_bytes < 64 * 2**20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_a_time", [1, 30])
 def test_hidden_shares_are_the_same_a_few_boxes_at_a_time(monkeypatch, at_a_time):
     rng = np.random.default_rng(at_a_time)

@@ -62,6 +62,7 @@ def assert_same(one: cf.Tracks, two: cf.Tracks, scale: float | int = 1) -> None:
     np.testing.assert_allclose(one.existence, two.existence, atol=1e-4)
 
 
+@pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(turns, st.lists(turns, min_size=3, max_size=3), st.floats(0.01, 100.0))
 def test_a_crowd_turns_with_its_scene(about_vertical, rotation, scale):
@@ -105,6 +106,7 @@ def test_crowding_of_a_uniform_crowd_is_its_density():
     assert crowding(position, frame) == pytest.approx(160 / (40**2 + edge), rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 6])
 def test_cameras_that_see_nobody_have_no_say(count):
     for registered in (False, True):
@@ -112,6 +114,7 @@ def test_cameras_that_see_nobody_have_no_say(count):
         assert_same(found(), cf.localize(crowd().detections, scene).tracks)
 
 
+@pytest.mark.slow
 def test_beside_two_cameras_a_third_without_boxes_has_no_say():
     world = make_world("ring4", 1, frames=25, people=5)
     boxes = world.detections[world.detections.camera < 2]
@@ -122,6 +125,7 @@ def test_beside_two_cameras_a_third_without_boxes_has_no_say():
         assert_same(alone, cf.localize(boxes, longer).tracks)
 
 
+@pytest.mark.slow
 def test_confident_people_do_not_depend_on_unknown_cameras():
     few = confident_people(crowd().detections, crowd().scene, EvidenceSettings()).member
     longer = with_cameras(crowd().scene, 9, registered=False)
@@ -131,6 +135,7 @@ def test_confident_people_do_not_depend_on_unknown_cameras():
     assert (more[:, few.shape[1] :] == -1).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [-(2**40), 2**52, 2**53, 2**62])
 def test_frames_may_be_numbered_from_anywhere(first):
     boxes = crowd().detections
@@ -141,6 +146,7 @@ def test_frames_may_be_numbered_from_anywhere(first):
     np.testing.assert_allclose(one.position, two.position, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("before", [31, 64])
 def test_a_camera_of_a_high_number_sees_each_person_once(before):
     """Two boxes of one camera are two people whatever its number is."""
@@ -164,6 +170,7 @@ def test_a_camera_of_a_high_number_sees_each_person_once(before):
     assert members[0] == members[1] > len(boxes)
 
 
+@pytest.mark.slow
 def test_identical_boxes_are_told_apart_by_looks_in_any_order():
     world = make_world("ring4", 2, frames=12, people=8)
     boxes = world.detections

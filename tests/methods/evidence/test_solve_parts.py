@@ -41,6 +41,7 @@ def test_probability_within_a_radius_matches_sampling(a, b, angle, radius):
     assert abs(probability_within(covariance[None], radius)[0] - share) < 0.012
 
 
+@pytest.mark.slow
 def test_a_box_hides_what_lies_below_its_top():
     region = jnp.array([0.0, 0.0, 8.0, 10.0])
     others = jnp.array([[-1.0, 5.0, 3.9, 12.0], [0.0, 0.0, 8.0, 9.0], [2.0, 8.0, 9.0, 11.0]])
@@ -52,6 +53,7 @@ def test_a_box_hides_what_lies_below_its_top():
     assert COLUMNS == 8
 
 
+@pytest.mark.slow
 @given(st.floats(-0.15, 0.1), st.floats(100, 1180), st.floats(100, 620))
 def test_undistorted_pixels_distort_back(k1, u, v):
     K = np.array([[900.0, 0, 640], [0, 900, 360], [0, 0, 1]])

@@ -67,6 +67,7 @@ GATES += ["ground_then_uncertainty_replace", "ground_then_uncertainty_add"]
 GATES += ["uncertainty_then_ground"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gates", "uncertain", "floating"),
     [
@@ -220,6 +221,7 @@ def test_suppression_by_frame_is_greedy(places):
         assert free[i] == (not near)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [40, 3000])
 def test_suppression_compares_so_many_pairs_at_a_time_and_keeps_the_same(monkeypatch, count):
     rng = np.random.default_rng(1)

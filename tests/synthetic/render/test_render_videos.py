@@ -44,6 +44,7 @@ def changes(painted, background):
     return np.abs(painted.astype(int) - background.picture).max(-1) > 4
 
 
+@pytest.mark.slow
 def test_bodies_appear_where_the_truth_projects(world, stage, backgrounds):
     seen = observe(world.walkers, world.true_rig, world.columns)
     checked = 0
@@ -82,6 +83,7 @@ def test_nobody_leaves_the_background(world, stage, backgrounds):
     assert not changes(artist.paint(0), backgrounds[0]).any()
 
 
+@pytest.mark.slow
 def test_shadows_darken_the_ground_and_soft_ones_do_so_less(world, stage, backgrounds):
     camera, frame = 0, 2
     without = painter(world, stage, backgrounds, camera, sunlight=0.0).paint(frame)
@@ -111,6 +113,7 @@ def test_furniture_hides_who_stands_behind_it(world, stage, backgrounds):
             assert depth > 0
 
 
+@pytest.mark.slow
 def test_videos_are_complete_and_show_people(tmp_path):
     world = make_demo_world(3, cameras=2, people=5, frames=5, image_size=(320, 180))
     reports = []

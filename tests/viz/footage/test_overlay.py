@@ -62,6 +62,7 @@ def read_video(path):
     return frames, rate
 
 
+@pytest.mark.slow
 def test_the_video_has_one_frame_an_instant_and_the_asked_size(
     small, localization, videos, tmp_path
 ):
@@ -164,6 +165,7 @@ def test_person_height_is_that_of_the_people_in_any_unit(world, localization):
     assert person_height(world.detections[:0], localization, world.scene) == 0
 
 
+@pytest.mark.slow
 def test_unregistered_cameras_show_boxes_only(world, localization):
     rig = world.scene.rig
     known = np.array([True, True, False, True])
@@ -203,6 +205,7 @@ def test_grid_lines_project_where_opencv_says(world):
     assert hits == total
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 1000))
 def test_pixels_and_rays_are_inverse(world, seed):
     rig = world.scene.rig

@@ -106,6 +106,7 @@ def test_colours_are_distinct_and_stay_with_the_identity():
     assert len(set(FATE_COLORS.values())) == len(Fate)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [None, range(5)])
 def test_bird_eye_draws_every_track_ellipse_and_camera(world, localization, frames):
     ax = plot_bird_eye(localization, world.scene, frames=frames)
@@ -153,6 +154,7 @@ def crowd(localization):
     )
 
 
+@pytest.mark.slow
 def test_labels_do_not_overlap_in_a_crowded_picture(world, localization):
     found = crowd(localization)
     ax = plot_bird_eye(found, world.scene)
@@ -167,6 +169,7 @@ def test_labels_do_not_overlap_in_a_crowded_picture(world, localization):
             assert min(width, height) <= 3  # pixels: descent and white border
 
 
+@pytest.mark.slow
 def test_truth_area_and_metres_in_a_metric_scene(world):
     found = cf.localize(world.detections, world.true_scene, cf.Settings.paper())
     ax = plot_bird_eye(
@@ -183,6 +186,7 @@ def test_truth_area_and_metres_in_a_metric_scene(world):
     assert "north" in {text.get_text() for text in ax.texts}
 
 
+@pytest.mark.slow
 def test_nothing_found_is_a_picture_of_the_cameras(world):
     empty = cf.localize(world.detections[:0], world.scene)
     ax = plot_bird_eye(empty, world.scene)
@@ -215,6 +219,7 @@ def test_impossible_arguments_are_named(world, localization, arguments, message)
         plot_bird_eye(localization, world.scene, **arguments)
 
 
+@pytest.mark.slow
 def test_gates_count_every_candidate_once(world, localization):
     axes = plot_gates(localization, world.scene)
     axes[0].figure.canvas.draw()
@@ -234,6 +239,7 @@ def test_gates_count_every_candidate_once(world, localization):
     assert (candidates.ground_distance[accepted] <= thresholds.tau_g).all()
 
 
+@pytest.mark.slow
 def test_given_axes_are_used(world, localization):
     figure, (left, right) = pyplot.subplots(1, 2)
     assert plot_bird_eye(localization, world.scene, ax=left, legend=False) is left
@@ -250,6 +256,7 @@ def test_without_matplotlib_the_error_names_the_command(world, localization, mon
         plot_gates(localization, world.scene)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["lobby$a_b_c$", "$$", "大厅🎥", "a\nb", "x" * 700])
 def test_names_of_cameras_are_no_formulas_and_need_no_glyphs(name, world, localization, tmp_path):
     # Warnings are errors in these tests.

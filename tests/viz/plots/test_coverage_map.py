@@ -19,6 +19,7 @@ def test_iso_levels_are_round_and_inside():
     assert len(iso_levels(np.full((3, 3), np.inf))) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quantity", ["sigma", "cameras"])
 def test_maps_show_the_numbers(quantity):
     scene = make_layout("ring4", 3).scene
@@ -33,6 +34,7 @@ def test_maps_show_the_numbers(quantity):
     assert {text.get_text() for text in ax.texts} >= {"C1", "C2", "C3", "C4"}
 
 
+@pytest.mark.slow
 def test_tracks_are_drawn_over_the_map(world, localization):
     result = coverage(world.scene, resolution=float(world.scene.extent) / 20)
     bare = plot_coverage(result, world.scene)

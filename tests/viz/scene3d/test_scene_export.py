@@ -66,6 +66,7 @@ def test_wrong_colours_and_folders_are_named(world, tmp_path):
         write_glb(tmp_path / "missing" / "scene.glb", world.scene)
 
 
+@pytest.mark.slow
 def test_frustum_corners_project_to_the_picture_corners(world):
     rig = world.scene.rig
     for camera in range(4):
@@ -130,6 +131,7 @@ def test_rerun_writes_a_recording(world, localization, tmp_path):
     assert [one.name for one in tmp_path.iterdir()] == ["scene.rrd"]
 
 
+@pytest.mark.slow
 def test_importing_viz_loads_no_drawing_library():
     code = (
         "import sys, catfree.viz\n"

@@ -1,5 +1,6 @@
 import jax
 import numpy as np
+import pytest
 from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence._gaussian import Information, log_evidence
@@ -60,6 +61,7 @@ def greedy(info, camera, valid):
         groups = [g for k, g in enumerate(groups) if k not in pair] + [groups[i] + groups[j]]
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(st.integers(0, 10**6), st.integers(1, 5), st.floats(0.02, 0.3))
 def test_merging_in_rounds_equals_one_best_pair_at_a_time(seed, people, noise):
@@ -107,6 +109,7 @@ def test_close_pairs_are_those_of_all_pairs(seed, count, spread):
     np.testing.assert_array_equal(found, np.column_stack([i[close], j[close]]))
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10**6), st.integers(1, 6), st.integers(0, 70))
 def test_padding_holds_priors_and_changes_no_group(seed, people, tracks):
     info, position, covariance, camera, valid = boxes_near(seed, people, 4, 0.05)

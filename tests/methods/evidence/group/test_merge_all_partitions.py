@@ -4,6 +4,7 @@ import itertools
 
 import jax
 import numpy as np
+import pytest
 from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence._gaussian import Information, log_evidence
@@ -114,6 +115,7 @@ def test_the_evidence_of_a_group_is_its_integral_over_places_and_heights(crowd):
         np.testing.assert_allclose(evidence_of(info, [group]), integral, atol=1e-6)
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(crowds())
 def test_no_merge_improves_what_greedy_merging_leaves_and_nothing_beats_the_likeliest(crowd):
@@ -139,6 +141,7 @@ def test_between_two_cameras_greedy_merging_gains_at_least_half_of_what_can_be_g
     assert found >= 0.5 * best - 1e-9
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(st.integers(0, 10**6), st.integers(1, 3), st.integers(2, 4))
 def test_people_far_apart_are_grouped_as_is_likeliest(seed, people, cameras):

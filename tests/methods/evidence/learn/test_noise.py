@@ -92,6 +92,7 @@ def noisy(seed, share, edges=None):
     return Crowd(edges + share * size * np.random.default_rng(seed).standard_normal(edges.shape))
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(st.integers(0, 10**6), st.floats(0.8, 2.0), st.floats(0.8, 2.0))
 def test_the_noise_of_each_cameras_columns_is_found(seed, factor, other):
@@ -103,6 +104,7 @@ def test_the_noise_of_each_cameras_columns_is_found(seed, factor, other):
     assert ratio == pytest.approx(1, abs=0.02)
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(st.integers(0, 10**6), st.integers(0, CAMERAS - 1), st.integers(0, 2))
 def test_an_edge_that_is_twice_as_noisy_in_one_camera_is_told_there(seed, camera, edge):
@@ -114,6 +116,7 @@ def test_an_edge_that_is_twice_as_noisy_in_one_camera_is_told_there(seed, camera
     assert factor[camera, edge] > 1.4 * np.delete(factor[:, edge], camera).max()
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(st.integers(0, 10**6), st.integers(0, CAMERAS - 1), st.floats(-0.01, 0.01))
 def test_the_offset_of_one_camera_is_found(seed, camera, angle):
@@ -166,6 +169,7 @@ def test_a_wrong_unit_is_set_right_by_the_median_height(unit):
     assert np.isnan(median_height(cut, views))
 
 
+@pytest.mark.slow
 @settings(max_examples=6)
 @given(st.integers(0, 1000), st.sampled_from([0.05, 0.0625, 0.08, 0.1]), st.floats(0.75, 1.5))
 def test_the_spread_of_heights_is_found(seed, spread, factor):
@@ -181,6 +185,7 @@ def test_the_spread_of_heights_is_found(seed, spread, factor):
     assert float(found.spread) == pytest.approx(drawn, rel=0.08)
 
 
+@pytest.mark.slow
 def test_from_few_people_nothing_is_learned():
     few = Crowd(exact()[:9])
     noise, ratio = few.learned(rounds=1)
@@ -188,6 +193,7 @@ def test_from_few_people_nothing_is_learned():
     assert eqx.tree_equal(noise, start_noise(CAMERAS, RULES))
 
 
+@pytest.mark.slow
 @settings(max_examples=5)
 @given(st.integers(0, 10**6))
 def test_the_order_of_the_people_says_nothing(seed):
@@ -201,6 +207,7 @@ def test_the_order_of_the_people_says_nothing(seed):
         np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10**6), st.integers(1, 60), st.integers(1, 4))
 def test_crowding_is_people_over_the_ground_that_they_use(seed, people, frames):
     rng = np.random.default_rng(seed)

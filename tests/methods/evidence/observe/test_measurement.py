@@ -78,6 +78,7 @@ def disturbed(seed):
 seeds = st.integers(0, 10**6)
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(st.integers(0, 10**6))
 def test_feet_and_height_that_a_box_in_a_rolled_camera_implies(seed):
@@ -89,6 +90,7 @@ def test_feet_and_height_that_a_box_in_a_rolled_camera_implies(seed):
     np.testing.assert_allclose(position, state[:, :2], atol=0.02)
 
 
+@pytest.mark.slow
 @given(seeds)
 def test_an_exact_box_is_a_person_of_usual_height_where_they_stand(seed):
     state, rows = people(seed)
@@ -97,6 +99,7 @@ def test_an_exact_box_is_a_person_of_usual_height_where_they_stand(seed):
     np.testing.assert_allclose(found.state, state, atol=1e-9)
 
 
+@pytest.mark.slow
 @given(seeds)
 def test_the_likelihood_is_that_of_the_edges_about_the_state(seed):
     found = (rows := disturbed(seed)).measured()
@@ -119,6 +122,7 @@ def test_the_likelihood_is_that_of_the_edges_about_the_state(seed):
         np.testing.assert_allclose(b - matrix @ s, J.T @ W @ away, rtol=1e-4, atol=1e-5 * size)
 
 
+@pytest.mark.slow
 @given(seeds)
 def test_the_state_is_the_most_likely_one(seed):
     found = disturbed(seed).measured()

@@ -67,6 +67,7 @@ def test_the_map_is_the_projection_of_the_scene(world, place, metres):
             assert mine[2] * views.unit == pytest.approx(pixel[2])
 
 
+@pytest.mark.slow
 @given(worlds, places, st.integers(0, CAMERAS - 1))
 def test_feet_and_heads_drop_back_to_where_they_are(world, place, camera):
     scene, scale = scene_of(world)
@@ -137,6 +138,7 @@ def test_an_unknown_camera_may_hold_anything_and_moves_no_other(world, camera):
     np.testing.assert_allclose(both[0].matrix[known], ground_views(alone, scale).matrix)
 
 
+@pytest.mark.slow
 @given(three(-2, 2))
 def test_beside_and_behind_a_camera_values_and_slopes_are_finite(place):
     views = ground_views(cf.Scene(make_rig(CAMERAS), cf.Plane([0.0, 0.0, 1.0], 0.0), 18.0), 1.7)

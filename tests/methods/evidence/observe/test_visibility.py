@@ -40,6 +40,7 @@ def rectangles(draw, low=1):
     ]
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.lists(rectangles(), min_size=1, max_size=6).map(np.array), st.data())
 def test_the_hidden_share_is_that_of_pixels_inside_nearer_boxes(others, data):
@@ -83,6 +84,7 @@ def outline(state, camera):
 near_the_middle = st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(0.8, 1.2))
 
 
+@pytest.mark.slow
 @given(near_the_middle)
 def test_who_stands_alone_in_the_middle_is_seen_whole_by_everyone(state):
     found = seen([state])
@@ -93,6 +95,7 @@ def test_who_stands_alone_in_the_middle_is_seen_whole_by_everyone(state):
     np.testing.assert_allclose(found.height[0], [b[3] - b[1] for b in tall])
 
 
+@pytest.mark.slow
 @given(near_the_middle, st.floats(0.1, 0.8), st.integers(0, CAMERAS - 1))
 def test_a_nearer_person_hides_in_that_camera_alone_and_never_oneself(state, ahead, camera):
     state = np.array(state)
@@ -134,6 +137,7 @@ def test_the_share_in_the_picture_is_that_of_the_clipped_box(x, y, height):
         assert found.inside[0, c] == pytest.approx(np.clip(ramp, 0, 1), abs=1e-9)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10**6), st.permutations(range(9)))
 def test_everybody_is_seen_as_if_asked_alone_even_where_nothing_can_be_seen(seed, order):
     rng = np.random.default_rng(seed)

@@ -34,6 +34,7 @@ def test_modes_are_shift_turn_and_scale_about_the_middle(x, y, turn, scale):
     assert moved[2] == pytest.approx(1.1 * np.exp(scale), abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("x64")
 def test_sums_predict_how_offsets_of_cameras_move_the_map():
     rng = np.random.default_rng(0)
@@ -76,6 +77,7 @@ def added(s):
     return covariance
 
 
+@pytest.mark.slow
 def test_a_worse_rig_is_less_sure_and_a_good_one_as_sure_as_before():
     good, bad = (solved(e) for e in (RigError(0, 0, 0, 0, 0), RigError()))
     sigma = [np.sqrt(np.trace(added(s)[s.kept], axis1=1, axis2=2) / 2) for s in (good, bad)]
@@ -86,6 +88,7 @@ def test_a_worse_rig_is_less_sure_and_a_good_one_as_sure_as_before():
         assert (np.linalg.eigvalsh(s.position_covariance - added(s) - own) > 0).all()
 
 
+@pytest.mark.slow
 def test_what_all_cameras_have_in_common_is_no_error_of_a_pose():
     _, detections, scene = walk(frames=6, seed=3)
     s = solve(detections, scene)
@@ -106,6 +109,7 @@ def test_what_all_cameras_have_in_common_is_no_error_of_a_pose():
     assert nothing is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 7, 12])
 def test_what_few_cameras_have_in_common_strays_as_often_as_stated(count):
     rng = np.random.default_rng(count)

@@ -49,6 +49,7 @@ def test_one_camera_moves_a_raised_person_away_by_distance_over_height():
     assert ratio * np.linalg.norm(away) == pytest.approx(np.linalg.norm(shift), rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("x64")
 def test_cameras_all_around_cancel_what_cameras_on_one_side_share():
     rig = make_rig(count=8)
@@ -62,6 +63,7 @@ def test_uneven_ground_widens_along_the_shift_only():
     np.testing.assert_allclose(widened[0], [[0.02, 0], [0, 0.01]])
 
 
+@pytest.mark.slow
 def test_reported_positions_are_as_sure_as_the_settings_ask():
     _, detections, scene = walk(seed=14, frames=6)
     solution = solve(detections, scene)

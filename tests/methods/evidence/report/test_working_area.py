@@ -36,6 +36,7 @@ def shares(people):
     return st.lists(one, min_size=people[0], max_size=people[1]).map(np.array)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("x64")
 @settings(max_examples=20, deadline=None)
 @given(shares((1, 12)), st.permutations(range(CAMERAS)))
@@ -43,6 +44,7 @@ def test_the_order_of_the_cameras_says_nothing(share, order):
     np.testing.assert_array_equal(within(share), within(share[:, order]))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("x64")
 @settings(max_examples=30, deadline=None)
 @given(shares((1, 12)), st.data())
@@ -54,6 +56,7 @@ def test_another_image_of_the_whole_body_takes_nobody_out(share, data):
     assert within(share)[person] >= before
 
 
+@pytest.mark.slow
 def test_a_place_is_left_when_half_of_the_rig_has_turned_away():
     everywhere = [[1.0] * 6] * 5
     np.testing.assert_array_equal(
@@ -68,6 +71,7 @@ def test_three_images_of_the_whole_body_are_enough_anywhere():
     np.testing.assert_array_equal(within([*everywhere, *few]), [True] * 7 + [False])
 
 
+@pytest.mark.slow
 def test_where_people_are_usually_in_few_images_two_are_enough():
     usual = [[1, 1, 1, 1, 0, 0], [0, 1, 1, 1, 1, 0], [0, 0, 1, 1, 1, 1]]
     np.testing.assert_array_equal(

@@ -189,6 +189,7 @@ def test_where_nobody_confirms_a_camera_it_is_believed_less(false):
     assert more.log_odds[-1] <= found.log_odds[-1]
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10**6))
 def test_the_order_of_the_groups_says_nothing(seed):
     rng = np.random.default_rng(seed)

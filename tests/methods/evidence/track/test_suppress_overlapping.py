@@ -44,6 +44,7 @@ def crowds(draw):
     return rows, np.repeat(evidence, frames), np.array(draw(flags))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("x64")
 @settings(max_examples=60, deadline=None)
 @given(crowds())
@@ -61,6 +62,7 @@ def test_nobody_stays_beside_a_better_supported_one_and_nobody_goes_without_one(
         assert any(rank[other] > rank[row] for other in np.flatnonzero(in_reach[row] & alone))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("x64")
 @settings(max_examples=60, deadline=None)
 @given(crowds(), st.randoms(use_true_random=False))
@@ -74,6 +76,7 @@ def test_the_order_of_the_rows_says_nothing(crowd, random):
     )
 
 
+@pytest.mark.slow
 def test_a_long_track_outlives_a_short_one_that_is_surer_for_a_moment():
     rows = trails([0, 0, 0, 1], [0, 1, 2, 1], [[0, 0]] * 3 + [[0.1, 0]])
     found = suppress_overlapping_tracks(
@@ -131,6 +134,7 @@ def pairs_in_one_place(solution):
 
 
 # Tracks that go on by looks double fewer people.
+@pytest.mark.slow
 @pytest.mark.parametrize(("by_looks", "doubled"), [(False, 3), (True, 1)])
 def test_camps_of_cameras_report_one_person_and_nobody_is_lost(by_looks, doubled):
     both, _ = in_camps(0.0, by_looks)

@@ -138,6 +138,7 @@ def test_people_keep_their_track_and_its_smoothing_helps(seed):
     assert (error**2).mean() < (raw**2).mean()
 
 
+@pytest.mark.slow
 def test_errors_of_tracks_are_as_large_as_stated():
     ratio = []
     for seed in range(40):
@@ -152,6 +153,7 @@ def test_errors_of_tracks_are_as_large_as_stated():
     assert np.std(ratio) < 0.3
 
 
+@pytest.mark.slow
 @settings(max_examples=10)
 @given(st.integers(0, 10**6), st.randoms(use_true_random=False))
 def test_the_order_within_a_frame_renames_and_no_more(seed, random):

@@ -36,6 +36,7 @@ def least_squares_residual(origins, directions, weights) -> float:
     return float(np.arctan2(sine, (sight * directions).sum(1)).max())
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(VECTOR, VECTOR, VECTOR, VECTOR, WEIGHT, WEIGHT)
 def test_the_residual_is_that_of_least_squares(x64, o1, d1, o2, d2, w1, w2):
@@ -140,6 +141,7 @@ def brute_force(observations, rays: Rays, sigma_theta: float, rules: Association
     return admitted
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.lists(FOOT, min_size=1, max_size=14), st.booleans(), st.sampled_from([5, 1 << 20]))
 def test_pairs_are_those_of_the_rules_in_their_order(x64, monkeypatch, feet, embeddings, at_once):
@@ -164,6 +166,7 @@ def test_pairs_are_those_of_the_rules_in_their_order(x64, monkeypatch, feet, emb
     assert (np.diff(keys[:, 1])[tied] >= -1e-12).all()
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(st.lists(FOOT, min_size=2, max_size=14))
 def test_frames_are_independent(x64, feet):
@@ -180,6 +183,7 @@ def test_frames_are_independent(x64, feet):
     assert set(apart) == set(zip(whole.first, whole.second, strict=True))
 
 
+@pytest.mark.slow
 def test_a_crowded_frame_needs_bounded_memory():
     rng = np.random.default_rng(0)
     count = 4000

@@ -110,12 +110,14 @@ def check(problem) -> None:
         np.testing.assert_array_equal(camera[row[present]], present)
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(problems())
 def test_all_pairs_at_once_equal_one_pair_after_the_other(x64, problem):
     check(problem)
 
 
+@pytest.mark.slow
 @settings(max_examples=80)
 @given(problems())
 def test_small_windows_and_few_decisions_a_round_change_nothing(x64, small_windows, problem):
@@ -136,6 +138,7 @@ def exact_rays(camera, target, centers=CENTERS) -> Rays:
     return Rays(origin, direction, np.ones(len(camera)))
 
 
+@pytest.mark.slow
 def test_a_first_merge_decides_what_can_follow(x64):
     # Camera 2 sees two places close together: the earlier pair takes the place in the group.
     camera = np.array([0, 1, 2, 2])
@@ -152,6 +155,7 @@ def test_a_first_merge_decides_what_can_follow(x64):
         assert as_sets(groups) == wanted
 
 
+@pytest.mark.slow
 def test_a_unique_pair_only_joins_those_that_are_alone(x64):
     camera = np.array([0, 1, 2])
     rays = exact_rays(camera, np.zeros((3, 3)))
@@ -163,6 +167,7 @@ def test_a_unique_pair_only_joins_those_that_are_alone(x64):
     assert as_sets(groups) == {frozenset({0, 1, 2})}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cameras", [32, 70])
 def test_any_number_of_cameras(cameras):
     # Sets of cameras are bit sets of 32 a word.
@@ -188,6 +193,7 @@ def test_without_pairs_there_are_no_groups():
     assert groups.shape == (0, 4)
 
 
+@pytest.mark.slow
 def test_held_to_the_ground_rays_that_meet_above_it_do_not_agree(x64):
     camera = np.array([0, 1])
     pairs = CandidatePairs(np.array([0]), np.array([1]), np.array([False]))

@@ -40,6 +40,7 @@ def rays_to(targets, noise: float | np.ndarray = 0.0, weight: np.ndarray | None 
     return Rays(origin, direction, np.ones(len(targets)) if weight is None else weight)
 
 
+@pytest.mark.slow
 def test_exact_rays_meet_where_they_should(x64):
     target = np.array([[0.1, 0.2, 0.05], [-0.2, 0.3, 0.0]])
     groups = np.array([[0, 1, 2, 3], [-1, 5, -1, 7]])
@@ -51,6 +52,7 @@ def test_exact_rays_meet_where_they_should(x64):
     np.testing.assert_allclose(residual[groups >= 0], 0, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_the_best_pair_is_the_one_with_the_smallest_sigma(x64):
     noise = np.random.default_rng(0).normal(scale=0.01, size=(4, 3))
     rays = rays_to([[0.5, 0.4, 0]], noise)
@@ -72,6 +74,7 @@ def test_the_best_pair_is_the_one_with_the_smallest_sigma(x64):
     np.testing.assert_allclose(position, sigma[best][1], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_single_ray_is_the_most_reliable_one_cut_with_the_ground(x64):
     weight = np.array([0.2, 0.9, 0.4, 0.1])
     rays = rays_to([[0.1, 0.2, 0.0]], np.random.default_rng(1).normal(scale=0.05, size=(4, 3)))
@@ -87,6 +90,7 @@ def test_the_single_ray_is_the_most_reliable_one_cut_with_the_ground(x64):
     assert np.flatnonzero(np.isfinite(residual[0])).tolist() == [1]
 
 
+@pytest.mark.slow
 def test_constrained_positions_are_on_the_ground(x64):
     rays = rays_to([[0.1, 0.2, 0.1]])
     settings = TriangulationSettings(constrain_to_ground=True)
@@ -97,6 +101,7 @@ def test_constrained_positions_are_on_the_ground(x64):
 PLACE = st.tuples(st.floats(-0.8, 0.8), st.floats(-0.8, 0.8))
 
 
+@pytest.mark.slow
 @given(PLACE, st.lists(st.floats(-0.02, 0.02), min_size=12, max_size=12))
 def test_least_squares_on_the_ground_is_a_minimum(x64, place, noise):
     rays = rays_to([[*place, 0.0]], np.reshape(noise, (4, 3)))
@@ -130,6 +135,7 @@ def tables(draw):
     return np.array(counts), np.array(shift).reshape(-1, 2), np.array(weight)
 
 
+@pytest.mark.slow
 @settings(max_examples=50)
 @given(tables())
 def test_support_is_the_most_reliable_ray_within_the_radius(x64, drawn):
@@ -163,6 +169,7 @@ def test_support_is_the_most_reliable_ray_within_the_radius(x64, drawn):
                 assert weight[chosen] == weight[inside].max()
 
 
+@pytest.mark.slow
 def test_sigma_needs_two_cameras_and_follows_the_definition(x64):
     rays = rays_to([[0.1, 0.2, 0]], weight=np.array([1.0, 0.5, 0.25, 1.0]))
     member = np.array([[0, 1, 2, 3], [-1, 1, -1, -1], [-1, -1, -1, -1]])
