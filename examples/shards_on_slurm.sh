@@ -12,7 +12,7 @@ out=$(realpath -m "$1")
 shift
 
 $catfree plan "$@" --out "$out"
-plan=$out/plan.json
+plan=$out/_shards/plan.json
 last=$(($(grep -c '"index":' "$plan") - 1))
 
 if command -v sbatch >/dev/null; then

@@ -35,13 +35,13 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
         embedder: Path | None = None,
         method: Literal["default", "paper", "evidence"] = "default",
     ) -> None:
-        """Cut a long recording into shards and write them to plan.json.
+        """Cut a long recording into shards and write them to a plan.
 
         Args:
             recording: one video file or image folder per camera, or a single file of saved boxes
                 (.npz or .parquet), or a folder of Parquet files.
             scene: known cameras and ground (scene.json).
-            out: folder for the plan and the results.
+            out: folder for the results; the plan is `_shards/plan.json` in it.
             every: seconds per shard.
             overlap: seconds that neighboring shards share.
             frame_rate: frames per second; that of the videos or of the saved boxes if not given.
@@ -52,6 +52,7 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
             method: the localization method.
         """
         from catfree._run.sharded._plan_file import PlanFile, write_plan
+        from catfree._run.sharded._receipt import WORK_FOLDER
         from catfree._run.sharded._shard import shards
         from catfree.types._writing import make_folder
 
@@ -67,7 +68,8 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
         parts = shards(
             recording if boxes is None else boxes, every, overlap, frame_rate, offsets=offsets
         )
-        folder = make_folder(out)
+        # Beside the other working files, which readers of Parquet folders leave out.
+        folder = make_folder(out / WORK_FOLDER)
         names = {role: "" if path is None else _absolute(path) for role, path in networks.items()}
         document = PlanFile(parts, _absolute(scene), _absolute(out), method, **names)
         path = write_plan(folder / "plan.json", document)

@@ -63,7 +63,8 @@ def last_sentence(capsys):
 
 
 def test_plan_then_shards_then_join(files, tmp_path, capsys):
-    out, plan = tmp_path / "day", tmp_path / "day" / "plan.json"
+    out = tmp_path / "day"
+    plan = out / "_shards" / "plan.json"
     words = [str(files / "boxes.parquet"), "--scene", str(files / "scene.json"), *CUT]
     assert cli.main(["plan", *words, "--out", str(out)]) == 0
     assert f"{plan} has 2 shards" in capsys.readouterr().out
@@ -76,6 +77,9 @@ def test_plan_then_shards_then_join(files, tmp_path, capsys):
     assert said == f"{out}: {day.people} people, {len(day)} positions.\n"
     assert day.people > 0
     assert [(part.first, part.stop) for part in day.parts] == [(0, 30), (30, 60)]
+    import pyarrow.dataset
+
+    assert pyarrow.dataset.dataset(out, format="parquet").count_rows() == len(day)
     # Neither command repeats what is done.
     before = {path: path.stat().st_mtime_ns for path in (out / "_shards").glob("part-*")}
     assert len(before) == 6
@@ -87,7 +91,7 @@ def test_a_plan_can_be_run_from_any_folder(files, tmp_path, monkeypatch):
     monkeypatch.chdir(files)
     words = ["boxes.parquet", "--scene", "scene.json", "--method", "paper", *CUT]
     assert cli.main(["plan", *words, "--out", str(tmp_path)]) == 0
-    document = json.loads((tmp_path / "plan.json").read_text())
+    document = json.loads((tmp_path / "_shards" / "plan.json").read_text())
     assert document["scene"] == str(files / "scene.json")
     assert document["out"] == str(tmp_path)
     assert document["method"] == "paper"
@@ -135,7 +139,7 @@ def planned(files, tmp_path_factory):
     ],
 )
 def test_a_shard_that_cannot_be_run(planned, tmp_path, capsys, index, change, sentence):
-    text = (planned / "plan.json").read_text()
+    text = (planned / "_shards" / "plan.json").read_text()
     plan = tmp_path / "plan.json"
     plan.write_text(text if change is None else change(text))
     assert cli.main(["shard", "--plan", str(plan), "--index", index]) == 1

@@ -67,7 +67,7 @@ def test_ray_writes_the_same_bytes(run, on_dask):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="the script is for a POSIX shell")
 def test_processes_one_after_another_write_the_same_bytes(run, on_dask):
-    boxes, scene = str(on_dask / "_boxes.parquet"), str(on_dask / "scene.json")
+    boxes, scene = str(on_dask / "_boxes.parquet"), str(on_dask / "_shards" / "scene.json")
     plan = ["--scene", scene, "--frame-rate", "5", "--every", "20", "--overlap", "10"]
     script = str(EXAMPLES / "shards_on_slurm.sh")
     said = run("bash", script, "slurm", boxes, *plan)
