@@ -62,6 +62,7 @@ def test_fewer_cameras_never_know_better(wildtrack):
     assert np.isinf(sigmas[0][cameras[0] < 2]).all()
 
 
+@pytest.mark.slow
 def test_sigma_at_a_person_is_that_of_the_map(wildtrack):
     x, y = wildtrack.ground_truth[0, 2:]
     small = 1e-3
@@ -84,6 +85,7 @@ def test_camera_removal_has_a_row_a_number_of_cameras_and_a_verdict():
     assert "reproduced**" in table.verdicts[0]
 
 
+@pytest.mark.slow
 def test_two_cameras_are_scored_in_the_gauge_of_all(wildtrack):
     found = localize(wildtrack, cf.Settings.paper())
     whole = camera_removal.score_in_gauge(found, wildtrack, wildtrack)

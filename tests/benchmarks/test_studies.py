@@ -68,6 +68,7 @@ def test_windows_share_their_scored_middle():
     np.testing.assert_array_equal(common.box, short.detections.box)
 
 
+@pytest.mark.slow
 def test_claimed_and_true_errors_are_in_metres_whatever_the_gauge(monkeypatch):
     """A result that is the truth, displaced by 10 cm, with a sigma of 20 cm."""
     sequence = sweep.simulate(0, 3, rig_error=sweep.RigError(0, 0, 0, 0, 0))

@@ -70,6 +70,7 @@ def test_a_rig_that_lacks_a_camera_and_has_another_beside_its_place(loop, right)
     assert furthest(found, right) < 0.3
 
 
+@pytest.mark.slow
 def test_three_cameras_do_not_tell_which_of_them_is_wrong(loop, right):
     few = moved(right, WRONG, 1.5, -1.0)
     for camera in (0, 1, MISSING):
@@ -106,6 +107,7 @@ def test_cameras_that_agree_on_nobody_do_not_outvote_one(world, right):
     assert pair.scene.rig.registered.tolist() == [c in (3, 4) for c in range(6)]
 
 
+@pytest.mark.slow
 def test_where_nobody_is_sure_nothing_moves(world, right):
     empty = world.detections[:0]
     loop = EvidenceLoop(empty, SETTINGS, lambda *_: None)

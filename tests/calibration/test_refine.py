@@ -156,6 +156,7 @@ def test_halves_the_error_of_a_disturbed_rig(disturbed):
     assert centre_error(found.scene, world) < 0.5 * centre_error(world.scene, world)
 
 
+@pytest.mark.slow
 def test_trace_holds_every_round_and_the_best_one_wins(disturbed):
     world, found = disturbed
     assert found.residuals.shape == found.people.shape == (5,)
@@ -178,6 +179,7 @@ def test_keeps_scale_principal_points_and_extent(disturbed):
     assert spread[1] == pytest.approx(spread[0], rel=0.02)
 
 
+@pytest.mark.slow
 def test_ground_fits_the_people_after_refinement(disturbed):
     world, found = disturbed
     to_world = align_centres(np.asarray(found.scene.rig.centers), world.true_centres)
@@ -185,6 +187,7 @@ def test_ground_fits_the_people_after_refinement(disturbed):
     assert np.degrees(np.linalg.norm(normal[:2])) < 0.5
 
 
+@pytest.mark.slow
 def test_similarity_of_the_scene_moves_the_result():
     world = make_world("gmvd6", 0, frames=6, rig_error=RigError(1.0, 0.3, 0.02))
     turn = Rotation.from_euler("xyz", [1.0, 2.0, 3.0]).as_matrix()
@@ -197,6 +200,7 @@ def test_similarity_of_the_scene_moves_the_result():
     np.testing.assert_allclose(np.asarray(there.scene.rig.centers), expected, atol=2e-3 * extent)
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_not_registered_stays_out():
     world = make_world("ring5", 0, frames=8, rig_error=RigError(1.0, 0.3, 0.02))
     scene, known = without_camera(world.scene, 2)

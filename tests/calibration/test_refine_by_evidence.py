@@ -75,6 +75,7 @@ def test_stops_when_the_residual_stops_falling_and_the_best_round_wins(disturbed
     assert again.residuals[0] == pytest.approx(found.residuals[found.chosen], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_rig_as_a_whole_stays_in_place_and_size(disturbed):
     world, found = disturbed
     before, after = world.scene, found.scene

@@ -128,6 +128,7 @@ def test_every_camera_has_files_of_its_own(outcome, tmp_path):
     assert set(names) == {"a/b", "a_b", "a_b_C3"}
 
 
+@pytest.mark.slow
 def test_report_shows_pictures_cameras_and_settings(results, outcome):
     text = (results / "report.md").read_text()
     for needle in (
@@ -165,6 +166,7 @@ def test_report_blocks_escape_what_they_show():
     assert "| p\\|q | v |\n| --- | --- |\n| <b> | 1 |" in text
 
 
+@pytest.mark.slow
 def test_boxes_take_the_identity_of_the_track_they_support(outcome, results):
     for camera, name in enumerate(outcome.camera_names):
         rows = outcome.detections.camera == camera

@@ -63,6 +63,7 @@ def test_the_truth_scores_full_marks_in_any_frame(world):
         assert result.scale == pytest.approx(1, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_a_wrong_scale_counts_only_after_rigid_alignment(world):
     similar, rigid = score(world, answer(world, scale=1.2))
     assert similar.moda == pytest.approx(100)

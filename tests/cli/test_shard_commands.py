@@ -62,6 +62,7 @@ def last_sentence(capsys):
     return last
 
 
+@pytest.mark.slow
 def test_plan_then_shards_then_join(files, tmp_path, capsys):
     out = tmp_path / "day"
     plan = out / "_shards" / "plan.json"
@@ -169,6 +170,7 @@ def test_failures_are_one_sentence(files, tmp_path, monkeypatch, capsys, words, 
     assert not (tmp_path / "o").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_threads")
 def test_sites_that_are_complete_are_listed(files, tmp_path, capsys):
     assert cli.main(["run-sites", str(files / "good.toml"), "--out", str(tmp_path)]) == 0
@@ -180,6 +182,7 @@ def test_sites_that_are_complete_are_listed(files, tmp_path, capsys):
     assert "2/2" in said.err
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_threads")
 def test_a_site_that_fails_is_named_after_the_others_are_complete(files, tmp_path, capsys):
     assert cli.main(["run-sites", str(files / "half.toml"), "--out", str(tmp_path)]) == 1
@@ -190,6 +193,7 @@ def test_a_site_that_fails_is_named_after_the_others_are_complete(files, tmp_pat
     assert "x.npz" in sentence
 
 
+@pytest.mark.slow
 def test_sites_on_dask(files, tmp_path, capsys):
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
     words = ["run-sites", str(files / "good.toml"), "--out", str(tmp_path)]
@@ -216,6 +220,7 @@ def test_a_missing_dask_is_named(files, tmp_path, monkeypatch, capsys):
     assert "pip install 'catfree[distributed]'" in last_sentence(capsys)
 
 
+@pytest.mark.slow
 def test_a_process_for_one_shard_uses_one_thread():
     code = (
         "import os, sys\n"

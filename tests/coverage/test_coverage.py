@@ -101,6 +101,7 @@ def test_adding_the_removed_camera_back_gives_the_whole_map(seed, camera):
     np.testing.assert_array_equal(again.visible[-1], whole.visible[camera])
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(
     seed=SEEDS,
@@ -139,6 +140,7 @@ def test_what_a_camera_gives_moves_with_the_scene(x64, seed, scale, turn):
     np.testing.assert_allclose(found[1], found[0], rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_new_camera_looks_where_it_is_told_and_stands_upright(x64):
     scene = scene_of(3)
     copied = camera_gain(scene, np.array([9.0, 0.0, 4.0]), np.array([0.0, 0.0, 1.0]), AREA)
@@ -152,6 +154,7 @@ def test_a_new_camera_looks_where_it_is_told_and_stands_upright(x64):
         camera_gain(scene, np.array([9.0, 0, 4]), np.array([0.0, 0, 1]), AREA, like=7)
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(seed=SEEDS, order=st.permutations(range(4)))
 def test_the_order_of_cameras_has_no_effect(seed, order):
@@ -189,6 +192,7 @@ def test_the_map_moves_with_the_scene(x64, seed, scale, turn, shift):
         np.testing.assert_allclose(after.sigma[0, 0], scale * sigma, rtol=1e-6)
 
 
+@pytest.mark.slow
 @settings(max_examples=8)  # each evaluates two maps of 40 000 cells
 @given(seed=SEEDS, scale=st.floats(0.01, 100.0), shift=st.floats(-100.0, 100.0))
 def test_default_area_and_resolution_are_relative_to_the_extent(x64, seed, scale, shift):
@@ -214,6 +218,7 @@ def test_visible_area_holds_what_two_cameras_see():
     assert y.max() <= y_max
 
 
+@pytest.mark.slow
 def test_a_camera_at_the_same_place_matters_least():
     scene = scene_of(2)
     rig = scene.rig
@@ -319,6 +324,7 @@ def test_one_camera_is_not_enough_and_unknown_cameras_are_named():
         coverage_without(scene, 9, AREA)
 
 
+@pytest.mark.slow
 def test_float32_agrees_with_float64():
     scene = scene_of(6)
     single = coverage(scene, AREA, resolution=1.0)

@@ -74,6 +74,7 @@ def test_fixed_scale_is_rigid():
     assert float(aligned.scale) == 1.0
 
 
+@pytest.mark.slow
 def test_one_wrong_camera_is_found_by_leaving_it_out():
     estimated = CENTRES.copy()
     estimated[3] += [0.0, 0.0, 2.0]
@@ -102,6 +103,7 @@ def test_moda_as_the_score():
     assert (result.value, result.mean, result.min, result.std) == (100, 100, 100, 0)
 
 
+@pytest.mark.slow
 def test_unregistered_cameras_may_be_nan():
     estimated = CENTRES.copy()
     estimated[1] = np.nan

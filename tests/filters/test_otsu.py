@@ -80,6 +80,7 @@ def test_otsu_follows_shift_and_scale(dtype, sample, shift, factor):
     np.testing.assert_allclose(moved, expected, rtol=1e-5, atol=1e-5 * factor)
 
 
+@pytest.mark.slow
 @given(sample=positive_numbers, factor=st.sampled_from([1e-6, 0.3, 7.0, 1e9]))
 def test_log_otsu_follows_scale(dtype, sample, factor):
     values, member = padded(sample, dtype)
@@ -105,6 +106,7 @@ def test_order_does_not_matter(name, sample, data):
     assert estimate(values, member) == estimate(values[order], member[order])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["otsu", "log_otsu", "otsu_separability"])
 @pytest.mark.parametrize("filler", [np.nan, np.inf, -np.inf, 0.0, 1e30])
 @given(sample=positive_floats)
@@ -169,6 +171,7 @@ def test_otsu_by_hand(dtype, sample, expected):
     assert threshold.dtype == dtype
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sample", "expected"),
     [
@@ -250,6 +253,7 @@ def test_gradient_is_finite(dtype, name, sample):
     assert np.isfinite(gradient).all()
 
 
+@pytest.mark.slow
 def test_gradient_is_that_of_the_midpoint(dtype):
     gradient = jax.grad(filters.otsu)(jnp.asarray(np.array([1, 2, 9, 10], dtype)))
     np.testing.assert_array_equal(gradient, [0, 0.5, 0.5, 0])

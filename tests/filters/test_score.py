@@ -92,6 +92,7 @@ def test_masked_out_is_left_out(dtype):
     assert result.score.dtype == result.weights.dtype == result.threshold.dtype == dtype
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("column", [Signal.DETECTOR_CONFIDENCE, Signal.RECONSTRUCTION_CONFIDENCE])
 def test_a_missing_signal_has_no_say(column):
     signals, _ = signals_of(2)
@@ -103,6 +104,7 @@ def test_a_missing_signal_has_no_say(column):
     np.testing.assert_allclose(score_of(constant).score, result.score, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_missing_entry_counts_as_average():
     signals, _ = signals_of(3)
     signals = signals.astype(np.float32)

@@ -147,6 +147,7 @@ def test_outside_equals_a_loop(drawn, radius, data):
     np.testing.assert_array_equal(outside(positions, accepted, radius, where), expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius", [0.5, np.float32(0.5), np.asarray(0.5)])
 def test_any_kind_of_number_is_a_radius(radius):
     positions = np.array([[0, 0], [0.4, 0], [3, 0]], np.float32)

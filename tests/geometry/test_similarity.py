@@ -184,6 +184,7 @@ def test_degenerate_points_raise_when_concrete_and_are_finite_when_traced(x64, n
         assert np.isfinite(jacobian).all()
 
 
+@pytest.mark.slow
 def test_equal_singular_values_differentiate(x64):
     cube = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
     gradient = fit_reverse(cube, cube, np.ones(6))

@@ -145,6 +145,7 @@ def test_the_order_of_rays_does_not_matter(x64, case, order):
     np.testing.assert_allclose(found.distances, expected.distances[np.array(order)], atol=1e-7)
 
 
+@pytest.mark.slow
 @given(sightings(noise=0.1), st.floats(0.01, 100))
 def test_only_the_ratio_of_weights_matters(x64, case, factor):
     origins, directions, weights = case
@@ -273,6 +274,7 @@ def test_degenerate_rays_give_finite_values_and_gradients(x64, name, dtype):
         assert np.isfinite(jacobian).all()
 
 
+@pytest.mark.slow
 def test_degenerate_answers_by_hand(x64):
     def solve(name):
         case = [np.asarray(a, np.float64) for a in DEGENERATE[name]]
@@ -284,6 +286,7 @@ def test_degenerate_answers_by_hand(x64):
     np.testing.assert_allclose(solve("coincident centres"), [1, 2, 3], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_one_wrong_ray_among_four_is_rejected_by_hand(x64):
     origins = np.array([[10.0, 0, 0], [-10, 1e-9, 0], [0, 10, 0], [0, 0, 10]])
     directions = np.array([[-1.0, 0, 0], [1, 0, 0], [0, -1, 0], [1, 0, 0]])

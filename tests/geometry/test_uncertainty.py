@@ -89,6 +89,7 @@ def test_sigma_scales_with_the_scene(x64, case, exponent):
     )
 
 
+@pytest.mark.slow
 @given(sightings(), st.floats(0, 7))
 def test_sigma_does_not_depend_on_the_basis_of_the_plane(x64, case, angle):
     position, origins, directions, weights = case

@@ -126,6 +126,7 @@ def test_supports_point_at_the_callers_rows(reference):
     np.testing.assert_array_equal(seen.frame[chosen], candidates.frame[row])
 
 
+@pytest.mark.slow
 def test_tracks_are_on_the_ground_and_sorted(reference):
     tracks, ground = reference.tracks, WORLD.scene.ground
     assert len(tracks) > 30
@@ -142,6 +143,7 @@ def test_tracks_are_on_the_ground_and_sorted(reference):
     )
 
 
+@pytest.mark.slow
 def test_people_are_where_they_are(x64, reference):
     truth = np.asarray(WORLD.scene_from_world.inverse()(reference.tracks.position))
     rows = np.column_stack(
@@ -151,6 +153,7 @@ def test_people_are_where_they_are(x64, reference):
     assert metrics.moda > 80
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_float32_far_away_is_close_to_float64(reference, scale):
     extent = float(WORLD.scene.extent)

@@ -41,6 +41,7 @@ def test_support_is_of_the_frame_and_the_camera(method):
     np.testing.assert_array_equal(seen.camera[boxes], camera)
 
 
+@pytest.mark.slow
 @BOTH
 def test_a_detection_shows_one_person(method):
     localization = found(method)
@@ -63,6 +64,7 @@ def test_boxes_of_one_track_show_one_person(method):
     assert np.mean(pure) > 0.9
 
 
+@pytest.mark.slow
 def test_cameras_are_counted_by_their_boxes():
     tracks = found("evidence").tracks
     np.testing.assert_array_equal((tracks.support >= 0).sum(1), tracks.supporting_cameras)

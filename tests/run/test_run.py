@@ -223,6 +223,7 @@ def test_pieces_without_people_agree_with_one_pass(pictures, tmp_path):
         assert same_content(whole, pieces)
 
 
+@pytest.mark.slow
 def test_every_way_through_the_stages_keeps_the_clock(pictures, tmp_path):
     world, videos = small_world(), SynchronizedVideos(pictures, frame_rate=5)
     outcomes = [

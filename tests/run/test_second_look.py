@@ -123,6 +123,7 @@ def test_nobody_is_expected_by_a_camera_that_is_not_registered(world):
     assert set(expected.camera.tolist()) == {0, 1, 3}
 
 
+@pytest.mark.slow
 def test_boxes_that_stay_keep_their_embedding(world, found, videos):
     expected = expected_people(found, world.detections, world.true_scene)
     same = Repeats(world.detections)

@@ -161,19 +161,37 @@ def ticks_of_frames(times: Times, start: float, rate: float) -> Int[np.ndarray, 
     tick = np.floor(place + 0.5).astype(np.int64)
     if not len(tick):
         return tick
-    shared = np.diff(tick) == 0
-    below = np.diff(tick, prepend=tick[0] - 2) > 1  # the tick before is free
-    early = np.append(shared, False) & below & (tick - place >= 1 - REACH) & (tick > 0)
-    tick[early] -= 1
-    shared = np.diff(tick) == 0
-    above = np.diff(tick, append=tick[-1] + 2) > 1
-    late = np.insert(shared, 0, False) & above & (place - tick >= 1 - REACH)
-    tick[late] += 1
+    _make_room(tick, place, 0)
+    # The same toward later ticks, in the mirror.
+    mirrored = -tick[::-1]
+    _make_room(mirrored, -place[::-1], -np.iinfo(np.int64).max)
+    tick = -mirrored[::-1]
     # Of the frames that still share a tick, the nearest stays.
     order = np.lexsort((np.abs(place - tick), tick))
     best = np.zeros(len(tick), bool)
     best[order[np.diff(tick[order], prepend=-1) > 0]] = True
     return np.where(best, tick, -1)
+
+
+def _make_room(tick: Int[np.ndarray, " n"], place: Times, lowest: int) -> None:
+    """Move frames that share a tick with the next one to the tick before, in place.
+
+    Frames in the way move along, if a free tick follows and none ends farther than `REACH` away.
+
+    Args:
+        tick: of each frame, increasing or equal.
+        place: of each frame in ticks.
+        lowest: tick that no frame may go below.
+    """
+    movable = tick - place >= 1 - REACH
+    for last in np.flatnonzero((np.diff(tick) == 0) & movable[:-1]).tolist():
+        first = last
+        while movable[first] and first > 0 and tick[first - 1] == tick[first] - 1:
+            first -= 1
+        is_free = first == 0 or tick[first - 1] < tick[first] - 1
+        if movable[first] and is_free and tick[first] > lowest:
+            tick[first : last + 1] -= 1
+            movable[first : last + 1] = False
 
 
 def _increasing(values: Any, camera: int) -> Times:

@@ -212,6 +212,7 @@ def test_knowing_where_people_stand_finds_more_of_them_and_nobody_else(street):
     assert right[1] / found[1] > right[0] / found[0] - 0.01
 
 
+@pytest.mark.slow
 def test_hints_without_anybody_there_change_nothing(street):
     frames, detector = street
     for image, boxes, _ in frames[::20]:
@@ -221,6 +222,7 @@ def test_hints_without_anybody_there_change_nothing(street):
         np.testing.assert_array_equal(again.box, result.box)
 
 
+@pytest.mark.slow
 def test_shadows_are_not_people_and_do_not_lower_feet(street):
     _, detector = street
     rng = np.random.default_rng(0)

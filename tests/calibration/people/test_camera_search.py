@@ -84,6 +84,7 @@ def test_a_camera_of_another_time_is_neither_found_nor_confirmed(world, calibrat
     assert again is None or not again.scene.rig.registered[CAMERA]
 
 
+@pytest.mark.slow
 def test_a_right_rig_is_confirmed_with_evidence(world, calibration) -> None:
     checked = confirm(calibration, world.detections, RULES)
     assert checked.scene.rig.registered.all()
@@ -105,6 +106,7 @@ def test_without_a_camera_the_others_stay(calibration) -> None:
     )
 
 
+@pytest.mark.slow
 def test_places_for_a_missing_camera_hold_its_own(world, calibration) -> None:
     rest = without_camera(calibration, CAMERA, RULES)
     places = places_for(rest, world.detections, CAMERA, RULES)

@@ -136,6 +136,7 @@ def enlarged(world, found, zoomed, believed):
     return larger, replace(found, scene=scene, shared_focal=believed), focal * zoom
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("believed", [True, False])
 @pytest.mark.parametrize(("zoomed", "shared"), [(1.0, True), (1.25, False)])
 def test_people_tell_whether_one_focal_length_serves_all(

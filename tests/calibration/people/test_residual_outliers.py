@@ -1,6 +1,7 @@
 """A camera that fits far worse than the others is found, whatever the scale of the residuals."""
 
 import numpy as np
+import pytest
 from hypothesis import given, strategies as st
 
 from catfree.calibration.people._residual_outliers import residual_outliers, worst_outlier
@@ -16,6 +17,7 @@ def outlier(residual, support=None, tried=()):
     return worst_outlier(residual, support, RULES, tried)
 
 
+@pytest.mark.slow
 @given(
     st.lists(usual, min_size=FEWEST, max_size=8),
     st.integers(0, 7),

@@ -80,6 +80,7 @@ def test_three_garbage_instants_in_ten_hardly_matter(seed, bad, x64):
         assert together.mean() < 0.7 * np.mean(single)
 
 
+@pytest.mark.slow
 def test_one_bad_camera_in_some_instants_costs_nothing_but_those(x64):
     rig, rng = make_layout("ring5", 1).rig, np.random.default_rng(1)
     instants = []
@@ -102,6 +103,7 @@ def test_spread_says_how_much_the_instants_disagree(x64):
     np.testing.assert_allclose(spread.log_focal, 0.03, rtol=0.4)
 
 
+@pytest.mark.slow
 def test_points_of_inlier_instants_meet_in_the_common_frame(x64):
     rig, rng = make_layout("ring4", 0).rig, np.random.default_rng(2)
     points = rng.normal(0, 3, (50, 3))
@@ -141,6 +143,7 @@ def test_a_camera_that_is_never_registered_is_absent(x64):
     assert found.spread.instants.tolist() == [3, 3, 0, 3]
 
 
+@pytest.mark.slow
 def test_cameras_registered_in_different_instants_are_joined(x64):
     rig, rng = make_layout("ring5", 0).rig, np.random.default_rng(5)
     seen = ~np.eye(5, dtype=bool)

@@ -68,6 +68,7 @@ def test_finds_the_floor(world, contents, with_people):
     assert found.inliers.sum() > 0.9 * contents["floor"]
 
 
+@pytest.mark.slow
 def test_evidence_says_what_was_seen(world):
     points = room(np.random.default_rng(1), floor=500, walls=2500, ceiling=2000)
     candidates = find_ground(points, world.true_rig, world.detections).candidates
@@ -102,6 +103,7 @@ def test_a_table_is_not_the_ground(world):
     assert_is_floor(find_ground(points, world.true_rig, world.detections), rig=world.true_rig)
 
 
+@pytest.mark.slow
 def test_walls_alone_are_refused_with_reasons(world):
     points = room(np.random.default_rng(4), floor=0, walls=1500, ceiling=800)
     with pytest.raises(GroundRejectedError, match=r"plane 1 .* a wall.*degrees.*known\s+ground"):
@@ -110,6 +112,7 @@ def test_walls_alone_are_refused_with_reasons(world):
         find_ground(points, world.true_rig)
 
 
+@pytest.mark.slow
 def test_a_floor_that_lies_behind_the_feet_is_refused(world):
     # A level plane above half of the cameras.
     height = float(np.median(np.asarray(world.true_rig.centers)[:, 2]))
@@ -142,6 +145,7 @@ def test_similarity_of_the_scene_moves_the_ground(seed):
     np.testing.assert_array_equal(here.inliers, there.inliers)
 
 
+@pytest.mark.slow
 def test_doubtful_and_missing_points_do_not_count(world):
     rng = np.random.default_rng(7)
     good = room(rng, floor=1000, walls=0)
@@ -166,6 +170,7 @@ def test_too_little_is_refused(world):
         find_ground(np.zeros((2, 3)), world.true_rig)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["public_ring5", "public_uneven7", "public_mvx6", "public_gmvd8"])
 def test_simulated_clouds_give_their_ground(shared, name):
     from catfree.adapters.datasets._scenario import read_scenario

@@ -18,6 +18,7 @@ def boxes_at(xy, cameras, frame=0):
     return cf.Detections(np.full(count, frame), np.array(cameras), np.array(rows))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS, ids=lambda s: s.method)
 @pytest.mark.parametrize(
     "box",

@@ -155,6 +155,7 @@ def recoverable(cameras: int, shift: float) -> Hypotheses:
     return worse._replace(ground_xy=place, sigma=np.array([0.02, 0.02, 0.03, 0.03]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cameras", "shift", "recovered"),
     [(3, -0.05, True), (2, -0.05, False), (3, -0.0179, False), (3, -0.0181, True)],
@@ -184,6 +185,7 @@ def test_a_fixed_quantile_replaces_the_thresholds():
     assert (chosen.fate == Fate.ACCEPTED).sum() == 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gates", GATES)
 def test_no_hypotheses(gates):
     nobody = Hypotheses(*(column[:0] for column in people()))

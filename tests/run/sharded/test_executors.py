@@ -127,6 +127,7 @@ def test_a_pool_that_forks_is_refused(cheap, tmp_path):
         cf.run_shards(cheap, scene=SCENE, out=tmp_path, executor=pool)
 
 
+@pytest.mark.slow
 def test_threads_do(tmp_path):
     world = make_world("ring4", 2, frames=60, people=3)
     plan = cf.shards(world.detections, every=6, overlap=2, frame_rate=5)

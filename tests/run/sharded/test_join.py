@@ -27,6 +27,7 @@ def in_place(tracks):
     return tracks[np.lexsort((np.round(tracks.ground_xy[:, 1]), tracks.frame))]
 
 
+@pytest.mark.slow
 @SLOW_DISK
 @given(
     st.integers(0, 2**16),
@@ -73,6 +74,7 @@ def recording(tmp_path_factory):
     return out, parts
 
 
+@pytest.mark.slow
 @given(st.permutations(range(4)), st.lists(st.integers(0, 3), max_size=3))
 @settings(max_examples=10, deadline=None)
 def test_order_and_repetition_change_no_byte(recording, tmp_path_factory, order, again):

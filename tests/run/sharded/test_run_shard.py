@@ -41,6 +41,7 @@ def out(world, plan, tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_shards_find_the_people_that_one_run_finds(world, out):
     whole = cf.localize(world.detections, world.true_scene, EVERYWHERE).tracks
     joined = cf.join(out)
@@ -111,6 +112,7 @@ def test_a_full_disk_is_said_and_loses_no_finished_shard(world, plan, tmp_path, 
     assert len(cf.join(tmp_path)) == 0
 
 
+@pytest.mark.slow
 def test_a_folder_holds_one_scene(world, plan, out):
     other = dataclasses.replace(world.true_scene, extent=np.asarray(3.0))
     with pytest.raises(InvalidInputError, match=r"holds shards of another scene .*Name another"):
@@ -147,6 +149,7 @@ def test_boxes_of_an_unknown_camera_are_refused(world, tmp_path):
     assert not list(tmp_path.glob("_shards/part-*"))
 
 
+@pytest.mark.slow
 def test_an_empty_shard_is_a_shard(world, tmp_path):
     """Nobody is there between the first and the last minute."""
     boxes = world.detections[world.detections.frame < 5]
@@ -162,6 +165,7 @@ def test_an_empty_shard_is_a_shard(world, tmp_path):
     assert not ((joined.frame > 5) & (joined.frame < 600)).any()
 
 
+@pytest.mark.slow
 def test_a_receipt_of_another_version_is_refused_by_name(plan, world, tmp_path):
     cf.run_shard(plan[0], scene=world.true_scene, out=tmp_path)
     path = files_of(tmp_path, 0).receipt

@@ -181,6 +181,7 @@ def site_in(folder, name="north", **options):
 CUT = {"every": 6.0, "overlap": 3.0}
 
 
+@pytest.mark.slow
 def test_a_site_that_fails_does_not_stop_the_others(folder, executor, tmp_path):
     sites = [
         site_in(folder, "gone", recording=str(folder / "x.parquet")),
@@ -200,6 +201,7 @@ def test_a_site_that_fails_does_not_stop_the_others(folder, executor, tmp_path):
     assert seen == [("shards", done, 2) for done in range(3)]
 
 
+@pytest.mark.slow
 def test_days_of_one_site_share_its_scene_and_are_tables_of_their_own(folder, executor, tmp_path):
     sites = [site_in(folder, date=day) for day in ("2026-11-20", "2026-11-21")]
     tables = run_sites(sites, out=tmp_path, executor=executor, **CUT)
@@ -251,6 +253,7 @@ def calibrations(world, monkeypatch):
     return tried
 
 
+@pytest.mark.slow
 def test_a_site_is_calibrated_once(folder, executor, tmp_path, calibrations):
     days = [site_in(folder, scene=None, date=day) for day in ("2026-11-20", "2026-11-21")]
     first = run_sites(days, out=tmp_path, executor=executor, **CUT)

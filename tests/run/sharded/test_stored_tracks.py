@@ -42,6 +42,7 @@ def test_parts_together_are_the_table(out):
     np.testing.assert_array_equal(np.asarray(stored.scene.rig.R), np.asarray(SCENE.rig.R))
 
 
+@pytest.mark.slow
 @given(st.floats(-5, 40), st.floats(-5, 40))
 def test_a_stretch_of_time_is_a_selection_of_rows(out, begin, end):
     stored = cf.open_tracks(out)

@@ -77,6 +77,7 @@ def test_bodies_appear_where_the_truth_projects(world, stage, backgrounds):
     assert checked >= 3
 
 
+@pytest.mark.slow
 def test_nobody_leaves_the_background(world, stage, backgrounds):
     nobody = replace(world.walkers, present=np.zeros_like(world.walkers.present))
     artist = painter(replace(world, walkers=nobody), stage, backgrounds, 0, sunlight=1.0)

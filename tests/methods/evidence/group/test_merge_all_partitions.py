@@ -130,6 +130,7 @@ def test_no_merge_improves_what_greedy_merging_leaves_and_nothing_beats_the_like
             assert evidence_of(info, [one + two]) <= evidence_of(info, [one, two]) + 1e-9
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(crowds(most_cameras=2))
 def test_between_two_cameras_greedy_merging_gains_at_least_half_of_what_can_be_gained(crowd):

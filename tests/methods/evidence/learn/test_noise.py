@@ -147,6 +147,7 @@ def test_the_offset_of_one_camera_is_found(seed, camera, angle):
     assert (still.field == 0).all()
 
 
+@pytest.mark.slow
 def test_people_far_from_where_a_camera_puts_them_hardly_make_it_noisier():
     share = np.array([RULES.edge_noise] * CAMERAS)
     crowd = noisy(0, share)
@@ -158,6 +159,7 @@ def test_people_far_from_where_a_camera_puts_them_hardly_make_it_noisier():
     assert noise.edge[0, 0] == pytest.approx(1.14 * plain.edge[0, 0], rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [0.8, 1.3])
 def test_a_wrong_unit_is_set_right_by_the_median_height(unit):
     views = ground_views(make_scene(make_rig(CAMERAS)), HEIGHT * unit)

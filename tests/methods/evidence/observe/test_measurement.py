@@ -137,6 +137,7 @@ def test_the_state_is_the_most_likely_one(seed):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("edge", [TOP, BOTTOM])
 @given(seeds, st.floats(-80, 80))
 def test_an_edge_that_the_border_cuts_says_nothing(edge, seed, error):

@@ -65,6 +65,7 @@ def test_a_place_is_left_when_half_of_the_rig_has_turned_away():
     )
 
 
+@pytest.mark.slow
 def test_three_images_of_the_whole_body_are_enough_anywhere():
     everywhere = [[1.0] * 6] * 5
     few = [[1, 1, 1, 0, 0, 0], [1, 0, 0, 1, 0, 1], [1, 1, 0.5, 0.5, 0.5, 0.5]]
@@ -83,6 +84,7 @@ def test_where_people_are_in_half_of_the_images_nobody_is_excluded():
     assert within([[1, 1, 1, 0, 0, 0], [0, 0, 1, 1, 0, 0], [1, 1, 0, 0, 0, 0], [0] * 6]).all()
 
 
+@pytest.mark.slow
 def test_cameras_that_see_nobody_do_not_count():
     share = np.array([[1.0] * 4 + [0.0] * 2] * 5 + [[1.0] * 2 + [0.0] * 4])
     views = ground_views(make_scene(make_rig(CAMERAS)), HEIGHT)
