@@ -67,6 +67,7 @@ def test_every_room_has_its_place():
     assert rooms == set(ALLOWED)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", sorted(ALLOWED))
 def test_imports_point_one_way(room):
     for path in source_files():

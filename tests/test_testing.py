@@ -58,6 +58,7 @@ def test_boxes_are_whole_and_their_foot_rays_meet_the_people(drawn, data):
     np.testing.assert_allclose(on_ground, np.tile(positions, (cameras, 1)), atol=2e-3)
 
 
+@pytest.mark.slow
 @given(observed(people=4))
 def test_nobody_stands_too_close(drawn):
     gap = np.linalg.norm(drawn.positions[:, None] - drawn.positions[None], axis=-1)

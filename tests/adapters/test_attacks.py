@@ -72,6 +72,7 @@ def test_headers_that_ask_for_other_than_the_file_holds(descr, shape, tmp_path):
     assert cache.load("boxes", "a", Detections) is None
 
 
+@pytest.mark.slow
 def test_an_archive_that_unpacks_to_hundreds_of_times_its_size_is_refused(tmp_path):
     path = tmp_path / "a.npz"
     size = 2**28 + 2**20

@@ -193,6 +193,7 @@ def test_the_alignment_table_refits_without_each_camera():
     )
 
 
+@pytest.mark.slow
 def test_sequences_of_an_installation_share_cameras_and_differ_in_people():
     first, second = unseen_rig.sequence(0, 3), unseen_rig.sequence(1, 3)
     assert second.scene is first.scene

@@ -90,6 +90,7 @@ def test_a_camera_that_fits_nowhere_is_flagged_in_the_end(world, loop, right):
     assert furthest(found, right) < 0.3
 
 
+@pytest.mark.slow
 def test_cameras_that_agree_on_nobody_do_not_outvote_one(world, right):
     class Thin(EvidenceLoop):
         def refine_once(self, calibration):
@@ -115,6 +116,7 @@ def test_where_nobody_is_sure_nothing_moves(world, right):
     assert loop.refine(right) is right
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rounds", "chosen", "done"),
     [
@@ -145,6 +147,7 @@ def test_rounds_go_on_until_the_rig_rests(world, right, rounds, chosen, done):
     assert len(rounds) - len(left) == done
 
 
+@pytest.mark.slow
 @given(
     step=st.tuples(*[st.floats(-3, 3)] * 2),
     camera=st.integers(0, 5),

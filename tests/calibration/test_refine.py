@@ -37,6 +37,7 @@ def small_problem(seed: int, *, noise: float = 0.0, people: int = 12):
     return rng, cameras, points, Sightings(pixel, weight)
 
 
+@pytest.mark.slow
 @given(seed=seeds)
 @settings(max_examples=10)
 def test_derivatives_match_finite_differences(seed):
@@ -52,6 +53,7 @@ def test_derivatives_match_finite_differences(seed):
     np.testing.assert_allclose(predicted, difference, atol=1e-5 * np.abs(difference).max())
 
 
+@pytest.mark.slow
 @given(seed=seeds)
 @settings(max_examples=5)
 def test_elimination_solves_the_whole_system(seed):
@@ -96,6 +98,7 @@ def test_finds_the_minimum_that_scipy_finds():
     assert found.cost <= 2 * best.cost * (1 + 1e-4)
 
 
+@pytest.mark.slow
 def test_exact_sightings_bring_the_cameras_back():
     # A weak tie, since every error of the start is paid for.
     rng, cameras, points, sightings = small_problem(1, people=60)
@@ -112,6 +115,7 @@ def test_exact_sightings_bring_the_cameras_back():
     )
 
 
+@pytest.mark.slow
 def test_nobody_seen_leaves_the_cameras_alone():
     _, cameras, points, sightings = small_problem(0)
     nothing = Sightings(sightings.pixel, np.zeros_like(sightings.weight))
@@ -119,6 +123,7 @@ def test_nobody_seen_leaves_the_cameras_alone():
     np.testing.assert_allclose(found.away_from(cameras), 0, atol=1e-12)
 
 
+@pytest.mark.slow
 @given(seed=seeds, outliers=st.integers(0, 15))
 @settings(max_examples=15)
 def test_ground_follows_the_feet_of_most_people(seed, outliers):
@@ -131,6 +136,7 @@ def test_ground_follows_the_feet_of_most_people(seed, outliers):
     np.testing.assert_allclose(found, true, atol=0.0025)
 
 
+@pytest.mark.slow
 def test_people_in_a_row_leave_the_slope_across_alone():
     line = np.column_stack([np.linspace(-0.4, 0.4, 50), np.zeros(50), np.full(50, 0.01)])
     found = ground_under_people(line, tilt=0.035, offset=0.03)
@@ -168,6 +174,7 @@ def test_trace_holds_every_round_and_the_best_one_wins(disturbed):
     assert again.scene is found.scene
 
 
+@pytest.mark.slow
 def test_keeps_scale_principal_points_and_extent(disturbed):
     world, found = disturbed
     before, after = world.scene, found.scene

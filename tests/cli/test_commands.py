@@ -146,6 +146,7 @@ def test_report_shows_pictures_cameras_and_settings(results, outcome):
     assert page.count("<table>") == text.count("| --- |\n") or "<table>" in page
 
 
+@pytest.mark.slow
 def test_report_blocks_escape_what_they_show():
     blocks = [
         Heading("a < b", 1),
@@ -179,18 +180,21 @@ def test_boxes_take_the_identity_of_the_track_they_support(outcome, results):
         np.testing.assert_array_equal(np.unique(got, axis=0), np.unique(wanted, axis=0))
 
 
+@pytest.mark.slow
 def test_results_of_other_detections_are_refused(outcome, tmp_path):
     fewer = dataclasses.replace(outcome, detections=outcome.detections[1:])
     with pytest.raises(InvalidInputError, match="not from these"):
         write_results(tmp_path, fewer, pictures=False)
 
 
+@pytest.mark.slow
 def test_the_version_is_told_without_further_libraries(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "tyro", None)
     assert cli.main(["--version"]) == 0
     assert capsys.readouterr().out == f"catfree {catfree.__version__}\n"
 
 
+@pytest.mark.slow
 def test_evaluate_scores_tracks(world, results, tmp_path, capsys):
     tracks = read_tracks_csv(results / "tracks.csv")
     truth = tmp_path / "truth.csv"
@@ -204,6 +208,7 @@ def test_evaluate_scores_tracks(world, results, tmp_path, capsys):
         assert re.search(rf"{measure}.*100\.00", shown)
 
 
+@pytest.mark.slow
 def test_evaluate_says_what_is_wrong_with_the_truth(results, tmp_path, capsys):
     truth = tmp_path / "truth.csv"
     truth.write_text("frame,x,y\n0,1,2\n")
@@ -214,6 +219,7 @@ def test_evaluate_says_what_is_wrong_with_the_truth(results, tmp_path, capsys):
     assert "here" in one_sentence(capsys)
 
 
+@pytest.mark.slow
 def test_evaluate_needs_somebody_in_the_area(results, tmp_path, capsys):
     truth = tmp_path / "truth.csv"
     truth.write_text("frame,id,x,y\n0,1,2,3\n")
@@ -225,6 +231,7 @@ def test_evaluate_needs_somebody_in_the_area(results, tmp_path, capsys):
     assert "nan" not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_evaluate_names_frames_that_are_no_numbers(results, tmp_path, capsys):
     text = (results / "tracks.csv").read_text().splitlines()
     text[1] = "99999999999999999999" + text[1][text[1].index(",") :]
@@ -235,6 +242,7 @@ def test_evaluate_names_frames_that_are_no_numbers(results, tmp_path, capsys):
     assert "column 'frame'" in one_sentence(capsys)
 
 
+@pytest.mark.slow
 def test_plot_refuses_files_of_two_runs(results, outcome, tmp_path, capsys):
     for name in ("localization.npz", "scene.json"):
         (tmp_path / name).write_bytes((results / name).read_bytes())
@@ -245,6 +253,7 @@ def test_plot_refuses_files_of_two_runs(results, outcome, tmp_path, capsys):
     assert not (tmp_path / "pictures").exists()
 
 
+@pytest.mark.slow
 def test_a_report_about_nobody_says_so(outcome):
     nobody = empty_localization(3)
     (_, table, *_) = describe_reliability(nobody, outcome.scene)
@@ -252,6 +261,7 @@ def test_a_report_about_nobody_says_so(outcome):
     assert not any("nan" in cell for row in table.rows for cell in row)
 
 
+@pytest.mark.slow
 def test_the_report_names_the_height_that_was_assumed(outcome):
     cameras = np.zeros(3)
     calibration = Calibration(
@@ -274,6 +284,7 @@ def test_the_report_names_the_height_that_was_assumed(outcome):
     assert "1.70" not in text
 
 
+@pytest.mark.slow
 def test_thresholds_are_told_in_words(outcome):
     assert set(THRESHOLD_NAMES) == {field.name for field in dataclasses.fields(Thresholds)}
     text = to_markdown(describe_reliability(outcome.localization, outcome.scene))
@@ -290,6 +301,7 @@ def test_plot_draws_again(results, tmp_path, capsys):
     assert any(file.endswith("bird_eye.png") for file in files)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
@@ -313,6 +325,7 @@ def test_failures_are_one_sentence(words, sentence, tmp_path, monkeypatch, capsy
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_words_that_make_no_sense_exit_with_two(capsys):
     for words in (["walk"], ["run", "a", "b", "--stride", "x"], []):
         with pytest.raises(SystemExit) as exit_:
@@ -321,6 +334,7 @@ def test_words_that_make_no_sense_exit_with_two(capsys):
     assert "Traceback" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_results_that_cannot_be_written(outcome, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(CatFreeError, match=r"Cannot write .*out"):
@@ -391,6 +405,7 @@ def test_results_are_written_before_the_overlay(world, tmp_path, monkeypatch, ca
     assert (out / "report.html").is_file()
 
 
+@pytest.mark.slow
 def test_help_needs_no_video_library():
     script = "import sys, catfree.cli; sys.exit(int('cv2' in sys.modules))"
     assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0

@@ -84,6 +84,7 @@ def test_a_lost_camera_is_told_and_left_out_of_the_alignment(world):
     assert ("cameras registered", "3 of 4", "3 of 4") in table.rows
 
 
+@pytest.mark.slow
 def test_truth_is_drawn_where_the_tracks_are(world):
     outcome = answer(world, scale=0.7)
     truth = truth_in_scene(world, outcome.scene)

@@ -204,6 +204,7 @@ def test_sites_on_dask(files, tmp_path, capsys):
     assert f"{tmp_path / 'site=north'}: " in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer(files, tmp_path, capsys):
     dask = pytest.importorskip("dask", reason="dask is not installed")
     pytest.importorskip("distributed", reason="dask.distributed is not installed")

@@ -205,6 +205,7 @@ def test_default_area_and_resolution_are_relative_to_the_extent(x64, seed, scale
     assert after.radius == pytest.approx(scale * before.radius)
 
 
+@pytest.mark.slow
 def test_visible_area_holds_what_two_cameras_see():
     scene = scene_of(5)
     x_min, x_max, y_min, y_max = visible_area(scene)
@@ -281,6 +282,7 @@ def test_points_that_a_lens_polynomial_folds_back_are_not_seen(x64):
     assert (claimed & ~invertible).any()
 
 
+@pytest.mark.slow
 def test_unregistered_cameras_see_nothing_and_may_hold_nan():
     scene = scene_of(4)
     rig, known = scene.rig, np.array([True, True, True, False])
@@ -295,6 +297,7 @@ def test_unregistered_cameras_see_nothing_and_may_hold_nan():
     assert rank_cameras(lost, AREA, resolution=2.0).order.tolist().count(3) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

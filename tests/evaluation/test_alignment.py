@@ -91,6 +91,7 @@ def test_one_wrong_camera_is_found_by_leaving_it_out():
     assert str(result).startswith("all cameras -")
 
 
+@pytest.mark.slow
 def test_moda_as_the_score():
     rows = np.array([[0, 1, 4.0, 5.0], [0, 2, 8.0, 6.0], [1, 1, 4.5, 5.0]])
     world = np.column_stack([rows[:, 2:], np.zeros(3)])
@@ -122,6 +123,7 @@ def test_unregistered_cameras_may_be_nan():
         evaluation.align_centres(estimated, CENTRES)
 
 
+@pytest.mark.slow
 def test_too_few_or_collinear_cameras_are_refused():
     with pytest.raises(InsufficientDataError, match="2 cameras, 3 needed"):
         evaluation.align_centres(CENTRES[:2], CENTRES[:2])

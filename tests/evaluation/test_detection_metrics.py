@@ -50,6 +50,7 @@ def best_matching(truth, predicted, gate):
     return best[0], -best[1]
 
 
+@pytest.mark.slow
 @given(sequences)
 def test_equals_the_best_of_all_matchings(sequence):
     metrics = measure(sequence)

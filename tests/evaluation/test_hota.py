@@ -212,6 +212,7 @@ def test_one_line_summary():
     assert text.startswith("HOTA 100.00  DetA 100.00  AssA 100.00  LocA 100.00")
 
 
+@pytest.mark.slow
 def test_reference_values(shared):
     compared = 0
     for path in sorted((shared / "vectors" / "metrics").glob("*.json")):

@@ -174,6 +174,7 @@ def test_a_quantile_outside_its_range_is_an_error():
         filters.select(one, one, one, one > 0, fixed_quantile=1.5)
 
 
+@pytest.mark.slow
 @given(
     sample=st.lists(st.floats(-100, 100, width=32), min_size=1, max_size=SIZE),
     share=st.floats(0, 1, width=32),
@@ -185,6 +186,7 @@ def test_quantile_equals_numpy(x64, sample, share):
     np.testing.assert_allclose(quantile(values, share), expected, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_quantile_without_values(dtype):
     assert quantile(np.zeros(0, dtype), 0.5) == np.inf
     assert quantile(np.full(3, np.nan, dtype), 0.5) == np.inf

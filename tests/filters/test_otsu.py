@@ -89,6 +89,7 @@ def test_log_otsu_follows_scale(dtype, sample, factor):
     np.testing.assert_allclose(scaled, threshold * dtype.type(factor), rtol=4 * np.finfo(dtype).eps)
 
 
+@pytest.mark.slow
 @given(sample=positive_floats)
 def test_log_otsu_is_otsu_of_the_logarithms(x64, sample):
     values, member = padded(sample, np.float64)
@@ -140,6 +141,7 @@ def test_jit_and_vmap_equal_the_plain_function(dtype, name):
     np.testing.assert_allclose(batched, plain, rtol=tolerance)
 
 
+@pytest.mark.slow
 @given(sample=whole_numbers)
 def test_separability_is_the_explained_share_of_the_variance(x64, sample):
     splits = exact_splits(sample)
@@ -187,6 +189,7 @@ def test_log_otsu_by_hand(dtype, sample, expected):
     assert filters.log_otsu(np.array(sample, dtype)) == dtype.type(expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimate", [filters.otsu, filters.log_otsu])
 def test_without_values_nothing_is_too_large(dtype, estimate):
     assert estimate(np.zeros(0, dtype)) == np.inf
@@ -196,12 +199,14 @@ def test_without_values_nothing_is_too_large(dtype, estimate):
     assert filters.log_otsu(np.zeros(3, dtype)) == np.inf
 
 
+@pytest.mark.slow
 def test_separability_without_anything_to_split(dtype):
     for sample in ([], [1], [2, 2, 2], [np.nan, np.nan]):
         assert filters.otsu_separability(np.array(sample, dtype)) == 0
     np.testing.assert_allclose(filters.otsu_separability(np.array([0, 1, 1], dtype)), 1, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_whole_numbers_become_the_default_float():
     assert filters.otsu(np.array([1, 2, 9, 10])) == 5.5
     assert filters.otsu(jnp.array([1, 2, 9, 10])).dtype == jnp.float32
@@ -216,6 +221,7 @@ def test_neighbouring_floats_are_still_separated(dtype):
     assert low <= np.asarray(filters.log_otsu(np.array([low, high], dtype))) < high
 
 
+@pytest.mark.slow
 def test_large_floats_do_not_overflow(dtype):
     largest = np.finfo(dtype).max / 100  # its square does not exist
     assert filters.otsu(np.array([0, largest / 4, largest], dtype)) > largest / 4
@@ -259,6 +265,7 @@ def test_gradient_is_that_of_the_midpoint(dtype):
     np.testing.assert_array_equal(gradient, [0, 0.5, 0.5, 0])
 
 
+@pytest.mark.slow
 def test_masks_may_be_zeros_and_ones():
     mask = as_mask(np.array([1, 0, 1]), (3,))
     assert mask.dtype == bool

@@ -145,6 +145,7 @@ def test_median_residual_by_hand(dtype):
     assert np.isnan(filters.median_residual(residuals, np.zeros(4, bool)))
 
 
+@pytest.mark.slow
 def test_height_consistency_by_hand(dtype):
     heights = np.array([1.6, 2.0, np.nan], dtype)
     where = np.array([True, True, False])
@@ -189,6 +190,7 @@ def test_implied_height_is_the_height_of_what_is_projected(x64, view, height, li
     np.testing.assert_allclose(measured, height, atol=1e-9)
 
 
+@pytest.mark.slow
 @given(view=views(), shift=st.floats(-60, 60), factor=st.sampled_from([0.001, 3.0, 1000.0]))
 def test_implied_height_is_the_nearest_approach_and_follows_scale(x64, view, shift, factor):
     K, R, t, foot, normal, offset = view

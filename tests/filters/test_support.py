@@ -66,6 +66,7 @@ def test_support_equals_a_loop_over_rays(x64, view):
     np.testing.assert_array_equal(support(*view, RADIUS), support_by_hand(*view))
 
 
+@pytest.mark.slow
 @given(view=views(), factor=st.sampled_from([1e-3, 1.0, 1e3]))
 def test_float32_decides_as_float64(x64, view, factor):
     position, origins, directions, weights = view

@@ -53,6 +53,7 @@ def test_a_valid_intersection_lies_on_plane_and_ray(x64, normal, offset, origin,
         np.testing.assert_allclose(np.cross(position - origin, direction), 0, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("direction", [[1.0, 0, 0], [0.0, 0, 1], [1, 0, 1e-30]])
 def test_rays_that_miss_the_plane_are_finite_and_invalid(direction):
     floor = Plane(np.array([0, 0, 1], np.float32), np.float32(0))

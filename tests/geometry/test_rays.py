@@ -121,6 +121,7 @@ def test_angular_residual_is_the_angle_between_the_directions(x64, origin, direc
     np.testing.assert_allclose(found, angle, atol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [1e-5, 1e-4, 1e-3, 0.02, math.pi - 1e-4])
 def test_small_angles_keep_their_digits_in_float32_where_the_arccosine_loses_them(angle):
     direction = np.array([0.6, 0, 0.8], np.float32)
@@ -150,6 +151,7 @@ def test_a_position_on_the_line_has_a_finite_gradient(sign):
     assert np.isfinite(gradient).all()
 
 
+@pytest.mark.slow
 def test_ray_weights_by_hand():
     assert geometry.height_weight(50.0, 100.0) == 0.25
     assert geometry.height_weight(200.0, 100.0) == 1
@@ -164,6 +166,7 @@ def test_ray_weights_by_hand():
     assert geometry.ray_weight(0.0, 100.0, False, 0.5) == np.float32(1e-4)
 
 
+@pytest.mark.slow
 @given(st.floats(0, 1e4), st.floats(0, 1e4), st.booleans(), st.floats(0, 1))
 def test_ray_weight_lies_between_its_floor_and_one(height, median, confirmed, ratio):
     weight = geometry.ray_weight(height, median, confirmed, ratio)
@@ -171,6 +174,7 @@ def test_ray_weight_lies_between_its_floor_and_one(height, median, confirmed, ra
     assert weight <= geometry.ray_weight(height, median, True, ratio)
 
 
+@pytest.mark.slow
 def test_gradients_of_ray_weights_are_finite_where_medians_are_missing():
     for median in (0.0, math.nan):
         assert jnp.isfinite(jax.grad(geometry.height_weight)(50.0, median))

@@ -52,6 +52,7 @@ def test_group_laws(x64, a, b, cloud):
     np.testing.assert_allclose(Similarity.identity()(cloud), cloud, atol=1e-300)
 
 
+@pytest.mark.slow
 @given(similarities(), points)
 def test_fit_recovers_an_exact_similarity(x64, truth, cloud):
     in_general_position(cloud)
@@ -78,6 +79,7 @@ def test_fit_is_equivariant_in_both_frames(x64, move, cloud, noise):
     np.testing.assert_allclose(after, move(expected), atol=1e-7 * float(move.scale))
 
 
+@pytest.mark.slow
 @given(points, noises, hnp.arrays(np.float64, 6, elements=st.floats(-0.1, 0.1)), st.booleans())
 def test_no_nearby_similarity_fits_better(x64, cloud, noise, nudge, fixed_scale):
     in_general_position(cloud)
@@ -262,6 +264,7 @@ def test_the_fit_names_arrays_that_are_no_pairs(source, target):
         fit(np.zeros(source), np.zeros(target))
 
 
+@pytest.mark.slow
 def test_the_fit_says_that_points_are_not_finite():
     points = np.random.default_rng(0).standard_normal((5, 3))
     points[2, 1] = np.nan

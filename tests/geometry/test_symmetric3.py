@@ -23,6 +23,7 @@ def with_eigenvalues(entries: np.ndarray, values: np.ndarray) -> np.ndarray:
     return (matrix + matrix.T) / 2
 
 
+@pytest.mark.slow
 @given(entries, vectors, st.floats(-5, 0), st.floats(-5, 0), st.floats(-9, 9))
 def test_solve_and_inverse_agree_with_lapack(x64, entries, vector, first, second, scale):
     matrix = with_eigenvalues(entries, 10.0 ** np.array([scale, scale + first, scale + second]))

@@ -308,6 +308,7 @@ def test_two_far_rays_settle_at_the_balance_of_their_weights(x64):
     np.testing.assert_allclose(middle, [0, 0, 0.5], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_an_infinite_huber_scale_is_least_squares(x64):
     rng = np.random.default_rng(0)
     directions = rng.normal(size=(4, 3))

@@ -68,6 +68,7 @@ def test_information_is_the_printed_sum(x64, case):
     np.testing.assert_allclose(ground_sigma(found, FLOOR) ** 2, np.trace(inverse) / 2, rtol=1e-9)
 
 
+@pytest.mark.slow
 @given(sightings(count=4))
 def test_another_ray_never_raises_sigma(x64, case):
     position, origins, directions, weights = case
@@ -78,6 +79,7 @@ def test_another_ray_never_raises_sigma(x64, case):
     ) * (1 + 1e-9)
 
 
+@pytest.mark.slow
 @given(sightings(), st.floats(-3, 3))
 def test_sigma_scales_with_the_scene(x64, case, exponent):
     position, origins, directions, weights = case
@@ -106,6 +108,7 @@ def test_sigma_does_not_depend_on_the_basis_of_the_plane(x64, case, angle):
     )
 
 
+@pytest.mark.slow
 @given(sightings(count=3), st.permutations(range(3)))
 def test_order_of_rays_and_absent_rays_do_not_matter(x64, case, order):
     position, origins, directions, weights = case
@@ -184,6 +187,7 @@ def test_gradient_agrees_with_finite_differences_in_both_modes(x64, case):
             np.testing.assert_allclose(a[index], slope, rtol=1e-5, atol=1e-6 * sigma(*case))
 
 
+@pytest.mark.slow
 @given(sightings(), st.sampled_from([1e-3, 1.0, 1e3]))
 def test_float32_agrees_with_float64_far_from_the_origin(x64, case, scale):
     position, origins, directions, weights = case

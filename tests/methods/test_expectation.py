@@ -62,6 +62,7 @@ def found(world):
     return cf.localize(world.detections, world.scene, PAPER)
 
 
+@pytest.mark.slow
 def test_the_expectation_is_the_linear_function():
     found = made(0.5, 0.5)
     assert found.expected_moda == pytest.approx(20 + 50 - 10 * math.log(0.5))
@@ -70,6 +71,7 @@ def test_the_expectation_is_the_linear_function():
     assert found.expectation_note is None
 
 
+@pytest.mark.slow
 @given(
     used=st.floats(-0.5, 1.5),
     sigma=st.floats(0.01, 10.0),
@@ -87,6 +89,7 @@ def test_the_interval_holds_the_expectation_and_nothing_exceeds_100(used, sigma,
     assert math.isnan(worse.expected_moda) or worse.expected_moda <= found.expected_moda + 1e-9
 
 
+@pytest.mark.slow
 @given(excess=st.floats(0.0, 0.95 * FARTHEST * 0.6))
 def test_outside_of_the_range_the_interval_widens_by_the_continuation(excess):
     border, beyond = made(0.2), made(0.2 - excess)
@@ -96,6 +99,7 @@ def test_outside_of_the_range_the_interval_widens_by_the_continuation(excess):
     assert (beyond.expectation_note is None) == (0.2 - excess == 0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("used", "sigma"), [(1.2, 0.5), (0.5, 3.0), (math.nan, 0.5), (0.5, 0.0)])
 def test_far_outside_nothing_is_said_and_the_note_names_the_number(used, sigma):
     found = made(used, sigma)
@@ -104,6 +108,7 @@ def test_far_outside_nothing_is_said_and_the_note_names_the_number(used, sigma):
     assert name in found.expectation_note
 
 
+@pytest.mark.slow
 def test_other_settings_have_no_expectation():
     other = dataclasses.replace(PAPER, trajectories=cf.settings.TrajectorySettings(enabled=False))
     found = expect_moda(SUMMARY, other, fits=(MADE,))
@@ -115,6 +120,7 @@ def test_other_settings_have_no_expectation():
     assert expect_moda(SUMMARY, same, fits=(MADE,)).expected_moda == made().expected_moda
 
 
+@pytest.mark.slow
 def test_no_position_is_a_moda_of_zero():
     found = expect_moda(SUMMARY, PAPER, positions=0)
     assert (found.expected_moda, found.moda_low, found.moda_high) == (0, 0, 0)
@@ -123,6 +129,7 @@ def test_no_position_is_a_moda_of_zero():
     assert cf.localize(nothing, scene).reliability.expected_moda == 0
 
 
+@pytest.mark.slow
 def test_both_methods_are_fitted_and_larger_sigma_never_promises_more():
     assert [fit.settings for fit in FITS] == [cf.Settings.paper(), cf.Settings()]
     paper, evidence = ({term.name: term for term in fit.terms} for fit in FITS)
@@ -137,6 +144,7 @@ def test_both_methods_are_fitted_and_larger_sigma_never_promises_more():
         assert all(term.low < term.high for term in fit.terms)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [2.0, 4.0])
 def test_vaguer_positions_are_expected_to_be_right_less_often(factor):
     """The expected precision falls with sigma, everything else being equal."""
@@ -149,6 +157,7 @@ def test_vaguer_positions_are_expected_to_be_right_less_often(factor):
     assert isotropic[0] == pytest.approx(1 - math.exp(-(radius**2) / 0.04))
 
 
+@pytest.mark.slow
 def test_a_similarity_of_the_scene_changes_nothing(world, found):
     move = Similarity(
         7.3, np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([3.0, -2.0, 5.0])
@@ -159,12 +168,14 @@ def test_a_similarity_of_the_scene_changes_nothing(world, found):
     assert after.moda_low == pytest.approx(before.moda_low, abs=0.5)
 
 
+@pytest.mark.slow
 def test_the_order_of_detections_changes_nothing(world, found):
     order = np.random.default_rng(0).permutation(len(world.detections))
     shuffled = cf.localize(world.detections[order], world.scene, PAPER)
     assert shuffled.reliability.expected_moda == found.reliability.expected_moda
 
 
+@pytest.mark.slow
 def test_results_of_earlier_versions_load(found, tmp_path):
     arrays = to_arrays(found)
     assert from_arrays(Localization, arrays).reliability == found.reliability
@@ -179,6 +190,7 @@ def test_results_of_earlier_versions_load(found, tmp_path):
     to_markdown(describe_reliability(read, make_world("ring4", 0, frames=2, people=2).scene))
 
 
+@pytest.mark.slow
 def test_the_report_says_what_to_expect(world, found):
     said = to_markdown(describe_reliability(found, world.scene))
     assert f"expected MODA | {found.reliability.expected_moda:.0f} (90 %" in said
@@ -202,6 +214,7 @@ def test_expected_rates_are_probabilities_and_only_the_evidence_method_has_them(
     assert said.moda_low <= said.expected_moda <= said.moda_high
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 1000))
 def test_the_fit_finds_the_function_that_made_the_rows(seed):
     rng = np.random.default_rng(seed)
@@ -223,6 +236,7 @@ def test_the_fit_finds_the_function_that_made_the_rows(seed):
     assert read.terms[0].slope == pytest.approx(60, abs=0.01)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 1000), count=st.integers(20, 400))
 def test_margins_hold_the_stated_share_of_what_comes_next(seed, count):
     rng = np.random.default_rng(seed)

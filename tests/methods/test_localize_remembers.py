@@ -54,6 +54,7 @@ def test_a_detection_shows_one_person(method):
     assert (np.delete(identity, boxes) == -1).all()
 
 
+@pytest.mark.slow
 @BOTH
 def test_boxes_of_one_track_show_one_person(method):
     identity, truth = found(method).identity, world().identities
@@ -75,6 +76,7 @@ def test_cameras_are_counted_by_their_boxes():
     assert ((tracks.support >= 0).sum(1) <= tracks.supporting_cameras).all()
 
 
+@pytest.mark.slow
 @BOTH
 def test_boxes_that_take_no_part_belong_to_nobody(method):
     """Boxes below the confidence, in between the others, shift no row and have no identity."""
@@ -199,6 +201,7 @@ def test_velocities_are_those_of_people_who_walk_straight_on(method, step):
     assert method == "paper" or square.mean() / 2 > 0.1
 
 
+@pytest.mark.slow
 @BOTH
 def test_covariances_of_velocities_are_covariances(method):
     spread = found(method).tracks.velocity_covariance
@@ -218,6 +221,7 @@ def test_one_instant_has_no_velocity():
     assert len(cf.localize(boxes[boxes.frame == 3], world().scene).tracks) > 3
 
 
+@pytest.mark.slow
 def test_velocity_is_per_frame_number_and_tracks_keep_the_clock():
     boxes = world().detections
     columns = vars(boxes) | {"frame": 10 * boxes.frame + 7}
@@ -233,6 +237,7 @@ def test_velocity_is_per_frame_number_and_tracks_keep_the_clock():
         )
 
 
+@pytest.mark.slow
 @BOTH
 def test_nobody_is_on_a_clock_too(method):
     boxes = Detections([], [], [], clock=cf.Clock(2))

@@ -31,11 +31,13 @@ def late(detections, camera, count, by):
     return moved[(moved.frame >= max(0, by)) & (moved.frame < FRAMES + min(0, by))]
 
 
+@pytest.mark.slow
 def test_clocks_that_fit_are_left_alone():
     world = crowd()
     np.testing.assert_array_equal(find_clock_offsets(world.detections, world.scene), 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("camera", "by"), [(1, -10), (2, 8)])
 def test_a_late_camera_is_named_with_its_offset(camera, by):
     world = crowd()
@@ -48,6 +50,7 @@ def test_a_late_camera_is_named_with_its_offset(camera, by):
     np.testing.assert_array_equal(find_clock_offsets(sparse, true_scene()), 5 * found)
 
 
+@pytest.mark.slow
 def test_a_rig_that_is_somewhat_off_tells_it_too():
     world = crowd()
     found = find_clock_offsets(late(world.detections, 1, 4, -10), world.scene)
@@ -65,6 +68,7 @@ def test_of_two_cameras_one_is_off():
     assert abs(found[1] - found[0] + 10) <= 1
 
 
+@pytest.mark.slow
 def test_people_who_stand_still_tell_nothing():
     world = crowd()
     first = world.detections[world.detections.frame == 0]

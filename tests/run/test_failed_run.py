@@ -63,6 +63,7 @@ def test_what_the_detector_saw_is_written_with_the_reason(tmp_path):
     assert not (tmp_path / "none").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["run", "calibrate"])
 def test_a_failed_command_names_its_report(command, tmp_path, capsys):
     videos = [str(path) for path in write_noise(tmp_path)]
@@ -74,6 +75,7 @@ def test_a_failed_command_names_its_report(command, tmp_path, capsys):
     assert "needs 2 cameras" in (out / "report.md").read_text()
 
 
+@pytest.mark.slow
 def test_a_scene_in_another_order_is_matched_by_name(tmp_path, capsys):
     videos = write_noise(tmp_path, cameras=3)
     write_scene_json(tmp_path / "scene.json", scene_of_three(), ["cam2", "cam0", "cam1"])
@@ -92,6 +94,7 @@ def test_a_scene_in_another_order_is_matched_by_name(tmp_path, capsys):
     assert page.index("<h2>Warnings") < page.index("<h2>Result")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("option", ["scene", "detector", "embedder", "reconstructor"])
 def test_a_missing_file_is_named_before_anything_is_opened(option, tmp_path):
     videos = [str(path) for path in write_noise(tmp_path)]

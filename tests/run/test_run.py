@@ -92,6 +92,7 @@ def same_content(one, other):
     return content_hash(one) == content_hash(other)
 
 
+@pytest.mark.slow
 def test_run_is_detection_and_localization_with_a_known_scene(pictures, tmp_path):
     world = small_world()
     detector, stages = ReadsItsPicture(world.detections), []
@@ -154,6 +155,7 @@ class Grows(ColorEmbedder):
         return np.ones((len(box), 3 if self.calls <= PIECE * CAMERAS else 4))
 
 
+@pytest.mark.slow
 def test_answers_are_checked_over_all_pieces(pictures, tmp_path):
     world, videos = small_world(), SynchronizedVideos(pictures)
     for options in ({}, {"cache": StageCache(tmp_path)}):
@@ -244,6 +246,7 @@ def test_every_way_through_the_stages_keeps_the_clock(pictures, tmp_path):
     assert "Nothing tells the times of the frames of camera" in report
 
 
+@pytest.mark.slow
 def test_damaged_footage_is_kept_up_to_the_damage(tmp_path):
     world = small_world()
     paths = write_pictures(tmp_path / "pictures", world)
@@ -259,6 +262,7 @@ def test_damaged_footage_is_kept_up_to_the_damage(tmp_path):
     assert again.calls == 4 * CAMERAS
 
 
+@pytest.mark.slow
 def test_wrong_input_is_one_sentence(pictures, tmp_path):
     world = small_world()
     detector = ReadsItsPicture(world.detections)
@@ -275,6 +279,7 @@ def test_wrong_input_is_one_sentence(pictures, tmp_path):
         run(pictures, nameless, scene=world.scene, cache_dir=tmp_path)
 
 
+@pytest.mark.slow
 def test_videos_must_be_a_list_with_videos(pictures):
     for videos in ([], str(pictures[0])):
         with pytest.raises(InvalidInputError, match=r"^videos must list one video file"):
@@ -287,12 +292,14 @@ def test_nobody_to_calibrate_from(pictures):
         run(pictures, nobody)
 
 
+@pytest.mark.slow
 def test_doubtful_boxes_do_not_calibrate(pictures):
     doubtful = ReadsItsPicture(small_world().detections, score=0.5)
     with pytest.raises((CalibrationError, InsufficientDataError)):
         run(pictures, doubtful)
 
 
+@pytest.mark.slow
 def test_the_calibration_gets_the_settings_of_the_run(pictures, monkeypatch):
     given = []
 
@@ -350,6 +357,7 @@ class Interrupts(ReadsItsPicture):
         return super().__call__(image)
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_finished_pieces_in_the_cache(pictures, tmp_path):
     world, videos = small_world(), SynchronizedVideos(pictures)
     with pytest.raises(KeyboardInterrupt):
@@ -406,6 +414,7 @@ def made_up_calibration(offset):
     )
 
 
+@pytest.mark.slow
 def test_a_calibration_killed_in_its_second_half_keeps_the_first(pictures, tmp_path, monkeypatch):
     steps = []
 
@@ -429,6 +438,7 @@ def test_a_calibration_killed_in_its_second_half_keeps_the_first(pictures, tmp_p
     assert steps == ["begin", "finish", "finish"]
 
 
+@pytest.mark.slow
 def test_clock_offsets_are_removed_and_stated(pictures, monkeypatch):
     world = small_world()
     asked = []
@@ -467,6 +477,7 @@ def test_boxes_that_are_no_people_explain_a_failed_calibration(pictures):
         run(pictures, ReadsItsPicture(confetti))
 
 
+@pytest.mark.slow
 def test_videos_in_another_order_give_the_same_people(pictures):
     world = small_world()
     names = ("camera 0", "camera 1", "camera 2")

@@ -97,6 +97,7 @@ def pairs(labels):
     return labels[:, None] == labels[None, :]
 
 
+@pytest.mark.slow
 @given(
     st.integers(9, 12),
     st.dictionaries(
@@ -121,6 +122,7 @@ def test_every_person_gets_one_identity(people, cuts, seed, looks):
     np.testing.assert_array_equal(pairs(found.identity), pairs(person.repeat(CAMERAS)))
 
 
+@pytest.mark.slow
 @given(st.randoms(use_true_random=False))
 def test_names_of_the_pieces_do_not_matter(random):
     localization, detections, _ = sequence(9, {1: (20, 24), 4: (30, 33)})

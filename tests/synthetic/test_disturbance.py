@@ -42,6 +42,7 @@ def test_ground_is_off_by_exactly_the_stated_amounts(seed, tilt, offset):
     assert abs(gap) == pytest.approx(offset, abs=1e-9)
 
 
+@pytest.mark.slow
 @given(seed=seeds)
 def test_gauge_moves_no_pixel_and_round_trips(x64, seed):
     scene, gauge = arbitrary_gauge(SCENE, seed)

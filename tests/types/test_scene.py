@@ -91,6 +91,7 @@ def test_extent_is_twice_the_median_distance_from_the_mean():
     assert Scene.from_rig(rig, Plane([0, 0, 1], 0)).extent == 4.0
 
 
+@pytest.mark.slow
 @given(
     st.integers(1, 4),
     st.sampled_from([np.float32, np.float64]),

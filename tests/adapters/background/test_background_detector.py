@@ -243,6 +243,7 @@ def test_shadows_are_not_people_and_do_not_lower_feet(street):
     assert same >= 0.9 * seen  # a shadow behind a pair shifts where the two are told apart
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blur", [1.0, 2.0])
 def test_shadows_towards_the_camera_do_not_lower_feet(street, blur):
     """Their blurred rim must not count as a body that they rest on."""
@@ -262,6 +263,7 @@ def test_shadows_towards_the_camera_do_not_lower_feet(street, blur):
     assert np.median(np.abs(np.concatenate(below))) < 0.02
 
 
+@pytest.mark.slow
 def test_hair_paler_than_the_face_belongs_to_the_person(street):
     """An edge is where the difference falls to half of what it is next to that edge."""
     _, detector = street
@@ -273,6 +275,7 @@ def test_hair_paler_than_the_face_belongs_to_the_person(street):
     np.testing.assert_array_equal(sixty.find_people(foreground)[:, :4], [[40, 30, 60, 90]])
 
 
+@pytest.mark.slow
 def test_how_dark_shadows_are_is_learned(street):
     """The drawn shadows leave 55 % of the light; darker grey clothes are no shadow."""
     _, detector = street
@@ -287,12 +290,14 @@ def test_how_dark_shadows_are_is_learned(street):
     assert mask[205:275, 405:435].mean() > 0.8
 
 
+@pytest.mark.slow
 def test_the_empty_scene_holds_nobody(street):
     _, detector = street
     rng = np.random.default_rng(0)
     assert len(detector(draw(paved_square(rng), [], 0.0, rng)[0])) == 0
 
 
+@pytest.mark.slow
 def test_exposure_may_change(street):
     frames, detector = street
     found = again = 0
@@ -338,6 +343,7 @@ def test_protocols_and_fingerprints(street):
     assert other.fingerprint != detector.fingerprint
 
 
+@pytest.mark.slow
 def test_too_few_pictures_and_another_camera(street):
     frames, detector = street
     with pytest.raises(InsufficientDataError, match="at least 8 pictures"):
@@ -389,6 +395,7 @@ def test_the_height_profile_survives_groups(slope, lean, base, seed):
     assert np.median(error) < 0.05
 
 
+@pytest.mark.slow
 def test_no_profile_without_people():
     assert fit_height_profile([]) is None
 
@@ -401,6 +408,7 @@ def body(canvas, u, v, height):
         canvas[rows, round(u + left * height) : round(u + right * height)] = 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "people",
     [
@@ -423,6 +431,7 @@ def test_merged_bodies_are_told_apart(people):
     np.testing.assert_allclose(feet, sorted(people), atol=6)
 
 
+@pytest.mark.slow
 def test_a_person_behind_a_wall_is_split_off_without_legs():
     """The template's feet lie where the height says, below what is seen."""
     profile = HeightProfile(np.array([0.3, 0.0, 25.0]))
@@ -435,6 +444,7 @@ def test_a_person_behind_a_wall_is_split_off_without_legs():
     assert abs(person.v - 150) <= 8
 
 
+@pytest.mark.slow
 def test_two_people_as_wide_as_one_are_two():
     """One behind the other: the silhouette has one person's height and width, not the shape."""
     profile = HeightProfile(np.array([0.3, 0.0, 25.0]))
@@ -447,6 +457,7 @@ def test_two_people_as_wide_as_one_are_two():
     assert len(split_blob(canvas, blobs.box[0], profile)) == 2
 
 
+@pytest.mark.slow
 def test_somebody_almost_hidden_is_found_where_expected():
     """Behind two others one explains too little anywhere but where one is expected."""
     profile = HeightProfile(np.array([0.3, 0.0, 25.0]))
@@ -462,6 +473,7 @@ def test_somebody_almost_hidden_is_found_where_expected():
     np.testing.assert_allclose(feet, sorted(people), atol=5)
 
 
+@pytest.mark.slow
 def test_a_person_cut_in_two_by_a_pole_is_one_group():
     canvas = np.zeros((240, 320), np.uint8)
     body(canvas, 100, 150, 70)
@@ -481,6 +493,7 @@ def test_a_person_cut_in_two_by_a_pole_is_one_group():
     ]
 
 
+@pytest.mark.slow
 @given(shift=st.integers(-40, 60), down=st.integers(-20, 40))
 def test_splitting_moves_with_the_blob(shift, down):
     profile = HeightProfile(np.array([0.0, 0.0, 70.0]))

@@ -37,6 +37,7 @@ def picture_with_a_box(background, seed):
     return picture
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**16))
 @settings(max_examples=25, deadline=None)
 def test_what_is_remembered_is_what_was_found(background, seed):

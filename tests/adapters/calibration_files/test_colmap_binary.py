@@ -71,6 +71,7 @@ def test_text_and_binary_agree(tmp_path):
     np.testing.assert_array_equal(again.points, named.points)
 
 
+@pytest.mark.slow
 @given(
     file=st.sampled_from(["cameras.bin", "images.bin", "points3D.bin"]),
     where=st.floats(0, 1, exclude_max=True),
@@ -84,6 +85,7 @@ def test_a_file_cut_anywhere_is_named(file, where, tmp_path_factory):
         read_colmap(folder)
 
 
+@pytest.mark.slow
 @given(
     file=st.sampled_from(["cameras.bin", "images.bin", "points3D.bin"]),
     where=st.floats(0, 1, exclude_max=True),

@@ -107,6 +107,7 @@ def _assert_same(read: Rig, written: Rig) -> None:
     np.testing.assert_array_equal(_lens(read), _lens(written))
 
 
+@pytest.mark.slow
 @every_format
 @given(drawn=rigs())
 def test_reading_gives_back_the_written_rig(form, drawn, tmp_path_factory):

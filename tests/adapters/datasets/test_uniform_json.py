@@ -285,6 +285,7 @@ def test_real_embeddings_and_ankles(shared):
         assert 0.5 < boxes.ankles_confirmed.mean() < 0.9
 
 
+@pytest.mark.slow
 def test_fairmot_boxes_of_the_room(shared):
     path = shared / "data" / "real" / "cmc1.json"
     assert read_uniform_json(path).detections.score is None

@@ -58,6 +58,7 @@ def test_tiles_find_the_same_place_in_each_window(red_finder):
     np.testing.assert_allclose(found.box[0], box, atol=1283 / 320)
 
 
+@pytest.mark.slow
 @given(
     st.integers(1, 1500),
     st.integers(1, 1500),

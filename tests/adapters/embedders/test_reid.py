@@ -101,6 +101,7 @@ def test_wrong_files_and_parameters(constant_graph, mean_colour):
         ReIdOnnx(mean_colour())(IMAGE, np.zeros((3, 5)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "dimension", "preprocessing"),
     [

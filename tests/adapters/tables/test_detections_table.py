@@ -34,6 +34,7 @@ def assert_equal(one, two):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
 
 
+@pytest.mark.slow
 @given(
     st.integers(0, 2**16), st.integers(0, 40), st.integers(1, 20), st.integers(1, 5),
     st.booleans(), st.none() | st.just(Clock(12.5, 1e9 + 0.1, True)), st.data(),

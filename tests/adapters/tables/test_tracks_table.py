@@ -158,6 +158,7 @@ def test_the_documented_way_to_read_it(tmp_path, monkeypatch):
     assert eval(second, found) == b"1970-01-01T00:00:00Z"
 
 
+@pytest.mark.slow
 def test_polars_reads_parquet_without_us(tmp_path):
     polars = pytest.importorskip("polars", reason="polars is not installed")
     tracks = one_track(clock=Clock(25.0))
@@ -266,6 +267,7 @@ def test_damaged_csv_is_named(change, message, tmp_path):
 BOX = st.tuples(FINITE, FINITE, POSITIVE, POSITIVE)
 
 
+@pytest.mark.slow
 @given(
     rows=st.lists(
         st.tuples(st.integers(0, 5), BOX, st.floats(0, 1), st.integers(-1, 9)), max_size=6

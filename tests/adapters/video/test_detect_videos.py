@@ -81,6 +81,7 @@ def test_a_pose_network_sees_all_cameras_at_once(tmp_path, red_finder):
     assert found.ankles_confirmed.all()
 
 
+@pytest.mark.slow
 def test_a_background_detector_is_fitted_to_each_camera(tmp_path):
     videos = write_folders(tmp_path, frames=24)
     calls = []

@@ -350,6 +350,7 @@ def test_cameras_that_never_meet(tmp_path):
         fake_videos([holes, with_times(10 + np.arange(30.0) / 10, "1")])
 
 
+@pytest.mark.slow
 def test_nothing_but_one_number_per_frame_is_kept_of_a_day():
     count = 24 * 3600 * 25
     times = np.delete(np.arange(count) / 25, slice(1000, 2000))

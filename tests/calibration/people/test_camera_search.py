@@ -92,6 +92,7 @@ def test_a_right_rig_is_confirmed_with_evidence(world, calibration) -> None:
     np.testing.assert_allclose(checked.scene.rig.centers, calibration.scene.rig.centers, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_without_a_camera_the_others_stay(calibration) -> None:
     rest = without_camera(calibration, CAMERA, RULES)
     kept = np.arange(6) != CAMERA
@@ -121,6 +122,7 @@ def test_places_for_a_missing_camera_hold_its_own(world, calibration) -> None:
         )
 
 
+@pytest.mark.slow
 def test_a_camera_whose_focal_length_nobody_knows_is_flagged(calibration) -> None:
     focal = np.asarray(calibration.scene.rig.K)[:, 0, 0]
     deviation = np.full(6, 0.9 * RULES.largest_focal_sd)
@@ -131,6 +133,7 @@ def test_a_camera_whose_focal_length_nobody_knows_is_flagged(calibration) -> Non
     assert found.scene.rig.registered.tolist() == [c != CAMERA for c in range(6)]
 
 
+@pytest.mark.slow
 def test_a_rig_whose_focal_lengths_nobody_knows_is_refused(calibration) -> None:
     focal = np.asarray(calibration.scene.rig.K)[:, 0, 0]
     vague = replace(calibration, focal_sd=focal * [0.01, 0.1, 0.2, 0.1, 0.3, 0.1])

@@ -1,6 +1,7 @@
 """Bundle adjustment of given groups: exact boxes keep the rig, silent edges say nothing."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings, strategies as st
 
 from catfree.calibration.people._correspondences import adjust_groups
@@ -49,6 +50,7 @@ def test_exact_boxes_keep_the_rig():
     np.testing.assert_allclose(adjusted(boxes, parameters), parameters, atol=1e-3)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**31), st.sampled_from([np.nan, np.inf]), st.floats(-300, 300))
 def test_an_edge_without_a_deviation_says_nothing_however_wrong(seed, silent, error):

@@ -118,6 +118,7 @@ def walkers(seed, frames=36, people=10):
     )
 
 
+@pytest.mark.slow
 @given(floats(0, 6.28), floats(-8, 8), floats(-8, 8), st.integers(0, 5))
 def test_voting_finds_a_planted_motion(angle, x, y, seed):
     target = walkers(seed)

@@ -149,6 +149,7 @@ def test_people_tell_whether_one_focal_length_serves_all(
     np.testing.assert_allclose(ratio / np.median(ratio), 1, atol=0.05)
 
 
+@pytest.mark.slow
 def test_focal_lengths_that_nobody_can_know_do_not_outweigh_one_for_all(world, recovered):
     few = true_members(world)[:25]
     kept, apart = (
@@ -199,6 +200,7 @@ def test_a_camera_without_boxes_is_flagged(world):
     assert found.scene.rig.registered.tolist() == [True, True, True, False]
 
 
+@pytest.mark.slow
 def test_people_who_stand_still_prove_nothing(world):
     first = world.detections[world.detections.frame == 0]
     rng = np.random.default_rng(0)
@@ -212,11 +214,13 @@ def test_people_who_stand_still_prove_nothing(world):
         register(still, SIZE)
 
 
+@pytest.mark.slow
 def test_ten_frames_are_too_few(world):
     with pytest.raises(CalibrationError, match="at least 20 frames with boxes, and has 10"):
         register(world.detections[world.detections.frame < 10], SIZE)
 
 
+@pytest.mark.slow
 def test_identical_boxes_prove_nothing(world):
     box = np.tile([900.0, 400.0, 1000.0, 650.0], (len(world.detections), 1))
     with pytest.raises(CalibrationError, match="No two cameras see the same people: of 6 pairs"):
@@ -244,11 +248,13 @@ def test_one_person_makes_no_rig_to_be_trusted():
         without_vague_cameras(found, CalibrationSettings())
 
 
+@pytest.mark.slow
 def test_no_boxes_at_all():
     with pytest.raises(CalibrationError, match="needs 2 cameras"):
         register(Detections([], [], np.zeros((0, 4))), np.tile(SIZE, (3, 1)))
 
 
+@pytest.mark.slow
 def test_wrong_sizes_and_names_are_named(world):
     with pytest.raises(InvalidInputError, match="image_size has 2 rows"):
         register(world.detections, np.tile(SIZE, (2, 1)))

@@ -95,6 +95,7 @@ def test_people_on_a_slope_stand_upright(world):
     assert angle < 1
 
 
+@pytest.mark.slow
 def test_a_table_is_not_the_ground(world):
     # Larger than the floor's share of points, level, below the cameras: only feet tell.
     rng = np.random.default_rng(3)
@@ -165,6 +166,7 @@ def test_same_seed_same_ground(world):
     assert float(one.offset) == float(two.offset)
 
 
+@pytest.mark.slow
 def test_too_little_is_refused(world):
     with pytest.raises(InsufficientDataError, match="got 2 points"):
         find_ground(np.zeros((2, 3)), world.true_rig)

@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+import pytest
 
 import catfree.calibration
 from catfree.adapters.video import SynchronizedVideos
@@ -24,6 +25,7 @@ class Noisy:
         return reconstruct(self.rig, self.rng, rotation=0.002, center=0.02, points=self.points)
 
 
+@pytest.mark.slow
 def test_scene_from_videos_finds_rig_and_floor(tmp_path):
     folders = [tmp_path / f"camera{camera}" for camera in range(6)]
     for camera, folder in enumerate(folders):

@@ -70,6 +70,7 @@ def test_a_camera_that_drops_frames_costs_nothing(world):
     assert moda(with_dropped_frames(world, 0.2)) > moda(world) - 2
 
 
+@pytest.mark.slow
 def test_the_changes_are_what_they_say(world):
     boxes = world.detections
     assert len(thinned(world, 0.5).detections) == pytest.approx(0.5 * len(boxes), rel=0.1)

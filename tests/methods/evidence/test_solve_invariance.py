@@ -99,6 +99,7 @@ def test_ground_that_several_use_counts_once():
     assert crowding(position, np.zeros(2, int)) == pytest.approx(2 / (8 - shared), rel=0.05)
 
 
+@pytest.mark.slow
 def test_crowding_of_a_uniform_crowd_is_its_density():
     rng = np.random.default_rng(0)
     position, frame = rng.uniform(0, 40, (16000, 2)), np.repeat(np.arange(100), 160)

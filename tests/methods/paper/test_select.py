@@ -92,6 +92,7 @@ def test_each_order_of_the_gates_names_what_removed(gates, uncertain, floating):
         assert (fate[:20] == Fate.ACCEPTED).all()
 
 
+@pytest.mark.slow
 def test_the_rms_gate_comes_first_and_its_losers_teach_nothing():
     wrong = junk(rms_angle=0.0401, **UNCERTAIN)
     chosen = select_positions(joined(people(), wrong), RULES, sigma_theta=SIGMA_THETA)
@@ -102,6 +103,7 @@ def test_the_rms_gate_comes_first_and_its_losers_teach_nothing():
     assert (fates(joined(people(), wrong), gates="none", rms_factor=3.0) == Fate.ACCEPTED).all()
 
 
+@pytest.mark.slow
 def test_no_camera_pair_no_sigma():
     blind = junk(sigma=np.inf, cameras=1, weight=1.0)
     chosen = select_positions(joined(people(), blind), RULES, sigma_theta=SIGMA_THETA)
@@ -110,6 +112,7 @@ def test_no_camera_pair_no_sigma():
     assert chosen.tau_sigma == alone.tau_sigma
 
 
+@pytest.mark.slow
 def test_a_match_must_last():
     flicker = junk(frames=4, count=1)
     once = np.arange(4)[:, None] * 10 + np.array([5000, 6000, 7000])
@@ -129,6 +132,7 @@ def test_a_match_must_last():
     ]
 
 
+@pytest.mark.slow
 def test_the_better_supported_of_two_close_ones_stays():
     double = people()._replace(ground_xy=people().ground_xy + np.array([0.0179, 0.0]))
     for weight, kept in [(2.0, slice(0, 20)), (4.0, slice(20, 40))]:
@@ -140,6 +144,7 @@ def test_the_better_supported_of_two_close_ones_stays():
     assert (fates(joined(people(), apart), gates="none") == Fate.ACCEPTED).all()
 
 
+@pytest.mark.slow
 def test_the_score_breaks_ties_only_where_it_is_used():
     double = people()._replace(ground_xy=people().ground_xy + 0.001, score=np.ones(20))
     fate = fates(joined(people(), double), gates="none")
@@ -173,6 +178,7 @@ def test_recovery_is_for_well_seen_people_away_from_the_others(cameras, shift, r
     assert (without != Fate.RECOVERED).all()
 
 
+@pytest.mark.slow
 def test_a_fixed_quantile_replaces_the_thresholds():
     chosen = select_positions(
         people(),
@@ -205,6 +211,7 @@ PLACE = st.tuples(
 )
 
 
+@pytest.mark.slow
 @given(st.lists(PLACE, max_size=30))
 def test_suppression_by_frame_is_greedy(places):
     frame, x, y, weight, candidate = np.array(places, int).reshape(-1, 5).T

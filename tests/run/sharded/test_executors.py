@@ -59,6 +59,7 @@ def named(plan, site, date=""):
     return [replace(shard, site=site, date=date) for shard in plan]
 
 
+@pytest.mark.slow
 def test_recordings_are_joined_and_the_executor_stays_open(cheap, tmp_path):
     executor, steps = AtOnce(), []
     plan = [*named(cheap, "north", "monday"), *named(cheap, "south")]

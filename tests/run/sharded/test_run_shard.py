@@ -54,6 +54,7 @@ def test_shards_find_the_people_that_one_run_finds(world, out):
     assert abs(scores[0] - scores[1]) < 3
 
 
+@pytest.mark.slow
 def test_a_finished_shard_is_not_run_again(world, plan, out, monkeypatch):
     options = {"scene": world.true_scene, "out": out, "settings": EVERYWHERE}
     receipts = [cf.run_shard(shard, **options) for shard in plan]
@@ -71,6 +72,7 @@ def test_a_finished_shard_is_not_run_again(world, plan, out, monkeypatch):
             cf.run_shard(plan[0], scene=world.true_scene, out=out, settings=settings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["receipt", "part", "pieces"])
 def test_a_damaged_shard_runs_again(world, plan, tmp_path, what, monkeypatch):
     runs = []
@@ -88,6 +90,7 @@ def test_a_damaged_shard_runs_again(world, plan, tmp_path, what, monkeypatch):
         assert len(runs) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", range(4))
 def test_a_full_disk_is_said_and_loses_no_finished_shard(world, plan, tmp_path, which, monkeypatch):
     monkeypatch.setattr(module, "boxes_of", lambda shard: shard.detections[:0])
@@ -119,6 +122,7 @@ def test_a_folder_holds_one_scene(world, plan, out):
         cf.run_shard(plan[0], scene=other, out=out)
 
 
+@pytest.mark.slow
 def test_settings_scene_and_code_change_the_fingerprint(world):
     scene = world.true_scene
     other = dataclasses.replace(scene, extent=np.asarray(3.0))
@@ -135,12 +139,14 @@ class Named:
         self.fingerprint = fingerprint
 
 
+@pytest.mark.slow
 def test_boxes_need_no_detector(world, plan, tmp_path):
     detector = cf.adapters.BackgroundDetector()
     with pytest.raises(InvalidInputError, match="consists of boxes"):
         cf.run_shard(plan[0], scene=world.true_scene, out=tmp_path, detector=detector)
 
 
+@pytest.mark.slow
 def test_boxes_of_an_unknown_camera_are_refused(world, tmp_path):
     boxes = Detections([0, 1], [0, 9], np.tile([0.0, 0, 10, 30], (2, 1)))
     (shard,) = cf.shards(boxes, frame_rate=5)

@@ -52,6 +52,7 @@ def test_a_stretch_of_time_is_a_selection_of_rows(out, begin, end):
     np.testing.assert_array_equal(some.ground_xy, chosen.ground_xy)
 
 
+@pytest.mark.slow
 def test_others_read_the_folder_as_one_table(out):
     dataset = pytest.importorskip("pyarrow.dataset", reason="pyarrow is not installed")
     whole = cf.join(out)

@@ -99,6 +99,7 @@ def test_shadows_darken_the_ground_and_soft_ones_do_so_less(world, stage, backgr
     assert hard_loss[hard_loss > 25].mean() > 1.3 * soft_loss[hard_loss > 25].mean()
 
 
+@pytest.mark.slow
 def test_furniture_hides_who_stands_behind_it(world, stage, backgrounds):
     for camera in range(2):
         nearest = backgrounds[camera].distance

@@ -91,6 +91,7 @@ def test_the_video_has_one_frame_an_instant_and_the_asked_size(
     assert [one.name for one in tmp_path.iterdir() if "partial" in one.name] == []
 
 
+@pytest.mark.slow
 def test_a_wrong_number_of_videos_is_named_and_leaves_no_file(
     small, localization, videos, tmp_path
 ):
@@ -105,6 +106,7 @@ def test_a_wrong_number_of_videos_is_named_and_leaves_no_file(
     assert not target.exists()
 
 
+@pytest.mark.slow
 def test_a_picture_of_another_size_is_refused(world, localization):
     with pytest.raises(InvalidInputError, match="camera 1 is 640 x 360 px"):
         draw_frame(
@@ -112,6 +114,7 @@ def test_a_picture_of_another_size_is_refused(world, localization):
         )
 
 
+@pytest.mark.slow
 def test_posts_stand_where_the_tracks_project(world, localization):
     frame = int(np.median(localization.tracks.frame))
     now = localization.tracks[localization.tracks.frame == frame]
@@ -130,6 +133,7 @@ def test_posts_stand_where_the_tracks_project(world, localization):
     assert checked >= 2
 
 
+@pytest.mark.slow
 def test_boxes_have_the_colour_of_their_track_or_grey(world, localization):
     frame = int(np.median(localization.tracks.frame))
     rows = np.flatnonzero((world.detections.frame == frame) & (world.detections.camera == 0))
@@ -145,6 +149,7 @@ def test_boxes_have_the_colour_of_their_track_or_grey(world, localization):
             assert (np.abs(corner.astype(int) - color).max(-1) < 40).any()
 
 
+@pytest.mark.slow
 def test_boxes_of_another_run_are_refused(world, localization):
     fewer = world.detections[:-1]
     with pytest.raises(InvalidInputError, match="was made from"):
@@ -153,6 +158,7 @@ def test_boxes_of_another_run_are_refused(world, localization):
         person_height(fewer, localization, world.scene)
 
 
+@pytest.mark.slow
 def test_person_height_is_that_of_the_people_in_any_unit(world, localization):
     metric = transform_scene(world.scene_from_world.inverse(), world.scene, metric=True)
     in_units = person_height(world.detections, localization, world.scene)
@@ -252,6 +258,7 @@ def test_drawing_at_and_beyond_the_border_changes_only_what_it_should():
     assert (picture[2 : 2 + height, 40 : 40 + width, 2] > 0).all()
 
 
+@pytest.mark.slow
 def test_the_plan_puts_ground_coordinates_upright(world, localization):
     view = (-10.0, 10.0, -5.0, 15.0)
     plan = PlanCanvas(world.true_scene, view, (400, 200), ["a", "b", "c", "d"])

@@ -196,6 +196,7 @@ def test_nothing_found_is_a_picture_of_the_cameras(world):
         axes.figure.canvas.draw()
 
 
+@pytest.mark.slow
 def test_positions_without_identity_are_grey_dots(world):
     settings = cf.Settings.paper()
     loose = replace(settings, trajectories=replace(settings.trajectories, enabled=False))
@@ -205,6 +206,7 @@ def test_positions_without_identity_are_grey_dots(world):
     assert to_rgb(dots[0].get_color()) == fraction(track_color(-1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

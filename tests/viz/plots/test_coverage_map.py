@@ -47,6 +47,7 @@ def test_tracks_are_drawn_over_the_map(world, localization):
         assert np.isclose(drawn, xy, rtol=1e-6).all(-1).any()
 
 
+@pytest.mark.slow
 def test_a_map_without_any_coverage_can_be_drawn():
     scene = make_layout("ring4", 3).scene
     far = coverage(scene, (500.0, 520.0, 500.0, 520.0), resolution=5.0)

@@ -92,6 +92,7 @@ variants = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.slow
 @variants
 @settings(max_examples=8)
 @given(seed=st.integers(0, 10**6))
@@ -113,6 +114,7 @@ def test_the_step_is_that_of_the_full_system(seed, shared, known):
     np.testing.assert_array_equal(found[0][3], state[0][3])
 
 
+@pytest.mark.slow
 @variants
 @settings(max_examples=8)
 @given(seed=st.integers(0, 10**6))
@@ -134,6 +136,7 @@ def test_the_covariance_is_that_of_the_full_system_and_the_held_offset(seed, sha
     )
 
 
+@pytest.mark.slow
 @variants
 @settings(max_examples=8)
 @given(seed=st.integers(0, 10**6))

@@ -65,6 +65,7 @@ def test_exact_boxes_give_the_exact_ground(camera, seed):
     np.testing.assert_allclose(found[:, LOG_FOCAL], np.log(FOCAL))
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(cameras, st.integers(0, 10**6))
 def test_people_of_all_heights_and_noisy_boxes_give_it_roughly(camera, seed):
@@ -74,6 +75,7 @@ def test_people_of_all_heights_and_noisy_boxes_give_it_roughly(camera, seed):
     assert (errors(best, camera) < [0.04, 0.04, 0.1]).all()
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(cameras, st.integers(0, 10**6), st.floats(0.5, 2))
 def test_twice_the_picture_and_focal_length_is_the_same_ground(camera, seed, factor):

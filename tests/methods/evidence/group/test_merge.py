@@ -74,6 +74,7 @@ def test_merging_in_rounds_equals_one_best_pair_at_a_time(seed, people, noise):
     assert got == greedy(info, camera, valid)
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(st.integers(0, 10**6), st.integers(1, 6))
 def test_every_box_is_in_exactly_one_group_and_cameras_exclude_themselves(seed, people):

@@ -99,6 +99,7 @@ def test_all_partitions_are_enumerated_once():
     assert len(partitions(np.array([0, 0, 1, 1]))) == 7
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(crowds())
 def test_the_evidence_of_a_group_is_its_integral_over_places_and_heights(crowd):

@@ -152,6 +152,7 @@ def test_an_edge_that_the_border_cuts_says_nothing(edge, seed, error):
     np.testing.assert_array_equal(plain.valid, wrong.valid)
 
 
+@pytest.mark.slow
 def test_a_box_without_feet_and_head_is_no_measurement():
     _, rows = people(0)
     rows.cut[:6, TOP] = rows.cut[:6, BOTTOM] = True
@@ -164,6 +165,7 @@ def area(found):
     return np.linalg.det(found.covariance[:, :2, :2])
 
 
+@pytest.mark.slow
 @given(seeds, st.floats(0, 1), st.floats(0, 1))
 def test_hidden_feet_and_unseen_ankles_are_vaguer(seed, one, other):
     _, rows = people(seed)
@@ -178,6 +180,7 @@ def test_hidden_feet_and_unseen_ankles_are_vaguer(seed, one, other):
     assert (area(few.measured()) > area(rows.measured())).all()
 
 
+@pytest.mark.slow
 @given(seeds, st.permutations(range(12)))
 def test_every_box_is_measured_on_its_own(seed, order):
     rows = disturbed(seed)
@@ -186,6 +189,7 @@ def test_every_box_is_measured_on_its_own(seed, order):
         np.testing.assert_array_equal(all_[np.array(order)], some)
 
 
+@pytest.mark.slow
 @given(seeds, st.sampled_from([np.nan, np.inf, 0.0, -1e9, 1e9]))
 def test_an_absent_row_may_hold_anything_and_counts_nothing(seed, junk):
     rows = disturbed(seed)
@@ -201,6 +205,7 @@ def test_an_absent_row_may_hold_anything_and_counts_nothing(seed, junk):
             np.testing.assert_array_equal(after[~absent], before[~absent])
 
 
+@pytest.mark.slow
 @settings(max_examples=50)
 @given(seeds)
 def test_boxes_of_nobody_on_the_ground_are_finite_and_bounded(seed):
@@ -217,6 +222,7 @@ def test_boxes_of_nobody_on_the_ground_are_finite_and_bounded(seed):
     assert (sigma < RULES.largest_sigma).all()
 
 
+@pytest.mark.slow
 @given(seeds, st.integers(0, CAMERAS - 1), st.floats(-0.01, 0.01))
 def test_a_learned_offset_is_taken_off_its_own_camera_only(seed, camera, offset):
     state, rows = people(seed)

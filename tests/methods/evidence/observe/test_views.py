@@ -96,6 +96,7 @@ def test_a_larger_unit_makes_smaller_numbers_and_the_same_picture(world, factor)
     np.testing.assert_allclose(factor * other.matrix @ scaled, one.matrix @ place, rtol=1e-9)
 
 
+@pytest.mark.slow
 @given(worlds)
 def test_a_station_is_below_its_camera_which_looks_along_its_heading(world):
     scene, scale = scene_of(world)

@@ -118,6 +118,7 @@ def test_a_nearer_person_hides_in_that_camera_alone_and_never_oneself(state, ahe
     np.testing.assert_array_equal(np.delete(found.cover, camera, 1), 0)
 
 
+@pytest.mark.slow
 @given(st.floats(-6, 6), st.floats(-6, 6), st.floats(0.5, 1.5))
 def test_the_share_in_the_picture_is_that_of_the_clipped_box(x, y, height):
     state = np.array([x, y, height])

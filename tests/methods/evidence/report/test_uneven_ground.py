@@ -37,6 +37,7 @@ def shift_seen_by(cameras, rig, unit=HEIGHT):
     ], xy
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("x64")
 def test_one_camera_moves_a_raised_person_away_by_distance_over_height():
     rig = make_rig()

@@ -80,6 +80,7 @@ def test_where_people_are_usually_in_few_images_two_are_enough():
     )
 
 
+@pytest.mark.slow
 def test_where_people_are_in_half_of_the_images_nobody_is_excluded():
     assert within([[1, 1, 1, 0, 0, 0], [0, 0, 1, 1, 0, 0], [1, 1, 0, 0, 0, 0], [0] * 6]).all()
 
@@ -93,6 +94,7 @@ def test_cameras_that_see_nobody_do_not_count():
     np.testing.assert_array_equal(found, [True] * 5 + [False])
 
 
+@pytest.mark.slow
 def test_a_cut_body_is_not_seen_but_a_hand_outside_cuts_nobody():
     everywhere = [[1.0] * 6] * 5
     np.testing.assert_array_equal(
@@ -100,6 +102,7 @@ def test_a_cut_body_is_not_seen_but_a_hand_outside_cuts_nobody():
     )
 
 
+@pytest.mark.slow
 def test_a_place_far_off_is_vague():
     found = within([[1.0] * 6] * 8, away=[0, 0.5, 1, -0.5, -1, 0.2, 300, 310])
     np.testing.assert_array_equal(found, [True] * 6 + [False] * 2)

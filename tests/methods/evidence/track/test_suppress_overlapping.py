@@ -85,6 +85,7 @@ def test_a_long_track_outlives_a_short_one_that_is_surer_for_a_moment():
     np.testing.assert_array_equal(found, [True, True, True, False])
 
 
+@pytest.mark.slow
 def test_who_was_seen_stays_before_the_gap_of_a_better_supported_track():
     rows = trails([0, 0, 0, 1], [0, 1, 2, 1], [[0, 0]] * 4, seen=[True, False, True, True])
     found = suppress_overlapping_tracks(
@@ -93,12 +94,14 @@ def test_who_was_seen_stays_before_the_gap_of_a_better_supported_track():
     np.testing.assert_array_equal(found, [True, False, True, True])
 
 
+@pytest.mark.slow
 def test_of_equals_the_sharper_one_stays():
     rows = trails([0, 1], [0, 0], [[0, 0]] * 2, spread=[2.0, 1.0])
     found = suppress_overlapping_tracks(rows, np.full(2, 6.0), np.ones(2, bool), RADIUS)
     np.testing.assert_array_equal(found, [False, True])
 
 
+@pytest.mark.slow
 def test_who_is_not_there_displaces_nobody_and_a_radius_of_nought_keeps_all():
     rows = trails([0, 1], [0, 0], [[0, 0]] * 2)
     found = suppress_overlapping_tracks(rows, np.array([6.0, 2.0]), np.array([False, True]), RADIUS)
@@ -106,6 +109,7 @@ def test_who_is_not_there_displaces_nobody_and_a_radius_of_nought_keeps_all():
     assert suppress_overlapping_tracks(rows, np.array([6.0, 2.0]), np.ones(2, bool), 0.0).all()
 
 
+@pytest.mark.slow
 def test_arms_length_is_far_enough_and_so_is_another_moment():
     rows = trails([0, 1, 2], [0, 0, 1], [[0, 0], [0.3, 0], [0, 0]])
     assert suppress_overlapping_tracks(rows, np.ones(3), np.ones(3, bool), RADIUS).all()

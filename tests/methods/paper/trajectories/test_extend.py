@@ -58,6 +58,7 @@ def added(positions) -> list[tuple]:
     ]
 
 
+@pytest.mark.slow
 def test_both_ends_are_continued_by_two_frames():
     longer, threshold = extend(tracks((4, 0, 0.1, 0), (5, 0, 0.13, 0.01)))
     assert threshold is None
@@ -70,11 +71,13 @@ def test_both_ends_are_continued_by_two_frames():
     assert (np.diff(longer.frame_index) > 0).all()
 
 
+@pytest.mark.slow
 def test_nothing_lies_beyond_the_sequence():
     longer, _ = extend(tracks((0, 0, 0.1, 0), (1, 0, 0.13, 0)), time=3)
     assert [row[0] for row in added(longer)] == [2]
 
 
+@pytest.mark.slow
 def test_the_velocity_is_the_mean_of_the_last_three_steps():
     xs = [0.5, 0.0, 0.01, 0.03, 0.06]
     longer, _ = extend(tracks(*[(f, 0, x, 0) for f, x in enumerate(xs)]))
@@ -86,6 +89,7 @@ def test_the_velocity_is_the_mean_of_the_last_three_steps():
     assert added(longer) == [(5, 0, 0.09, 0), (6, 0, 0.12, 0)]
 
 
+@pytest.mark.slow
 def test_the_velocity_is_by_time_not_by_frame_number():
     longer, _ = extend(tracks((1, 0, 0, 0), (2, 0, 0.04, 0)), time=[0, 3, 5, 6, 8])
     assert added(longer) == [(3, 0, 0.06, 0)]  # time step 6; step 7 is no frame, so it stops
@@ -130,6 +134,7 @@ def test_the_better_supported_of_two_meeting_tracks_has_the_place():
     assert [row[1] for row in added(longer) if row[0] == 2] == [1]
 
 
+@pytest.mark.slow
 def test_a_supporting_detection_must_look_like_the_track():
     rows = [(f, t, 0.02 * f, 0.5 * t) for f in range(4) for t in range(2)]
     member = [[t, t] for _ in range(4) for t in range(2)]
@@ -151,6 +156,7 @@ def test_a_supporting_detection_must_look_like_the_track():
     assert {row[1] for row in added(longer)} == {0, 1}
 
 
+@pytest.mark.slow
 def test_one_of_several_supporting_detections_is_enough():
     rows = [(f, t, 0.02 * f, 0.5 * t) for f in range(4) for t in range(2)]
     member = [[t, t] for _ in range(4) for t in range(2)]
@@ -162,6 +168,7 @@ def test_one_of_several_supporting_detections_is_enough():
     assert {row[1] for row in added(longer)} == {0, 1}
 
 
+@pytest.mark.slow
 def test_the_appearance_threshold_lies_between_own_and_other():
     rows = [(f, t, 0.1 * t, 0) for f in range(3) for t in range(2)]
     member = [[2 * f + t, -1] for f in range(3) for t in range(2)]
