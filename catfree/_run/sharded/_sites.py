@@ -107,7 +107,8 @@ def run_sites(
     Raises:
         ShardError: after everything else has finished, naming each site that failed and why; its
             attribute `finished` holds the other tables.
-        InvalidInputError: if two recordings have the same name and date, or as `run_shards`.
+        InvalidInputError: if two recordings have the same name and date, or one site has two
+            scenes, or as `run_shards`.
     """
     names = [(site.name, site.date) for site in sites]
     for name in names:
@@ -119,8 +120,12 @@ def run_sites(
         require_folder_name(name[1], "date")
     if not sites:
         raise InvalidInputError("There are no sites to run.")
+    given = _scene_of_each(sites)
     # Workers may be in another folder.
-    sites = [dataclasses.replace(site, recording=_absolute(site.recording)) for site in sites]
+    sites = [
+        dataclasses.replace(site, recording=_absolute(site.recording), scene=given.get(site.name))
+        for site in sites
+    ]
     failed: dict[str, CatFreeError] = {}
     reasons: list[str] = []
     with executor_for(executor) as pool:
@@ -159,6 +164,22 @@ def run_sites(
             tuple(reasons),
         )
     return finished
+
+
+def _scene_of_each(sites: Sequence[Site]) -> dict[str, Scene | str]:
+    """The scene that is given for each site, if any, for all of its dates."""
+    given: dict[str, Scene | str] = {}
+    for site in sites:
+        if site.scene is None:
+            continue
+        first = given.setdefault(site.name, site.scene)
+        same = first == site.scene if isinstance(first, str) else first is site.scene
+        if not same:
+            raise InvalidInputError(
+                f"Site {site.name!r} has two scenes. Give all its dates the same one, or its "
+                "cameras another name after they were moved."
+            )
+    return given
 
 
 def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:

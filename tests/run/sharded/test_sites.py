@@ -286,3 +286,10 @@ def test_other_stretches_are_tried_until_one_suffices(folder, tmp_path, world, m
     with pytest.raises(CalibrationError, match=r"'north'.*Nobody is there"):
         _sites.calibrate_site(site, tmp_path / "b")
     assert len(tried) == 2
+
+
+def test_a_site_has_one_scene(tmp_path):
+    sites = [cf.Site("north", "a.npz", date, f"{date}.json") for date in ("monday", "tuesday")]
+    with pytest.raises(InvalidInputError, match="Site 'north' has two scenes"):
+        cf.run_sites(sites, out=tmp_path)
+    assert not list(tmp_path.iterdir())
