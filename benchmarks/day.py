@@ -20,10 +20,7 @@ import numpy as np
 import catfree as cf
 from catfree._run._stages import localize_people
 from catfree._run.sharded._worker import start_worker
-from catfree.adapters.tables._detections_table import (
-    read_detections_parquet,
-    write_detections_parquet,
-)
+from catfree.adapters import read_detections_parquet, write_detections_parquet
 from catfree.evaluation import crop, detection_metrics, tracking_metrics
 from catfree.evaluation._position_matching import matched_rows
 from catfree.evaluation._rows import read_sequence

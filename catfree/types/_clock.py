@@ -1,6 +1,7 @@
 """The `Clock` that turns frame numbers into seconds."""
 
-from dataclasses import dataclass
+import json
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -11,6 +12,8 @@ from catfree.errors import InvalidInputError, quoted
 from catfree.types._validation import as_float, as_integer, require_finite
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+# Seconds: 2001 counted from 1970. No recording lasts as long, so larger times are absolute.
+ABSOLUTE = 1e9
 # Beyond it, frame numbers are not exact floats.
 _LARGEST = 2.0**53
 
@@ -106,6 +109,25 @@ def clock_from_array(values: Any) -> Clock | None:
     if array.shape != (3,) or array[2] not in (0, 1):
         raise InvalidInputError(f"clock is {quoted(values)}, not rate, start and kind of a clock.")
     return Clock(float(array[0]), float(array[1]), bool(array[2]))
+
+
+def clock_to_text(clock: Clock | None) -> str:
+    """Return the clock as JSON, for the metadata of tables."""
+    return json.dumps(None if clock is None else asdict(clock))
+
+
+def clock_from_text(text: str | bytes) -> Clock | None:
+    """Make the clock that `clock_to_text` converted.
+
+    Raises:
+        InvalidInputError: if the text is damaged, or a value is out of range.
+    """
+    try:
+        parts = json.loads(text)
+        values = None if parts is None else [parts[name] for name in ("frame_rate", "start", "utc")]
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise InvalidInputError(f"{quoted(text)} is not a clock: {quoted(error)}.") from error
+    return None if values is None else Clock(*values)
 
 
 def require_clock(clock: Any) -> Clock | None:

@@ -26,14 +26,14 @@ from catfree._run.sharded._shard import StrPath
 from catfree._run.sharded._stored_tracks import StoredTracks, open_tracks
 from catfree.adapters.files._documents import (
     require_folder,
-    write_bytes_atomically,
     write_text_atomically,
 )
 from catfree.adapters.files._fingerprint import hash_file
-from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.adapters.tables._parquet import read_parquet, write_parquet
+from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Tracks
 from catfree.types._archive import load_arrays
-from catfree.types.results import require_pyarrow
+from catfree.types.results import require_pyarrow, symmetric
 
 
 def join(out: StrPath) -> Tracks:
@@ -173,27 +173,20 @@ def _positions(folder: Path, receipt: Receipt, first: int, stop: int) -> Positio
     opened = pyarrow.dataset.dataset([str(path)], format="parquet")
     table = opened.to_table(columns=names, filter=(field >= first) & (field < stop))
     column = {name: table[name].to_numpy() for name in names}
-    xx, xy, yy = (column[f"cov_{axes}"] for axes in ("xx", "xy", "yy"))
+    covariance = symmetric(*(column[f"cov_{axes}"] for axes in ("xx", "xy", "yy")))
     tracked = column["track_id"] >= 0
     return Positions(
         column["frame"][tracked],
         column["track_id"][tracked],
         np.stack([column["x"], column["y"]], axis=-1)[tracked],
-        np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)[tracked],
+        covariance[tracked],
     )
 
 
 def _write_joined(folder: Path, receipt: Receipt, identities: Identities) -> dict[str, Any]:
     """Write the reported positions of a shard with their identities in the recording."""
-    require_pyarrow()
-    import pyarrow.parquet
-
     files = files_of(folder, receipt.index)
-    try:
-        with pyarrow.parquet.ParquetFile(files.part) as file:
-            table = file.read()
-    except Exception as error:  # pyarrow raises many types for damaged files
-        raise FileFormatError(f"{files.part} cannot be read: {quoted(error)}.") from error
+    table = read_parquet(files.part, "positions of a shard")
     frame, local = table["frame"].to_numpy(), table["track_id"].to_numpy()
     reported = (frame >= receipt.first) & (frame < receipt.stop)
     table, frame, local = table.filter(reported), frame[reported], local[reported]
@@ -201,12 +194,9 @@ def _write_joined(folder: Path, receipt: Receipt, identities: Identities) -> dic
     tracked = local >= 0
     identity[tracked], stop[tracked] = identities.of(receipt.index, local[tracked])
     at = table.schema.get_field_index("track_id")
-    table = table.set_column(at, table.schema.field(at), pyarrow.array(identity))
+    table = table.set_column(at, table.schema.field(at), [identity])
     table = table.filter(frame < stop).sort_by([("frame", "ascending"), ("track_id", "ascending")])
-    sink = pyarrow.BufferOutputStream()
-    pyarrow.parquet.write_table(table, sink, compression="zstd")
-    path = folder / files.part.name
-    write_bytes_atomically(path, sink.getvalue().to_pybytes())
+    path = write_parquet(folder / files.part.name, table, compression="zstd")
     return {
         "file": path.name,
         "first": receipt.first,

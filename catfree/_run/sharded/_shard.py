@@ -13,7 +13,7 @@ import numpy as np
 from catfree._run._cache import content_hash
 from catfree.adapters.files._fingerprint import hash_parameters, hash_samples
 from catfree.adapters.tables._detections_table import (
-    clock_of_schema,
+    clock_of,
     frame_range,
     open_detections_table,
     read_detections_parquet,
@@ -193,7 +193,7 @@ def _boxes_as_one(boxes: Detections | StrPath, frame_rate: float | int | None) -
             detections = Detections.load(path)
             clock = detections.clock
         else:
-            clock = clock_of_schema(open_detections_table(path).schema)
+            clock = clock_of(open_detections_table(path), path)
         source = hash_samples(path)
     if detections is None:
         first, stop = frame_range(name)

@@ -5,15 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from catfree.adapters.files._documents import StrPath, naming_file, write_bytes_atomically
+from catfree.adapters.files._documents import StrPath, naming_file
+from catfree.adapters.tables._parquet import write_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock, Detections
+from catfree.types._clock import clock_from_text, clock_to_text
 from catfree.types.results import require_pyarrow
 
 _BOX = ("x1", "y1", "x2", "y2")
 _REQUIRED = ("frame", "camera", *_BOX)
 _ROWS_PER_GROUP = 1 << 16  # a reader of a range of frames skips the other groups
-_RATE, _START, _UTC = b"catfree.frame_rate", b"catfree.clock_start", b"catfree.clock_utc"
+_CLOCK = b"clock"
 
 
 def write_detections_parquet(path: StrPath, detections: Detections) -> Path:
@@ -34,9 +36,7 @@ def write_detections_parquet(path: StrPath, detections: Detections) -> Path:
         MissingDependencyError: if pyarrow is not installed.
         InvalidInputError: if the folder does not exist.
     """
-    require_pyarrow()
-    import pyarrow.parquet
-
+    pyarrow = require_pyarrow()
     ordered = detections[np.lexsort((detections.camera, detections.frame))]
     columns: dict[str, Any] = {"frame": ordered.frame, "camera": ordered.camera}
     columns |= dict(zip(_BOX, np.ascontiguousarray(ordered.box.T), strict=True))
@@ -50,14 +50,8 @@ def write_detections_parquet(path: StrPath, detections: Detections) -> Path:
             # A list of no numbers has no rows of its own.
             width = max(flat.shape[1], 1)
             columns[name] = pyarrow.FixedSizeListArray.from_arrays(flat.ravel(), width)
-    table = pyarrow.table(columns)
-    if ordered.clock is not None:
-        clock = ordered.clock
-        kept = {_RATE: repr(clock.frame_rate), _START: repr(clock.start), _UTC: str(clock.utc)}
-        table = table.replace_schema_metadata(kept)
-    sink = pyarrow.BufferOutputStream()
-    pyarrow.parquet.write_table(table, sink, row_group_size=_ROWS_PER_GROUP, compression="zstd")
-    return write_bytes_atomically(path, sink.getvalue().to_pybytes())
+    table = pyarrow.table(columns, metadata={_CLOCK: clock_to_text(ordered.clock)})
+    return write_parquet(path, table, row_group_size=_ROWS_PER_GROUP, compression="zstd")
 
 
 def read_detections_parquet(
@@ -101,15 +95,12 @@ def read_detections_parquet(
                 flat = values.flatten().to_numpy(zero_copy_only=False)
                 shape = (-1, 17, 3) if name == "keypoints" else (-1, width)
                 options[name] = flat.reshape(shape)
-    except FileFormatError:
-        raise
     except Exception as error:  # pyarrow raises many types for damaged files
         raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error
     box = np.stack([column[name] for name in _BOX], axis=-1)
-    clock = clock_of_schema(opened.schema)
+    clock = clock_of(opened, path)
     return naming_file(
-        Path(path),
-        lambda: Detections(column["frame"], column["camera"], box, clock=clock, **options),
+        path, lambda: Detections(column["frame"], column["camera"], box, clock=clock, **options)
     )
 
 
@@ -159,10 +150,15 @@ def frame_range(path: StrPath) -> tuple[int, int]:
     return int(min(low)), int(max(high)) + 1
 
 
-def clock_of_schema(schema: Any) -> Clock | None:
-    """The clock in the metadata of a table's schema, or None."""
-    kept = schema.metadata or {}
-    if _RATE not in kept:
-        return None
-    start, utc = float(kept.get(_START, b"0")), kept.get(_UTC, b"False") == b"True"
-    return Clock(float(kept[_RATE]), start, utc)
+def clock_of(table: Any, path: StrPath) -> Clock | None:
+    """The clock of an open table of detections, or None.
+
+    Args:
+        table: what `open_detections_table` returned.
+        path: of the table, for the message.
+
+    Raises:
+        InvalidInputError: if its metadata are damaged.
+    """
+    text = (table.schema.metadata or {}).get(_CLOCK)
+    return None if text is None else naming_file(path, lambda: clock_from_text(text))

@@ -12,12 +12,13 @@ from catfree.adapters.files._documents import (
     StrPath,
     naming_file,
     read_text,
-    require_file,
     write_bytes_atomically,
 )
+from catfree.adapters.tables._parquet import read_parquet, write_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock, Origin, Plane, Tracks
-from catfree.types.results import require_pyarrow, require_sound_tracks
+from catfree.types._clock import ABSOLUTE
+from catfree.types.results import require_sound_tracks, symmetric
 
 _COLUMNS = (
     "frame",
@@ -46,7 +47,6 @@ _WHOLE = ("frame", "track_id", "supporting_cameras")
 _TIME = "time_s"  # not in tables of version 0.2
 
 _OFF_CLOCK = 1e-6  # seconds by which a time in a table may differ from that of the clock
-_ABSOLUTE = 1e9  # seconds; later starts count from 1970
 
 
 def write_tracks_csv(path: StrPath, tracks: Tracks) -> Path:
@@ -162,13 +162,7 @@ def write_tracks_parquet(
         InvalidInputError: if the folder does not exist, or there are more than 64 cameras.
         WriteError: if the disk is full or not writable.
     """
-    table = tracks.to_arrow(camera_names)
-    import pyarrow
-    import pyarrow.parquet
-
-    sink = pyarrow.BufferOutputStream()
-    pyarrow.parquet.write_table(table, sink, write_page_checksum=True)
-    return write_bytes_atomically(path, sink.getvalue().to_pybytes())
+    return write_parquet(path, tracks.to_arrow(camera_names))
 
 
 def read_tracks_parquet(path: StrPath, ground: Plane | None = None) -> Tracks:
@@ -188,21 +182,11 @@ def read_tracks_parquet(path: StrPath, ground: Plane | None = None) -> Tracks:
         FileFormatError: if it is not a Parquet file of this table; files of version 0.2 and earlier
             are not, `tracks.csv` beside them can be read.
     """
-    require_pyarrow()
-    import pyarrow.parquet
-
-    source = require_file(path, "tracks")
-    try:
-        # Not read_table, which would take columns from the names of folders.
-        with pyarrow.parquet.ParquetFile(source, page_checksum_verification=True) as file:
-            table = file.read()
-    # On damaged files the library raises errors of several kinds.
-    except Exception as error:
-        raise FileFormatError(f"{source} is not readable Parquet: {quoted(error)}.") from error
+    table = read_parquet(path, "tracks")
     try:
         return Tracks.from_arrow(table, ground)
     except (FileFormatError, InvalidInputError) as error:
-        raise type(error)(f"{source}: {error}") from error
+        raise type(error)(f"{path}: {error}") from error
 
 
 def _clock_of(source: Path, frame: np.ndarray, time: np.ndarray | None) -> Clock | None:
@@ -219,17 +203,16 @@ def _clock_of(source: Path, frame: np.ndarray, time: np.ndarray | None) -> Clock
             begin = float(time[first] - frame[first] / rate) if rate > 0 else np.inf
             for start in (round(begin, 3), round(begin, 6), begin):
                 if rate > 0 and (Clock(rate, start).seconds(frame) == time).all():
-                    return Clock(rate, start, start > _ABSOLUTE)
+                    return Clock(rate, start, start > ABSOLUTE)
         start = float(time[first] - frame[first] / found)
         if (np.abs(Clock(found, start).seconds(frame) - time) <= _OFF_CLOCK).all():
-            return Clock(found, start, start > _ABSOLUTE)
+            return Clock(found, start, start > ABSOLUTE)
     raise FileFormatError(f"{source}: column {_TIME!r} is invalid: no clock gives these times.")
 
 
 def _symmetric(column: dict[str, np.ndarray], name: str) -> np.ndarray:
     """(M, 2, 2) from the columns of its three different entries."""
-    xx, xy, yy = (column[f"{name}_{axes}"] for axes in ("xx", "xy", "yy"))
-    return np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
+    return symmetric(*(column[f"{name}_{axes}"] for axes in ("xx", "xy", "yy")))
 
 
 def _columns(tracks: Tracks) -> dict[str, np.ndarray]:

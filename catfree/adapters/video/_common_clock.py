@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.types import Clock, Detections
+from catfree.types._clock import ABSOLUTE
 from catfree.types._validation import (
     as_float,
     first_index,
@@ -23,8 +24,6 @@ RATE_TOLERANCE = 0.01
 # A frame shows a tick if it is within this many ticks of it: half a tick, and slack for the jitter
 # of cameras whose frames lie midway between two ticks.
 REACH = 0.6
-# Seconds: 2001 counted from 1970. No recording lasts as long, so larger times are absolute.
-ABSOLUTE = 1e9
 
 Times = Float[np.ndarray, " _"]  # seconds of frames, increasing; of any length
 

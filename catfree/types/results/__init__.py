@@ -3,6 +3,7 @@
 from catfree.types.results._arrow_table import (
     MOST_CAMERAS as MOST_CAMERAS,
     require_pyarrow as require_pyarrow,
+    symmetric as symmetric,
 )
 from catfree.types.results._localization import (
     Candidates as Candidates,

@@ -6,9 +6,10 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float
 
 from catfree.errors import FileFormatError, InvalidInputError, MissingDependencyError, quoted
-from catfree.types._clock import Clock
+from catfree.types._clock import Clock, clock_from_text, clock_to_text
 
 if TYPE_CHECKING:
     import pyarrow
@@ -111,7 +112,6 @@ def from_table(table: "pyarrow.Table") -> dict[str, Any]:
     clock, has_existence, has_cameras = _described(table.schema.metadata or {})
     numbers = {name: _numbers(table, name, arrow.float64()) for name in _FLOATS}
     velocity = np.stack([numbers["vx"], numbers["vy"]], axis=-1)
-    xx, xy, yy = (numbers[f"cov_{axes}"] for axes in ("xx", "xy", "yy"))
     bits = _bits_from(table) if has_cameras else None
     frame = _numbers(table, "frame", arrow.int64())
     return {
@@ -119,7 +119,7 @@ def from_table(table: "pyarrow.Table") -> dict[str, Any]:
         "track_id": _numbers(table, "track_id", arrow.int64()),
         "ground_xy": np.stack([numbers["x"], numbers["y"]], axis=-1),
         "sigma": numbers["sigma"],
-        "covariance": np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2),
+        "covariance": symmetric(*(numbers[f"cov_{axes}"] for axes in ("xx", "xy", "yy"))),
         "supporting_cameras": np.zeros(len(frame), np.int64)
         if bits is None
         else np.bitwise_count(bits).astype(np.int64),
@@ -129,6 +129,11 @@ def from_table(table: "pyarrow.Table") -> dict[str, Any]:
         "cameras": bits,
         "clock": clock,
     }
+
+
+def symmetric(xx: np.ndarray, xy: np.ndarray, yy: np.ndarray) -> Float[np.ndarray, "m 2 2"]:
+    """(M, 2, 2) matrices from the columns of their three different entries."""
+    return np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
 
 
 def require_pyarrow() -> ModuleType:
@@ -171,16 +176,14 @@ def _metadata(
     from catfree import __version__
 
     zero = "unknown" if clock is None else "start of recording"
-    parts = None
     if clock is not None:
-        parts = {"frame_rate": clock.frame_rate, "start": clock.start, "utc": clock.utc}
         zero = "1970-01-01T00:00:00Z" if clock.utc else zero
     return {
         "table": _KIND,
         **_DESCRIPTIONS,
         "time_zero": zero,
         "frame_zero": "unknown" if clock is None else clock.describe(),
-        "clock": json.dumps(parts),
+        "clock": clock_to_text(clock),
         "camera_names": json.dumps(names),
         "has_existence": json.dumps(has_existence),
         "has_cameras": json.dumps(has_cameras),
@@ -196,11 +199,11 @@ def _described(metadata: Mapping[bytes, bytes]) -> tuple[Clock | None, bool, boo
             "Copy them from the original with replace_schema_metadata."
         )
     try:
-        clock, has_existence, has_cameras = (
-            json.loads(metadata[name]) for name in (b"clock", b"has_existence", b"has_cameras")
+        clock = clock_from_text(metadata[b"clock"])
+        has_existence, has_cameras = (
+            bool(json.loads(metadata[name])) for name in (b"has_existence", b"has_cameras")
         )
-        made = None if clock is None else Clock(clock["frame_rate"], clock["start"], clock["utc"])
-        return made, bool(has_existence), bool(has_cameras)
+        return clock, has_existence, has_cameras
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise FileFormatError(
             f"The metadata of a table of tracks are damaged: {quoted(error)}."

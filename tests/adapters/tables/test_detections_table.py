@@ -77,3 +77,22 @@ def test_other_files_are_refused(tmp_path):
     pyarrow.parquet.write_table(pyarrow.table(table), path)
     with pytest.raises((FileFormatError, InvalidInputError), match=r"b\.parquet"):
         read_detections_parquet(path)
+
+
+@pytest.mark.parametrize(
+    ("clock", "sentence"),
+    [
+        ("five", "is not a clock"),
+        ("[1]", "is not a clock"),
+        ('{"frame_rate": 5}', "is not a clock: 'start'"),
+        ('{"frame_rate": 0, "start": 0, "utc": false}', "frame_rate is 0"),
+    ],
+)
+def test_a_damaged_clock_is_refused(tmp_path, clock, sentence):
+    import pyarrow.parquet
+
+    path = write_detections_parquet(tmp_path / "b.parquet", boxes(0, 3, 3, 0, False, Clock(5.0)))
+    table = pyarrow.parquet.read_table(path).replace_schema_metadata({"clock": clock})
+    pyarrow.parquet.write_table(table, path)
+    with pytest.raises(InvalidInputError, match=r"b\.parquet: .*" + sentence):
+        read_detections_parquet(path)

@@ -1,0 +1,59 @@
+"""Parquet files of one table each, with checksums."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from catfree.adapters.files._documents import StrPath, require_file, write_bytes_atomically
+from catfree.errors import FileFormatError, quoted
+from catfree.types.results import require_pyarrow
+
+if TYPE_CHECKING:
+    import pyarrow
+
+
+def write_parquet(path: StrPath, table: "pyarrow.Table", **options: Any) -> Path:
+    """Write a table so that a reader never sees part of it.
+
+    Args:
+        path: the file.
+        table: what to write.
+        options: of `pyarrow.parquet.write_table`.
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidInputError: if the folder does not exist.
+        WriteError: if the disk is full or not writable.
+    """
+    import pyarrow
+    import pyarrow.parquet
+
+    sink = pyarrow.BufferOutputStream()
+    pyarrow.parquet.write_table(table, sink, write_page_checksum=True, **options)
+    return write_bytes_atomically(path, sink.getvalue().to_pybytes())
+
+
+def read_parquet(path: StrPath, meaning: str) -> "pyarrow.Table":
+    """Read the table of one file.
+
+    Args:
+        path: the file.
+        meaning: what the file is, for the message.
+
+    Raises:
+        MissingDependencyError: if pyarrow is not installed.
+        InvalidInputError: if there is no such file.
+        FileFormatError: if it is not Parquet, or damaged.
+    """
+    require_pyarrow()
+    import pyarrow.parquet
+
+    source = require_file(path, meaning)
+    try:
+        # Not read_table, which would take columns from the names of folders.
+        with pyarrow.parquet.ParquetFile(source, page_checksum_verification=True) as file:
+            return file.read()
+    # On damaged files the library raises errors of several kinds.
+    except Exception as error:
+        raise FileFormatError(f"{source} is not readable Parquet: {quoted(error)}.") from error
