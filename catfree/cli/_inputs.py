@@ -97,12 +97,9 @@ def open_reconstructor(path: Path | None) -> Any:
 
 def open_scene(path: Path | None) -> tuple[Any, tuple[str, ...] | None]:
     """Read a saved scene, `.npz` or JSON, and the cameras' names if it has any."""
-    from catfree.adapters.calibration_files._rig_json import read_scene_json
-    from catfree.types import Scene
+    from catfree.adapters.calibration_files._rig_json import read_scene
 
-    if path is None:
-        return None, None
-    return (Scene.load(path), None) if path.suffix == ".npz" else read_scene_json(path)
+    return (None, None) if path is None else read_scene(path)
 
 
 def read_truth(path: Path) -> np.ndarray:

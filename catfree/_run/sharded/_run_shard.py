@@ -5,7 +5,6 @@ import hashlib
 import math
 import time
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -28,8 +27,8 @@ from catfree._run.sharded._receipt import (
     write_receipt,
 )
 from catfree._run.sharded._shard import Shard, StrPath, boxes_of, open_videos
-from catfree.adapters.calibration_files._rig_json import write_scene_json
-from catfree.adapters.files._documents import write_bytes_atomically
+from catfree.adapters.calibration_files._rig_json import scene_text
+from catfree.adapters.files._documents import write_text_atomically
 from catfree.adapters.files._fingerprint import hash_file, hash_parameters
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.adapters.tables._tracks_table import write_tracks_parquet
@@ -225,15 +224,14 @@ def _write_scene(folder: Path, scene: Scene) -> str:
     make_folder(folder / WORK_FOLDER)
     path = folder / SCENE_FILE
     before = hash_file(path) if path.is_file() else None
-    with TemporaryDirectory() as scratch:
-        content = write_scene_json(Path(scratch) / path.name, scene).read_bytes()
-    written = hashlib.sha256(content).hexdigest()
+    content = scene_text(scene)
+    written = hashlib.sha256(content.encode()).hexdigest()
     if before not in (None, written):
         raise InvalidInputError(
             f"{folder} holds shards of another scene ({path}). Name another folder."
         )
     if before is None:
-        write_bytes_atomically(path, content)
+        write_text_atomically(path, content)
     return written
 
 

@@ -28,7 +28,11 @@ from catfree._run.sharded._shard import (
 )
 from catfree._run.sharded._stored_tracks import StoredTracks
 from catfree.adapters.background._background_detector import BackgroundDetector
-from catfree.adapters.calibration_files._rig_json import read_scene_json, write_scene_json
+from catfree.adapters.calibration_files._rig_json import (
+    read_scene,
+    read_scene_json,
+    write_scene_json,
+)
 from catfree.adapters.files._documents import read_text
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
@@ -314,7 +318,7 @@ def _scenes(
             elif isinstance(site.scene, Scene):
                 scenes[site.name] = site.scene
             else:
-                scenes[site.name] = _read_scene(site.scene)
+                scenes[site.name] = read_scene(site.scene)[0]
         except CatFreeError as error:
             failed[site.name] = error
     if tasks:
@@ -401,9 +405,3 @@ def _spread(plan: Sequence[Shard]) -> list[Shard]:
                 order.append(index)
         parts *= 2
     return [plan[index] for index in order]
-
-
-def _read_scene(path: str) -> Scene:
-    if path.endswith(".npz"):
-        return Scene.load(path)
-    return read_scene_json(path)[0]

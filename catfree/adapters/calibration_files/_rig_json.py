@@ -49,7 +49,7 @@ def write_rig_json(
     Raises:
         InvalidInputError: if the folder does not exist or the names do not match the cameras.
     """
-    return _write(path, _rig_document(rig, names, metric))
+    return write_text_atomically(path, _text(_rig_document(rig, names, metric)))
 
 
 def write_scene_json(path: StrPath, scene: Scene, names: Sequence[str] | None = None) -> Path:
@@ -66,9 +66,18 @@ def write_scene_json(path: StrPath, scene: Scene, names: Sequence[str] | None = 
     Raises:
         InvalidInputError: if the folder does not exist or the names do not match the cameras.
     """
+    return write_text_atomically(path, scene_text(scene, names))
+
+
+def scene_text(scene: Scene, names: Sequence[str] | None = None) -> str:
+    """Return what `write_scene_json` writes.
+
+    Raises:
+        InvalidInputError: if the names do not match the cameras.
+    """
     ground = {"normal": _list(scene.ground.normal), "offset": float(scene.ground.offset)}
     document = _rig_document(scene.rig, names, scene.metric)
-    return _write(path, document | {"ground": ground, "extent": float(scene.extent)})
+    return _text(document | {"ground": ground, "extent": float(scene.extent)})
 
 
 def read_rig_json(path: StrPath) -> NamedRig:
@@ -117,6 +126,22 @@ def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
     return naming_file(source, build), named.names
 
 
+def read_scene(path: StrPath) -> tuple[Scene, tuple[str, ...] | None]:
+    """Read a scene that `Scene.save` (`.npz`) or `write_scene_json` wrote.
+
+    Args:
+        path: the file.
+
+    Returns:
+        The scene, and the (C,) names of its cameras if the file has any.
+
+    Raises:
+        InvalidInputError: if there is no such file or a value is invalid.
+        FileFormatError: if the file holds something else.
+    """
+    return (Scene.load(path), None) if Path(path).suffix == ".npz" else read_scene_json(path)
+
+
 def _rig_document(rig: Rig, names: Sequence[str] | None, metric: bool) -> dict[str, Any]:
     cameras = []
     for at, name in enumerate(default_names(rig, names)):
@@ -137,8 +162,8 @@ def _list(values: Any) -> Any:
     return entries.tolist()
 
 
-def _write(path: StrPath, document: dict[str, Any]) -> Path:
-    return write_text_atomically(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
+def _text(document: dict[str, Any]) -> str:
+    return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
 def _read_rig(document: Any, source: Path) -> NamedRig:
