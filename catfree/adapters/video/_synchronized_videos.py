@@ -268,18 +268,11 @@ class SynchronizedVideos:
             corrected._origins = [o + s for o, s in zip(self._origins, late, strict=True)]
         shared = [corrected._span(camera) for camera in range(self.camera_count)]
         first, last = max(first for first, _ in shared), min(last for _, last in shared)
-        ticks = np.asarray(self._ticks)
-        ticks = ticks[(ticks >= first) & (ticks <= last)]
-        kept: Ticks = range(0)
-        if len(ticks):
-            span = range(int(ticks[0]), int(ticks[-1]) + 1, self._stride)
-            kept, corrected._dropped = corrected._complete(span)
-        if not len(kept):
+        if not corrected._keep_ticks(first, last + 1):
             raise InsufficientDataError(
                 f"With the clocks corrected by {', '.join(map(str, frame_offset))} frames, no "
                 "instant is in all videos. Record longer."
             )
-        corrected._ticks = kept
         return corrected
 
     def between(self, start: int, end: int) -> "SynchronizedVideos":
@@ -288,14 +281,10 @@ class SynchronizedVideos:
         Raises:
             InsufficientDataError: if there are none.
         """
-        ticks = np.asarray(self._ticks)
-        ticks = ticks[(ticks >= start) & (ticks < end)]
-        if not len(ticks):
-            raise InsufficientDataError(f"No instant from tick {start} to {end} is in all videos.")
         part = copy.copy(self)
         part._limits = (start, end)
-        span = range(int(ticks[0]), int(ticks[-1]) + 1, self._stride)
-        part._ticks, part._dropped = self._complete(span)
+        if not part._keep_ticks(start, end):
+            raise InsufficientDataError(f"No instant from tick {start} to {end} is in all videos.")
         return part
 
     def __iter__(self) -> Iterator[tuple[int, list[Image]]]:
@@ -427,6 +416,16 @@ class SynchronizedVideos:
     def _place(self, camera: int, time: float) -> float:
         """Return the place of a camera's time among the ticks."""
         return (time - self._origins[camera]) * (self._rate or 1.0)
+
+    def _keep_ticks(self, start: int, end: int) -> bool:
+        """Leave out ticks before `start` or from `end` on; return whether any is left."""
+        ticks = np.asarray(self._ticks)
+        ticks = ticks[(ticks >= start) & (ticks < end)]
+        if not len(ticks):
+            return False
+        span = range(int(ticks[0]), int(ticks[-1]) + 1, self._stride)
+        self._ticks, self._dropped = self._complete(span)
+        return True
 
     def _complete(self, span: range) -> tuple[Ticks, tuple[int, ...]]:
         """Leave out ticks that a camera dropped, and count them for each camera."""
