@@ -198,7 +198,7 @@ def error_of(task: Future[Any], name: str) -> CatFreeError | None:
     if error is None:
         return None
     if isinstance(error, CatFreeError):
-        return type(error)(f"{name}: {error}") if not isinstance(error, ShardError) else error
+        return type(error)(f"{name}: {error}")
     if isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker":
         return CatFreeError(
             f"{name}: its worker process died; it was killed or ran out of memory. Run again: "
