@@ -23,6 +23,15 @@ settings.register_profile(
 settings.load_profile("catfree")
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Share what JAX compiles with the other workers, the commands under test and the next run."""
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.cache.mkdir("compiled")))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+    jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
+    seconds = float(os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"])
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", seconds)
+
+
 def _shared() -> Path | None:
     """The folder with research data beside the checkout, or None."""
     named = os.environ.get("CATFREE_SHARED")
