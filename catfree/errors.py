@@ -54,6 +54,10 @@ class WriteError(CatFreeError, OSError):
     """A file cannot be written: the disk is full, or the folder is not writable."""
 
 
+class DownloadError(CatFreeError, OSError):
+    """A file cannot be downloaded; the message says what to fetch by hand and where to put it."""
+
+
 class InsufficientDataError(CatFreeError):
     """A stage has too few cameras, detections, frames or shared people."""
 

@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree._run._cache import StageCache, code_hash
-from catfree.adapters._validate_plugin_output import Describer, join_descriptions
 from catfree.adapters.background._background_detector import (
     BackgroundDetector,
     FittedBackgroundDetector,
@@ -27,6 +26,7 @@ from catfree.adapters.protocols import (
 )
 from catfree.adapters.video._detect_videos import collect_detections, detect_instant, fit_to_cameras
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
+from catfree.adapters.video._validate_plugin_output import Describer, join_descriptions
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.types import Detections
 from catfree.types._annotations import Progress

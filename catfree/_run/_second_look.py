@@ -15,10 +15,10 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from catfree.adapters._validate_plugin_output import Describer, ask_for_people
 from catfree.adapters.protocols import Embedder, FrameDetections, GuidedDetector, Image
 from catfree.adapters.video._detect_videos import collect_detections
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
+from catfree.adapters.video._validate_plugin_output import Describer, ask_for_people
 from catfree.errors import InsufficientDataError
 from catfree.geometry import project
 from catfree.geometry._buckets import in_blocks

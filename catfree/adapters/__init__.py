@@ -62,3 +62,9 @@ from catfree.adapters.video import (
     detect_videos as detect_videos,
     on_common_clock as on_common_clock,
 )
+from catfree.adapters.weights import (
+    WEIGHTS as WEIGHTS,
+    Weights as Weights,
+    fetch_weights as fetch_weights,
+    pretrained as pretrained,
+)

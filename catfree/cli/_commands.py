@@ -30,6 +30,7 @@ from catfree.cli._terminal import (
     require_tyro,
     warn,
 )
+from catfree.cli._weights_commands import weights_commands
 from catfree.errors import CatFreeError, InsufficientDataError
 
 
@@ -50,7 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         tyro = require_tyro()
         code = tyro.extras.subcommand_cli_from_dict(
-            _commands(tyro) | shard_commands(tyro),
+            _commands(tyro) | shard_commands(tyro) | weights_commands(tyro),
             prog="catfree",
             description="Track people on the ground from videos of static cameras. "
             "`--version` prints the version.",
@@ -114,9 +115,9 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         Args:
             videos: one video file or image folder per camera.
             out: folder for the results.
-            detector: ONNX file of a person detector (YOLO11-pose, YOLOv8-pose or YOLOX); without
-                it people are found by background subtraction.
-            embedder: ONNX file of a re-identification network.
+            detector: ONNX file of a person detector (YOLO11-pose, YOLOv8-pose or YOLOX), or a name
+                of `catfree weights list`; without it people are found by background subtraction.
+            embedder: ONNX file of a re-identification network, or a name of that list.
             reconstructor: ONNX file of VGGT, which finds the cameras from the images.
             scene: known cameras and ground (scene.json); without it and without a reconstructor
                 they are found from the people.
@@ -241,8 +242,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         Args:
             videos: one video file or image folder per camera.
             out: folder for scene.json and the rig in other formats.
-            detector: ONNX file of a person detector; without it people are found by
-                background subtraction.
+            detector: ONNX file of a person detector, or a name of `catfree weights list`; without
+                it people are found by background subtraction.
             cache: folder for finished stages; `cache` in the output folder if not given.
             stride: use every stride-th frame.
             offsets: the frame of each camera that shows the first common instant.

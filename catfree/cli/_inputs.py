@@ -42,8 +42,21 @@ def require_files(videos: tuple[Path, ...], **others: Path | None) -> None:
                 f"Camera {camera}: There is no video file or image folder {path}."
             )
     for option, path in others.items():
-        if path is not None and not path.is_file():
+        if path is not None and not network_file(path).is_file():
             raise InvalidInputError(f"There is no file {path} (--{option}). Check the path.")
+
+
+def network_file(path: Path) -> Path:
+    """Return the file that an option names: its path, or the name of downloaded weights.
+
+    Raises:
+        InvalidInputError: if it is the name of weights that are not on this machine.
+    """
+    if path.exists():
+        return path
+    from catfree.adapters.weights import WEIGHTS, fetch_weights
+
+    return fetch_weights(str(path), download=False) if str(path) in WEIGHTS else path
 
 
 def _require_two(paths: tuple[Path, ...]) -> None:
@@ -66,12 +79,13 @@ def open_videos(paths: tuple[Path, ...], **options: Any) -> Any:
 
 
 def open_detector(path: Path | None) -> Any:
-    """Open the ONNX file of any supported detector."""
+    """Open the ONNX file, or the downloaded weights, of any supported detector."""
     from catfree.adapters.detectors._yolo_pose import YoloPoseOnnx
     from catfree.adapters.detectors._yolox import YoloxOnnx
 
     if path is None:
         return None
+    path = network_file(path)
     try:
         return YoloPoseOnnx(path)
     except FileFormatError as not_pose:
@@ -82,10 +96,10 @@ def open_detector(path: Path | None) -> Any:
 
 
 def open_embedder(path: Path | None) -> Any:
-    """Open the ONNX file of a re-identification network."""
+    """Open the ONNX file, or the downloaded weights, of a re-identification network."""
     from catfree.adapters.embedders._reid import ReIdOnnx
 
-    return None if path is None else ReIdOnnx(path)
+    return None if path is None else ReIdOnnx(network_file(path))
 
 
 def open_reconstructor(path: Path | None) -> Any:

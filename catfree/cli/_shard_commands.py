@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from catfree.cli._inputs import (
+    network_file,
     open_detector,
     open_embedder,
     open_scene,
@@ -46,9 +47,9 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
             overlap: seconds that neighboring shards share.
             frame_rate: frames per second; that of the videos or of the saved boxes if not given.
             offsets: the frame of each camera that shows the first common instant.
-            detector: ONNX file of a person detector; without it people are found by background
-                subtraction.
-            embedder: ONNX file of a re-identification network.
+            detector: ONNX file of a person detector, or a name of `catfree weights list`; without
+                it people are found by background subtraction.
+            embedder: ONNX file of a re-identification network, or a name of that list.
             method: the localization method.
         """
         from catfree._run.sharded._plan_file import PlanFile, write_plan
@@ -70,7 +71,10 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
         )
         # Beside the other working files, which readers of Parquet folders leave out.
         folder = make_folder(out / WORK_FOLDER)
-        names = {role: "" if path is None else _absolute(path) for role, path in networks.items()}
+        names = {
+            role: "" if path is None else _absolute(network_file(path))
+            for role, path in networks.items()
+        }
         document = PlanFile(parts, _absolute(scene), _absolute(out), method, **names)
         path = write_plan(folder / "plan.json", document)
         print_text(

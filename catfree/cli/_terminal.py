@@ -25,6 +25,7 @@ OFFSETS = re.compile(r"pass offsets=\(([-\d, ]+)\)")
 
 # In the order of a run.
 STAGE_LABELS = {
+    "weights": "downloading weights",
     "calibration": "calibrating sites",
     "shards": "tracking people by shards",
     "render": "rendering the world",

@@ -36,7 +36,8 @@ class YoloxOnnx(OnnxDetector):
     24 (MultiviewX, at confidence 0.3 and an overlap with the true box of 0.5). `tiles` and
     `image_size` raise that height: n x n tiles multiply it by n - (n - 1) * tile_overlap.
 
-    Weights: the releases of github.com/Megvii-BaseDetection/YOLOX hold ONNX files (Apache-2.0).
+    Weights: `pretrained("yolox-s")`; the releases of github.com/Megvii-BaseDetection/YOLOX hold
+    ONNX files of all sizes (Apache-2.0).
     """
 
     def __init__(

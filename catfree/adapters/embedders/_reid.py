@@ -10,13 +10,16 @@ from jaxtyping import Float
 from catfree.adapters.embedders._crops import clipped_crops, unit_rows
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.onnx._onnx_batching import run_batched
-from catfree.adapters.onnx._onnx_session import OnnxGraph
+from catfree.adapters.onnx._onnx_session import OnnxGraph, Shape
 from catfree.adapters.protocols import Image, as_image
 from catfree.errors import InvalidInputError
 
 Preprocessing = Literal["rgb_imagenet", "bgr_raw"]
 
-_NEEDED = "a person re-identification export (input [batch, 3, H, W]; output [batch, D])"
+_NEEDED = (
+    "a person re-identification export (input [batch, 3, H, W]; output [batch, D] or "
+    "[batch, D, 1, 1])"
+)
 _IMAGENET_MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 _IMAGENET_DEVIATION = np.array([0.229, 0.224, 0.225], np.float32)
 _USUAL_HEIGHT, _USUAL_WIDTH = 256, 128
@@ -31,9 +34,10 @@ class ReIdOnnx:
     Model Zoo: BGR 0 to 255, normalized inside). None chooses "bgr_raw" for graphs that were
     converted from OpenVINO and "rgb_imagenet" for all others.
 
-    Weights: OSNet from github.com/KaiyangZhou/deep-person-reid (code MIT; the training data allow
-    research only), exported with `torch.onnx.export`; `person-reidentification-retail-0287` from
-    Intel's Open Model Zoo (Apache-2.0), converted with openvino2onnx.
+    Weights: `pretrained("youtu-reid")` (Apache-2.0); OSNet from
+    github.com/KaiyangZhou/deep-person-reid (code MIT; the training data allow research only),
+    exported with `torch.onnx.export`; `person-reidentification-retail-0287` from Intel's Open Model
+    Zoo (Apache-2.0), converted with openvino2onnx.
     """
 
     def __init__(
@@ -59,7 +63,7 @@ class ReIdOnnx:
             )
         self._graph = OnnxGraph(path, needed=_NEEDED, providers=providers)
         self._graph.require_image_input(None)
-        flat = [name for name, shape in self._graph.output_shapes.items() if len(shape) == 2]
+        flat = [name for name, shape in self._graph.output_shapes.items() if _is_vector(shape)]
         if not flat:
             raise self._graph.mismatch(self._graph.describe_outputs())
         self._output = flat[0]
@@ -93,7 +97,10 @@ class ReIdOnnx:
 
     def _embed(self, crops: Sequence[Image]) -> list[np.ndarray]:
         inputs = [self._normalize(crop).transpose(2, 0, 1) for crop in crops]
-        return run_batched(self._graph, inputs, self._output, _LARGEST_BATCH)
+        values = run_batched(self._graph, inputs, self._output, _LARGEST_BATCH)
+        if any(value.size != value.shape[0] for value in values):
+            raise self._graph.mismatch(f"its output {self._output!r} has maps instead of vectors")
+        return [value.ravel() for value in values]
 
     def _normalize(self, crop: Image) -> Float[np.ndarray, "h w 3"]:
         if self._preprocessing == "bgr_raw":
@@ -105,3 +112,8 @@ class ReIdOnnx:
             width, height = self._crop_size
             self._dimension = self._embed([np.zeros((height, width, 3), np.uint8)])[0].shape[0]
         return self._dimension
+
+
+def _is_vector(shape: Shape) -> bool:
+    """Return whether an output has one vector per picture, pooled with or without its axes."""
+    return len(shape) in (2, 4) and all(axis in (1, None) for axis in shape[2:])

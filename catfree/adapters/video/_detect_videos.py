@@ -8,12 +8,6 @@ from threading import Lock
 
 import numpy as np
 
-from catfree.adapters._validate_plugin_output import (
-    Describer,
-    ask_for_people,
-    join_descriptions,
-    require_people,
-)
 from catfree.adapters.protocols import (
     BatchDetector,
     Detector,
@@ -24,6 +18,12 @@ from catfree.adapters.protocols import (
     ankles_confirmed,
 )
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
+from catfree.adapters.video._validate_plugin_output import (
+    Describer,
+    ask_for_people,
+    join_descriptions,
+    require_people,
+)
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.types import Clock, Detections
 from catfree.types._annotations import Progress

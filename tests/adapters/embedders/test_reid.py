@@ -89,6 +89,16 @@ def test_no_boxes_give_no_rows_of_the_right_width(constant_graph, open_outputs):
     assert ReIdOnnx(path)(IMAGE, np.zeros((0, 4))).shape == (0, 7)
 
 
+@pytest.mark.parametrize("open_outputs", [False, True])
+def test_pooled_maps_are_vectors_and_other_maps_are_not(constant_graph, open_outputs):
+    pooled = np.array([3.0, 4.0])[:, None, None]
+    path = constant_graph([1, 3, 256, 128], {"o": pooled}, open_outputs=open_outputs)
+    np.testing.assert_allclose(ReIdOnnx(path)(IMAGE, BOXES), [[0.6, 0.8], [0.6, 0.8]])
+    path = constant_graph([1, 3, 256, 128], {"o": np.ones((2, 5, 1))}, open_outputs=open_outputs)
+    with pytest.raises(FileFormatError, match=r"maps|\[1, 2, 5, 1\]"):
+        ReIdOnnx(path)(IMAGE, BOXES)
+
+
 def test_a_zero_vector_still_becomes_a_unit(constant_graph):
     path = constant_graph([1, 3, 256, 128], {"o": np.zeros(4)})
     np.testing.assert_array_equal(ReIdOnnx(path)(IMAGE, BOXES[:1]), [[1, 0, 0, 0]])

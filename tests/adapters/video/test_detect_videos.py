@@ -10,7 +10,7 @@ from catfree.adapters import (
     YoloPoseOnnx,
     detect_videos,
 )
-from catfree.adapters._validate_plugin_output import Describer
+from catfree.adapters.video._validate_plugin_output import Describer
 from catfree.errors import InsufficientDataError, InvalidInputError
 
 

@@ -1,0 +1,68 @@
+"""The commands for published weights."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from catfree.cli._terminal import print_table, print_text, progress_bars
+from catfree.errors import InvalidInputError
+
+
+def weights_commands(tyro: Any) -> dict[str, Callable[..., None]]:
+    """Sub-commands by name, built here because their annotations need tyro."""
+    positional, subcommand = tyro.conf.Positional, tyro.conf.subcommand
+
+    @dataclass(frozen=True)
+    class List:
+        """List the weights that are known by name, with license and address."""
+
+    @dataclass(frozen=True)
+    class Get:
+        """Download weights, unless they are on this machine, and print their paths.
+
+        Attributes:
+            names: names of `catfree weights list`.
+        """
+
+        names: Annotated[tuple[str, ...], positional]
+
+    def weights(
+        action: Annotated[List, subcommand("list")] | Annotated[Get, subcommand("get")],
+    ) -> None:
+        """List published detectors and embedders, or download them.
+
+        Args:
+            action: what to do.
+        """
+        if isinstance(action, Get):
+            _get(action.names)
+        else:
+            _list()
+
+    return {"weights": tyro.conf.configure(tyro.conf.OmitSubcommandPrefixes)(weights)}
+
+
+def _get(names: tuple[str, ...]) -> None:
+    from catfree.adapters.weights import fetch_weights
+
+    if not names:
+        raise InvalidInputError("Name the weights to download; `catfree weights list` lists them.")
+    for name in names:
+        with progress_bars() as progress:
+            path = fetch_weights(name, progress=progress)
+        print_text(str(path))
+
+
+def _list() -> None:
+    from catfree._run._report import Table
+    from catfree.adapters.weights import WEIGHTS
+    from catfree.adapters.weights._fetch_weights import is_fetched, weights_folder
+
+    rows = tuple(
+        (w.name, w.description, w.license, f"{w.size / 1e6:.0f} MB", ["no", "yes"][is_fetched(w)])
+        for w in WEIGHTS.values()
+    )
+    print_table(Table(("name", "what", "license", "size", "here"), rows))
+    for weights in WEIGHTS.values():
+        print_text(f"{weights.name}: {weights.url} (SHA-256 {weights.sha256})")
+    print_text(f"Files are kept in {weights_folder()}.")
