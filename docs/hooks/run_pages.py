@@ -2,8 +2,8 @@
 
     python docs/hooks/run_pages.py          # stores the outputs of all pages
 
-A block of Python is followed by a block `text` if it prints something. `<!-- not run: REASON -->` in
-the line above leaves a block out; `<!-- prepare ... -->` holds code that readers need not see.
+A block of Python is followed by a block `text` if it prints something. `<!-- not run: REASON -->`
+in the line above leaves a block out; `<!-- prepare ... -->` holds code that readers need not see.
 """
 
 import contextlib

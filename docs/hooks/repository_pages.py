@@ -1,0 +1,58 @@
+"""Show files from outside this folder: the changelog, the guide to contributing, the examples."""
+
+import ast
+import re
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files, InclusionLevel
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[2]
+_PAGES = {"CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
+_LANGUAGES = {".py": "python", ".sh": "bash"}
+_EXAMPLE_LINK = re.compile(r"\]\(\.\./(examples/\w+)\.\w+\)")
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the pages before the navigation is built."""
+    for source, page in _PAGES.items():
+        text = (ROOT / source).read_text("utf-8")
+        files.append(File.generated(config, page, content=text))
+    examples = [path for path in (ROOT / "examples").iterdir() if path.suffix in _LANGUAGES]
+    rows = []
+    for path in sorted(examples):
+        code = path.read_text("utf-8")
+        block = f"```{_LANGUAGES[path.suffix]}\n{code}```\n"
+        page = f"examples/{path.stem}.md"
+        files.append(
+            File.generated(
+                config,
+                page,
+                content=f"# {path.name}\n\n{block}",
+                inclusion=InclusionLevel.NOT_IN_NAV,
+            )
+        )
+        rows.append(f"| [{path.name}]({path.stem}.md) | {_summary(path, code)} |")
+    text = (
+        "# Examples\n\nPrograms of the folder `examples/`, which tests run. Four notebooks, stored "
+        "with their outputs, are beside them in `examples/notebooks/`.\n\n"
+    )
+    listing = "\n".join(["| program | |", "|---|---|", *rows])
+    files.append(File.generated(config, "examples/index.md", content=f"{text}{listing}\n"))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Point links at the pages of examples instead of at their files."""
+    return _EXAMPLE_LINK.sub(r"](\1.md)", markdown)
+
+
+def _summary(path: Path, code: str) -> str:
+    if path.suffix == ".py":
+        document = ast.get_docstring(ast.parse(code)) or ""
+    else:
+        document = next(
+            (line.lstrip("# ") for line in code.splitlines() if line.startswith("# ")), ""
+        )
+    return document.split("\n\n")[0].replace("\n", " ")

@@ -1,0 +1,125 @@
+"""The documentation: its code runs and prints what is stated, its site builds, its tables hold."""
+
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import catfree as cf
+
+ROOT = Path(cf.__file__).parents[1]
+DOCS = ROOT / "docs"
+
+
+def load(name):
+    """A module of the folder of hooks, which is no package."""
+    specification = importlib.util.spec_from_file_location(name, DOCS / "hooks" / f"{name}.py")
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+run_pages, error_sentences = load("run_pages"), load("error_sentences")
+
+
+def test_most_pages_that_teach_have_code():
+    names = {path.stem for path in run_pages.pages()}
+    assert {"first_tracks", "calibrate", "acceptance", "your_detector", "evaluate"} <= names
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", run_pages.pages(), ids=lambda path: path.stem)
+def test_the_code_of_a_page_runs_and_prints_what_it_says(path):
+    for match, printed in run_pages.run(path):
+        stated = match["printed"] or ""
+        assert run_pages.agree(stated, printed), (
+            f"{path.name} states {stated!r}, but its code prints {printed!r}: run "
+            "`python docs/hooks/run_pages.py` if that is right."
+        )
+
+
+@pytest.mark.parametrize(
+    ("stated", "printed", "same"),
+    [
+        ("MODA 95\n", "MODA 96.5\n", True),
+        ("MODA 95\n", "MODA 70\n", False),
+        ("MODA 95\n", "MODP 95\n", False),
+        ("", "MODA 95\n", False),
+        ("[0 0 0]", "[0 0]", False),
+        ("5 of 5 cameras", "5  of 5\ncameras", True),
+    ],
+)
+def test_outputs_agree_but_for_digits(stated, printed, same):
+    assert run_pages.agree(stated, printed) == same
+
+
+def explained():
+    """What the tables of the page of errors quote in their first column."""
+    text = (DOCS / "what_goes_wrong.md").read_text("utf-8")
+    return re.findall(r"^\| `([^`]+)` \|", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize("sentence", explained())
+def test_explained_sentences_are_those_of_the_code(sentence):
+    assert sentence in error_sentences.texts()
+
+
+@pytest.mark.parametrize("kind", ["CalibrationError", "GroundRejectedError"])
+def test_every_failure_of_a_calibration_is_explained(kind):
+    for sentence in error_sentences.sentences()[kind]:
+        assert any(part in sentence for part in explained()), (
+            f"docs/what_goes_wrong.md should give cause and remedy of {sentence!r}."
+        )
+
+
+def test_the_listing_has_every_class_and_escapes_what_it_shows():
+    listing = error_sentences.on_page_markdown(f"above\n{error_sentences.MARK}\nbelow")
+    assert listing.startswith("above\n### CatFreeError")
+    for name, found in error_sentences.sentences().items():
+        assert f"### {name}\n" in listing
+        assert len(found) == len(set(found))
+    assert not re.search(r"<(?!/?(details|summary|ul|li)>)", listing)
+    assert len(error_sentences.sentences()["InvalidInputError"]) > 200
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site, built with warnings as errors."""
+    for name in ("mkdocs", "material", "mkdocstrings_handlers.python"):
+        pytest.importorskip(name, reason="pip install 'catfree[docs]'")
+    out = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(out)]
+    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert built.returncode == 0, built.stderr
+    return out
+
+
+@pytest.mark.slow
+def test_the_site_builds_and_every_public_name_has_an_entry(site):
+    offered = load("api_pages").offered()
+    pages = {place: site / "api" / f"{place.removeprefix('catfree.')}.html" for place in offered}
+    assert set(dir(cf)) == set(offered["catfree"]) | {
+        place.split(".")[1] for place in offered if place != "catfree"
+    } | {"methods"}
+    for place, names in offered.items():
+        page = pages[place].read_text("utf-8")
+        for name in names:
+            assert f'id="{place}.{name}"' in page, f"{place}.{name} has no entry"
+    commands = (site / "command_line.html").read_text("utf-8")
+    for option in ("--max-offset", "--area", "weights get"):
+        assert option in commands
+    assert "\x1b" not in commands
+
+
+@pytest.mark.slow
+def test_pages_ask_no_other_server_for_anything(site):
+    for page in site.rglob("*.html"):
+        text = page.read_text("utf-8")
+        loaded = re.findall(r"<(?:script|img|link|iframe)\b[^>]*?(?:src|href)=\"?(\S+)", text)
+        foreign = [address for address in loaded if address.startswith(("http:", "https:", "//"))]
+        assert foreign == [], page
