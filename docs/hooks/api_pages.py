@@ -51,8 +51,9 @@ def offered() -> dict[str, list[str]]:
 
 def _places() -> list[ModuleType]:
     """Packages from the outside in, so that a name stands where users look first."""
-    direct = [name for name in dir(cf) if inspect.ismodule(getattr(cf, name))]
-    return [cf, *(import_module(f"catfree.{name}") for name in (*direct, *_DEEPER))]
+    direct = [thing for thing in (getattr(cf, name) for name in dir(cf)) if inspect.ismodule(thing)]
+    deeper = [import_module(f"catfree.{name}") for name in _DEEPER]
+    return [cf, *(place for place in direct if place.__name__.startswith("catfree.")), *deeper]
 
 
 def _belongs(thing: object, place: ModuleType) -> bool:

@@ -1,6 +1,7 @@
 """Run the Python of every page of the documentation, and compare or store what it prints.
 
-    python docs/hooks/run_pages.py          # stores the outputs of all pages
+    python docs/hooks/run_pages.py            # stores the outputs of all pages
+    python docs/hooks/run_pages.py --check    # fails if a page states another output
 
 A block of Python is followed by a block `text` if it prints something. `<!-- not run: REASON -->`
 in the line above leaves a block out; `<!-- prepare ... -->` holds code that readers need not see.
@@ -10,6 +11,7 @@ import contextlib
 import io
 import os
 import re
+import sys
 import tempfile
 from pathlib import Path
 from typing import NamedTuple
@@ -68,6 +70,15 @@ def agree(stated: str, printed: str) -> bool:
     )
 
 
+def check(path: Path) -> list[str]:
+    """Return one sentence per block of a page that prints something else than is stated."""
+    return [
+        f"{path.name} states {match['printed'] or ''!r}, but its code prints {printed!r}."
+        for match, printed in run(path)
+        if not agree(match["printed"] or "", printed)
+    ]
+
+
 def store(path: Path) -> None:
     """Write what the blocks of a page print below them."""
     text = path.read_text("utf-8")
@@ -79,8 +90,17 @@ def store(path: Path) -> None:
     path.write_text(text, "utf-8")
 
 
-if __name__ == "__main__":
+def main() -> int:
+    """Check or store the outputs of all pages, and return the exit code."""
     os.environ.setdefault("MPLBACKEND", "Agg")
-    for page in pages():
-        print(page.name)
-        store(page)
+    if sys.argv[1:] != ["--check"]:
+        for path in pages():
+            store(path)
+        return 0
+    wrong = [sentence for path in pages() for sentence in check(path)]
+    print("\n".join(wrong))
+    return int(bool(wrong))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
