@@ -20,7 +20,7 @@ _DEEPER = (
     "calibration.people", "methods.evidence", "methods.paper.association",
     "methods.paper.trajectories", "synthetic.render",
 )  # fmt: skip
-_WIDTH = "88"  # characters of a line of help
+_WIDTH = "110"  # characters of a line of help
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
