@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -9,8 +10,9 @@ from pathlib import Path
 import pytest
 
 import catfree as cf
+from catfree.cli import main
 
-ROOT = Path(cf.__file__).parents[1]
+ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 
 
@@ -36,7 +38,7 @@ def test_most_pages_that_teach_have_code():
 def test_the_code_of_all_pages_runs_and_prints_what_they_say():
     # In a process of its own, where checks of array shapes do not slow a calibration down.
     script = str(DOCS / "hooks" / "run_pages.py")
-    command = [sys.executable, "-W", "error", script, "--check"]
+    command = [sys.executable, "-W", "error::RuntimeWarning", script, "--check"]
     ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     advice = "If that is right, run `python docs/hooks/run_pages.py`."
     assert ran.returncode == 0, f"{ran.stdout}\n{advice}\n{ran.stderr}"
@@ -55,6 +57,37 @@ def test_the_code_of_all_pages_runs_and_prints_what_they_say():
 )
 def test_outputs_agree_but_for_digits(stated, printed, same):
     assert run_pages.agree(stated, printed) == same
+
+
+def stated_commands():
+    """Each call of `catfree` in the pages, as the words of a shell."""
+    for path in (ROOT / "README.md", *sorted(DOCS.glob("*.md"))):
+        blocks = re.findall(
+            r"^```bash\n(.*?)^```", path.read_text("utf-8"), re.DOTALL | re.MULTILINE
+        )
+        for line in "".join(blocks).replace("\\\n", " ").splitlines():
+            for call in line.split("&&"):
+                words = shlex.split(call, comments=True)
+                if words[:1] == ["catfree"]:
+                    yield path.name, words[1:]
+
+
+@pytest.mark.slow
+def test_stated_commands_and_their_options_exist(capsys):
+    pytest.importorskip("tyro")
+    commands = {(*words[:1],) if words[0] != "weights" else (*words[:2],)
+                for _, words in stated_commands()}  # fmt: skip
+    assert {("run",), ("demo",), ("evaluate",), ("run-sites",), ("weights", "get")} <= commands
+    accepted = {}
+    for command in commands:
+        with pytest.raises(SystemExit) as ended:
+            main([*command, "--help"])
+        assert ended.value.code == 0, command
+        accepted[command] = set(re.findall(r"--[a-z][a-z-]+", capsys.readouterr().out))
+    for page, words in stated_commands():
+        options = {word for word in words if word.startswith("--")}
+        known = accepted.get((words[0],)) or accepted[(words[0], words[1])]
+        assert options <= known, f"{page}: catfree {' '.join(words)}"
 
 
 def explained():

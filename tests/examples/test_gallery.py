@@ -4,9 +4,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-import catfree as cf
-
-STORED = Path(cf.__file__).parents[1] / "docs" / "gallery"
+STORED = Path(__file__).parents[2] / "docs" / "gallery"
 
 
 @pytest.mark.slow
