@@ -14,17 +14,7 @@ import numpy as np
 import pytest
 
 import catfree
-from catfree._run._report import (
-    THRESHOLD_NAMES,
-    Heading,
-    Paragraph,
-    Picture,
-    Table,
-    describe_cameras,
-    describe_reliability,
-    to_html,
-    to_markdown,
-)
+from catfree._run._report import THRESHOLD_NAMES, describe_cameras, describe_reliability
 from catfree._run._result_folder import read_results, write_results
 from catfree._run._run import RunOutcome
 from catfree.adapters import (
@@ -45,6 +35,7 @@ from catfree.synthetic import make_world
 from catfree.synthetic._layouts import ring
 from catfree.types import Scene, Thresholds
 from catfree.types._writing import ABANDONED_AFTER
+from catfree.viz.page._blocks import Heading, Paragraph, Picture, Table, to_html, to_markdown
 
 pytest.importorskip("tyro")
 
