@@ -119,9 +119,11 @@ def describe_acceptance(outcome: RunOutcome, covered: Coverage | None = None) ->
         question = "two cameras see at least half of the ground"
         rows.append((question, value, share >= LEAST_COVERED))
     used, ratio = reliability.detections_used, reliability.sigma_over_radius
-    rows.append(_verdict("most boxes support a position", used, used >= LEAST_BOXES_USED, 100, "%"))
+    rows.append(
+        _verdict("most boxes support a position", used, used >= LEAST_BOXES_USED, 100.0, "%")
+    )
     question = "the median sigma is below the radius of a right position"
-    rows.append(_verdict(question, ratio, ratio <= 1, 1, "of the radius"))
+    rows.append(_verdict(question, ratio, ratio <= 1, 1.0, "of the radius"))
     low, expected = reliability.moda_low, reliability.expected_moda
     known = expected is not None and low is not None and np.isfinite([expected, low]).all()
     value = f"{expected:.0f}, at least {low:.0f}" if known else "unknown"

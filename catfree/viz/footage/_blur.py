@@ -13,7 +13,7 @@ WIDTH_SHARE = 0.5  # width of a standing person with some room, in person height
 
 
 def blur_regions(image: Image, box: Float[np.ndarray, "n 4"]) -> Image:
-    """Replace boxes of an image by a few smooth blocks of color, from which nothing can be restored.
+    """Replace boxes of an image by few smooth blocks of color, which cannot be undone.
 
     Args:
         image: (H, W, 3) uint8 RGB.

@@ -4,6 +4,7 @@ import html
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
 from catfree.adapters.files._documents import write_text_atomically
@@ -128,12 +129,21 @@ def _markdown_parts(blocks: Iterable[Block]) -> list[str]:
 def to_html(blocks: Sequence[Block]) -> str:
     """Blocks as one HTML page, which needs no network."""
     title = next((b.text for b in blocks if isinstance(b, Heading)), "catfree")
+    body = []
+    for wide, group in groupby(blocks, _is_wide):
+        inner = "".join(_html_parts(group))
+        body.append(inner if wide else f'<div class="text">{inner}</div>')
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{html.escape(title)}</title><style>{page_style()}</style></head>"
-        f"<body>{''.join(_html_parts(blocks))}</body></html>\n"
+        f"<body>{''.join(body)}</body></html>\n"
     )
+
+
+def _is_wide(block: Block) -> bool:
+    """Whether a block takes the width of the window, not that of a column of text."""
+    return isinstance(block, Player | Notice) or (isinstance(block, Heading) and block.level == 1)
 
 
 def _html_parts(blocks: Iterable[Block]) -> list[str]:
@@ -149,7 +159,10 @@ def _html_parts(blocks: Iterable[Block]) -> list[str]:
                 parts.append(f"<p>{''.join(marked)}</p>")
             case Picture(path, caption):
                 path, caption = html.escape(path), html.escape(caption)
-                parts.append(f'<p><img src="{path}" alt="{caption}" loading="lazy"></p>')
+                parts.append(
+                    f'<figure><img src="{path}" alt="{caption}" loading="lazy">'
+                    f"<figcaption>{caption}</figcaption></figure>"
+                )
             case Video(path, caption):
                 path, caption = html.escape(path), html.escape(caption)
                 parts.append(

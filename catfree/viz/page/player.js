@@ -49,11 +49,11 @@
     return { pen, w, h };
   };
   const label = (pen, text, x, y, color, ink = "#fff") => {
-    const width = pen.measureText(text).width + 6;
+    const size = parseInt(pen.font, 10);
     pen.fillStyle = color;
-    pen.fillRect(x, y - 13, width, 16);
+    pen.fillRect(x, y - size - 1, pen.measureText(text).width + 4, size + 3);
     pen.fillStyle = ink;
-    pen.fillText(text, x + 3, y - 1);
+    pen.fillText(text, x + 2, y - 1);
   };
   const line = (pen, points, color, width) => {
     pen.beginPath();
@@ -72,8 +72,8 @@
       pen.fillStyle = theme.covered;
       map.cells.forEach((row, r) => [...row].forEach((seen, c) => {
         if (seen === "1") {
-          const left = X(map.x + c * map.dx), top = Y(map.y + (r + 1) * map.dy);
-          pen.fillRect(left, top, X(map.x + (c + 1) * map.dx) - left + 0.5, Y(map.y + r * map.dy) - top + 0.5);
+          const left = Math.round(X(map.x + c * map.dx)), top = Math.round(Y(map.y + (r + 1) * map.dy));
+          pen.fillRect(left, top, Math.round(X(map.x + (c + 1) * map.dx)) - left, Math.round(Y(map.y + r * map.dy)) - top);
         }
       }));
     }
@@ -88,8 +88,9 @@
       line(pen, [...corners, corners[0]], theme.ink, 1);
       pen.fillStyle = theme.wedge;
       pen.fill();
-      const width = pen.measureText(name).width + 6, [x, y] = corners[0];
-      label(pen, name, Math.max(0, Math.min(x + 4, w - width)), Math.max(14, Math.min(y, h - 4)), theme.ink, theme.paper);
+      const width = pen.measureText(name).width, [x, y] = corners[0];
+      pen.fillStyle = theme.muted;
+      pen.fillText(name, Math.max(4, Math.min(x - width / 2, w - width - 4)), Math.max(14, Math.min(y - 5, h - 4)));
     }
     const ids = [];
     for (let row = people.start[i]; row < people.start[i + 1]; row++) {
@@ -126,24 +127,34 @@
     pen.fillText(`grid ${data.grid} ${data.unit}`, 8, h - 8);
   };
 
-  // Where the pictures stand on the canvas: all of them, or the enlarged one.
+  // Where each camera's picture stands on the canvas: left, top, width, height; in the number of
+  // columns that makes the pictures largest.
   const layout = (w, h) => {
-    const [x, y, width, height] = enlarged < 0 ? [0, 0, ...data.board] : cameras[enlarged].tile;
-    const scale = Math.min(w / width, h / height);
-    return { scale, left: (w - scale * width) / 2 - scale * x, top: (h - scale * height) / 2 - scale * y };
+    const ratio = Math.max(...cameras.map(({ tile }) => tile[3] / tile[2])), count = enlarged < 0 ? cameras.length : 1;
+    const widthIn = (columns) => Math.min(w / columns, h / Math.ceil(count / columns) / ratio);
+    let columns = 1;
+    for (let k = 2; k <= count; k++) if (widthIn(k) > widthIn(columns)) columns = k;
+    const width = widthIn(columns), left = (w - columns * width) / 2, rows = Math.ceil(count / columns);
+    const top = (h - rows * width * ratio) / 2;
+    return cameras.map(({ tile }, c) => {
+      if (enlarged >= 0 && c !== enlarged) return null;
+      const place = enlarged < 0 ? c : 0, fit = Math.min(width / tile[2], (width * ratio) / tile[3]);
+      return [left + (place % columns) * width, top + Math.floor(place / columns) * width * ratio, fit * tile[2], fit * tile[3]];
+    });
   };
   const drawViews = (i) => {
-    const { pen, w, h } = cleared(views), { scale, left, top } = layout(w, h), image = imageOf(i);
-    const shown = cameras.map((camera, c) => [camera, c]).filter(([, c]) => enlarged < 0 || c === enlarged);
-    for (const [{ tile: [tx, ty, tw, th], size, name }, c] of shown) {
-      const x = left + scale * tx, y = top + scale * ty, zoom = (scale * tw) / size[0];
+    const { pen, w, h } = cleared(views), image = imageOf(i);
+    layout(w, h).forEach((place, c) => {
+      if (!place) return;
+      const [x, y, width, height] = place, { tile, size, name } = cameras[c], zoom = width / size[0];
       pen.save();
       pen.beginPath();
-      pen.rect(x, y, scale * tw, scale * th);
+      pen.rect(x, y, width, height);
       pen.clip();
       pen.fillStyle = theme.blank;
       pen.fill();
-      if (image && image.complete && !image.missing) pen.drawImage(image, tx, ty, tw, th, x, y, scale * tw, scale * th);
+      if (image && image.complete && !image.missing) pen.drawImage(image, ...tile, x, y, width, height);
+      pen.font = enlarged < 0 ? "10px system-ui, sans-serif" : "13px system-ui, sans-serif";
       for (let row = boxes.start[i]; shows("boxes") && row < boxes.start[i + 1]; row++) {
         if (boxes.camera[row] !== c) continue;
         const [a, b, e, f] = boxes.box.slice(4 * row, 4 * row + 4).map((v) => v * zoom), color = colorOf(boxes.id[row]);
@@ -152,13 +163,14 @@
         pen.strokeRect(x + a, y + b, e - a, f - b);
         if (boxes.id[row] >= 0) label(pen, String(boxes.id[row]), x + a, Math.max(y + b, y + 14), color, theme.dark ? "#000" : "#fff");
       }
+      pen.font = "12px system-ui, sans-serif";
       label(pen, name, x, y + 14, "rgb(0 0 0 / 65%)");
       if (image && image.missing) label(pen, "The picture is missing.", x, y + 34, "rgb(160 0 0)");
       pen.restore();
       pen.strokeStyle = theme.paper;
       pen.lineWidth = 2;
-      pen.strokeRect(x, y, scale * tw, scale * th);
-    }
+      pen.strokeRect(x, y, width, height);
+    });
   };
 
   const draw = () => {
@@ -200,9 +212,9 @@
   slider.addEventListener("input", () => go(Number(slider.value)));
   document.querySelectorAll(".player input[type=checkbox]").forEach((box) => box.addEventListener("change", draw));
   views.addEventListener("click", (event) => {
-    const { scale, left, top } = layout(views.clientWidth, views.clientHeight);
-    const x = (event.offsetX - left) / scale, y = (event.offsetY - top) / scale;
-    enlarge(enlarged < 0 ? cameras.findIndex(({ tile: [tx, ty, tw, th] }) => x >= tx && x < tx + tw && y >= ty && y < ty + th) : -1);
+    const { offsetX: x, offsetY: y } = event;
+    const hit = ([left, top, width, height]) => x >= left && x < left + width && y >= top && y < top + height;
+    enlarge(enlarged < 0 ? layout(views.clientWidth, views.clientHeight).findIndex(hit) : -1);
   });
   document.addEventListener("keydown", (event) => {
     const used = event.target.closest("select, summary, a, button, input[type=checkbox], video");
