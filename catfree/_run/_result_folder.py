@@ -5,6 +5,7 @@ import importlib.util
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -27,10 +28,15 @@ from catfree.types._annotations import Progress
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._writing import cannot_write, remove_abandoned, replacing
 from catfree.types.results import MOST_CAMERAS
+from catfree.viz._heat_map import HeatMap
+from catfree.viz._plan_view import length_unit
 from catfree.viz.footage._contact_sheet import write_sheet
 from catfree.viz.page._blocks import Block
 from catfree.viz.page._excerpt import choose_excerpt, write_pictures
 from catfree.viz.page._player import Player, make_player
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # TrackEval matches two squares at an IoU of 0.5. In a scene of unknown scale the matching distance
 # is the longest step of a track between frames.
@@ -280,12 +286,10 @@ def draw_pictures(
     Raises:
         MissingDependencyError: if matplotlib is not installed.
     """
-    from catfree.viz.plots._axes import require_pyplot
     from catfree.viz.plots._bird_eye import plot_bird_eye
     from catfree.viz.plots._coverage_map import plot_coverage
     from catfree.viz.plots._threshold_plot import plot_gates
 
-    pyplot = require_pyplot()
     root = Path(folder)
     root.mkdir(parents=True, exist_ok=True)
     figures = {}
@@ -301,15 +305,38 @@ def draw_pictures(
         figures["coverage.png"] = coverage_view.figure
     if localization.thresholds.tau_sigma is not None:
         figures["gates.png"] = plot_gates(localization, scene)[0].figure
-    written = []
-    for name, figure in figures.items():
-        try:
-            with replacing(root / name) as stream:
-                figure.savefig(stream, dpi=130, format="png")
-        finally:
-            pyplot.close(figure)
-        written.append(root / name)
-    return written
+    return [_save(figure, root / name) for name, figure in figures.items()]
+
+
+def draw_heat_map(path: str | os.PathLike[str], heat: HeatMap, scene: Scene) -> Path:
+    """Draw a heat map to a PNG file.
+
+    Args:
+        path: of the file.
+        heat: the result of `heat_map`.
+        scene: of the tracks; gives the unit.
+
+    Returns:
+        The path.
+
+    Raises:
+        MissingDependencyError: if matplotlib is not installed.
+    """
+    from catfree.viz.plots._axes import figure_of
+    from catfree.viz.plots._heat_map_plot import plot_heat_map
+
+    return _save(figure_of(plot_heat_map(heat, unit=length_unit(scene))), Path(path))
+
+
+def _save(figure: "Figure", path: Path) -> Path:
+    from catfree.viz.plots._axes import require_pyplot
+
+    try:
+        with replacing(path) as stream:
+            figure.savefig(stream, dpi=130, format="png")
+    finally:
+        require_pyplot().close(figure)
+    return path
 
 
 def draw_views(

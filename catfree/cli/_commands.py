@@ -360,10 +360,38 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         for path in draw_pictures(folder, localization, scene, camera_names=names):
             print_text(str(path))
 
+    def heat_map(
+        results: Annotated[Path, positional],
+        out: Path | None = None,
+        cell: float = 0.5,
+        k: int = 5,
+    ) -> None:
+        """Count positions per cell of the ground, without cells that few people visited.
+
+        Args:
+            results: folder that `catfree run` or `catfree demo` wrote.
+            out: CSV file; `heat_map.csv` in the results folder if not given. With matplotlib, a
+                picture is written beside it.
+            cell: side of a cell in meters, or in scene units if the scale is unknown.
+            k: fewest people of a cell that is shown.
+        """
+        import importlib.util
+
+        from catfree._run._result_folder import draw_heat_map, read_results
+        from catfree.viz._heat_map import heat_map as count, write_heat_map
+
+        localization, scene, _ = read_results(results)
+        heat = count(localization.tracks, cell, k)
+        path = write_heat_map(results / "heat_map.csv" if out is None else out, heat)
+        print_text(f"{path}: {int(np.isfinite(heat.positions).sum())} cells")
+        if importlib.util.find_spec("matplotlib") is not None:
+            print_text(str(draw_heat_map(path.with_suffix(".png"), heat, scene)))
+
     return {
         "run": run,
         "demo": demo,
         "calibrate": calibrate,
         "evaluate": evaluate,
         "plot": plot,
+        "heat-map": heat_map,
     }

@@ -153,7 +153,7 @@
       pen.clip();
       pen.fillStyle = theme.blank;
       pen.fill();
-      if (image && image.complete && !image.missing) pen.drawImage(image, ...tile, x, y, width, height);
+      if (image && image.complete && image.naturalWidth) pen.drawImage(image, ...tile, x, y, width, height);
       pen.font = enlarged < 0 ? "10px system-ui, sans-serif" : "13px system-ui, sans-serif";
       for (let row = boxes.start[i]; shows("boxes") && row < boxes.start[i + 1]; row++) {
         if (boxes.camera[row] !== c) continue;
@@ -186,10 +186,11 @@
   };
   const tick = (now) => {
     if (!playing) return;
-    const passed = (Math.min(now - before, 250) / 1000) * rate * Number(speed.value);
+    // A frame of the screen may have begun before the click.
+    const passed = (Math.min(Math.max(now - before, 0), 250) / 1000) * rate * Number(speed.value);
     const next = imageOf(Math.floor(at + passed));
     before = now;
-    if (!next || next.complete || next.missing) {
+    if (!next || next.complete) {
       const drawn = Math.floor(at);
       at = Math.min(at + passed, frames.length - 1);
       if (Math.floor(at) !== drawn) draw();
