@@ -125,10 +125,10 @@ def describe_acceptance(outcome: RunOutcome, covered: Coverage | None = None) ->
     question = "the median sigma is below the radius of a right position"
     rows.append(_verdict(question, ratio, ratio <= 1, 1.0, "of the radius"))
     low, expected = reliability.moda_low, reliability.expected_moda
-    known = expected is not None and low is not None and np.isfinite([expected, low]).all()
-    value = f"{expected:.0f}, at least {low:.0f}" if known else "unknown"
-    question = f"MODA is expected to be at least {LEAST_MODA:.0f}"
-    rows.append((question, value, bool(low >= LEAST_MODA) if known else None))
+    value, passed = "unknown", None
+    if expected is not None and low is not None and np.isfinite([expected, low]).all():
+        value, passed = f"{expected:.0f}, at least {low:.0f}", bool(low >= LEAST_MODA)
+    rows.append((f"MODA is expected to be at least {LEAST_MODA:.0f}", value, passed))
     return [Heading("Acceptance"), Verdicts(tuple(rows))]
 
 

@@ -162,8 +162,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         networks = open_detector(detector), open_embedder(embedder)
         finder = open_reconstructor(reconstructor)
         print_table(footage_table(footage), aside=True)
-        kept = {"embeddings": embeddings, "blur": blur}
-        with _report_of_failure(out, **kept) as unfinished, progress_bars() as progress:
+        on_failure = _report_of_failure(out, embeddings=embeddings, blur=blur)
+        with on_failure as unfinished, progress_bars() as progress:
             outcome = run_stages(
                 footage,
                 *networks,
@@ -181,7 +181,14 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             fail(f"Used only the footage before the damage: {footage.interruption}")
         drawn = None if pictures else False
         write_folder(
-            out, outcome, settings, videos=footage, pictures=drawn, overlay=overlay, **kept
+            out,
+            outcome,
+            settings,
+            videos=footage,
+            pictures=drawn,
+            embeddings=embeddings,
+            blur=blur,
+            overlay=overlay,
         )
         if overlay:
             with progress_bars() as progress:

@@ -171,11 +171,19 @@ def _people(tracks: Tracks, frames: Int[np.ndarray, " t"], resolution: float) ->
             ellipses[row] = confidence_ellipse(covariance)
     lengths = np.column_stack([tracks.ground_xy, ellipses[:, :2]])
     digits = max(int(np.ceil(-np.log10(resolution))), 0)
-    rounded = dict(zip(("x", "y", "major", "minor"), lengths.T.round(digits).tolist(), strict=True))
-    rounded["angle"] = ellipses[:, 2].round(3).tolist()
+    x, y, major, minor = lengths.T.round(digits).tolist()
     hollow = (np.asarray(tracks.origin) != Origin.DETECTED).astype(int).tolist()
     start = _starts(np.asarray(tracks.frame), frames)
-    return {"start": start, "id": tracks.track_id.tolist(), **rounded, "hollow": hollow}
+    return {
+        "start": start,
+        "id": tracks.track_id.tolist(),
+        "x": x,
+        "y": y,
+        "major": major,
+        "minor": minor,
+        "angle": ellipses[:, 2].round(3).tolist(),
+        "hollow": hollow,
+    }
 
 
 def _boxes(
