@@ -66,10 +66,15 @@ def people_regions(
         return seen
     position = localization.tracks.position[localization.tracks.frame == frame]
     up = np.asarray(scene.ground.normal, np.float64)
-    ends = np.stack([position, position + person_height * up], axis=1)
-    pixel, in_front = project_points(scene.rig, camera, ends.reshape(-1, 3))
-    foot, head = pixel.reshape(-1, 2, 2)[in_front.reshape(-1, 2).all(1)].transpose(1, 0, 2)
+    middle = position + person_height / 2 * up
+    points = np.stack([position, middle, position + person_height * up], axis=1)
+    pixel, in_front = project_points(scene.rig, camera, points.reshape(-1, 3))
+    pixel, in_front = pixel.reshape(-1, 3, 2), in_front.reshape(-1, 3).all(1)
+    # Beside the camera, a person out of the picture would cover all of it.
+    size = np.asarray(scene.rig.image_size[camera], np.float64)
+    inside = ((pixel >= 0) & (pixel < size)).all(-1).any(-1)
+    near = ((pixel > -size) & (pixel < 2 * size)).all((-1, -2))
+    foot, _, head = pixel[in_front & inside & near].transpose(1, 0, 2)
     half = WIDTH_SHARE / 2 * np.linalg.norm(head - foot, axis=-1, keepdims=True)
-    posts = np.concatenate([np.minimum(foot, head) - half, np.maximum(foot, head) + half], axis=1)
-    sane = (np.abs(posts) < 1e6).all(1)
-    return np.concatenate([seen, posts[sane]])
+    posts = [np.minimum(foot, head) - half, np.maximum(foot, head) + half]
+    return np.concatenate([seen, np.concatenate(posts, axis=1)])

@@ -60,3 +60,16 @@ def test_a_drawn_frame_shows_no_detail_of_people(world, localization):
         assert (
             drawn[y1 + 5 : y2 - 5, x1 + 5 : x2 - 5] == image[y1 + 5 : y2 - 5, x1 + 5 : x2 - 5]
         ).mean() < 0.1
+
+
+@pytest.mark.slow
+def test_people_out_of_the_picture_do_not_hide_it(world, localization):
+    """Also people beside a camera, whose projection is far outside but large."""
+    size = np.asarray(world.scene.rig.image_size)
+    for camera in range(4):
+        for frame in np.unique(localization.tracks.frame):
+            nobody = world.detections[:0]
+            box = people_regions(camera, frame, nobody, localization, world.scene, 0.05)
+            assert (box[:, 2:] - box[:, :2] < size[camera]).all()
+            assert (box[:, 2:] > 0).all()
+            assert (box[:, :2] < size[camera]).all()
