@@ -11,6 +11,7 @@ import pytest
 from catfree._run._result_folder import write_folder
 from catfree._run._run import RunOutcome
 from catfree.adapters import SynchronizedVideos
+from catfree.viz import write_overlay_video
 
 NAMES = ("<script>document.title='broken'</script>", "</script>&amp;", "a'b\"c", "plain")
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
@@ -48,7 +49,8 @@ def report(world, localization, tmp_path_factory):
     videos = SynchronizedVideos(folders, frame_rate=5)
     boxes = dataclasses.replace(world.detections, clock=videos.clock)
     outcome = RunOutcome(found, boxes, world.scene, None, NAMES, np.arange(12), videos)
-    write_folder(root / "out", outcome, videos=videos)
+    write_folder(root / "out", outcome, videos=videos, overlay=True)
+    write_overlay_video(root / "out" / "overlay.webm", videos, boxes, found, world.scene, width=640)
     return root / "out" / "report.html"
 
 
@@ -133,6 +135,14 @@ def test_a_click_enlarges_a_camera_and_another_shows_all(page):
 
 
 @pytest.mark.slow
+def test_the_overlay_video_plays(page):
+    assert page.evaluate("document.querySelector('video').play().then(() => 'plays')") == "plays"
+    page.wait_for_function("document.querySelector('video').currentTime > 0.5", timeout=9000)
+    video = "(({ error, videoWidth }) => [error, videoWidth])(document.querySelector('video'))"
+    assert page.evaluate(video) == [None, 640]
+
+
+@pytest.mark.slow
 def test_layers_can_be_hidden(page):
     for layer, canvas in (
         ("boxes", "#views"),
@@ -188,7 +198,7 @@ def test_light_and_dark_follow_the_reader(page):
 @pytest.mark.slow
 def test_every_control_is_reached_by_the_keyboard(page):
     reached = set()
-    for _ in range(12):
+    for _ in range(24):  # the controls of the video among them
         page.keyboard.press("Tab")
         reached.add(page.evaluate("document.activeElement.id || document.activeElement.tagName"))
     wanted = {"play", "instant", "speed", "SUMMARY"}
