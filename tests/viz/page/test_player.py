@@ -49,7 +49,9 @@ def report(world, localization, tmp_path_factory):
     videos = SynchronizedVideos(folders, frame_rate=5)
     boxes = dataclasses.replace(world.detections, clock=videos.clock)
     outcome = RunOutcome(found, boxes, world.scene, None, NAMES, np.arange(12), videos)
-    write_folder(root / "out", outcome, videos=videos, overlay=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("catfree._run._result_folder.draw_pictures", lambda *_, **__: [])  # slow
+        write_folder(root / "out", outcome, videos=videos, pictures=True, overlay=True)
     write_overlay_video(root / "out" / "overlay.webm", videos, boxes, found, world.scene, width=640)
     return root / "out" / "report.html"
 
