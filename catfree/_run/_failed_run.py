@@ -14,7 +14,7 @@ from catfree.errors import CatFreeError
 from catfree.types import Detections
 from catfree.viz.footage._blur import blur_regions
 from catfree.viz.footage._contact_sheet import draw_boxes, write_sheet
-from catfree.viz.page._blocks import Block, Heading, Paragraph, Picture, Table, write_blocks
+from catfree.viz.page._blocks import Block, Heading, Notice, Picture, Table, write_blocks
 
 
 def write_failure(
@@ -54,8 +54,7 @@ def write_failure(
     write_sheet(sheet, _fullest_instant(videos, detections, blur))
     blocks: list[Block] = [
         Heading("catfree report", 1),
-        Heading("Why this run failed"),
-        Paragraph(str(error)),
+        Notice("Why this run failed", (str(error),)),
         *describe_warnings(unfinished.warnings),
         Heading("What the detector saw"),
         Picture("pictures/boxes.jpg", "the instant with the most boxes"),
