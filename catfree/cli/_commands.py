@@ -68,7 +68,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 @contextlib.contextmanager
-def _report_of_failure(out: Path) -> Iterator[Any]:
+def _report_of_failure(out: Path, *, embeddings: bool = False, blur: bool = False) -> Iterator[Any]:
     """Yield the partial results of a run; if it fails, write them and name the report."""
     from catfree._run._failed_run import write_failure
     from catfree._run._run import Unfinished
@@ -78,7 +78,7 @@ def _report_of_failure(out: Path) -> Iterator[Any]:
         yield unfinished
     except CatFreeError as error:
         try:
-            files = write_failure(out, error, unfinished)
+            files = write_failure(out, error, unfinished, embeddings=embeddings, blur=blur)
         except (CatFreeError, OSError):  # report the first error
             files = []
         if not files:
@@ -109,6 +109,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         max_offset: int = 0,
         pictures: bool = True,
         overlay: bool = False,
+        blur: bool = False,
+        embeddings: bool = False,
     ) -> None:
         """Track the people in the videos of several static cameras.
 
@@ -131,8 +133,10 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             keep_before_damage: use the footage before a frame that cannot be decoded.
             max_offset: largest clock offset of a single camera, in frames, to search and correct
                 when the cameras are found from people.
-            pictures: draw plots.
+            pictures: draw plots, and write pictures of the cameras for the report.
             overlay: write a video of all cameras with the tracks drawn in.
+            blur: make people unrecognizable in pictures and overlay.
+            embeddings: write the appearance vectors, which recognize people, to detections.npz.
         """
         require_files(
             videos,
@@ -142,7 +146,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             scene=scene,
         )
         from catfree._run._report import footage_table
-        from catfree._run._result_folder import write_overlay, write_results
+        from catfree._run._result_folder import write_folder, write_overlay
         from catfree._run._run import run_stages
 
         settings = settings_of(method)
@@ -159,7 +163,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         networks = open_detector(detector), open_embedder(embedder)
         finder = open_reconstructor(reconstructor)
         print_table(footage_table(footage), aside=True)
-        with _report_of_failure(out) as unfinished, progress_bars() as progress:
+        on_failure = _report_of_failure(out, embeddings=embeddings, blur=blur)
+        with on_failure as unfinished, progress_bars() as progress:
             outcome = run_stages(
                 footage,
                 *networks,
@@ -176,10 +181,19 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         if footage.interruption is not None:
             fail(f"Used only the footage before the damage: {footage.interruption}")
         drawn = None if pictures else False
-        write_results(out, outcome, settings, videos=footage, pictures=drawn)
+        write_folder(
+            out,
+            outcome,
+            settings,
+            videos=footage,
+            pictures=drawn,
+            embeddings=embeddings,
+            blur=blur,
+            overlay=overlay,
+        )
         if overlay:
             with progress_bars() as progress:
-                write_overlay(out, footage, outcome, progress)
+                write_overlay(out, footage, outcome, progress, blur=blur)
         warn(outcome.warnings)
         print_result(outcome, out)
 
@@ -193,6 +207,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         method: Literal["default", "paper", "evidence"] = "default",
         workers: int | None = None,
         pictures: bool = True,
+        blur: bool = False,
     ) -> None:
         """Render a synthetic world, track its people from the videos alone, and score the tracks.
 
@@ -205,7 +220,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             size: width and height of the videos in pixels.
             method: the localization method.
             workers: rendering processes; one per processor if not given.
-            pictures: draw plots.
+            pictures: draw plots, and write pictures of the cameras for the report.
+            blur: make people unrecognizable in the pictures of the results.
         """
         from catfree.cli._demo import EASY, run_demo, score_table
 
@@ -220,6 +236,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 settings=None if method == "default" else settings_of(method),
                 workers=workers,
                 pictures=None if pictures else False,
+                blur=blur,
                 progress=progress,
             )
         print_table(score_table(done.scores))
@@ -307,9 +324,9 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             threshold: largest distance of a match for MODA, in meters.
             track_threshold: the same for MOTA and IDF1.
         """
-        from catfree._run._report import Table
         from catfree.adapters.tables._tracks_table import read_tracks_csv
         from catfree.evaluation import crop, detection_metrics, hota, tracking_metrics
+        from catfree.viz.page._blocks import Table
 
         truth, found = read_truth(ground_truth), read_tracks_csv(tracks).to_rows()
         frames = np.unique(np.concatenate([truth[:, 0], found[:, 0]]))
@@ -351,10 +368,38 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         for path in draw_pictures(folder, localization, scene, camera_names=names):
             print_text(str(path))
 
+    def heat_map(
+        results: Annotated[Path, positional],
+        out: Path | None = None,
+        cell: float = 0.5,
+        k: int = 5,
+    ) -> None:
+        """Count positions per cell of the ground, without cells that few people visited.
+
+        Args:
+            results: folder that `catfree run` or `catfree demo` wrote.
+            out: CSV file; `heat_map.csv` in the results folder if not given. With matplotlib, a
+                picture is written beside it.
+            cell: side of a cell in meters, or in scene units if the scale is unknown.
+            k: fewest people of a cell that is shown.
+        """
+        import importlib.util
+
+        from catfree._run._result_folder import draw_heat_map, read_results
+        from catfree.viz._heat_map import heat_map as count, write_heat_map
+
+        localization, scene, _ = read_results(results)
+        heat = count(localization.tracks, cell, k)
+        path = write_heat_map(results / "heat_map.csv" if out is None else out, heat)
+        print_text(f"{path}: {int(np.isfinite(heat.positions).sum())} cells")
+        if importlib.util.find_spec("matplotlib") is not None:
+            print_text(str(draw_heat_map(path.with_suffix(".png"), heat, scene)))
+
     return {
         "run": run,
         "demo": demo,
         "calibrate": calibrate,
         "evaluate": evaluate,
         "plot": plot,
+        "heat-map": heat_map,
     }

@@ -4,6 +4,7 @@ import contextlib
 import inspect
 import io
 import os
+import re
 from importlib import import_module
 from types import ModuleType
 
@@ -14,7 +15,6 @@ import catfree as cf
 from catfree.cli import main
 
 COMMANDS_PAGE = "command_line.md"
-_COMMANDS = ("run", "demo", "calibrate", "evaluate", "plot", "plan", "shard", "join", "run-sites")
 # Packages below those of `catfree` that users may import from.
 _DEEPER = (
     "calibration.people", "methods.evidence", "methods.paper.association",
@@ -88,9 +88,18 @@ def _commands() -> str:
         "`pip install 'catfree[cli]'` installs the command `catfree`. Errors are one sentence, and "
         "the exit code is 0 only if all went well.",
     ]
-    for words in (*((name,) for name in _COMMANDS), ("weights", "list"), ("weights", "get")):
+    for words in _below(()):
         parts += [f"## catfree {' '.join(words)}", f"```text\n{_help(words)}```"]
     return "\n\n".join(parts) + "\n"
+
+
+def _below(words: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """List the commands that begin with some words, in the order of the help."""
+    subcommands = re.match(r"usage: [^{]*\[-h\] \{([\s\w,-]+)\}", _help(words))
+    if subcommands is None:
+        return [words]
+    names = re.sub(r"\s", "", subcommands[1]).split(",")
+    return [command for name in names for command in _below((*words, name))]
 
 
 def _help(words: tuple[str, ...]) -> str:
