@@ -44,6 +44,26 @@ def test_the_code_of_all_pages_runs_and_prints_what_they_say():
     assert ran.returncode == 0, f"{ran.stdout}\n{advice}\n{ran.stderr}"
 
 
+def test_outputs_are_stored_where_they_belong(tmp_path):
+    page = tmp_path / "page.md"
+    blocks = (
+        "```python\nprint(number)\n```\n",
+        "<!-- not run: it would fail -->\n```python\n1 / 0\n```\n",
+        "<!-- run first -->\n```python\nnumber = 42\nprint('set')\n```\n",
+        "<!-- prepare\nassert number == 42\n-->\n",
+    )
+    page.write_text("\n".join(blocks))
+    assert len(run_pages.check(page)) == 2
+    run_pages.store(page)
+    assert run_pages.check(page) == []
+    text = page.read_text()
+    assert "print(number)\n```\n\n```text\n42\n```\n" in text
+    assert "<!-- run first -->\n```python" in text
+    assert "```text\nset\n```" in text
+    page.write_text(text.replace("\n42\n", "\n60\n"))
+    assert len(run_pages.check(page)) == 1
+
+
 @pytest.mark.parametrize(
     ("stated", "printed", "same"),
     [

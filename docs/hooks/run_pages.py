@@ -4,7 +4,8 @@
     python docs/hooks/run_pages.py --check    # fails if a page states another output
 
 A block of Python is followed by a block `text` if it prints something. `<!-- not run: REASON -->`
-in the line above leaves a block out; `<!-- prepare ... -->` holds code that readers need not see.
+in the line above leaves a block out, `<!-- run first -->` runs it before the others, and
+`<!-- prepare ... -->` holds code that readers need not see.
 """
 
 import contextlib
@@ -19,7 +20,7 @@ from typing import NamedTuple
 PAGES = Path(__file__).parents[1]
 _BLOCK = re.compile(
     r"(?:^<!-- prepare\n(?P<hidden>.*?)^-->\n)"
-    r"|(?P<above>^<!-- not run: [^\n]+ -->\n)?"
+    r"|(?P<above>^<!-- (?:not run: [^\n]+|run first) -->\n)?"
     r"^```python\n(?P<code>.*?)^```\n(?:\n```text\n(?P<printed>.*?)^```\n)?",
     re.DOTALL | re.MULTILINE,
 )
@@ -45,18 +46,20 @@ def pages() -> list[Path]:
 
 
 def run(path: Path) -> list[Step]:
-    """Run all blocks of a page in one namespace, in an empty folder."""
+    """Run all blocks of a page in one namespace, in an empty folder; list them as they stand."""
     steps: list[Step] = []
     namespace: dict[str, object] = {"__name__": "__main__"}
+    found = list(_BLOCK.finditer(path.read_text("utf-8")))
+    found.sort(key=lambda match: "run first" not in (match["above"] or ""))
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        for match in _BLOCK.finditer(path.read_text("utf-8")):
-            if match["above"]:
+        for match in found:
+            if "not run" in (match["above"] or ""):
                 continue
             with contextlib.redirect_stdout(io.StringIO()) as stream:
                 code = match["hidden"] or match["code"]
                 exec(compile(code, f"{path.name}", "exec"), namespace)
             steps.append(Step(match, stream.getvalue()))
-    return steps
+    return sorted(steps, key=lambda step: step.match.start())
 
 
 def agree(stated: str, printed: str) -> bool:
@@ -84,7 +87,7 @@ def store(path: Path) -> None:
     text = path.read_text("utf-8")
     for match, printed in reversed(run(path)):
         if match["code"] and not agree(match["printed"] or "", printed):
-            block = f"```python\n{match['code']}```\n"
+            block = f"{match['above'] or ''}```python\n{match['code']}```\n"
             block += f"\n```text\n{printed.rstrip()}\n```\n" if printed.strip() else ""
             text = text[: match.start()] + block + text[match.end() :]
     path.write_text(text, "utf-8")
