@@ -20,8 +20,10 @@ from benchmarks.calibration_parts import Recovered, recover
 from benchmarks.paper import camera_removal
 from benchmarks.paper.scoring import Score, score
 from benchmarks.paper.sequences import Sequence, twin
+from catfree.adapters import ReIdOnnx, SynchronizedVideos, YoloPoseOnnx, read_uniform_json
 from catfree.cli._demo import run_demo
 from catfree.synthetic import RigError, disturb
+from examples.real_footage import score as score_footage
 
 Figures = Mapping[str, float]
 Measure = Callable[[Path | None], Figures]
@@ -35,6 +37,8 @@ SCENES = tuple(f"public_{name}" for name in ("gmvd8", "mvx6", "ring5", "uneven7"
 BARE = tuple(f"{name} (no embeddings)" for name in SCENES)
 OFF = {"rotation_deg": 1.0, "centre": 0.3, "focal": 0.02}  # of WildTrack's disturbed rigs
 TWIN_SEEDS = (0, 1, 2)
+CAMPUS = "real/epfl_campus4"
+MODELS = "../models"  # beside the data
 
 
 @dataclasses.dataclass(frozen=True)
@@ -228,6 +232,33 @@ def demo(seed: int, data: Path | None) -> Figures:
     }
 
 
+def footage(networks: bool, data: Path | None) -> Figures:
+    """Real video of 360 x 288 pixels, every fifth frame, with the given rig and one from people."""
+    assert data is not None
+    truth = read_uniform_json(data / CAMPUS / "campus.json")
+    paths = sorted((data / CAMPUS).glob("*.mp4"))
+    detector = YoloPoseOnnx(data / MODELS / "yolo11n-pose.onnx") if networks else None
+    embedder = ReIdOnnx(data / MODELS / "osnet_x0_25_msmt17.onnx") if networks else None
+    figures = {}
+    with tempfile.TemporaryDirectory() as cache:
+        for rig, scene in (("given rig", truth.scene), ("from people", None)):
+            videos = SynchronizedVideos(paths, stride=5)
+            outcome = cf.run_stages(videos, detector, embedder, scene=scene, cache_dir=cache)
+            found = score_footage(outcome, truth)
+            figures |= {
+                f"{rig}, MODA": found.moda,
+                f"{rig}, recall": found.recall,
+                f"{rig}, IDF1": found.idf1,
+            }
+            if scene is None:
+                figures |= {
+                    "cameras": int(np.isfinite(found.camera_error).sum()),
+                    "centre error, worst": float(np.nanmax(found.camera_error)),
+                    "scale": found.scale,
+                }
+    return figures
+
+
 def _suites() -> list[Suite]:
     """All, cheap ones first."""
     suites = [
@@ -252,6 +283,10 @@ def _suites() -> list[Suite]:
     suites += [
         Suite(f"from people/{name}", partial(from_people, name), file_of(name), name == "cmc1")
         for name in ("cmc1", "cmc3", "cmc3 FairMOT", *SCENES, WILDTRACK)
+    ]
+    suites += [
+        Suite("footage/Campus", partial(footage, False), CAMPUS),
+        Suite("footage/Campus, YOLO11n and OSNet", partial(footage, True), MODELS),
     ]
     return [*suites, Suite("demo/seed 0", partial(demo, 0))]
 
