@@ -33,8 +33,8 @@ from catfree.adapters import (
     write_tracks_csv,
     write_tracks_parquet,
 )
-from catfree.adapters.calibration_files._colmap_models import MODELS, PARAMETERS
 from catfree.adapters.calibration_files._rotation_vectors import rotation_to_vector
+from catfree.adapters.calibration_files.colmap._colmap_models import MODELS, PARAMETERS
 from catfree.adapters.video._timestamps import read_timestamps
 from catfree.cli._inputs import read_truth
 from catfree.synthetic import make_world, ring

@@ -1,5 +1,9 @@
 """Tracks and boxes as tables."""
 
+from catfree.adapters.tables._coco import (
+    CocoBoxes as CocoBoxes,
+    read_coco as read_coco,
+)
 from catfree.adapters.tables._detections_table import (
     read_detections_parquet as read_detections_parquet,
     write_detections_parquet as write_detections_parquet,
@@ -9,6 +13,9 @@ from catfree.adapters.tables._motchallenge import (
     read_mot as read_mot,
     write_mot_boxes as write_mot_boxes,
     write_mot_ground as write_mot_ground,
+)
+from catfree.adapters.tables._track_files import (
+    read_tracks as read_tracks,
 )
 from catfree.adapters.tables._tracks_table import (
     read_tracks_csv as read_tracks_csv,
