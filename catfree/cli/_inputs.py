@@ -103,7 +103,7 @@ def open_scene(
 
 def open_boxes(
     paths: tuple[Path, ...],
-    frame_rate: float | None = None,
+    frame_rate: float | int | None = None,
     image_size: tuple[int, int] | None = None,
 ) -> Any:
     """Read the boxes of all cameras, with the names of these and the sizes of their images.

@@ -71,7 +71,7 @@ def read_detections(
     paths: StrPath | Sequence[StrPath],
     camera_names: Sequence[str] | None = None,
     *,
-    frame_rate: float | None = None,
+    frame_rate: float | int | None = None,
 ) -> tuple[Detections, tuple[str, ...]]:
     """Read boxes from a file, several files or a folder, in any format that the library reads.
 
@@ -112,7 +112,7 @@ def read_detections(
 
 
 def read_camera_boxes(
-    paths: StrPath | Sequence[StrPath], *, frame_rate: float | None = None
+    paths: StrPath | Sequence[StrPath], *, frame_rate: float | int | None = None
 ) -> CameraBoxes:
     """Do what `read_detections` does, and keep the sizes of images that the files state.
 
@@ -204,9 +204,8 @@ def _part_of_parquet(path: Path) -> _Part:
     if path.is_dir():
         return _Part(read_detections_parquet(path))
     table = read_parquet(path, "boxes")
-    columns = {
-        name: table[name].to_numpy() for name in table.column_names if _is_plain(table, name)
-    }
+    plain = [name for name in table.column_names if "list" not in str(table[name].type)]
+    columns = {name: table[name].to_numpy() for name in plain}
     if set(columns) >= {"frame", "camera", *_BOXES[0][1]} and columns["camera"].dtype.kind in "iu":
         return _Part(read_detections_parquet(path))
     return _part_of_table(columns, path)

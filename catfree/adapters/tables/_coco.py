@@ -126,7 +126,7 @@ def is_coco(document: Any) -> bool:
     )
 
 
-def _people(document: dict[str, Any] | None) -> Sequence[int]:
+def _people(document: dict[str, Any] | None) -> Sequence[Any]:
     """Return the categories named person or pedestrian, or that of COCO."""
     categories = (document or {}).get("categories")
     if not isinstance(categories, list):
