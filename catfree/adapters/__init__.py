@@ -55,16 +55,23 @@ from catfree.adapters.reconstructors import (
 )
 from catfree.adapters.tables import (
     CocoBoxes as CocoBoxes,
+    GeoReference as GeoReference,
     MotTable as MotTable,
+    read_ai_city_tracks as read_ai_city_tracks,
     read_coco as read_coco,
     read_detections_parquet as read_detections_parquet,
     read_mot as read_mot,
     read_tracks as read_tracks,
     read_tracks_csv as read_tracks_csv,
     read_tracks_parquet as read_tracks_parquet,
+    to_movement as to_movement,
+    write_ai_city_tracks as write_ai_city_tracks,
     write_detections_parquet as write_detections_parquet,
+    write_geojson as write_geojson,
     write_mot_boxes as write_mot_boxes,
     write_mot_ground as write_mot_ground,
+    write_pedpy as write_pedpy,
+    write_trackeval as write_trackeval,
     write_tracks_csv as write_tracks_csv,
     write_tracks_parquet as write_tracks_parquet,
 )

@@ -23,3 +23,12 @@ from catfree.adapters.tables._tracks_table import (
     write_tracks_csv as write_tracks_csv,
     write_tracks_parquet as write_tracks_parquet,
 )
+from catfree.adapters.tables.tracks import (
+    GeoReference as GeoReference,
+    read_ai_city_tracks as read_ai_city_tracks,
+    to_movement as to_movement,
+    write_ai_city_tracks as write_ai_city_tracks,
+    write_geojson as write_geojson,
+    write_pedpy as write_pedpy,
+    write_trackeval as write_trackeval,
+)
