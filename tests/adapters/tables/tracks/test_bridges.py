@@ -48,6 +48,7 @@ def rows_of(tracks: Tracks) -> np.ndarray:
     return rows[np.lexsort((rows[:, 1], rows[:, 0]))]
 
 
+@pytest.mark.slow
 def test_pedpy_reads_positions_rate_and_unit(tmp_path):
     pedpy = pytest.importorskip("pedpy", reason="PedPy is not installed")
     tracks = walking(clock=Clock(10))
@@ -144,6 +145,7 @@ def test_ai_city_refuses_other_detections(tmp_path):
 degrees = st.tuples(st.floats(-179, 179), st.floats(-70, 70))
 
 
+@pytest.mark.slow
 @given(place=degrees, bearing=st.floats(0, 6.28), unit=st.floats(0.01, 10))
 def test_anchors_give_place_turn_and_scale(place, bearing, unit):
     points = np.array([[0.0, 0], [40, 0], [40, 30], [-5, 20]]) / unit
