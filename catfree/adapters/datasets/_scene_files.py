@@ -72,7 +72,7 @@ def read_scene(
     if isinstance(path, str | os.PathLike):
         source = Path(path)
         if not source.exists():
-            raise InvalidInputError(f"There is no calibration {source}. Check the path.")
+            raise InvalidInputError(f"There is no file {source} (calibration). Check the path.")
         source = _inside(source)
         complete = _complete(source)
         if complete is not None:

@@ -130,7 +130,7 @@ def test_what_is_no_calibration_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("")
     (tmp_path / "list.json").write_text("[]")
     for path, sentence in [
-        (tmp_path / "nothing", "There is no calibration"),
+        (tmp_path / "nothing", "There is no file"),
         (tmp_path / "empty", "holds no calibration that is known"),
         (tmp_path / "notes.txt", "is not a calibration that is known"),
         (tmp_path / "list.json", "is not a calibration"),

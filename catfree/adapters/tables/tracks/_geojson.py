@@ -77,7 +77,8 @@ class GeoReference:
         factor = (near.conj() @ (east_north @ [1, 1j])) / (near.conj() @ near).real
         turn = np.array([[factor.real, -factor.imag], [factor.imag, factor.real]])
         off = (points - origin) @ turn.T - east_north
-        return cls(*middle.tolist(), origin, turn, np.linalg.norm(off, axis=-1))
+        residual = np.linalg.norm(off, axis=-1)
+        return cls(float(middle[0]), float(middle[1]), origin, turn, residual)
 
     @property
     def meters_per_unit(self) -> float:

@@ -30,7 +30,7 @@ def to_movement(tracks: Tracks) -> Any:
             times.
     """
     try:
-        from movement.io import load_poses
+        from movement.io import load_poses  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise MissingDependencyError(
             "Data sets of movement need movement: pip install movement."
