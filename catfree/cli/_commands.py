@@ -31,7 +31,7 @@ from catfree.cli._terminal import (
     require_tyro,
     warn,
 )
-from catfree.errors import CatFreeError, InsufficientDataError
+from catfree.errors import CatFreeError, InsufficientDataError, InvalidInputError
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -182,6 +182,10 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             pictures: draw plots.
             overlay: write a video of all cameras with the tracks drawn in.
         """
+        if all(path.is_file() for path in videos) and are_boxes(videos):
+            raise InvalidInputError(
+                f"{videos[0]} holds boxes, not a video. Give the boxes to catfree localize."
+            )
         require_files(
             videos,
             detector=detector,

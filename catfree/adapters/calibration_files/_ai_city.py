@@ -125,18 +125,16 @@ def write_ai_city(path: StrPath, rig: Rig, names: Sequence[str] | None = None) -
 
 
 def _image_size(sensor: dict[str, Any], source: Path, where: str) -> tuple[int, int] | None:
-    stated = {
-        one.get("name"): one.get("value")
-        for one in sensor.get("attributes") or []
-        if isinstance(one, dict)
-    }
+    attributes = sensor.get("attributes")
+    listed = attributes if isinstance(attributes, list) else []
+    stated = {str(one.get("name")): one.get("value") for one in listed if isinstance(one, dict)}
     pair = [stated.get(_WIDTH), stated.get(_HEIGHT)]
     if not all(pair):
         return None
-    try:
-        return int(str(pair[0])), int(str(pair[1]))
-    except ValueError as error:
+    words = [str(value) for value in pair]
+    if not all(word.isdecimal() and len(word) < 10 for word in words):
         raise FileFormatError(
             f"{source}: the size of {where} is {quoted(pair[0])} x {quoted(pair[1])}, not two "
             "whole numbers."
-        ) from error
+        )
+    return int(words[0]), int(words[1])

@@ -80,7 +80,9 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
         if row.get("category_id", PERSON) not in wanted if isinstance(row, dict) else False:
             continue
         name = entry(row, "image_id", source, where)
-        image = known.get(name) if described is not None else _image_of(name)
+        image = None
+        if isinstance(name, int | str):
+            image = known.get(name) if described is not None else _image_of(name)
         if image is None:
             raise FileFormatError(
                 f"{source}: {where} is of the image {quoted(name)}, which is not listed, and whose "
@@ -155,9 +157,16 @@ def _images(document: Any, source: Path) -> dict[Any, _Image]:
             )
         size = None
         if "width" in row and "height" in row:
-            pair = numbers([row["width"], row["height"]], (2,), source, f"the size of {where}")
+            pair = [row["width"], row["height"]]
+            if not all(is_whole(value) and value > 0 for value in pair):
+                raise FileFormatError(
+                    f"{source}: the size of {where} is {quoted(pair)}, not two whole numbers."
+                )
             size = (int(pair[0]), int(pair[1]))
-        found[entry(row, "id", source, where)] = image._replace(size=size)
+        key = entry(row, "id", source, where)
+        if not isinstance(key, int | str):
+            raise FileFormatError(f"{source}: the id of {where} is {quoted(key)}.")
+        found[key] = image._replace(size=size)
     return found
 
 
