@@ -81,6 +81,16 @@ def test_names_that_do_not_fit_are_told_and_default_ones_are_not(clips):
     assert order_like(scene, ["C1", "C2"], videos) == (scene, ())
 
 
+def test_a_part_of_the_scene_is_found_by_name_alone(clips):
+    scene = make_layout("ring4", 0).scene
+    videos = SynchronizedVideos([clips["b"], clips["a"]])
+    part, (said,) = order_like(scene, ["x.png", "a.png", "b.png", "y.png"], videos)
+    np.testing.assert_array_equal(part.rig.t, np.asarray(scene.rig.t)[[2, 1]])
+    assert "matched by name" in said
+    with pytest.raises(InvalidInputError, match="x, y, z, w, but the videos are b, a, which are"):
+        order_like(scene, ["x", "y", "z", "w"], videos)
+
+
 def test_a_short_video_says_what_is_lost(clips):
     videos = SynchronizedVideos([clips["a"], clips["half"], clips["b"]])
     (said,) = lost_footage(videos)
