@@ -58,9 +58,11 @@ def test_the_source_distribution_holds_all_that_git_does():
 
 def test_the_wheel_holds_the_package_alone():
     names = contents(WheelBuilder)
-    assert {"catfree/__init__.py", "catfree/py.typed"} <= names
+    page = {"catfree/viz/page/player.js", "catfree/viz/page/page.css"}
+    assert {"catfree/__init__.py", "catfree/py.typed"} | page <= names
     assert all(
-        re.fullmatch(r"catfree/([a-z0-9_]+/)*[a-z0-9_]+\.py|catfree/py\.typed", n) for n in names
+        re.fullmatch(r"catfree/([a-z0-9_]+/)*[a-z0-9_]+\.(py|js|css)|catfree/py\.typed", n)
+        for n in names
     )
 
 

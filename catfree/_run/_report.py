@@ -1,27 +1,36 @@
-"""The report of a run: results, reliability and settings."""
+"""The report of a run: a player, what to heed, results, reliability and settings."""
 
 import dataclasses
-import html
 import os
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from catfree._coverage import Coverage
 from catfree._run._run import RunOutcome
-from catfree.adapters.files._documents import write_text_atomically
 from catfree.adapters.video import SynchronizedVideos
 from catfree.calibration.people import Calibration
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Localization, Origin, Reliability, Scene
-
-_STYLE = (
-    "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}"
-    "table{border-collapse:collapse;margin:1rem 0}th,td{border-bottom:1px solid #ddd;"
-    "padding:.3rem .8rem;text-align:left}img{max-width:100%}code{background:#f4f4f4}"
+from catfree.viz.page._blocks import (
+    Block,
+    Folded,
+    Heading,
+    Notice,
+    Paragraph,
+    Picture,
+    Table,
+    Verdicts,
+    Video,
+    write_blocks,
 )
+from catfree.viz.page._player import Player
+
+LEAST_MODA = 50.0  # percent; below it, more than half of what is reported or missed is wrong
+LEAST_COVERED = 0.5  # share of the area; a median uncertainty is known only above it
+LEAST_BOXES_USED = 0.5  # cameras in a wrong order or out of step explain far fewer boxes
 
 # Labels of the fields of `Thresholds`.
 THRESHOLD_NAMES = {
@@ -35,40 +44,6 @@ THRESHOLD_NAMES = {
 }
 
 
-@dataclass(frozen=True)
-class Heading:
-    """A heading; level 1 is the title."""
-
-    text: str
-    level: int = 2
-
-
-@dataclass(frozen=True)
-class Paragraph:
-    """One or more sentences."""
-
-    text: str
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of text under a header."""
-
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-@dataclass(frozen=True)
-class Picture:
-    """An image file, by its path relative to the report."""
-
-    path: str
-    caption: str
-
-
-Block = Heading | Paragraph | Table | Picture
-
-
 def write_report(
     folder: str | os.PathLike[str],
     outcome: RunOutcome,
@@ -76,6 +51,9 @@ def write_report(
     files: Sequence[Path] = (),
     pictures: Sequence[Path] = (),
     *,
+    player: Player | None = None,
+    covered: Coverage | None = None,
+    video: Path | None = None,
     extra: Sequence[Block] = (),
 ) -> list[Path]:
     """Write `report.md` and `report.html`.
@@ -86,15 +64,22 @@ def write_report(
         settings: the settings of the run.
         files: other files of the folder, to be listed.
         pictures: pictures of the folder, to be shown.
-        extra: further blocks, shown first.
+        player: what the page plays, or None.
+        covered: the ground that the cameras see, or None.
+        video: the overlay video in the folder, or None.
+        extra: further blocks, shown after the checks.
 
     Returns:
         The two files.
     """
     root = Path(folder)
-    blocks = [Heading("catfree report", 1), *describe_warnings(outcome.warnings), *extra]
+    blocks: list[Block] = [Heading("catfree report", 1), *describe_warnings(outcome.warnings)]
+    blocks += [] if player is None else [player]
+    blocks += [*describe_acceptance(outcome, covered), *extra]
     blocks += describe_result(outcome)
     blocks += [Picture(_relative(path, root), _caption(path)) for path in pictures]
+    if video is not None:
+        blocks += [Heading("Overlay"), Video(_relative(video, root), "all cameras and the plan")]
     if outcome.videos is not None:
         blocks += describe_footage(outcome.videos)
     blocks += describe_cameras(outcome, settings.calibration.person_height)
@@ -106,28 +91,54 @@ def write_report(
     return write_blocks(root, blocks)
 
 
-def write_blocks(folder: str | os.PathLike[str], blocks: Sequence[Block]) -> list[Path]:
-    """Write blocks as `report.md` and `report.html`.
+def describe_warnings(warnings: Sequence[str]) -> list[Block]:
+    """The warnings in a frame; no block if there are none."""
+    return [Notice("Warnings", tuple(warnings))] if warnings else []
+
+
+def describe_acceptance(outcome: RunOutcome, covered: Coverage | None = None) -> list[Block]:
+    """Verdicts on cameras, coverage and positions, from what is known without labels.
 
     Args:
-        folder: where they go; it must exist.
-        blocks: in their order.
-
-    Returns:
-        The two files.
+        outcome: what `run_stages` returned.
+        covered: the ground that the cameras see; None for no verdict on it.
     """
-    root = Path(folder)
-    return [
-        write_text_atomically(root / "report.md", to_markdown(blocks)),
-        write_text_atomically(root / "report.html", to_html(blocks)),
+    reliability, rig = outcome.localization.reliability, outcome.scene.rig
+    found, count = int(rig.registered.sum()), rig.camera_count
+    rows: list[tuple[str, str, bool | None]] = [
+        ("every camera has a place", f"{found} of {count}", found == count),
+        (
+            "the input raised no warning",
+            f"{len(outcome.warnings)} warnings" if outcome.warnings else "none",
+            not outcome.warnings,
+        ),
     ]
+    if covered is not None:
+        share = covered.covered
+        value = f"{100 * share:.0f} % of the area between the cameras"
+        question = "two cameras see at least half of the ground"
+        rows.append((question, value, share >= LEAST_COVERED))
+    used, ratio = reliability.detections_used, reliability.sigma_over_radius
+    rows.append(
+        _verdict("most boxes support a position", used, used >= LEAST_BOXES_USED, 100.0, "%")
+    )
+    question = "the median sigma is below the radius of a right position"
+    rows.append(_verdict(question, ratio, ratio <= 1, 1.0, "of the radius"))
+    low, expected = reliability.moda_low, reliability.expected_moda
+    value, passed = "unknown", None
+    if expected is not None and low is not None and np.isfinite([expected, low]).all():
+        value, passed = f"{expected:.0f}, at least {low:.0f}", bool(low >= LEAST_MODA)
+    rows.append((f"MODA is expected to be at least {LEAST_MODA:.0f}", value, passed))
+    return [Heading("Acceptance"), Verdicts(tuple(rows))]
 
 
-def describe_warnings(warnings: Sequence[str]) -> list[Block]:
-    """The warnings under a heading; no block if there are none."""
-    if not warnings:
-        return []
-    return [Heading("Warnings"), *(Paragraph(sentence) for sentence in warnings)]
+def _verdict(
+    question: str, value: float, passed: bool | np.bool_, factor: float, unit: str
+) -> tuple[str, str, bool | None]:
+    """A row of `Verdicts`; unknown where the value is NaN, as without positions."""
+    if not np.isfinite(value):
+        return question, "nobody found", None
+    return question, f"{factor * value:.3g} {unit}", bool(passed)
 
 
 def describe_footage(videos: SynchronizedVideos) -> list[Block]:
@@ -291,54 +302,7 @@ def _expected_rows(reliability: Reliability) -> list[tuple[str, str]]:
 def describe_settings(settings: Settings) -> list[Block]:
     """Every setting of the run."""
     rows = tuple((name, str(value)) for name, value in _flat(dataclasses.asdict(settings)))
-    return [Heading("Settings"), Table(("setting", "value"), rows)]
-
-
-def to_markdown(blocks: Iterable[Block]) -> str:
-    """Blocks as Markdown."""
-    parts = []
-    for block in blocks:
-        match block:
-            case Heading(text, level):
-                parts.append(f"{'#' * level} {text}")
-            case Paragraph(text):
-                parts.append(text)
-            case Picture(path, caption):
-                parts.append(f"![{caption}]({path})")
-            case Table(header, rows):
-                lines = [header, ("---",) * len(header), *rows]
-                cells = ([cell.replace("|", "\\|") for cell in line] for line in lines)
-                parts.append("\n".join(f"| {' | '.join(line)} |" for line in cells))
-    return "\n\n".join(parts) + "\n"
-
-
-def to_html(blocks: Iterable[Block]) -> str:
-    """Blocks as one HTML page."""
-    parts = []
-    for block in blocks:
-        match block:
-            case Heading(text, level):
-                parts.append(f"<h{level}>{html.escape(text)}</h{level}>")
-            case Paragraph(text):
-                # The only markup in paragraphs is backquotes around file names.
-                pieces = html.escape(text).split("`")
-                marked = (f"<code>{p}</code>" if at % 2 else p for at, p in enumerate(pieces))
-                parts.append(f"<p>{''.join(marked)}</p>")
-            case Picture(path, caption):
-                path, caption = html.escape(path), html.escape(caption)
-                parts.append(f'<p><img src="{path}" alt="{caption}"></p>')
-            case Table(header, rows):
-                lines = [_html_row(header, "th"), *(_html_row(row, "td") for row in rows)]
-                parts.append(f"<table>{''.join(lines)}</table>")
-    title = next((b.text for b in blocks if isinstance(b, Heading)), "catfree")
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}'
-        f"</title><style>{_STYLE}</style></head><body>{''.join(parts)}</body></html>\n"
-    )
-
-
-def _html_row(cells: Iterable[str], tag: str) -> str:
-    return f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in cells)}</tr>"
+    return [Folded("Settings", (Table(("setting", "value"), rows),))]
 
 
 def _flat(settings: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:

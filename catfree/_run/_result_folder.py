@@ -1,14 +1,16 @@
 """The result folder: tracks, cameras and pictures in the formats that other tools read."""
 
+import dataclasses
 import importlib.util
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree._coverage import coverage
+from catfree._coverage import Coverage, coverage
 from catfree._run._cache import from_arrays, to_arrays
 from catfree._run._report import write_report
 from catfree._run._run import RunOutcome
@@ -26,12 +28,22 @@ from catfree.types._annotations import Progress
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._writing import cannot_write, remove_abandoned, replacing
 from catfree.types.results import MOST_CAMERAS
+from catfree.viz._heat_map import HeatMap
+from catfree.viz._plan_view import length_unit
 from catfree.viz.footage._contact_sheet import write_sheet
+from catfree.viz.page._blocks import Block
+from catfree.viz.page._excerpt import choose_excerpt, write_pictures
+from catfree.viz.page._player import Player, make_player
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # TrackEval matches two squares at an IoU of 0.5. In a scene of unknown scale the matching distance
 # is the longest step of a track between frames.
 MATCHING_METERS = 1.0
-FOLDERS = ("", "boxes", "pictures", "rig", "rig/colmap")  # with files, within the result folder
+# With files, within the result folder.
+FOLDERS = ("", "boxes", "pictures", "pictures/instants", "rig", "rig/colmap")
+INSTANTS, OVERLAY_FILE = "pictures/instants", "overlay.webm"
 LOCALIZATION_FILE, SCENE_FILE = "localization.npz", "scene.json"
 
 
@@ -44,6 +56,8 @@ def write_results(
     pictures: bool | None = None,
     area: Sequence[float | int] | None = None,
     ground_truth: Float[np.ndarray, "n 4"] | None = None,
+    embeddings: bool = False,
+    blur: bool = False,
 ) -> list[Path]:
     """Write all results of a run.
 
@@ -52,48 +66,146 @@ def write_results(
             files removed that a killed one left over.
         outcome: what `run_stages` returned.
         settings: the settings of the run, for the report.
-        videos: the footage, to draw the result on one instant; None for no such picture.
+        videos: the footage, for the pictures of the report; None for a report without.
         pictures: draw plots; None: if matplotlib is installed.
         area: x_min, x_max, y_min, y_max of an area to outline in the plots, in ground coordinates.
         ground_truth: (N, 4) rows [frame, id, x, y] in ground coordinates to draw, or None.
+        embeddings: write the boxes' appearance vectors to `detections.npz`. They are personal data:
+            they recognize a person in other footage.
+        blur: make people unrecognizable in all pictures.
 
     Returns:
         The files: `tracks.csv`, `tracks.parquet` where pyarrow is installed and there are at most
         64 cameras, `tracks_mot.txt` for TrackEval, `boxes/CAMERA.txt` in MOTChallenge form with
         identities, `detections.npz`, `localization.npz`, the scene as `scene.json`,
-        `rig/colmap` and `rig/calibration.toml`, `pictures/*.png`, `report.md` and `report.html`.
+        `rig/colmap` and `rig/calibration.toml`, `pictures/`, `report.md` and `report.html`.
 
     Raises:
         InvalidInputError: if the localization was made from other detections.
         WriteError: if the disk is full or not writable; no partial file is left behind.
         MissingDependencyError: if `pictures` is True and matplotlib is not installed.
     """
+    return write_folder(
+        folder,
+        outcome,
+        settings,
+        videos=videos,
+        pictures=pictures,
+        area=area,
+        ground_truth=ground_truth,
+        embeddings=embeddings,
+        blur=blur,
+    )
+
+
+def write_folder(
+    folder: str | os.PathLike[str],
+    outcome: RunOutcome,
+    settings: Settings | None = None,
+    *,
+    videos: SynchronizedVideos | None = None,
+    pictures: bool | None = None,
+    area: Sequence[float | int] | None = None,
+    ground_truth: Float[np.ndarray, "n 4"] | None = None,
+    embeddings: bool = False,
+    blur: bool = False,
+    overlay: bool = False,
+    extra: Sequence[Block] = (),
+) -> list[Path]:
+    """Do what `write_results` does, with further blocks in the report.
+
+    Args:
+        folder: as `write_results`.
+        outcome: as `write_results`.
+        settings: as `write_results`.
+        videos: as `write_results`.
+        pictures: as `write_results`.
+        area: as `write_results`.
+        ground_truth: as `write_results`.
+        embeddings: as `write_results`.
+        blur: as `write_results`.
+        overlay: show the overlay video, which `write_overlay` writes next.
+        extra: blocks for the report.
+    """
     root = Path(folder)
     settings = settings or Settings()
+    localization, scene = outcome.localization, outcome.scene
     try:
         root.mkdir(parents=True, exist_ok=True)
         for part in FOLDERS:
             remove_abandoned(root / part)
-        files = _write_tables(root, outcome, settings) + write_rig(
-            root, outcome.scene, outcome.camera_names
+        files = _write_tables(root, outcome, settings, embeddings=embeddings) + write_rig(
+            root, scene, outcome.camera_names
         )
+        covered = coverage(scene, area) if scene.rig.registered.sum() >= 2 else None
         drawn = []
         if pictures or (pictures is None and importlib.util.find_spec("matplotlib") is not None):
             drawn = draw_pictures(
                 root / "pictures",
-                outcome.localization,
-                outcome.scene,
+                localization,
+                scene,
                 camera_names=outcome.camera_names,
                 area=area,
                 ground_truth=ground_truth,
+                covered=covered,
             )
-        if videos is not None and pictures is not False:
-            drawn.append(draw_views(root / "pictures", videos, outcome))
+        shown = videos if pictures is not False else None
+        if shown is not None:
+            drawn.append(draw_views(root / "pictures", shown, outcome, blur=blur))
+        player, instants = _write_player(root, outcome, shown, covered, blur=blur)
         files += drawn
-        files += write_report(root, outcome, settings, files, drawn)
+        listed = [*files, root / INSTANTS] if instants else files
+        files += instants
+        files += write_report(
+            root,
+            outcome,
+            settings,
+            listed,
+            drawn,
+            player=player,
+            covered=covered,
+            video=root / OVERLAY_FILE if overlay else None,
+            extra=extra,
+        )
     except OSError as error:
         raise cannot_write(root, error) from error
     return files
+
+
+def _write_player(
+    root: Path,
+    outcome: RunOutcome,
+    videos: SynchronizedVideos | None,
+    covered: Coverage | None,
+    *,
+    blur: bool,
+) -> tuple[Player | None, list[Path]]:
+    """The player of the report, None without any instant, and the pictures that it shows."""
+    results = (outcome.detections, outcome.localization, outcome.scene)
+    # The footage may reach further than its last frame that can be decoded.
+    known = outcome.frames if videos is None else np.intersect1d(outcome.frames, videos.frames)
+    clock = outcome.detections.clock
+    gap = float(np.median(np.diff(known))) if len(known) > 1 else 1.0
+    excerpt = choose_excerpt(
+        known,
+        outcome.localization.tracks.frame,
+        outcome.scene.rig.camera_count,
+        None if clock is None else clock.frame_rate / gap,
+        pictured=videos is not None,
+    )
+    instants = []
+    if videos is not None:
+        instants = write_pictures(root / INSTANTS, videos, excerpt, *results, blur=blur)
+    if not len(excerpt.frames):
+        return None, instants
+    player = make_player(
+        excerpt,
+        *results,
+        outcome.camera_names,
+        pictures=INSTANTS if instants else None,
+        coverage=covered,
+    )
+    return player, instants
 
 
 def write_rig(
@@ -155,6 +267,7 @@ def draw_pictures(
     camera_names: Sequence[str] | None = None,
     area: Sequence[float | int] | None = None,
     ground_truth: Float[np.ndarray, "n 4"] | None = None,
+    covered: Coverage | None = None,
 ) -> list[Path]:
     """Draw the bird's-eye view, the expected uncertainty and the gates, if there are any.
 
@@ -165,6 +278,7 @@ def draw_pictures(
         camera_names: (C,) labels of the cameras.
         area: x_min, x_max, y_min, y_max of an area to outline.
         ground_truth: (N, 4) rows [frame, id, x, y] to draw, or None.
+        covered: the result of `coverage` for the scene and the area; None to compute it.
 
     Returns:
         The pictures.
@@ -172,12 +286,10 @@ def draw_pictures(
     Raises:
         MissingDependencyError: if matplotlib is not installed.
     """
-    from catfree.viz.plots._axes import require_pyplot
     from catfree.viz.plots._bird_eye import plot_bird_eye
     from catfree.viz.plots._coverage_map import plot_coverage
     from catfree.viz.plots._threshold_plot import plot_gates
 
-    pyplot = require_pyplot()
     root = Path(folder)
     root.mkdir(parents=True, exist_ok=True)
     figures = {}
@@ -186,26 +298,53 @@ def draw_pictures(
     )
     figures["bird_eye.png"] = view.figure
     if scene.rig.registered.sum() >= 2:
-        expected = coverage(scene, area)
+        expected = coverage(scene, area) if covered is None else covered
         coverage_view = plot_coverage(
             expected, scene, localization=localization, camera_names=camera_names
         )
         figures["coverage.png"] = coverage_view.figure
     if localization.thresholds.tau_sigma is not None:
         figures["gates.png"] = plot_gates(localization, scene)[0].figure
-    written = []
-    for name, figure in figures.items():
-        try:
-            with replacing(root / name) as stream:
-                figure.savefig(stream, dpi=130, format="png")
-        finally:
-            pyplot.close(figure)
-        written.append(root / name)
-    return written
+    return [_save(figure, root / name) for name, figure in figures.items()]
+
+
+def draw_heat_map(path: str | os.PathLike[str], heat: HeatMap, scene: Scene) -> Path:
+    """Draw a heat map to a PNG file.
+
+    Args:
+        path: of the file.
+        heat: the result of `heat_map`.
+        scene: of the tracks; gives the unit.
+
+    Returns:
+        The path.
+
+    Raises:
+        MissingDependencyError: if matplotlib is not installed.
+    """
+    from catfree.viz.plots._axes import figure_of
+    from catfree.viz.plots._heat_map_plot import plot_heat_map
+
+    return _save(figure_of(plot_heat_map(heat, unit=length_unit(scene))), Path(path))
+
+
+def _save(figure: "Figure", path: Path) -> Path:
+    from catfree.viz.plots._axes import require_pyplot
+
+    try:
+        with replacing(path) as stream:
+            figure.savefig(stream, dpi=130, format="png")
+    finally:
+        require_pyplot().close(figure)
+    return path
 
 
 def draw_views(
-    folder: str | os.PathLike[str], videos: SynchronizedVideos, outcome: RunOutcome
+    folder: str | os.PathLike[str],
+    videos: SynchronizedVideos,
+    outcome: RunOutcome,
+    *,
+    blur: bool = False,
 ) -> Path:
     """Draw boxes and tracks on all cameras' images in the middle of the footage.
 
@@ -213,6 +352,7 @@ def draw_views(
         folder: created if it does not exist.
         videos: the footage.
         outcome: the result of the run.
+        blur: make people unrecognizable.
 
     Returns:
         `views.jpg`: the cameras' pictures side by side.
@@ -229,7 +369,7 @@ def draw_views(
     instant = next(videos.instants_from(middle), None) or next(iter(videos))
     frame, images = instant
     drawn = [
-        draw_frame(image, camera, frame, *results, person_height=height)
+        draw_frame(image, camera, frame, *results, person_height=height, blur=blur)
         for camera, image in enumerate(images)
     ]
     return write_sheet(root / "views.jpg", drawn)
@@ -240,25 +380,30 @@ def write_overlay(
     videos: SynchronizedVideos,
     outcome: RunOutcome,
     progress: Progress | None = None,
+    *,
+    blur: bool = False,
 ) -> Path:
-    """Write `overlay.mp4`, the images of all cameras with the tracks, to a folder."""
+    """Write `overlay.webm`, the images of all cameras with the tracks, to a folder."""
     from catfree.viz.footage._overlay import write_overlay_video
 
     root = Path(folder)
     root.mkdir(parents=True, exist_ok=True)
     write_overlay_video(
-        root / "overlay.mp4",
+        root / OVERLAY_FILE,
         videos,
         outcome.detections,
         outcome.localization,
         outcome.scene,
         camera_names=outcome.camera_names,
         progress=progress,
+        blur=blur,
     )
-    return root / "overlay.mp4"
+    return root / OVERLAY_FILE
 
 
-def _write_tables(root: Path, outcome: RunOutcome, settings: Settings) -> list[Path]:
+def _write_tables(
+    root: Path, outcome: RunOutcome, settings: Settings, *, embeddings: bool
+) -> list[Path]:
     tracks, scene = outcome.localization.tracks, outcome.scene
     extent = float(scene.extent)
     reach = MATCHING_METERS if scene.metric else settings.trajectories.link_radius * extent
@@ -278,7 +423,9 @@ def _write_tables(root: Path, outcome: RunOutcome, settings: Settings) -> list[P
         outcome.frames,
         outcome.localization.identity,
     )
-    outcome.detections.save(root / "detections.npz")
+    seen = outcome.detections
+    seen = seen if embeddings else dataclasses.replace(seen, embedding=None)
+    seen.save(root / "detections.npz")
     arrays = to_arrays(outcome.localization)
     save_arrays(root / LOCALIZATION_FILE, Localization.__name__, arrays)
     return [*files, root / "detections.npz", root / LOCALIZATION_FILE]

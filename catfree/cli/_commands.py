@@ -68,7 +68,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 @contextlib.contextmanager
-def _report_of_failure(out: Path) -> Iterator[Any]:
+def _report_of_failure(out: Path, *, embeddings: bool = False, blur: bool = False) -> Iterator[Any]:
     """Yield the partial results of a run; if it fails, write them and name the report."""
     from catfree._run._failed_run import write_failure
     from catfree._run._run import Unfinished
@@ -78,7 +78,7 @@ def _report_of_failure(out: Path) -> Iterator[Any]:
         yield unfinished
     except CatFreeError as error:
         try:
-            files = write_failure(out, error, unfinished)
+            files = write_failure(out, error, unfinished, embeddings=embeddings, blur=blur)
         except (CatFreeError, OSError):  # report the first error
             files = []
         if not files:
@@ -89,7 +89,7 @@ def _report_of_failure(out: Path) -> Iterator[Any]:
 
 def _box_table(boxes: Any) -> Any:
     """Number, frames and median height of the boxes, one row per camera."""
-    from catfree._run._report import Table
+    from catfree.viz.page._blocks import Table
 
     rows = []
     for camera, name in enumerate(boxes.camera_names):
@@ -155,6 +155,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         max_offset: int = 0,
         pictures: bool = True,
         overlay: bool = False,
+        blur: bool = False,
+        embeddings: bool = False,
     ) -> None:
         """Track the people in the videos of several static cameras.
 
@@ -179,8 +181,10 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             keep_before_damage: use the footage before a frame that cannot be decoded.
             max_offset: largest clock offset of a single camera, in frames, to search and correct
                 when the cameras are found from people.
-            pictures: draw plots.
+            pictures: draw plots, and write pictures of the cameras for the report.
             overlay: write a video of all cameras with the tracks drawn in.
+            blur: make people unrecognizable in pictures and overlay.
+            embeddings: write the appearance vectors, which recognize people, to detections.npz.
         """
         if all(path.is_file() for path in videos) and are_boxes(videos):
             raise InvalidInputError(
@@ -194,7 +198,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             scene=scene,
         )
         from catfree._run._report import footage_table
-        from catfree._run._result_folder import write_overlay, write_results
+        from catfree._run._result_folder import write_folder, write_overlay
         from catfree._run._run import run_stages
 
         settings = settings_of(method)
@@ -211,7 +215,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         networks = open_detector(detector), open_embedder(embedder)
         finder = open_reconstructor(reconstructor)
         print_table(footage_table(footage), aside=True)
-        with _report_of_failure(out) as unfinished, progress_bars() as progress:
+        on_failure = _report_of_failure(out, embeddings=embeddings, blur=blur)
+        with on_failure as unfinished, progress_bars() as progress:
             outcome = run_stages(
                 footage,
                 *networks,
@@ -228,10 +233,19 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         if footage.interruption is not None:
             fail(f"Used only the footage before the damage: {footage.interruption}")
         drawn = None if pictures else False
-        write_results(out, outcome, settings, videos=footage, pictures=drawn)
+        write_folder(
+            out,
+            outcome,
+            settings,
+            videos=footage,
+            pictures=drawn,
+            embeddings=embeddings,
+            blur=blur,
+            overlay=overlay,
+        )
         if overlay:
             with progress_bars() as progress:
-                write_overlay(out, footage, outcome, progress)
+                write_overlay(out, footage, outcome, progress, blur=blur)
         warn(outcome.warnings)
         print_result(outcome, out)
 
@@ -296,6 +310,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         method: Literal["default", "paper", "evidence"] = "default",
         workers: int | None = None,
         pictures: bool = True,
+        blur: bool = False,
     ) -> None:
         """Render a synthetic world, track its people from the videos alone, and score the tracks.
 
@@ -308,7 +323,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             size: width and height of the videos in pixels.
             method: the localization method.
             workers: rendering processes; one per processor if not given.
-            pictures: draw plots.
+            pictures: draw plots, and write pictures of the cameras for the report.
+            blur: make people unrecognizable in the pictures of the results.
         """
         from catfree.cli._demo import EASY, run_demo, score_table
 
@@ -323,6 +339,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 settings=None if method == "default" else settings_of(method),
                 workers=workers,
                 pictures=None if pictures else False,
+                blur=blur,
                 progress=progress,
             )
         print_table(score_table(done.scores))
@@ -418,10 +435,10 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             threshold: largest distance of a match for MODA, in meters; 0.5 if not given.
             track_threshold: the same for MOTA and IDF1; 1 if not given.
         """
-        from catfree._run._report import Table
         from catfree.adapters.datasets import read_ground_truth
         from catfree.adapters.tables import read_tracks
         from catfree.evaluation import crop, detection_metrics, hota, tracking_metrics
+        from catfree.viz.page._blocks import Table
 
         true, found = read_ground_truth(ground_truth, split), read_tracks(tracks).to_rows()
         truth, within = true.rows, true.area if area is None else area
@@ -485,6 +502,33 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         for path in draw_pictures(folder, localization, scene, camera_names=names):
             print_text(str(path))
 
+    def heat_map(
+        results: Annotated[Path, positional],
+        out: Path | None = None,
+        cell: float = 0.5,
+        k: int = 5,
+    ) -> None:
+        """Count positions per cell of the ground, without cells that few people visited.
+
+        Args:
+            results: folder that `catfree run` or `catfree demo` wrote.
+            out: CSV file; `heat_map.csv` in the results folder if not given. With matplotlib, a
+                picture is written beside it.
+            cell: side of a cell in meters, or in scene units if the scale is unknown.
+            k: fewest people of a cell that is shown.
+        """
+        import importlib.util
+
+        from catfree._run._result_folder import draw_heat_map, read_results
+        from catfree.viz._heat_map import heat_map as count, write_heat_map
+
+        localization, scene, _ = read_results(results)
+        heat = count(localization.tracks, cell, k)
+        path = write_heat_map(results / "heat_map.csv" if out is None else out, heat)
+        print_text(f"{path}: {int(np.isfinite(heat.positions).sum())} cells")
+        if importlib.util.find_spec("matplotlib") is not None:
+            print_text(str(draw_heat_map(path.with_suffix(".png"), heat, scene)))
+
     return {
         "run": run,
         "demo": demo,
@@ -492,4 +536,5 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         "calibrate": calibrate,
         "evaluate": evaluate,
         "plot": plot,
+        "heat-map": heat_map,
     }

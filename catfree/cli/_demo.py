@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from catfree._run._report import Heading, Paragraph, Table, write_report
-from catfree._run._result_folder import write_results
+from catfree._run._result_folder import write_folder
 from catfree._run._run import RunOutcome, run_stages
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import InvalidInputError
@@ -27,6 +26,7 @@ from catfree.synthetic._world import World
 from catfree.synthetic.render import make_demo_world, render_videos
 from catfree.types import Scene
 from catfree.types._annotations import Progress
+from catfree.viz.page._blocks import Block, Heading, Paragraph, Table
 
 SMALLEST_PICTURE = 32  # pixels; people in smaller ones are mere dots
 LARGEST_PICTURE = 4096  # pixels; larger ones exceed common decoders and memory
@@ -108,6 +108,7 @@ def run_demo(
     settings: Settings | None = None,
     workers: int | None = None,
     pictures: bool | None = None,
+    blur: bool = False,
     progress: Progress | None = None,
 ) -> DemoOutcome:
     """Render a seeded world, track its people from the video files alone, and score the tracks.
@@ -122,6 +123,7 @@ def run_demo(
         settings: of the localization, `DEMO_SETTINGS` if None.
         workers: rendering processes; None: one per processor.
         pictures: draw plots; None: if matplotlib is installed.
+        blur: make people unrecognizable in the pictures of the results.
         progress: called as `progress(stage, done, total)`.
 
     Returns:
@@ -162,16 +164,24 @@ def run_demo(
     outcome = run_stages(videos, settings=settings, progress=progress)
     scores = score(world, outcome)
     truth = truth_in_scene(world, outcome.scene)
-    footage = SynchronizedVideos(videos)
-    files = write_results(
-        root, outcome, settings, videos=footage, pictures=pictures, ground_truth=truth
-    )
-    pictured = [path for path in files if path.parent.name == "pictures"]
-    score_blocks = [Heading("Score against the truth"), score_table(scores), Paragraph(EASY)]
+    score_blocks: list[Block] = [
+        Heading("Score against the truth"),
+        score_table(scores),
+        Paragraph(EASY),
+    ]
     if settings == DEMO_SETTINGS:
         score_blocks.append(Paragraph(UNPREDICTED))
-    files += write_report(root, outcome, settings, files, pictured, extra=score_blocks)
-    return DemoOutcome(world, tuple(videos), outcome, tuple(scores), tuple(dict.fromkeys(files)))
+    files = write_folder(
+        root,
+        outcome,
+        settings,
+        videos=SynchronizedVideos(videos),
+        pictures=pictures,
+        ground_truth=truth,
+        blur=blur,
+        extra=score_blocks,
+    )
+    return DemoOutcome(world, tuple(videos), outcome, tuple(scores), tuple(files))
 
 
 def score(world: World, outcome: RunOutcome) -> list[AlignedScore]:

@@ -14,6 +14,11 @@ from catfree.geometry import fit_similarity
 from tests.known_sequences import real_path
 
 
+def first_frames(sequence: MultiViewSequence) -> MultiViewSequence:
+    """Half a minute, of which a rig is calibrated in half the time of all."""
+    return sequence.select_frames(sequence.frames[:130])
+
+
 def aligned_centers(
     calibration: Calibration, truth: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
@@ -51,7 +56,7 @@ def assert_flagged_alone(sequence: MultiViewSequence, camera: int, times: np.nda
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["cmc1", "cmc3"])
 def test_a_real_room_is_registered_whole_and_states_its_scale(shared, name):
-    sequence = read_uniform_json(real_path(shared / "data", name))
+    sequence = first_frames(read_uniform_json(real_path(shared / "data", name)))
     calibration = calibrate(sequence.detections, sequence.rig.image_size)
     registered, _, scale = aligned_centers(calibration, np.asarray(sequence.rig.centers))
     assert registered.tolist() == list(range(sequence.rig.camera_count))
@@ -68,6 +73,6 @@ def test_a_camera_that_is_late_is_flagged_though_people_walk_to_and_fro(shared, 
 
 @pytest.mark.slow
 def test_a_camera_with_shuffled_frames_is_flagged(shared):
-    sequence = read_uniform_json(real_path(shared / "data", "cmc1"))
+    sequence = first_frames(read_uniform_json(real_path(shared / "data", "cmc1")))
     frames = np.unique(sequence.detections.frame)
     assert_flagged_alone(sequence, 1, np.random.default_rng(0).permutation(frames))

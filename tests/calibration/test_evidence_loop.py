@@ -15,6 +15,8 @@ from tests.calibration.ring_world import moved, ring_of_six
 SETTINGS = Settings()
 WRONG, MISSING = 2, 5
 
+pytestmark = pytest.mark.xdist_group("evidence_loop")  # one worker makes what all share
+
 
 @pytest.fixture(scope="module")
 def world():

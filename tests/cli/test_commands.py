@@ -14,16 +14,12 @@ import numpy as np
 import pytest
 
 import catfree
+from catfree._coverage import coverage
 from catfree._run._report import (
     THRESHOLD_NAMES,
-    Heading,
-    Paragraph,
-    Picture,
-    Table,
+    describe_acceptance,
     describe_cameras,
     describe_reliability,
-    to_html,
-    to_markdown,
 )
 from catfree._run._result_folder import read_results, write_results
 from catfree._run._run import RunOutcome
@@ -43,8 +39,20 @@ from catfree.methods.paper._assemble import empty_localization
 from catfree.settings import Settings
 from catfree.synthetic import make_world
 from catfree.synthetic._layouts import ring
-from catfree.types import Scene, Thresholds
+from catfree.types import Detections, Scene, Thresholds
 from catfree.types._writing import ABANDONED_AFTER
+from catfree.viz.page._blocks import (
+    Folded,
+    Heading,
+    Notice,
+    Paragraph,
+    Picture,
+    Table,
+    Verdicts,
+    Video,
+    to_html,
+    to_markdown,
+)
 
 pytest.importorskip("tyro")
 
@@ -165,6 +173,90 @@ def test_report_blocks_escape_what_they_show():
     text = to_markdown(blocks)
     assert "# a < b" in text
     assert "| p\\|q | v |\n| --- | --- |\n| <b> | 1 |" in text
+
+
+def test_blocks_of_a_page_are_in_its_text_too():
+    blocks = [
+        Notice("Warnings", ("Mind <this>.", "And that.")),
+        Verdicts((("all well", "4 of 4", True), ("so <so>", "?", None), ("lost", "0", False))),
+        Folded("Settings", (Table(("setting", "value"), (("a.b", "1"),)),)),
+        Video("overlay.webm", "all & everything"),
+    ]
+    page, text = to_html(blocks), to_markdown(blocks)
+    assert "<p>Mind &lt;this&gt;.</p>" in page
+    assert '<td class="check">check</td><td>lost</td>' in page
+    assert "<td>so &lt;so&gt;</td>" in page
+    assert "<details><summary>Settings</summary><table>" in page
+    assert '<video src="overlay.webm" aria-label="all &amp; everything" controls' in page
+    assert "http" not in page
+    for needle in (
+        "## Warnings\n\nMind <this>.\n\nAnd that.",
+        "| pass | all well | 4 of 4 |\n| unknown | so <so> | ? |\n| check | lost | 0 |",
+        "## Settings\n\n| setting | value |",
+        "[all & everything](overlay.webm)",
+    ):
+        assert needle in text
+
+
+@pytest.mark.slow
+def test_acceptance_names_what_to_look_at(outcome):
+    def verdicts(changed, covered=None):
+        _, table = describe_acceptance(changed, covered)
+        return {text: passed for text, _, passed in table.rows}
+
+    area = coverage(outcome.scene)
+    good = verdicts(outcome, area)
+    assert good["every camera has a place"] is True
+    assert good["the input raised no warning"] is True
+    assert good["two cameras see at least half of the ground"] is (area.covered >= 0.5)
+    assert None not in (good["most boxes support a position"],)
+    warned = dataclasses.replace(outcome.localization, warnings=("Late.",))
+    rig = dataclasses.replace(outcome.scene.rig, registered=np.array([True, True, False]))
+    scene = dataclasses.replace(outcome.scene, rig=rig)
+    bad = verdicts(dataclasses.replace(outcome, localization=warned, scene=scene))
+    assert bad["every camera has a place"] is False
+    assert bad["the input raised no warning"] is False
+    assert "two cameras see at least half of the ground" not in bad
+    nobody = dataclasses.replace(
+        outcome,
+        localization=empty_localization(3, detection_count=len(outcome.detections)),
+    )
+    unknown = verdicts(nobody)
+    assert unknown["the median sigma is below the radius of a right position"] is None
+    assert unknown["MODA is expected to be at least 50"] is None
+
+
+@pytest.mark.slow
+def test_embeddings_are_written_on_request_only(outcome, tmp_path):
+    vectors = np.eye(4)[np.arange(len(outcome.detections)) % 4]
+    known = dataclasses.replace(
+        outcome, detections=dataclasses.replace(outcome.detections, embedding=vectors)
+    )
+    write_results(tmp_path, known, pictures=False)
+    stored = Detections.load(tmp_path / "detections.npz")
+    assert stored.embedding is None
+    np.testing.assert_array_equal(stored.box, outcome.detections.box)
+    for path in tmp_path.rglob("*"):
+        assert path.suffix != ".npz" or "embedding" not in np.load(path).files
+    write_results(tmp_path, known, pictures=False, embeddings=True)
+    stored = Detections.load(tmp_path / "detections.npz")
+    np.testing.assert_array_equal(stored.embedding, vectors)
+
+
+@pytest.mark.slow
+def test_heat_map_shows_what_many_people_did(results, tmp_path, capsys):
+    table = tmp_path / "heat.csv"
+    words = ["heat-map", str(results), "--cell", "0.05", "--k", "1"]
+    words += ["--out", str(table)]
+    assert not cli.main(words)
+    rows = table.read_text().splitlines()
+    assert rows[0] == "x,y,positions"
+    assert len(rows) > 2
+    assert cv2.imread(str(table.with_suffix(".png"))) is not None
+    assert f"{len(rows) - 1} cells" in capsys.readouterr().out
+    assert not cli.main(["heat-map", str(results), "--k", "1000"])
+    assert (results / "heat_map.csv").read_text() == "x,y,positions\n"
+    assert cli.main(["heat-map", str(results), "--k", "0"]) == 1
 
 
 @pytest.mark.slow

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 import catfree
-from catfree._run._report import Table
 from catfree.cli import _terminal as cli_terminal
 from catfree.cli._terminal import FAILURE, STAGE_LABELS, fail, print_table, print_text, warn
+from catfree.viz.page._blocks import Table
 
 ROOT = Path(catfree.__file__).parent
 CALLBACKS = {"report", "progress"}

@@ -18,12 +18,10 @@ pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("shards_on_engines")]
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """Run a command in a folder that all share; what one compiles serves the others."""
+    """Run a command in a folder that all share."""
     folder = tmp_path_factory.mktemp("engines")
     more = {
         "CATFREE": f"{sys.executable} -m catfree",
-        "JAX_COMPILATION_CACHE_DIR": str(folder / "jax"),
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
         "PYTHONPATH": str(Path(cf.__file__).parents[1]),
         "RAY_AUTH_MODE": "disabled",
     }

@@ -12,7 +12,7 @@ import catfree as cf
 # The folder `benchmarks` is no installed package: it is imported from the checkout's root.
 from benchmarks import fit_reliability, reliability_worlds
 from catfree._run._cache import from_arrays, to_arrays
-from catfree._run._report import describe_reliability, to_markdown
+from catfree._run._report import describe_reliability
 from catfree.geometry import Similarity, transform_scene
 from catfree.methods._expectation import FARTHEST, expect_moda
 from catfree.methods._expectation_fits import FITS, Fit, Term
@@ -20,6 +20,7 @@ from catfree.methods.evidence._solve import probability_within
 from catfree.synthetic import make_world
 from catfree.types import Localization, Reliability
 from catfree.types._archive import load_arrays, save_arrays
+from catfree.viz.page._blocks import to_markdown
 
 SUMMARY = Reliability(
     median_sigma=0.2,

@@ -183,11 +183,11 @@ class VideoFile:
         if packets is not None:
             claimed = self._follow(packets, shown, claimed)
         self.frame_count = claimed if claimed > 0 else self._count()
+        self._packet_times, self._packet_rate = self.times, self.fps  # by which decoders seek
         table = sidecar_of(path)
         if table is not None:
             self.times, self.timeless = read_timestamps(table, self.frame_count), False
             self.fps = rate_of(self.times) if len(self.times) > 1 else self.fps
-            self._stamped = False  # these are not the times of the packets
 
     def _follow(self, packets: Times, shown: float, claimed: int) -> int:
         """Take rate and times from the packets, and return the number of frames.
@@ -231,9 +231,9 @@ class VideoFile:
 
     def _frame_at(self, time: float) -> int:
         """Return the number of the frame whose packet has a time."""
-        if self.times is None:
-            return round(time * (self.fps or 0.0))
-        return int(nearest_frame(self.times, np.array([time]))[0])
+        if self._packet_times is None:
+            return round(time * (self._packet_rate or 0.0))
+        return int(nearest_frame(self._packet_times, np.array([time]))[0])
 
     def _count(self) -> int:
         """Count the frames that can be decoded, for files that do not state their number."""

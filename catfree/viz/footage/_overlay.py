@@ -1,7 +1,8 @@
 """Draw tracks on the cameras' images, beside an animated bird's-eye view."""
 
+import contextlib
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from catfree.viz._camera_view import project_points, visible_runs
 from catfree.viz._palette import CAMERA_COLOR, track_color
 from catfree.viz._person_height import person_height as estimate_person_height
 from catfree.viz._plan_view import camera_names as names_of, view_area
+from catfree.viz.footage._blur import blur_regions, people_regions
 from catfree.viz.footage._drawing import (
     Image,
     default_stroke,
@@ -29,6 +31,7 @@ STAGE = "overlay"
 TRAIL = 20  # past instants shown in the bird's-eye view
 PLAN_SHARE = 0.32  # share of the video's width
 RING_SHARE = 0.15  # radius of the ring around the feet, in person heights
+CODECS = {".webm": "VP80", ".mp4": "mp4v"}
 DEFAULT_FPS = 5.0  # for image folders, which have no frame rate
 
 
@@ -42,6 +45,7 @@ def draw_frame(
     *,
     person_height: float | int | None = None,
     stroke: float | int | None = None,
+    blur: bool = False,
 ) -> Image:
     """Draw boxes and tracked people on a copy of one image.
 
@@ -58,6 +62,8 @@ def draw_frame(
         scene: the scene it was made with.
         person_height: height of the posts in scene units; None for the median of the people seen.
         stroke: line thickness in pixels; None for a default by image size.
+        blur: make everybody unrecognizable who has a box or a position in the frame. Undetected
+            people stay visible.
 
     Returns:
         (H, W, 3) uint8 RGB. For a camera that is not registered, only boxes are drawn.
@@ -72,6 +78,9 @@ def draw_frame(
         person_height = estimate_person_height(detections, localization, scene)
     thick = default_stroke(image) if stroke is None else float(stroke)
     canvas = image.copy()
+    if blur:
+        people = people_regions(camera, frame, detections, localization, scene, person_height)
+        canvas = blur_regions(image, people)
     box_rows = np.flatnonzero((detections.frame == frame) & (detections.camera == camera))
     positions = localization.tracks[localization.tracks.frame == frame]
     identity = localization.identity
@@ -99,14 +108,16 @@ def write_overlay_video(
     fps: float | int | None = None,
     person_height: float | int | None = None,
     camera_names: Sequence[str] | None = None,
+    blur: bool = False,
     progress: Progress | None = None,
 ) -> Path:
-    """Write an MP4 of all cameras with boxes, identities and posts, beside the bird's-eye view.
+    """Write a video of all cameras with boxes, identities and posts, beside the bird's-eye view.
 
     Holds two instants in memory at a time.
 
     Args:
-        path: of the MP4 file, which appears only once it is complete.
+        path: of the file, which appears only once it is complete: `.webm` (VP8, which browsers
+            play) or `.mp4` (MPEG-4 Part 2, which is written several times as fast).
         videos: the cameras' videos in the rig's order: one file or image folder each, or
             `SynchronizedVideos`, whose frame indices are those of the detections.
         detections: person boxes of the sequence.
@@ -116,6 +127,7 @@ def write_overlay_video(
         fps: frames per second; None for the rate of the videos.
         person_height: height of the posts in scene units; None for the median of the people seen.
         camera_names: (C,) labels; None for C1, C2, ...
+        blur: as in `draw_frame`.
         progress: called as progress("overlay", done, total) after each instant.
 
     Returns:
@@ -123,12 +135,18 @@ def write_overlay_video(
 
     Raises:
         InvalidInputError: if the number of videos or their sizes do not fit the scene, the
-            localization was made from other detections, or OpenCV cannot write the file.
+            localization was made from other detections, the path has another suffix, or OpenCV
+            cannot write the file.
         FileFormatError: if an image cannot be decoded.
         WriteError: if the folder is not writable.
     """
     import cv2
 
+    target = Path(path)
+    if target.suffix.lower() not in CODECS:
+        raise InvalidInputError(
+            f"{target} must end in one of {', '.join(CODECS)}, which say the format of the video."
+        )
     source = videos if isinstance(videos, SynchronizedVideos) else SynchronizedVideos(videos)
     if source.camera_count != scene.rig.camera_count:
         raise InvalidInputError(
@@ -138,14 +156,16 @@ def write_overlay_video(
     if person_height is None:
         person_height = estimate_person_height(detections, localization, scene)
     board = _Board(scene, localization.tracks, names_of(scene.rig, camera_names), width)
-    target = Path(path)
     rate = fps or source.fps or DEFAULT_FPS
-    with replacement(target, suffix=".mp4") as partial:
-        writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), rate, board.size)
+    codec = CODECS[target.suffix.lower()]
+    with replacement(target, suffix=target.suffix.lower()) as partial:
+        with _silent_codec():
+            fourcc = cv2.VideoWriter.fourcc(*codec)
+            writer = cv2.VideoWriter(str(partial), fourcc, rate, board.size)
         try:
             if not writer.isOpened():
                 raise InvalidInputError(
-                    f"OpenCV cannot write an MP4 video to {target}. Use another OpenCV build."
+                    f"OpenCV cannot write a {codec} video to {target}. Use another OpenCV build."
                 )
             for done, (frame, images) in enumerate(source, start=1):
                 pictures = [
@@ -158,6 +178,7 @@ def write_overlay_video(
                         scene,
                         person_height=person_height,
                         stroke=board.stroke_in(camera),
+                        blur=blur,
                     )
                     for camera, image in enumerate(images)
                 ]
@@ -167,6 +188,18 @@ def write_overlay_video(
         finally:
             writer.release()
     return target
+
+
+@contextlib.contextmanager
+def _silent_codec() -> Iterator[None]:
+    """Discard what OpenCV prints on standard error about WebM having no codec tags."""
+    with contextlib.ExitStack() as stack, open(os.devnull, "wb") as nothing:
+        with contextlib.suppress(OSError):  # there may be no standard error
+            kept = os.dup(2)
+            stack.callback(os.close, kept)
+            stack.callback(os.dup2, kept, 2)
+            os.dup2(nothing.fileno(), 2)
+        yield
 
 
 class _Board:

@@ -23,6 +23,8 @@ from tests.calibration.ring_world import moved, ring_of_six
 RULES = CalibrationSettings()
 CAMERA = 2
 
+pytestmark = pytest.mark.xdist_group("camera_search")  # one worker makes what all share
+
 
 @pytest.fixture(scope="module")
 def world():

@@ -92,6 +92,22 @@ def test_the_video_has_one_frame_an_instant_and_the_asked_size(
 
 
 @pytest.mark.slow
+def test_webm_is_vp8_and_says_nothing_on_the_terminal(small, localization, videos, tmp_path, capfd):
+    detections, scene = small
+    path = tmp_path / "overlay.webm"
+    write_overlay_video(path, videos, detections, localization, scene, width=320, blur=True)
+    assert capfd.readouterr() == ("", "")
+    assert len(read_video(path)[0]) == 6
+    capture = cv2.VideoCapture(str(path))
+    assert int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little") == b"VP80"
+    capture.release()
+    with pytest.raises(InvalidInputError, match=r"overlay\.avi must end in one of"):
+        write_overlay_video(
+            path.with_suffix(".avi"), videos, detections, localization, scene, width=320
+        )
+
+
+@pytest.mark.slow
 def test_a_wrong_number_of_videos_is_named_and_leaves_no_file(
     small, localization, videos, tmp_path
 ):

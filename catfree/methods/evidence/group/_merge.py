@@ -14,11 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import KDTree
 
-from catfree.geometry._buckets import fine_length
+from catfree.geometry._buckets import coarse_length, fine_length
 from catfree.methods.evidence._gaussian import Information, log_evidence
 from catfree.methods.evidence.group._groups import Groups, Priors, collect_groups, prior_information
 
-FEWEST_PAIRS = 2**14  # pairs are padded to this: computing them is cheaper than compiling for fewer
+PAIR_BLOCK = 2**14  # pairs computed at a time: fits a cache, and cheaper than compiling for fewer
 BITS = 31  # cameras per word, with or without 64-bit integers
 PAIRS_AT_A_TIME = 1 << 18  # neighbors processed together: fits a cache
 PAIR_GATE = 16.0  # squared Mahalanobis distance of two boxes that may start or join a group
@@ -102,13 +102,16 @@ def _searches(reach: np.ndarray, crowd: int) -> list[tuple[int, int]]:
 
 
 @partial(jax.jit, static_argnames=("appearance",))
-def merge_groups(info, camera, pairs, members, looks, slot, density, spread, appearance: bool):
+def merge_groups(
+    info, camera, pairs, count, members, looks, slot, density, spread, appearance: bool
+):
     """Merge while any pair gains.
 
     Args:
         info: (N) information of each item.
         camera: (N,) camera of each item (C for a track prior); a group has each at most once.
-        pairs: (P, 2) candidate pairs, padded with (0, 0).
+        pairs: (P, 2) candidate pairs, padded with (0, 0) to a multiple of `PAIR_BLOCK`.
+        count: of the pairs without padding; blocks of nothing but padding cost nothing.
         members: (N, C) the item's own index at its camera, -1 elsewhere.
         looks: (F, D, D) weighted appearance log-likelihood ratios, or (1, 1, 1).
         slot: (N, 2) frame and position in `looks` of each item.
@@ -122,11 +125,13 @@ def merge_groups(info, camera, pairs, members, looks, slot, density, spread, app
     N = camera.shape[0]
     item_evidence = log_evidence(info, density, spread)
     rows = jnp.arange(N)
-    first, second = pairs[:, 0], pairs[:, 1]
+    blocks = (count + PAIR_BLOCK - 1) // PAIR_BLOCK
 
-    def gains(root, matrix, vector, constant, evidence, mask, members):
-        a, b = root[first], root[second]
-        a, b = jnp.minimum(a, b), jnp.maximum(a, b)
+    def roots(root, block):
+        pair = root[jax.lax.dynamic_slice_in_dim(pairs, block * PAIR_BLOCK, PAIR_BLOCK)]
+        return pair.min(1), pair.max(1)
+
+    def gains(a, b, matrix, vector, constant, evidence, mask, members):
         joint = Information(matrix[a] + matrix[b], vector[a] + vector[b], constant[a] + constant[b])
         gain = log_evidence(joint, density, spread) - evidence[a] - evidence[b]
         if appearance:
@@ -137,18 +142,32 @@ def merge_groups(info, camera, pairs, members, looks, slot, density, spread, app
             ratio = looks[slot[a, 0][:, None, None], at, other].astype(gain.dtype)
             gain = gain + jnp.where(where, ratio, 0.0).sum((1, 2))
         allowed = (a != b) & ((mask[a] & mask[b]) == 0).all(-1)
-        return a, b, jnp.where(allowed & (gain > 0), gain, -jnp.inf)
+        return jnp.where(allowed & (gain > 0), gain, -jnp.inf)
 
     def step(carry):
-        root, matrix, vector, constant, evidence, mask, members, _ = carry
-        a, b, gain = gains(root, matrix, vector, constant, evidence, mask, members)
-        best = jnp.full(N, -jnp.inf, gain.dtype).at[a].max(gain).at[b].max(gain)
-        hopeful = jnp.isfinite(gain)
-        partner = (
-            jnp.full(N, N)
-            .at[a].min(jnp.where(hopeful & (gain == best[a]), b, N))
-            .at[b].min(jnp.where(hopeful & (gain == best[b]), a, N))
-        )  # fmt: skip
+        root, *groups, _ = carry
+        matrix, vector, constant, evidence, mask, members = groups
+
+        def find_best(block, carry):
+            gain, best = carry
+            a, b = roots(root, block)
+            here = gains(a, b, *groups)
+            gain = jax.lax.dynamic_update_slice_in_dim(gain, here, block * PAIR_BLOCK, 0)
+            return gain, best.at[a].max(here).at[b].max(here)
+
+        def find_partner(block, partner):
+            a, b = roots(root, block)
+            here = jax.lax.dynamic_slice_in_dim(gain, block * PAIR_BLOCK, PAIR_BLOCK)
+            hopeful = jnp.isfinite(here)
+            return (
+                partner
+                .at[a].min(jnp.where(hopeful & (here == best[a]), b, N))
+                .at[b].min(jnp.where(hopeful & (here == best[b]), a, N))
+            )  # fmt: skip
+
+        no_gain = [jnp.full(n, -jnp.inf, evidence.dtype) for n in (len(pairs), N)]
+        gain, best = jax.lax.fori_loop(0, blocks, find_best, tuple(no_gain))
+        partner = jax.lax.fori_loop(0, blocks, find_partner, jnp.full(N, N))
         safe = jnp.minimum(partner, N - 1)
         mutual = (partner < N) & (partner[safe] == rows)
         absorbs = mutual & (rows < partner)
@@ -231,16 +250,16 @@ def associate(
     total = len(frame)
     items = np.flatnonzero(valid)
     pairs = candidate_pairs(position, covariance, frame, camera, items)
-    padded = np.zeros((fine_length(len(pairs), FEWEST_PAIRS), 2), np.int64)
+    padded = np.zeros((coarse_length(len(pairs), PAIR_BLOCK, 8), 2), np.int64)
     padded[: len(pairs)] = pairs
     members = np.full((total, cameras), -1)
     boxes = items[camera[items] < cameras]
     members[boxes, camera[boxes]] = boxes
     use = looks is not None
     root = merge_groups(
-        info, camera, padded, members, looks if use else np.zeros((1, 1, 1)),
-        slot if use else np.zeros((total, 2), np.int64), np.asarray(density), np.asarray(spread),
-        appearance=use,
+        info, camera, padded, np.asarray(len(pairs)), members,
+        looks if use else np.zeros((1, 1, 1)), slot if use else np.zeros((total, 2), np.int64),
+        np.asarray(density), np.asarray(spread), appearance=use,
     )  # fmt: skip
     root = np.asarray(root)
     return collect_groups(root, items, info, frame, camera, cameras, density, spread)

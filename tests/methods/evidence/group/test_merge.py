@@ -5,7 +5,12 @@ from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence._gaussian import Information, log_evidence
 from catfree.methods.evidence.group._groups import Priors
-from catfree.methods.evidence.group._merge import PAIR_GATE, associate, candidate_pairs
+from catfree.methods.evidence.group._merge import (
+    PAIR_BLOCK,
+    PAIR_GATE,
+    associate,
+    candidate_pairs,
+)
 
 DENSITY, SPREAD = 0.2, 0.05
 
@@ -72,6 +77,25 @@ def test_merging_in_rounds_equals_one_best_pair_at_a_time(seed, people, noise):
         )
     got = sorted(sorted(int(i) for i in row if i >= 0) for row in groups.member)
     assert got == greedy(info, camera, valid)
+
+
+@pytest.mark.slow
+def test_frames_merged_together_give_the_groups_of_each_alone():
+    frames, rows = 1000, 64
+    alone = [boxes_near(seed, 6, 3, 0.3) for seed in range(frames)]
+    info = jax.tree.map(lambda *parts: np.concatenate(parts), *(a[0] for a in alone))
+    position, covariance, camera, valid = (
+        np.concatenate([a[k] for a in alone]) for k in range(1, 5)
+    )
+    frame = np.repeat(np.arange(frames), rows)
+    pairs = candidate_pairs(position, covariance, frame, camera, np.flatnonzero(valid))
+    assert len(pairs) > PAIR_BLOCK  # else they are merged in one block
+    with jax.enable_x64(True):
+        groups = associate(info, position, covariance, frame, camera, valid, 3, DENSITY, SPREAD)
+        for k in (0, 3, frames // 2, frames - 1):
+            one = associate(*alone[k][:3], np.zeros(rows, int), *alone[k][3:], 3, DENSITY, SPREAD)
+            here = groups.member[groups.frame == k]
+            assert (np.where(here >= 0, here - rows * k, -1) == one.member).all()
 
 
 @pytest.mark.slow

@@ -1,0 +1,80 @@
+"""Make people unrecognizable in the cameras' images."""
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree.types import Detections, Localization, Scene
+from catfree.viz._camera_view import project_points
+from catfree.viz.footage._drawing import Image
+
+BLOCKS = 5  # what is left of a person is about this many colors across
+MARGIN = 0.15  # beyond each side of a box, as a share of its width, because boxes cut off limbs
+WIDTH_SHARE = 0.5  # width of a standing person with some room, in person heights
+
+
+def blur_regions(image: Image, box: Float[np.ndarray, "n 4"]) -> Image:
+    """Replace boxes of an image by few smooth blocks of color, which cannot be undone.
+
+    Args:
+        image: (H, W, 3) uint8 RGB.
+        box: (N, 4) x1, y1, x2, y2 in pixels; parts outside the image are ignored.
+
+    Returns:
+        A copy.
+    """
+    import cv2
+
+    blurred = image.copy()
+    size = np.array([image.shape[1], image.shape[0]])
+    border = MARGIN * np.abs(box[:, 2:3] - box[:, 0:1])
+    low = np.clip(np.floor(box[:, :2] - border), 0, size).astype(int)
+    high = np.clip(np.ceil(box[:, 2:] + border) + 1, 0, size).astype(int)
+    for (x1, y1), (x2, y2) in zip(low, high, strict=True):
+        if x2 <= x1 or y2 <= y1:
+            continue
+        part = blurred[y1:y2, x1:x2]
+        side = max((x2 - x1) / BLOCKS, 1.0)
+        few = (min(BLOCKS, x2 - x1), max(round((y2 - y1) / side), 1))
+        mean = cv2.resize(part, few, interpolation=cv2.INTER_AREA)
+        part[:] = cv2.resize(mean, (x2 - x1, y2 - y1), interpolation=cv2.INTER_LINEAR)
+    return blurred
+
+
+def people_regions(
+    camera: int,
+    frame: int | np.integer,
+    detections: Detections,
+    localization: Localization,
+    scene: Scene,
+    person_height: float,
+) -> Float[np.ndarray, "n 4"]:
+    """Boxes of everybody known in one image: the detections, and the tracked people in view.
+
+    Args:
+        camera: index of the camera.
+        frame: the frame of the image.
+        detections: person boxes of the sequence.
+        localization: what `cf.localize` returned for them.
+        scene: the scene it was made with.
+        person_height: in scene units.
+
+    Returns:
+        (N, 4) x1, y1, x2, y2 in pixels, possibly beyond the image.
+    """
+    seen = detections.box[(detections.frame == frame) & (detections.camera == camera)]
+    if not scene.rig.registered[camera]:
+        return seen
+    position = localization.tracks.position[localization.tracks.frame == frame]
+    up = np.asarray(scene.ground.normal, np.float64)
+    middle = position + person_height / 2 * up
+    points = np.stack([position, middle, position + person_height * up], axis=1)
+    pixel, in_front = project_points(scene.rig, camera, points.reshape(-1, 3))
+    pixel, in_front = pixel.reshape(-1, 3, 2), in_front.reshape(-1, 3).all(1)
+    # Beside the camera, a person out of the picture would cover all of it.
+    size = np.asarray(scene.rig.image_size[camera], np.float64)
+    inside = ((pixel >= 0) & (pixel < size)).all(-1).any(-1)
+    near = ((pixel > -size) & (pixel < 2 * size)).all((-1, -2))
+    foot, _, head = pixel[in_front & inside & near].transpose(1, 0, 2)
+    half = WIDTH_SHARE / 2 * np.linalg.norm(head - foot, axis=-1, keepdims=True)
+    posts = [np.minimum(foot, head) - half, np.maximum(foot, head) + half]
+    return np.concatenate([seen, np.concatenate(posts, axis=1)])
