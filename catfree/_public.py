@@ -26,6 +26,10 @@ from catfree._run.sharded._stored_tracks import (
     StoredTracks as StoredTracks,
     open_tracks as open_tracks,
 )
+from catfree.adapters.datasets import (
+    read_detections as read_detections,
+    read_scene as read_scene,
+)
 from catfree.calibration import (
     Calibration as Calibration,
     Refinement as Refinement,

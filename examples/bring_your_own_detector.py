@@ -56,9 +56,9 @@ def main() -> None:
     """Run with this detector and print the positions."""
     parser = argparse.ArgumentParser(description="Track people with a detector of your own.")
     parser.add_argument("videos", nargs="+", help="one video file or image folder per camera")
-    parser.add_argument("--scene", help="scene.json of a known calibration")
+    parser.add_argument("--scene", help="known calibration, as cf.read_scene reads it")
     options = parser.parse_args()
-    scene = cf.adapters.read_scene_json(options.scene)[0] if options.scene else None
+    scene = cf.read_scene(options.scene)[0] if options.scene else None
     tracks = cf.run(options.videos, detector=Moving(), scene=scene).tracks
     for frame, person, x, y in tracks.to_rows():
         print(f"frame {frame:.0f}: person {person:.0f} at {x:.2f} m, {y:.2f} m")

@@ -4,7 +4,7 @@
 
 Without further arguments people are found by background subtraction, and cameras and ground from
 the people. Use `--detector yolo11x-pose.onnx --embedder osnet.onnx` for networks and
-`--scene scene.json` for a known calibration.
+`--scene` for a known calibration: scene.json, a COLMAP model, ...
 """
 
 import argparse
@@ -19,7 +19,7 @@ def main() -> None:
     parser.add_argument("videos", nargs="+", help="one video file or image folder per camera")
     parser.add_argument("--detector", help="ONNX file of YOLO11-pose or YOLOv8-pose")
     parser.add_argument("--embedder", help="ONNX file of a re-identification network")
-    parser.add_argument("--scene", help="scene.json of a known calibration")
+    parser.add_argument("--scene", help="known calibration, as cf.read_scene reads it")
     parser.add_argument("--stride", type=int, default=1, help="use every n-th frame")
     parser.add_argument("--out", default="results", help="folder for the results")
     options = parser.parse_args()
@@ -28,7 +28,7 @@ def main() -> None:
         cf.adapters.SynchronizedVideos(options.videos, stride=options.stride),
         detector=cf.adapters.YoloPoseOnnx(options.detector) if options.detector else None,
         embedder=cf.adapters.ReIdOnnx(options.embedder) if options.embedder else None,
-        scene=cf.adapters.read_scene_json(options.scene)[0] if options.scene else None,
+        scene=cf.read_scene(options.scene)[0] if options.scene else None,
         cache_dir=f"{options.out}/cache",
         progress=lambda stage, done, total: print(f"\r{stage} {done}/{total}   ", end=""),
     )

@@ -91,7 +91,7 @@ def attack(tally: Tally, folder: Path) -> None:
             against("read_multiviewx", content, "00001.json")
     for content in (b'"' + b"a" * 300_000, b"frame,id,x,y\n" + DIGITS + b",1,2,3\n", b"\0" * 999):
         against("read_tracks_csv", content)
-        against("read_truth", content)
+        against("read_ground_truth", content)
     for content in (
         b"1,1,1e308,0,1e308,5\n",
         b"1,1,0,0,5,5," + DIGITS,

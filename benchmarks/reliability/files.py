@@ -12,10 +12,15 @@ import numpy as np
 from catfree._run._cache import StageCache, to_arrays
 from catfree._run._result_folder import LOCALIZATION_FILE, SCENE_FILE, read_results
 from catfree.adapters import (
+    read_ai_city,
+    read_ai_city_tracks,
     read_anipose_toml,
+    read_coco,
     read_colmap,
+    read_ground_truth,
     read_mot,
     read_multiviewx,
+    read_mv3dt,
     read_opencv_yaml,
     read_rig_json,
     read_scenario,
@@ -24,19 +29,21 @@ from catfree.adapters import (
     read_tracks_parquet,
     read_uniform_json,
     read_wildtrack,
+    write_ai_city,
+    write_ai_city_tracks,
     write_anipose_toml,
     write_colmap_text,
     write_mot_boxes,
+    write_mv3dt,
     write_opencv_yaml,
     write_rig_json,
     write_scene_json,
     write_tracks_csv,
     write_tracks_parquet,
 )
-from catfree.adapters.calibration_files._colmap_models import MODELS, PARAMETERS
 from catfree.adapters.calibration_files._rotation_vectors import rotation_to_vector
+from catfree.adapters.calibration_files.colmap._colmap_models import MODELS, PARAMETERS
 from catfree.adapters.video._timestamps import read_timestamps
-from catfree.cli._inputs import read_truth
 from catfree.synthetic import make_world, ring
 from catfree.types import (
     Candidates,
@@ -174,7 +181,27 @@ def readers(seed: int) -> list[Reader]:
             lambda f: read_timestamps(f / "a.csv", 3),
         ),
         Reader("read_mot", lambda f: _write_mot(f, m), lambda f: _read_mot(f / "a.txt")),
-        Reader("read_truth", lambda f: _write_truth(f, m), lambda f: read_truth(f / "a.csv")),
+        Reader(
+            "read_ground_truth",
+            lambda f: _write_truth(f, m),
+            lambda f: read_ground_truth(f / "a.csv"),
+        ),
+        Reader("read_coco", lambda f: _write_coco(f, m), lambda f: read_coco(f / "a.json")),
+        Reader(
+            "read_ai_city",
+            lambda f: write_ai_city(f / "a.json", m.rig, m.names),
+            lambda f: read_ai_city(f / "a.json"),
+        ),
+        Reader(
+            "read_mv3dt",
+            lambda f: write_mv3dt(f, m.rig, m.names),
+            lambda f: read_mv3dt(sorted(f.iterdir())),
+        ),
+        Reader(
+            "read_ai_city_tracks",
+            lambda f: write_ai_city_tracks(f / "a.txt", m.tracks),
+            lambda f: read_ai_city_tracks(f / "a.txt"),
+        ),
         Reader("read_wildtrack", _write_wildtrack, read_wildtrack, only=(".xml", ".json")),
         Reader(
             "read_multiviewx",
@@ -320,6 +347,17 @@ def _write_mot(folder: Path, m: Material) -> None:
 def _read_mot(path: Path) -> Any:
     table = read_mot(path)
     return table, table.detections()
+
+
+def _write_coco(folder: Path, m: Material) -> None:
+    boxes = m.detections
+    rows = [
+        {"image_id": f"{camera}/{frame}.png", "bbox": [x1, y1, x2 - x1, y2 - y1], "score": 0.5}
+        for camera, frame, (x1, y1, x2, y2) in zip(
+            boxes.camera.tolist(), boxes.frame.tolist(), boxes.box.tolist(), strict=True
+        )
+    ]
+    (folder / "a.json").write_text(json.dumps(rows))
 
 
 def _write_truth(folder: Path, m: Material) -> None:

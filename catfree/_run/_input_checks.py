@@ -10,13 +10,17 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree._run._clocks import LONGEST, find_clock_offsets
-from catfree.adapters.calibration_files._named_rig import default_names
+from catfree.adapters.datasets._detection_files import CameraBoxes
+from catfree.adapters.files._camera_names import is_numbered, positions_of
 from catfree.adapters.video import SynchronizedVideos
 from catfree.calibration import Calibration, remove_offsets
 from catfree.calibration.people import offset_for
 from catfree.errors import InvalidInputError
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Scene
+
+# What the cameras recorded; of both, the names and image sizes of the cameras are used.
+Recording = SynchronizedVideos | CameraBoxes
 
 WORTH_SAYING = 0.05  # share of the footage lost; recordings never end on the same frame
 # Rose criterion: a signal stands out from noise at five standard deviations.
@@ -44,33 +48,44 @@ def require_distinct_videos(videos: SynchronizedVideos) -> None:
             )
 
 
-def order_like_videos(
-    scene: Scene, names: Sequence[str], videos: SynchronizedVideos
+def order_like(
+    scene: Scene, names: Sequence[str], recording: Recording
 ) -> tuple[Scene, tuple[str, ...]]:
-    """Put the cameras of a scene in the order of the videos, where their names allow it.
+    """Put the cameras of a scene in the order of the videos or boxes, where names allow it.
 
     Args:
-        scene: with one camera per video.
+        scene: with a camera for each of the recording's, or more.
         names: (C,) names of its cameras.
-        videos: their `camera_names` are matched with `names`.
+        recording: its `camera_names` are matched with `names`.
 
     Returns:
         The scene, and warnings: that cameras were reordered, or that names do not match.
+
+    Raises:
+        InvalidInputError: if the scene has more cameras, and names do not tell which are meant.
     """
-    wanted, given = list(videos.camera_names), list(names)
-    if wanted == given or len(wanted) != len(given):
+    wanted, given = list(recording.camera_names), list(names)
+    if wanted == given or len(wanted) > len(given):
         return scene, ()
-    if sorted(wanted) == sorted(given) and len(set(given)) == len(given):
-        order = [given.index(name) for name in wanted]
+    kind = "boxes" if isinstance(recording, CameraBoxes) else "videos"
+    order = positions_of(wanted, given)
+    if order == list(range(len(given))):
+        return scene, ()
+    if order is not None:
         ordered = Scene(scene.rig.select(order), scene.ground, scene.extent, scene.metric)
         return ordered, (
-            f"The scene lists its cameras as {', '.join(given)}, the videos come as "
+            f"The scene lists its cameras as {', '.join(given)}, the {kind} come as "
             f"{', '.join(wanted)}: they were matched by name.",
         )
-    if given == list(default_names(scene.rig, None)):  # default names carry no information
+    if is_numbered(given) or is_numbered(wanted):  # default names carry no information
         return scene, ()
+    if len(wanted) < len(given):
+        raise InvalidInputError(
+            f"The scene has the cameras {', '.join(given)}, but the {kind} are "
+            f"{', '.join(wanted)}, which are not all among them. Rename one like the other."
+        )
     return scene, (
-        f"The scene names its cameras {', '.join(given)}, the videos are {', '.join(wanted)}: "
+        f"The scene names its cameras {', '.join(given)}, the {kind} are {', '.join(wanted)}: "
         "they were matched in the order given. Check that it is the same.",
     )
 
@@ -171,15 +186,13 @@ def tiny_boxes(detections: Detections, settings: CalibrationSettings) -> str | N
     )
 
 
-def clock_warnings(
-    detections: Detections, scene: Scene, videos: SynchronizedVideos
-) -> tuple[str, ...]:
+def clock_warnings(detections: Detections, scene: Scene, videos: Recording) -> tuple[str, ...]:
     """Warn about cameras whose clocks do not fit a known scene.
 
     Args:
         detections: boxes of all cameras.
         scene: known cameras and ground.
-        videos: the footage.
+        videos: the footage or boxes.
     """
     offset = find_clock_offsets(detections, scene)
     return tuple(
@@ -193,7 +206,7 @@ def clock_warnings(
 def calibration_warnings(
     calibration: Calibration,
     detections: Detections,
-    videos: SynchronizedVideos,
+    videos: Recording,
     settings: Settings,
 ) -> tuple[str, ...]:
     """Warn about clocks that the calibration corrected or that seem to need a correction.
@@ -201,7 +214,7 @@ def calibration_warnings(
     Args:
         calibration: found from the people.
         detections: all boxes, on the clocks as given.
-        videos: the footage, on the clocks as given.
+        videos: the footage or boxes, on the clocks as given.
         settings: of the run.
     """
     offset = calibration.frame_offset
@@ -242,13 +255,24 @@ def without_offsets(
     return corrected, moved[np.isin(moved.frame, corrected.frames)]
 
 
-def _started(offset: int, videos: SynchronizedVideos) -> str:
+def _started(offset: int, videos: Recording) -> str:
     """Describe when a camera began to record; its frame numbers are too high by `offset`."""
-    seconds = "" if videos.tick_rate is None else f" ({abs(offset) / videos.tick_rate:.1f} s)"
+    if isinstance(videos, CameraBoxes):
+        clock = videos.detections.clock
+        rate = None if clock is None else clock.frame_rate
+    else:
+        rate = videos.tick_rate
+    seconds = "" if rate is None else f" ({abs(offset) / rate:.1f} s)"
     when = "after" if offset < 0 else "before"
     return f"started about {abs(offset)} frames{seconds} {when} the others"
 
 
-def _advice(offset: Int[np.ndarray, " cam"], videos: SynchronizedVideos) -> str:
+def _advice(offset: Int[np.ndarray, " cam"], videos: Recording) -> str:
+    if isinstance(videos, CameraBoxes):
+        shifts = ", ".join(
+            f"{offset[c]:+d} from those of {videos.camera_names[c]!r}"
+            for c in np.flatnonzero(offset)
+        )
+        return f"If so, subtract from the frame numbers {shifts}."
     given = ", ".join(map(str, videos.without_offsets(offset.tolist()).offsets))
     return f"If so, pass offsets=({given})."

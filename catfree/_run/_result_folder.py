@@ -15,8 +15,8 @@ from catfree._run._cache import from_arrays, to_arrays
 from catfree._run._report import write_report
 from catfree._run._run import RunOutcome
 from catfree.adapters.calibration_files._anipose_toml import write_anipose_toml
-from catfree.adapters.calibration_files._colmap import write_colmap_text
 from catfree.adapters.calibration_files._rig_json import read_scene_json, write_scene_json
+from catfree.adapters.calibration_files.colmap._colmap import write_colmap_text
 from catfree.adapters.files._camera_names import distinct_names, file_names
 from catfree.adapters.tables._motchallenge import write_mot_boxes, write_mot_ground
 from catfree.adapters.tables._tracks_table import write_tracks_csv, write_tracks_parquet

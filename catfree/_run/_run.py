@@ -11,7 +11,7 @@ from catfree._run._input_checks import (
     calibration_warnings,
     clock_warnings,
     footage_warnings,
-    order_like_videos,
+    order_like,
     require_distinct_videos,
     tiny_boxes,
     without_offsets,
@@ -24,11 +24,12 @@ from catfree._run._stages import (
     reconstruct,
 )
 from catfree.adapters.background._background_detector import BackgroundDetector
+from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.embedders._color_embedder import ColorEmbedder
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera, Reconstructor
 from catfree.adapters.video._detect_videos import fit_to_cameras
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
-from catfree.calibration import Calibration
+from catfree.calibration import Calibration, remove_offsets
 from catfree.errors import InvalidInputError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
@@ -208,7 +209,7 @@ def run_stages(
     require_distinct_videos(videos)
     if scene is not None:
         if scene_names is not None:
-            scene, order = order_like_videos(scene, scene_names, videos)
+            scene, order = order_like(scene, scene_names, videos)
             so_far.warnings += order
         _require_same_cameras(scene, videos)
     detector = BackgroundDetector() if detector is None else detector
@@ -265,6 +266,69 @@ def run_stages(
         tuple(videos.camera_names),
         videos.frames,
         videos,
+    )
+
+
+def run_boxes(
+    boxes: CameraBoxes,
+    scene: Scene | None = None,
+    settings: Settings | None = None,
+    *,
+    cache_dir: str | os.PathLike[str] | None = None,
+    progress: Progress | None = None,
+    scene_names: Sequence[str] | None = None,
+    maximum_offset: int = 0,
+) -> RunOutcome:
+    """Do what `run_stages` does with boxes instead of videos.
+
+    Args:
+        boxes: of all cameras, with the sizes of their images if there is no scene.
+        scene: as `run`.
+        settings: as `run`.
+        cache_dir: as `run`.
+        progress: as `run`.
+        scene_names: as `run`.
+        maximum_offset: as `run`.
+
+    Returns:
+        Detections, scene, calibration and localization.
+
+    Raises:
+        CatFreeError: as `run`.
+    """
+    settings = Settings() if settings is None else settings
+    cache = None if cache_dir is None else StageCache(cache_dir)
+    detections, calibration = boxes.detections, None
+    said: tuple[str, ...] = ()
+    if scene is not None:
+        if scene_names is not None:
+            scene, said = order_like(scene, scene_names, boxes)
+        if scene.rig.camera_count < len(boxes.camera_names):
+            raise InvalidInputError(
+                f"The scene has {scene.rig.camera_count} cameras, but there are boxes of "
+                f"{len(boxes.camera_names)}. Leave out the boxes of the other cameras."
+            )
+        said += clock_warnings(detections, scene, boxes)
+    else:
+        calibration = calibrate_cameras(
+            boxes, None, detections, settings,
+            maximum_offset=maximum_offset, cache=cache, progress=progress,
+        )  # fmt: skip
+        scene = calibration.scene
+        said += calibration_warnings(calibration, detections, boxes, settings)
+        detections = remove_offsets(detections, calibration.frame_offset)
+    tiny = tiny_boxes(detections, settings.calibration)
+    said += () if tiny is None else (tiny,)
+    found = localize_people(detections, scene, settings, cache=cache, progress=progress)
+    names = boxes.camera_names
+    names += tuple(f"C{camera + 1}" for camera in range(len(names), scene.rig.camera_count))
+    return RunOutcome(
+        replace(found, warnings=said),
+        detections,
+        scene,
+        calibration,
+        names,
+        np.union1d(detections.frame, found.tracks.frame),
     )
 
 

@@ -9,6 +9,7 @@ from catfree._run._cached_detection import detect_with_cache, fingerprint_of, fi
 from catfree._run._input_checks import tiny_boxes
 from catfree._run._second_look import expected_people, look_again
 from catfree._run._stitch import stitch_tracks
+from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import (
     Detector,
@@ -22,7 +23,7 @@ from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration import Calibration, calibrate
 from catfree.calibration._calibrate import begin_calibration, finish_calibration
 from catfree.calibration.reconstructions._scene_from_videos import scene_from_videos
-from catfree.errors import CalibrationError
+from catfree.errors import CalibrationError, InvalidInputError
 from catfree.methods._localize import localize
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Localization, Scene
@@ -47,8 +48,8 @@ def detect(
 
 
 def calibrate_cameras(
-    videos: SynchronizedVideos,
-    detector: Detector | FittedToCamera,
+    videos: SynchronizedVideos | CameraBoxes,
+    detector: Detector | FittedToCamera | None,
     detections: Detections,
     settings: Settings | None = None,
     *,
@@ -59,8 +60,8 @@ def calibrate_cameras(
     """Second stage without a known scene: calibrate cameras and ground from confident boxes.
 
     Args:
-        videos: the footage; only its image sizes and camera names are used.
-        detector: the source of the boxes; its `box_slack`, if any, replaces the default.
+        videos: the footage or boxes; only their image sizes and camera names are used.
+        detector: the source of the boxes, or None; its `box_slack`, if any, replaces the default.
         detections: boxes of all cameras; those with a score below
             `settings.calibration_confidence` are ignored.
         settings: of the run; only `calibration`, `evidence` and the confidences are used.
@@ -83,6 +84,11 @@ def calibrate_cameras(
         calibration=rules,
     )
     size, names = videos.image_size, videos.camera_names
+    if size is None:
+        raise InvalidInputError(
+            "To find the cameras from boxes, the sizes of the images are needed: pass image_size, "
+            "or a scene."
+        )
     options = {"camera_names": names, "progress": progress}
 
     def begin() -> Calibration:

@@ -10,12 +10,13 @@ import numpy as np
 
 import catfree
 from catfree.cli._inputs import (
+    are_boxes,
+    open_boxes,
     open_detector,
     open_embedder,
     open_reconstructor,
     open_scene,
     open_videos,
-    read_truth,
     require_files,
     settings_of,
 )
@@ -31,7 +32,7 @@ from catfree.cli._terminal import (
     warn,
 )
 from catfree.cli._weights_commands import weights_commands
-from catfree.errors import CatFreeError, InsufficientDataError
+from catfree.errors import CatFreeError, InsufficientDataError, InvalidInputError
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -87,6 +88,51 @@ def _report_of_failure(out: Path, *, embeddings: bool = False, blur: bool = Fals
         raise type(error)(message) from error
 
 
+def _box_table(boxes: Any) -> Any:
+    """Number, frames and median height of the boxes, one row per camera."""
+    from catfree.viz.page._blocks import Table
+
+    rows = []
+    for camera, name in enumerate(boxes.camera_names):
+        part = boxes.detections[boxes.detections.camera == camera]
+        height = f"{np.median(part.height):.0f}" if len(part) else ""
+        rows.append((name, str(len(part)), str(len(np.unique(part.frame))), height))
+    return Table(("camera", "boxes", "frames with boxes", "median height (px)"), tuple(rows))
+
+
+def _calibrate_from_boxes(
+    paths: tuple[Path, ...],
+    out: Path,
+    cache: Path | None,
+    max_offset: int,
+    image_size: tuple[int, int] | None,
+) -> None:
+    """Do what `calibrate` does with files of boxes."""
+    from catfree._run._cache import StageCache
+    from catfree._run._input_checks import calibration_warnings
+    from catfree._run._report import camera_table
+    from catfree._run._result_folder import write_rig
+    from catfree._run._stages import calibrate_cameras
+    from catfree.settings import Settings
+
+    boxes = open_boxes(paths, image_size=image_size)
+    print_table(_box_table(boxes), aside=True)
+    with progress_bars() as progress:
+        found = calibrate_cameras(
+            boxes,
+            None,
+            boxes.detections,
+            maximum_offset=max_offset,
+            cache=StageCache(out / "cache" if cache is None else cache),
+            progress=progress,
+        )
+        warnings = calibration_warnings(found, boxes.detections, boxes, Settings())
+    write_rig(out, found.scene, boxes.camera_names)
+    warn(warnings)
+    print_table(camera_table(found.scene, boxes.camera_names, found))
+    print_text(f"The rig is in {out}.")
+
+
 def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
     """Sub-commands by name, built here because their annotations need tyro."""
     positional = tyro.conf.Positional
@@ -98,6 +144,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         embedder: Path | None = None,
         reconstructor: Path | None = None,
         scene: Path | None = None,
+        unit: Literal["m", "cm", "mm", "ft", "arbitrary"] = "m",
         method: Literal["default", "paper", "evidence"] = "default",
         cache: Path | None = None,
         stride: int = 1,
@@ -121,8 +168,10 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 of `catfree weights list`; without it people are found by background subtraction.
             embedder: ONNX file of a re-identification network, or a name of that list.
             reconstructor: ONNX file of VGGT, which finds the cameras from the images.
-            scene: known cameras and ground (scene.json); without it and without a reconstructor
-                they are found from the people.
+            scene: known cameras and ground: scene.json, a COLMAP model, anipose TOML, a folder of
+                OpenCV files, ...; without it and without a reconstructor they are found from the
+                people.
+            unit: length of one unit of a scene whose file does not state it.
             method: the localization method.
             cache: folder for finished stages; `cache` in the results folder if not given.
             stride: use every stride-th frame.
@@ -138,6 +187,10 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             blur: make people unrecognizable in pictures and overlay.
             embeddings: write the appearance vectors, which recognize people, to detections.npz.
         """
+        if all(path.is_file() for path in videos) and are_boxes(videos):
+            raise InvalidInputError(
+                f"{videos[0]} holds boxes, not a video. Give the boxes to catfree localize."
+            )
         require_files(
             videos,
             detector=detector,
@@ -159,7 +212,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             frame_rate=frame_rate,
             on_error="keep" if keep_before_damage else "raise",
         )
-        known, names = open_scene(scene)
+        known, names = open_scene(scene, unit)
         networks = open_detector(detector), open_embedder(embedder)
         finder = open_reconstructor(reconstructor)
         print_table(footage_table(footage), aside=True)
@@ -194,6 +247,57 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         if overlay:
             with progress_bars() as progress:
                 write_overlay(out, footage, outcome, progress, blur=blur)
+        warn(outcome.warnings)
+        print_result(outcome, out)
+
+    def localize(
+        boxes: Annotated[tuple[Path, ...], positional],
+        out: Path = Path("catfree_results"),
+        scene: Path | None = None,
+        unit: Literal["m", "cm", "mm", "ft", "arbitrary"] = "m",
+        method: Literal["default", "paper", "evidence"] = "default",
+        image_size: tuple[int, int] | None = None,
+        frame_rate: float | None = None,
+        cache: Path | None = None,
+        max_offset: int = 0,
+        pictures: bool = True,
+    ) -> None:
+        """Track the people whose boxes in several static cameras are given.
+
+        Args:
+            boxes: MOTChallenge or COCO files, one per camera; a folder of these; or one CSV,
+                Parquet, uniform JSON or .npz file with the boxes of all cameras.
+            out: folder for the results.
+            scene: known cameras and ground: scene.json, a COLMAP model, anipose TOML, a folder of
+                OpenCV files, ...; without it they are found from the people.
+            unit: length of one unit of a scene whose file does not state it.
+            method: the localization method.
+            image_size: width and height of the images in pixels, where neither boxes nor scene
+                state them.
+            frame_rate: frames per second, for times and velocities in the results.
+            cache: folder for finished stages; `cache` in the results folder if not given.
+            max_offset: largest clock offset of a single camera, in frames, to search and correct
+                when the cameras are found from people.
+            pictures: draw plots.
+        """
+        from catfree._run._result_folder import write_results
+        from catfree._run._run import run_boxes
+
+        settings = settings_of(method)
+        found = open_boxes(boxes, frame_rate, image_size)
+        known, names = open_scene(scene, unit, image_size)
+        print_table(_box_table(found), aside=True)
+        with progress_bars() as progress:
+            outcome = run_boxes(
+                found,
+                known,
+                settings,
+                cache_dir=out / "cache" if cache is None else cache,
+                progress=progress,
+                scene_names=names,
+                maximum_offset=max_offset,
+            )
+        write_results(out, outcome, settings, pictures=None if pictures else False)
         warn(outcome.warnings)
         print_result(outcome, out)
 
@@ -253,11 +357,12 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         offsets: tuple[int, ...] | None = None,
         keep_before_damage: bool = False,
         max_offset: int = 0,
+        image_size: tuple[int, int] | None = None,
     ) -> None:
-        """Find cameras and ground in meters from the people in the videos.
+        """Find cameras and ground in meters from the people in videos, or from their boxes.
 
         Args:
-            videos: one video file or image folder per camera.
+            videos: one video file or image folder per camera, or files of boxes as for `localize`.
             out: folder for scene.json and the rig in other formats.
             detector: ONNX file of a person detector, or a name of `catfree weights list`; without
                 it people are found by background subtraction.
@@ -266,7 +371,11 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             offsets: the frame of each camera that shows the first common instant.
             keep_before_damage: use the footage before a frame that cannot be decoded.
             max_offset: largest clock offset of a single camera, in frames, to search and correct.
+            image_size: width and height of the images in pixels, where boxes do not state them.
         """
+        if are_boxes(videos):
+            _calibrate_from_boxes(videos, out, cache, max_offset, image_size)
+            return
         require_files(videos, detector=detector)
         from catfree._run._cache import StageCache
         from catfree._run._input_checks import (
@@ -311,45 +420,71 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
     def evaluate(
         tracks: Annotated[Path, positional],
         ground_truth: Annotated[Path, positional],
+        split: Literal["test", "train", "all"] = "test",
         area: tuple[float, float, float, float] | None = None,
-        threshold: float = 0.5,
-        track_threshold: float = 1.0,
+        threshold: float | None = None,
+        track_threshold: float | None = None,
     ) -> None:
         """Score tracks against true positions in the same coordinates.
 
         Args:
-            tracks: tracks.csv of a run.
-            ground_truth: CSV with a header and the columns frame, id, x, y.
+            tracks: results folder of a run, or its tracks.csv or tracks.parquet.
+            ground_truth: CSV with a header and the columns frame, id, x, y; uniform JSON; or the
+                folder of WildTrack or MultiviewX, scored by their protocol.
+            split: frames of WildTrack and MultiviewX to score.
             area: x_min x_max y_min y_max; positions outside are ignored.
-            threshold: largest distance of a match for MODA, in meters.
-            track_threshold: the same for MOTA and IDF1.
+            threshold: largest distance of a match for MODA, in meters; 0.5 if not given.
+            track_threshold: the same for MOTA and IDF1; 1 if not given.
         """
-        from catfree.adapters.tables._tracks_table import read_tracks_csv
+        from catfree.adapters.datasets import read_ground_truth
+        from catfree.adapters.tables import read_tracks
         from catfree.evaluation import crop, detection_metrics, hota, tracking_metrics
         from catfree.viz.page._blocks import Table
 
-        truth, found = read_truth(ground_truth), read_tracks_csv(tracks).to_rows()
-        frames = np.unique(np.concatenate([truth[:, 0], found[:, 0]]))
-        if area is not None:
-            truth, found = crop(truth, area), crop(found, area)
+        true, found = read_ground_truth(ground_truth, split), read_tracks(tracks).to_rows()
+        truth, within = true.rows, true.area if area is None else area
+        near = true.detection_gate if threshold is None else threshold
+        far = true.tracking_gate if track_threshold is None else track_threshold
+        frames = true.frames
+        if frames is None:
+            frames = np.unique(np.concatenate([truth[:, 0], found[:, 0]]))
+        elif len(found) and not np.isin(found[:, 0], frames).any():
+            raise InsufficientDataError(
+                f"No position of {tracks} is in the frames {frames[0]} to {frames[-1]} of "
+                f"{ground_truth}; its own are {found[:, 0].min():.0f} to "
+                f"{found[:, 0].max():.0f}. Number frames alike."
+            )
+        found = found[np.isin(found[:, 0], frames)]
+        if within is not None:
+            truth, found = crop(truth, within), crop(found, within)
         if not len(truth):
             raise InsufficientDataError(
-                f"No position of {ground_truth} lies in the area {area}, so nothing can be scored. "
-                "Check that area and positions use the same coordinates."
+                f"No position of {ground_truth} lies in the area {within}, so nothing can be "
+                "scored. Check that area and positions use the same coordinates."
             )
-        people = detection_metrics(truth, found, frames, threshold)
-        paths = tracking_metrics(truth, found, frames, track_threshold)
-        rows = (
-            (f"MODA ({threshold:g} m)", f"{people.moda:.2f}"),
+        people = detection_metrics(truth, found, frames, near)
+        rows = [
+            (f"MODA ({near:g} m)", f"{people.moda:.2f}"),
             ("MODP", f"{people.modp:.2f}"),
             ("precision", f"{people.precision:.2f}"),
             ("recall", f"{people.recall:.2f}"),
-            (f"MOTA ({track_threshold:g} m)", f"{paths.mota:.2f}"),
-            (f"IDF1 ({track_threshold:g} m)", f"{paths.idf1:.2f}"),
-            ("identity switches", str(paths.id_switches)),
-            ("HOTA", f"{hota(truth, found, frames).hota:.2f}"),
-        )
-        print_table(Table(("measure", "value"), rows))
+        ]
+        if (truth[:, 1] >= 0).all():  # identities are known
+            paths = tracking_metrics(truth, found, frames, far)
+            rows += [
+                (f"MOTA ({far:g} m)", f"{paths.mota:.2f}"),
+                (f"IDF1 ({far:g} m)", f"{paths.idf1:.2f}"),
+                ("identity switches", str(paths.id_switches)),
+                ("HOTA", f"{hota(truth, found, frames).hota:.2f}"),
+            ]
+        if true.protocol:
+            changed = [
+                *(["another area"] if area is not None else []),
+                *(["other distances"] if (near, far) != true.gates else []),
+            ]
+            also = f" (but with {' and '.join(changed)})" if changed else ""
+            print_text(f"Protocol: {true.protocol}{also}.")
+        print_table(Table(("measure", "value"), tuple(rows)))
 
     def plot(
         results: Annotated[Path, positional],
@@ -398,6 +533,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
     return {
         "run": run,
         "demo": demo,
+        "localize": localize,
         "calibrate": calibrate,
         "evaluate": evaluate,
         "plot": plot,

@@ -1,19 +1,14 @@
-"""Open what the command line names: settings, videos, networks and ground truth.
+"""Open what the command line names: settings, videos, networks and scenes.
 
 Adapters are imported where a file is opened, so that `catfree --help` loads no video library.
 """
 
-import csv
-import io
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from catfree.errors import FileFormatError, InvalidInputError, quoted
-
-TRUTH_COLUMNS = ("frame", "id", "x", "y")
+from catfree.errors import FileFormatError, InvalidInputError
 
 
 def settings_of(method: str) -> Any:
@@ -42,7 +37,10 @@ def require_files(videos: tuple[Path, ...], **others: Path | None) -> None:
                 f"Camera {camera}: There is no video file or image folder {path}."
             )
     for option, path in others.items():
-        if path is not None and not network_file(path).is_file():
+        there = path is None or (
+            path.exists() if option == "scene" else network_file(path).is_file()
+        )
+        if not there:
             raise InvalidInputError(f"There is no file {path} (--{option}). Check the path.")
 
 
@@ -109,66 +107,51 @@ def open_reconstructor(path: Path | None) -> Any:
     return None if path is None else VggtOnnx(path)
 
 
-def open_scene(path: Path | None) -> tuple[Any, tuple[str, ...] | None]:
-    """Read a saved scene, `.npz` or JSON, and the cameras' names if it has any."""
-    from catfree.adapters.calibration_files._rig_json import read_scene
+def open_scene(
+    path: Path | None, unit: str = "m", image_size: tuple[int, int] | None = None
+) -> tuple[Any, tuple[str, ...] | None]:
+    """Read cameras and ground in any format, and the cameras' names if it has any."""
+    from catfree.adapters.datasets import read_scene
 
-    return (None, None) if path is None else read_scene(path)
+    if path is None:
+        return None, None
+    return read_scene(path, unit=unit, image_size=image_size)  # type: ignore[arg-type]
 
 
-def read_truth(path: Path) -> np.ndarray:
-    """Read rows (N, 4) of a CSV file with the columns frame, id (or track_id), x and y.
+def open_boxes(
+    paths: tuple[Path, ...],
+    frame_rate: float | int | None = None,
+    image_size: tuple[int, int] | None = None,
+) -> Any:
+    """Read the boxes of all cameras, with the names of these and the sizes of their images.
+
+    Args:
+        paths: files of boxes, or one folder.
+        frame_rate: frames per second, if known.
+        image_size: width and height in pixels of all images, if known.
+    """
+    from dataclasses import replace
+
+    from catfree.adapters.datasets._detection_files import read_camera_boxes
+
+    boxes = read_camera_boxes(paths, frame_rate=frame_rate)
+    if image_size is None:
+        return boxes
+    return replace(boxes, image_size=np.tile(image_size, (len(boxes.camera_names), 1)))
+
+
+def are_boxes(paths: tuple[Path, ...]) -> bool:
+    """Return whether these are files of boxes rather than videos.
 
     Raises:
-        FileFormatError: if a column is missing, or a line (which it names) has too few or too many
-            columns or a value that is not a number.
+        InvalidInputError: if some are and others are not.
     """
-    from catfree.adapters.files._documents import read_text
+    from catfree.adapters.datasets._detection_files import holds_boxes
 
-    reader = csv.reader(io.StringIO(read_text(path, "ground truth")))
-    try:
-        words = ((reader.line_num, [word.strip() for word in row]) for row in reader)
-        lines = [(line, row) for line, row in words if row not in ([], [""])]
-    except csv.Error as error:
-        raise FileFormatError(
-            f"{path}: line {reader.line_num} is not CSV: {quoted(error)}."
-        ) from error
-    header = lines[0][1] if lines else []
-    # Tracks of one run can serve as the truth of another.
-    identity = "track_id" if "track_id" in header else "id"
-    names = [identity if name == "id" else name for name in TRUTH_COLUMNS]
-    missing = [name for name in names if name not in header]
-    if missing:
-        raise FileFormatError(
-            f"{path} has no column {missing[0]!r}; ground truth is a CSV file with a header and "
-            f"the columns {', '.join(TRUTH_COLUMNS)}."
+    kinds = [path.exists() and holds_boxes(path) for path in paths]
+    if any(kinds) and not all(kinds):
+        raise InvalidInputError(
+            f"{paths[kinds.index(True)]} holds boxes, but {paths[kinds.index(False)]} does not. "
+            "Name either videos or files of boxes."
         )
-    if len(lines) == 1:
-        raise FileFormatError(
-            f"{path} has a header but no rows: there is no truth to compare with."
-        )
-    columns = [header.index(name) for name in names]
-    rows = []
-    for line, words in lines[1:]:
-        if len(words) != len(header):
-            raise FileFormatError(
-                f"{path}: line {line} has {len(words)} columns instead of {len(header)}. Separate "
-                "columns by commas and write decimals with a point."
-            )
-        rows.append(_truth_row([words[at] for at in columns], names, path, line))
-    return np.array(rows)
-
-
-def _truth_row(words: list[str], names: list[str], path: Path, line: int) -> list[float]:
-    row = []
-    for name, word in zip(names, words, strict=True):
-        try:
-            value = float(word)
-        except ValueError:
-            value = math.nan
-        whole = name not in ("x", "y")
-        if not math.isfinite(value) or (whole and (value != round(value) or abs(value) >= 2**53)):
-            kind = "a whole number" if whole else "a finite number"
-            raise FileFormatError(f"{path}: {name} in line {line} is {quoted(word)}, not {kind}.")
-        row.append(value)
-    return row
+    return any(kinds)

@@ -1,23 +1,29 @@
 """Person detections: boxes with optional scores, ankles, appearance and keypoints."""
 
 import os
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, MissingDependencyError, quoted
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._clock import Clock, clock_from_array, clock_to_array, require_clock
 from catfree.types._validation import (
     as_boolean,
+    as_count,
     as_float,
     as_integer,
     first_index,
     require_finite,
+    require_instance,
     require_shape,
 )
+
+if TYPE_CHECKING:
+    import pandas
 
 WIDEST_SPAN = 2**53  # frames; larger differences are not exact floats (104 days in nanoseconds)
 
@@ -147,6 +153,164 @@ class Detections(eqx.Module):
         """(N, 2) bottom center of each box in pixels: the point that defines its ray."""
         return np.stack([(self.box[:, 0] + self.box[:, 2]) / 2, self.box[:, 3]], axis=-1)
 
+    @classmethod
+    def concatenate(cls, parts: "Iterable[Detections]") -> "Detections":
+        """Join detections, one after the other, such as those of several cameras.
+
+        Args:
+            parts: at least one. Those without rows only count for the clock.
+
+        Raises:
+            InvalidInputError: if there is none, a column is in some parts but not in others,
+                embeddings have different lengths, or the clocks differ.
+        """
+        every = list(parts)
+        for part in every:
+            require_instance(part, cls, "Each part")
+        if not every:
+            raise InvalidInputError("concatenate needs at least one part, got none.")
+        clocks = {part.clock for part in every}
+        if len(clocks) > 1:
+            raise InvalidInputError(
+                "The parts have different clocks, so equal frame numbers are different times. Put "
+                "them on one clock first, with cf.adapters.on_common_clock."
+            )
+        full = [part for part in every if len(part)] or every[:1]
+        columns: dict[str, Any] = {}
+        for name in (name for name in vars(full[0]) if name != "clock"):
+            values = [getattr(part, name) for part in full]
+            present = [value is not None for value in values]
+            if any(present) and not all(present):
+                raise InvalidInputError(
+                    f"Part {present.index(False)} with rows has no {name}, but part "
+                    f"{present.index(True)} has. Leave it out of all or give it to all."
+                )
+            widths = {value.shape[1:] for value in values if value is not None}
+            if len(widths) > 1:
+                raise InvalidInputError(
+                    f"{name} has {' and '.join(str(width[0]) for width in sorted(widths))} numbers "
+                    "per row in different parts; take all from one embedder."
+                )
+            columns[name] = np.concatenate(values) if all(present) else None
+        return cls(**columns, clock=every[0].clock)
+
+    @classmethod
+    def from_table(
+        cls,
+        table: Any,
+        *,
+        frame: str = "frame",
+        camera: str | int = "camera",
+        box: Sequence[str] = ("x1", "y1", "x2", "y2"),
+        form: Literal["xyxy", "xywh"] = "xyxy",
+        score: str | None = "score",
+        camera_names: Sequence[str] | None = None,
+        clock: Clock | None = None,
+    ) -> "Detections":
+        """Take detections from the columns of a table.
+
+        Args:
+            table: of pandas, polars or Arrow, or a dictionary of columns; one row per box.
+            frame: the column of frame numbers.
+            camera: the column of camera indices, or of names if `camera_names` is given; a whole
+                number if all boxes are of that camera.
+            box: the four columns of the box, in pixels.
+            form: "xyxy" for x1, y1, x2, y2; "xywh" for left, top, width, height.
+            score: the column of confidences; None for none, and "score" may be absent.
+            camera_names: (C,) names of the cameras in their order.
+            clock: of the frames.
+
+        Raises:
+            InvalidInputError: if a column is missing or has an empty or invalid value, or a camera
+                is not among `camera_names`.
+        """
+        names = _column_names(table)
+
+        def column(name: str) -> np.ndarray:
+            if name not in names:
+                raise InvalidInputError(
+                    f"The table has no column {quoted(name)}; it has "
+                    f"{', '.join(map(quoted, names))}. Name the column to use."
+                )
+            return np.asarray(table[name])
+
+        if len(box) != 4 or form not in ("xyxy", "xywh"):
+            raise InvalidInputError(
+                f"A box is four columns in the form 'xyxy' or 'xywh', got {quoted(tuple(box))} in "
+                f"the form {quoted(form)}."
+            )
+        numbers = column(frame)
+        if isinstance(camera, str):
+            index = _camera_indices(column(camera), camera_names)
+        else:
+            index = np.full(len(numbers), as_count(camera, "camera"))
+        corners = np.stack([as_float(column(name)) for name in box], axis=-1)
+        if form == "xywh":
+            corners = np.concatenate([corners[:, :2], corners[:, :2] + corners[:, 2:]], axis=-1)
+        scored = score is not None and (score in names or score != "score")
+        return cls(
+            numbers, index, corners, score=column(score) if scored and score else None, clock=clock
+        )
+
+    @classmethod
+    def from_supervision(
+        cls,
+        boxes: Mapping[Any, Any],
+        frame: int = 0,
+        *,
+        camera_names: Sequence[str] | None = None,
+        clock: Clock | None = None,
+    ) -> "Detections":
+        """Take boxes from `supervision.Detections`.
+
+        Select the people first: `boxes[boxes.class_id == 0]` where 0 is the class of people.
+
+        Args:
+            boxes: camera index, or name if `camera_names` is given, to the `supervision.Detections`
+                of one image, or to a sequence of them, one per frame.
+            frame: number of the first frame.
+            camera_names: (C,) names of the cameras in their order.
+            clock: of the frames.
+
+        Raises:
+            InvalidInputError: if a value is something else, only some have confidences, or a camera
+                is not among `camera_names`.
+        """
+        first = as_count(frame, "frame")
+        parts = []
+        cameras = _camera_indices(np.array(list(boxes)), camera_names)
+        for camera, found in zip(cameras.tolist(), boxes.values(), strict=True):
+            images = [found] if hasattr(found, "xyxy") else found
+            if not isinstance(images, Sequence):
+                raise InvalidInputError(
+                    f"Camera {camera} has a {type(images).__name__} instead of "
+                    "supervision.Detections or a sequence of them."
+                )
+            for number, image in enumerate(images, start=first):
+                if not hasattr(image, "xyxy"):
+                    raise InvalidInputError(
+                        f"Camera {camera} has a {type(image).__name__} in frame {number} instead "
+                        "of supervision.Detections."
+                    )
+                n = len(image.xyxy)
+                where, score = np.full(n, camera), image.confidence
+                parts.append(cls(np.full(n, number), where, image.xyxy, score, clock=clock))
+        none = np.zeros(0, np.int64)
+        return cls.concatenate(parts or [cls(none, none, np.zeros((0, 4)), clock=clock)])
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """Return frame, camera, x1, y1, x2, y2 and, where present, score as a table of pandas.
+
+        Raises:
+            MissingDependencyError: if pandas is not installed.
+        """
+        pandas = require_pandas()
+        columns = {"frame": self.frame, "camera": self.camera}
+        columns |= dict(zip(("x1", "y1", "x2", "y2"), self.box.T, strict=True))
+        if self.score is not None:
+            columns["score"] = self.score
+        return pandas.DataFrame(columns)
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to one `.npz` file (no pickle); `load` returns it bit for bit.
 
@@ -172,3 +336,54 @@ class Detections(eqx.Module):
         return naming_file(
             path, lambda: cls(**columns, clock=clock_from_array(arrays.get("clock")))
         )
+
+
+def require_pandas() -> Any:
+    """Import pandas.
+
+    Raises:
+        MissingDependencyError: if it is not installed.
+    """
+    try:
+        import pandas
+    except ImportError as error:
+        raise MissingDependencyError(
+            "Tables of pandas need pandas: pip install 'catfree[bridges]'."
+        ) from error
+    return pandas
+
+
+def _column_names(table: Any) -> list[str]:
+    """List the columns of a table of pandas, polars or Arrow, or of a dictionary."""
+    if isinstance(table, Mapping):
+        return list(table)
+    names = getattr(table, "column_names", getattr(table, "columns", None))
+    if names is None or not hasattr(table, "__getitem__"):
+        raise InvalidInputError(
+            f"Expected a table of pandas, polars or Arrow, got {type(table).__name__}."
+        )
+    return list(names)
+
+
+def _camera_indices(cameras: np.ndarray, names: Sequence[str] | None) -> np.ndarray:
+    """Return the index of each camera, which is given by its index, or by its name."""
+    if names is None:
+        if cameras.dtype.kind in "OUST":
+            raise InvalidInputError(
+                f"Cameras are named, as {quoted(str(cameras[0]) if len(cameras) else '')}. Pass "
+                "camera_names=, the names in the order of the scene's cameras."
+            )
+        return as_integer(cameras, "camera")
+    if isinstance(names, str):
+        raise InvalidInputError("camera_names must be a sequence of names, not one text.")
+    index = {str(name): at for at, name in enumerate(names)}
+    if len(index) < len(names):
+        raise InvalidInputError(f"camera_names has a name twice: {', '.join(map(str, names))}.")
+    distinct, place = np.unique(cameras.astype(str), return_inverse=True)
+    for name in distinct.tolist():
+        if name not in index:
+            raise InvalidInputError(
+                f"There are boxes of camera {quoted(name)}, which is not among camera_names "
+                f"({', '.join(index)})."
+            )
+    return np.array([index[name] for name in distinct.tolist()], np.int64)[place]

@@ -28,7 +28,11 @@ def first_index(bad: np.ndarray) -> str:
 def require_instance(value: Any, kind: type, name: str) -> None:
     """Raise unless `value` has this type, to catch swapped or missing arguments."""
     if not isinstance(value, kind):
-        raise InvalidInputError(f"{name} must be a {kind.__name__}, got {type(value).__name__}.")
+        held = sum(isinstance(item, kind) for item in value) if type(value) in (list, tuple) else 0
+        also = f" that holds {held} of them: pass one" if held else ""
+        raise InvalidInputError(
+            f"{name} must be a {kind.__name__}, got {type(value).__name__}{also}."
+        )
 
 
 def _as_array(value: Any) -> np.ndarray:

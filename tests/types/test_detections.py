@@ -1,11 +1,14 @@
 """`Detections`: what construction accepts, what it refuses and where, and what files give back."""
 
+import itertools
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree import Detections
+from catfree import Clock, Detections
 from catfree.errors import InvalidInputError
 
 
@@ -137,3 +140,120 @@ def test_a_file_gives_back_every_bit(tmp_path, count, dtype, absent):
         else:
             assert (back.dtype, back.shape) == (column.dtype, column.shape)
             assert back.tobytes() == column.tobytes()
+
+
+def random_detections(rng, n=20, cameras=3):
+    corner, size = rng.uniform(0, 100, (n, 2)), rng.uniform(1, 50, (n, 2))
+    return Detections(
+        rng.integers(0, 5, n),
+        rng.integers(0, cameras, n),
+        np.concatenate([corner, corner + size], -1),
+        score=rng.uniform(0, 1, n),
+    )
+
+
+@given(cuts=st.lists(st.integers(0, 20), max_size=3), seed=st.integers(0, 99))
+def test_concatenate_undoes_cutting(cuts, seed):
+    whole = random_detections(np.random.default_rng(seed))
+    parts = [whole[a:b] for a, b in itertools.pairwise([0, *sorted(cuts), 20])]
+    joined = Detections.concatenate(parts)
+    for name, value in vars(whole).items():
+        np.testing.assert_array_equal(getattr(joined, name), value)
+
+
+def test_concatenate_names_what_does_not_fit():
+    one = random_detections(np.random.default_rng(0))
+    bare = Detections(one.frame, one.camera, one.box)
+    none = Detections([], [], [])
+    assert Detections.concatenate([none, one, none]).score is not None
+    assert len(Detections.concatenate([none])) == 0
+    embedded = [replace(one, embedding=np.ones((len(one), width))) for width in (3, 4)]
+    for parts, sentence in [
+        ([], "at least one part"),
+        ([one, bare], "Part 1 with rows has no score, but part 0 has"),
+        (embedded, "embedding has 3 and 4 numbers per row"),
+        ([one, replace(one, clock=Clock(5))], "different clocks"),
+        ([one, 3], "Each part must be a Detections, got int"),
+    ]:
+        with pytest.raises(InvalidInputError, match=sentence):
+            Detections.concatenate(parts)
+
+
+@pytest.mark.parametrize("library", ["pandas", "polars", "pyarrow", "dict"])
+def test_tables_become_detections_and_back(library):
+    whole = random_detections(np.random.default_rng(1))
+    columns = {"t": whole.frame, "view": np.array(["b", "a", "c"])[whole.camera]}
+    columns |= dict(zip(("l", "t0", "r", "b"), whole.box.T, strict=True))
+    columns["conf"] = whole.score
+    if library == "dict":
+        table = columns
+    else:
+        module = pytest.importorskip(library)
+        table = module.table(columns) if library == "pyarrow" else module.DataFrame(columns)
+    found = Detections.from_table(
+        table,
+        frame="t",
+        camera="view",
+        box=("l", "t0", "r", "b"),
+        score="conf",
+        camera_names=["b", "a", "c"],
+        clock=Clock(5),
+    )
+    for name in ("frame", "camera", "box", "score"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name))
+    assert found.clock == Clock(5)
+
+
+def test_the_table_of_pandas_has_the_usual_names():
+    pytest.importorskip("pandas")
+    whole = random_detections(np.random.default_rng(2))
+    found = Detections.from_table(whole.to_pandas())
+    for name in ("frame", "camera", "box", "score"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name))
+    bare = Detections(whole.frame, whole.camera, whole.box)
+    assert Detections.from_table(bare.to_pandas()).score is None
+
+
+def test_sizes_instead_of_corners_and_one_camera():
+    table = {"frame": [3], "x": [1.0], "y": [2.0], "w": [3.0], "h": [4.0]}
+    found = Detections.from_table(table, camera=2, box=("x", "y", "w", "h"), form="xywh")
+    assert found.camera.tolist() == [2]
+    assert found.box.tolist() == [[1, 2, 4, 6]]
+
+
+def test_tables_that_do_not_fit_are_named():
+    table = {"frame": [0], "camera": ["a"], "x1": [0], "y1": [0], "x2": [1], "y2": [1]}
+    for given_table, options, sentence in [
+        (table, {}, "Cameras are named, as 'a'. Pass camera_names="),
+        (table, {"camera_names": ["b"]}, "camera 'a', which is not among camera_names"),
+        (table, {"camera_names": ["a", "a"]}, "a name twice"),
+        (table, {"frame": "time"}, "no column 'time'; it has 'frame', 'camera', 'x1'"),
+        (table, {"camera": 0, "score": "sure"}, "no column 'sure'"),
+        (table, {"camera": 0, "box": ("x1", "y1")}, "A box is four columns"),
+        (table | {"x2": [None]}, {"camera": 0}, "not finite"),
+        (3, {}, "Expected a table of pandas, polars or Arrow, got int"),
+    ]:
+        with pytest.raises(InvalidInputError, match=sentence):
+            Detections.from_table(given_table, **options)
+
+
+def test_boxes_of_supervision():
+    sv = pytest.importorskip("supervision")
+    boxes = np.array([[0.0, 0, 10, 20], [5, 5, 8, 9]])
+    image = sv.Detections(xyxy=boxes, confidence=np.array([0.5, 0.25]))
+    found = Detections.from_supervision(
+        {"north": image, "south": [image[:1], sv.Detections.empty()]},
+        frame=7,
+        camera_names=["south", "north"],
+    )
+    assert found.frame.tolist() == [7, 7, 7]
+    assert found.camera.tolist() == [1, 1, 0]
+    np.testing.assert_array_equal(found.score, [0.5, 0.25, 0.5])
+    assert len(Detections.from_supervision({})) == 0
+    for given_boxes, sentence in [
+        ({0: 3}, "Camera 0 has a int instead of supervision.Detections"),
+        ({0: [3]}, "has a int in frame 0"),
+        ({"a": image}, "Cameras are named"),
+    ]:
+        with pytest.raises(InvalidInputError, match=sentence):
+            Detections.from_supervision(given_boxes)

@@ -29,10 +29,10 @@ from catfree._run.sharded._shard import (
 from catfree._run.sharded._stored_tracks import StoredTracks
 from catfree.adapters.background._background_detector import BackgroundDetector
 from catfree.adapters.calibration_files._rig_json import (
-    read_scene,
     read_scene_json,
     write_scene_json,
 )
+from catfree.adapters.datasets import read_scene
 from catfree.adapters.files._documents import read_text
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera

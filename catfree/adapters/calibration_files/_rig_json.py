@@ -126,22 +126,6 @@ def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
     return naming_file(source, build), named.names
 
 
-def read_scene(path: StrPath) -> tuple[Scene, tuple[str, ...] | None]:
-    """Read a scene that `Scene.save` (`.npz`) or `write_scene_json` wrote.
-
-    Args:
-        path: the file.
-
-    Returns:
-        The scene, and the (C,) names of its cameras if the file has any.
-
-    Raises:
-        InvalidInputError: if there is no such file or a value is invalid.
-        FileFormatError: if the file holds something else.
-    """
-    return (Scene.load(path), None) if Path(path).suffix == ".npz" else read_scene_json(path)
-
-
 def _rig_document(rig: Rig, names: Sequence[str] | None, metric: bool) -> dict[str, Any]:
     cameras = []
     for at, name in enumerate(default_names(rig, names)):

@@ -84,11 +84,11 @@ def read_multiviewx(
     if boxes == "matchings":
         people = _read_matchings(root / "matchings", numbers, first_annotation)
     elif files:
-        first = _first(np.array(list(files)), numbers, first_annotation)
+        first = first_annotation_number(np.array(list(files)), numbers, first_annotation)
         people = read_annotations(
             {number - first: file for number, file in files.items()},
             CAMERA_NAMES,
-            _position,
+            mirrored_position,
             GRID.columns * GRID.rows,
             invalid_boxes=invalid_boxes,
             drop_unseen=drop_unseen,
@@ -123,12 +123,13 @@ def _read_rig(folder: Path) -> Rig:
     return naming_file(folder, lambda: Rig(np.stack(K), np.stack(R), np.stack(t), IMAGE_SIZE))
 
 
-def _position(cell: int) -> tuple[float, float]:
+def mirrored_position(cell: int) -> tuple[float, float]:
+    """Return the x, y in meters of a cell, in the right-handed frame of `read_multiviewx`."""
     x, y = GRID.position(cell)
     return x, _DEPTH - y
 
 
-def _first(annotated: np.ndarray, images: np.ndarray, first: int | None) -> int:
+def first_annotation_number(annotated: np.ndarray, images: np.ndarray, first: int | None) -> int:
     """Find the annotation number of image 0; see `read_multiviewx`."""
     if first is not None:
         return first
@@ -157,7 +158,7 @@ def _read_matchings(folder: Path, images: np.ndarray, first: int | None) -> Anno
         for key, foot in zip(map(tuple, index.tolist()), points[:, -3:-1], strict=True):
             positions[key] = (float(foot[0]), _DEPTH - float(foot[1]))
     table, box = np.concatenate(rows), np.concatenate(corners)
-    shift = _first(np.unique(table[:, 0]), images, first)
+    shift = first_annotation_number(np.unique(table[:, 0]), images, first)
     table[:, 0] -= shift
     order = np.lexsort((table[:, 2], table[:, 1], table[:, 0]))
     table, box = table[order], box[order]

@@ -1,8 +1,9 @@
 """Distinct camera names made from file names, and file names made from camera names."""
 
 import os
-from collections.abc import Sequence
-from pathlib import Path
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path, PurePosixPath
 
 from catfree.errors import InvalidInputError
 
@@ -10,6 +11,12 @@ from catfree.errors import InvalidInputError
 DEEPEST = 3
 # Bytes of a file's name before its suffix; file systems allow 255 in total.
 LONGEST = 200
+
+# Endings of the names of cameras that are files: images, videos, boxes.
+_ENDINGS = re.compile(
+    r"\.(png|jpe?g|bmp|tiff?|webp|mp4|avi|mov|mkv|webm|txt|csv|json|parquet|npz|ya?ml|xml)$",
+    re.IGNORECASE,
+)
 
 
 def require_readable_name(path: Path) -> None:
@@ -68,6 +75,43 @@ def _parts(place: Path) -> tuple[str, ...]:
     """List folders and file below the root; bytes that are not UTF-8 become question marks."""
     below = place.parts[1:] if place.anchor else place.parts
     return tuple(part.encode("utf-8", "replace").decode() for part in below)
+
+
+def positions_of(wanted: Sequence[str], given: Sequence[str]) -> list[int] | None:
+    """Find cameras by their names: as they are, without endings and case, or by file or folder.
+
+    Args:
+        wanted: names of the cameras to find.
+        given: (C,) names of all cameras: `C1.png` and `C1/det.txt` are the camera `c1`.
+
+    Returns:
+        For each wanted camera its position among the given ones, or None if the names do not tell.
+    """
+    rules: tuple[Callable[[str], str], ...] = (
+        lambda name: name,
+        lambda name: _ENDINGS.sub("", name).casefold(),
+        lambda name: PurePosixPath(_ENDINGS.sub("", name).casefold()).name,
+        lambda name: (PurePosixPath(name.casefold()).parts or ("",))[0],
+    )
+    for left in rules:
+        for right in rules:
+            sought, known = [left(name) for name in wanted], [right(name) for name in given]
+            if len(set(sought)) == len(sought) and set(sought) <= set(known):
+                place = [known.index(name) for name in sought]
+                if all(known.count(name) == 1 for name in sought):
+                    return place
+    return None
+
+
+def is_numbered(names: Sequence[str]) -> bool:
+    """Return whether cameras have the names C1, C2, ... that stand for none."""
+    return all(name == f"C{camera + 1}" for camera, name in enumerate(names))
+
+
+def natural_order(name: str) -> list[tuple[int, int, str]]:
+    """Make a sort key by which `image2` comes before `image10`."""
+    pieces = re.split(r"(\d+)", name)
+    return [(0, int(p), "") if p.isdecimal() else (1, 0, p.lower()) for p in pieces if p]
 
 
 def file_names(names: Sequence[str]) -> list[str]:

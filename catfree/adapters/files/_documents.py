@@ -32,6 +32,11 @@ def require_file(path: StrPath, meaning: str) -> Path:
     """
     source = Path(path)
     if not os.path.isfile(source):  # unlike Path.is_file, accepts overlong names
+        if os.path.isdir(source):
+            raise InvalidInputError(
+                f"{source} is a folder, not a file ({meaning}). Name a file in it; cf.read_scene "
+                "and cf.read_detections take folders."
+            )
         raise InvalidInputError(f"There is no file {source} ({meaning}). Check the path.")
     return source
 

@@ -2,7 +2,6 @@
 
 import hashlib
 import os
-import re
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from catfree.adapters.files._camera_names import require_readable_name
+from catfree.adapters.files._camera_names import natural_order, require_readable_name
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.protocols import Image
 from catfree.adapters.video._common_clock import RATE_TOLERANCE, Times, nearest_frame, rate_of
@@ -87,12 +86,6 @@ def open_source(path: str | os.PathLike[str]) -> VideoSource:
     if not place.is_file():
         raise InvalidInputError(f"There is no video file or image folder {place}.")
     return VideoFile(place)
-
-
-def natural_order(name: str) -> list[tuple[int, int, str]]:
-    """Make a sort key by which `image2` comes before `image10`."""
-    pieces = re.split(r"(\d+)", name)
-    return [(0, int(p), "") if p.isdecimal() else (1, 0, p.lower()) for p in pieces if p]
 
 
 class ImageFolder:

@@ -10,11 +10,13 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int, UInt64
 
-from catfree.errors import InvalidInputError, quoted
+from catfree.errors import InvalidInputError, MissingDependencyError, quoted
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._clock import Clock, clock_from_array, clock_to_array, require_clock
+from catfree.types._detections import Detections, require_pandas
 from catfree.types._scene import Plane
 from catfree.types._validation import (
+    as_count,
     as_float,
     as_integer,
     first_index,
@@ -25,6 +27,7 @@ from catfree.types._validation import (
 from catfree.types.results._arrow_table import from_table, to_table
 
 if TYPE_CHECKING:
+    import pandas
     import pyarrow
 
 
@@ -252,6 +255,79 @@ class Tracks(eqx.Module):
         normal, basis = (np.asarray(v, np.float64) for v in (ground.normal, ground.basis))
         position = tracks.ground_xy @ basis.T - float(ground.offset) * normal
         return replace(tracks, position=position)
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """Return the columns of `to_arrow` as a table of pandas.
+
+        Raises:
+            MissingDependencyError: if pandas or pyarrow is not installed.
+            InvalidInputError: if there are more than 64 cameras.
+        """
+        require_pandas()
+        return self.to_arrow().to_pandas()
+
+    def to_supervision(self, camera: int, detections: Detections) -> dict[int, Any]:
+        """Return the tracked boxes of one camera as `supervision.Detections`, by frame.
+
+        Each box has its person's `track_id`, the same in all cameras, as `tracker_id`, and
+        `ground_xy` and `sigma` in `data`. Boxes without a track are left out.
+
+            boxes = tracks.to_supervision(0, detections)
+            annotated = supervision.BoxAnnotator().annotate(image, boxes[frame])
+
+        Args:
+            camera: index of the camera.
+            detections: those that the tracks were made from.
+
+        Returns:
+            Frame number to boxes, for each frame of the detections or tracks.
+
+        Raises:
+            MissingDependencyError: if supervision is not installed.
+            InvalidInputError: if the tracks do not say which boxes support them, as after reading
+                them from a table, there is no such camera, or the detections are others.
+        """
+        try:
+            import supervision
+        except ImportError as error:
+            raise MissingDependencyError(
+                "supervision.Detections need supervision: pip install 'catfree[bridges]'."
+            ) from error
+        index = as_count(camera, "camera")
+        if len(self) and not 0 <= index < self.support.shape[1]:
+            raise InvalidInputError(
+                f"There is no camera {index}; the tracks tell the boxes of {self.support.shape[1]} "
+                "cameras."
+            )
+        row = np.flatnonzero(self.support[:, index] >= 0) if len(self) else np.zeros(0, np.int64)
+        box = self.support[row, index] if len(self) else row
+        if len(box) and box.max() >= len(detections):
+            raise InvalidInputError(
+                f"The tracks were made from more than these {len(detections)} detections. Pass "
+                "the detections that they were made from."
+            )
+        if (detections.camera[box] != index).any() or (
+            detections.frame[box] != self.frame[row]
+        ).any():
+            raise InvalidInputError(
+                f"The boxes that support the tracks are not of camera {index} in these detections. "
+                "Pass the detections that the tracks were made from."
+            )
+        by_frame = np.argsort(self.frame[row], kind="stable")
+        row, box = row[by_frame], box[by_frame]
+        frames = np.unique(np.concatenate([detections.frame, self.frame]))
+        begin, end = (np.searchsorted(self.frame[row], frames, side) for side in ("left", "right"))
+        score = detections.score
+        result = {}
+        for frame, first, stop in zip(frames.tolist(), begin, end, strict=True):
+            rows, boxes = row[first:stop], box[first:stop]
+            result[frame] = supervision.Detections(
+                xyxy=detections.box[boxes],
+                confidence=None if score is None else score[boxes],
+                tracker_id=self.track_id[rows],
+                data={"ground_xy": self.ground_xy[rows], "sigma": self.sigma[rows]},
+            )
+        return result
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to one `.npz` file (no pickle)."""

@@ -3,7 +3,13 @@
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree.adapters.files._camera_names import distinct_names, file_names, is_text, names_of_files
+from catfree.adapters.files._camera_names import (
+    distinct_names,
+    file_names,
+    is_text,
+    names_of_files,
+    positions_of,
+)
 from catfree.errors import InvalidInputError
 
 
@@ -67,3 +73,18 @@ def test_file_names_are_distinct_whatever_the_names(names):
 def test_bytes_of_another_encoding_are_no_text():
     assert is_text("größe")
     assert not is_text(b"gr\xf6\xdfe".decode("utf-8", "surrogateescape"))
+
+
+@given(order=st.permutations(range(3)), ending=st.sampled_from(["", ".txt", ".PNG", "/det/det"]))
+def test_cameras_are_found_whatever_their_files_end_in(order, ending):
+    given_names = ["north", "b/2", "b/10"] if ending != "/det/det" else ["north", "b2", "b10"]
+    wanted = [given_names[at].upper() + ending for at in order]
+    assert positions_of(wanted, given_names) == list(order)
+
+
+def test_names_that_do_not_tell_find_nothing():
+    assert positions_of(["a", "c"], ["a", "b"]) is None
+    assert positions_of(["a", "a.txt"], ["a", "b"]) is None  # two of one name
+    assert positions_of(["x/a"], ["p/a", "q/a"]) is None  # either could be meant
+    assert positions_of([], ["a"]) == []
+    assert positions_of(["a"], ["b/a.png", "c.png"]) == [0]

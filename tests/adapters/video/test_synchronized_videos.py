@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.adapters import SynchronizedVideos
-from catfree.adapters.video._video_sources import natural_order
+from catfree.adapters.files._camera_names import natural_order
 from catfree.errors import FileFormatError, InsufficientDataError, InvalidInputError
 
 

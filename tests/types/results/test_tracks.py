@@ -1,10 +1,12 @@
 """`Tracks` and `Candidates`: rows, counts and files."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree import Candidates, Detections, Fate, Localization, Tracks
+from catfree import Candidates, Clock, Detections, Fate, Localization, Tracks
 from catfree._run._cache import from_arrays, to_arrays
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.methods.paper._assemble import empty_localization
@@ -175,3 +177,62 @@ def test_every_fate_is_counted():
     assert counts["suppressed"] == 1
     assert sum(counts.values()) == len(candidates) == 3
     assert counts.keys() == {fate.name.lower() for fate in Fate}
+
+
+def supported():
+    """Two people in two frames; the second person is seen by camera 0 only, in frame 3."""
+    boxes = Detections(
+        [3, 3, 3, 8, 8],
+        [0, 1, 0, 0, 1],
+        [[0, 0, 1, 2], [0, 0, 2, 2], [0, 0, 3, 2], [0, 0, 4, 2], [0, 0, 5, 2]],
+        score=[0.1, 0.2, 0.3, 0.4, 0.5],
+    )
+    found = tracks(3)
+    columns = vars(found) | {
+        "frame": np.array([3, 3, 8]),
+        "track_id": np.array([5, 9, 5]),
+        "support": np.array([[0, 1], [2, -1], [-1, 4]]),
+    }
+    return Tracks(**columns), boxes
+
+
+def test_boxes_get_the_identity_that_all_cameras_share():
+    pytest.importorskip("supervision")
+    found, boxes = supported()
+    first, second = (found.to_supervision(camera, boxes) for camera in (0, 1))
+    assert list(first) == list(second) == [3, 8]
+    assert first[3].tracker_id.tolist() == [5, 9]
+    np.testing.assert_array_equal(first[3].xyxy, boxes.box[[0, 2]])
+    np.testing.assert_array_equal(first[3].confidence, [0.1, 0.3])
+    np.testing.assert_array_equal(first[3].data["ground_xy"], found.ground_xy[:2])
+    assert len(first[8]) == 0
+    assert second[3].tracker_id.tolist() == second[8].tracker_id.tolist() == [5]
+    # And back: boxes, frames and cameras are those that support the tracks.
+    again = Detections.concatenate(
+        [Detections.from_supervision({0: first[t], 1: second[t]}, frame=t) for t in (3, 8)]
+    )
+    chosen = np.unique(found.support[found.support >= 0])
+    assert sorted(map(tuple, again.box.tolist())) == sorted(map(tuple, boxes.box[chosen].tolist()))
+
+
+def test_boxes_of_other_detections_are_refused():
+    pytest.importorskip("supervision")
+    found, boxes = supported()
+    for camera, given_boxes, sentence in [
+        (2, boxes, "no camera 2; the tracks tell the boxes of 2 cameras"),
+        (0, boxes[:1], "made from more than these 1 detections"),
+        (0, boxes[[1, 0, 2, 3, 4]], "not of camera 0 in these detections"),
+    ]:
+        with pytest.raises(InvalidInputError, match=sentence):
+            found.to_supervision(camera, given_boxes)
+    assert tracks(0).to_supervision(0, boxes)[3].tracker_id.tolist() == []
+
+
+def test_the_table_of_pandas_is_that_of_arrow():
+    pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    found = replace(supported()[0], clock=Clock(10))
+    table = found.to_pandas()
+    assert table.track_id.tolist() == [5, 9, 5]
+    np.testing.assert_array_equal(table[["x", "y"]], found.ground_xy)
+    np.testing.assert_allclose(table.time_s, [0.3, 0.3, 0.8])

@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from catfree.adapters.calibration_files._colmap_binary import (
+from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
+from catfree.adapters.calibration_files.colmap._colmap_binary import (
     binary_cameras,
     binary_images,
     binary_points,
 )
-from catfree.adapters.calibration_files._colmap_models import (
+from catfree.adapters.calibration_files.colmap._colmap_models import (
     PARAMETERS,
     PIXEL_CENTER,
     ColmapCamera,
@@ -19,7 +20,6 @@ from catfree.adapters.calibration_files._colmap_models import (
     intrinsics,
     supported_model,
 )
-from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
 from catfree.adapters.files._documents import (
     StrPath,
     naming_file,

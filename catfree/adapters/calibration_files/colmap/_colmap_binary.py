@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from catfree.adapters.calibration_files._colmap_models import (
+from catfree.adapters.calibration_files.colmap._colmap_models import (
     MODELS,
     PARAMETERS,
     ColmapCamera,

@@ -1,0 +1,140 @@
+"""The `calibration.json` of the AI City Challenge, Track 1, and of NVIDIA's smart spaces."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
+from catfree.adapters.calibration_files._projection_matrices import (
+    decomposed,
+    projection_matrix,
+    require_pinholes,
+)
+from catfree.adapters.files._documents import (
+    StrPath,
+    entry,
+    naming_file,
+    numbers,
+    read_json,
+    text_of,
+    write_text_atomically,
+)
+from catfree.errors import FileFormatError, quoted
+from catfree.types import Rig
+
+_WIDTH, _HEIGHT = "frameWidth", "frameHeight"
+
+
+def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> NamedRig:
+    """Read the cameras of a `calibration.json`.
+
+    Each entry of `sensors` has `id` and either `intrinsicMatrix` (3 x 3) and `extrinsicMatrix`
+    (3 x 4, world to camera), or `cameraMatrix` (3 x 4, world to pixels). Other kinds of sensors are
+    skipped.
+
+    Args:
+        path: the file.
+        image_size: width and height in pixels of cameras whose attributes do not state them.
+
+    Returns:
+        The rig in meters, and the names.
+
+    Raises:
+        InvalidInputError: if there is no such file or a camera is invalid.
+        FileFormatError: if it is not JSON of this form.
+    """
+    source = Path(path)
+    sensors = entry(read_json(source, "calibration"), "sensors", source, "the file")
+    if not isinstance(sensors, list):
+        raise FileFormatError(f"{source}: sensors must be a list.")
+    names, parts, sizes = [], [], []
+    for at, sensor in enumerate(sensors):
+        where = f"sensor {at}"
+        names.append(text_of(entry(sensor, "id", source, where), source, f"the id of {where}"))
+        if sensor.get("type", "camera") != "camera":
+            names.pop()
+            continue
+        sizes.append(_image_size(sensor, source, where) or image_size)
+        if "intrinsicMatrix" in sensor and "extrinsicMatrix" in sensor:
+            K = numbers(sensor["intrinsicMatrix"], (3, 3), source, f"intrinsicMatrix of {where}")
+            pose = numbers(sensor["extrinsicMatrix"], None, source, f"extrinsicMatrix of {where}")
+            if pose.size == 16:
+                pose = pose[:12]
+            pose = numbers(pose, (3, 4), source, f"extrinsicMatrix of {where}")
+            parts.append((K, pose[:, :3], pose[:, 3]))
+        else:
+            matrix = entry(sensor, "cameraMatrix", source, where)
+            matrix = numbers(matrix, (3, 4), source, f"cameraMatrix of {where}")
+            parts.append(naming_file(source, lambda matrix=matrix: decomposed(matrix)))
+    if not names:
+        raise FileFormatError(f"{source} holds no camera.")
+    K, R, t = (np.stack(part) for part in zip(*parts, strict=True))
+    rig = naming_file(source, lambda: Rig(K, R, t, np.array(sizes)))
+    return naming_file(source, lambda: NamedRig(rig, tuple(names)))
+
+
+def write_ai_city(path: StrPath, rig: Rig, names: Sequence[str] | None = None) -> Path:
+    """Write the registered cameras as a `calibration.json`.
+
+    Coordinates of the map are those of the world: `scaleFactor` is 1 and
+    `translationToGlobalCoordinates` 0. `homography` leads from the ground z = 0 to pixels.
+
+    Args:
+        path: the file.
+        rig: the cameras, without lens distortion, in meters with z up and the ground at z = 0.
+        names: (C,) names; C1, C2, ... if None.
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidInputError: if no camera is registered, one has lens distortion, the names do not
+            match the cameras, or the folder does not exist.
+        WriteError: if the disk is full or not writable.
+    """
+    rig, labels = registered_cameras(rig, names, path)
+    require_pinholes(rig, labels, path)
+    sensors = []
+    for camera, label in enumerate(labels):
+        projection = projection_matrix(rig, camera)
+        plane = projection[:, [0, 1, 3]]
+        width, height = rig.image_size[camera].tolist()
+        x, y, _ = np.asarray(rig.centers)[camera].tolist()
+        attributes = {_WIDTH: width, _HEIGHT: height}
+        sensors.append(
+            {
+                "type": "camera",
+                "id": label,
+                "coordinates": {"x": x, "y": y},
+                "scaleFactor": 1.0,
+                "translationToGlobalCoordinates": {"x": 0.0, "y": 0.0},
+                "attributes": [{"name": k, "value": str(v)} for k, v in attributes.items()],
+                "intrinsicMatrix": np.asarray(rig.K)[camera].tolist(),
+                "extrinsicMatrix": np.column_stack(
+                    [np.asarray(rig.R)[camera], np.asarray(rig.t)[camera]]
+                ).tolist(),
+                "cameraMatrix": projection.tolist(),
+                "homography": (plane / (plane[2, 2] or 1.0)).tolist(),
+            }
+        )
+    document = {"version": "1.0", "calibrationType": "cartesian", "sensors": sensors}
+    return write_text_atomically(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
+
+
+def _image_size(sensor: dict[str, Any], source: Path, where: str) -> tuple[int, int] | None:
+    attributes = sensor.get("attributes")
+    listed = attributes if isinstance(attributes, list) else []
+    stated = {str(one.get("name")): one.get("value") for one in listed if isinstance(one, dict)}
+    pair = [stated.get(_WIDTH), stated.get(_HEIGHT)]
+    if not all(pair):
+        return None
+    words = [str(value) for value in pair]
+    if not all(word.isdecimal() and len(word) < 10 for word in words):
+        raise FileFormatError(
+            f"{source}: the size of {where} is {quoted(pair[0])} x {quoted(pair[1])}, not two "
+            "whole numbers."
+        )
+    return int(words[0]), int(words[1])

@@ -1,0 +1,137 @@
+"""The `camInfo` files of NVIDIA's DeepStream trackers: one 3 x 4 projection matrix per camera."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import rq
+
+from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
+from catfree.adapters.calibration_files._opencv_storage import read_storage
+from catfree.adapters.files._camera_names import file_names, names_of_files
+from catfree.adapters.files._documents import (
+    StrPath,
+    naming_file,
+    numbers,
+    write_text_atomically,
+)
+from catfree.errors import FileFormatError, InvalidInputError
+from catfree.types import Rig
+from catfree.types._validation import as_positive
+from catfree.types._writing import make_folder
+
+PROJECTION = "projectionMatrix_3x4_w2p"  # world to pixel
+
+
+def read_mv3dt(
+    paths: StrPath | Sequence[StrPath], image_size: tuple[int, int] = (1920, 1080)
+) -> NamedRig:
+    """Read `camInfo` files: the cameras of DeepStream's single-view and multi-view 3D trackers.
+
+    Args:
+        paths: one YAML file per camera, with `projectionMatrix_3x4_w2p`, 12 numbers row by row.
+        image_size: width and height in pixels, which the files do not state.
+
+    Returns:
+        The rig in the files' unit of length, each camera named after its file.
+
+    Raises:
+        InvalidInputError: if a file is missing or given twice, or a camera is invalid.
+        FileFormatError: if a file is malformed or has no such matrix.
+    """
+    sources = [Path(p) for p in ((paths,) if isinstance(paths, str | os.PathLike) else paths)]
+    if not sources:
+        raise InvalidInputError("read_mv3dt needs at least one file.")
+    cameras = []
+    for source in sources:
+        values = read_storage(source, "camInfo").numbers
+        if PROJECTION not in values:
+            raise FileFormatError(f"{source} has no {PROJECTION!r} from the world to pixels.")
+        matrix = numbers(values[PROJECTION], (3, 4), source, PROJECTION)
+        cameras.append(naming_file(source, lambda matrix=matrix: decomposed(matrix)))
+    K, R, t = (np.stack(part) for part in zip(*cameras, strict=True))
+    rig = naming_file(", ".join(s.name for s in sources), lambda: Rig(K, R, t, image_size))
+    return NamedRig(rig, tuple(names_of_files(sources)))
+
+
+def write_mv3dt(
+    folder: StrPath,
+    rig: Rig,
+    names: Sequence[str] | None = None,
+    *,
+    person_height: float = 1.7,
+    person_radius: float = 0.3,
+) -> tuple[Path, ...]:
+    """Write one `camInfo` file per registered camera, `<name>.yml`.
+
+    Args:
+        folder: created if it does not exist.
+        rig: the cameras, without lens distortion, in meters with z up and the ground at z = 0.
+        names: (C,) names; C1, C2, ... if None.
+        person_height: of the cylinder that stands for a person, in meters.
+        person_radius: of the same.
+
+    Returns:
+        The files, in the order of the cameras.
+
+    Raises:
+        InvalidInputError: if no camera is registered, one has lens distortion, or the names do not
+            match the cameras.
+        WriteError: if the disk is full or not writable.
+    """
+    height = as_positive(person_height, "person_height")
+    radius = as_positive(person_radius, "person_radius")
+    rig, labels = registered_cameras(rig, names, folder)
+    require_pinholes(rig, labels, folder)
+    root = make_folder(folder)
+    files = []
+    for camera, label in enumerate(file_names(labels)):
+        rows = "".join(f"- {float(v)!r}\n" for v in projection_matrix(rig, camera).ravel())
+        # One class of objects, as the detectors number people.
+        model = f"modelInfo:\n  - classID: 0\n    height: {height!r}\n    radius: {radius!r}\n"
+        files.append(
+            write_text_atomically(root / f"{label}.yml", f"{PROJECTION}:\n{rows}\n{model}")
+        )
+    return tuple(files)
+
+
+def require_pinholes(rig: Rig, names: Sequence[str], target: StrPath) -> None:
+    """Raise if a camera has lens distortion, for formats that cannot hold it.
+
+    Raises:
+        InvalidInputError: naming the first such camera.
+    """
+    if rig.distortion is None or not np.any(rig.distortion):
+        return
+    at = int(np.argmax(np.any(np.asarray(rig.distortion) != 0, axis=-1)))
+    raise InvalidInputError(
+        f"Cannot write {target}: camera {names[at]!r} has lens distortion, which this format "
+        "cannot hold. Undistort its images, and write the rig without distortion."
+    )
+
+
+def projection_matrix(rig: Rig, camera: int) -> Float[np.ndarray, "3 4"]:
+    """(3, 4) matrix K [R | t] of one camera, from world points to pixels, in float64."""
+    K, R, t = (np.asarray(part, np.float64)[camera] for part in (rig.K, rig.R, rig.t))
+    return K @ np.column_stack([R, t])
+
+
+def decomposed(
+    projection: Float[np.ndarray, "3 4"],
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    """Split a projection matrix of any scale into K, R and t.
+
+    Raises:
+        InvalidInputError: if it is not that of a camera at a finite place.
+    """
+    left = projection[:, :3]
+    scale = np.cbrt(np.linalg.det(left))
+    if not (np.isfinite(scale) and abs(scale) > 1e-9 * np.abs(left).max(initial=0) > 0):
+        raise InvalidInputError("The projection matrix is not that of a camera at a finite place.")
+    K, R = rq(left / scale)
+    sign = np.diag(np.sign(np.diag(K)))  # a positive focal length; the determinant of R is 1
+    K, R = K @ sign, sign @ R
+    t = np.linalg.solve(K, projection[:, 3] / scale)
+    return K / K[2, 2], R, t

@@ -1,0 +1,333 @@
+"""`read_detections`: the boxes of all cameras from files in any format that the library reads."""
+
+import csv
+import io
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+from catfree.adapters.datasets._uniform_json import read_uniform_json
+from catfree.adapters.files._camera_names import (
+    is_numbered,
+    names_of_files,
+    natural_order,
+    positions_of,
+)
+from catfree.adapters.files._documents import StrPath, naming_file, read_json, read_text
+from catfree.adapters.tables._coco import is_coco, read_coco
+from catfree.adapters.tables._detections_table import read_detections_parquet
+from catfree.adapters.tables._motchallenge import read_mot
+from catfree.adapters.tables._parquet import read_parquet
+from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
+from catfree.types import Clock, Detections
+
+SUFFIXES = (".txt", ".csv", ".parquet", ".json", ".npz")
+IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+
+# The first of these that a table has is its column.
+_FRAME = ("frame", "frame_id", "frame_number", "image_id")
+_CAMERA = ("camera", "camera_id", "cam", "cam_id", "view")
+_SCORE = ("score", "confidence", "conf")
+_BOXES = (
+    ("xyxy", ("x1", "y1", "x2", "y2")),
+    ("xyxy", ("xmin", "ymin", "xmax", "ymax")),
+    ("xywh", ("left", "top", "width", "height")),
+    ("xywh", ("bb_left", "bb_top", "bb_width", "bb_height")),
+    ("xywh", ("x", "y", "w", "h")),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraBoxes:
+    """Boxes of several cameras, as files hold them.
+
+    Attributes:
+        detections: of all cameras.
+        camera_names: (C,) names; `detections.camera` indexes them.
+        image_size: (C, 2) width and height in pixels, or None if the files do not state them.
+    """
+
+    detections: Detections
+    camera_names: tuple[str, ...]
+    image_size: Int[np.ndarray, "cam 2"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """The boxes of one file; it is of one camera if it has neither names nor numbers of cameras."""
+
+    detections: Detections
+    names: tuple[str, ...] | None = None
+    size: np.ndarray | None = None
+    one_camera: bool = False
+
+
+def read_detections(
+    paths: StrPath | Sequence[StrPath],
+    camera_names: Sequence[str] | None = None,
+    *,
+    frame_rate: float | int | None = None,
+) -> tuple[Detections, tuple[str, ...]]:
+    """Read boxes from a file, several files or a folder, in any format that the library reads.
+
+    These are MOTChallenge text and COCO results (one file per camera), a CSV or Parquet table with
+    the columns frame, camera, x1, y1, x2, y2 (or left, top, width, height) and score, a data set
+    of COCO, uniform JSON, and the `.npz` and result folders of catfree. A folder holds the files of
+    the cameras, `CAMERA.txt` or `CAMERA/det/det.txt`, in natural order of their names.
+
+    Args:
+        paths: a file or folder, or the cameras' files in their order.
+        camera_names: (C,) names of the cameras in the order of the scene, to which those of the
+            files are matched; None for the order of the files.
+        frame_rate: frames per second, for the clock; None to keep the clock of the files, if any.
+
+    Returns:
+        The boxes, and the names of their cameras: `camera_names` if given.
+
+    Raises:
+        InvalidInputError: if a file is missing, a box is invalid, or a camera of the files is not
+            among `camera_names`.
+        FileFormatError: if a file holds something else.
+    """
+    found = read_camera_boxes(paths, frame_rate=frame_rate)
+    if camera_names is None:
+        return found.detections, found.camera_names
+    place = positions_of(found.camera_names, camera_names)
+    if place is None:
+        if not is_numbered(found.camera_names) or len(found.camera_names) > len(camera_names):
+            raise InvalidInputError(
+                f"The boxes are of the cameras {shortened(', '.join(found.camera_names))}, which "
+                f"are not all among {shortened(', '.join(camera_names))}. Rename the files like "
+                "the cameras."
+            )
+        place = list(range(len(found.camera_names)))
+    columns = vars(found.detections)
+    columns = columns | {"camera": np.array(place, np.int64)[found.detections.camera]}
+    return Detections(**columns), tuple(camera_names)
+
+
+def read_camera_boxes(
+    paths: StrPath | Sequence[StrPath], *, frame_rate: float | int | None = None
+) -> CameraBoxes:
+    """Do what `read_detections` does, and keep the sizes of images that the files state.
+
+    Raises:
+        CatFreeError: as `read_detections`.
+    """
+    single = isinstance(paths, str | os.PathLike)
+    given = [Path(path) for path in ([paths] if single else paths)]
+    if not given:
+        raise InvalidInputError("The list of files with boxes is empty. Name one per camera.")
+    for path in given:
+        if not path.exists():
+            raise InvalidInputError(f"There is no file or folder {path} with boxes.")
+    if len(given) == 1:
+        given = _files_of(given[0])
+    parts = _read_all(given)
+    found = _joined(parts, given)
+    if frame_rate is None:
+        return found
+    columns = vars(found.detections) | {"clock": Clock(frame_rate)}
+    return CameraBoxes(Detections(**columns), found.camera_names, found.image_size)
+
+
+def holds_boxes(path: StrPath) -> bool:
+    """Return whether a path is one of boxes rather than of a video or a folder of images."""
+    place = Path(path)
+    if place.is_dir():
+        return not any(p.suffix.lower() in IMAGES for p in place.iterdir())
+    return place.suffix.lower() in SUFFIXES
+
+
+def _files_of(source: Path) -> list[Path]:
+    """List the files with boxes of a folder; a file stands for itself."""
+    if not source.is_dir():
+        return [source]
+    if (source / "detections.npz").is_file():
+        return [source / "detections.npz"]
+    if any(source.glob("*.parquet")):
+        return [source]  # read as one table
+    for pattern in ("*/det/det.txt", "*.txt", "*.csv", "*.json", "*/*.txt"):
+        files = [path for path in source.glob(pattern) if not path.name.startswith(".")]
+        if files:
+            return sorted(files, key=lambda path: natural_order(str(path)))
+    raise InvalidInputError(
+        f"The folder {source} holds no boxes: neither *.txt, *.csv, *.json nor *.parquet, nor "
+        "CAMERA/det/det.txt."
+    )
+
+
+def _read_all(files: list[Path]) -> list[_Part]:
+    """Read every file; a data set of COCO tells the images of results beside it."""
+    if len(files) > 1 and all(path.suffix == ".json" for path in files):
+        documents = [read_json(path, "boxes") for path in files]
+        is_list = [isinstance(document, list) for document in documents]
+        if is_list.count(False) == 1 and is_coco(documents[is_list.index(False)]):
+            images = files.pop(is_list.index(False))
+            return [_part_of_coco(path, images) for path in files]
+    return [_read(path) for path in files]
+
+
+def _read(path: Path) -> _Part:
+    suffix = path.suffix.lower()
+    if path.is_dir() or suffix == ".parquet":
+        return _part_of_parquet(path)
+    if suffix == ".npz":
+        return _Part(Detections.load(path))
+    if suffix == ".json":
+        if is_coco(read_json(path, "boxes")):
+            return _part_of_coco(path, None)
+        sequence = read_uniform_json(path)
+        return _Part(sequence.detections, sequence.camera_names, sequence.image_size)
+    if suffix == ".csv":
+        table = _table_of(path)
+        if table is not None:
+            return _part_of_table(table, path)
+    if suffix not in SUFFIXES:
+        raise FileFormatError(
+            f"{path} is not a file of boxes that is known: {', '.join(SUFFIXES)}."
+        )
+    return _Part(read_mot(path).detections(), one_camera=True)
+
+
+def _part_of_coco(path: Path, images: Path | None) -> _Part:
+    found = read_coco(path, images)
+    return _Part(*found, one_camera=found.camera_names is None)
+
+
+def _part_of_parquet(path: Path) -> _Part:
+    if path.is_dir():
+        return _Part(read_detections_parquet(path))
+    table = read_parquet(path, "boxes")
+    plain = [name for name in table.column_names if "list" not in str(table[name].type)]
+    columns = {name: table[name].to_numpy() for name in plain}
+    if set(columns) >= {"frame", "camera", *_BOXES[0][1]} and columns["camera"].dtype.kind in "iu":
+        return _Part(read_detections_parquet(path))
+    return _part_of_table(columns, path)
+
+
+def _table_of(path: Path) -> dict[str, Any] | None:
+    """Read the columns of a CSV file, or None if it has no header."""
+    try:
+        rows = [row for row in csv.reader(io.StringIO(read_text(path, "boxes"))) if any(row)]
+    except csv.Error as error:
+        raise FileFormatError(f"{path} is not CSV: {quoted(error)}.") from error
+    header = [word.strip() for word in rows[0]] if rows else []
+    if all(_is_number(word) for word in header):
+        return None
+    for line, row in enumerate(rows[1:], start=2):
+        if len(row) != len(header):
+            raise FileFormatError(
+                f"{path}: row {line} has {len(row)} columns instead of {len(header)}."
+            )
+    columns = list(zip(*rows[1:], strict=True)) or [()] * len(header)
+    return dict(zip(header, columns, strict=True))
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _part_of_table(table: dict[str, Any], path: Path) -> _Part:
+    """Take detections from columns with usual names; numbers may be text."""
+    plain = {name.lower(): name for name in table}
+    frame = _first(_FRAME, plain)
+    shapes = [(form, names) for form, names in _BOXES if set(names) <= set(plain)]
+    if frame is None or not shapes:
+        raise FileFormatError(
+            f"{path} has the columns {shortened(', '.join(table))}; a table of boxes has frame, "
+            "camera, x1, y1, x2, y2 (or left, top, width, height) and score. Rename them, or use "
+            "cf.Detections.from_table."
+        )
+    form, box = shapes[0]
+    camera, score = _first(_CAMERA, plain), _first(_SCORE, plain)
+    wanted = [frame, *box] + ([] if score is None else [score])
+    columns = {name: _numbers(table[plain[name]], plain[name], path) for name in wanted}
+    names = None
+    if camera is not None:
+        cameras = np.asarray(table[plain[camera]])
+        if cameras.dtype.kind in "OUST":
+            words = [str(word).strip() for word in cameras.tolist()]
+            if words and all(word.isdecimal() for word in words):
+                cameras = np.array(words, np.int64)
+            else:
+                names = tuple(sorted(set(words), key=natural_order))
+                cameras = np.array(words)
+        columns[camera] = cameras
+    detections = naming_file(
+        path,
+        lambda: Detections.from_table(
+            columns,
+            frame=frame,
+            camera=0 if camera is None else camera,
+            box=box,
+            form="xyxy" if form == "xyxy" else "xywh",
+            score=score,
+            camera_names=names,
+        ),
+    )
+    return _Part(detections, names, one_camera=camera is None)
+
+
+def _first(wanted: Sequence[str], known: dict[str, str]) -> str | None:
+    return next((name for name in wanted if name in known), None)
+
+
+def _numbers(values: Any, name: str, path: Path) -> np.ndarray:
+    try:
+        return np.asarray(values, np.float64)
+    except (TypeError, ValueError) as error:
+        raise FileFormatError(
+            f"{path}: column {quoted(name)} holds a value that is not a number ({quoted(error)})."
+        ) from error
+
+
+def _joined(parts: list[_Part], files: list[Path]) -> CameraBoxes:
+    """Join the boxes of files: one per camera, or each with those of several."""
+    alone = [part.one_camera for part in parts]
+    if all(alone):
+        names = _without_common_end(names_of_files(files))
+        moved = [
+            Detections(
+                **(vars(part.detections) | {"camera": np.full(len(part.detections), camera)})
+            )
+            for camera, part in enumerate(parts)
+        ]
+        sizes = [part.size for part in parts if part.size is not None]
+        size = np.concatenate(sizes) if len(sizes) == len(parts) else None
+        return CameraBoxes(Detections.concatenate(moved), tuple(names), size)
+    if any(alone):
+        raise InvalidInputError(
+            f"{files[alone.index(True)]} holds the boxes of one camera, but "
+            f"{files[alone.index(False)]} of several. Name files of one kind."
+        )
+    first = parts[0]
+    for path, part in zip(files, parts, strict=True):
+        if part.names != first.names:
+            raise InvalidInputError(f"{path} has other cameras than {files[0]}.")
+    detections = Detections.concatenate([part.detections for part in parts])
+    names = first.names
+    if names is None:
+        count = int(detections.camera.max(initial=-1)) + 1
+        names = tuple(f"C{camera + 1}" for camera in range(count))
+    return CameraBoxes(detections, names, first.size)
+
+
+def _without_common_end(names: list[str]) -> list[str]:
+    """Shorten `C1/det/det`, `C2/det/det` to `C1`, `C2`."""
+    while len(names) > 1 and all("/" in name for name in names):
+        ends = {name.rpartition("/")[2] for name in names}
+        short = [name.rpartition("/")[0] for name in names]
+        if len(ends) > 1 or len(set(short)) < len(short):
+            break
+        names = short
+    return names

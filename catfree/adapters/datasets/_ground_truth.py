@@ -1,0 +1,215 @@
+"""True positions from files, with the protocol by which a benchmark scores them."""
+
+import csv
+import io
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree.adapters.datasets._grid_annotations import (
+    Annotations,
+    Grid,
+    image_numbers,
+    numbered_files,
+    read_annotations,
+)
+from catfree.adapters.datasets._multiviewx import (
+    CAMERA_NAMES,
+    GRID as MULTIVIEWX,
+    first_annotation_number,
+    mirrored_position,
+)
+from catfree.adapters.datasets._uniform_json import read_uniform_json
+from catfree.adapters.datasets._wildtrack import CAMERAS, GRID as WILDTRACK
+from catfree.adapters.files._documents import StrPath, read_json, read_text
+from catfree.errors import FileFormatError, InvalidInputError, quoted
+
+Split = Literal["test", "train", "all"]
+COLUMNS = ("frame", "id", "x", "y")
+
+_DETECTION_GATE, _TRACKING_GATE = 0.5, 1.0  # meters
+_TEST_FROM = {"WildTrack": 1800, "MultiviewX": 360}  # the last tenth of the published frames
+
+
+@dataclass(frozen=True, eq=False)
+class GroundTruth:
+    """True positions and the protocol that scores them.
+
+    Attributes:
+        rows: (G, 4) float64 rows [frame, id, x, y] in meters.
+        frames: (F,) ascending frames to score, those without people included; None for all that
+            the truth or the tracks have.
+        area: x_min, x_max, y_min, y_max in meters of the scored area, or None for everywhere.
+        protocol: what is scored, in words; empty for a file without a protocol.
+        detection_gate: largest distance of a match for MODA in meters.
+        tracking_gate: the same for MOTA and IDF1.
+    """
+
+    rows: Float[np.ndarray, "g 4"]
+    frames: Int[np.ndarray, " f"] | None = None
+    area: tuple[float, float, float, float] | None = None
+    protocol: str = ""
+    detection_gate: float = _DETECTION_GATE
+    tracking_gate: float = _TRACKING_GATE
+
+    @property
+    def gates(self) -> tuple[float, float]:
+        """Both distances."""
+        return self.detection_gate, self.tracking_gate
+
+
+def read_ground_truth(path: StrPath, split: Split = "test") -> GroundTruth:
+    """Read true positions: CSV, uniform JSON, or the annotations of WildTrack or MultiviewX.
+
+    Args:
+        path: a CSV file with the columns frame, id (or track_id), x and y; a uniform JSON file;
+            or the folder of WildTrack or MultiviewX, or of its `annotations_positions`.
+        split: frames of WildTrack and MultiviewX: "test" from 1800 and 360 on, the last tenth of
+            what is published, "train" before, or "all"; other files are taken whole.
+
+    Returns:
+        Positions, frames and area. Those of WildTrack and MultiviewX are in the frames of
+        reference of `read_wildtrack` and `read_multiviewx`, without people whom no camera sees.
+
+    Raises:
+        InvalidInputError: if there is no such file, or a value is invalid.
+        FileFormatError: naming the line or place that has another form.
+
+    Source:
+        Split, area and 0.5 m for MODA as Hou et al. 2020 (MVDet), 1 m for tracking as Teepe et
+        al. 2024 (EarlyBird).
+    """
+    source = Path(path)
+    if split not in ("test", "train", "all"):
+        raise InvalidInputError(f"split is {quoted(split)}; it must be test, train or all.")
+    if source.is_dir():
+        return _read_grid(source, split)
+    if source.suffix == ".json":
+        sequence = read_uniform_json(source)
+        if not len(sequence.ground_truth):
+            raise InvalidInputError(f"{source} holds no true positions (gt) to compare with.")
+        return GroundTruth(sequence.ground_truth, sequence.frames, sequence.evaluation_area)
+    return GroundTruth(_read_csv(source))
+
+
+def _read_grid(source: Path, split: Split) -> GroundTruth:
+    folder = source / "annotations_positions"
+    folder = folder if folder.is_dir() else source
+    files = numbered_files(folder, "json")
+    if not files:
+        raise InvalidInputError(
+            f"{source} holds no annotations of WildTrack or MultiviewX "
+            "(annotations_positions/NUMBER.json)."
+        )
+    cameras = _view_count(next(iter(files.values())))
+    grid: Grid
+    if cameras == len(CAMERAS):
+        name, grid = "WildTrack", WILDTRACK
+        people = _annotations(files, tuple(CAMERAS), WILDTRACK)
+    elif cameras == len(CAMERA_NAMES):
+        name, grid = "MultiviewX", MULTIVIEWX
+        images = image_numbers(folder.parent / "Image_subsets", CAMERA_NAMES)
+        first = first_annotation_number(np.array(list(files)), images, None)
+        shifted = {number - first: file for number, file in files.items()}
+        people = _annotations(shifted, CAMERA_NAMES, MULTIVIEWX)
+    else:
+        raise FileFormatError(
+            f"{folder} has annotations of {cameras} cameras; WildTrack has {len(CAMERAS)} and "
+            f"MultiviewX {len(CAMERA_NAMES)}."
+        )
+    frames = people.frames
+    is_test = frames >= _TEST_FROM[name]
+    chosen = frames[{"test": is_test, "train": ~is_test, "all": frames >= 0}[split]]
+    if not len(chosen):
+        raise InvalidInputError(
+            f"{folder} has no annotations of the {split} split of {name}, whose test split begins "
+            f"at frame {_TEST_FROM[name]}. Take the other split, or all."
+        )
+    rows = people.ground_truth[np.isin(people.ground_truth[:, 0], chosen)]
+    x_min, x_max, y_min, y_max = grid.area
+    words = "all frames" if split == "all" else f"{split} split"
+    protocol = (
+        f"{name}, {words} ({len(chosen)} frames, {chosen[0]} to {chosen[-1]}), area "
+        f"x {x_min:g} to {x_max:g} m, y {y_min:g} to {y_max:g} m, people seen by a camera; "
+        f"MODA within {_DETECTION_GATE:g} m, MOTA and IDF1 within {_TRACKING_GATE:g} m"
+    )
+    return GroundTruth(rows, chosen, grid.area, protocol)
+
+
+def _annotations(files: dict[int, Path], names: tuple[str, ...], grid: Grid) -> Annotations:
+    return read_annotations(
+        files,
+        names,
+        grid.position if grid is WILDTRACK else mirrored_position,
+        grid.columns * grid.rows,
+        invalid_boxes="drop",
+        drop_unseen=True,
+    )
+
+
+def _view_count(file: Path) -> int:
+    """Return how many views a file lists for its first person."""
+    people = read_json(file, "annotations")
+    first = people[0] if isinstance(people, list) and people else None
+    views = first.get("views") if isinstance(first, dict) else None
+    return len(views) if isinstance(views, list) else 0
+
+
+def _read_csv(path: Path) -> np.ndarray:
+    """Read rows (N, 4) of a CSV file with the columns frame, id (or track_id), x and y.
+
+    Raises:
+        FileFormatError: if a column is missing, or a line (which it names) has too few or too many
+            columns or a value that is not a number.
+    """
+    reader = csv.reader(io.StringIO(read_text(path, "ground truth")))
+    try:
+        words = ((reader.line_num, [word.strip() for word in row]) for row in reader)
+        lines = [(line, row) for line, row in words if row not in ([], [""])]
+    except csv.Error as error:
+        raise FileFormatError(
+            f"{path}: line {reader.line_num} is not CSV: {quoted(error)}."
+        ) from error
+    header = lines[0][1] if lines else []
+    # Tracks of one run can serve as the truth of another.
+    identity = "track_id" if "track_id" in header else "id"
+    names = [identity if name == "id" else name for name in COLUMNS]
+    missing = [name for name in names if name not in header]
+    if missing:
+        raise FileFormatError(
+            f"{path} has no column {missing[0]!r}; ground truth is a CSV file with a header and "
+            f"the columns {', '.join(COLUMNS)}."
+        )
+    if len(lines) == 1:
+        raise FileFormatError(
+            f"{path} has a header but no rows: there is no truth to compare with."
+        )
+    columns = [header.index(name) for name in names]
+    rows = []
+    for line, words in lines[1:]:
+        if len(words) != len(header):
+            raise FileFormatError(
+                f"{path}: line {line} has {len(words)} columns instead of {len(header)}. Separate "
+                "columns by commas and write decimals with a point."
+            )
+        rows.append(_row_of([words[at] for at in columns], names, path, line))
+    return np.array(rows)
+
+
+def _row_of(words: list[str], names: list[str], path: Path, line: int) -> list[float]:
+    row = []
+    for name, word in zip(names, words, strict=True):
+        try:
+            value = float(word)
+        except ValueError:
+            value = math.nan
+        whole = name not in ("x", "y")
+        if not math.isfinite(value) or (whole and (value != round(value) or abs(value) >= 2**53)):
+            kind = "a whole number" if whole else "a finite number"
+            raise FileFormatError(f"{path}: {name} in line {line} is {quoted(word)}, not {kind}.")
+        row.append(value)
+    return row

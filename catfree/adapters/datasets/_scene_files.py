@@ -1,0 +1,250 @@
+"""`read_scene`: cameras and ground from a calibration in any format that the library reads."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from catfree.adapters.calibration_files import (
+    NamedRig,
+    read_ai_city,
+    read_anipose_toml,
+    read_colmap,
+    read_mv3dt,
+    read_opencv_yaml,
+    read_rig_json,
+    read_scene_json,
+)
+from catfree.adapters.calibration_files._projection_matrices import PROJECTION
+from catfree.adapters.datasets._multiviewx import read_multiviewx
+from catfree.adapters.datasets._uniform_json import read_uniform_json
+from catfree.adapters.datasets._wildtrack import read_wildtrack
+from catfree.adapters.files._camera_names import natural_order
+from catfree.adapters.files._documents import StrPath, naming_file, read_json, read_text
+from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.types import Plane, Rig, Scene
+
+Unit = Literal["m", "cm", "mm", "ft", "arbitrary"]
+METERS: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "arbitrary": 1.0}
+PER_CAMERA = (".yml", ".yaml", ".xml", ".json")
+FORMATS = (
+    "scene.json or .npz, rig.json, a COLMAP model, anipose calibration.toml, OpenCV YAML, XML or "
+    "JSON, MV3DT camInfo, AI City calibration.json, uniform JSON, WildTrack, or MultiviewX"
+)
+
+
+def read_scene(
+    path: StrPath | Sequence[StrPath],
+    ground: Plane | None = None,
+    unit: Unit = "m",
+    *,
+    image_size: tuple[int, int] | None = None,
+) -> tuple[Scene, tuple[str, ...] | None]:
+    """Read cameras and ground from a calibration in any format that the library reads.
+
+    These are `scene.json` and `.npz` of catfree, `rig.json`, COLMAP models (the folder or one of
+    its files), `calibration.toml` of anipose (Pose2Sim, caliscope, FreeMoCap), OpenCV's YAML, XML
+    or JSON files and MV3DT's `camInfo` files (one per camera: their folder or a list),
+    `calibration.json` of AI City, uniform JSON, and the folders of WildTrack and MultiviewX.
+
+    Args:
+        path: a file or folder, or the cameras' files in their order.
+        ground: the plane that people stand on, in the file's frame and unit. None takes the one
+            that the file states, or else the plane z = 0.
+        unit: length of one unit of a file that does not state it; "arbitrary" if unknown, as in a
+            COLMAP model that was not scaled.
+        image_size: width and height in pixels where the files do not state them.
+
+    Returns:
+        The scene, in meters unless the unit is arbitrary, and the (C,) names of its cameras, or
+        None if the file has none.
+
+    Raises:
+        InvalidInputError: if there is no such file, a value is invalid, the file states another
+            unit, or no ground is stated and z = 0 cannot be it.
+        FileFormatError: if the file holds something else.
+    """
+    if unit not in METERS:
+        raise InvalidInputError(f"unit is {quoted(unit)}; it must be one of {', '.join(METERS)}.")
+    if isinstance(path, str | os.PathLike):
+        source = Path(path)
+        if not source.exists():
+            raise InvalidInputError(f"There is no file {source} (calibration). Check the path.")
+        source = _inside(source)
+        complete = _complete(source)
+        if complete is not None:
+            return _with_ground(*complete, ground, unit, source)
+        rig, names, stated = _rig(source, image_size)
+    else:
+        source = "the calibration"
+        files = [Path(one) for one in path]
+        rig, names, stated = (*_per_camera(files, image_size), None)
+    if stated is not None:
+        _require_no_unit(unit, source)
+        unit = stated
+    scale = METERS[unit]
+    at_zero = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
+    if ground is None:
+        heights = np.asarray(rig.centers)[rig.registered, 2]
+        # Boards that lie on the floor often have their z axis pointing into it.
+        if len(heights) and np.median(heights) < 0:
+            at_zero = Plane(np.array([0.0, 0.0, -1.0]), 0.0)
+        require_sight_of(rig, at_zero, source)
+    plane = at_zero if ground is None else ground
+    plane = Plane(np.asarray(plane.normal), np.asarray(plane.offset) * scale)
+    scaled = replace(rig, t=np.asarray(rig.t) * scale) if scale != 1 else rig
+    scene = naming_file(source, lambda: Scene.from_rig(scaled, plane, metric=unit != "arbitrary"))
+    return scene, names
+
+
+def require_sight_of(rig: Rig, ground: Plane, source: Path | str) -> None:
+    """Raise unless most cameras are above a ground and look at it with the bottom of their images.
+
+    Raises:
+        InvalidInputError: naming the source.
+    """
+    cameras = np.flatnonzero(rig.registered)
+    K, R, center = (np.asarray(part, np.float64) for part in (rig.K, rig.R, rig.centers))
+    size = np.asarray(rig.image_size, np.float64)
+    bottom = np.stack([size[:, 0] / 2, size[:, 1], np.ones(len(size))], axis=-1)
+    sees = [
+        ground.signed_distance(center[c]) > 0
+        and (R[c].T @ np.linalg.solve(K[c], bottom[c])) @ np.asarray(ground.normal) < 0
+        for c in cameras
+    ]
+    if 2 * sum(sees) <= len(cameras):
+        raise InvalidInputError(
+            f"{source} does not state the ground, and z = 0 is not it: only {sum(sees)} of "
+            f"{len(cameras)} cameras are above it and look down on it. Pass ground=, the plane in "
+            "the frame of the file; cf.calibration.find_ground finds it in points of a "
+            "reconstruction."
+        )
+
+
+def _inside(source: Path) -> Path:
+    """Return what holds the calibration of a folder: itself, a model in it, or a scene of a run."""
+    if not source.is_dir():
+        # One of the files of a model stands for it.
+        is_model = source.stem in ("cameras", "images", "points3D")
+        is_model = is_model and source.suffix in (".bin", ".txt")
+        return source.parent if is_model else source
+    if _is_model(source):
+        return source
+    for part in ("sparse/0", "sparse", "0"):
+        if _is_model(source / part):
+            return source / part
+    for name in ("scene.json", "rig.json", "calibration.toml", "Calibration.toml"):
+        if (source / name).is_file():
+            return source / name
+    sensors = source / "calibration.json"
+    if sensors.is_file() and _holds(sensors, "sensors"):
+        return sensors
+    return source / "camInfo" if (source / "camInfo").is_dir() else source
+
+
+def _is_model(folder: Path) -> bool:
+    return any((folder / f"cameras{suffix}").is_file() for suffix in (".bin", ".txt"))
+
+
+def _holds(path: Path, key: str) -> bool:
+    document = read_json(path, "calibration")
+    return isinstance(document, dict) and key in document
+
+
+def _complete(source: Path) -> tuple[Scene, tuple[str, ...] | None] | None:
+    """Read a source that states its ground and its unit; None for any other."""
+    if source.is_dir():
+        inner = source / "calibrations"
+        if inner.is_dir():
+            is_wildtrack = any(inner.glob("**/*CVLab*"))
+            sequence = read_wildtrack(source) if is_wildtrack else read_multiviewx(source)
+            assert sequence.scene is not None
+            return sequence.scene, sequence.camera_names
+        return None
+    if source.suffix == ".npz":
+        return Scene.load(source), None
+    if source.suffix != ".json":
+        return None
+    document = read_json(source, "calibration")
+    if not isinstance(document, dict):
+        raise FileFormatError(f"{source} is not a calibration: {FORMATS}.")
+    if "ground" in document and "extent" in document:
+        return read_scene_json(source)
+    if "frames" in document:
+        sequence = read_uniform_json(source)
+        if sequence.scene is None:
+            raise InvalidInputError(
+                f"{source} has no calibration of two cameras or more (K, R, t, width, height)."
+            )
+        return sequence.scene, sequence.camera_names
+    return None
+
+
+def _with_ground(
+    scene: Scene,
+    names: tuple[str, ...] | None,
+    ground: Plane | None,
+    unit: str,
+    source: Path,
+) -> tuple[Scene, tuple[str, ...] | None]:
+    _require_no_unit(unit, source)
+    if ground is None:
+        return scene, names
+    return naming_file(source, lambda: Scene.from_rig(scene.rig, ground, scene.metric)), names
+
+
+def _require_no_unit(unit: str, source: Path | str) -> None:
+    if unit != "m":
+        raise InvalidInputError(f"{source} states its unit of length; leave out the unit {unit!r}.")
+
+
+def _rig(
+    source: Path, image_size: tuple[int, int] | None
+) -> tuple[Rig, tuple[str, ...], Unit | None]:
+    """Read cameras without a ground, their names and the unit, if the source states it."""
+    size = {} if image_size is None else {"image_size": image_size}
+    named: NamedRig
+    if source.is_dir():
+        if _is_model(source):
+            named = read_colmap(source)
+        else:
+            files = (p for p in source.iterdir() if p.suffix.lower() in PER_CAMERA)
+            visible = [p for p in files if not p.name.startswith(".")]
+            if not visible:
+                raise InvalidInputError(
+                    f"The folder {source} holds no calibration that is known: {FORMATS}."
+                )
+            ordered = sorted(visible, key=lambda p: natural_order(p.name))
+            return (*_per_camera(ordered, image_size), None)
+    elif source.suffix.lower() == ".toml":
+        named = read_anipose_toml(source)
+    elif source.suffix == ".json":
+        document: Any = read_json(source, "calibration")
+        if "sensors" in document:
+            named = read_ai_city(source, **size)
+        elif "cameras" in document:
+            named = read_rig_json(source)
+            return named.rig, named.names, "m" if document["units"] == "m" else "arbitrary"
+        else:
+            return (*_per_camera([source], image_size), None)
+    elif source.suffix.lower() in PER_CAMERA:
+        return (*_per_camera([source], image_size), None)
+    else:
+        raise FileFormatError(f"{source} is not a calibration that is known: {FORMATS}.")
+    return named.rig, named.names, None
+
+
+def _per_camera(
+    files: list[Path], image_size: tuple[int, int] | None
+) -> tuple[Rig, tuple[str, ...]]:
+    """Read one file per camera, of OpenCV or of MV3DT."""
+    if not files:
+        raise InvalidInputError("The list of calibration files is empty. Name one per camera.")
+    if PROJECTION in read_text(files[0], "calibration"):
+        named = read_mv3dt(files) if image_size is None else read_mv3dt(files, image_size)
+    else:
+        named = read_opencv_yaml(files, image_size=image_size)
+    return named.rig, named.names

@@ -1,0 +1,184 @@
+"""Boxes in the JSON of COCO: results of a detector, and data sets with annotations."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from catfree.adapters.files._camera_names import natural_order
+from catfree.adapters.files._documents import (
+    StrPath,
+    entry,
+    is_whole,
+    naming_file,
+    numbers,
+    read_json,
+)
+from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.types import Detections
+
+PERSON = 1  # COCO's category of people
+_NUMBER = re.compile(r"(\d+)(?!.*\d)")
+
+
+class CocoBoxes(NamedTuple):
+    """Boxes of people in COCO's form.
+
+    Attributes:
+        detections: of all cameras.
+        camera_names: (C,) folders of the images, or None if the images have none.
+        image_size: (C, 2) width and height in pixels, or None if not stated for all.
+    """
+
+    detections: Detections
+    camera_names: tuple[str, ...] | None
+    image_size: np.ndarray | None
+
+
+class _Image(NamedTuple):
+    camera: str
+    frame: int
+    size: tuple[int, int] | None
+
+
+def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
+    """Read the people in COCO results, a list of `{image_id, category_id, bbox, score}`.
+
+    A data set, an object with `images` and `annotations`, is read, too. The camera of an image is
+    the folder of its `file_name`, and the frame the last number in it: `C1/000005.png`. Results
+    whose data set is not given have whole numbers as `image_id`, which are the frames of one
+    camera, or file names.
+
+    Args:
+        path: the results, or the data set with annotations.
+        images: the data set whose images the results are of.
+
+    Returns:
+        Boxes, names of cameras and sizes of images.
+
+    Raises:
+        InvalidInputError: if there is no such file, or a box has no area or a score is invalid.
+        FileFormatError: naming the first entry that has another form, or whose image is unknown.
+    """
+    source = Path(path)
+    document = read_json(source, "boxes in COCO's form")
+    described = document if isinstance(document, dict) else None
+    if images is not None:
+        described = read_json(images, "images in COCO's form")
+    rows = document
+    if isinstance(document, dict):
+        rows = entry(document, "annotations", source, "the file")
+    if not isinstance(rows, list):
+        raise FileFormatError(f"{source} must hold a list of boxes in COCO's form.")
+    known = {} if described is None else _images(described, Path(images or source))
+    wanted = _people(described)
+    frame, camera, corners, score = [], [], [], []
+    for at, row in enumerate(rows):
+        where = f"box {at}"
+        if row.get("category_id", PERSON) not in wanted if isinstance(row, dict) else False:
+            continue
+        name = entry(row, "image_id", source, where)
+        image = None
+        if isinstance(name, int | str):
+            image = known.get(name) if described is not None else _image_of(name)
+        if image is None:
+            raise FileFormatError(
+                f"{source}: {where} is of the image {quoted(name)}, which is not listed, and whose "
+                "frame is not known."
+            )
+        box = numbers(entry(row, "bbox", source, where), (4,), source, f"bbox of {where}")
+        if not (box[2:] > 0).all():
+            raise InvalidInputError(
+                f"{source}: {where} is {box.tolist()} as left, top, width, height, which has no "
+                "area. Correct or remove it."
+            )
+        frame.append(image.frame)
+        camera.append(image.camera)
+        corners.append(np.concatenate([box[:2], box[:2] + box[2:]]))
+        if "score" in row:
+            score.append(float(numbers(row["score"], (), source, f"score of {where}")))
+    if score and len(score) < len(frame):
+        raise FileFormatError(f"{source}: some boxes have a score, but not all.")
+    names = {image.camera for image in known.values()} | set(camera)
+    ordered = sorted(names, key=natural_order)
+    index = {name: at for at, name in enumerate(ordered)}
+    detections = naming_file(
+        source,
+        lambda: Detections(
+            np.array(frame, np.int64),
+            np.array([index[name] for name in camera], np.int64),
+            np.array(corners).reshape(-1, 4),
+            np.array(score) if score else None,
+        ),
+    )
+    sizes = {image.camera: image.size for image in known.values()}
+    stated = [sizes.get(name) for name in ordered]
+    size = np.array(stated, np.int64) if stated and all(stated) else None
+    return CocoBoxes(detections, None if set(ordered) <= {""} else tuple(ordered), size)
+
+
+def is_coco(document: Any) -> bool:
+    """Return whether a parsed JSON document is a list of boxes or a data set of COCO."""
+    if isinstance(document, dict):
+        return "images" in document
+    return isinstance(document, list) and (
+        not document or (isinstance(document[0], dict) and "bbox" in document[0])
+    )
+
+
+def _people(document: dict[str, Any] | None) -> Sequence[Any]:
+    """Return the categories named person or pedestrian, or that of COCO."""
+    categories = (document or {}).get("categories")
+    if not isinstance(categories, list):
+        return (PERSON,)
+    people = [
+        one.get("id")
+        for one in categories
+        if isinstance(one, dict)
+        and str(one.get("name")).lower() in ("person", "people", "pedestrian")
+    ]
+    return people or (PERSON,)
+
+
+def _images(document: Any, source: Path) -> dict[Any, _Image]:
+    listed = entry(document, "images", source, "the file")
+    if not isinstance(listed, list):
+        raise FileFormatError(f"{source}: images must be a list.")
+    found = {}
+    for at, row in enumerate(listed):
+        where = f"image {at}"
+        name = entry(row, "file_name", source, where)
+        image = _image_of(name) if isinstance(name, str) else None
+        if image is None:
+            raise FileFormatError(
+                f"{source}: the file name of {where}, {quoted(name)}, has no number of a frame."
+            )
+        size = None
+        if "width" in row and "height" in row:
+            pair = [row["width"], row["height"]]
+            if not all(is_whole(value) and value > 0 for value in pair):
+                raise FileFormatError(
+                    f"{source}: the size of {where} is {quoted(pair)}, not two whole numbers."
+                )
+            size = (int(pair[0]), int(pair[1]))
+        key = entry(row, "id", source, where)
+        if not isinstance(key, int | str):
+            raise FileFormatError(f"{source}: the id of {where} is {quoted(key)}.")
+        found[key] = image._replace(size=size)
+    return found
+
+
+def _image_of(name: Any) -> _Image | None:
+    """Take camera and frame from a file name, or the frame alone from a whole number."""
+    if is_whole(name):
+        return _Image("", int(name), None)
+    if not isinstance(name, str):
+        return None
+    place = PurePosixPath(name)
+    number = _NUMBER.search(place.stem)
+    if number is None or not is_whole(int(number[1])):
+        return None
+    camera = "" if str(place.parent) == "." else str(place.parent)
+    return _Image(camera, int(number[1]), None)

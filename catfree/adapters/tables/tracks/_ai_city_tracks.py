@@ -1,0 +1,143 @@
+"""The `track1.txt` of the AI City Challenge: of 2025 (3-D boxes) and of 2023 and 2024 (images)."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree.adapters.files._documents import StrPath, read_text, write_text_atomically
+from catfree.adapters.tables.tracks._tracked_rows import tracked
+from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.types import Detections, Tracks
+from catfree.types._validation import as_count, as_positive
+
+_PERSON = 0  # class of people, 2025
+_OF_BOXES, _OF_IMAGES = 11, 9  # columns
+
+
+def write_ai_city_tracks(
+    path: StrPath,
+    tracks: Tracks,
+    scene_id: int = 0,
+    *,
+    detections: Detections | None = None,
+    camera_ids: Sequence[int] | None = None,
+    person_height: float | int = 1.7,
+    person_width: float | int = 0.6,
+) -> Path:
+    """Write tracks as a `track1.txt`, of 2025, or with detections of 2023 and 2024.
+
+    2025: `scene_id class_id object_id frame_id x y z width length height yaw`, one row per
+    position, z at half the height, class 0 and yaw 0. 2023 and 2024: `camera_id obj_id frame_id
+    xmin ymin width height xworld yworld`, one row per box that supports a position. Object ids
+    count from 1; frame numbers are kept, which the challenge counts from 0.
+
+    Args:
+        path: the file.
+        tracks: in the coordinates of `calibration.json`, in meters.
+        scene_id: of the sequence (2025).
+        detections: those that the tracks were made from, for the form of 2023 and 2024.
+        camera_ids: (C,) numbers of the cameras; 1, 2, ... if None.
+        person_height: in meters (2025).
+        person_width: in meters, also the length (2025).
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidInputError: if a frame is negative, a position is not finite, the tracks are from
+            other detections, or the folder does not exist.
+        WriteError: if the disk is full or not writable.
+    """
+    kept = tracked(tracks, path)
+    if (kept.frame < 0).any():
+        raise InvalidInputError(
+            f"Cannot write {path}: frame {kept.frame.min()} is negative, but frames count from 0."
+        )
+    xy = np.asarray(kept.ground_xy, np.float64)
+    if detections is None:
+        scene = as_count(scene_id, "scene_id")
+        height = as_positive(person_height, "person_height")
+        width = as_positive(person_width, "person_width")
+        shape = f"{height / 2!r} {width!r} {width!r} {height!r} 0.0"
+        lines = [
+            f"{scene} {_PERSON} {person + 1} {frame} {x!r} {y!r} {shape}"
+            for person, frame, (x, y) in zip(
+                kept.track_id.tolist(), kept.frame.tolist(), xy.tolist(), strict=True
+            )
+        ]
+        return write_text_atomically(path, "\n".join([*lines, ""]))
+    count = kept.support.shape[1]
+    numbers = range(1, count + 1) if camera_ids is None else camera_ids
+    if len(numbers) != count:
+        raise InvalidInputError(f"Got {len(numbers)} camera_ids for {count} cameras.")
+    row, camera = np.nonzero(kept.support >= 0)
+    box = kept.support[row, camera]
+    if len(box) and (box.max() >= len(detections) or (detections.camera[box] != camera).any()):
+        raise InvalidInputError(
+            f"Cannot write {path}: the tracks were made from other detections. Pass those."
+        )
+    corner = np.floor(detections.box[box, :2])
+    pixels = np.column_stack([corner, np.ceil(detections.box[box, 2:]) - corner]).astype(int)
+    lines = []
+    for at in np.lexsort((kept.frame[row], kept.track_id[row], camera)).tolist():
+        person, frame = kept.track_id[row[at]] + 1, kept.frame[row[at]]
+        (x, y), shape = xy[row[at]].tolist(), " ".join(map(str, pixels[at].tolist()))
+        lines.append(f"{numbers[int(camera[at])]} {person} {frame} {shape} {x!r} {y!r}")
+    return write_text_atomically(path, "\n".join([*lines, ""]))
+
+
+def read_ai_city_tracks(path: StrPath, scene_id: int | None = None) -> Float[np.ndarray, "m 4"]:
+    """Read the people of a `track1.txt`, or of a ground truth in its form.
+
+    Args:
+        path: the file, in the form of 2025 (11 columns) or of 2023 and 2024 (9 columns, where one
+            position stands in a row for each camera).
+        scene_id: the sequence to read (2025); None if there is only one.
+
+    Returns:
+        (M, 4) rows [frame, id, x, y] in meters for `cf.evaluation`, sorted by frame and id.
+
+    Raises:
+        InvalidInputError: if there is no such file, a number is not finite, or there are several
+            sequences and none is chosen.
+        FileFormatError: naming the first line that has another form.
+    """
+    source = Path(path)
+    rows: list[list[float]] = []
+    for line, text in enumerate(read_text(source, "tracks").splitlines(), start=1):
+        words = text.split()
+        if not words:
+            continue
+        wanted = (len(rows[0]),) if rows else (_OF_BOXES, _OF_IMAGES)
+        if len(words) not in wanted:
+            raise FileFormatError(
+                f"{source}: line {line} has {len(words)} columns instead of "
+                f"{' or '.join(map(str, wanted))}."
+            )
+        try:
+            rows.append([float(word) for word in words])
+        except ValueError as error:
+            raise FileFormatError(
+                f"{source}: line {line} has a value that is not a number: {quoted(error)}."
+            ) from error
+        if not np.isfinite(rows[-1]).all():
+            raise InvalidInputError(f"{source}: line {line} has a number that is not finite.")
+    if not rows:
+        return np.zeros((0, 4))
+    table = np.array(rows)
+    if table.shape[1] == _OF_BOXES:
+        table = table[table[:, 1] == _PERSON]
+        scenes = np.unique(table[:, 0]).astype(int).tolist()
+        if scene_id is None and len(scenes) > 1:
+            raise InvalidInputError(
+                f"{source} holds the scenes {', '.join(map(str, scenes))}. Choose one as scene_id."
+            )
+        if scene_id is not None:
+            table = table[table[:, 0] == scene_id]
+        found = table[:, [3, 2, 4, 5]]
+    else:
+        found = table[:, [2, 1, 7, 8]]
+    _, first = np.unique(found[:, :2], axis=0, return_index=True)
+    return found[first]

@@ -1,0 +1,37 @@
+"""What the writers of tracks share: the rows that have an identity, and frames without gaps."""
+
+import numpy as np
+from jaxtyping import Int
+
+from catfree.adapters.files._documents import StrPath
+from catfree.errors import InvalidInputError
+from catfree.types import Tracks
+
+
+def tracked(tracks: Tracks, target: StrPath) -> Tracks:
+    """Return the positions that belong to a track, for formats in which each has an identity.
+
+    Raises:
+        InvalidInputError: naming the first position that is not finite.
+    """
+    kept = tracks[tracks.track_id >= 0]
+    bad = ~np.isfinite(np.asarray(kept.ground_xy)).all(axis=-1)
+    if bad.any():
+        at = int(np.argmax(bad))
+        raise InvalidInputError(
+            f"Cannot write {target}: the position of track {kept.track_id[at]} in frame "
+            f"{kept.frame[at]} is not finite. Leave that row out."
+        )
+    return kept
+
+
+def numbered_frames(frame: Int[np.ndarray, " m"]) -> tuple[Int[np.ndarray, " m"], int]:
+    """Divide frame numbers by their common step, and return the step.
+
+    Args:
+        frame: (M,) numbers that may all step by 5, as in WildTrack.
+    """
+    if not len(frame):
+        return frame, 1
+    step = int(np.gcd.reduce(np.diff(np.unique(frame)), initial=0)) or 1
+    return (frame - frame.min() % step) // step, step

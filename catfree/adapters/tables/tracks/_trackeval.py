@@ -1,0 +1,69 @@
+"""The folders of TrackEval: ground truth and tracks of one sequence, as MOTChallenge has them."""
+
+import configparser
+import io
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from catfree.adapters.files._documents import StrPath, write_text_atomically
+from catfree.adapters.tables._motchallenge import write_mot_ground
+from catfree.errors import InvalidInputError, quoted
+from catfree.types import Tracks
+from catfree.types._validation import as_integer
+from catfree.types._writing import make_folder
+
+
+def write_trackeval(
+    folder: StrPath,
+    tracks: Tracks | ArrayLike,
+    ground_truth: ArrayLike,
+    frames: ArrayLike,
+    *,
+    sequence: str = "sequence",
+    tracker: str = "catfree",
+    threshold: float | int = 1.0,
+) -> Path:
+    """Write truth and tracks such that TrackEval's `MotChallenge2DBox` scores them on the ground.
+
+    Positions become squares that overlap by half at the threshold (`write_mot_ground`). Run it with
+    `GT_FOLDER=folder/gt`, `TRACKERS_FOLDER=folder/trackers` and `SKIP_SPLIT_FOL=True`. Further
+    sequences and trackers may be written to the same folder, one after the other.
+
+    Args:
+        folder: created if it does not exist.
+        tracks: or (M, 4) rows [frame, id, x, y].
+        ground_truth: (G, 4) rows [frame, id, x, y].
+        frames: (F,) all frame numbers of the sequence.
+        sequence: its name.
+        tracker: name of what made the tracks.
+        threshold: largest distance of a match along an axis, in the unit of the positions.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InvalidInputError: if a name is not that of a folder, a frame is not among `frames`, or as
+            `write_mot_ground`.
+        WriteError: if the disk is full or not writable.
+    """
+    for name in (sequence, tracker):
+        if not name or name in (".", "..") or set(name) & set('/\\:\0,"\n'):
+            raise InvalidInputError(f"{quoted(name)} cannot be the name of a folder.")
+    root = Path(folder)
+    true = make_folder(root / "gt" / sequence / "gt")
+    found = make_folder(root / "trackers" / tracker / "data")
+    write_mot_ground(true / "gt.txt", ground_truth, frames, threshold=float(threshold))
+    write_mot_ground(found / f"{sequence}.txt", tracks, frames, threshold=float(threshold))
+    count = len(np.unique(as_integer(frames, "frames")))
+    info = configparser.ConfigParser()
+    info.optionxform = str  # type: ignore[assignment,method-assign]
+    info["Sequence"] = {"name": sequence, "seqLength": str(count)}
+    text = io.StringIO()
+    info.write(text)
+    write_text_atomically(true.parent / "seqinfo.ini", text.getvalue())
+    names = sorted(path.parent.name for path in (root / "gt").glob("*/seqinfo.ini"))
+    maps = make_folder(root / "gt" / "seqmaps")
+    write_text_atomically(maps / "MOT17-train.txt", "\n".join(["name", *names, ""]))
+    return root

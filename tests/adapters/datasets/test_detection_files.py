@@ -1,0 +1,236 @@
+"""Boxes of all cameras: every format gives the same detections, and mistakes are named."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+import catfree as cf
+from catfree.adapters import read_coco, write_detections_parquet, write_mot_boxes
+from catfree.adapters.datasets._detection_files import holds_boxes, read_camera_boxes
+from catfree.errors import FileFormatError, InvalidInputError
+
+NAMES = ("C1", "C2", "C10")
+
+
+@pytest.fixture
+def boxes():
+    return cf.Detections(
+        [1, 1, 1, 2, 3, 3],
+        [0, 1, 2, 0, 1, 1],
+        [[1, 2, 11, 32], [5, 5, 20, 60], [0, 0, 9, 9], [3, 4, 5, 6], [1, 1, 2, 3], [7, 7, 9, 20]],
+        score=[0.5, 0.25, 1.0, 0.75, 0.5, 0.125],
+    )
+
+
+def rows_of(detections):
+    score = np.ones(len(detections)) if detections.score is None else detections.score
+    table = np.column_stack([detections.frame, detections.camera, detections.box, score])
+    return table[np.lexsort(table.T[::-1])]
+
+
+def write_mot(folder, boxes):
+    folder.mkdir()
+    for camera, name in enumerate(NAMES):
+        write_mot_boxes(folder / f"{name}.txt", boxes[boxes.camera == camera], [1, 2, 3])
+    return folder
+
+
+def write_mot_folders(folder, boxes):
+    for camera, name in enumerate(NAMES):
+        (folder / name / "det").mkdir(parents=True)
+        path = folder / name / "det" / "det.txt"
+        write_mot_boxes(path, boxes[boxes.camera == camera], [1, 2, 3])
+    return folder
+
+
+def columns_of(boxes, names=None):
+    camera = boxes.camera if names is None else np.array(names)[boxes.camera]
+    corners = dict(zip(("x1", "y1", "x2", "y2"), boxes.box.T, strict=True))
+    return {"frame": boxes.frame, "camera": camera, **corners, "score": boxes.score}
+
+
+def write_csv(path, columns):
+    lines = [",".join(columns)]
+    lines += [",".join(map(str, row)) for row in zip(*columns.values(), strict=True)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def coco_rows(boxes, image_id):
+    corner, size = boxes.box[:, :2], boxes.box[:, 2:] - boxes.box[:, :2]
+    return [
+        {
+            "image_id": image_id(int(boxes.frame[n]), int(boxes.camera[n])),
+            "category_id": 1,
+            "bbox": [*corner[n].tolist(), *size[n].tolist()],
+            "score": float(boxes.score[n]),
+        }
+        for n in range(len(boxes))
+    ]
+
+
+def write_uniform(path, boxes):
+    frames = []
+    for frame in (1, 2, 3):
+        views = {}
+        for camera, name in enumerate(NAMES):
+            here = boxes[(boxes.frame == frame) & (boxes.camera == camera)]
+            views[name] = [
+                {"box": box.tolist(), "score": float(score)}
+                for box, score in zip(here.box, here.score, strict=True)
+            ]
+        frames.append({"frame": frame, "views": views})
+    cameras = [{"name": name} for name in NAMES]
+    path.write_text(json.dumps({"units": "m", "cameras": cameras, "frames": frames}))
+    return path
+
+
+def test_every_format_gives_the_same_boxes(boxes, tmp_path):
+    pytest.importorskip("pyarrow")
+    sources = {
+        "folder of MOT": write_mot(tmp_path / "mot", boxes),
+        "folders of MOT": write_mot_folders(tmp_path / "sequences", boxes),
+        "uniform JSON": write_uniform(tmp_path / "uniform.json", boxes),
+        "CSV": write_csv(tmp_path / "boxes.csv", columns_of(boxes)),
+        "CSV with names": write_csv(tmp_path / "named.csv", columns_of(boxes, NAMES)),
+        "Parquet": write_detections_parquet(tmp_path / "boxes.parquet", boxes),
+    }
+    boxes.save(tmp_path / "boxes.npz")
+    sources["npz"] = tmp_path / "boxes.npz"
+    results = []
+    for camera, name in enumerate(NAMES):
+        results.append(tmp_path / f"{name}.json")
+        rows = coco_rows(boxes[boxes.camera == camera], lambda frame, _: frame)
+        results[-1].write_text(json.dumps(rows))
+    for path in (*sources.values(), results):
+        found, names = cf.read_detections(path)
+        np.testing.assert_array_equal(rows_of(found), rows_of(boxes), str(path))
+        assert names in (NAMES, ("C1", "C2", "C3"))
+
+
+def test_tables_of_other_programs(boxes, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    table = pandas.DataFrame(columns_of(boxes, NAMES))
+    table["left"], table["top"] = table.x1, table.y1
+    table["width"], table["height"] = table.x2 - table.x1, table.y2 - table.y1
+    table = table.drop(columns=["x1", "y1", "x2", "y2"]).rename(
+        columns={"frame": "frame_id", "score": "confidence"}
+    )
+    table.to_parquet(tmp_path / "table.parquet")
+    found, names = cf.read_detections(tmp_path / "table.parquet")
+    assert names == NAMES
+    np.testing.assert_array_equal(rows_of(found), rows_of(boxes))
+
+
+def test_a_data_set_of_coco_tells_the_images_of_results(boxes, tmp_path):
+    images = [
+        {"id": 100 * camera + frame, "file_name": f"{name}/{frame:05d}.png"}
+        | {"width": 640, "height": 480}
+        for camera, name in enumerate(NAMES)
+        for frame in (1, 2, 3)
+    ]
+    categories = [{"id": 7, "name": "dog"}, {"id": 1, "name": "person"}]
+    described = tmp_path / "instances.json"
+    described.write_text(json.dumps({"images": images, "categories": categories}))
+    results = tmp_path / "results.json"
+    rows = coco_rows(boxes, lambda frame, camera: 100 * camera + frame)
+    results.write_text(json.dumps([*rows, rows[0] | {"category_id": 7}]))
+    found = read_camera_boxes([results, described])
+    assert found.camera_names == NAMES
+    np.testing.assert_array_equal(found.image_size, [[640, 480]] * 3)
+    np.testing.assert_array_equal(rows_of(found.detections), rows_of(boxes))
+    results.write_text(json.dumps([rows[0] | {"image_id": 9999}]))
+    with pytest.raises(FileFormatError, match=r"box 0 is of the image 9999, which is not listed"):
+        read_coco(results, described)
+    results.write_text(json.dumps([rows[0] | {"bbox": [1, 2, 0, 4]}]))
+    with pytest.raises(InvalidInputError, match="no area"):
+        read_coco(results, described)
+
+
+@given(order=st.permutations(range(3)), ending=st.sampled_from(["", ".png", "/000000.jpg"]))
+def test_files_find_their_cameras_by_name(order, ending, tmp_path_factory):
+    boxes = cf.Detections([1, 1, 1], [0, 1, 2], [[0, 0, 1, 1], [0, 0, 2, 2], [0, 0, 3, 3]])
+    folder = write_mot(tmp_path_factory.mktemp("boxes") / "mot", boxes)
+    wanted = [NAMES[at] + ending for at in order]
+    found, names = cf.read_detections(folder, wanted)
+    assert names == tuple(wanted)
+    width = {camera: 1 + place for camera, place in enumerate(order)}
+    assert [width[camera] for camera in found.camera.tolist()] == found.box[:, 2].tolist()
+
+
+def test_cameras_may_be_missing_but_not_unknown(boxes, tmp_path):
+    folder = write_mot(tmp_path / "mot", boxes)
+    found, _ = cf.read_detections(folder, ["C0", "C1", "C2", "C10", "C11"])
+    assert set(found.camera.tolist()) == {1, 2, 3}
+    with pytest.raises(InvalidInputError, match="C1, C2, C10, which are not all among C1, north"):
+        cf.read_detections(folder, ["C1", "north", "C10"])
+
+
+def test_frames_get_a_clock(boxes, tmp_path):
+    folder = write_mot(tmp_path / "mot", boxes)
+    found, _ = cf.read_detections(folder, frame_rate=25)
+    assert found.clock == cf.Clock(25)
+
+
+def test_no_boxes_at_all_are_no_error(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.txt").write_text("")
+    found, names = cf.read_detections(tmp_path)
+    assert len(found) == 0
+    assert names == ("a", "b")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "sentence"),
+    [
+        ("a.csv", "frame,camera,left\n1,2,3\n", "has the columns frame, camera, left"),
+        ("a.csv", "frame,camera,x1,y1,x2,y2\n1,2,3\n", "row 2 has 3 columns instead of 6"),
+        ("a.csv", "frame,camera,x1,y1,x2,y2\n1,0,3,4,5,no\n", "'y2' holds a value that is not"),
+        ("a.csv", "frame,camera,x1,y1,x2,y2\n1,0,5,4,3,6\n", "xyxy, not xywh"),
+        ("a.json", "[3]", "a.json"),
+        ("a.json", '[{"bbox": [1, 2, 3, 4]}]', "box 0 has no 'image_id'"),
+        ("a.json", '{"cameras": []}', "has no 'units'"),
+        ("a.mp4", "", "not a file of boxes that is known"),
+        ("a.txt", "1,2,3", "has 3 columns instead of 6"),
+    ],
+)
+def test_damaged_files_are_named(name, text, sentence, tmp_path):
+    (tmp_path / name).write_text(text)
+    with pytest.raises((FileFormatError, InvalidInputError), match=sentence):
+        cf.read_detections(tmp_path / name)
+
+
+def test_missing_mixed_and_repeated_files_are_refused(boxes, tmp_path):
+    folder = write_mot(tmp_path / "mot", boxes)
+    table = write_csv(tmp_path / "boxes.csv", columns_of(boxes))
+    (tmp_path / "empty").mkdir()
+    for paths, sentence in [
+        (tmp_path / "nothing", "There is no file or folder"),
+        (tmp_path / "empty", "holds no boxes"),
+        ([], "list of files with boxes is empty"),
+        ([folder / "C1.txt", table], "boxes of one camera, but .*boxes.csv of several"),
+        ([folder / "C1.txt", folder / "C1.txt"], "are the same file"),
+    ]:
+        with pytest.raises(InvalidInputError, match=sentence):
+            cf.read_detections(paths)
+
+
+def test_boxes_are_told_from_videos(boxes, tmp_path):
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images" / "0.PNG").write_text("")
+    assert holds_boxes(write_mot(tmp_path / "mot", boxes))
+    assert holds_boxes(tmp_path / "mot" / "C1.txt")
+    assert not holds_boxes(tmp_path / "images")
+    assert not holds_boxes(tmp_path / "a.mp4")
+
+
+@pytest.mark.slow
+def test_real_boxes(shared):
+    found, names = cf.read_detections(
+        shared / "data" / "real" / "epfl_terrace" / "terrace1_boxes.json"
+    )
+    assert len(names) == 4
+    assert len(found) > 1000

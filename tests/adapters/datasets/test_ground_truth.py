@@ -1,0 +1,111 @@
+"""True positions: CSV, uniform JSON, and the protocols of WildTrack and MultiviewX."""
+
+import json
+
+import numpy as np
+import pytest
+
+from catfree.adapters import read_ground_truth
+from catfree.errors import FileFormatError, InvalidInputError
+
+
+def write_annotations(folder, frames, cameras, positions):
+    """One person per position in every frame; the last is seen by nobody."""
+    (folder / "annotations_positions").mkdir(parents=True)
+    for frame in frames:
+        people = []
+        for person, cell in enumerate(positions):
+            seen = person < len(positions) - 1
+            box = (10, 20, 30, 90) if seen else (-1,) * 4
+            corners = dict(zip(("xmin", "ymin", "xmax", "ymax"), box, strict=True))
+            views = [{"viewNum": camera} | corners for camera in range(cameras)]
+            people.append({"personID": person, "positionID": cell, "views": views})
+        path = folder / "annotations_positions" / f"{frame:08d}.json"
+        path.write_text(json.dumps(people))
+
+
+def test_wildtrack_by_its_protocol(tmp_path):
+    write_annotations(tmp_path, (0, 5, 1795, 1800, 1995), 7, (0, 480 * 40 + 80, 7))
+    test = read_ground_truth(tmp_path)
+    np.testing.assert_array_equal(test.frames, [1800, 1995])
+    expected = [[1800, 0, -3, -9], [1800, 1, -1, -8], [1995, 0, -3, -9], [1995, 1, -1, -8]]
+    np.testing.assert_allclose(test.rows, expected)
+    assert test.area == (-3.0, 9.0, -9.0, 27.0)
+    assert test.gates == (0.5, 1.0)
+    assert test.protocol.startswith("WildTrack, test split (2 frames, 1800 to 1995), area x -3 to")
+    assert len(read_ground_truth(tmp_path, "train").rows) == 6
+    # The folder of the annotations alone suffices.
+    assert len(read_ground_truth(tmp_path / "annotations_positions", "all").rows) == 10
+
+
+def test_multiviewx_by_its_protocol(tmp_path):
+    write_annotations(tmp_path, (0, 359, 360, 399), 6, (40, 0))
+    test = read_ground_truth(tmp_path)
+    np.testing.assert_allclose(test.rows, [[360, 0, 1, 16], [399, 0, 1, 16]])  # y mirrored
+    assert test.protocol.startswith("MultiviewX, test split (2 frames, 360 to 399)")
+    assert test.area == (0.0, 25.0, 0.0, 16.0)
+
+
+def test_a_part_without_the_split_is_named(tmp_path):
+    write_annotations(tmp_path, (0, 5), 7, (0, 1))
+    with pytest.raises(InvalidInputError, match="no annotations of the test split of WildTrack"):
+        read_ground_truth(tmp_path)
+
+
+def test_other_annotations_are_refused(tmp_path):
+    with pytest.raises(InvalidInputError, match="holds no annotations"):
+        read_ground_truth(tmp_path)
+    write_annotations(tmp_path, (0,), 3, (0, 1))
+    with pytest.raises(FileFormatError, match="annotations of 3 cameras; WildTrack has 7"):
+        read_ground_truth(tmp_path)
+
+
+def test_uniform_json_brings_its_area(tmp_path):
+    document = {
+        "units": "m",
+        "cameras": [{"name": "a"}],
+        "frames": [
+            {"frame": 3, "gt": [{"id": 4, "x": 1, "y": 2}], "views": {}},
+            {"frame": 4, "views": {}},
+        ],
+        "evaluation_area": {"x": [0, 5], "y": [0, 6]},
+    }
+    path = tmp_path / "truth.json"
+    path.write_text(json.dumps(document))
+    truth = read_ground_truth(path)
+    np.testing.assert_array_equal(truth.rows, [[3, 4, 1, 2]])
+    np.testing.assert_array_equal(truth.frames, [3, 4])
+    assert truth.area == (0, 5, 0, 6)
+    document["frames"] = [{"frame": 3, "views": {}}]
+    path.write_text(json.dumps(document))
+    with pytest.raises(InvalidInputError, match="no true positions"):
+        read_ground_truth(path)
+
+
+@pytest.mark.parametrize("identity", ["id", "track_id"])
+def test_truth_and_tracks_are_read_alike(identity, tmp_path):
+    truth = tmp_path / "truth.csv"
+    truth.write_text(f"x,frame,y,{identity}\n \n1.5,0,2.5,7\n3,1,4,8\n")
+    np.testing.assert_array_equal(read_ground_truth(truth).rows, [[0, 7, 1.5, 2.5], [1, 8, 3, 4]])
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("frame,x,y\n0,1,2\n", "no column 'id'"),
+        ("", "no column 'frame'"),
+        ("frame,id,x,y\n0,1,here,2\n", "here"),
+        ("frame,id,x,y\n0,1,2,3\n\n0,1,2\n", r"truth\.csv: line 4 has 3 columns instead of 4"),
+        ("frame,id,x,y\n0,1,1,5,2,5\n", "line 2 has 6 columns.*decimals with a point"),
+        ("frame,id,x,y\n", "has a header but no rows"),
+        ("frame,id,x,y\n0,1,2,3\n1,1,nan,3\n", r"truth\.csv: x in line 3 is 'nan'"),
+        ("frame,id,x,y\n0.5,1,2,3\n", "frame in line 2 is '0.5', not a whole number"),
+        ("frame,id,x,y\n0,,2,3\n", "id in line 2 is '', not a whole number"),
+        ("frame,id,x,y\n0,1,2," + "3" * 200_000, "line 2 is not CSV"),
+    ],
+)
+def test_truth_that_is_none_is_refused(text, sentence, tmp_path):
+    truth = tmp_path / "truth.csv"
+    truth.write_text(text)
+    with pytest.raises(FileFormatError, match=sentence):
+        read_ground_truth(truth)

@@ -1,0 +1,145 @@
+"""`localize`, `calibrate` and `evaluate` on files of boxes."""
+
+import json
+
+import numpy as np
+import pytest
+
+from catfree.adapters import (
+    read_scene,
+    read_tracks,
+    write_anipose_toml,
+    write_mot_boxes,
+    write_tracks_csv,
+)
+from catfree.cli import _commands as cli
+from catfree.synthetic import make_world
+from catfree.synthetic._layouts import ring
+from catfree.types import Tracks
+
+pytest.importorskip("tyro")
+
+FRAMES, SIZE = 60, (1280, 720)
+NAMES = ("north", "east", "west")
+
+
+@pytest.fixture(scope="module")
+def world():
+    return make_world(ring(3, image_size=SIZE, people=6), frames=FRAMES, people=6)
+
+
+@pytest.fixture(scope="module")
+def boxes(world, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("boxes")
+    for camera, name in enumerate(NAMES):
+        part = world.detections[world.detections.camera == camera]
+        write_mot_boxes(folder / f"{name}.txt", part, range(FRAMES))
+    return folder
+
+
+def sentence(capsys):
+    error = capsys.readouterr().err.strip()
+    assert error.startswith("catfree: ")
+    assert "\n" not in error
+    return error
+
+
+@pytest.mark.slow
+def test_boxes_in_another_order_than_the_scene(world, boxes, tmp_path, capsys):
+    turned = np.array([2, 0, 1])
+    rig = world.true_rig.select(turned)
+    scene = tmp_path / "calibration.toml"
+    write_anipose_toml(scene, rig, [NAMES[c] for c in turned], metres_per_unit=0.001)
+    files = [str(boxes / f"{name}.txt") for name in NAMES]
+    out = tmp_path / "results"
+    words = ["localize", *files, "--scene", str(scene), "--unit", "mm", "--out", str(out)]
+    assert cli.main([*words, "--frame-rate", "5", "--no-pictures"]) == 0
+    assert "they were matched by name" in capsys.readouterr().err
+    tracks = read_tracks(out)
+    assert tracks.clock is not None
+    assert tracks.clock.frame_rate == 5
+    assert {path.name for path in out.iterdir()} >= {"scene.json", "report.html", "boxes", "rig"}
+    np.savetxt(
+        tmp_path / "truth.csv",
+        np.add(world.ground_truth, [1, 0, 0, 0]),
+        "%.17g",
+        ",",
+        header="frame,id,x,y",
+        comments="",
+    )
+    assert cli.main(["evaluate", str(out), str(tmp_path / "truth.csv")]) == 0
+    moda = next(line for line in capsys.readouterr().out.splitlines() if "MODA" in line)
+    assert float(moda.split("│")[2]) > 80
+
+
+@pytest.mark.slow
+def test_cameras_from_boxes(boxes, tmp_path, capsys):
+    out = tmp_path / "rig"
+    words = ["calibrate", str(boxes), "--out", str(out)]
+    assert cli.main(words) == 1
+    assert "sizes of the images are needed" in sentence_after_table(capsys)
+    assert cli.main([*words, "--image-size", *map(str, SIZE)]) == 0
+    scene, names = read_scene(out)
+    assert names == tuple(sorted(NAMES))
+    assert scene.rig.registered.all()
+    assert scene.metric
+
+
+def sentence_after_table(capsys):
+    return capsys.readouterr().err.strip().splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_mistakes_are_one_sentence(world, boxes, tmp_path, capsys):
+    scene = tmp_path / "calibration.toml"
+    write_anipose_toml(scene, world.true_rig, NAMES)
+    north, east = str(boxes / "north.txt"), str(boxes / "east.txt")
+    (tmp_path / "a.mp4").write_bytes(b"")
+    for words, expected in [
+        (["localize", str(tmp_path / "none")], "There is no file or folder"),
+        (["localize", north, east, "--scene", str(tmp_path / "no")], "There is no file"),
+        (["run", north, east], "north.txt holds boxes, not a video. Give the boxes to catfree"),
+        (["calibrate", north, str(tmp_path / "a.mp4")], "north.txt holds boxes, but"),
+    ]:
+        assert cli.main([*words, "--out", str(tmp_path / "out")]) == 1
+        assert expected in sentence(capsys)
+    other = tmp_path / "south.txt"
+    other.write_text((boxes / "north.txt").read_text())
+    words = ["localize", str(other), east, "--scene", str(scene), "--out", str(tmp_path / "out")]
+    assert cli.main(words) == 1
+    assert "which are not all among them" in sentence_after_table(capsys)
+
+
+@pytest.mark.slow
+def test_a_benchmark_is_scored_by_its_protocol(tmp_path, capsys):
+    folder = tmp_path / "annotations_positions"
+    folder.mkdir()
+    views = [{"viewNum": c, "xmin": 1, "ymin": 1, "xmax": 9, "ymax": 30} for c in range(7)]
+    for frame in range(1780, 1840, 5):
+        person = {"personID": 4, "positionID": 480 * 700 + 240, "views": views}
+        (folder / f"{frame:08d}.json").write_text(json.dumps([person]))
+    frames = np.arange(1780, 1840, 5)
+    n = len(frames)
+    tracks = Tracks(
+        frame=frames,
+        track_id=np.zeros(n, int),
+        position=np.tile([3.1, 8.5, 0.0], (n, 1)),
+        ground_xy=np.tile([3.1, 8.5], (n, 1)),
+        sigma=np.ones(n),
+        covariance=np.tile(np.eye(2), (n, 1, 1)),
+        supporting_cameras=np.full(n, 2),
+        origin=np.zeros(n, int),
+    )
+    write_tracks_csv(tmp_path / "tracks.csv", tracks)
+    words = ["evaluate", str(tmp_path / "tracks.csv"), str(tmp_path)]
+    assert cli.main(words) == 0
+    shown = capsys.readouterr().out
+    assert "Protocol: WildTrack, test split (8 frames, 1800 to 1835)" in " ".join(shown.split())
+    assert "100.00" in shown
+    assert cli.main([*words, "--threshold", "0.05", "--split", "all"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "all frames (12 frames" in shown
+    assert "(but with other distances)" in shown
+    write_tracks_csv(tmp_path / "tracks.csv", tracks[:2])
+    assert cli.main(words) == 1
+    assert "its own are 1780 to 1785. Number frames alike" in sentence(capsys)
