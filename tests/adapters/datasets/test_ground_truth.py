@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from catfree.adapters import read_ground_truth
+from catfree.adapters import read_ground_truth, read_multiviewx
 from catfree.errors import FileFormatError, InvalidInputError
 
 
@@ -109,3 +109,12 @@ def test_truth_that_is_none_is_refused(text, sentence, tmp_path):
     truth.write_text(text)
     with pytest.raises(FileFormatError, match=sentence):
         read_ground_truth(truth)
+
+
+@pytest.mark.slow
+def test_the_published_sample_of_multiviewx(shared):
+    folder = shared / "data" / "real" / "multiviewx_demo10_original"
+    truth = read_ground_truth(folder, "all")
+    assert truth.protocol.startswith("MultiviewX, all frames (10 frames, 0 to 9)")
+    expected = read_multiviewx(folder, drop_unseen=True).ground_truth
+    np.testing.assert_array_equal(truth.rows, expected)
