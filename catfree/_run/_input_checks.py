@@ -49,14 +49,15 @@ def require_distinct_videos(videos: SynchronizedVideos) -> None:
 
 
 def order_like(
-    scene: Scene, names: Sequence[str], recording: Recording
+    scene: Scene, names: Sequence[str], cameras: Sequence[str], kind: str = "videos"
 ) -> tuple[Scene, tuple[str, ...]]:
     """Put the cameras of a scene in the order of the videos or boxes, where names allow it.
 
     Args:
         scene: with a camera for each of the recording's, or more.
         names: (C,) names of its cameras.
-        recording: its `camera_names` are matched with `names`.
+        cameras: names of the recording's cameras, which are looked for among `names`.
+        kind: what the recording consists of, "videos" or "boxes".
 
     Returns:
         The scene, and warnings: that cameras were reordered, or that names do not match.
@@ -64,10 +65,9 @@ def order_like(
     Raises:
         InvalidInputError: if the scene has more cameras, and names do not tell which are meant.
     """
-    wanted, given = list(recording.camera_names), list(names)
+    wanted, given = list(cameras), list(names)
     if wanted == given or len(wanted) > len(given):
         return scene, ()
-    kind = "boxes" if isinstance(recording, CameraBoxes) else "videos"
     order = positions_of(wanted, given)
     if order == list(range(len(given))):
         return scene, ()

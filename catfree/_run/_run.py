@@ -209,7 +209,7 @@ def run_stages(
     require_distinct_videos(videos)
     if scene is not None:
         if scene_names is not None:
-            scene, order = order_like(scene, scene_names, videos)
+            scene, order = order_like(scene, scene_names, videos.camera_names)
             so_far.warnings += order
         _require_same_cameras(scene, videos)
     detector = BackgroundDetector() if detector is None else detector
@@ -302,7 +302,7 @@ def run_boxes(
     said: tuple[str, ...] = ()
     if scene is not None:
         if scene_names is not None:
-            scene, said = order_like(scene, scene_names, boxes)
+            scene, said = order_like(scene, scene_names, boxes.camera_names, "boxes")
         if scene.rig.camera_count < len(boxes.camera_names):
             raise InvalidInputError(
                 f"The scene has {scene.rig.camera_count} cameras, but there are boxes of "

@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,7 +14,7 @@ from catfree.cli._inputs import (
     require_files,
     settings_of,
 )
-from catfree.cli._terminal import fail, print_text, progress_bars
+from catfree.cli._terminal import fail, print_text, progress_bars, warn
 from catfree.errors import InvalidInputError, MissingDependencyError, ShardError, quoted
 
 BOXES = (".npz", ".parquet")
@@ -65,7 +65,7 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
             raise InvalidInputError(
                 f"{boxes} holds boxes, so that --detector and --embedder have nothing to do."
             )
-        open_scene(scene)  # before many processes fail at it
+        warn(_scene_for(scene, () if boxes is not None else recording)[1])  # before shards fail
         parts = shards(
             recording if boxes is None else boxes, every, overlap, frame_rate, offsets=offsets
         )
@@ -94,7 +94,7 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
 
         document = read_plan(plan)
         chosen = shard_at(document.shards, index)
-        scene, _ = open_scene(Path(document.scene))
+        scene, _ = _scene_for(Path(document.scene), [Path(video) for video in chosen.videos])
         receipt = run_shard(
             chosen,
             scene=scene,
@@ -167,6 +167,15 @@ def _holds_boxes(path: Path) -> bool:
 def _absolute(path: Path) -> str:
     """The path from the root: other processes may start in another folder."""
     return os.path.abspath(path)
+
+
+def _scene_for(path: Path, videos: Sequence[Path]) -> tuple[Any, tuple[str, ...]]:
+    """Read a scene, its cameras in the order of the videos, if there are any; and warnings."""
+    from catfree._run._input_checks import order_like
+    from catfree.adapters.files._camera_names import names_of_files
+
+    scene, names = open_scene(path)
+    return order_like(scene, names, names_of_files(videos)) if videos else (scene, ())
 
 
 def _path(text: str) -> Path | None:

@@ -5,13 +5,16 @@ import json
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 import catfree as cf
 from catfree._run.sharded._worker import ONE_THREAD
 from catfree.adapters import write_detections_parquet, write_scene_json
 from catfree.cli import _commands as cli
+from catfree.cli._shard_commands import _scene_for
 from catfree.synthetic import make_world
 
 pytest.importorskip("tyro")
@@ -234,3 +237,15 @@ def test_a_process_for_one_shard_uses_one_thread():
     said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     # NumPy counts the processors when it is imported.
     assert said.splitlines() == ["False", f"1 {ONE_THREAD}"]
+
+
+def test_cameras_of_a_scene_belong_to_the_videos_of_their_name(tmp_path):
+    scene = make_world("ring4", 0, frames=2, people=1).scene
+    path = write_scene_json(tmp_path / "scene.json", scene, ["north", "east", "south", "west"])
+    videos = [Path(f"{name}.mp4") for name in ("south", "west", "north", "east")]
+    ordered, (said,) = _scene_for(path, videos)
+    assert "matched by name" in said
+    np.testing.assert_allclose(ordered.rig.centers, scene.rig.centers[[2, 3, 0, 1]], atol=1e-5)
+    same, nothing = _scene_for(path, ())
+    assert nothing == ()
+    np.testing.assert_allclose(same.rig.centers, scene.rig.centers, atol=1e-5)

@@ -65,7 +65,7 @@ def test_videos_in_any_order_find_their_cameras_by_name(clips, order):
     scene = type(scene)(scene.rig.select([0, 1, 2]), scene.ground, scene.extent, scene.metric)
     names = ["a", "b", "c"]
     videos = SynchronizedVideos([clips[names[at]] for at in order])
-    ordered, said = order_like(scene, names, videos)
+    ordered, said = order_like(scene, names, videos.camera_names)
     np.testing.assert_array_equal(ordered.rig.t, np.asarray(scene.rig.t)[list(order)])
     assert bool(said) == (list(order) != [0, 1, 2])
     assert all("matched by name" in sentence for sentence in said)
@@ -75,20 +75,20 @@ def test_names_that_do_not_fit_are_told_and_default_ones_are_not(clips):
     scene = make_layout("ring4", 0).scene
     scene = type(scene)(scene.rig.select([0, 1]), scene.ground, scene.extent, scene.metric)
     videos = SynchronizedVideos([clips["a"], clips["b"]])
-    same, (said,) = order_like(scene, ["b", "north"], videos)
+    same, (said,) = order_like(scene, ["b", "north"], videos.camera_names)
     assert same is scene
     assert "names its cameras b, north, the videos are a, b" in said
-    assert order_like(scene, ["C1", "C2"], videos) == (scene, ())
+    assert order_like(scene, ["C1", "C2"], videos.camera_names) == (scene, ())
 
 
 def test_a_part_of_the_scene_is_found_by_name_alone(clips):
     scene = make_layout("ring4", 0).scene
     videos = SynchronizedVideos([clips["b"], clips["a"]])
-    part, (said,) = order_like(scene, ["x.png", "a.png", "b.png", "y.png"], videos)
+    part, (said,) = order_like(scene, ["x.png", "a.png", "b.png", "y.png"], videos.camera_names)
     np.testing.assert_array_equal(part.rig.t, np.asarray(scene.rig.t)[[2, 1]])
     assert "matched by name" in said
     with pytest.raises(InvalidInputError, match="x, y, z, w, but the videos are b, a, which are"):
-        order_like(scene, ["x", "y", "z", "w"], videos)
+        order_like(scene, ["x", "y", "z", "w"], videos.camera_names)
 
 
 def test_a_short_video_says_what_is_lost(clips):

@@ -4,6 +4,7 @@ import dataclasses
 import hashlib
 import math
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from catfree._run.sharded._receipt import (
 )
 from catfree._run.sharded._shard import Shard, StrPath, boxes_of, open_videos
 from catfree.adapters.calibration_files._rig_json import scene_text
+from catfree.adapters.files._camera_names import names_of_files
 from catfree.adapters.files._documents import write_text_atomically
 from catfree.adapters.files._fingerprint import hash_file, hash_parameters
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
@@ -102,7 +104,7 @@ def run_shard(
     finished = is_finished(files, shard, run)
     if finished is not None:
         return finished
-    scene_file = _write_scene(folder, scene)
+    scene_file = _write_scene(folder, scene, shard.videos)
     begin = time.perf_counter()
     if shard.videos:
         detections, localization = _from_videos(shard, scene, settings, detector, embedder)
@@ -215,8 +217,8 @@ def _from_videos(
     return outcome.detections, outcome.localization
 
 
-def _write_scene(folder: Path, scene: Scene) -> str:
-    """Write the scene beside the receipts and return the SHA-256 of its file.
+def _write_scene(folder: Path, scene: Scene, videos: Sequence[str] = ()) -> str:
+    """Write the scene beside the receipts, its cameras named like the videos; return its SHA-256.
 
     Raises:
         InvalidInputError: if the folder holds shards of another scene.
@@ -224,7 +226,8 @@ def _write_scene(folder: Path, scene: Scene) -> str:
     make_folder(folder / WORK_FOLDER)
     path = folder / SCENE_FILE
     before = hash_file(path) if path.is_file() else None
-    content = scene_text(scene)
+    named = len(videos) == scene.rig.camera_count
+    content = scene_text(scene, names_of_files(list(map(Path, videos))) if named else None)
     written = hashlib.sha256(content.encode()).hexdigest()
     if before not in (None, written):
         raise InvalidInputError(

@@ -14,6 +14,7 @@ import numpy as np
 
 from catfree._run._cache import code_hash
 from catfree._run._cached_detection import fingerprint_of
+from catfree._run._input_checks import order_like
 from catfree._run._stages import calibrate_cameras, detect
 from catfree._run.sharded._executors import error_of, executor_for, run_shards
 from catfree._run.sharded._plan_file import METHODS
@@ -33,6 +34,7 @@ from catfree.adapters.calibration_files._rig_json import (
     write_scene_json,
 )
 from catfree.adapters.datasets import read_scene
+from catfree.adapters.files._camera_names import names_of_files
 from catfree.adapters.files._documents import read_text
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
@@ -318,7 +320,7 @@ def _scenes(
             elif isinstance(site.scene, Scene):
                 scenes[site.name] = site.scene
             else:
-                scenes[site.name] = read_scene(site.scene)[0]
+                scenes[site.name] = _scene_of(site)
         except CatFreeError as error:
             failed[site.name] = error
     if tasks:
@@ -331,6 +333,24 @@ def _scenes(
             scenes[tasks[task]] = task.result()
         progress("calibration", done, len(tasks))
     return scenes
+
+
+def _scene_of(site: Site) -> Scene:
+    """Read the scene of a site, its cameras in the order of the videos.
+
+    Raises:
+        InvalidInputError: if the names of cameras and videos do not tell which belongs to which.
+    """
+    scene, names = read_scene(site.scene)
+    if isinstance(site.recording, str):
+        return scene
+    ordered, said = order_like(scene, names, names_of_files([Path(p) for p in site.recording]))
+    if said and ordered is scene:
+        raise InvalidInputError(
+            f"{site.scene} names its cameras {', '.join(names)}, but the videos of {site.name!r} "
+            "have other names. Name the files as the cameras, so that none is taken for another."
+        )
+    return ordered
 
 
 def calibrate_site(
