@@ -49,13 +49,13 @@ def require_distinct_videos(videos: SynchronizedVideos) -> None:
 
 
 def order_like(
-    scene: Scene, names: Sequence[str], cameras: Sequence[str], kind: str = "videos"
+    scene: Scene, names: Sequence[str] | None, cameras: Sequence[str], kind: str = "videos"
 ) -> tuple[Scene, tuple[str, ...]]:
     """Put the cameras of a scene in the order of the videos or boxes, where names allow it.
 
     Args:
         scene: with a camera for each of the recording's, or more.
-        names: (C,) names of its cameras.
+        names: (C,) names of its cameras, or None if they have none.
         cameras: names of the recording's cameras, which are looked for among `names`.
         kind: what the recording consists of, "videos" or "boxes".
 
@@ -65,6 +65,8 @@ def order_like(
     Raises:
         InvalidInputError: if the scene has more cameras, and names do not tell which are meant.
     """
+    if names is None:
+        return scene, ()
     wanted, given = list(cameras), list(names)
     if wanted == given or len(wanted) > len(given):
         return scene, ()

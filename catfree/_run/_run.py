@@ -208,9 +208,8 @@ def run_stages(
     so_far.videos, so_far.warnings = videos, footage_warnings(videos)
     require_distinct_videos(videos)
     if scene is not None:
-        if scene_names is not None:
-            scene, order = order_like(scene, scene_names, videos.camera_names)
-            so_far.warnings += order
+        scene, order = order_like(scene, scene_names, videos.camera_names)
+        so_far.warnings += order
         _require_same_cameras(scene, videos)
     detector = BackgroundDetector() if detector is None else detector
     if embedder is None and isinstance(detector, BackgroundDetector):
@@ -301,8 +300,7 @@ def run_boxes(
     detections, calibration = boxes.detections, None
     said: tuple[str, ...] = ()
     if scene is not None:
-        if scene_names is not None:
-            scene, said = order_like(scene, scene_names, boxes.camera_names, "boxes")
+        scene, said = order_like(scene, scene_names, boxes.camera_names, "boxes")
         if scene.rig.camera_count < len(boxes.camera_names):
             raise InvalidInputError(
                 f"The scene has {scene.rig.camera_count} cameras, but there are boxes of "

@@ -320,7 +320,7 @@ def _scenes(
             elif isinstance(site.scene, Scene):
                 scenes[site.name] = site.scene
             else:
-                scenes[site.name] = _scene_of(site)
+                scenes[site.name] = _read_scene(site.scene, site)
         except CatFreeError as error:
             failed[site.name] = error
     if tasks:
@@ -335,19 +335,19 @@ def _scenes(
     return scenes
 
 
-def _scene_of(site: Site) -> Scene:
+def _read_scene(path: str, site: Site) -> Scene:
     """Read the scene of a site, its cameras in the order of the videos.
 
     Raises:
         InvalidInputError: if the names of cameras and videos do not tell which belongs to which.
     """
-    scene, names = read_scene(site.scene)
-    if isinstance(site.recording, str):
+    scene, names = read_scene(path)
+    if names is None or isinstance(site.recording, str):
         return scene
     ordered, said = order_like(scene, names, names_of_files([Path(p) for p in site.recording]))
     if said and ordered is scene:
         raise InvalidInputError(
-            f"{site.scene} names its cameras {', '.join(names)}, but the videos of {site.name!r} "
+            f"{path} names its cameras {', '.join(names)}, but the videos of {site.name!r} "
             "have other names. Name the files as the cameras, so that none is taken for another."
         )
     return ordered

@@ -299,11 +299,13 @@ def test_a_site_has_one_scene(tmp_path):
 def test_cameras_of_a_scene_belong_to_the_videos_of_their_name(tmp_path):
     scene = make_world("ring4", 0, frames=2, people=1).scene
     path = write_scene_json(tmp_path / "scene.json", scene, ["north", "east", "south", "west"])
-    site = Site("a", ("south.mp4", "west.mp4", "north.mp4", "east.mp4"), scene=str(path))
-    centers = _sites._scene_of(site).rig.centers
+    site = Site("a", ("south.mp4", "west.mp4", "north.mp4", "east.mp4"))
+    centers = _sites._read_scene(str(path), site).rig.centers
     np.testing.assert_allclose(centers, scene.rig.centers[[2, 3, 0, 1]], atol=1e-5)
     other = dataclasses.replace(site, recording=("1.mp4", "2.mp4", "3.mp4", "4.mp4"))
     with pytest.raises(InvalidInputError, match=r"names its cameras north, .* videos of 'a' have"):
-        _sites._scene_of(other)
+        _sites._read_scene(str(path), other)
     write_scene_json(path, scene)  # numbered cameras tell nothing
-    np.testing.assert_allclose(_sites._scene_of(other).rig.centers, scene.rig.centers, atol=1e-5)
+    np.testing.assert_allclose(
+        _sites._read_scene(str(path), other).rig.centers, scene.rig.centers, atol=1e-5
+    )
