@@ -30,13 +30,13 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         parts = (
-            ("fuzz", lambda p: fuzz(tally, p, options.seed, 15 if options.short else 760)),
-            ("decay", lambda p: decay(tally, p, options.seed, 30 if options.short else 1200)),
+            ("fuzz", lambda p: fuzz(tally, p, options.seed, 5 if options.short else 760)),
+            ("decay", lambda p: decay(tally, p, options.seed, 10 if options.short else 1200)),
             ("attacks", lambda p: attack(tally, p)),
             ("names", lambda p: odd_names(tally, p, pictures=not options.short)),
             ("kills", lambda p: kill(tally, p, options.seed, 1 if options.short else 30)),
             ("shards", lambda p: kill_shards(tally, p, options.seed, 1 if options.short else 50)),
-            ("disks", lambda p: full_disks(tally, p, 4 if options.short else 15)),
+            ("disks", lambda p: full_disks(tally, p, 2 if options.short else 15)),
         )
         for name, run in parts:
             (root / name).mkdir()

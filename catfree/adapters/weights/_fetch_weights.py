@@ -125,11 +125,11 @@ class _Bar:
     total = 0  # pooch sets it when the server has answered
 
     def __init__(self, progress: Callable[[str, int, int], None]) -> None:
-        self._progress, self._done = progress, 0
+        self.progress, self._done = progress, 0
 
     def update(self, count: int) -> None:
         self._done = min(self._done + count, self.total)
-        self._progress("weights", self._done, self.total)
+        self.progress("weights", self._done, self.total)
 
     def reset(self) -> None:
         self._done = 0
