@@ -18,7 +18,13 @@ from catfree.adapters.files._camera_names import (
     natural_order,
     positions_of,
 )
-from catfree.adapters.files._documents import StrPath, naming_file, read_json, read_text
+from catfree.adapters.files._documents import (
+    IMAGE_SUFFIXES,
+    StrPath,
+    naming_file,
+    read_json,
+    read_text,
+)
 from catfree.adapters.tables._coco import is_coco, read_coco
 from catfree.adapters.tables._detections_table import read_detections_parquet
 from catfree.adapters.tables._motchallenge import read_mot
@@ -27,7 +33,6 @@ from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Clock, Detections
 
 SUFFIXES = (".txt", ".csv", ".parquet", ".json", ".npz")
-IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
 # The first of these that a table has is its column.
 _FRAME = ("frame", "frame_id", "frame_number", "image_id")
@@ -140,7 +145,7 @@ def holds_boxes(path: StrPath) -> bool:
     """Return whether a path is one of boxes rather than of a video or a folder of images."""
     place = Path(path)
     if place.is_dir():
-        return not any(p.suffix.lower() in IMAGES for p in place.iterdir())
+        return not any(p.suffix.lower() in IMAGE_SUFFIXES for p in place.iterdir())
     return place.suffix.lower() in SUFFIXES
 
 

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,26 @@ from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types._archive import naming_file as naming_file, read_archive
 from catfree.types._writing import replacing
 
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 StrPath = str | os.PathLike[str]
 
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 # Above it, not every whole number is a float.
 _LARGEST_WHOLE = 2**53
+
+
+def parse_numbers(words: Sequence[str], source: StrPath, line: int) -> list[float]:
+    """Return the numbers of a line of text.
+
+    Raises:
+        FileFormatError: naming file and line.
+    """
+    try:
+        return [float(word) for word in words]
+    except ValueError as error:
+        raise FileFormatError(
+            f"{source}: line {line} has a value that is not a number: {quoted(error)}."
+        ) from error
 
 
 def require_file(path: StrPath, meaning: str) -> Path:

@@ -8,8 +8,13 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
-from catfree.adapters.files._documents import StrPath, read_text, write_text_atomically
-from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.adapters.files._documents import (
+    StrPath,
+    parse_numbers,
+    read_text,
+    write_text_atomically,
+)
+from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Detections, Tracks
 from catfree.types._validation import as_float, as_integer, require_shape
 
@@ -97,12 +102,7 @@ def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
                 f"{source}: line {line} has {len(words)} columns instead of "
                 f"{max(columns, 6)} (frame, id, left, top, width, height, ...)."
             )
-        try:
-            rows.append([float(word) for word in words])
-        except ValueError as error:
-            raise FileFormatError(
-                f"{source}: line {line} has a value that is not a number: {quoted(error)}."
-            ) from error
+        rows.append(parse_numbers(words, source, line))
         _, _, left, top, width, height, *_ = rows[-1]
         if not np.isfinite([*rows[-1], left + width, top + height]).all():
             raise InvalidInputError(f"{source}: line {line} has a number that is not finite.")

@@ -10,6 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from catfree.adapters.files._camera_names import natural_order, require_readable_name
+from catfree.adapters.files._documents import IMAGE_SUFFIXES
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.protocols import Image
 from catfree.adapters.video._common_clock import RATE_TOLERANCE, Times, nearest_frame, rate_of
@@ -18,7 +19,6 @@ from catfree.errors import FileFormatError, InvalidInputError
 
 FARTHEST_DECODED = 1000  # frames: decoding up to there is faster than looking for a key frame
 JUMP_MARGIN = 50  # frames by which seeking may come out too late
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
 # Times of packets within this share of a frame of an even clock count as even: they tell nothing
 # that the frame rate does not.

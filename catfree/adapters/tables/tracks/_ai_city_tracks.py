@@ -6,9 +6,14 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from catfree.adapters.files._documents import StrPath, read_text, write_text_atomically
+from catfree.adapters.files._documents import (
+    StrPath,
+    parse_numbers,
+    read_text,
+    write_text_atomically,
+)
 from catfree.adapters.tables.tracks._tracked_rows import tracked
-from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Detections, Tracks
 from catfree.types._validation import as_count, as_positive
 
@@ -116,12 +121,7 @@ def read_ai_city_tracks(path: StrPath, scene_id: int | None = None) -> Float[np.
                 f"{source}: line {line} has {len(words)} columns instead of "
                 f"{' or '.join(map(str, wanted))}."
             )
-        try:
-            rows.append([float(word) for word in words])
-        except ValueError as error:
-            raise FileFormatError(
-                f"{source}: line {line} has a value that is not a number: {quoted(error)}."
-            ) from error
+        rows.append(parse_numbers(words, source, line))
         if not np.isfinite(rows[-1]).all():
             raise InvalidInputError(f"{source}: line {line} has a number that is not finite.")
     if not rows:
