@@ -4,11 +4,11 @@ import os
 from pathlib import Path
 
 import jax
-import jaxtyping
 import pytest
 from hypothesis import HealthCheck, settings
+from jaxtyping import install_import_hook
 
-jaxtyping.install_import_hook("catfree", "beartype.beartype")
+install_import_hook("catfree", "beartype.beartype")
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -30,13 +30,6 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
     seconds = float(os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"])
     jax.config.update("jax_persistent_cache_min_compile_time_secs", seconds)
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Check shapes and types, except where slow tests call the same kernels a million times."""
-    repeats = Path(__file__).parent / "calibration" in item.path.parents
-    jaxtyping.config.update("jaxtyping_disable", repeats and "slow" in item.keywords)
 
 
 def _shared() -> Path | None:
