@@ -25,6 +25,8 @@ settings.load_profile("catfree")
 
 def pytest_configure(config: pytest.Config) -> None:
     """Share what JAX compiles with the other workers, the commands under test and the next run."""
+    if not config.pluginmanager.hasplugin("cacheprovider"):
+        return
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.cache.mkdir("compiled")))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
     jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 
 from catfree.calibration import Calibration
+from catfree.calibration.people import register
 from catfree.synthetic import DetectorModel, World, make_world
 from catfree.types import Rig, Scene
 
@@ -15,6 +16,15 @@ def ring_of_six() -> World:
     """Eight people for twelve seconds: enough to calibrate from, and quickly done."""
     detector = DetectorModel(pixel_noise=2.0, embedding_size=0, false_positives=0.3)
     return make_world("ring6", 3, frames=60, people=8, background=1, detector=detector)
+
+
+@cache
+def calibrated_ring() -> Calibration:
+    """Its rig from people alone; tests that share it share an xdist group."""
+    world = ring_of_six()
+    found = register(world.detections, world.true_rig.image_size)
+    assert found.scene.rig.registered.all()
+    return found
 
 
 def moved(calibration: Calibration, camera: int, *step: float) -> Calibration:

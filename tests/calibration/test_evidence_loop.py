@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.calibration._evidence_loop import EvidenceLoop, largest_move
-from catfree.calibration.people import register, without_camera
+from catfree.calibration.people import without_camera
 from catfree.errors import CalibrationError
 from catfree.settings import Settings
-from tests.calibration.ring_world import moved, ring_of_six
+from tests.calibration.ring_world import calibrated_ring, moved, ring_of_six
 
 SETTINGS = Settings()
 WRONG, MISSING = 2, 5
 
-pytestmark = pytest.mark.xdist_group("evidence_loop")  # one worker makes what all share
+pytestmark = pytest.mark.xdist_group("ring_of_six")  # one worker makes what all share
 
 
 @pytest.fixture(scope="module")
@@ -29,8 +29,8 @@ def loop(world):
 
 
 @pytest.fixture(scope="module")
-def right(world, loop):
-    found = loop.refine(register(world.detections, world.true_rig.image_size))
+def right(loop):
+    found = loop.refine(calibrated_ring())
     assert found.scene.rig.registered.all()
     return found
 

@@ -10,7 +10,6 @@ from catfree.calibration.people import (
     offset_for,
     places_for,
     reconsider,
-    register,
     remove_offsets,
     without_camera,
     without_vague_cameras,
@@ -18,12 +17,12 @@ from catfree.calibration.people import (
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
-from tests.calibration.ring_world import moved, ring_of_six
+from tests.calibration.ring_world import calibrated_ring, moved, ring_of_six
 
 RULES = CalibrationSettings()
 CAMERA = 2
 
-pytestmark = pytest.mark.xdist_group("camera_search")  # one worker makes what all share
+pytestmark = pytest.mark.xdist_group("ring_of_six")  # one worker makes what all share
 
 
 @pytest.fixture(scope="module")
@@ -32,10 +31,8 @@ def world():
 
 
 @pytest.fixture(scope="module")
-def calibration(world):
-    found = register(world.detections, world.true_rig.image_size)
-    assert found.scene.rig.registered.all()
-    return found
+def calibration():
+    return calibrated_ring()
 
 
 @pytest.mark.slow
