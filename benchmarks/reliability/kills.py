@@ -104,12 +104,14 @@ def _start(pictures: Path, out: Path) -> subprocess.Popen[str]:
 
 
 def compiled_in(folder: Path) -> dict[str, str]:
-    """Environment of a process that keeps what it compiles in a folder.
+    """Environment of a process that keeps what it compiles: in a folder, unless one is set.
 
     Compiling again would take most of the time, and kills would seldom hit anything else.
     """
     return {
-        "JAX_COMPILATION_CACHE_DIR": str(folder / "compiled"),
+        "JAX_COMPILATION_CACHE_DIR": os.environ.get(
+            "JAX_COMPILATION_CACHE_DIR", str(folder / "compiled")
+        ),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
         "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
     }
