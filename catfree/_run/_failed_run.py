@@ -5,16 +5,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Int
 
 from catfree._run._report import describe_footage, describe_warnings
 from catfree._run._result_folder import write_boxes
 from catfree._run._run import Unfinished
 from catfree.adapters.video import SynchronizedVideos
 from catfree.errors import CatFreeError
+from catfree.settings import EvidenceSettings
 from catfree.types import Detections
 from catfree.viz.footage._blur import blur_regions
 from catfree.viz.footage._contact_sheet import draw_boxes, write_sheet
 from catfree.viz.page._blocks import Block, Heading, Notice, Picture, Table, write_blocks
+
+MOSTLY_HIDDEN = 0.5  # share of boxes with visible feet below which the report says so
 
 
 def write_failure(
@@ -54,7 +58,7 @@ def write_failure(
     write_sheet(sheet, _fullest_instant(videos, detections, blur))
     blocks: list[Block] = [
         Heading("catfree report", 1),
-        Notice("Why this run failed", (str(error),)),
+        Notice("Why this run failed", (str(error), *hidden_feet(videos, detections))),
         *describe_warnings(unfinished.warnings),
         Heading("What the detector saw"),
         Picture("pictures/boxes.jpg", "the instant with the most boxes"),
@@ -65,15 +69,50 @@ def write_failure(
 
 
 def box_table(videos: SynchronizedVideos, detections: Detections) -> Table:
-    """Number, median height and median score of the boxes, one row per camera."""
+    """Number, median height, median score and visible feet of the boxes, one row per camera."""
     rows = []
     for camera, name in enumerate(videos.camera_names):
         boxes = detections[detections.camera == camera]
         height = f"{np.median(boxes.height):.0f}" if len(boxes) else ""
         sure = "" if boxes.score is None or not len(boxes) else f"{np.median(boxes.score):.2f}"
-        rows.append((name, str(len(boxes)), height, sure))
-    header = ("camera", "boxes", "median height (px)", "median score")
+        seen = share_of_feet(boxes, videos.image_size[camera])
+        rows.append((name, str(len(boxes)), height, sure, "" if seen is None else f"{seen:.0%}"))
+    header = ("camera", "boxes", "median height (px)", "median score", "feet seen")
     return Table(header, tuple(rows))
+
+
+def share_of_feet(boxes: Detections, image_size: Int[np.ndarray, " axis"]) -> float | None:
+    """Share of one camera's boxes with visible feet; None if there are no boxes.
+
+    Feet are hidden where the detector found no ankles, or where the image border cuts the box.
+    """
+    if not len(boxes):
+        return None
+    width, height = image_size
+    seen = boxes.box[:, 3] < height - 1 - EvidenceSettings().border_margin * width
+    if boxes.ankles_confirmed is not None:
+        seen = seen & boxes.ankles_confirmed
+    return float(seen.mean())
+
+
+def hidden_feet(videos: SynchronizedVideos, detections: Detections) -> tuple[str, ...]:
+    """One sentence on the cameras that see the feet of less than half of the people."""
+    shares = [
+        share_of_feet(detections[detections.camera == camera], videos.image_size[camera])
+        for camera in range(len(videos.camera_names))
+    ]
+    few = [
+        f"{name} ({share:.0%} of the boxes)"
+        for name, share in zip(videos.camera_names, shares, strict=True)
+        if share is not None and share < MOSTLY_HIDDEN
+    ]
+    if not few:
+        return ()
+    return (
+        f"Feet are mostly hidden, by objects or by the lower image border, in {', '.join(few)}. "
+        "Cameras and people are placed by feet on the ground: turn or raise such a camera until "
+        "it sees open floor, or record for longer.",
+    )
 
 
 def _fullest_instant(

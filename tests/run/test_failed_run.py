@@ -63,6 +63,22 @@ def test_what_the_detector_saw_is_written_with_the_reason(tmp_path):
     assert not (tmp_path / "none").exists()
 
 
+def test_cameras_that_see_no_feet_are_named(tmp_path):
+    videos = SynchronizedVideos(write_noise(tmp_path))
+    cut, whole = [10.0, 40, 30, SIZE[1] - 1], [40.0, 10, 50, 40]
+    boxes = Detections(
+        [1, 2, 3, 1, 2, 3],
+        [0, 0, 0, 1, 1, 1],
+        np.array([cut, cut, whole, whole, whole, whole]),
+        ankles_confirmed=[True, True, True, True, True, False],
+    )
+    write_failure(tmp_path / "out", CalibrationError("Nothing fits."), Unfinished(videos, boxes))
+    text = (tmp_path / "out" / "report.md").read_text()
+    assert "in cam0 (33% of the boxes)." in text
+    rows = [line.split("|")[-2].strip() for line in text.splitlines() if line.startswith("| cam")]
+    assert rows[:3] == ["feet seen", "33%", "67%"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("command", ["run", "calibrate"])
 def test_a_failed_command_names_its_report(command, tmp_path, capsys):
