@@ -256,6 +256,9 @@ def describe_reliability(localization: Localization, scene: Scene) -> list[Block
         ("positions added by the trajectories", f"{100 * extended:.1f} %"),
         ("accepted positions that were recovered", f"{100 * reliability.fraction_recovered:.1f} %"),
     ]
+    if reliability.ground_height is not None:
+        height = _formatted(reliability.ground_height, "+.3f", unit)
+        rows.append(("where foot rays meet, above the ground", height))
     for name, value in vars(localization.thresholds).items():
         if value is not None:
             rows.append((THRESHOLD_NAMES[name], f"{value:.4g}"))
@@ -279,7 +282,7 @@ def describe_reliability(localization: Localization, scene: Scene) -> list[Block
 
 def _formatted(value: float, form: str, unit: str = "") -> str:
     """Format a number that is NaN without positions."""
-    return f"{value:{form}}{unit}" if np.isfinite(value) else "nobody found"
+    return f"{value:{form}}{unit}" if np.isfinite(value) else "too few people"
 
 
 def _expected_rows(reliability: Reliability) -> list[tuple[str, str]]:

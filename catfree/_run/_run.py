@@ -256,7 +256,7 @@ def run_stages(
     tiny = tiny_boxes(detections, settings.calibration)
     so_far.warnings += () if tiny is None else (tiny,)
     localization = localize_people(detections, scene, settings, cache=cache, progress=progress)
-    localization = replace(localization, warnings=so_far.warnings)
+    localization = replace(localization, warnings=(*so_far.warnings, *localization.warnings))
     return RunOutcome(
         localization,
         detections,
@@ -321,7 +321,7 @@ def run_boxes(
     names = boxes.camera_names
     names += tuple(f"C{camera + 1}" for camera in range(len(names), scene.rig.camera_count))
     return RunOutcome(
-        replace(found, warnings=said),
+        replace(found, warnings=(*said, *found.warnings)),
         detections,
         scene,
         calibration,

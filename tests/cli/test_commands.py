@@ -349,7 +349,7 @@ def test_plot_refuses_files_of_two_runs(results, outcome, tmp_path, capsys):
 def test_a_report_about_nobody_says_so(outcome):
     nobody = empty_localization(3)
     (_, table, *_) = describe_reliability(nobody, outcome.scene)
-    assert dict(table.rows)["median sigma of a position"] == "nobody found"
+    assert dict(table.rows)["median sigma of a position"] == "too few people"
     assert not any("nan" in cell for row in table.rows for cell in row)
 
 

@@ -3,11 +3,13 @@
 from dataclasses import replace
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import expit
 
 from catfree.methods.evidence._solve import EvidenceSolution, probability_within, solve, usual_step
+from catfree.methods.evidence.report._ray_diagnostics import ray_diagnostics
 from catfree.settings import EvidenceSettings
 from catfree.types import (
     Candidates,
@@ -21,6 +23,10 @@ from catfree.types import (
     Tracks,
 )
 from catfree.types._annotations import Progress
+
+# Share of a person's height by which feet may be off the ground unmentioned: box bottoms lie a step
+# ahead of the body, so that rays of cameras that look down steeply meet below the ground.
+GROUND_TOLERANCE = 0.1
 
 
 class Clusters(eqx.Module):
@@ -134,13 +140,14 @@ def describe(
     fate[s.trails.group[likely & s.suppressed]] = Fate.SUPPRESSED
     fate[s.trails.group[likely & s.outside]] = Fate.WORKING_AREA
     fate[trails.group[is_detected]] = Fate.ACCEPTED
-    sigma = np.sqrt((s.covariance[:, 0, 0] + s.covariance[:, 1, 1]) / 2) * unit
+    with jax.enable_x64(True):
+        rays = ray_diagnostics(s.boxes, s.measurements, s.groups, s.views)
     candidates = Candidates(
         frame=s.boxes.frames[s.groups.frame],
         position=_on_plane(s.state[:, :2] * unit + s.views.origin, scene),
-        sigma=sigma,
-        ground_distance=np.zeros(len(sigma)),  # the state is on the ground by definition
-        rms_angle=np.full(len(sigma), np.nan),
+        sigma=rays.sigma * unit,
+        ground_distance=np.abs(rays.height) * unit,
+        rms_angle=rays.rms_angle,
         support=members,
         score=s.existence.log_odds,
         fate=fate,
@@ -149,6 +156,7 @@ def describe(
     used = s.groups.member[trails.group[is_detected]]
     median = float(np.median(tracks.sigma)) if len(tracks) else float("nan")
     precision, recall = _expected_rates(s, rows, fate, settings.report_radius)
+    height = rays.ground_height(fate == Fate.ACCEPTED) * unit
     reliability = Reliability(
         median_sigma=median,
         sigma_over_radius=median / radius,
@@ -158,11 +166,32 @@ def describe(
         detections_used=float((used >= 0).sum() / max(len(s.boxes.row), 1)),
         expected_precision=precision,
         expected_recall=recall,
+        ground_height=height,
     )
     thresholds = Thresholds(
         median_box_height=float(np.median(s.boxes.size[: len(s.boxes.row)])),
     )
-    return Localization(tracks, candidates, thresholds, reliability, detection_count)
+    warnings = ground_warnings(height, unit, scene)
+    return Localization(tracks, candidates, thresholds, reliability, detection_count, warnings)
+
+
+def ground_warnings(height: float, person_height: float, scene: Scene) -> tuple[str, ...]:
+    """One sentence if feet are found far above or below the ground plane.
+
+    Args:
+        height: `Reliability.ground_height`, NaN if it is not known.
+        person_height: in the same unit.
+        scene: for the name of the unit.
+    """
+    if not abs(height) > GROUND_TOLERANCE * person_height:
+        return ()
+    unit = "m" if scene.metric else "units of the scene"
+    side = "above" if height > 0 else "below"
+    return (
+        f"The rays through people's feet meet {abs(height):.2f} {unit} {side} the ground plane: "
+        f"the plane is too {'low' if height > 0 else 'high'} or the cameras are off. Pass the "
+        "ground on which people stand, or refine the scene with `cf.refine`.",
+    )
 
 
 def _expected_rates(

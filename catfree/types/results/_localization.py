@@ -49,11 +49,12 @@ class Candidates(eqx.Module):
     Attributes:
         frame: (H,) frame of each hypothesis.
         position: (H, 3) in scene units; the paper's method: free in 3-D; evidence: on the ground.
-        sigma: (H,) ground uncertainty in scene units; the paper's method: Eq. sigma, inf below two
-            cameras; evidence: from this frame's boxes only, finite for one camera, too.
-        ground_distance: (H,) unsigned distance g of the position to the ground in scene units.
-        rms_angle: (H,) RMS angular residual of the supporting rays in radians; NaN with the
-            evidence method, which compares boxes, not rays.
+        sigma: (H,) ground uncertainty of the supporting rays in scene units, Eq. sigma; inf below
+            two rays.
+        ground_distance: (H,) unsigned distance g in scene units from the ground to where the
+            supporting rays meet; evidence: a diagnostic, NaN where sigma is inf.
+        rms_angle: (H,) RMS angular residual of the supporting rays in radians; evidence: NaN where
+            sigma is inf.
         support: (H, C) index of the supporting detection of each camera, or -1.
         score: (H,) the paper's method: auxiliary score that breaks ties of suppression; evidence:
             log-odds that a person is there, from this frame only.
@@ -120,6 +121,8 @@ class Reliability(eqx.Module):
         moda_low: lower end of the 90 % interval of MODA.
         moda_high: upper end of that interval.
         expectation_note: why MODA cannot be estimated, or None.
+        ground_height: median height above the ground of where the foot rays of one person meet, in
+            scene units, negative below it; NaN for few people, None if the method gives none.
     """
 
     median_sigma: float
@@ -134,6 +137,7 @@ class Reliability(eqx.Module):
     moda_low: float | None = None
     moda_high: float | None = None
     expectation_note: str | None = eqx.field(default=None, static=True)
+    ground_height: float | None = None
 
 
 class Localization(eqx.Module):
@@ -146,7 +150,7 @@ class Localization(eqx.Module):
         reliability: label-free summary.
         detection_count: N, the number of the caller's detections, including unused ones; 0 in
             files of version 0.1, which do not store which box shows whom.
-        warnings: sentences about problems with the input of `cf.run`.
+        warnings: sentences about problems with the input.
     """
 
     tracks: Tracks
@@ -219,7 +223,10 @@ def require_sound_localization(localization: Localization) -> None:
     """
     require_sound_tracks(localization.tracks)
     candidates = localization.candidates
-    for name in ("position", "ground_distance", "score"):
+    for name in ("position", "score"):
         require_finite(getattr(candidates, name), f"candidates.{name}")
+    distance = candidates.ground_distance
+    known = np.isfinite(distance) | ~np.isfinite(candidates.sigma)
+    require(known, distance, "candidates.ground_distance", "a distance")
     require(~np.isnan(candidates.sigma), candidates.sigma, "candidates.sigma", "a length")
     require(np.isin(candidates.fate, list(Fate)), candidates.fate, "candidates.fate", "a fate")

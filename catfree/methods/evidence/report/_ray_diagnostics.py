@@ -1,0 +1,101 @@
+"""What the rays through the feet say about each group, without the assumed ground.
+
+The method places people on the ground. Where the rays through the feet of one person meet is a
+second opinion: above or below the ground, the ground is wrong; nowhere, the cameras are.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from catfree.geometry import (
+    angular_residual,
+    ground_sigma,
+    information,
+    plane_distance,
+    triangulate_least_squares,
+)
+from catfree.geometry._buckets import in_blocks
+from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.observe._boxes import Boxes
+from catfree.methods.evidence.observe._measurement import Measurements
+from catfree.methods.evidence.observe._views import PEOPLE_BLOCKS, GroundViews
+from catfree.types import Plane
+
+FEWEST = 20  # heights that tell a wrong ground from the noise of a few boxes
+
+
+class RayDiagnostics(NamedTuple):
+    """Foot rays of each group, intersected by least squares; in units of H0.
+
+    Attributes:
+        sigma: (H,) ground uncertainty by Eq. sigma; infinite with fewer than two rays.
+        height: (H,) signed height of the intersection above the ground; NaN where sigma is not
+            finite.
+        rms_angle: (H,) RMS angle in radians between the rays and the intersection; NaN likewise.
+    """
+
+    sigma: Float[np.ndarray, " group"]
+    height: Float[np.ndarray, " group"]
+    rms_angle: Float[np.ndarray, " group"]
+
+    def ground_height(self, chosen: Bool[np.ndarray, " group"]) -> float:
+        """Median height of the chosen groups (H,); NaN if fewer than `FEWEST` of them have one."""
+        height = self.height[chosen & np.isfinite(self.height)]
+        return float(np.median(height)) if len(height) >= FEWEST else float("nan")
+
+
+@jax.jit
+@jax.vmap
+def _diagnose(
+    origins: Float[Array, "cam 3"],
+    directions: Float[Array, "cam 3"],
+    weights: Float[Array, " cam"],
+) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+    ground = Plane(np.array([0.0, 0.0, 1.0]), 0.0)  # in the coordinates of `GroundViews`
+    position = triangulate_least_squares(origins, directions, weights)
+    sigma = ground_sigma(information(position, origins, directions, weights, 1.0), ground)
+    height = jnp.sign(position[2]) * plane_distance(ground, position)
+    angle = jax.vmap(angular_residual, (None, 0, 0))(position, origins, directions)
+    present = weights > 0
+    rms_angle = jnp.sqrt(jnp.mean(angle**2, where=present))
+    known = jnp.isfinite(sigma)
+    return sigma, jnp.where(known, height, jnp.nan), jnp.where(known, rms_angle, jnp.nan)
+
+
+def ray_diagnostics(
+    boxes: Boxes, measured: Measurements, groups: Groups, views: GroundViews
+) -> RayDiagnostics:
+    """Intersect the rays through the feet of each group.
+
+    Args:
+        boxes: the boxes; the bottom centers as observed, without learned offsets.
+        measured: the noise of their bottom edges; a bottom edge without information has no ray.
+        groups: boxes of one person in one frame.
+        views: the cameras.
+
+    Returns:
+        One value per group.
+
+    Source: paper, Eq. sigma and Sec. "Selecting pedestrian positions".
+    """
+    rows = np.maximum(groups.member, 0)
+    axes = np.asarray(views.matrix)[:, :, :3]
+    inverse = np.linalg.inv(axes)
+    origins = -np.einsum("cij,cj->ci", inverse, np.asarray(views.matrix)[:, :, 3])
+    foot = np.stack([boxes.edges[:, 0], boxes.edges[:, 2], np.ones(len(boxes.edges))], -1)
+    direction = np.einsum("nij,nj->ni", inverse[boxes.camera], foot)
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    angle = np.asarray(measured.noise)[:, 2] / np.asarray(views.focal)[boxes.camera]
+    usable = boxes.valid & np.asarray(measured.used)[:, 2] & (angle > 0)
+    weight = np.where(usable, 1 / np.where(usable, angle, 1) ** 2, 0.0)
+    weights = np.where(groups.member >= 0, weight[rows], 0.0)
+    found = in_blocks(
+        _diagnose,
+        (np.broadcast_to(origins, (*rows.shape, 3)), direction[rows], weights),
+        *PEOPLE_BLOCKS,
+    )
+    return RayDiagnostics(*found)
