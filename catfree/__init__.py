@@ -3,8 +3,11 @@
 No supplied calibration, no position labels, no training on the scene.
 """
 
+import ast as _ast
 import typing as _typing
+from functools import cache as _cache
 from importlib import import_module as _import_module
+from pathlib import Path as _Path
 
 if _typing.TYPE_CHECKING:
     from catfree import (
@@ -32,9 +35,12 @@ _PACKAGES = (
 )  # fmt: skip
 
 
-def _names() -> list[str]:
-    public = vars(_import_module("catfree._public"))
-    return sorted({*_PACKAGES, *(name for name in public if name[0] != "_")})
+@_cache
+def _module_of_name() -> dict[str, str]:
+    """The module of each name in `_public.py`, read without importing any of them."""
+    source = (_Path(__file__).parent / "_public.py").read_text(encoding="utf-8")
+    imports = (node for node in _ast.parse(source).body if isinstance(node, _ast.ImportFrom))
+    return {alias.name: str(node.module) for node in imports for alias in node.names}
 
 
 if not _typing.TYPE_CHECKING:  # which would accept any name
@@ -43,13 +49,12 @@ if not _typing.TYPE_CHECKING:  # which would accept any name
         if name in _PACKAGES:
             return _import_module(f"catfree.{name}")
         if name == "__all__":
-            return _names()
-        if name[0] != "_":
-            public = vars(_import_module("catfree._public"))
-            if name in public:
-                return public[name]
+            return __dir__()
+        if name in _module_of_name():
+            value = globals()[name] = getattr(_import_module(_module_of_name()[name]), name)
+            return value
         raise AttributeError(f"module 'catfree' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return _names()
+    return sorted({*_PACKAGES, *_module_of_name()})

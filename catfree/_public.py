@@ -1,4 +1,4 @@
-"""What `catfree` offers beside its packages; imported at the first use of any of it."""
+"""The names of `catfree` beside its packages: a list that is read, not run, until one is used."""
 
 from catfree._coverage import (
     Coverage as Coverage,

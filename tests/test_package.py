@@ -165,6 +165,17 @@ def test_importing_is_light_and_silent():
 
 
 @pytest.mark.slow
+def test_boxes_are_localized_where_opencv_and_onnxruntime_are_missing():
+    code = (
+        "import sys; sys.modules |= dict.fromkeys(('cv2', 'onnxruntime'))\n"
+        "import catfree as cf\n"
+        "world = cf.synthetic.make_world('ring4', 0, frames=4, people=3)\n"
+        "print(len(cf.localize(world.detections, world.true_scene).tracks) > 0)"
+    )
+    assert fresh(code) == "True"
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["--version"], ["--help"], ["run", "--help"]])
 def test_help_does_not_wait_for_numerical_libraries(arguments):
     pytest.importorskip("tyro")
