@@ -1,11 +1,5 @@
 """Geometry in pure JAX: unbatched functions made for vmap, jit and grad."""
 
-from catfree.geometry._camera import (
-    back_project as back_project,
-    distort as distort,
-    project as project,
-    undistort as undistort,
-)
 from catfree.geometry._canonical_frame import CanonicalFrame as CanonicalFrame
 from catfree.geometry._plane import (
     PlaneFit as PlaneFit,
@@ -38,4 +32,10 @@ from catfree.geometry._uncertainty import (
     ground_covariance as ground_covariance,
     ground_sigma as ground_sigma,
     information as information,
+)
+from catfree.geometry.camera import (
+    back_project as back_project,
+    distort as distort,
+    project as project,
+    undistort as undistort,
 )

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
 from catfree.geometry._arrays import Scalar, float_arrays, safe_norm
-from catfree.geometry._camera import back_project
+from catfree.geometry.camera import back_project
 from catfree.types._annotations import HostOrDevice
 
 
@@ -15,7 +15,7 @@ def pixel_to_ray(
     R: Real[HostOrDevice, "3 3"],
     t: Real[HostOrDevice, "3"],
     pixel: Real[HostOrDevice, "2"],
-    distortion: Real[HostOrDevice, "5"] | None = None,
+    distortion: Real[HostOrDevice, "5"] | Real[HostOrDevice, "8"] | None = None,
 ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
     """The half-line of world points that a camera sees at one pixel.
 
@@ -24,7 +24,7 @@ def pixel_to_ray(
         R: (3, 3) world-to-camera rotation.
         t: (3,) world-to-camera translation in scene units.
         pixel: (2,) in original image pixels, centre of the top-left pixel at (0, 0).
-        distortion: (5,) OpenCV k1, k2, p1, p2, k3, or None for a pinhole.
+        distortion: (5,) or (8,) OpenCV coefficients, or None for a pinhole.
 
     Returns:
         origin: (3,) camera centre `-Rᵀ t` in the world frame, scene units.

@@ -1,4 +1,4 @@
-"""Rays: pixel to world and back, OpenCV's undistortion, angles, and ray weights."""
+"""Rays: pixel to world and back, angles, and ray weights."""
 
 import math
 
@@ -13,17 +13,10 @@ from hypothesis.extra import numpy as hnp
 from catfree import geometry
 
 K = np.array([[1400.0, 0, 960], [0, 1350, 540], [0, 0, 1]])
-WIDE_LENS = np.array([-0.30, 0.11, 0.001, -0.0008, -0.015])
 
 # Compiled once: an eager call would trace its inner loops again for each example.
 pixel_to_ray = jax.jit(geometry.pixel_to_ray)
 project = jax.jit(geometry.project)
-back_project = jax.jit(geometry.back_project)
-undistort = jax.jit(geometry.undistort)
-undistort_jacobian = jax.jit(jax.jacrev(geometry.undistort))
-project_jacobian = jax.jit(jax.jacrev(geometry.project, 3))
-back_project_jacobian = jax.jit(jax.jacrev(geometry.back_project, 1))
-distort_jacobian = jax.jit(jax.jacfwd(geometry.distort))
 angular_residual = jax.jit(geometry.angular_residual)
 angular_residual_gradient = jax.jit(jax.value_and_grad(geometry.angular_residual))
 
@@ -53,61 +46,6 @@ def test_projecting_a_point_of_the_ray_gives_the_pixel(x64, turn, t, pixel, lens
     assert found_depth > 0
     np.testing.assert_allclose(R @ np.asarray(origin) + t, 0, atol=1e-12 * (1 + np.abs(t).max()))
     np.testing.assert_allclose(np.linalg.norm(direction), 1, atol=1e-14)
-
-
-@pytest.mark.slow
-@given(rotation_vectors, positions, positions, lenses)
-def test_projection_agrees_with_opencv(x64, turn, t, point, lens):
-    R = rotation(turn)
-    in_camera = R @ point + t
-    assume(in_camera[2] > 0.3 * np.linalg.norm(in_camera) + 0.1)
-    expected = cv2.projectPoints(point[None], turn, t, K, lens)[0].reshape(2)
-    found, depth = project(K, R, t, point, lens)
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-7)
-    np.testing.assert_allclose(depth, in_camera[2])
-
-
-@given(pixels)
-def test_undistortion_agrees_with_opencv(x64, pixel):
-    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
-    # OpenCV 5 merged the iterative function into the plain one.
-    opencv = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)
-    expected = opencv(
-        pixel.reshape(1, 1, 2), K, WIDE_LENS, R=np.eye(3), P=np.eye(3), criteria=criteria
-    ).reshape(2)
-    np.testing.assert_allclose(back_project(K, pixel, WIDE_LENS), expected, atol=1e-9)
-
-
-@pytest.mark.slow
-@given(pixels)
-def test_undistortion_differentiates_as_the_inverse(x64, pixel):
-    jacobian = np.asarray(back_project_jacobian(K, pixel, WIDE_LENS))
-    ideal = back_project(K, pixel, WIDE_LENS)
-    forward = K[:2, :2] @ np.asarray(distort_jacobian(ideal, WIDE_LENS))
-    np.testing.assert_allclose(jacobian @ forward, np.eye(2), atol=1e-8)
-
-
-@pytest.mark.slow
-@given(hnp.arrays(np.float64, 2, elements=st.floats(-50, 50)), lenses)
-def test_undistortion_stays_finite_far_outside_the_image(point, lens):
-    point, lens = point.astype(np.float32), lens.astype(np.float32)
-    value = undistort(point, lens)
-    gradient = undistort_jacobian(point, lens)
-    assert np.isfinite(value).all()
-    assert np.isfinite(gradient).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("point", [[0, 0, 0], [0, 0, -2.0], [1e-20, 0, 0], [5, 1, 0], [1, 0, 1e-9]])
-def test_points_beside_and_behind_a_camera_project_to_something_finite(point):
-    point = jnp.asarray(point, jnp.float32)
-    k, lens = K.astype(np.float32), WIDE_LENS.astype(np.float32)
-    one, zero = np.eye(3, dtype=np.float32), np.zeros(3, np.float32)
-    pixel, depth = project(k, one, zero, point, lens)
-    assert np.isfinite(pixel).all()
-    assert depth == point[2]
-    jacobian, _ = project_jacobian(k, one, zero, point, lens)
-    assert np.isfinite(jacobian).all()
 
 
 @given(positions, hnp.arrays(np.float64, 3, elements=st.floats(-1, 1)), st.floats(0, math.pi))
