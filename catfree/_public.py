@@ -44,6 +44,7 @@ from catfree.types import (
     Clock as Clock,
     Detections as Detections,
     Fate as Fate,
+    Lens as Lens,
     Localization as Localization,
     Origin as Origin,
     Plane as Plane,

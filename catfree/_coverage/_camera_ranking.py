@@ -17,7 +17,7 @@ from catfree._coverage._expected_sigma import (
 )
 from catfree.errors import DegenerateGeometryError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
-from catfree.types import Plane, Rig, Scene
+from catfree.types import Lens, Plane, Rig, Scene
 from catfree.types._validation import as_point, require_instance
 
 PARALLEL = 1e-6  # sine of the angle to the ground's normal below which upright is undefined
@@ -136,13 +136,17 @@ def coverage_with(
     def append(values: Any, more: Any) -> np.ndarray:
         return np.concatenate([np.asarray(values, np.float64), np.asarray(more, np.float64)[None]])
 
+    lens = rig.distortion
+    lens = None if lens is None else append(lens, np.zeros(lens.shape[1]))
     larger = Rig(
         append(rig.K, K),
         append(rig.R, R),
         append(rig.t, t),
         append(rig.image_size, image_size),
-        None if rig.distortion is None else append(rig.distortion, np.zeros(5)),
+        lens,
         np.append(rig.registered, True),
+        np.append(rig.lenses, Lens.PINHOLE),
+        None if rig.rays is None else append(rig.rays, rig.rays[0]),
     )
     area = visible_area(scene) if area is None else area
     ground = Plane(np.asarray(scene.ground.normal, np.float64), np.float64(scene.ground.offset))

@@ -1,28 +1,18 @@
 """Visibility of places on the ground, and the precision of positions there."""
 
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from catfree.geometry import (
-    CanonicalFrame,
-    angular_residual,
-    ground_sigma,
-    information,
-    pixel_to_ray,
-    project,
-)
+from catfree.geometry import CanonicalFrame, ground_sigma, information
 from catfree.geometry._buckets import in_blocks
-from catfree.types import Plane, Scene
+from catfree.geometry.camera import pixels_of_points
+from catfree.types import Plane, Rig, Scene
 
 PLACES_BLOCK = 4096  # places evaluated together
-# A lens polynomial can fold points far outside the picture back into it. The ray of such a pixel
-# misses the point by far more than this angle in radians.
-FOLD_TOLERANCE = 1e-2
 
 
 def look(
@@ -52,77 +42,43 @@ def look(
     world = places @ np.asarray(scene.ground.basis, np.float64).T + on_plane
     points = frame.to_canonical(world)
     points[:, 2] = 0
-    height = None if person_height is None else jnp.asarray(person_height / frame.extent)
+    visible = np.zeros((rig.camera_count, len(points)), bool)
+    for camera in np.flatnonzero(active):
+        visible[camera] = _in_picture(rig, camera, points)
+        if person_height is not None:
+            head = points + np.array([0, 0, person_height / frame.extent])
+            visible[camera] &= _in_picture(rig, camera, head)
     # Unregistered cameras may hold NaN.
-    K, R, t = (
-        jnp.asarray(np.where(np.reshape(active, (-1,) + (1,) * (a.ndim - 1)), a, b))
-        for a, b in ((rig.K, np.eye(3)), (rig.R, np.eye(3)), (rig.t, np.zeros(3)))
+    dtype = jnp.result_type(float)
+    origins = np.where(active[:, None], np.asarray(rig.centers), 0).astype(dtype)
+    sigma = in_blocks(
+        lambda *block: _sigmas(*block, origins, np.asarray(sigma_theta, dtype)),
+        (points.astype(dtype), visible.T.astype(dtype)),
+        PLACES_BLOCK,
     )
-    distortion = None
-    if rig.distortion is not None:
-        distortion = jnp.asarray(np.where(active[:, None], rig.distortion, 0))
-    cameras = (
-        K,
-        R,
-        t,
-        jnp.asarray(rig.image_size, K.dtype),
-        distortion,
-        jnp.asarray(active),
-        jnp.asarray(sigma_theta, K.dtype),
-        height,
-    )
-    visible, sigma = in_blocks(
-        lambda block: _look_everywhere(block, *cameras), (points,), PLACES_BLOCK
-    )
-    return visible.T, sigma.astype(np.float64) * frame.extent
+    return visible, sigma.astype(np.float64) * frame.extent
+
+
+def _in_picture(
+    rig: Rig, camera: int | np.integer, points: Float[np.ndarray, "n 3"]
+) -> Bool[np.ndarray, " n"]:
+    """Whether points are in the picture, whose border is half a pixel outside pixel centers."""
+    pixel, imaged = pixels_of_points(rig, camera, points)
+    return imaged & ((pixel >= -0.5) & (pixel <= rig.image_size[camera] - 0.5)).all(-1)
 
 
 @jax.jit
-def _look_everywhere(points: Array, *cameras: Any) -> tuple[Array, Array]:
-    return jax.vmap(lambda point: _look_at(point, *cameras))(points)
-
-
-def _look_at(
-    point: Array,
-    K: Array,
-    R: Array,
-    t: Array,
-    size: Array,
-    distortion: Array | None,
-    active: Array,
-    sigma_theta: Array,
-    height: Array | None,
-) -> tuple[Array, Array]:
-    """(C,) whether each camera sees a canonical ground point, and its sigma as a share of E."""
-    inside = partial(_inside, distorted=distortion is not None)
-    see = jax.vmap(inside, (0, 0, 0, 0, None if distortion is None else 0, None))
-    visible = active & see(K, R, t, size, distortion, point)
-    if height is not None:
-        head = point + jnp.array([0, 0, 1], point.dtype) * height.astype(point.dtype)
-        visible = visible & see(K, R, t, size, distortion, head)
-    origins = -jnp.einsum("cji,cj->ci", R, t)
+@partial(jax.vmap, in_axes=(0, 0, None, None))
+def _sigmas(
+    point: Float[Array, "3"],
+    visible: Float[Array, " cam"],
+    origins: Float[Array, "cam 3"],
+    sigma_theta: Float[Array, ""],
+) -> Float[Array, ""]:
+    """Sigma of a canonical ground point as a share of E."""
     sight = point[None, :] - origins
     length = jnp.sqrt(jnp.sum(sight * sight, axis=-1))
     directions = sight / jnp.where(length > 0, length, 1)[:, None]
-    matrix = information(point, origins, directions, visible.astype(point.dtype), sigma_theta)
+    matrix = information(point, origins, directions, visible, sigma_theta)
     ground = Plane(jnp.array([0, 0, 1], point.dtype), jnp.zeros((), point.dtype))
-    return visible, ground_sigma(matrix, ground)
-
-
-def _inside(
-    K: Array,
-    R: Array,
-    t: Array,
-    size: Array,
-    distortion: Array | None,
-    point: Array,
-    *,
-    distorted: bool,
-) -> Array:
-    """Whether a point is in the picture, whose border is half a pixel outside pixel centers."""
-    pixel, depth = project(K, R, t, point, distortion)
-    inside = (depth > 0) & jnp.all((pixel >= -0.5) & (pixel <= size - 0.5))
-    if distorted:
-        origin, direction = pixel_to_ray(K, R, t, pixel, distortion)
-        inside = inside & (angular_residual(point, origin, direction) < FOLD_TOLERANCE)
-    return inside
+    return ground_sigma(matrix, ground)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from catfree.geometry.camera import rays_of_pixels
 from catfree.settings import CalibrationSettings, EvidenceSettings
 from catfree.types import Detections, Scene
 
@@ -79,8 +80,6 @@ def stand_on_ground(
         scene: cameras and ground.
         camera: index of a registered camera.
     """
-    import cv2
-
     length = int(instant.max()) + 1
     rows = np.flatnonzero(detections.camera == camera)
     rows = rows[np.argsort(instant[rows], kind="stable")]
@@ -91,16 +90,12 @@ def stand_on_ground(
     if not len(rows):
         return feet
     rig = scene.rig
-    lens = None if rig.distortion is None else np.asarray(rig.distortion[camera], np.float64)
-    K, R = (np.asarray(values[camera], np.float64) for values in (rig.K, rig.R))
-    pixel = np.asarray(detections.foot[rows], np.float64).reshape(-1, 1, 2)
-    ideal = cv2.undistortPoints(pixel, K, lens).reshape(-1, 2)
-    ray = np.column_stack([ideal, np.ones(len(ideal))]) @ R
-    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    ray = rays_of_pixels(rig, camera, detections.foot[rows])
     center = np.asarray(rig.centers[camera], np.float64)
     normal, basis = (np.asarray(v, np.float64) for v in (scene.ground.normal, scene.ground.basis))
     down = ray @ normal
-    edge = CalibrationSettings().edge_deviation(np.asarray(detections.height[rows])) / K[1, 1]
+    edge = CalibrationSettings().edge_deviation(np.asarray(detections.height[rows]))
+    edge = edge / float(rig.K[camera, 1, 1])
     noise = np.hypot(edge, EvidenceSettings.angular_noise)
     # A ray within its own noise of the horizon has no defined ground point.
     lands = down < -noise

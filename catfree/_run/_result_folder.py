@@ -23,7 +23,7 @@ from catfree.adapters.tables._tracks_table import write_tracks_csv, write_tracks
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import FileFormatError
 from catfree.settings import Settings
-from catfree.types import Detections, Localization, Scene
+from catfree.types import Detections, Lens, Localization, Scene
 from catfree.types._annotations import Progress
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._writing import cannot_write, remove_abandoned, replacing
@@ -213,6 +213,8 @@ def write_rig(
 ) -> list[Path]:
     """Write cameras and ground as `scene.json` and in the formats of COLMAP and anipose.
 
+    Only `scene.json` can hold cameras that are grids of rays.
+
     Args:
         folder: created if it does not exist.
         scene: cameras and ground; cameras that are not registered are only in `scene.json`.
@@ -223,11 +225,14 @@ def write_rig(
     """
     root = Path(folder)
     (root / "rig").mkdir(parents=True, exist_ok=True)
+    written = [write_scene_json(root / SCENE_FILE, scene, camera_names)]
+    if (scene.rig.lenses == Lens.RAYS).any():
+        return written
     # COLMAP separates its columns by spaces.
     joined = distinct_names(["_".join(name.split()) for name in camera_names])
     colmap = write_colmap_text(root / "rig" / "colmap", scene.rig, joined)
     return [
-        write_scene_json(root / SCENE_FILE, scene, camera_names),
+        *written,
         write_anipose_toml(root / "rig" / "calibration.toml", scene.rig, camera_names),
         *(colmap / f"{part}.txt" for part in ("cameras", "images", "points3D")),
     ]

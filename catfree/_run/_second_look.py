@@ -11,23 +11,20 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
-import jax
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from catfree.adapters.protocols import Embedder, FrameDetections, GuidedDetector, Image
 from catfree.adapters.video._detect_videos import collect_detections
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.adapters.video._validate_plugin_output import Describer, ask_for_people
 from catfree.errors import InsufficientDataError
-from catfree.geometry import project
-from catfree.geometry._buckets import in_blocks
+from catfree.geometry.camera import pixels_of_points
 from catfree.settings import CalibrationSettings
-from catfree.types import Detections, Localization, Rig, Scene
+from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
 
 STAGE = "second look"
-BLOCK = 16384  # points that are projected together
 FEWEST_HEIGHTS = 5  # boxes needed to estimate the height of a single person
 HEIGHT_ROUNDS = 4  # of a fixed-point iteration that gains two digits per round
 EDGE = 2.0  # pixels: a box closer to the image border is cut
@@ -80,12 +77,12 @@ def expected_people(
     toward -= (toward @ up)[:, None] * up
     distance = np.maximum(np.linalg.norm(toward, axis=-1, keepdims=True), height[:, None])
     sole = foot + FOOT_AHEAD * height[:, None] * toward / np.maximum(distance, 1e-9)
-    low, depth = _project(rig, camera, sole)
-    high, other = _project(rig, camera, foot + height[:, None] * up)
+    low, sole_seen = pixels_of_points(rig, camera, sole)
+    high, head_seen = pixels_of_points(rig, camera, foot + height[:, None] * up)
     size = low[:, 1] - high[:, 1]
     u = (low[:, 0] + high[:, 0]) / 2
     width, rows = np.asarray(rig.image_size, np.float64)[camera].T
-    is_visible = (np.minimum(depth, other) > 0.5 * height) & (size > 1)
+    is_visible = sole_seen & head_seen & (distance[:, 0] > 0.5 * height) & (size > 1)
     is_visible &= (u > 0) & (u < width) & (high[:, 1] < rows) & (low[:, 1] > 0)
     place = np.stack([u, low[:, 1], size], -1)
     return ExpectedPeople(tracks.frame[row][is_visible], camera[is_visible], place[is_visible])
@@ -190,10 +187,10 @@ def track_heights(
     row, camera, top = row[whole], camera[whole], top[whole]
     up = np.asarray(scene.ground.normal, np.float64)
     foot = tracks.position[row].astype(np.float64)
-    low, _ = _project(scene.rig, camera, foot)
+    low, _ = pixels_of_points(scene.rig, camera, foot)
     height = np.full(len(row), 0.01 * float(scene.extent))
     for _ in range(HEIGHT_ROUNDS):
-        high, _ = _project(scene.rig, camera, foot + height[:, None] * up)
+        high, _ = pixels_of_points(scene.rig, camera, foot + height[:, None] * up)
         span = low[:, 1] - high[:, 1]
         height = height * np.clip((low[:, 1] - top) / np.where(span > 0, span, np.inf), 0, 100)
     usual = float(np.median(height))
@@ -203,20 +200,3 @@ def track_heights(
         if count >= FEWEST_HEIGHTS
     }
     return np.array([by_person.get(one, usual) for one in tracks.track_id])
-
-
-def _project(
-    rig: Rig, camera: Int[np.ndarray, " n"], points: Float[np.ndarray, "n 3"]
-) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
-    """Pixels and depths of points, each in its own camera."""
-    lens = None if rig.distortion is None else np.asarray(rig.distortion)[camera]
-    K, R, t = (np.asarray(values)[camera] for values in (rig.K, rig.R, rig.t))
-    pixel, depth = in_blocks(_project_all, (K, R, t, points, lens), BLOCK)
-    return pixel.astype(np.float64), depth.astype(np.float64)
-
-
-@jax.jit
-def _project_all(
-    K: Array, R: Array, t: Array, points: Array, distortion: Array | None
-) -> tuple[Array, Array]:
-    return jax.vmap(project)(K, R, t, points, distortion)

@@ -49,13 +49,11 @@ class Cameras:
         K = self.K.copy()
         K[:, :2, :2] *= np.exp(self.log_scale)[:, None, None]
         t = -np.einsum("cij,cj->ci", self.R, self.center)
-        return Rig(
-            np.where(registered, K, np.asarray(like.K, np.float64)),
-            np.where(registered, self.R, np.asarray(like.R, np.float64)),
-            np.where(registered[:, 0], t, np.asarray(like.t, np.float64)),
-            like.image_size,
-            like.distortion,
-            like.registered,
+        return replace(
+            like,
+            K=np.where(registered, K, np.asarray(like.K, np.float64)),
+            R=np.where(registered, self.R, np.asarray(like.R, np.float64)),
+            t=np.where(registered[:, 0], t, np.asarray(like.t, np.float64)),
         )
 
     def project_directions(

@@ -1,6 +1,6 @@
 """Refine a rig in rounds with the people that its cameras share."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -27,6 +27,7 @@ from catfree.methods.paper.association import (
 from catfree.settings import Settings
 from catfree.types import Detections, Plane, Rays, Rig, Scene
 from catfree.types._annotations import Progress, no_progress
+from catfree.types._rig import require_pinholes
 from catfree.types._sampling import evenly_spread
 from catfree.types._validation import require_instance, require_known_cameras
 
@@ -90,7 +91,8 @@ def refine(
         unchanged.
 
     Raises:
-        InvalidInputError: if a detection names a camera that the rig does not have.
+        InvalidInputError: if a detection names a camera that the rig does not have, or a camera is
+            no pinhole.
         InsufficientDataError: if fewer than three cameras are registered, or no person is seen by
             three cameras.
 
@@ -103,6 +105,7 @@ def refine(
     require_instance(scene, Scene, "scene")
     require_instance(settings, Settings, "settings")
     report = progress or no_progress
+    require_pinholes(scene.rig, "refinement")
     _require_cameras(detections, scene.rig, refinement.cameras)
     keep = _confident(detections, scene.rig, settings)
     if settings.method == "evidence":
@@ -242,7 +245,7 @@ def _scene(
     centers = frame.to_world(best.cameras.center)
     t = -np.einsum("cij,cj->ci", R, centers)
     t = np.where(given.rig.registered[:, None], t, np.asarray(given.rig.t, np.float64))
-    refined = Rig(rig.K, R, t, rig.image_size, rig.distortion, rig.registered)
+    refined = replace(rig, R=R, t=t)
     ground = given.ground
     if refinement.refit_ground:
         height, slope_x, slope_y = ground_under_people(

@@ -284,12 +284,10 @@ def _with_cameras(
     """Replace the cameras of a scene; unregistered ones are copied from `like`."""
     like = scene.rig if like is None else like
     registered = like.registered[:, None, None]
-    rig = Rig(
-        np.where(registered, K, np.asarray(like.K, np.float64)),
-        np.where(registered, R, np.asarray(like.R, np.float64)),
-        np.where(registered[..., 0], t, np.asarray(like.t, np.float64)),
-        like.image_size,
-        like.distortion,
-        like.registered,
+    rig = replace(
+        like,
+        K=np.where(registered, K, np.asarray(like.K, np.float64)),
+        R=np.where(registered, R, np.asarray(like.R, np.float64)),
+        t=np.where(registered[..., 0], t, np.asarray(like.t, np.float64)),
     )
     return Scene(rig, scene.ground, scene.extent, scene.metric)

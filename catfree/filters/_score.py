@@ -113,10 +113,8 @@ def median_residual(
 
 
 def implied_height(
-    K: Num[HostOrDevice, "3 3"],
-    R: Num[HostOrDevice, "3 3"],
-    t: Num[HostOrDevice, "3"],
-    box: Num[HostOrDevice, "4"],
+    center: Num[HostOrDevice, "3"],
+    ray: Num[HostOrDevice, "3"],
     position: Num[HostOrDevice, "3"],
     normal: Num[HostOrDevice, "3"],
     offset: Num[HostOrDevice, ""],
@@ -127,10 +125,8 @@ def implied_height(
     through the middle of the upper box edge come closest.
 
     Args:
-        K: (3, 3) intrinsics in pixels; lens distortion is neglected.
-        R: (3, 3) world-to-camera rotation.
-        t: (3,) world-to-camera translation in scene units.
-        box: (4,) left, top, right, bottom in pixels.
+        center: (3,) of the camera in scene units.
+        ray: (3,) unit vector from the camera through the middle of the upper box edge.
         position: (3,) in scene units.
         normal: (3,) unit ground normal, towards the cameras.
         offset: () of the ground plane in scene units.
@@ -140,17 +136,11 @@ def implied_height(
 
     Source: paper, Sec. "The Scoring Stage", which names implied heights but gives no formula.
     """
-    K, R, t, box, position, normal, offset = map(
-        as_floating, (K, R, t, box, position, normal, offset)
+    center, ray, position, normal, offset = map(
+        as_floating, (center, ray, position, normal, offset)
     )
-    x, y = (box[0] + box[2]) / 2, box[1]
-    v = (y - K[1, 2]) / K[1, 1]
-    u = (x - K[0, 2] - K[0, 1] * v) / K[0, 0]
-    direction = R.T @ jnp.stack([u, v, jnp.ones_like(u)])
-    direction = direction / jnp.sqrt(direction @ direction)
-    center = -(R.T @ t)
-    rise = normal @ direction
-    level = direction - rise * normal
+    rise = normal @ ray
+    level = ray - rise * normal
     towards = position - center
     squared = level @ level
     # At or below this the ray is vertical to within the rounding of its direction.

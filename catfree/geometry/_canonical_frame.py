@@ -1,5 +1,7 @@
 """The frame in which the ground is z = 0 and lengths are shares of the extent."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float
@@ -49,11 +51,10 @@ class CanonicalFrame(eqx.Module):
         """The rig in the canonical frame; unregistered cameras keep their values."""
         rotation = np.asarray(rig.R, np.float64) @ self.axes
         centers = self.to_canonical(np.asarray(rig.centers))
-        return Rig(
-            np.asarray(rig.K, np.float64),
-            rotation,
-            -np.einsum("cij,cj->ci", rotation, centers),
-            rig.image_size,
-            None if rig.distortion is None else np.asarray(rig.distortion, np.float64),
-            rig.registered,
+        return replace(
+            rig,
+            K=np.asarray(rig.K, np.float64),
+            R=rotation,
+            t=-np.einsum("cij,cj->ci", rotation, centers),
+            distortion=None if rig.distortion is None else np.asarray(rig.distortion, np.float64),
         )

@@ -1,5 +1,6 @@
 """Similarity transforms: the gauge freedom of a reconstruction, and the fit that removes it."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -210,7 +211,7 @@ def transform_rig(similarity: Similarity, rig: Rig) -> Rig:
     scale, rotation, translation, xp = _parts(similarity, rig.R)
     turned = xp.einsum("cij,kj->cik", rig.R, rotation)
     shift = xp.einsum("cij,j->ci", turned, translation)
-    return Rig(rig.K, turned, scale * rig.t - shift, rig.image_size, rig.distortion, rig.registered)
+    return replace(rig, R=turned, t=scale * rig.t - shift)
 
 
 def transform_plane(similarity: Similarity, plane: Plane) -> Plane:

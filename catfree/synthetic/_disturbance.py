@@ -1,6 +1,6 @@
 """Disturbance of a true scene into a recovered one: errors of given size, an arbitrary gauge."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -66,7 +66,7 @@ def disturb(
     K[:, 1, 1] *= factor
     center = np.asarray(rig.centers) + shift
     t = -np.einsum("cij,cj->ci", R, center)
-    return Rig(K, R, t, rig.image_size, rig.distortion, rig.registered)
+    return replace(rig, K=K, R=R, t=t)
 
 
 def disturb_ground(

@@ -5,6 +5,7 @@ and calibration files make rigs; a scene is a rig and its ground plane.
 """
 
 import os
+from enum import IntEnum
 from typing import Any
 
 import equinox as eqx
@@ -12,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 from catfree.types._annotations import HostOrDevice
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._validation import (
@@ -26,9 +27,25 @@ from catfree.types._validation import (
 )
 
 # Names in a saved rig: the required ones, and those that may be None.
-RIG_FIELDS = (("K", "R", "t", "image_size", "registered"), ("distortion",))
+RIG_FIELDS = (("K", "R", "t", "image_size", "registered"), ("distortion", "lens", "rays"))
 
 ROTATION_TOLERANCE = 1e-3  # calibration files often print rotations with few digits
+UNIT_TOLERANCE = 1e-3  # of the length of a ray
+FEWEST_NODES = 3  # along each side of a grid of rays
+
+
+class Lens(IntEnum):
+    """The camera model of one camera of a rig.
+
+    Attributes:
+        PINHOLE: `K` and OpenCV's distortion of five or eight coefficients.
+        FISHEYE: `K` and the four coefficients of `cv2.fisheye` (Kannala-Brandt).
+        RAYS: a grid of rays over the image; `K` only says how large things appear.
+    """
+
+    PINHOLE = 0
+    FISHEYE = 1
+    RAYS = 2
 
 
 class Rig(eqx.Module):
@@ -41,7 +58,13 @@ class Rig(eqx.Module):
         R: (C, 3, 3) world-to-camera rotations.
         t: (C, 3) world-to-camera translations in scene units.
         image_size: (C, 2) int64 width and height in pixels.
-        distortion: (C, 5) OpenCV k1, k2, p1, p2, k3, or None for a pinhole.
+        distortion: (C, 5) OpenCV k1, k2, p1, p2, k3, or (C, 8) with k4, k5, k6 of the rational
+            model; of a fisheye, the first four are k1 to k4 of `cv2.fisheye`. None for ideal
+            lenses.
+        lens: (C,) `Lens` values, or None if all cameras are pinholes.
+        rays: (C, rows, columns, 3) unit rays in camera axes of the cameras whose lens is `RAYS`
+            (anything for the others), or None. The nodes are evenly spaced from the outer edge of
+            the first row and column (-0.5) to that of the last ones.
         registered: (C,) bool; parameters of a camera that is not registered may be NaN, and its
             detections are ignored.
     """
@@ -50,8 +73,10 @@ class Rig(eqx.Module):
     R: Float[HostOrDevice, "cam 3 3"]
     t: Float[HostOrDevice, "cam 3"]
     image_size: Int[np.ndarray, "cam 2"]
-    distortion: Float[HostOrDevice, "cam 5"] | None
+    distortion: Float[HostOrDevice, "cam 5"] | Float[HostOrDevice, "cam 8"] | None
     registered: Bool[np.ndarray, " cam"]
+    lens: Int[np.ndarray, " cam"] | None
+    rays: Float[HostOrDevice, "cam row column 3"] | None
 
     def __init__(
         self,
@@ -61,8 +86,12 @@ class Rig(eqx.Module):
         image_size: Any,
         distortion: Any = None,
         registered: Any = None,
+        lens: Any = None,
+        rays: Any = None,
     ) -> None:
         """Validate and store; a single `(width, height)` applies to all cameras.
+
+        `lens` holds `Lens` values or the names "pinhole", "fisheye" and "rays".
 
         Raises:
             InvalidInputError: naming the first camera whose parameters have a wrong shape, are not
@@ -80,11 +109,18 @@ class Rig(eqx.Module):
         self.image_size = size
         self.distortion = None if distortion is None else as_float(distortion)
         if self.distortion is not None:
-            require_shape(self.distortion, (count, 5), "distortion")
+            wide = 8 if self.distortion.shape[-1:] == (8,) else 5
+            require_shape(self.distortion, (count, wide), "distortion")
         self.registered = (
             np.ones(count, bool) if registered is None else as_boolean(registered, "registered")
         )
         require_shape(self.registered, (count,), "registered")
+        self.lens = _as_lens(lens, count)
+        has_rays = self.lenses == Lens.RAYS
+        self.rays = None
+        if has_rays.any():
+            self.rays = as_float(np.empty(0) if rays is None else rays)
+            require_shape(self.rays, (count, None, None, 3), "rays")
         if not is_traced(self.K, self.R, self.t, self.distortion):
             self._check()
 
@@ -92,6 +128,16 @@ class Rig(eqx.Module):
         for name in ("K", "R", "t", "distortion"):
             if getattr(self, name) is not None:
                 require_finite(getattr(self, name), name, self.registered)
+        if self.distortion is not None:
+            rest = np.asarray(self.distortion)[:, 4:]
+            bad = self.registered & (self.lenses == Lens.FISHEYE) & rest.any(-1)
+            if bad.any():
+                raise InvalidInputError(
+                    f"distortion[{first_index(bad)}] of a fisheye has more than four coefficients "
+                    "that are not zero."
+                )
+        if self.rays is not None:
+            self._check_rays(np.asarray(self.rays))
         if (self.image_size <= 0).any():
             at = first_index(self.image_size <= 0)
             raise InvalidInputError(f"image_size[{at}] must be a positive number of pixels.")
@@ -122,6 +168,27 @@ class Rig(eqx.Module):
                 f"{turn[at]:.3g}). A determinant of -1 means a mirrored frame: flip "
                 "one world axis."
             )
+
+    def _check_rays(self, rays: np.ndarray) -> None:
+        if min(rays.shape[1:3]) < FEWEST_NODES:
+            raise InvalidInputError(
+                f"rays has {rays.shape[1]} rows and {rays.shape[2]} columns; a grid needs at least "
+                f"{FEWEST_NODES} of each."
+            )
+        held = self.registered & (self.lenses == Lens.RAYS)
+        with np.errstate(invalid="ignore", over="ignore"):
+            unit = np.abs(np.linalg.norm(rays, axis=-1) - 1) < UNIT_TOLERANCE
+        bad = held & ~unit.all((1, 2))
+        if bad.any():
+            raise InvalidInputError(
+                f"rays[{first_index(bad)}] holds a ray that is not a unit vector. Every node of "
+                "the image needs a direction in camera axes."
+            )
+
+    @property
+    def lenses(self) -> Int[np.ndarray, " cam"]:
+        """(C,) the `Lens` of every camera."""
+        return np.zeros(self.camera_count, np.int64) if self.lens is None else self.lens
 
     @property
     def camera_count(self) -> int:
@@ -161,3 +228,39 @@ class Rig(eqx.Module):
         required, optional = RIG_FIELDS
         arrays = load_arrays(path, "Rig", required=required, optional=optional)
         return naming_file(path, lambda: cls(**arrays))
+
+
+def _as_lens(lens: Any, count: int) -> np.ndarray | None:
+    """(C,) values of `Lens`, or None if all cameras are pinholes."""
+    if lens is None:
+        return None
+    known = {one.name.lower(): int(one) for one in Lens}
+    named = np.asarray(lens)
+    if named.dtype.kind == "U":
+        unknown = [str(name) for name in named.ravel() if name not in known]
+        if unknown:
+            raise InvalidInputError(
+                f"lens has {quoted(unknown[0])}; it must be one of {', '.join(known)}."
+            )
+        named = np.array([known[str(name)] for name in named.ravel()], int).reshape(named.shape)
+    values = as_integer(named, "lens")
+    require_shape(values, (count,), "lens")
+    if not np.isin(values, list(Lens)).all():
+        raise InvalidInputError(f"lens has {values.tolist()}; it must hold `Lens` values.")
+    return values if values.any() else None
+
+
+def require_pinholes(rig: Rig, purpose: str) -> None:
+    """Raise if a registered camera is no pinhole.
+
+    Raises:
+        InvalidInputError: naming the camera, its lens and the purpose that needs a pinhole.
+    """
+    other = rig.registered & (rig.lenses != Lens.PINHOLE)
+    if other.any():
+        at = int(np.argmax(other))
+        kind = {Lens.FISHEYE: "a fisheye lens", Lens.RAYS: "a grid of rays"}[Lens(rig.lenses[at])]
+        raise InvalidInputError(
+            f"Camera {at} has {kind}, and {purpose} needs pinholes. Undistort its images and boxes "
+            "to a pinhole first."
+        )

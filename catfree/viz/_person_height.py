@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
+from catfree.geometry.camera import rays_of_pixels
 from catfree.types import Detections, Localization, Scene
-from catfree.viz._camera_view import rays_of_pixels
 
 
 def person_height(detections: Detections, localization: Localization, scene: Scene) -> float:

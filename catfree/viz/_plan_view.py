@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.errors import InvalidInputError
+from catfree.geometry.camera import rays_of_pixels
 from catfree.types import Rig, Scene
-from catfree.viz._camera_view import rays_of_pixels
 
 WEDGE_LENGTH = 0.08  # length of a camera's field of view on the plan, as a share of E
 

@@ -29,7 +29,7 @@ from catfree.adapters.datasets._grid_annotations import numbered_files
 from catfree.adapters.files._camera_names import file_names
 from catfree.errors import CatFreeError, FileFormatError, InvalidInputError, quoted
 from catfree.methods.paper._assemble import empty_localization
-from catfree.types import Detections, Rig, Scene
+from catfree.types import Detections, Lens, Rig, Scene
 from catfree.types._archive import load_arrays, save_arrays
 
 LONGEST = 600  # characters of a message
@@ -153,10 +153,10 @@ def _four(tmp_path, statement="", values="-0.1, 0.01, 0.001, 0.002"):
 @pytest.mark.parametrize(
     "statement", ["fisheye_model: 1\n", "distortion_model: equidistant\n", 'model: "Fisheye"\n']
 )
-def test_opencv_fisheye_files_are_refused(statement, tmp_path):
+def test_opencv_files_state_fisheyes_in_several_ways(statement, tmp_path):
     for values in ("-0.1, 0.01, 0.001, 0.002", "0., 0., 0., 0."):
-        with pytest.raises(FileFormatError, match="fisheye"):
-            read_opencv_yaml(_four(tmp_path, statement, values))
+        rig = read_opencv_yaml(_four(tmp_path, statement, values)).rig
+        assert rig.lenses[0] == Lens.FISHEYE
 
 
 def test_four_coefficients_must_say_of_which_lens(tmp_path):

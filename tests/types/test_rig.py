@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree import Rig
+from catfree import Lens, Rig
 from catfree.errors import InvalidInputError
+from catfree.types._archive import save_arrays
+from catfree.types._rig import require_pinholes
 from tests.types.camera_parameters import K, parameters
+
+RAYS = np.random.default_rng(1).normal(size=(3, 5, 4, 3))
+RAYS /= np.linalg.norm(RAYS, axis=-1, keepdims=True)
 
 
 @given(st.integers(1, 6), st.data())
@@ -44,6 +49,13 @@ def test_an_error_names_the_first_bad_camera(cameras, data):
         ({"image_size": (640.5, 480)}, r"image_size\[0\] is 640.5"),
         ({"distortion": np.zeros((3, 4))}, r"distortion must have shape \(3, 5\)"),
         ({"distortion": np.full((3, 5), np.inf)}, r"distortion\[0, 0\] is not finite"),
+        ({"lens": ["pinhole", "mirror", "rays"]}, "lens has 'mirror'"),
+        ({"lens": [0, 1, 7]}, r"lens has \[0, 1, 7\]"),
+        ({"lens": [1, 1]}, r"lens must have shape \(3\)"),
+        ({"lens": [0, 1, 0], "distortion": np.ones((3, 5))}, r"distortion\[1\] of a fisheye"),
+        ({"lens": [0, 2, 0]}, r"rays must have shape \(3, n, n, 3\)"),
+        ({"lens": [0, 2, 0], "rays": np.zeros((3, 4, 4, 3))}, r"rays\[1\] holds a ray that"),
+        ({"lens": [0, 2, 0], "rays": RAYS[:, :2]}, "rays has 2 rows and 4 columns"),
         ({"registered": [True]}, "registered must have shape"),
         ({"registered": [True, 3, True]}, r"registered\[1\]"),
     ],
@@ -61,6 +73,32 @@ def test_a_camera_that_is_not_registered_may_be_anything():
     assert rig.select(rig.registered).camera_count == 2
     wrong["R"][1] = np.diag([1.0, 1.0, -1.0])
     Rig(**wrong, registered=[True, False, True])
+
+
+def test_a_rig_may_mix_lenses(tmp_path):
+    mixed = Rig(
+        **parameters(),
+        distortion=np.array([[0.1] * 8, [0.1] * 4 + [0] * 4, [0] * 8]),
+        lens=["pinhole", "fisheye", "rays"],
+        rays=RAYS,
+    )
+    np.testing.assert_array_equal(mixed.lens, [Lens.PINHOLE, Lens.FISHEYE, Lens.RAYS])
+    mixed.save(tmp_path / "rig.npz")
+    again = Rig.load(tmp_path / "rig.npz")
+    for name, value in vars(mixed).items():
+        np.testing.assert_array_equal(getattr(again, name), value)
+    assert mixed.select([0]).lens is None
+    assert mixed.select([1, 0]).rays is None
+    np.testing.assert_array_equal(mixed.select([2, 0]).rays[0], RAYS[2])
+    with pytest.raises(InvalidInputError, match=r"Camera 1 has a fisheye lens, and x needs pin"):
+        require_pinholes(mixed, "x")
+    require_pinholes(mixed.select([0]), "x")
+
+
+def test_rigs_saved_without_lenses_are_pinholes(tmp_path):
+    old = {k: v for k, v in vars(Rig(**parameters())).items() if k not in ("lens", "rays")}
+    save_arrays(tmp_path / "rig.npz", "Rig", old)
+    assert (Rig.load(tmp_path / "rig.npz").lenses == Lens.PINHOLE).all()
 
 
 def test_centres_are_where_the_camera_coordinates_vanish():

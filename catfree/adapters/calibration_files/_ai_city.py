@@ -11,7 +11,7 @@ from catfree.adapters.calibration_files._named_rig import NamedRig, registered_c
 from catfree.adapters.calibration_files._projection_matrices import (
     decomposed,
     projection_matrix,
-    require_pinholes,
+    require_undistorted,
 )
 from catfree.adapters.files._documents import (
     StrPath,
@@ -96,7 +96,7 @@ def write_ai_city(path: StrPath, rig: Rig, names: Sequence[str] | None = None) -
         WriteError: if the disk is full or not writable.
     """
     rig, labels = registered_cameras(rig, names, path)
-    require_pinholes(rig, labels, path)
+    require_undistorted(rig, labels, path)
     sensors = []
     for camera, label in enumerate(labels):
         projection = projection_matrix(rig, camera)

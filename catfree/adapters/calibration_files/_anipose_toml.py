@@ -8,7 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from catfree.adapters.calibration_files._distortion import five_coefficients
+from catfree.adapters.calibration_files._distortion import (
+    coefficients_of,
+    distortion_of,
+    lens_coefficients,
+    require_coefficients,
+)
 from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
 from catfree.adapters.calibration_files._rotation_vectors import (
     rotation_from_vector,
@@ -24,7 +29,7 @@ from catfree.adapters.files._documents import (
     write_text_atomically,
 )
 from catfree.errors import FileFormatError, quoted, shortened
-from catfree.types import Rig
+from catfree.types import Lens, Rig
 
 # A camera takes about 500 bytes and nine decimal points per line. The parser's time and recursion
 # depth grow much faster than the file, and fastest with the parts of a dotted key.
@@ -37,7 +42,8 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
     """Read a `calibration.toml`: one table per camera, in the file's order.
 
     Each table has `name`, `size` (width, height), `matrix`, `distortions`, `rotation` (vector in
-    radians, world to camera) and `translation`. Tables without any of them, such as `metadata`,
+    radians, world to camera) and `translation`; `fisheye = true` says that the distortions are k1
+    to k4 of `cv2.fisheye`. Tables without any of them, such as `metadata`,
     are skipped.
 
     Args:
@@ -50,8 +56,7 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
 
     Raises:
         InvalidInputError: if there is no such file or a camera is invalid.
-        FileFormatError: if it is not TOML of this form, a camera is a fisheye, or two cameras have
-            the same name.
+        FileFormatError: if it is not TOML of this form, or two cameras have the same name.
     """
     source = Path(path)
     text = read_text(source, "calibration")
@@ -74,13 +79,10 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
     cameras = {key: value for key, value in document.items() if _is_camera(value)}
     if not cameras:
         raise FileFormatError(f"{source} holds no camera (a table with a 'matrix').")
-    K, R, t, size, lens = [], [], [], [], []
+    K, R, t, size, lens, kinds = [], [], [], [], [], []
     for key, camera in cameras.items():
         where = f"camera [{shortened(key)}]"
-        if camera.get("fisheye", False):
-            raise FileFormatError(
-                f"{source}: {where} is a fisheye, which is not supported. Undistort its images."
-            )
+        kinds.append(Lens.FISHEYE if camera.get("fisheye", False) else Lens.PINHOLE)
         part = {name: entry(camera, name, source, where) for name in ("matrix", "size")}
         part |= {name: entry(camera, name, source, where) for name in ("rotation", "translation")}
         K.append(numbers(part["matrix"], (3, 3), source, f"matrix of {where}"))
@@ -90,7 +92,7 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
         t.append(numbers(part["translation"], (3,), source, f"translation of {where}"))
         values = camera.get("distortions", [])
         coefficients = numbers(values, None, source, f"distortions of {where}")
-        lens.append(five_coefficients(coefficients, source, where))
+        lens.append(lens_coefficients(coefficients, source, where, kinds[-1]))
     names = tuple(
         text_of(camera.get("name", key), source, f"the name of camera [{shortened(key)}]")
         for key, camera in cameras.items()
@@ -102,7 +104,8 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
             np.stack(R),
             np.stack(t) * metres_per_unit,
             np.stack(size),
-            distortion=np.stack(lens) if np.any(lens) else None,
+            distortion_of(lens),
+            lens=kinds,
         ),
     )
     return naming_file(source, lambda: NamedRig(rig, names))
@@ -127,23 +130,23 @@ def write_anipose_toml(
         The path.
 
     Raises:
-        InvalidInputError: if the folder does not exist, no camera is registered, or the names do
-            not match the cameras.
+        InvalidInputError: if the folder does not exist, no camera is registered, a camera is a grid
+            of rays, or the names do not match the cameras.
     """
     rig, labels = registered_cameras(rig, names, path)
+    require_coefficients(rig, labels, path)
     lines = []
     for at, name in enumerate(labels):
-        lens = np.zeros(5) if rig.distortion is None else np.asarray(rig.distortion)[at]
         width, height = rig.image_size[at]
         lines += [
             f"[cam_{at}]",
             f"name = {_toml_string(name)}",
             f"size = [{width}, {height}]",
             f"matrix = [{', '.join(_toml_row(row) for row in np.asarray(rig.K)[at])}]",
-            f"distortions = {_toml_row(lens)}",
+            f"distortions = {_toml_row(coefficients_of(rig, at))}",
             f"rotation = {_toml_row(rotation_to_vector(np.asarray(rig.R)[at]))}",
             f"translation = {_toml_row(np.asarray(rig.t)[at] / metres_per_unit)}",
-            "fisheye = false",
+            f"fisheye = {str(rig.lenses[at] == Lens.FISHEYE).lower()}",
             "",
         ]
     return write_text_atomically(path, "\n".join([*lines, "[metadata]", ""]))

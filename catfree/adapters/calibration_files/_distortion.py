@@ -1,33 +1,99 @@
-"""Conversion of lens coefficients to the five that a `Rig` holds."""
+"""Lens coefficients of calibration files, and what a file's format can hold of a rig's lenses."""
+
+from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from catfree.adapters.files._documents import StrPath
-from catfree.errors import FileFormatError
+from catfree.errors import FileFormatError, InvalidInputError
+from catfree.types import Lens, Rig
 
 
-def five_coefficients(values: np.ndarray, source: StrPath, where: str) -> np.ndarray:
-    """Convert a list that may be shorter, or end in zeros, to OpenCV k1, k2, p1, p2, k3.
+def lens_coefficients(
+    values: np.ndarray, source: StrPath, where: str, lens: Lens = Lens.PINHOLE
+) -> Float[np.ndarray, "8"]:
+    """Check a list of coefficients that may be shorter than its model has, or end in zeros.
 
     Args:
-        values: (n,) coefficients in OpenCV's order; an empty list means an ideal pinhole.
+        values: (n,) coefficients in OpenCV's order; an empty list means an ideal lens.
         source: the file, for messages.
         where: the camera, for messages.
+        lens: `FISHEYE` for k1 to k4 of `cv2.fisheye`.
 
     Returns:
-        (5,) float64.
+        (8,) float64, zero where the list ends.
 
     Raises:
-        FileFormatError: if a coefficient is not finite, or a sixth or later one is not zero.
+        FileFormatError: if a coefficient is not finite, or the model has fewer that are not zero.
     """
     if not np.isfinite(values).all():
         raise FileFormatError(f"{source}: the distortion of {where} is not finite.")
-    if values[5:].any():
+    most = 4 if lens == Lens.FISHEYE else 8
+    if values[most:].any():
+        held = "k1 to k4 of a fisheye" if most == 4 else "k1, k2, p1, p2, k3, k4, k5, k6"
         raise FileFormatError(
-            f"{source}: the distortion of {where} has {len(values)} coefficients (rational or "
-            "thin-prism model), but only k1, k2, p1, p2, k3 are supported. Undistort the images "
-            "or calibrate again with five coefficients."
+            f"{source}: the distortion of {where} has {len(values)} coefficients, but only {held} "
+            "are supported (no thin-prism or tilted model). Undistort the images or calibrate "
+            "again with fewer coefficients."
         )
-    result = np.zeros(5)
-    result[: min(5, len(values))] = values[:5]
+    result = np.zeros(8)
+    result[: min(most, len(values))] = values[:most]
     return result
+
+
+def distortion_of(coefficients: Sequence[np.ndarray]) -> Float[np.ndarray, "cam k"] | None:
+    """Stack the (8,) coefficients of cameras to the `distortion` of a rig.
+
+    Returns:
+        (C, 8), (C, 5) if no camera needs more, or None if all are zero.
+    """
+    stacked = np.stack(coefficients)
+    if not stacked.any():
+        return None
+    return stacked if stacked[:, 5:].any() else stacked[:, :5]
+
+
+def coefficients_of(rig: Rig, camera: int) -> Float[np.ndarray, "k"]:
+    """(5,) or (8,) coefficients of a camera's lens for a file, of a fisheye (4,)."""
+    lens = np.zeros(5) if rig.distortion is None else np.asarray(rig.distortion)[camera]
+    if rig.lenses[camera] == Lens.FISHEYE:
+        return lens[:4]
+    return lens if lens[5:].any() else lens[:5]
+
+
+def require_coefficients(rig: Rig, names: Sequence[str], target: StrPath) -> None:
+    """Raise if a camera is a grid of rays, for formats that hold coefficients only.
+
+    Raises:
+        InvalidInputError: naming the first such camera.
+    """
+    _refuse(
+        rig.lenses == Lens.RAYS,
+        "is a grid of rays",
+        "write_scene_json and Rig.save can",
+        names,
+        target,
+    )
+
+
+def require_undistorted(rig: Rig, names: Sequence[str], target: StrPath) -> None:
+    """Raise if a camera is no ideal pinhole, for formats that cannot hold others.
+
+    Raises:
+        InvalidInputError: naming the first such camera.
+    """
+    require_coefficients(rig, names, target)
+    advice = "Undistort its images, and write the rig without distortion"
+    _refuse(rig.lenses == Lens.FISHEYE, "has a fisheye lens", advice, names, target)
+    if rig.distortion is not None:
+        bent = (np.asarray(rig.distortion) != 0).any(-1)
+        _refuse(bent, "has lens distortion", advice, names, target)
+
+
+def _refuse(bad: np.ndarray, what: str, advice: str, names: Sequence[str], target: StrPath) -> None:
+    if bad.any():
+        raise InvalidInputError(
+            f"Cannot write {target}: camera {names[int(np.argmax(bad))]!r} {what}, which this "
+            f"format cannot hold. {advice}."
+        )

@@ -68,12 +68,9 @@ def registered_cameras(
         raise InvalidInputError(f"Cannot write {target}: no camera of the rig is registered.")
     labels = default_names(rig, names)
     part = rig.select(registered)
-    lens = None if part.distortion is None else np.asarray(part.distortion, np.float64)
-    exact = Rig(
-        np.asarray(part.K, np.float64),
-        np.asarray(part.R, np.float64),
-        np.asarray(part.t, np.float64),
-        part.image_size,
-        distortion=lens,
+    names_of_floats = ("K", "R", "t", "distortion", "rays")
+    held = {name: getattr(part, name) for name in names_of_floats}
+    exact = dataclasses.replace(
+        part, **{k: None if v is None else np.asarray(v, np.float64) for k, v in held.items()}
     )
     return exact, tuple(labels[camera] for camera in registered)

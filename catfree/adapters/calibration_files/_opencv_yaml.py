@@ -7,7 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from catfree.adapters.calibration_files._distortion import five_coefficients
+from catfree.adapters.calibration_files._distortion import (
+    coefficients_of,
+    distortion_of,
+    lens_coefficients,
+    require_coefficients,
+)
 from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
 from catfree.adapters.calibration_files._opencv_storage import Storage, read_storage
 from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
@@ -19,7 +24,7 @@ from catfree.adapters.files._documents import (
     write_text_atomically,
 )
 from catfree.errors import FileFormatError, InvalidInputError
-from catfree.types import Rig
+from catfree.types import Lens, Rig
 
 # The names that OpenCV's own samples and common tools use for the same matrix.
 _INTRINSICS = ("K", "camera_matrix", "cameraMatrix", "Camera_Matrix", "intrinsic", "M")
@@ -57,8 +62,8 @@ def read_opencv_yaml(
 
     Four coefficients may be k1, k2, p1, p2 of an old pinhole calibration or k1 to k4 of
     `cv2.fisheye.calibrate`, and confusing them moves people by meters. Unless all are 0, the file
-    must state the model, by `fisheye_model: 0`, by another entry whose name contains "model"
-    (`distortion_model: plumb_bob`), or by a fifth coefficient.
+    must state the model, by `fisheye_model: 0` or `1`, by another entry whose name contains "model"
+    (`distortion_model: plumb_bob` or `equidistant`), or by a fifth coefficient.
 
     Args:
         paths: one file or several, in the order of the rig's cameras.
@@ -71,15 +76,15 @@ def read_opencv_yaml(
 
     Raises:
         InvalidInputError: if a file is missing or given twice, or a camera is invalid.
-        FileFormatError: if a file is malformed, describes a fisheye, or does not state the model of
-            its four coefficients.
+        FileFormatError: if a file is malformed, or does not state the model of its four
+            coefficients.
     """
     if isinstance(paths, str | os.PathLike):
         paths = (paths,)
     sources = [Path(path) for path in paths]
     if not sources:
         raise InvalidInputError("read_opencv_yaml needs at least one file.")
-    K, R, t, size, lens = [], [], [], [], []
+    K, R, t, size, lens, kinds = [], [], [], [], [], []
     for source in sources:
         storage = read_storage(source, "calibration")
         values = storage.numbers
@@ -92,8 +97,8 @@ def read_opencv_yaml(
         shift = _first(values, _TRANSLATION, source, "translation")
         t.append(numbers(shift, (3,), source, "the translation") * metres_per_unit)
         coefficients = _first(values, _DISTORTION, source, None)
-        _refuse_fisheye(storage, coefficients, source)
-        lens.append(five_coefficients(coefficients, source, "the camera"))
+        kinds.append(_lens(storage, coefficients, source))
+        lens.append(lens_coefficients(coefficients, source, "the camera", kinds[-1]))
         size.append(_image_size(values, source, image_size))
     rig = naming_file(
         ", ".join(source.name for source in sources),
@@ -102,7 +107,8 @@ def read_opencv_yaml(
             np.stack(R),
             np.stack(t),
             np.stack(size),
-            distortion=np.stack(lens) if np.any(lens) else None,
+            distortion_of(lens),
+            lens=kinds,
         ),
     )
     return NamedRig(rig, tuple(names_of_files(sources)))
@@ -123,21 +129,23 @@ def write_opencv_yaml(
         The paths, in the order of the rig.
 
     Raises:
-        InvalidInputError: if the folder does not exist, no camera is registered, or the names do
-            not match the cameras.
+        InvalidInputError: if the folder does not exist, no camera is registered, a camera is a grid
+            of rays, or the names do not match the cameras.
     """
     rig, labels = registered_cameras(rig, names, folder)
-    lens = np.zeros((rig.camera_count, 5)) if rig.distortion is None else rig.distortion
+    require_coefficients(rig, labels, folder)
     paths = []
     for at, name in enumerate(file_names(labels)):
         width, height = rig.image_size[at]
         matrices = {
             "camera_matrix": np.asarray(rig.K)[at],
-            "distortion_coefficients": np.asarray(lens)[at][:, None],
+            "distortion_coefficients": coefficients_of(rig, at)[:, None],
             "R": np.asarray(rig.R)[at],
             "t": np.asarray(rig.t)[at][:, None],
         }
         lines = ["%YAML:1.0", "---", f"image_width: {width}", f"image_height: {height}"]
+        if rig.lenses[at] == Lens.FISHEYE:
+            lines.append("fisheye_model: 1")
         for key, matrix in matrices.items():
             data = ", ".join(repr(float(value)) for value in matrix.ravel())
             lines += [
@@ -152,21 +160,23 @@ def write_opencv_yaml(
     return tuple(paths)
 
 
-def _refuse_fisheye(storage: Storage, coefficients: np.ndarray, source: Path) -> None:
-    """Raise if a file states that its lens is a fisheye, or if its coefficients may be of one."""
+def _lens(storage: Storage, coefficients: np.ndarray, source: Path) -> Lens:
+    """The lens that a file states; four coefficients may be of either.
+
+    Raises:
+        FileFormatError: if the file has four coefficients and does not state their model.
+    """
     models = {key: text for key, text in storage.words.items() if "model" in key.lower()}
     flag = storage.numbers.get("fisheye_model", storage.numbers.get("fisheye", np.empty(0)))
     if flag.any() or any(_FISHEYE.search(text) for text in models.values()):
-        raise FileFormatError(
-            f"{source} describes a fisheye lens, which is not supported. Undistort its images with "
-            "cv2.fisheye, and pass the calibration of the undistorted ones."
-        )
+        return Lens.FISHEYE
     if coefficients.size == 4 and coefficients.any() and not (models or flag.size):
         raise FileFormatError(
             f"{source} has 4 distortion coefficients but does not state the lens model. For k1, "
             "k2, p1, p2 of a pinhole, add k3 = 0 as the fifth, or the line `fisheye_model: 0`; for "
-            "k1 to k4 of cv2.fisheye, undistort the images."
+            "k1 to k4 of cv2.fisheye, add `fisheye_model: 1`."
         )
+    return Lens.PINHOLE
 
 
 def _first(

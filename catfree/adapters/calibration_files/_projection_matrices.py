@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import rq
 
+from catfree.adapters.calibration_files._distortion import require_undistorted
 from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
 from catfree.adapters.calibration_files._opencv_storage import read_storage
 from catfree.adapters.files._camera_names import file_names, names_of_files
@@ -84,7 +85,7 @@ def write_mv3dt(
     height = as_positive(person_height, "person_height")
     radius = as_positive(person_radius, "person_radius")
     rig, labels = registered_cameras(rig, names, folder)
-    require_pinholes(rig, labels, folder)
+    require_undistorted(rig, labels, folder)
     root = make_folder(folder)
     files = []
     for camera, label in enumerate(file_names(labels)):
@@ -95,21 +96,6 @@ def write_mv3dt(
             write_text_atomically(root / f"{label}.yml", f"{PROJECTION}:\n{rows}\n{model}")
         )
     return tuple(files)
-
-
-def require_pinholes(rig: Rig, names: Sequence[str], target: StrPath) -> None:
-    """Raise if a camera has lens distortion, for formats that cannot hold it.
-
-    Raises:
-        InvalidInputError: naming the first such camera.
-    """
-    if rig.distortion is None or not np.any(rig.distortion):
-        return
-    at = int(np.argmax(np.any(np.asarray(rig.distortion) != 0, axis=-1)))
-    raise InvalidInputError(
-        f"Cannot write {target}: camera {names[at]!r} has lens distortion, which this format "
-        "cannot hold. Undistort its images, and write the rig without distortion."
-    )
 
 
 def projection_matrix(rig: Rig, camera: int) -> Float[np.ndarray, "3 4"]:

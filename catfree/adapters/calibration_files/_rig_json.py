@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from catfree.adapters.calibration_files._distortion import five_coefficients
+from catfree.adapters.calibration_files._distortion import lens_coefficients
 from catfree.adapters.calibration_files._named_rig import NamedRig, default_names
 from catfree.adapters.files._documents import (
     StrPath,
@@ -19,13 +19,15 @@ from catfree.adapters.files._documents import (
     write_text_atomically,
 )
 from catfree.errors import FileFormatError, quoted, shortened
-from catfree.types import Plane, Rig, Scene
+from catfree.types import Lens, Plane, Rig, Scene
 from catfree.types._scene import require_plausible_heights
 
 _CONVENTIONS = {
     "camera": "x_camera = R x_world + t; x right, y down, z forward",
     "pixel": "the center of the top-left pixel is (0, 0)",
-    "distortion": "OpenCV k1, k2, p1, p2, k3",
+    "distortion": "OpenCV k1, k2, p1, p2, k3 and optionally k4, k5, k6; of a fisheye k1 to k4",
+    "lens": "pinhole if not stated, fisheye (cv2.fisheye), or rays: rows of unit vectors in camera "
+    "axes, evenly spaced from the outer edge of the first pixel to that of the last one",
     "ground": "normal . x + offset = 0, cameras on the positive side",
     "unregistered camera": "registered is false and its numbers are null",
 }
@@ -133,6 +135,11 @@ def _rig_document(rig: Rig, names: Sequence[str] | None, metric: bool) -> dict[s
         camera = {"name": name, "width": width, "height": height}
         camera |= {key: _list(getattr(rig, key)[at]) for key in ("K", "R", "t")}
         camera["distortion"] = None if rig.distortion is None else _list(rig.distortion[at])
+        if rig.lens is not None:
+            camera["lens"] = Lens(rig.lens[at]).name.lower()
+            if rig.lens[at] == Lens.RAYS:
+                assert rig.rays is not None
+                camera["rays"] = _list(rig.rays[at])
         camera["registered"] = bool(rig.registered[at])
         cameras.append(camera)
     return {"units": _UNITS[metric], "conventions": _CONVENTIONS, "cameras": cameras}
@@ -159,7 +166,9 @@ def _read_rig(document: Any, source: Path) -> NamedRig:
     cameras = entry(document, "cameras", source, "the file")
     if not isinstance(cameras, list) or not cameras:
         raise FileFormatError(f"{source}: cameras must be a list with at least one camera.")
-    names, K, R, t, size, lens, registered = [], [], [], [], [], [], []
+    names, K, R, t, size, lens, kinds, registered = [], [], [], [], [], [], [], []
+    rays: list[np.ndarray | None] = []
+    stated: list[bool] = []
     for at, camera in enumerate(cameras):
         where = f"camera {at}"
         names.append(text_of(entry(camera, "name", source, where), source, f"the name of {where}"))
@@ -175,19 +184,63 @@ def _read_rig(document: Any, source: Path) -> NamedRig:
         pair = [entry(camera, key, source, where) for key in ("width", "height")]
         size.append(numbers(pair, (2,), source, f"the image size of {where}"))
         values = camera.get("distortion")
-        if values is not None and registered[-1]:
-            values = numbers(values, None, source, f"the distortion of {where}")
-            lens.append(five_coefficients(values, source, where))
-        else:
-            lens.append(None)
+        kinds.append(_lens(camera.get("lens", "pinhole"), source, where))
+        stated.append(values is not None and registered[-1])
+        values = numbers(values if stated[-1] else [], None, source, f"the distortion of {where}")
+        lens.append(lens_coefficients(values, source, where, kinds[-1]))
+        has_rays = kinds[-1] == Lens.RAYS
+        rays.append(_grid(camera, registered[-1], source, where) if has_rays else None)
     distortion = None
-    if any(values is not None for values in lens):
+    if any(stated):
         # If other cameras have coefficients, a camera without any is an ideal pinhole.
-        distortion = np.stack([np.zeros(5) if values is None else values for values in lens])
+        distortion = np.stack(lens)
+        distortion = distortion if distortion[:, 5:].any() else distortion[:, :5]
     rig = naming_file(
         source,
         lambda: Rig(
-            np.stack(K), np.stack(R), np.stack(t), np.stack(size), distortion, np.array(registered)
+            np.stack(K),
+            np.stack(R),
+            np.stack(t),
+            np.stack(size),
+            distortion,
+            np.array(registered),
+            np.array(kinds),
+            _stacked(rays, source),
         ),
     )
     return naming_file(source, lambda: NamedRig(rig, tuple(names)))
+
+
+def _lens(name: Any, source: Path, where: str) -> Lens:
+    """The lens that a file names.
+
+    Raises:
+        FileFormatError: if it is none of `Lens`.
+    """
+    known = {lens.name.lower(): lens for lens in Lens}
+    if name not in known:
+        raise FileFormatError(
+            f"{source}: the lens of {where} is {quoted(name)}; it must be one of "
+            f"{', '.join(known)}."
+        )
+    return known[name]
+
+
+def _grid(camera: Any, registered: bool, source: Path, where: str) -> np.ndarray:
+    """(rows, columns, 3) the rays of a camera."""
+    nested = entry(camera, "rays", source, where)
+    rows = len(nested) if isinstance(nested, list) else 0
+    values = numbers(nested, None, source, f"rays of {where}", finite=registered)
+    if not values.size or values.size % (3 * rows):
+        raise FileFormatError(f"{source}: rays of {where} must hold rows of vectors x, y, z.")
+    return values.reshape(rows, -1, 3)
+
+
+def _stacked(rays: list[np.ndarray | None], source: Path) -> np.ndarray | None:
+    """(C, rows, columns, 3) grids of rays, zero for cameras without one; None if there are none."""
+    held = [grid for grid in rays if grid is not None]
+    if not held:
+        return None
+    if len({grid.shape for grid in held}) > 1:
+        raise FileFormatError(f"{source}: the cameras' rays have different numbers of nodes.")
+    return np.stack([np.zeros_like(held[0]) if grid is None else grid for grid in rays])

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from catfree.adapters.calibration_files._distortion import five_coefficients
+from catfree.adapters.calibration_files._distortion import distortion_of, lens_coefficients
 from catfree.adapters.datasets._sequence import (
     MultiViewSequence,
     metric_scene,
@@ -274,11 +274,10 @@ def _read_rig(cameras: list[Any], source: Path) -> Rig | None:
         size = [entry(camera, key, source, where) for key in ("width", "height")]
         parts["size"].append(numbers(size, (2,), source, where))
         distortion = numbers(camera.get("dist") or [], None, source, f"dist of {where}")
-        parts["dist"].append(five_coefficients(distortion, source, where))
-    distortion = np.stack(parts["dist"])
+        parts["dist"].append(lens_coefficients(distortion, source, where))
     K, R, t, size = (np.stack(parts[key]) for key in ("K", "R", "t", "size"))
-    lens = distortion if distortion.any() else None
-    return naming_file(source, lambda: Rig(K, R, t, size, distortion=lens))
+    distortion = distortion_of(parts["dist"])
+    return naming_file(source, lambda: Rig(K, R, t, size, distortion))
 
 
 def _area(area: Any, source: Path) -> tuple[float, float, float, float] | None:

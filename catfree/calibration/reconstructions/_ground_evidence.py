@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.geometry import intersect_ray
+from catfree.geometry.camera import rays_of_pixels
 from catfree.methods.paper.association._observe import expand_ranges
 from catfree.types import Detections, Plane, Rig
 from catfree.types._sampling import evenly_spread
@@ -89,16 +90,10 @@ def people_of(rig: Rig, detections: Detections | None) -> People | None:
     rows = rows[np.argsort(detections.frame[rows], kind="stable")]
     box, camera = detections.box[rows].astype(np.float64), detections.camera[rows]
     middle = (box[:, 0] + box[:, 2]) / 2
-    K, R = np.asarray(rig.K, np.float64)[camera], np.asarray(rig.R, np.float64)[camera]
-
-    def directions(y: np.ndarray) -> np.ndarray:
-        # Lens distortion changes these rays by less than the tolerances of the checks below.
-        pixel = np.column_stack([middle, y, np.ones(len(y))])
-        ray = np.einsum("nji,nj->ni", R, np.linalg.solve(K, pixel[..., None])[..., 0])
-        return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
-
     center = np.asarray(rig.centers, np.float64)[camera]
-    foot, head = directions(box[:, 3]), directions(box[:, 1])
+    foot, head = (
+        rays_of_pixels(rig, camera, np.column_stack([middle, box[:, edge]])) for edge in (3, 1)
+    )
     return People(detections.frame[rows], camera, center, foot, head)
 
 

@@ -12,7 +12,8 @@ from catfree.geometry.camera._pinhole import (
     project as project,
     undistort as undistort,
 )
-from catfree.geometry.camera._ray_grid import (
-    grid_pixel as grid_pixel,
-    grid_ray as grid_ray,
+from catfree.geometry.camera._ray_grid import grid_pixel as grid_pixel, grid_ray as grid_ray
+from catfree.geometry.camera._rig_cameras import (
+    pixels_of_points as pixels_of_points,
+    rays_of_pixels as rays_of_pixels,
 )

@@ -32,6 +32,7 @@ from catfree.methods.evidence.track._tracking import Trails, estimate_motion, fo
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 from catfree.types._annotations import Progress, no_progress
+from catfree.types._rig import require_pinholes
 
 SURE_LOG_ODDS = 3.0  # of the groups from which the speed of people is learned
 VAGUEST_PRIOR = 0.05  # per H0²: a tracked person is within a few meters
@@ -104,6 +105,7 @@ def solve(
     """
     settings = settings or EvidenceSettings()
     report = progress or no_progress
+    require_pinholes(scene.rig, "the evidence method")
     with jax.enable_x64(True):
         report("self-calibration", 0, 1)
         views, noise = self_calibrate(detections, scene, settings)

@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
+from catfree.geometry.camera import pixels_of_points
 from catfree.types import Detections, Localization, Scene
-from catfree.viz._camera_view import project_points
 from catfree.viz.footage._drawing import Image
 
 BLOCKS = 5  # what is left of a person is about this many colors across
@@ -68,7 +68,7 @@ def people_regions(
     up = np.asarray(scene.ground.normal, np.float64)
     middle = position + person_height / 2 * up
     points = np.stack([position, middle, position + person_height * up], axis=1)
-    pixel, in_front = project_points(scene.rig, camera, points.reshape(-1, 3))
+    pixel, in_front = pixels_of_points(scene.rig, camera, points.reshape(-1, 3))
     pixel, in_front = pixel.reshape(-1, 3, 2), in_front.reshape(-1, 3).all(1)
     # Beside the camera, a person out of the picture would cover all of it.
     size = np.asarray(scene.rig.image_size[camera], np.float64)

@@ -7,8 +7,9 @@ from jaxtyping import Float
 
 from catfree._coverage import visible_area
 from catfree.errors import InvalidInputError
+from catfree.geometry.camera import pixels_of_points
 from catfree.types import Scene
-from catfree.viz._camera_view import project_points, visible_runs
+from catfree.viz._camera_view import visible_runs
 from catfree.viz._palette import Color
 from catfree.viz._plan_view import from_plan
 from catfree.viz.footage._drawing import (
@@ -103,7 +104,7 @@ def draw_ground_grid(
         color = LINE_COLOR if index else (Y_COLOR if axis == "x" else X_COLOR)
         major = index % LABEL_EVERY == 0
         weight = thick * (1.0 if index else 1.5) if major else 1.0
-        pixel, in_front = project_points(scene.rig, camera, from_plan(scene, points))
+        pixel, in_front = pixels_of_points(scene.rig, camera, from_plan(scene, points))
         for run in visible_runs(pixel, in_front, size):
             if major:
                 draw_polyline(canvas, run, SHADOW, weight + 2)
@@ -142,7 +143,7 @@ def _label_crossings(
 ) -> None:
     marked = {axis: [i for a, i, _ in lines if a == axis and i % LABEL_EVERY == 0] for axis in "xy"}
     crossings = np.array([(i, j) for i in marked["x"] for j in marked["y"]], float).reshape(-1, 2)
-    pixel, in_front = project_points(scene.rig, camera, from_plan(scene, crossings * step))
+    pixel, in_front = pixels_of_points(scene.rig, camera, from_plan(scene, crossings * step))
     inside = in_front & (pixel >= 0).all(-1) & (pixel < canvas.shape[1::-1]).all(-1)
     texts = [f"{x * step:g}, {y * step:g}" for x, y in crossings[inside]]
     draw_labels(canvas, texts, pixel[inside], [SHADOW] * len(texts), stroke)

@@ -9,10 +9,11 @@ import numpy as np
 
 from catfree.adapters import SynchronizedVideos
 from catfree.errors import InvalidInputError
+from catfree.geometry.camera import pixels_of_points
 from catfree.types import Detections, Localization, Origin, Scene, Tracks
 from catfree.types._annotations import Progress
 from catfree.types._writing import replacement
-from catfree.viz._camera_view import project_points, visible_runs
+from catfree.viz._camera_view import visible_runs
 from catfree.viz._palette import CAMERA_COLOR, track_color
 from catfree.viz._person_height import person_height as estimate_person_height
 from catfree.viz._plan_view import camera_names as names_of, view_area
@@ -272,7 +273,7 @@ def _draw_people(
     ):
         color = track_color(identity)
         points = np.concatenate([position + ring, [position, position + height * up]])
-        pixel, in_front = project_points(scene.rig, camera, points)
+        pixel, in_front = pixels_of_points(scene.rig, camera, points)
         if not in_front[-2:].all() or not _inside(pixel[-2:], size):
             continue
         for run in visible_runs(pixel[:-2], in_front[:-2], size):

@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Float, Int
 
+from catfree.geometry.camera import rays_of_pixels
 from catfree.types import Localization, Scene, Tracks
-from catfree.viz._camera_view import rays_of_pixels
 from catfree.viz._plan_view import from_plan, view_area
 
 FRUSTUM_DEPTH = 0.06  # depth of a camera's pyramid, as a share of E

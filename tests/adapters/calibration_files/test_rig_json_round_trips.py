@@ -43,7 +43,9 @@ def rigs(max_cameras: int = 4) -> st.SearchStrategy[dict]:
             "vector": st.tuples(*[_numbers(-3.0, 3.0)] * 3),
             "t": st.tuples(*[_numbers(-1e4, 1e4)] * 3),
             "size": st.tuples(st.integers(1, 8000), st.integers(1, 8000)),
-            "lens": st.tuples(*[coefficient] * 5),
+            "lens": st.tuples(*[coefficient] * 8)
+            | st.tuples(*[coefficient] * 5, *[st.just(0.0)] * 3),
+            "fisheye": st.booleans(),
         }
     )
     return st.tuples(st.lists(camera, min_size=1, max_size=max_cameras), st.booleans()).map(
@@ -61,8 +63,13 @@ def _rig_arguments(cameras: list[dict], has_lens: bool) -> dict:
         "R": Rotation.from_rotvec([c["vector"] for c in cameras]).as_matrix(),
         "t": np.array([c["t"] for c in cameras]),
         "image_size": np.array([c["size"] for c in cameras]),
-        "distortion": np.array([c["lens"] for c in cameras]) if has_lens else None,
+        "distortion": np.stack([_coefficients(c) for c in cameras]) if has_lens else None,
+        "lens": np.array([c["fisheye"] for c in cameras], int),
     }
+
+
+def _coefficients(camera: dict) -> np.ndarray:
+    return np.where(np.arange(8) < (4 if camera["fisheye"] else 8), camera["lens"], 0.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,7 +103,9 @@ every_format = pytest.mark.parametrize("form", FORMATS.values(), ids=FORMATS)
 
 
 def _lens(rig: Rig) -> np.ndarray:
-    return np.zeros((rig.camera_count, 5)) if rig.distortion is None else rig.distortion
+    if rig.distortion is None:
+        return np.zeros((rig.camera_count, 8))
+    return np.pad(rig.distortion, ((0, 0), (0, 8 - rig.distortion.shape[1])))
 
 
 def _assert_same(read: Rig, written: Rig) -> None:
@@ -105,6 +114,7 @@ def _assert_same(read: Rig, written: Rig) -> None:
     np.testing.assert_array_equal(read.t, written.t)
     np.testing.assert_array_equal(read.image_size, written.image_size)
     np.testing.assert_array_equal(_lens(read), _lens(written))
+    np.testing.assert_array_equal(read.lenses, written.lenses)
 
 
 @pytest.mark.slow
@@ -410,25 +420,61 @@ def test_mirrored_rotations_are_refused(tmp_path):
         read_rig_json(path)
 
 
-def test_unsupported_lenses_are_refused(tmp_path):
-    toml = write_anipose_toml(tmp_path / "c.toml", _ring(1))
-    toml.write_text(toml.read_text().replace("fisheye = false", "fisheye = true"))
-    with pytest.raises(FileFormatError, match="fisheye"):
-        read_anipose_toml(toml)
+def test_lenses_with_more_coefficients_are_refused(tmp_path):
     (yml,) = write_opencv_yaml(tmp_path, _ring(1))
     text = (
         yml.read_text()
-        .replace("rows: 5", "rows: 8")
-        .replace("0.0, 0.0, 0.0, 0.0, 0.0 ]", "0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0 ]")
+        .replace("rows: 5", "rows: 12")
+        .replace("0.0, 0.0, 0.0, 0.0, 0.0 ]", f"{'0.0, ' * 11} 0.1 ]")
     )
     yml.write_text(text)
-    with pytest.raises(FileFormatError, match="8 coefficients"):
+    with pytest.raises(FileFormatError, match="12 coefficients"):
         read_opencv_yaml(yml)
+    toml = write_anipose_toml(tmp_path / "c.toml", _ring(1))
+    fisheye = toml.read_text().replace("fisheye = false", "fisheye = true")
+    toml.write_text(fisheye.replace("0.0, 0.0, 0.0, 0.0, 0.0]", "0.0, 0.0, 0.0, 0.0, 0.1]"))
+    with pytest.raises(FileFormatError, match="k1 to k4 of a fisheye"):
+        read_anipose_toml(toml)
     write_colmap_text(tmp_path / "sparse", _ring(1))
     cameras = tmp_path / "sparse" / "cameras.txt"
-    cameras.write_text(cameras.read_text().replace("PINHOLE", "OPENCV_FISHEYE"))
-    with pytest.raises(FileFormatError, match="OPENCV_FISHEYE"):
+    cameras.write_text(cameras.read_text().replace("PINHOLE", "THIN_PRISM_FISHEYE"))
+    with pytest.raises(FileFormatError, match="THIN_PRISM_FISHEYE"):
         read_colmap(tmp_path / "sparse")
+
+
+def _with_rays() -> Rig:
+    ray = np.random.default_rng(0).normal(size=(3, 5, 4, 3))
+    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    lens = np.array([[0.1, 0.2, 0.3, 0.4, 0], [0] * 5, [1, 2, 3, 4, 5]])
+    return dataclasses.replace(
+        _ring(3), lens=["fisheye", "rays", "pinhole"], rays=ray, distortion=lens
+    )
+
+
+def test_json_holds_grids_of_rays(tmp_path):
+    rig = _with_rays()
+    read = read_rig_json(write_rig_json(tmp_path / "rig.json", rig)).rig
+    np.testing.assert_array_equal(read.lens, rig.lens)
+    np.testing.assert_array_equal(read.rays[1], rig.rays[1])
+    np.testing.assert_array_equal(read.distortion, rig.distortion)
+    document = json.loads((tmp_path / "rig.json").read_text())
+    for change, message in (
+        ({"lens": "mirror"}, "the lens of camera 1 is 'mirror'"),
+        ({"rays": [[0.0, 1.0]]}, "rays of camera 1 must hold rows of vectors"),
+        ({"rays": None}, "rays of camera 1"),
+    ):
+        broken = json.loads(json.dumps(document))
+        broken["cameras"][1] |= change
+        (tmp_path / "broken.json").write_text(json.dumps(broken))
+        with pytest.raises(CatFreeError, match=message):
+            read_rig_json(tmp_path / "broken.json")
+
+
+@pytest.mark.parametrize("write", [write_colmap_text, write_anipose_toml, write_opencv_yaml])
+def test_formats_of_coefficients_refuse_rays_by_name(write, tmp_path):
+    with pytest.raises(InvalidInputError, match="camera 'b' is a grid of rays"):
+        write(tmp_path / "file", _with_rays(), ["a", "b", "c"])
+    assert os.listdir(tmp_path) == []
 
 
 def test_opencv_files_stay_in_their_folder(tmp_path):

@@ -172,7 +172,7 @@ BOX = "frames.1.views.west.1"
         ("cameras.0.K", [[1, 2], [3, 4]], "camera west must hold 3 x 3"),
         ("cameras.0.t", ..., "camera west has no 't'"),
         ("cameras.1.name", "west", "two cameras the same name"),
-        ("cameras.0.dist", [0, 0, 0, 0, 0, 1], "camera west has 6 coefficients"),
+        ("cameras.0.dist", [0] * 8 + [1], "camera west has 9 coefficients"),
         ("evaluation_area", {"x": [1]}, "evaluation_area has no 'y'"),
     ],
 )

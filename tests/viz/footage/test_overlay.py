@@ -6,9 +6,10 @@ from hypothesis import given, strategies as st
 import catfree as cf
 from catfree.errors import InvalidInputError
 from catfree.geometry import transform_scene
+from catfree.geometry.camera import pixels_of_points, rays_of_pixels
 from catfree.types import Rig, Scene
 from catfree.viz import draw_frame, draw_ground_grid, write_overlay_video
-from catfree.viz._camera_view import project_points, rays_of_pixels, visible_runs
+from catfree.viz._camera_view import visible_runs
 from catfree.viz._palette import UNTRACKED, track_color
 from catfree.viz._person_height import person_height
 from catfree.viz._plan_view import from_plan
@@ -140,7 +141,7 @@ def test_posts_stand_where_the_tracks_project(world, localization):
     up, checked = np.asarray(world.scene.ground.normal), 0
     for position, identity in zip(now.position, now.track_id, strict=True):
         middle = position + 0.025 * up
-        pixel, in_front = project_points(world.scene.rig, 2, middle[None])
+        pixel, in_front = pixels_of_points(world.scene.rig, 2, middle[None])
         x, y = np.round(pixel[0]).astype(int)
         if in_front[0] and 5 < x < 1915 and 5 < y < 1075:
             around = drawn[y - 2 : y + 3, x - 3 : x + 4].reshape(-1, 3)
@@ -233,10 +234,10 @@ def test_pixels_and_rays_are_inverse(world, seed):
     rig = world.scene.rig
     pixel = np.random.default_rng(seed).uniform([0, 0], [1919, 1079], (300, 2))
     rays = rays_of_pixels(rig, 1, pixel)
-    again, in_front = project_points(rig, 1, np.asarray(rig.centers)[1] + 0.3 * rays)
+    again, in_front = pixels_of_points(rig, 1, np.asarray(rig.centers)[1] + 0.3 * rays)
     assert in_front.all()
     np.testing.assert_allclose(again, pixel, atol=0.05)
-    assert not project_points(rig, 1, np.asarray(rig.centers)[1] - 0.3 * rays)[1].any()
+    assert not pixels_of_points(rig, 1, np.asarray(rig.centers)[1] - 0.3 * rays)[1].any()
 
 
 def test_runs_end_behind_the_camera_and_far_outside():

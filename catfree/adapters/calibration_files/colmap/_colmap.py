@@ -6,6 +6,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from catfree.adapters.calibration_files._distortion import (
+    coefficients_of,
+    distortion_of,
+    require_coefficients,
+)
 from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
 from catfree.adapters.calibration_files.colmap._colmap_binary import (
     binary_cameras,
@@ -29,7 +34,7 @@ from catfree.adapters.files._documents import (
     write_text_atomically,
 )
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
-from catfree.types import Rig
+from catfree.types import Lens, Rig
 from catfree.types._writing import make_folder
 
 
@@ -38,8 +43,9 @@ def read_colmap(folder: StrPath) -> NamedRig:
 
     The folder holds `cameras`, `images` and optionally `points3D`, all `.bin` or all `.txt`; binary
     files are preferred. Supported models are SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL,
-    OPENCV, and FULL_OPENCV without its rational part. The principal point is moved by half a pixel
-    to catfree's convention, the center of the top-left pixel at (0, 0).
+    OPENCV, FULL_OPENCV, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE and OPENCV_FISHEYE. The principal
+    point is moved by half a pixel to catfree's convention, the center of the top-left pixel at
+    (0, 0).
 
     Args:
         folder: for instance `sparse/0`.
@@ -65,7 +71,7 @@ def read_colmap(folder: StrPath) -> NamedRig:
     if not images:
         raise FileFormatError(f"{source} holds no images.")
     images = sorted(images, key=lambda image: image[0])
-    K, lens, R, t, size = [], [], [], [], []
+    K, lens, kinds, R, t, size = [], [], [], [], [], []
     for name, camera_id, quaternion, translation in images:
         label = shortened(name)
         if camera_id not in cameras:
@@ -73,19 +79,22 @@ def read_colmap(folder: StrPath) -> NamedRig:
                 f"{source}: image {label} has camera {camera_id}, not in cameras."
             )
         model, width, height, parameters = cameras[camera_id]
-        matrix, coefficients = intrinsics(model, parameters, root, label)
+        matrix, coefficients, kind = intrinsics(model, parameters, root, label)
         with np.errstate(over="ignore"):
             norm = np.linalg.norm(quaternion)
         if not (np.isfinite(norm) and norm > 0):
             raise InvalidInputError(f"{source}: image {label} has no valid rotation quaternion.")
         K.append(matrix)
         lens.append(coefficients)
+        kinds.append(kind)
         R.append(Rotation.from_quat(np.roll(quaternion, -1)).as_matrix())
         t.append(translation)
         size.append((width, height))
-    distortion = np.stack(lens) if np.any(lens) else None
     rig = naming_file(
-        root, lambda: Rig(np.stack(K), np.stack(R), np.stack(t), np.array(size), distortion)
+        root,
+        lambda: Rig(
+            np.stack(K), np.stack(R), np.stack(t), np.array(size), distortion_of(lens), lens=kinds
+        ),
     )
     names = tuple(image[0] for image in images)
     return naming_file(source, lambda: NamedRig(rig, names, points))
@@ -99,8 +108,8 @@ def write_colmap_text(
 ) -> Path:
     """Write `cameras.txt`, `images.txt` and `points3D.txt`, one camera and image each.
 
-    Unregistered cameras are left out. A lens is written as OPENCV, with k3 as FULL_OPENCV, an ideal
-    camera as PINHOLE.
+    Unregistered cameras are left out. A lens is written as OPENCV, with k3 to k6 as FULL_OPENCV, a
+    fisheye as OPENCV_FISHEYE, an ideal camera as PINHOLE.
 
     Args:
         folder: made if it does not exist (its parent must).
@@ -113,11 +122,12 @@ def write_colmap_text(
 
     Raises:
         InvalidInputError: if the parent folder does not exist, no camera is registered, a name has
-            a space, or a K has skew, which COLMAP's models do not support.
+            a space, a K has skew, or a camera is a grid of rays, which COLMAP cannot hold.
         WriteError: if the disk is full or not writable.
     """
     root = Path(folder)
     rig, labels = registered_cameras(rig, names, root)
+    require_coefficients(rig, labels, root)
     K, R, t = np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t)
     quaternions = Rotation.from_matrix(R).as_quat(canonical=True)
     cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
@@ -134,13 +144,15 @@ def write_colmap_text(
             )
         focal = [K[at, 0, 0], K[at, 1, 1]]
         center = [K[at, 0, 2] + PIXEL_CENTER, K[at, 1, 2] + PIXEL_CENTER]
-        lens = np.zeros(5) if rig.distortion is None else np.asarray(rig.distortion)[at]
-        if not lens.any():
+        lens = coefficients_of(rig, at)
+        if rig.lenses[at] == Lens.FISHEYE:
+            model, coefficients = "OPENCV_FISHEYE", lens
+        elif not lens.any():
             model, coefficients = "PINHOLE", []
-        elif lens[4] == 0:
-            model, coefficients = "OPENCV", [*lens[:4]]
+        elif not lens[4:].any():
+            model, coefficients = "OPENCV", lens[:4]
         else:
-            model, coefficients = "FULL_OPENCV", [*lens, 0.0, 0.0, 0.0]
+            model, coefficients = "FULL_OPENCV", np.pad(lens, (0, 8 - len(lens)))
         width, height = rig.image_size[at]
         cameras.append(f"{at + 1} {model} {width} {height} {_row(focal, center, coefficients)}")
         pose = _row(np.roll(quaternions[at], 1), t[at])

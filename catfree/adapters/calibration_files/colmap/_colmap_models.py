@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from catfree.adapters.calibration_files._distortion import five_coefficients
+from catfree.adapters.calibration_files._distortion import lens_coefficients
 from catfree.errors import FileFormatError, shortened
+from catfree.types import Lens
 
 # Number, name and parameters of the supported models; coefficients are OpenCV's.
 MODELS = {
@@ -17,10 +18,16 @@ MODELS = {
     2: ("SIMPLE_RADIAL", "f cx cy k1"),
     3: ("RADIAL", "f cx cy k1 k2"),
     4: ("OPENCV", "fx fy cx cy k1 k2 p1 p2"),
+    5: ("OPENCV_FISHEYE", "fx fy cx cy k1 k2 k3 k4"),
     6: ("FULL_OPENCV", "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"),
+    8: ("SIMPLE_RADIAL_FISHEYE", "f cx cy k1"),
+    9: ("RADIAL_FISHEYE", "f cx cy k1 k2"),
 }
 PARAMETERS = {name: parameters.split() for name, parameters in MODELS.values()}
-COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+COEFFICIENTS = {
+    Lens.PINHOLE: ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    Lens.FISHEYE: ("k1", "k2", "k3", "k4"),
+}
 
 # COLMAP puts the center of the top-left pixel at (0.5, 0.5), catfree and OpenCV at (0, 0).
 PIXEL_CENTER = 0.5
@@ -33,8 +40,8 @@ ColmapImage = tuple[str, int, np.ndarray, np.ndarray]
 
 def intrinsics(
     model: str, parameters: np.ndarray, source: Path, image: str
-) -> tuple[np.ndarray, np.ndarray]:
-    """Convert to (3, 3) K with catfree's pixel center, and (5,) OpenCV coefficients."""
+) -> tuple[np.ndarray, np.ndarray, Lens]:
+    """Convert to (3, 3) K with catfree's pixel center, (8,) OpenCV coefficients, and the lens."""
     value = dict(zip(PARAMETERS[model], parameters.tolist(), strict=True))
     K = np.array(
         [
@@ -43,8 +50,9 @@ def intrinsics(
             [0.0, 0.0, 1.0],
         ]
     )
-    lens = np.array([value.get(name, 0.0) for name in COEFFICIENTS])
-    return K, five_coefficients(lens, source, f"image {image}")
+    lens = Lens.FISHEYE if model.endswith("_FISHEYE") else Lens.PINHOLE
+    coefficients = np.array([value.get(name, 0.0) for name in COEFFICIENTS[lens]])
+    return K, lens_coefficients(coefficients, source, f"image {image}", lens), lens
 
 
 def supported_model(model: str, source: Path, camera_id: int) -> str:

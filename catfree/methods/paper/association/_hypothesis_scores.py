@@ -13,8 +13,8 @@ from catfree.filters import (
     implied_height,
     view_support_ratio,
 )
-from catfree.geometry import project
-from catfree.geometry._buckets import coarse_length
+from catfree.geometry._buckets import coarse_length, in_blocks
+from catfree.geometry.camera import pixels_of_points, rays_of_pixels
 from catfree.methods.paper.association._hypotheses import HYPOTHESIS_BLOCK, Support
 from catfree.methods.paper.association._observe import Observations
 from catfree.types import Rig
@@ -86,43 +86,38 @@ def _view_signals(
 ) -> tuple[Float[np.ndarray, " h"], Float[np.ndarray, " h"]]:
     """View support ratio and height consistency of every hypothesis."""
     dtype = position.dtype
-    cameras = [np.asarray(a, dtype) for a in (rig.K, rig.R, rig.t, rig.image_size)]
-    ratio, consistency = np.empty(len(position), dtype), np.empty(len(position), dtype)
-    for begin in range(0, len(position), HYPOTHESIS_BLOCK):
-        rows = slice(begin, begin + HYPOTHESIS_BLOCK)
-        padding = (0, HYPOTHESIS_BLOCK - len(position[rows]))
-        block = _view_block(
-            *cameras,
-            rig.registered,
-            np.pad(position[rows], (padding, (0, 0))),
-            np.pad(boxes[rows], (padding, (0, 0), (0, 0))),
-            np.pad(present[rows], (padding, (0, 0))),
-        )
-        ratio[rows] = np.asarray(block[0])[: len(position[rows])]
-        consistency[rows] = np.asarray(block[1])[: len(position[rows])]
-    return ratio, consistency
+    count, C = present.shape
+    h, c = np.nonzero(np.broadcast_to(rig.registered, present.shape))
+    pixel, imaged = pixels_of_points(rig, c, position[h].astype(np.float64))
+    inside = np.zeros((count, C), bool)
+    inside[h, c] = imaged & ((pixel >= 0) & (pixel < rig.image_size[c])).all(-1)
+    h, c = np.nonzero(present)
+    top = np.stack([(boxes[h, c, 0] + boxes[h, c, 2]) / 2, boxes[h, c, 1]], -1)
+    ray = np.zeros((count, C, 3), dtype)
+    ray[h, c] = rays_of_pixels(rig, c, top.astype(np.float64))
+    center = np.where(rig.registered[:, None], np.asarray(rig.centers), 0).astype(dtype)
+    return in_blocks(
+        lambda *rows: _view_block(center, *rows),
+        (position, ray, present, inside),
+        HYPOTHESIS_BLOCK,
+    )
 
 
 @jax.jit
 def _view_block(
-    K: Float[Array, "cam 3 3"],
-    R: Float[Array, "cam 3 3"],
-    t: Float[Array, "cam 3"],
-    image_size: Float[Array, "cam 2"],
-    registered: Array,
+    center: Float[Array, "cam 3"],
     position: Float[Array, "h 3"],
-    boxes: Float[Array, "h cam 4"],
+    ray: Float[Array, "h cam 3"],
     present: Array,
+    inside: Array,
 ) -> tuple[Array, Array]:
     up = jnp.array([0, 0, 1], position.dtype)
     zero = jnp.zeros((), position.dtype)
 
-    def measure(position: Array, boxes: Array, present: Array) -> tuple[Array, Array]:
-        pixel, depth = jax.vmap(project, (0, 0, 0, None))(K, R, t, position)
-        inside = jnp.all((pixel >= 0) & (pixel < image_size), axis=-1) & (depth > 0) & registered
-        heights = jax.vmap(implied_height, (0, 0, 0, 0, None, None, None))(
-            K, R, t, boxes, position, up, zero
+    def measure(position: Array, ray: Array, present: Array, inside: Array) -> tuple[Array, Array]:
+        heights = jax.vmap(implied_height, (0, 0, None, None, None))(
+            center, ray, position, up, zero
         )
         return view_support_ratio(present, inside), height_consistency(heights, present)
 
-    return jax.vmap(measure)(position, boxes, present)
+    return jax.vmap(measure)(position, ray, present, inside)

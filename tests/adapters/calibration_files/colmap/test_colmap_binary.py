@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 
 from catfree.adapters import read_colmap, write_colmap_text
 from catfree.errors import CatFreeError, FileFormatError
-from catfree.types import Rig
+from catfree.types import Lens, Rig
 
 MODELS = {
     0: [500.0, 320.5, 240.5],
@@ -17,10 +17,14 @@ MODELS = {
     2: [500.0, 320.5, 240.5, 0.1],
     3: [500.0, 320.5, 240.5, 0.1, -0.2],
     4: [500.0, 510.0, 320.5, 240.5, 0.1, -0.2, 0.003, 0.004],
-    6: [500.0, 510.0, 320.5, 240.5, 0.1, -0.2, 0.003, 0.004, 0.5, 0.0, 0.0, 0.0],
+    5: [500.0, 510.0, 320.5, 240.5, 0.1, -0.2, 0.003, 0.004],
+    6: [500.0, 510.0, 320.5, 240.5, 0.1, -0.2, 0.003, 0.004, 0.5, 0.6, 0.7, 0.8],
+    8: [500.0, 320.5, 240.5, 0.1],
+    9: [500.0, 320.5, 240.5, 0.1, -0.2],
 }
-LENSES = {2: [0.1, 0, 0, 0, 0], 3: [0.1, -0.2, 0, 0, 0]}
-LENSES |= {4: [0.1, -0.2, 0.003, 0.004, 0], 6: [0.1, -0.2, 0.003, 0.004, 0.5]}
+LENSES = {2: [0.1], 3: [0.1, -0.2], 8: [0.1], 9: [0.1, -0.2]}
+LENSES |= {model: [0.1, -0.2, 0.003, 0.004] for model in (4, 5)}
+LENSES |= {6: [0.1, -0.2, 0.003, 0.004, 0.5, 0.6, 0.7, 0.8]}
 
 
 def write_binary(folder: Path, models: list[int], observations: int = 2) -> None:
@@ -46,27 +50,29 @@ def write_binary(folder: Path, models: list[int], observations: int = 2) -> None
 def test_every_supported_model(tmp_path):
     write_binary(tmp_path, list(MODELS))
     named = read_colmap(tmp_path)
-    assert named.names == tuple(f"view{at}.jpg" for at in range(6))
+    assert named.names == tuple(f"view{at}.jpg" for at in range(len(MODELS)))
     rig = named.rig
     for at, model in enumerate(MODELS):
-        vertical = 510 if model in (1, 4, 6) else 500
+        vertical = 510 if model in (1, 4, 5, 6) else 500
         np.testing.assert_array_equal(rig.K[at], [[500, 0, 320], [0, vertical, 240], [0, 0, 1]])
         assert rig.distortion is not None
-        np.testing.assert_array_equal(rig.distortion[at], LENSES.get(model, [0] * 5))
+        lens = LENSES.get(model, [])
+        np.testing.assert_array_equal(rig.distortion[at], lens + [0] * (8 - len(lens)))
+        assert rig.lenses[at] == (Lens.FISHEYE if model in (5, 8, 9) else Lens.PINHOLE)
         np.testing.assert_array_equal(rig.t[at], [at, 0, 5])
-    np.testing.assert_array_equal(rig.image_size, [[640, 480]] * 6)
+    np.testing.assert_array_equal(rig.image_size, [[640, 480]] * len(MODELS))
     np.testing.assert_array_equal(named.points, [[1, 2, 3], [2, 2, 3]])
 
 
 def test_text_and_binary_agree(tmp_path):
     binary, text = tmp_path / "binary", tmp_path / "text"
     binary.mkdir()
-    write_binary(binary, [1, 4, 6], observations=0)
+    write_binary(binary, [1, 4, 5, 6, 9], observations=0)
     named = read_colmap(binary)
     write_colmap_text(text, named.rig, named.names, named.points)
     again = read_colmap(text)
     assert again.names == named.names
-    for name in ("K", "R", "t", "image_size", "distortion"):
+    for name in ("K", "R", "t", "image_size", "distortion", "lens"):
         np.testing.assert_array_equal(getattr(again.rig, name), getattr(named.rig, name))
     np.testing.assert_array_equal(again.points, named.points)
 
@@ -105,15 +111,8 @@ def test_damaged_bytes_raise_only_our_errors(file, where, junk, tmp_path_factory
     assert isinstance(result, Rig) or str(folder) in result
 
 
-@pytest.mark.parametrize("model", [5, 8, 99])
+@pytest.mark.parametrize("model", [7, 10, 99])
 def test_other_models_are_refused(model, tmp_path):
     write_binary(tmp_path, [model])
     with pytest.raises(FileFormatError, match=f"camera 10 has the model number {model}"):
-        read_colmap(tmp_path)
-
-
-def test_rational_lens_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setitem(MODELS, 6, [*MODELS[6][:-1], 0.25])
-    write_binary(tmp_path, [6])
-    with pytest.raises(FileFormatError, match=r"view0\.jpg has 8 coefficients"):
         read_colmap(tmp_path)

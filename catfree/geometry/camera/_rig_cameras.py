@@ -1,0 +1,123 @@
+"""Rays of pixels and pixels of points for the cameras of a rig, whatever their lenses."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from catfree.geometry._buckets import in_blocks
+from catfree.geometry.camera._fisheye import fisheye_pixel, fisheye_ray
+from catfree.geometry.camera._pinhole import pinhole_pixel, pinhole_ray
+from catfree.geometry.camera._ray_grid import grid_pixel, grid_ray
+from catfree.types import Lens, Rig
+
+BLOCKS = (256, 8192)  # block sizes: pixels or points computed together
+
+
+def rays_of_pixels(
+    rig: Rig, camera: int | np.integer | Int[np.ndarray, " n"], pixels: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, "n 3"]:
+    """Directions in which the cameras of a rig see at pixels.
+
+    Args:
+        rig: the cameras.
+        camera: (n,) the camera of each pixel, or one for all.
+        pixels: (n, 2) in original image pixels.
+
+    Returns:
+        (n, 3) unit vectors in the rig's world frame, float64; NaN if a camera's parameters are.
+        Beyond the fold of a lens they are finite but arbitrary.
+    """
+    cameras = np.broadcast_to(camera, len(pixels))
+    (ray,) = _by_lens(rig, cameras, np.asarray(pixels, np.float64), _RAYS, (np.zeros((0, 3)),))
+    return np.einsum("nji,nj->ni", np.asarray(rig.R, np.float64)[cameras], ray)
+
+
+def pixels_of_points(
+    rig: Rig, camera: int | np.integer | Int[np.ndarray, " n"], points: Float[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
+    """Pixels at which the cameras of a rig see points.
+
+    Args:
+        rig: the cameras.
+        camera: (n,) the camera of each point, or one for all.
+        points: (n, 3) in the rig's world frame.
+
+    Returns:
+        pixel: (n, 2) in original image pixels, possibly outside the image; float64.
+        imaged: (n,) whether the pixel is the point's image: the point is in front of the camera and
+            inside the fold of its lens. The caller compares the pixel with the border.
+    """
+    cameras = np.broadcast_to(camera, len(points))
+    R, t = (np.asarray(part, np.float64)[cameras] for part in (rig.R, rig.t))
+    local = np.einsum("nij,nj->ni", R, np.asarray(points, np.float64)) + t
+    empty = (np.zeros((0, 2)), np.zeros(0, bool))
+    pixel, imaged = _by_lens(rig, cameras, local, _PIXELS, empty)
+    return pixel, imaged
+
+
+def _by_lens(
+    rig: Rig,
+    camera: Int[np.ndarray, " n"],
+    rows: Float[np.ndarray, "n k"],
+    functions: dict[Lens, Callable[..., Any]],
+    empty: tuple[np.ndarray, ...],
+) -> tuple[np.ndarray, ...]:
+    """Apply to each row the function of its camera's lens, in float64."""
+    results = tuple(np.zeros((len(rows), *one.shape[1:]), one.dtype) for one in empty)
+    for lens in Lens:
+        mine = np.flatnonzero(rig.lenses[camera] == lens)
+        # A grid is large: each camera's is passed once, not with each of its rows.
+        parts = [mine]
+        if lens == Lens.RAYS:
+            parts = [mine[camera[mine] == one] for one in np.unique(camera[mine])]
+        for part in parts:
+            if not len(part):
+                continue
+            with jax.enable_x64(True):
+                found = _apply(functions[lens], lens, rig, camera[part], rows[part])
+            for result, values in zip(results, jax.tree.leaves(found), strict=True):
+                result[part] = values
+    return results
+
+
+def _apply(
+    function: Callable[..., Any], lens: Lens, rig: Rig, camera: np.ndarray, rows: np.ndarray
+) -> Any:
+    if lens == Lens.RAYS:
+        grid = np.asarray(rig.rays, np.float64)[camera[0]]
+        size = rig.image_size[camera[0]].astype(np.float64)
+        return in_blocks(lambda part: function(grid, size, part), (rows,), *BLOCKS)
+    K = np.asarray(rig.K, np.float64)[camera]
+    coefficients = None
+    if rig.distortion is not None:
+        coefficients = np.asarray(rig.distortion, np.float64)[camera]
+    if lens == Lens.FISHEYE:
+        none = np.zeros((len(camera), 4))
+        coefficients = none if coefficients is None else coefficients[:, :4]
+    return in_blocks(function, (K, rows, coefficients), *BLOCKS)
+
+
+def _each(function: Callable[..., Any]) -> Callable[..., Any]:
+    def every(K: Array, rows: Array, coefficients: Array | None) -> Any:
+        return jax.vmap(function)(K, rows, coefficients)
+
+    return jax.jit(every)
+
+
+def _on_grid(function: Callable[..., Any]) -> Callable[..., Any]:
+    return jax.jit(jax.vmap(function, (None, None, 0)))
+
+
+_RAYS = {
+    Lens.PINHOLE: _each(pinhole_ray),
+    Lens.FISHEYE: _each(fisheye_ray),
+    Lens.RAYS: _on_grid(grid_ray),
+}
+_PIXELS = {
+    Lens.PINHOLE: _each(pinhole_pixel),
+    Lens.FISHEYE: _each(fisheye_pixel),
+    Lens.RAYS: _on_grid(grid_pixel),
+}
