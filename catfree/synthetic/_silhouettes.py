@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt64
 
+from catfree.geometry.camera import pixels_of_points
 from catfree.synthetic._walkers import Walkers
 from catfree.types import Rig
 
@@ -102,7 +103,16 @@ def observe(
 
 
 def project(rig: Rig, camera: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (..., 2) of world points (..., 3) without distortion, and their depths (...,)."""
+    """Pixels (..., 2) of world points (..., 3), and their depths (...,).
+
+    For lenses that are no ideal pinholes the depth is the distance, negative without an image.
+    """
+    if rig.lens is not None or rig.distortion is not None:
+        flat = points.reshape(-1, 3)
+        pixel, imaged = pixels_of_points(rig, camera, flat)
+        distance = np.linalg.norm(flat - np.asarray(rig.centers)[camera], axis=-1)
+        depth = np.where(imaged, distance, -distance)
+        return pixel.reshape(*points.shape[:-1], 2), depth.reshape(points.shape[:-1])
     in_camera = points @ np.asarray(rig.R[camera]).T + np.asarray(rig.t[camera])
     depth = in_camera[..., 2]
     pixel = in_camera @ np.asarray(rig.K[camera]).T

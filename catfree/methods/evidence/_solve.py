@@ -20,7 +20,7 @@ from catfree.methods.evidence.group._groups import Groups, Priors
 from catfree.methods.evidence.learn._self_calibration import foot_cover, self_calibrate
 from catfree.methods.evidence.observe._boxes import Boxes, prepare_boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise, measure_boxes
-from catfree.methods.evidence.observe._views import GroundViews
+from catfree.methods.evidence.observe._views import GroundViews, ground_views
 from catfree.methods.evidence.observe._visibility import DetectionRate, learn_detection_rate
 from catfree.methods.evidence.report._shared_error import shared_covariance
 from catfree.methods.evidence.report._uneven_ground import ground_shift, with_uneven_ground
@@ -32,7 +32,6 @@ from catfree.methods.evidence.track._tracking import Trails, estimate_motion, fo
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._rig import require_pinholes
 
 SURE_LOG_ODDS = 3.0  # of the groups from which the speed of people is learned
 VAGUEST_PRIOR = 0.05  # per H0²: a tracked person is within a few meters
@@ -105,11 +104,11 @@ def solve(
     """
     settings = settings or EvidenceSettings()
     report = progress or no_progress
-    require_pinholes(scene.rig, "the evidence method")
     with jax.enable_x64(True):
         report("self-calibration", 0, 1)
-        views, noise = self_calibrate(detections, scene, settings)
+        unit, noise = self_calibrate(detections, scene, settings)
         boxes = prepare_boxes(detections, scene.rig, settings)
+        views = ground_views(scene, unit, boxes)
         measured = measure_boxes(boxes, foot_cover(boxes), views, noise, settings)
         return _solve(boxes, measured, views, noise, settings, report)
 
@@ -178,7 +177,7 @@ def _solve(
     trails = found.trails
     position_covariance = trails.covariance[:, :2, :2] + settings.sway**2 * np.eye(2)
     if settings.uneven_ground:
-        shift = ground_shift(trails, found.groups, measured, views, noise, settings)
+        shift = ground_shift(trails, found.groups, measured, boxes.view, views, noise, settings)
         position_covariance = with_uneven_ground(position_covariance, shift, settings.unevenness)
     within = probability_within(position_covariance, settings.report_radius)
     sharp = (found.probability > 0.5) & (within > 0.5)

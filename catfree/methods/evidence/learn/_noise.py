@@ -31,30 +31,30 @@ BLOCK = 2048  # block size: residuals computed together
 
 
 @jax.jit
-def _implied(edges, camera, matrix, inverse):
-    def one(edges, c):
-        position = drop_to_height(jnp.asarray(inverse)[c], edges[jnp.array([0, 2])])
-        m = jnp.asarray(matrix)[c]
+def _implied(edges, view, matrix, inverse):
+    def one(edges, v):
+        position = drop_to_height(jnp.asarray(inverse)[v], edges[jnp.array([0, 2])])
+        m = jnp.asarray(matrix)[v]
         depth = m[2, 0] * position[0] + m[2, 1] * position[1] + m[2, 3]
         return height_at(m, position, edges[1]), depth
 
-    return jax.vmap(one)(edges, camera)
+    return jax.vmap(one)(edges, view)
 
 
 def median_height(boxes: Boxes, views: GroundViews) -> float:
     """Median height implied by whole boxes, in units of the views' H0; NaN if there are none."""
     height, depth = map(
-        np.asarray, _implied(boxes.edges, boxes.camera, views.matrix, views.ground_inverse)
+        np.asarray, _implied(boxes.edges, boxes.view, views.matrix, views.ground_inverse)
     )
     good = boxes.valid & ~boxes.cut.any(1) & (depth > 0) & (height > 0) & np.isfinite(height)
     return float(np.median(height[good])) if good.any() else float("nan")
 
 
 @jax.jit
-def _left_out(edges, size, camera, info, total, views: GroundViews, spread):
+def _left_out(edges, size, view, info, total, views: GroundViews, spread):
     """Residual of each box with respect to the person estimated from the other boxes."""
 
-    def one(edges, size, c, matrix, focal, center, info, total):
+    def one(edges, size, matrix, focal, center, info, total):
         others = jax.tree.map(lambda a, b: a - b, total, info)
         state, covariance = mean_and_covariance(others, spread)
         predicted, slopes = edges_and_slopes(matrix, state)
@@ -62,9 +62,9 @@ def _left_out(edges, size, camera, info, total, views: GroundViews, spread):
         features = field_features(edges, size, focal, center)
         return edges - predicted, variance, features
 
-    take = lambda a: jnp.asarray(a)[camera]  # noqa: E731
+    take = lambda a: jnp.asarray(a)[view]  # noqa: E731
     return jax.vmap(one)(
-        edges, size, camera, take(views.matrix), take(views.focal), take(views.center), info, total
+        edges, size, take(views.matrix), take(views.focal), take(views.center), info, total
     )
 
 
@@ -113,7 +113,7 @@ def learn_noise(
     box_info, total = measurements.info[rows], groups.info[strong[g]]
     residual, variance, features = in_blocks(
         lambda *part: _left_out(*part, views, current_spread),
-        (boxes.edges[rows], boxes.size[rows], c, box_info, total),
+        (boxes.edges[rows], boxes.size[rows], boxes.view[rows], box_info, total),
         BLOCK,
     )
     sd = np.sqrt(measurements.noise[rows] ** 2 + variance)

@@ -35,11 +35,11 @@ FEWEST_START_FRAMES = 5
 
 def self_calibrate(
     detections: Detections, scene: Scene, settings: EvidenceSettings
-) -> tuple[GroundViews, Noise]:
+) -> tuple[float, Noise]:
     """Learn the unit H0, the noise of the boxes and their offsets from part of the sequence."""
     detections = _subset(detections, settings.calibration_frames)
     boxes = prepare_boxes(detections, scene.rig, settings)
-    unit = median_height(boxes, ground_views(scene, 1.0))
+    unit = median_height(boxes, ground_views(scene, 1.0, boxes))
     if not np.isfinite(unit):
         raise InsufficientDataError(
             f"None of the {len(boxes.row)} boxes of registered cameras shows a whole person on the "
@@ -47,7 +47,7 @@ def self_calibrate(
         )
     start = _Learned(unit, start_noise(scene.rig.camera_count, settings))
     if not settings.self_calibrate:
-        return ground_views(scene, unit), start.noise
+        return unit, start.noise
     per_frame = len(boxes.row) / max(len(boxes.frames), 1)
     few = _subset(detections, max(FEWEST_START_FRAMES, int(START_BOXES / max(per_frame, 1))))
     sample = boxes if few is detections else prepare_boxes(few, scene.rig, settings)
@@ -55,7 +55,7 @@ def self_calibrate(
     if few is not detections:
         search, done = _Search(boxes, foot_cover(boxes), scene, search.after(done), settings), 0
     learned = search.after(done + settings.calibration_rounds)
-    return ground_views(scene, learned.unit), learned.noise
+    return learned.unit, learned.noise
 
 
 class _Learned(NamedTuple):
@@ -114,7 +114,7 @@ class _Search:
     def _grouped(self, rounds: int) -> _Grouped:
         learned = self.after(rounds)
         if self._last is None or self._last[0] != rounds:
-            views = ground_views(self._scene, learned.unit)
+            views = ground_views(self._scene, learned.unit, self._boxes)
             measured = measure_boxes(
                 self._boxes, self._covered, views, learned.noise, self._settings
             )

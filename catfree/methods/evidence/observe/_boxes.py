@@ -7,8 +7,10 @@ from jaxtyping import Bool, Float, Int
 
 from catfree.geometry import back_project
 from catfree.geometry._buckets import fine_length
+from catfree.geometry.camera import rays_of_pixels
+from catfree.methods.evidence.observe._local_pinholes import local_pinholes, project_rays
 from catfree.settings import EvidenceSettings
-from catfree.types import Detections, Rig
+from catfree.types import Detections, Lens, Rig
 
 
 class Boxes(eqx.Module):
@@ -20,11 +22,16 @@ class Boxes(eqx.Module):
         frame: (N,) index into `frames`; F marks padding.
         camera: (N,) camera index, 0 for padding.
         box: (N, 4) x1, y1, x2, y2 in original pixels.
-        edges: (N, 3) center column, top row, bottom row in undistorted pixels.
-        size: (N,) height in undistorted pixels.
+        edges: (N, 3) center column, top row, bottom row in pixels of the box's pinhole: that of its
+            camera without distortion, or one of its own (`local_pinholes`) in a camera that is no
+            pinhole.
+        size: (N,) height in the same pixels.
+        view: (N,) the box's pinhole: its camera, or C plus a row of `K` and `R`.
+        K: (V, 3, 3) intrinsics of the boxes' own pinholes; V is 0 if all cameras are pinholes.
+        R: (V, 3, 3) their rotations from the world.
         cut: (N, 3) whether the side, top or bottom is cut by the image border.
         ankles: (N,) whether ankles are confirmed; true if ankles were not checked.
-        valid: (N,) whether the row is not padding.
+        valid: (N,) whether the row is not padding, and its pixels have rays.
         table: (F, C, B) rows of each frame and camera, -1 for none.
         embedding: (N, D) unit vectors, or None.
         first: (F + 1,) first row of each frame.
@@ -37,6 +44,9 @@ class Boxes(eqx.Module):
     box: Float[np.ndarray, "box 4"]
     edges: Float[np.ndarray, "box 3"]
     size: Float[np.ndarray, " box"]
+    view: Int[np.ndarray, " box"]
+    K: Float[np.ndarray, "view 3 3"]
+    R: Float[np.ndarray, "view 3 3"]
     cut: Bool[np.ndarray, "box 3"]
     ankles: Bool[np.ndarray, " box"]
     valid: Bool[np.ndarray, " box"]
@@ -51,7 +61,7 @@ def undistort(
     """Undistort pixels to those of a pinhole camera with the same K.
 
     Args:
-        rig: the cameras.
+        rig: the cameras, pinholes.
         camera: (n,) camera of each pixel.
         pixel: (n, 2) as observed.
 
@@ -110,9 +120,26 @@ def prepare_boxes(detections: Detections, rig: Rig, settings: EvidenceSettings) 
     camera = detections.camera[rows]
     box = box[rows]
     middle = (box[:, 0] + box[:, 2]) / 2
-    head = undistort(rig, camera, np.stack([middle, box[:, 1]], -1))
-    foot = undistort(rig, camera, np.stack([middle, box[:, 3]], -1))
-    edges = np.stack([(head[:, 0] + foot[:, 0]) / 2, head[:, 1], foot[:, 1]], -1)
+    head, foot = (np.stack([middle, box[:, edge]], -1) for edge in (1, 3))
+    valid, view = np.ones(n, bool), camera
+    K = R = np.zeros((0, 3, 3))
+    own = np.flatnonzero(rig.lenses[camera] != Lens.PINHOLE)
+    straight_head, straight_foot = (undistort(rig, camera, p).copy() for p in (head, foot))
+    if len(own):
+        center = np.stack([middle, (box[:, 1] + box[:, 3]) / 2], -1)[own]
+        K, R, usable = local_pinholes(rig, camera[own], center)
+        for pixel, straight in ((head, straight_head), (foot, straight_foot)):
+            ray = rays_of_pixels(rig, camera[own], pixel[own])
+            straight[own], in_front = project_rays(K, R, ray)
+            usable &= in_front
+        valid[own] = usable
+        view = view.copy()
+        view[own] = rig.camera_count + np.arange(len(own))
+        # Padded, so that few sizes compile.
+        rest = ((0, fine_length(len(own)) - len(own)), (0, 0), (0, 0))
+        K, R = (np.pad(part, rest, mode="edge") for part in (K, R))
+    column = (straight_head[:, 0] + straight_foot[:, 0]) / 2
+    edges = np.stack([column, straight_head[:, 1], straight_foot[:, 1]], -1)
     size = np.asarray(rig.image_size, np.float64)[camera]
     margin = settings.border_margin * size[:, 0]
     cut = np.stack(
@@ -149,9 +176,12 @@ def prepare_boxes(detections: Detections, rig: Rig, settings: EvidenceSettings) 
         box=pad(box, 1.0),
         edges=pad(edges, 1.0),
         size=pad(np.maximum(edges[:, 2] - edges[:, 1], 1.0), 1.0),
+        view=pad(view, 0),
+        K=K,
+        R=R,
         cut=pad(cut, True),
         ankles=pad(ankles, True),
-        valid=pad(np.ones(n, bool), False),
+        valid=pad(valid, False),
         table=table,
         embedding=embedding,
         first=np.searchsorted(frame, np.arange(F + 1)),

@@ -231,6 +231,7 @@ def measure_all(
     ankles,
     covered,
     camera,
+    view,
     present,
     views: GroundViews,
     noise: Noise,
@@ -239,17 +240,17 @@ def measure_all(
 ) -> Measurements:
     """Apply `measure` to every box; boxes less precise than `largest_sigma` are not valid."""
 
-    def one(edges, size, cut, ankles, covered, c):
-        take = lambda a: jnp.asarray(a)[c]  # noqa: E731
+    def one(edges, size, cut, ankles, covered, c, v):
+        take = lambda a: jnp.asarray(a)[v]  # noqa: E731
         return measure(
             edges, size, cut, ankles, covered, take(views.matrix), take(views.ground_inverse),
-            take(views.head_inverse), take(views.focal), take(views.center), take(noise.edge),
-            jnp.asarray(noise.angular), take(noise.field), jnp.asarray(noise.spread),
-            constants, steps,
+            take(views.head_inverse), take(views.focal), take(views.center),
+            jnp.asarray(noise.edge)[c], jnp.asarray(noise.angular), jnp.asarray(noise.field)[c],
+            jnp.asarray(noise.spread), constants, steps,
         )  # fmt: skip
 
     info, state, sd, corrected, used, valid = jax.vmap(one)(
-        edges, size, cut, ankles, covered, camera
+        edges, size, cut, ankles, covered, camera, view
     )
     info = Information(*info)
     _, covariance = mean_and_covariance(info, jnp.asarray(noise.spread))
@@ -266,7 +267,8 @@ def measure_boxes(
     """Compute the likelihoods of all boxes of a sequence, on the host."""
     constants = BoxConstants.of(settings)
     rows = (
-        boxes.edges, boxes.size, boxes.cut, boxes.ankles, covered, boxes.camera, boxes.valid,
+        boxes.edges, boxes.size, boxes.cut, boxes.ankles, covered, boxes.camera, boxes.view,
+        boxes.valid,
     )  # fmt: skip
     return in_blocks(
         lambda *part: measure_all(*part, views, noise, constants, settings.newton_steps),

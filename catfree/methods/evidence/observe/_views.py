@@ -1,5 +1,6 @@
 """Cameras as linear maps from (y1, y2, H) on the ground, in units of H0, to pixels."""
 
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -8,50 +9,60 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from catfree.types import Scene
+from catfree.geometry.camera import pixels_of_points
+from catfree.methods.evidence.observe._boxes import Boxes
+from catfree.methods.evidence.observe._local_pinholes import local_pinholes
+from catfree.types import Lens, Rig, Scene
 
 PEOPLE_BLOCKS = (64, 512)  # block sizes: people processed together in all cameras
+NEAREST_DEPTH = 1e-6  # H0; points less far in front of a camera have no image
 
 
 class GroundViews(eqx.Module):
-    """The cameras of a scene, expressed on its ground plane.
+    """The cameras of a scene, and the boxes' own pinholes, expressed on its ground plane.
 
     A point at plane position (y1, y2) and height h (all in units of H0, from `origin`) has the
     homogeneous pixel `matrix @ (y1, y2, h, 1)`; its third entry is positive in front of the camera.
 
+    The first C of V views are the cameras without distortion; those of cameras that are no
+    pinholes are not used. The others are the boxes' own pinholes (`Boxes.view`).
+
     Attributes:
-        matrix: (C, 3, 4) projection; contains no NaN, even for unregistered cameras.
-        ground_inverse: (C, 3, 3) map from a pixel to the homogeneous plane position of a foot.
-        head_inverse: (C, 3, 3) the same for a point at height H0.
-        focal: (C,) in pixels.
-        center: (C, 2) principal point in pixels.
+        matrix: (V, 3, 4) projection; contains no NaN, even for unregistered cameras.
+        ground_inverse: (V, 3, 3) map from a pixel to the homogeneous plane position of a foot.
+        head_inverse: (V, 3, 3) the same for a point at height H0.
+        focal: (V,) in pixels.
+        center: (V, 2) principal point of the camera in pixels.
         image_size: (C, 2) width and height in pixels.
         station: (C, 2) the camera center projected onto the plane, in H0.
         heading: (C, 2) unit viewing direction of the camera on the plane.
         registered: (C,) bool.
         origin: (2,) plane coordinates of the local origin in scene units.
         unit: () H0 in scene units.
+        rig: the cameras with their lenses, in a world of (y1, y2, h); None if all are ideal.
     """
 
-    matrix: Float[np.ndarray, "cam 3 4"]
-    ground_inverse: Float[np.ndarray, "cam 3 3"]
-    head_inverse: Float[np.ndarray, "cam 3 3"]
-    focal: Float[np.ndarray, " cam"]
-    center: Float[np.ndarray, "cam 2"]
+    matrix: Float[np.ndarray, "view 3 4"]
+    ground_inverse: Float[np.ndarray, "view 3 3"]
+    head_inverse: Float[np.ndarray, "view 3 3"]
+    focal: Float[np.ndarray, " view"]
+    center: Float[np.ndarray, "view 2"]
     image_size: Float[np.ndarray, "cam 2"]
     station: Float[np.ndarray, "cam 2"]
     heading: Float[np.ndarray, "cam 2"]
     registered: Bool[np.ndarray, " cam"]
     origin: Float[np.ndarray, "2"]
     unit: Float[np.ndarray, ""]
+    rig: Rig | None
 
 
-def ground_views(scene: Scene, unit: float) -> GroundViews:
+def ground_views(scene: Scene, unit: float, boxes: Boxes | None = None) -> GroundViews:
     """Express the rig on the plane, in units of H0.
 
     Args:
         scene: rig and ground plane in scene units.
         unit: H0 in scene units.
+        boxes: boxes whose own pinholes follow the cameras.
 
     Returns:
         The cameras as maps from the plane to pixels.
@@ -74,14 +85,24 @@ def ground_views(scene: Scene, unit: float) -> GroundViews:
     plane_centers = centers @ basis
     origin = plane_centers[registered].mean(0) if registered.any() else np.zeros(2)
     start = basis @ origin - offset * normal  # the local origin in the world
-    axes = np.concatenate(
-        [R @ basis, (R @ normal)[..., None], ((R @ start + t) / unit)[..., None]], axis=-1
-    )
-    matrix = K @ axes
-    foot = matrix[..., [0, 1, 3]]
-    head = np.concatenate([matrix[..., :2], matrix[..., 2:3] + matrix[..., 3:]], axis=-1)
     forward = R[:, 2] @ basis  # optical axis on the plane; for a camera looking down, image up
     upward = -R[:, 1] @ basis
+    place = ((R @ start + t) / unit)[..., None]
+    turn = np.concatenate([R @ basis, (R @ normal)[..., None]], -1)
+    bent = replace(rig, K=K, R=turn, t=place[..., 0]) if rig_is_bent(rig) else None
+    center = K[:, :2, 2]
+    if boxes is not None and len(boxes.K):
+        own = np.flatnonzero(boxes.view >= count)
+        camera = np.pad(boxes.camera[own], (0, len(boxes.K) - len(own)), mode="edge")
+        K, R = np.concatenate([K, boxes.K]), boxes.R
+        own_turn = np.concatenate([R @ basis, (R @ normal)[..., None]], -1)
+        own_place = R @ ((start - centers[camera]) / unit)[..., None]
+        turn, place = np.concatenate([turn, own_turn]), np.concatenate([place, own_place])
+        registered = np.concatenate([registered, np.ones(len(camera), bool)])
+        center = np.concatenate([center, center[camera]])
+    matrix = K @ np.concatenate([turn, place], -1)
+    foot = matrix[..., [0, 1, 3]]
+    head = np.concatenate([matrix[..., :2], matrix[..., 2:3] + matrix[..., 3:]], axis=-1)
     norm = np.linalg.norm(forward, axis=-1, keepdims=True)
     heading = np.where(norm > 1e-3, forward, upward)
     heading = heading / np.maximum(np.linalg.norm(heading, axis=-1, keepdims=True), 1e-12)
@@ -90,14 +111,87 @@ def ground_views(scene: Scene, unit: float) -> GroundViews:
         ground_inverse=_inverse(foot, registered),
         head_inverse=_inverse(head, registered),
         focal=np.sqrt(np.abs(K[:, 0, 0] * K[:, 1, 1])),
-        center=K[:, :2, 2].copy(),
+        center=center.copy(),
         image_size=np.asarray(rig.image_size, np.float64).reshape(count, 2),
         station=(plane_centers - origin) / unit,
         heading=heading,
-        registered=registered,
+        registered=registered[:count],
         origin=origin,
         unit=np.asarray(unit, np.float64),
+        rig=bent,
     )
+
+
+def rig_is_bent(rig: Rig) -> bool:
+    """Whether a camera is not an ideal pinhole."""
+    return rig.lens is not None or (rig.distortion is not None and bool(np.any(rig.distortion)))
+
+
+def people_in_cameras(
+    state: Float[np.ndarray, "person 3"], views: GroundViews
+) -> tuple[Float[np.ndarray, "person cam 3"], Bool[np.ndarray, "person cam"]]:
+    """Predict the box edges of people in the images of all cameras, through their lenses.
+
+    Args:
+        state: (H, 3) positions and heights in H0.
+        views: the cameras.
+
+    Returns:
+        edges: (H, C, 3) center column, head row, foot row in original pixels.
+        imaged: (H, C) whether the camera images both foot and head; false if it is unregistered.
+    """
+    count = len(views.registered)
+    edges, imaged = (np.array(part) for part in _edges_of_pinholes(state, views.matrix[:count]))
+    if views.rig is not None:
+        foot = np.concatenate([state[:, :2], np.zeros((len(state), 1))], -1)
+        for camera in np.flatnonzero(views.registered):
+            low, low_seen = pixels_of_points(views.rig, camera, foot)
+            high, high_seen = pixels_of_points(views.rig, camera, np.asarray(state))
+            column = (low[:, 0] + high[:, 0]) / 2
+            edges[:, camera] = np.stack([column, high[:, 1], low[:, 1]], -1)
+            imaged[:, camera] = low_seen & high_seen
+    return edges, imaged & views.registered
+
+
+@jax.jit
+def _edges_of_pinholes(state: Array, matrix: Array) -> tuple[Array, Array]:
+    def one(state: Array, matrix: Array) -> tuple[Array, Array]:
+        foot = matrix[2, 0] * state[0] + matrix[2, 1] * state[1] + matrix[2, 3]
+        in_front = jnp.minimum(foot, foot + matrix[2, 2] * state[2]) > NEAREST_DEPTH
+        return predict_edges(matrix, state), in_front
+
+    return jax.vmap(jax.vmap(one, (None, 0)), (0, None))(state, jnp.asarray(matrix))
+
+
+def pinholes_towards(
+    edges: Float[np.ndarray, "person cam 3"], views: GroundViews
+) -> tuple[Float[np.ndarray, "person cam 3 4"], Float[np.ndarray, "person cam"]]:
+    """The pinhole in which each camera sees each person: its own, or one turned towards the person.
+
+    Args:
+        edges: (H, C, 3) of people in the images, see `people_in_cameras`.
+        views: the cameras.
+
+    Returns:
+        matrix: (H, C, 3, 4) as in `GroundViews`.
+        focal: (H, C) in pixels.
+    """
+    people, count = edges.shape[:2]
+    matrix = np.tile(views.matrix[None, :count], (people, 1, 1, 1))
+    focal = np.tile(views.focal[None, :count], (people, 1))
+    rig = views.rig
+    for camera in (
+        [] if rig is None else np.flatnonzero(views.registered & (rig.lenses != Lens.PINHOLE))
+    ):
+        assert rig is not None
+        middle = np.stack([edges[:, camera, 0], edges[:, camera, 1:].mean(-1)], -1)
+        inside = np.clip(middle, 0, rig.image_size[camera] - 1)
+        K, R, usable = local_pinholes(rig, np.full(people, camera), inside)
+        place = -R @ np.asarray(rig.centers, np.float64)[camera][:, None]
+        turned = K @ np.concatenate([R, place], -1)
+        matrix[:, camera] = np.where(usable[:, None, None], turned, np.eye(3, 4))
+        focal[:, camera] = np.sqrt(K[:, 0, 0] * K[:, 1, 1])
+    return matrix, focal
 
 
 def _inverse(matrix: np.ndarray, registered: np.ndarray) -> np.ndarray:

@@ -4,9 +4,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
-from catfree.methods.evidence.observe._views import GroundViews, safe_ratio
+from catfree.methods.evidence.observe._views import GroundViews, people_in_cameras
 from catfree.settings import EvidenceSettings
 
 ENTRIES = 1 << 17  # boxes compared with regions at a time: fits a cache
@@ -83,8 +83,14 @@ class Views(eqx.Module):
     share: Float[Array | np.ndarray, "person cam"]
 
 
-@jax.jit
-def expected_views(state, frame, member, box, table, views: GroundViews) -> Views:
+def expected_views(
+    state: Float[np.ndarray, "person 3"],
+    frame: Int[np.ndarray, " person"],
+    member: Int[np.ndarray, "person cam"],
+    box: Float[np.ndarray, "box 4"],
+    table: Int[np.ndarray, "frame cam slot"],
+    views: GroundViews,
+) -> Views:
     """Predict the box of every person in every camera.
 
     Args:
@@ -98,20 +104,22 @@ def expected_views(state, frame, member, box, table, views: GroundViews) -> View
     Returns:
         (H, C) arrays.
     """
+    edges, imaged = people_in_cameras(state, views)
+    return _expected_views(edges, imaged, frame, member, box, table, views.image_size)
+
+
+@jax.jit
+def _expected_views(edges, imaged, frame, member, box, table, image_size) -> Views:
     table, box = jnp.asarray(table), jnp.asarray(box)
 
-    def one(state, f, detection, matrix, size, is_registered, c):
-        foot = matrix[:, 0] * state[0] + matrix[:, 1] * state[1] + matrix[:, 3]
-        head = foot + matrix[:, 2] * state[2]
-        u = 0.5 * (safe_ratio(foot[0], foot[2]) + safe_ratio(head[0], head[2]))
-        top, bottom = safe_ratio(head[1], head[2]), safe_ratio(foot[1], foot[2])
+    def one(edges, front, f, detection, size, c):
+        u, top, bottom = edges
         height = jnp.maximum(bottom - top, 1e-6)
         half = 0.5 * ASPECT * height
         wide = jnp.clip(jnp.minimum(u + half, size[0]) - jnp.maximum(u - half, 0.0), 0)
         tall = jnp.clip(jnp.minimum(bottom, size[1]) - jnp.maximum(top, 0.0), 0)
         share = wide * tall / (2 * half * height)
         inside = jnp.clip((share - BODY_RAMP[0]) / (BODY_RAMP[1] - BODY_RAMP[0]), 0, 1)
-        front = (foot[2] > 1e-6) & (head[2] > 1e-6) & is_registered
         others = table[f, c]
         active = (others >= 0) & (others != detection)
         region = jnp.stack(
@@ -122,12 +130,11 @@ def expected_views(state, frame, member, box, table, views: GroundViews) -> View
         inside, share = (jnp.where(front, x, 0.0) for x in (inside, share))
         return inside, jnp.where(front, height, 1.0), cover, share
 
-    per_camera = jax.vmap(one, in_axes=(None, None, 0, 0, 0, 0, 0))
-    matrix, image_size = jnp.asarray(views.matrix), jnp.asarray(views.image_size)
-    cameras = (matrix, image_size, jnp.asarray(views.registered), jnp.arange(len(views.focal)))
+    per_camera = jax.vmap(one, in_axes=(0, 0, None, 0, 0, 0))
+    cameras = (jnp.asarray(image_size), jnp.arange(len(image_size)))
     inside, height, cover, share = jax.lax.map(
-        lambda person: per_camera(person[0], person[1], person[2], *cameras),
-        (jnp.asarray(state), jnp.asarray(frame), jnp.asarray(member)),
+        lambda person: per_camera(person[0], person[1], person[2], person[3], *cameras),
+        tuple(map(jnp.asarray, (edges, imaged, frame, member))),
         batch_size=max(1, ENTRIES // (table.shape[1] * table.shape[2])),
     )
     return Views(inside, height, cover, share)

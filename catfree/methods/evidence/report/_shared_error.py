@@ -86,6 +86,7 @@ def shared_covariance(
             np.pad(modes[rows], ((0, extra), (0, 0), (0, 0))),
             np.asarray(measurements.noise),
             np.asarray(measurements.used),
+            boxes.view,
             np.asarray(views.matrix),
             np.asarray(views.focal),
         ),
@@ -147,7 +148,8 @@ def offset_scatter(
     """
     offset = np.asarray(
         _offsets(
-            boxes.edges, boxes.size, boxes.camera, noise.field, views.focal, views.center
+            boxes.edges, boxes.size, boxes.camera, boxes.view,
+            noise.field, views.focal, views.center,
         )
     )  # fmt: skip
     means = []
@@ -162,29 +164,28 @@ def offset_scatter(
 
 
 @jax.jit
-def _offsets(edges, size, camera, field, focal, center):
-    def one(edges, size, c):
-        take = lambda a: jnp.asarray(a)[c]  # noqa: E731
+def _offsets(edges, size, camera, view, field, focal, center):
+    def one(edges, size, c, v):
+        take = lambda a: jnp.asarray(a)[v]  # noqa: E731
         features = field_features(edges, size, take(focal), take(center))
-        return (features * take(field)).sum(-1) / take(focal)
+        return (features * jnp.asarray(field)[c]).sum(-1) / take(focal)
 
-    return jax.vmap(one)(edges, size, camera)
+    return jax.vmap(one)(edges, size, camera, view)
 
 
 @jax.jit
-def _sums(state, member, modes, noise, used, matrix, focal):
+def _sums(state, member, modes, noise, used, view, matrix, focal):
     """(4, 4) information on the modes of the map, and (C, 4, 3) leverage of each camera on them."""
 
-    def one(state, row, modes, matrix, focal):
-        _, slopes = edges_and_slopes(matrix, state)
+    def one(state, row, modes):
         at = jnp.maximum(row, 0)
+        v = view[at]
+        _, slopes = edges_and_slopes(matrix[v], state)
         weight = jnp.where((row >= 0) & used[at], 1 / noise[at] ** 2, 0.0)
         moved = slopes @ modes
         weighted = (moved * weight[:, None]).T
-        return weighted @ moved, weighted * focal
+        return weighted @ moved, weighted * focal[v]
 
-    cameras = jax.vmap(one, in_axes=(None, 0, None, 0, 0))
-    normal, lever = jax.vmap(cameras, in_axes=(0, 0, 0, None, None))(
-        state, member, modes, matrix, focal
-    )
+    cameras = jax.vmap(one, in_axes=(None, 0, None))
+    normal, lever = jax.vmap(cameras)(state, member, modes)
     return normal.sum((0, 1)), lever.sum(0)

@@ -13,7 +13,7 @@ movement around it is used; a single chance match with another camera must not d
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from catfree.geometry._buckets import in_blocks
 from catfree.methods.evidence.group._groups import Groups
@@ -24,23 +24,22 @@ from catfree.settings import EvidenceSettings
 
 
 @jax.jit
-def _sums(state, member, noise, used, matrix):
+def _sums(state, member, noise, used, view, matrix):
     """(M, 3, 3) J'W J and (M, 3) J'W j of the boxes of every row."""
 
     def edges(matrix, extended):
         raised = jnp.asarray(matrix).at[:, 3].add(extended[3] * matrix[:, 2])
         return predict_edges(raised, extended[:3])
 
-    def one(state, row, matrix):
+    def one(state, row):
         extended = jnp.append(state, jnp.zeros((), state.dtype))
-        slopes = jax.jacfwd(edges, argnums=1)(matrix, extended)
         at = jnp.maximum(row, 0)
+        slopes = jax.jacfwd(edges, argnums=1)(matrix[view[at]], extended)
         weight = jnp.where((row >= 0) & used[at], 1 / noise[at] ** 2, 0.0)
         weighted = slopes[:, :3] * weight[:, None]
         return weighted.T @ slopes
 
-    cameras = jax.vmap(one, in_axes=(None, 0, 0))
-    total = jax.vmap(cameras, in_axes=(0, 0, None))(state, member, matrix).sum(1)
+    total = jax.vmap(jax.vmap(one, in_axes=(None, 0)))(state, member).sum(1)
     return total[..., :3], total[..., 3]
 
 
@@ -48,6 +47,7 @@ def ground_shift(
     trails: Trails,
     groups: Groups,
     measurements: Measurements,
+    view: Int[np.ndarray, " box"],
     views: GroundViews,
     noise: Noise,
     settings: EvidenceSettings,
@@ -58,6 +58,7 @@ def ground_shift(
         trails: the tracks.
         groups: the groups of boxes.
         measurements: the boxes as likelihoods.
+        view: (N,) the pinhole of each box.
         views: the cameras.
         noise: for the spread of heights.
         settings: `gap` is the number of frames on either side to consider.
@@ -73,7 +74,7 @@ def ground_shift(
     noise_and_used = np.asarray(measurements.noise), np.asarray(measurements.used)
     matrix = np.asarray(views.matrix)
     normal, cross = in_blocks(
-        lambda *rows: _sums(*rows, *noise_and_used, matrix),
+        lambda *rows: _sums(*rows, *noise_and_used, view, matrix),
         (trails.mean[:, :3], member),
         *PEOPLE_BLOCKS,
     )

@@ -1,7 +1,5 @@
 """Working area: the ground where the rig's geometry locates an unhidden person precisely."""
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +9,13 @@ from catfree.filters import log_otsu
 from catfree.geometry._buckets import coarse_length, in_blocks
 from catfree.methods.evidence._gaussian import Information, mean_and_covariance
 from catfree.methods.evidence.observe._measurement import Noise
-from catfree.methods.evidence.observe._views import PEOPLE_BLOCKS, GroundViews, edges_and_slopes
+from catfree.methods.evidence.observe._views import (
+    PEOPLE_BLOCKS,
+    GroundViews,
+    edges_and_slopes,
+    people_in_cameras,
+    pinholes_towards,
+)
 from catfree.methods.evidence.observe._visibility import Views
 from catfree.settings import EvidenceSettings
 
@@ -21,8 +25,8 @@ SAMPLE_BLOCK = 4096  # positions are padded to this times a power of four
 _log_otsu = jax.jit(log_otsu)
 
 
-@partial(jax.jit)
-def _design(state, inside, height, views: GroundViews, noise: Noise):
+@jax.jit
+def _design(state, inside, height, matrix, focal, noise: Noise):
     def one(state, inside, height, matrix, focal, edge):
         _, slopes = edges_and_slopes(matrix, state)
         variance = (edge * height) ** 2 + (jnp.asarray(noise.angular) * focal) ** 2
@@ -30,11 +34,8 @@ def _design(state, inside, height, views: GroundViews, noise: Noise):
         return weighted.T @ slopes
 
     cameras = jax.vmap(one, in_axes=(None, 0, 0, 0, 0, 0))
-    people = jax.vmap(cameras, in_axes=(0, 0, 0, None, None, None))
-    take = jnp.asarray
-    info = people(
-        state, inside, height, take(views.matrix), take(views.focal), take(noise.edge)
-    ).sum(1)
+    people = jax.vmap(cameras, in_axes=(0, 0, 0, 0, 0, None))
+    info = people(state, inside, height, matrix, focal, jnp.asarray(noise.edge)).sum(1)
     # Positions that no camera sees are vague, not undefined.
     info = info + 1e-6 * jnp.eye(3, dtype=info.dtype)[None]
     flat = Information(info, jnp.zeros_like(state), jnp.zeros_like(state[:, 0]))
@@ -46,9 +47,10 @@ def design_sigma(
     state: np.ndarray, seen: Views, views: GroundViews, noise: Noise
 ) -> Float[np.ndarray, " person"]:
     """Ground uncertainty of a person without occlusion, in H0."""
+    matrix, focal = pinholes_towards(people_in_cameras(state, views)[0], views)
     return in_blocks(
-        lambda *rows: _design(*rows, views, noise),
-        (state, seen.inside, seen.height),
+        lambda *rows: _design(*rows, noise),
+        (state, seen.inside, seen.height, matrix, focal),
         *PEOPLE_BLOCKS,
     )
 

@@ -39,7 +39,9 @@ def predict_views(
 ) -> Views:
     """Compute `expected_views` on the host."""
     return in_blocks(
-        lambda *rows: expected_views(*rows, boxes.box, boxes.table, views),
+        lambda state, frame, member: expected_views(
+            state, frame, member, boxes.box, boxes.table, views
+        ),
         (state, frame, member),
         *PEOPLE_BLOCKS,
     )

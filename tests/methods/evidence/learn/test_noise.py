@@ -49,7 +49,9 @@ class Crowd:
             frame=np.repeat(np.arange(len(self.edges)), CAMERAS),
             camera=np.tile(np.arange(CAMERAS), len(self.edges)),
             box=np.column_stack([edges[:, 0] - half, edges[:, 1], edges[:, 0] + half, edges[:, 2]]),
-            edges=edges, size=size, cut=~flags, ankles=flags[:, 0], valid=flags[:, 0],
+            edges=edges, size=size, view=np.tile(np.arange(CAMERAS), len(self.edges)),
+            K=np.zeros((0, 3, 3)), R=np.zeros((0, 3, 3)), cut=~flags,
+            ankles=flags[:, 0], valid=flags[:, 0],
             table=self.member[..., None], embedding=None,
             first=CAMERAS * np.arange(len(self.edges) + 1),
         )  # fmt: skip

@@ -52,8 +52,8 @@ class Rows:
     def measured(self, noise=None, rules=RULES) -> Measurements:
         noise = start_noise(CAMERAS, rules) if noise is None else noise
         found = measure_all(
-            self.edges, self.size, self.cut, self.ankles, self.covered, self.camera, self.present,
-            VIEWS, noise, BoxConstants.of(rules), rules.newton_steps,
+            self.edges, self.size, self.cut, self.ankles, self.covered, self.camera, self.camera,
+            self.present, VIEWS, noise, BoxConstants.of(rules), rules.newton_steps,
         )  # fmt: skip
         return jax.tree.map(np.asarray, found)
 

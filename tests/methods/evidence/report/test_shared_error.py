@@ -45,7 +45,7 @@ def test_sums_predict_how_offsets_of_cameras_move_the_map():
     normal, lever = map(
         np.asarray,
         _sums(state, member, modes, np.full((45, 3), 4.0), np.ones((45, 3), bool),
-              views.matrix, views.focal),
+              np.tile(np.arange(5), 9), views.matrix, views.focal),
     )  # fmt: skip
     offset = 1e-4 * rng.standard_normal((5, 3))
     predicted = np.linalg.solve(normal, (lever @ offset[..., None])[..., 0].sum(0))

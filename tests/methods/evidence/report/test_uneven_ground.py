@@ -32,9 +32,8 @@ def shift_seen_by(cameras, rig, unit=HEIGHT):
         np.ones((n, 3), bool), np.ones(n, bool),
     )  # fmt: skip
     settings = EvidenceSettings()
-    return ground_shift(trails, groups, measurements, views, start_noise(C, settings), settings)[
-        0
-    ], xy
+    view, noise = np.array(cameras), start_noise(C, settings)
+    return ground_shift(trails, groups, measurements, view, views, noise, settings)[0], xy
 
 
 @pytest.mark.slow

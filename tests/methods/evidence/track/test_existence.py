@@ -54,7 +54,8 @@ class Scene:
         self.boxes = Boxes(
             row=np.arange(n), frames=np.arange(F), frame=self.frame[self.group],
             camera=self.camera, box=np.ones((n, 4)), edges=np.ones((n, 3)), size=np.ones(n),
-            cut=~flags, ankles=flags[:, 0], valid=flags[:, 0], table=table, embedding=None,
+            view=self.camera, K=np.zeros((0, 3, 3)), R=np.zeros((0, 3, 3)), cut=~flags,
+            ankles=flags[:, 0], valid=flags[:, 0], table=table, embedding=None,
             first=np.arange(F + 1),
         )  # fmt: skip
 
