@@ -37,6 +37,7 @@ from catfree.calibration import (
     refine as refine,
 )
 from catfree.errors import CatFreeError as CatFreeError
+from catfree.geometry.camera import rig_from_rays as rig_from_rays
 from catfree.methods import localize as localize
 from catfree.settings import Settings as Settings
 from catfree.types import (

@@ -33,7 +33,7 @@ ALLOWED = {
     "calibration": {"geometry", "methods", "adapters"},
     "viz": {"geometry", "_coverage", "evaluation", "adapters"},
     "_run": {"geometry", "adapters", "methods", "calibration", "_coverage", "viz"},
-    "_public": {"adapters", "methods", "calibration", "_coverage", "_run"},
+    "_public": {"geometry", "adapters", "methods", "calibration", "_coverage", "_run"},
     "cli": {"geometry", "adapters", "synthetic", "evaluation", "methods", "viz", "_run"},
     "__main__": {"cli", "_run"},
 }

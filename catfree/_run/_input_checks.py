@@ -5,11 +5,13 @@ Fatal mistakes raise; others become warnings.
 
 import os
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int
 
 from catfree._run._clocks import LONGEST, find_clock_offsets
+from catfree.adapters import SceneSource, read_scene
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.files._camera_names import is_numbered, positions_of
 from catfree.adapters.video import SynchronizedVideos
@@ -18,6 +20,7 @@ from catfree.calibration.people import offset_for
 from catfree.errors import InvalidInputError
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Scene
+from catfree.types._validation import require_instance
 
 # What the cameras recorded; of both, the names and image sizes of the cameras are used.
 Recording = SynchronizedVideos | CameraBoxes
@@ -46,6 +49,25 @@ def require_distinct_videos(videos: SynchronizedVideos) -> None:
                 "equal byte for byte, so the second adds only false confidence. Leave one of "
                 "them out."
             )
+
+
+def scene_of(
+    source: Scene | SceneSource | str | os.PathLike[str] | None, names: Sequence[str] | None
+) -> tuple[Scene | None, Sequence[str] | None]:
+    """Take the scene of whatever gives one, and the names of its cameras if it has them.
+
+    Raises:
+        InvalidInputError: if the source gives no scene.
+        FileFormatError: if it is a file that `read_scene` cannot read.
+    """
+    if isinstance(source, str | os.PathLike):
+        scene, stated = read_scene(source)
+        return scene, stated if names is None else names
+    if source is None:
+        return None, names
+    scene: Any = source if isinstance(source, Scene) else getattr(source, "scene", source)
+    require_instance(scene, Scene, "scene")
+    return scene, names
 
 
 def order_like(

@@ -13,6 +13,7 @@ from catfree._run._input_checks import (
     footage_warnings,
     order_like,
     require_distinct_videos,
+    scene_of,
     tiny_boxes,
     without_offsets,
 )
@@ -26,7 +27,13 @@ from catfree._run._stages import (
 from catfree.adapters.background._background_detector import BackgroundDetector
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.embedders._color_embedder import ColorEmbedder
-from catfree.adapters.protocols import Detector, Embedder, FittedToCamera, Reconstructor
+from catfree.adapters.protocols import (
+    Detector,
+    Embedder,
+    FittedToCamera,
+    Reconstructor,
+    SceneSource,
+)
 from catfree.adapters.video._detect_videos import fit_to_cameras
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration import Calibration, remove_offsets
@@ -90,7 +97,7 @@ def run(
     detector: Detector | FittedToCamera | None = None,
     embedder: Embedder | None = None,
     reconstructor: Reconstructor | None = None,
-    scene: Scene | None = None,
+    scene: Scene | SceneSource | str | os.PathLike[str] | None = None,
     settings: Settings | None = None,
     cache_dir: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
@@ -109,15 +116,18 @@ def run(
         embedder: computes appearance embeddings; None for `ColorEmbedder` with a
             `BackgroundDetector`, and for no appearance with other detectors.
         reconstructor: finds the cameras from the images of one instant.
-        scene: known cameras and ground. Without scene and reconstructor both are found from the
-            people in the videos (`calibrate`), in meters.
+        scene: known cameras and ground: a `Scene`, what has one as its attribute `scene` (the
+            result of `calibrate`, `refine` or an earlier run), or a file or folder that
+            `read_scene` reads. Without scene and reconstructor both are found from the people in
+            the videos (`calibrate`), in meters.
         settings: of calibration and localization, `Settings()` if None. The calibration uses
             the detector's `box_slack`, if it has one and the settings keep the default, and boxes
             with a score of at least `calibration_confidence`.
         cache_dir: folder for finished stages. A killed run resumes from them with an identical
             result; other videos, weights, settings or code never reuse them.
         progress: called as `progress(stage, done, total)`.
-        scene_names: (C,) names of the scene's cameras, to match videos in another order by name.
+        scene_names: (C,) names of the scene's cameras, to match videos in another order by name;
+            None takes those of the scene's file.
         maximum_offset: largest clock offset of a single camera, in frames, to search and correct
             when the cameras are found from people; 0 trusts the frame numbers.
 
@@ -155,7 +165,7 @@ def run_stages(
     detector: Detector | FittedToCamera | None = None,
     embedder: Embedder | None = None,
     reconstructor: Reconstructor | None = None,
-    scene: Scene | None = None,
+    scene: Scene | SceneSource | str | os.PathLike[str] | None = None,
     settings: Settings | None = None,
     *,
     cache_dir: str | os.PathLike[str] | None = None,
@@ -188,8 +198,7 @@ def run_stages(
     require_own_process()
     settings = Settings() if settings is None else settings
     require_instance(settings, Settings, "settings")
-    if scene is not None:
-        require_instance(scene, Scene, "scene")
+    scene, scene_names = scene_of(scene, scene_names)
     stages = {"detector": detector, "embedder": embedder, "reconstructor": reconstructor}
     for name, stage in stages.items():
         if not (stage is None or callable(stage) or hasattr(stage, "fit")):
@@ -270,7 +279,7 @@ def run_stages(
 
 def run_boxes(
     boxes: CameraBoxes,
-    scene: Scene | None = None,
+    scene: Scene | SceneSource | str | os.PathLike[str] | None = None,
     settings: Settings | None = None,
     *,
     cache_dir: str | os.PathLike[str] | None = None,
@@ -297,6 +306,7 @@ def run_boxes(
     """
     settings = Settings() if settings is None else settings
     cache = None if cache_dir is None else StageCache(cache_dir)
+    scene, scene_names = scene_of(scene, scene_names)
     detections, calibration = boxes.detections, None
     said: tuple[str, ...] = ()
     if scene is not None:

@@ -46,8 +46,10 @@ from catfree.adapters.protocols import (
     FittedToCamera as FittedToCamera,
     FrameDetections as FrameDetections,
     GuidedDetector as GuidedDetector,
+    RaySource as RaySource,
     Reconstruction as Reconstruction,
     Reconstructor as Reconstructor,
+    SceneSource as SceneSource,
     ankles_confirmed as ankles_confirmed,
 )
 from catfree.adapters.reconstructors import (

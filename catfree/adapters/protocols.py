@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from catfree.errors import InvalidInputError
+from catfree.types import Scene
 from catfree.types._reconstruction import Reconstruction as Reconstruction
 from catfree.types._validation import as_float, require_finite, require_shape
 
@@ -173,6 +174,34 @@ class Reconstructor(Protocol):
 
     def __call__(self, images: Sequence[Image]) -> Reconstruction:
         """Reconstruct cameras and scene points in one frame."""
+        ...
+
+
+@runtime_checkable
+class RaySource(Protocol):
+    """Cameras of any lens: `source(camera, pixels)` gives the rays of a camera's pixels.
+
+    `pixels` is (n, 2) in original image pixels; the result is (n, 3) unit vectors in camera axes (x
+    right, y down, z forward). Neighboring pixels have neighboring rays. `catfree.rig_from_rays`
+    makes a rig of it.
+    """
+
+    def __call__(self, camera: int, pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+        """Compute one unit vector per pixel."""
+        ...
+
+
+@runtime_checkable
+class SceneSource(Protocol):
+    """Anything that has a scene: what `cf.calibrate`, `cf.refine` and `cf.run_stages` return.
+
+    `cf.run` takes it in place of a `Scene`, as it takes the readers of data sets
+    (`MultiViewSequence`).
+    """
+
+    @property
+    def scene(self) -> Scene:
+        """Cameras and ground."""
         ...
 
 

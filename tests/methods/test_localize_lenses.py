@@ -44,6 +44,7 @@ def as_rays(rig: cf.Rig, cameras: list[int]) -> cf.Rig:
     for camera in cameras:
         lens[camera] = cf.Lens.RAYS
         rays[camera] = (rays_of_pixels(rig, camera, pixel) @ rig.R[camera].T).reshape(37, 49, 3)
+    assert rig.distortion is not None
     bent = np.where((lens == cf.Lens.RAYS)[:, None], 0, rig.distortion)
     return replace(rig, distortion=bent, lens=lens, rays=rays)
 

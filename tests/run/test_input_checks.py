@@ -1,6 +1,7 @@
 """Mistakes in the input of a run: refused where it would be pointless, said where it goes on."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -11,10 +12,12 @@ from catfree._run._input_checks import (
     lost_footage,
     order_like,
     require_distinct_videos,
+    scene_of,
     tiny_boxes,
     without_offsets,
 )
-from catfree.adapters import SynchronizedVideos
+from catfree.adapters import SceneSource, SynchronizedVideos, write_scene_json
+from catfree.calibration import Refinement
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.settings import CalibrationSettings
 from catfree.synthetic import make_layout
@@ -131,3 +134,21 @@ def test_corrected_clocks_show_the_same_pictures(clips):
     np.testing.assert_array_equal(moved.frame, np.arange(6, 40, 2))
     with pytest.raises(InsufficientDataError, match="no instant is in all videos"):
         videos.without_offsets([0, -60])
+
+
+def test_a_scene_comes_from_whatever_has_one(tmp_path):
+    scene = make_layout("ring4", 0).scene
+    refined = Refinement(scene, np.zeros(1), 0, np.zeros(1, int))
+    assert isinstance(refined, SceneSource)
+    assert scene_of(None, None) == (None, None)
+    assert scene_of(scene, ["a"]) == (scene, ["a"])
+    assert scene_of(refined, None)[0] is scene
+    path = write_scene_json(tmp_path / "scene.json", scene, ["a", "b", "c", "d"])
+    for source in (path, str(path)):
+        read, names = scene_of(source, None)
+        assert names == ("a", "b", "c", "d")
+        assert read is not None
+        np.testing.assert_array_equal(read.rig.K, scene.rig.K)
+        assert scene_of(source, ["d", "c", "b", "a"])[1] == ["d", "c", "b", "a"]
+    with pytest.raises(InvalidInputError, match="scene must be a Scene, got int"):
+        scene_of(SimpleNamespace(scene=3), None)  # type: ignore[arg-type]

@@ -17,3 +17,4 @@ from catfree.geometry.camera._rig_cameras import (
     pixels_of_points as pixels_of_points,
     rays_of_pixels as rays_of_pixels,
 )
+from catfree.geometry.camera._rig_from_rays import rig_from_rays as rig_from_rays
