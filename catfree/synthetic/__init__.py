@@ -12,6 +12,7 @@ from catfree.synthetic._layouts import (
     make_layout as make_layout,
     multiviewx_like as multiviewx_like,
     ring as ring,
+    shop as shop,
     wildtrack_like as wildtrack_like,
 )
 from catfree.synthetic._simulated_detector import DetectorModel as DetectorModel, detect as detect

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from catfree.errors import InvalidInputError
 from catfree.synthetic._walkers import Area
-from catfree.types import Plane, Rig, Scene
+from catfree.types import Lens, Plane, Rig, Scene
 
 # Self-calibration may try 0.5, 0.7 and 0.9 image widths first. Focal lengths are drawn between
 # these bounds and at least 6 % away from each guess, so that no guess is right by chance.
@@ -22,6 +22,7 @@ ASSUMED_FOCALS = (0.5, 0.7, 0.9)
 FOCAL_CLEARANCE = 0.06
 FOCAL_SPREAD = 0.05  # relative standard deviation between the cameras of one world
 ROLL = 1.0  # degrees, standard deviation: cameras are never mounted perfectly level
+SHOP_LENS = (-0.02, 0.004, -0.001, 0.0, 0.0)  # k1 to k4 of a fisheye, and the zero of its row
 SCENE_POINT_HEIGHT = 0.9  # meters: cameras look at the middle of people's bodies
 
 
@@ -146,6 +147,41 @@ def gmvd_like(seed: int = 0, *, cameras: int = 6) -> Layout:
     rng = np.random.default_rng([seed, 5, cameras])
     area = (-10.0, 10.0, -12.0, 12.0)
     return _around(f"gmvd{cameras}", rng, area, cameras, height=(4.0, 6.0), fps=2.0, people=33)
+
+
+def shop(seed: int = 0, *, fisheye: bool = True) -> Layout:
+    """Four cameras in the ceiling corners of a shop of 12 x 9 m, 3 m high, 5 fps.
+
+    Args:
+        seed: determines all random draws.
+        fisheye: whether the lenses are fisheyes of 180 degrees along the rows of 1920 x 1440
+            pixels; otherwise they are pinholes of 124 x 115 degrees in the same places, which see
+            the same people.
+
+    Returns:
+        The layout in meters.
+    """
+    rng = np.random.default_rng([seed, 99])
+    half = np.array([6.0, 4.5])
+    corner = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    aim = 0.35 * corner + rng.normal(0, 0.3, (4, 2))
+    center = np.column_stack([corner, np.full(4, 3.0)])
+    target = np.column_stack([aim, np.full(4, SCENE_POINT_HEIGHT)])
+    roll = np.deg2rad(ROLL) * rng.standard_normal(4)
+    R = np.stack([look_at(*view) for view in zip(center, target, roll, strict=True)])
+    width, rows, focal = (1920, 1440, 1920 / np.pi) if fisheye else (2400, 2000, 640.0)
+    K = np.diag([focal, focal, 1.0])
+    K[:2, 2] = (width - 1) / 2, (rows - 1) / 2
+    rig = Rig(
+        np.tile(K, (4, 1, 1)),
+        R,
+        -np.einsum("cij,cj->ci", R, center),
+        (width, rows),
+        np.tile(SHOP_LENS, (4, 1)) if fisheye else None,
+        lens=[Lens.FISHEYE if fisheye else Lens.PINHOLE] * 4,
+    )
+    x, y = half - 0.3
+    return Layout("shop", rig, (-x, x, -y, y), 5.0, 10)
 
 
 LAYOUTS: dict[str, Callable[[int], Layout]] = {

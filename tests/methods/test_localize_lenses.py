@@ -7,32 +7,9 @@ import pytest
 
 import catfree as cf
 from catfree.geometry.camera import rays_of_pixels
-from catfree.synthetic import Layout, make_world
-from catfree.synthetic._layouts import look_at
+from catfree.synthetic import make_world, shop
 
-HALF = np.array([6.0, 4.5])  # meters: half the sides of a shop
 METHODS = {"evidence": cf.Settings(), "paper": cf.Settings.paper()}
-
-
-def shop(lens: str, seed: int = 0) -> Layout:
-    """Four cameras in the ceiling corners of a shop, 3 m high, looking at its middle."""
-    corner = HALF * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    center = np.column_stack([corner, np.full(4, 3.0)])
-    aim = np.column_stack([0.35 * corner, np.full(4, 0.9)])
-    R = np.stack([look_at(*view) for view in zip(center, aim, strict=True)])
-    width, height, focal = (1920, 1440, 1920 / np.pi) if lens == "fisheye" else (2400, 2000, 640.0)
-    K = np.diag([focal, focal, 1.0])
-    K[:2, 2] = (width - 1) / 2, (height - 1) / 2
-    bent = {"distortion": np.tile([-0.02, 0.004, -0.001, 0, 0], (4, 1)), "lens": ["fisheye"] * 4}
-    rig = cf.Rig(
-        np.tile(K, (4, 1, 1)),
-        R,
-        -np.einsum("cij,cj->ci", R, center),
-        (width, height),
-        **(bent if lens == "fisheye" else {}),
-    )
-    x, y = HALF - 0.3
-    return Layout("shop", rig, (-x, x, -y, y), 5.0, 6)
 
 
 def as_rays(rig: cf.Rig, cameras: list[int]) -> cf.Rig:
@@ -51,7 +28,7 @@ def as_rays(rig: cf.Rig, cameras: list[int]) -> cf.Rig:
 
 @pytest.fixture(scope="module")
 def world():
-    return make_world(shop("fisheye"), 3, frames=12, background=0)
+    return make_world(shop(), 3, frames=12, people=6, background=0)
 
 
 def errors(world, localization: cf.Localization) -> np.ndarray:
@@ -93,3 +70,14 @@ def test_grids_of_rays_give_what_their_lenses_give(world, method):
         if (again.frame == frame).any()
     ]
     assert np.quantile(apart, 0.95) < 0.002 * extent
+
+
+@pytest.mark.slow
+def test_fisheyes_find_the_people_that_pinholes_find(world):
+    """Evidence method; `benchmarks/lenses.py` compares both methods in longer worlds."""
+    pinholes = make_world(shop(fisheye=False), 3, frames=12, people=6, background=0)
+    shares = []
+    for one in (world, pinholes):
+        error = errors(one, cf.localize(one.detections, one.scene))
+        shares.append((error < 0.5).sum() / len(one.ground_truth))
+    assert abs(shares[0] - shares[1]) < 0.05
