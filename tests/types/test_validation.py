@@ -37,7 +37,7 @@ calls = {
     "calibrate, a name": lambda: cf.calibrate(people, (1920, 1080), "paper"),
     "refine, swapped": lambda: cf.refine(scene, people),
     "coverage, a rig": lambda: cf.coverage(rig),
-    "run, a path as scene": lambda: cf.run(["a.mp4", "b.mp4"], scene="scene.npz"),
+    "run, a rig as scene": lambda: cf.run(["a.mp4", "b.mp4"], scene=rig),
     "run, a name as detector": lambda: cf.run(["a.mp4", "b.mp4"], detector="yolo"),
 }
 for name, call in calls.items():

@@ -85,11 +85,13 @@ def ray_diagnostics(
     rows = np.maximum(groups.member, 0)
     axes = np.asarray(views.matrix)[:, :, :3]
     inverse = np.linalg.inv(axes)
-    origins = -np.einsum("cij,cj->ci", inverse, np.asarray(views.matrix)[:, :, 3])
+    cameras = slice(len(views.registered))
+    place = np.asarray(views.matrix)[cameras, :, 3]
+    origins = -np.einsum("cij,cj->ci", inverse[cameras], place)
     foot = np.stack([boxes.edges[:, 0], boxes.edges[:, 2], np.ones(len(boxes.edges))], -1)
-    direction = np.einsum("nij,nj->ni", inverse[boxes.camera], foot)
+    direction = np.einsum("nij,nj->ni", inverse[boxes.view], foot)
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-    angle = np.asarray(measured.noise)[:, 2] / np.asarray(views.focal)[boxes.camera]
+    angle = np.asarray(measured.noise)[:, 2] / np.asarray(views.focal)[boxes.view]
     usable = boxes.valid & np.asarray(measured.used)[:, 2] & (angle > 0)
     weight = np.where(usable, 1 / np.where(usable, angle, 1) ** 2, 0.0)
     weights = np.where(groups.member >= 0, weight[rows], 0.0)
