@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from catfree.geometry._arrays import epsilon
-from catfree.geometry._ray_distances import (
+from catfree.geometry._triangulation._ray_distances import (
     Rays,
     batch_last,
     dot,
