@@ -13,17 +13,17 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
 from catfree.calibration._adjusted_cameras import NEAREST_DEPTH, Cameras
 from catfree.geometry._arrays import safe_norm
-from catfree.geometry._buckets import coarse_length
+from catfree.geometry._buckets import coarse_length, padded
 from catfree.geometry._least_squares import (
     Residuals,
     SchurLevenbergMarquardt,
     Unknowns,
     huber,
+    minimize,
     robust,
 )
 
@@ -31,6 +31,7 @@ HUBER = 1.345  # standard deviations; 95 % efficient where all errors are normal
 RAYLEIGH_MEDIAN = 1.1774  # median length of a 2-D normal vector, in standard deviations
 SMALLEST_NOISE = 0.1  # px: no box is more exact; avoids division by zero for exact data
 CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration
+DAMPING, FALL = 1e-4, 10.0  # rounds end before they converge, so quick steps matter
 PEOPLE_BLOCK, CAMERA_BLOCK = 1024, 4  # what people and cameras are padded to
 
 
@@ -120,24 +121,19 @@ def adjust(
     precision = (CameraTie() if tie is None else tie).precision
     noise = _noise(sightings, cameras, points)
     people, count = sightings.weight.shape
-    more = coarse_length(people, PEOPLE_BLOCK) - people
-    extra = -count % CAMERA_BLOCK
-
-    def wider(array: np.ndarray, *by: int) -> Array:
-        return jnp.asarray(np.pad(array, [(0, n) for n in (*by, *(0,) * (array.ndim - len(by)))]))
-
+    P, C = coarse_length(people, PEOPLE_BLOCK), count + -count % CAMERA_BLOCK
     focal = start.K[:, :2, :2] * np.exp(start.log_scale)[:, None, None]
     pixel = np.where(sightings.present[..., None], sightings.pixel, 0.0)
     with jax.enable_x64(True):
         found, cost = _solve(
-            Unknowns(wider(cameras.away_from(start), extra), wider(points, more)),
+            Unknowns(padded(cameras.away_from(start), C), padded(points, P)),
             _Feet(
-                offset=wider((pixel - start.K[:, :2, 2]).swapaxes(0, 1), extra, more),
-                precision=wider(np.sqrt(sightings.weight).T / noise, extra, more),
-                R=wider(start.R, extra),
-                center=wider(start.center, extra),
-                focal=wider(focal, extra),
-                image=wider(2 * start.K[:, 0, 2], extra),
+                offset=padded((pixel - start.K[:, :2, 2]).swapaxes(0, 1), C, P),
+                precision=padded(np.sqrt(sightings.weight).T / noise, C, P),
+                R=padded(start.R, C),
+                center=padded(start.center, C),
+                focal=padded(focal, C),
+                image=padded(2 * start.K[:, 0, 2], C),
                 tie=jnp.asarray(np.sqrt(precision)),
             ),
             jnp.asarray(iterations, jnp.int32),
@@ -223,15 +219,9 @@ def _problem(
 
 @jax.jit
 def _solve(start: Unknowns, feet: _Feet, most_steps: Array) -> tuple[Unknowns, Array]:
-    solution = optx.least_squares(
-        _problem,
-        SchurLevenbergMarquardt(rtol=CONVERGED, atol=0.0, most_steps=most_steps),
-        start,
-        (jnp.zeros(0, start.view.dtype), feet),
-        has_aux=True,
-        max_steps=None,
-        throw=False,
-    )
+    args = jnp.zeros(0, start.view.dtype), feet
+    solver = SchurLevenbergMarquardt(CONVERGED, 0.0, DAMPING, FALL, most_steps=most_steps)
+    solution = minimize(_problem, start, args, solver)
     return solution.value, solution.stats["cost"]
 
 

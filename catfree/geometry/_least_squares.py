@@ -5,8 +5,8 @@ eliminated one by one (Schur complement), and one forward-mode derivative per pa
 and of a block gives the whole Jacobian.
 
 A problem is a function of `Unknowns` and `Args` that returns `robust` of its `Residuals`. It is
-solved with `optx.least_squares(problem, SchurLevenbergMarquardt(...), ..., has_aux=True)` or, if it
-is small, with any other least-squares solver of optimistix.
+solved by `minimize` or, if it is small, by `optx.least_squares(problem, ..., has_aux=True)` with
+any other solver of optimistix.
 """
 
 from collections.abc import Callable
@@ -18,9 +18,8 @@ import lineax as lx
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-FIRST_DAMPING = 1e-3  # relative increase of the diagonal
-SMALLEST_DAMPING, LARGEST_DAMPING = 1e-8, 1e6
-FALL, RISE = 5.0, 10.0  # factors of the damping after accepted and rejected steps
+SMALLEST_DAMPING, LARGEST_DAMPING = 1e-8, 1e6  # relative increase of the diagonal
+RISE = 10.0  # factor of the damping after rejected steps
 
 Loss = Callable[[Float[Array, "*n"]], Float[Array, "*n"]]
 # (q,) parameters on which sightings depend and which are fixed but uncertain, and data.
@@ -247,6 +246,8 @@ class SchurLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     Attributes:
         rtol: relative decrease of the cost at which the iteration ends.
         atol: absolute decrease at which it ends.
+        damping: of the first step.
+        fall: factor by which accepted steps lower it.
         most_steps: maximum number of steps; other values do not lead to compilation.
         norm: unused; part of the interface.
 
@@ -256,6 +257,8 @@ class SchurLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
     rtol: float
     atol: float
+    damping: float = 1e-3
+    fall: float = 5.0
     most_steps: Int[Array, ""] | int = 256
     norm: Callable[[PyTree], Array] = optx.max_norm
 
@@ -265,7 +268,7 @@ class SchurLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         c = views * v + len(args[0])
         shapes = (c, c), (b, c, blocks), (b, b, blocks), (c,), (b, 1, blocks)
         equations = NormalEquations(*(jnp.zeros(shape, dtype) for shape in shapes))
-        cost, damping = jnp.asarray(jnp.inf, dtype), jnp.asarray(FIRST_DAMPING * FALL, dtype)
+        cost, damping = jnp.asarray(jnp.inf, dtype), jnp.asarray(self.damping * self.fall, dtype)
         return _State(y, equations, cost, damping, jnp.zeros((), jnp.int32), jnp.asarray(False))
 
     def step(self, fn, y, args, options, state, tags) -> tuple[Unknowns, _State, Any]:
@@ -278,7 +281,7 @@ class SchurLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             (state.proposed, equations, cost),
             (y, state.equations, state.cost),
         )
-        lower = jnp.maximum(state.damping / FALL, SMALLEST_DAMPING)
+        lower = jnp.maximum(state.damping / self.fall, SMALLEST_DAMPING)
         damping = jnp.where(better, lower, state.damping * RISE)
         view, block = equations.damped(damping).solve(y.view.size)
         proposed = Unknowns(y.view + view.reshape(y.view.shape), y.block + block)
@@ -295,3 +298,12 @@ class SchurLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     ) -> tuple[Unknowns, Any, dict[str, Any]]:
         """Add the cost and the normal equations of the solution to the statistics."""
         return y, aux, {"cost": state.cost, "equations": state.equations}
+
+
+def minimize(
+    problem: Problem, start: Unknowns, args: Args, solver: SchurLevenbergMarquardt
+) -> optx.Solution:
+    """Solve a problem, or take as many steps as the solver may."""
+    return optx.least_squares(
+        problem, solver, start, args, has_aux=True, max_steps=None, throw=False
+    )

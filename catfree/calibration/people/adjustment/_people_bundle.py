@@ -13,7 +13,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
@@ -27,13 +26,14 @@ from catfree.calibration.people.cameras._camera_model import (
     predict_boxes,
     projection,
 )
-from catfree.geometry._buckets import coarse_length
+from catfree.geometry._buckets import coarse_length, padded
 from catfree.geometry._least_squares import (
     NormalEquations,
     Residuals,
     SchurLevenbergMarquardt,
     Unknowns,
     cauchy,
+    minimize,
     robust,
 )
 from catfree.geometry._person import box_edges
@@ -158,15 +158,9 @@ def _solve(
     start: Unknowns, foot_offset: Array, foot_offset_sd: Array, boxes: _Boxes, most_steps: Array
 ) -> tuple[Unknowns, Array, Array]:
     """The adjusted unknowns, their cost, and the covariance of cameras and foot offset."""
-    solution = optx.least_squares(
-        _problem,
-        SchurLevenbergMarquardt(rtol=CONVERGED, atol=0.0, most_steps=most_steps),
-        start,
-        (foot_offset[None], boxes),
-        has_aux=True,
-        max_steps=None,
-        throw=False,
-    )
+    args = foot_offset[None], boxes
+    solver = SchurLevenbergMarquardt(CONVERGED, 0.0, most_steps=most_steps)
+    solution = minimize(_problem, start, args, solver)
     equations: NormalEquations = solution.stats["equations"]
     covariance = equations.covariance(jnp.square(foot_offset_sd)[None, None])
     return solution.value, solution.stats["cost"], covariance
@@ -207,29 +201,24 @@ def adjust(
         known = _weak_prior(parameters, int(np.argmax(sightings)), log_focal_prior, settings)
     boxes, precision = (np.zeros((cameras, people, 3)) for _ in range(2))
     boxes[data.camera, data.person], precision[data.camera, data.person] = data.box, 1 / data.sd
-    more = coarse_length(people, PEOPLE_BLOCK, 3) - people
-    extra = -cameras % CAMERA_BLOCK
-
-    def wider(array: np.ndarray, *by: int) -> Array:
-        return jnp.asarray(np.pad(array, [(0, n) for n in (*by, *(0,) * (array.ndim - len(by)))]))
-
+    P, C = coarse_length(people, PEOPLE_BLOCK, 3), cameras + -cameras % CAMERA_BLOCK
     shown = np.where(used[:, None], parameters, 0.0)
     with jax.enable_x64(True):
         found, cost, covariance = jax.tree.map(
             np.asarray,
             _solve(
-                Unknowns(wider(shown, extra), wider(np.column_stack([xy, height]), more)),
+                Unknowns(padded(shown, C), padded(np.column_stack([xy, height]), P)),
                 jnp.asarray(foot_offset),
                 jnp.asarray(settings.foot_offset_sd),
                 _Boxes(
-                    box=wider(boxes, extra, more),
-                    precision=wider(precision, extra, more),
-                    used=wider(used, extra),
-                    mean=wider(known.parameters, extra),
-                    camera_precision=wider(np.sqrt(known.precision) * used[:, None], extra),
+                    box=padded(boxes, C, P),
+                    precision=padded(precision, C, P),
+                    used=padded(used, C),
+                    mean=padded(known.parameters, C),
+                    camera_precision=padded(np.sqrt(known.precision) * used[:, None], C),
                     focal_precision=jnp.asarray(shared_focal / settings.shared_focal_sd),
                     height=jnp.asarray(settings.apparent_height),
-                    height_precision=wider(np.full(people, 1 / settings.person_height_sd), more),
+                    height_precision=padded(np.full(people, 1 / settings.person_height_sd), P),
                 ),
                 jnp.asarray(iterations, jnp.int32),
             ),

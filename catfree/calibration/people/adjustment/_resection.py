@@ -10,7 +10,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Float
 
 from catfree.calibration.people._box_grid import BoxGrid
@@ -18,12 +17,13 @@ from catfree.calibration.people.adjustment._people_bundle import CAUCHY, CONVERG
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, X, Z, projection
 from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
 from catfree.calibration.people.matching._mutual_nearest import mutual_nearest, squared_distances
-from catfree.geometry._buckets import coarse_length
+from catfree.geometry._buckets import coarse_length, padded
 from catfree.geometry._least_squares import (
     Residuals,
     SchurLevenbergMarquardt,
     Unknowns,
     cauchy,
+    minimize,
     robust,
 )
 from catfree.geometry._person import box_edges
@@ -135,22 +135,17 @@ def fit_camera(
     Returns:
         (7,) the parameters with the smallest cost.
     """
-    count = len(xy)
-    more = coarse_length(count, MATCHES_BLOCK) - count
-
-    def wider(array: np.ndarray) -> Array:
-        return jnp.asarray(np.pad(array, [(0, more)] + [(0, 0)] * (array.ndim - 1)))
-
+    n = coarse_length(len(xy), MATCHES_BLOCK)
     mean, precision = np.zeros((1, 7)), np.zeros((1, 7))
     mean[0, LOG_FOCAL] = log_focal[0]
     precision[0, LOG_FOCAL], precision[0, ROLL] = 1 / log_focal[1], 1 / settings.roll_sd
     with jax.enable_x64(True):
         fitted = _fit(
             jnp.asarray(start[None]),
-            wider(np.column_stack([xy, height])),
-            wider(measured),
-            wider(1 / sd**2),
-            wider(covariance),
+            padded(np.column_stack([xy, height]), n),
+            padded(measured, n),
+            padded(1 / sd**2, n),
+            padded(covariance, n),
             jnp.asarray(foot_offset),
             jnp.asarray(mean),
             jnp.asarray(precision),
@@ -209,12 +204,7 @@ def _fit(
     spread = jnp.einsum("nij,njk,nik->ni", by_person, covariance, by_person)
     precision = jnp.sqrt(information[:, None] / (1 + information[:, None] * spread))
     matches = _Matches(box, precision, people, foot_offset, mean, camera_precision)
-    return optx.least_squares(
-        _problem,
-        SchurLevenbergMarquardt(rtol=CONVERGED, atol=0.0, most_steps=most_steps),
-        Unknowns(start, jnp.zeros((len(people), 0), start.dtype)),
-        (jnp.zeros(0, start.dtype), matches),
-        has_aux=True,
-        max_steps=None,
-        throw=False,
-    ).value.view
+    unknowns = Unknowns(start, jnp.zeros((len(people), 0), start.dtype))
+    args = jnp.zeros(0, start.dtype), matches
+    solver = SchurLevenbergMarquardt(CONVERGED, 0.0, most_steps=most_steps)
+    return minimize(_problem, unknowns, args, solver).value.view
