@@ -220,7 +220,9 @@ def _problem(
 @jax.jit
 def _solve(start: Unknowns, feet: _Feet, most_steps: Array) -> tuple[Unknowns, Array]:
     args = jnp.zeros(0, start.view.dtype), feet
-    solver = SchurLevenbergMarquardt(CONVERGED, 0.0, DAMPING, FALL, most_steps=most_steps)
+    solver = SchurLevenbergMarquardt(
+        CONVERGED, 0.0, damping=DAMPING, fall=FALL, most_steps=most_steps
+    )
     solution = minimize(_problem, start, args, solver)
     return solution.value, solution.stats["cost"]
 
