@@ -1,4 +1,4 @@
-"""Bundle adjustment of cameras and the people they see, with the people eliminated (Schur).
+"""Bundle adjustment of cameras and the feet of the people they see.
 
 Every person is one 3-D point whose foot pixel is known in several cameras. The rotation, center and
 focal length of each camera are free; the principal point is fixed. Feet lie close to one plane, on
@@ -7,19 +7,32 @@ cameras to their start, within the usual errors of a reconstruction. It also fix
 """
 
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from catfree.calibration._adjusted_cameras import NEAREST_DEPTH, Cameras
+from catfree.geometry._arrays import safe_norm
+from catfree.geometry._buckets import coarse_length, padded
+from catfree.geometry._least_squares import (
+    Residuals,
+    SchurLevenbergMarquardt,
+    Unknowns,
+    huber,
+    minimize,
+    robust,
+)
 
-PARAMETERS = 7  # rotation vector, center, log focal length
 HUBER = 1.345  # standard deviations; 95 % efficient where all errors are normal
 RAYLEIGH_MEDIAN = 1.1774  # median length of a 2-D normal vector, in standard deviations
 SMALLEST_NOISE = 0.1  # px: no box is more exact; avoids division by zero for exact data
-FIRST_DAMPING = 1e-4
-LARGEST_DAMPING = 1e8
 CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration
+DAMPING, FALL = 1e-4, 10.0  # rounds end before they converge, so quick steps matter
+PEOPLE_BLOCK, CAMERA_BLOCK = 1024, 4  # what people and cameras are padded to
 
 
 @dataclass(frozen=True)
@@ -107,127 +120,118 @@ def adjust(
     start = cameras if start is None else start
     precision = (CameraTie() if tie is None else tie).precision
     noise = _noise(sightings, cameras, points)
-    linear = _linearize(sightings, cameras, points, noise)
-    cost = linear.cost + _tie_cost(cameras, start, precision)
-    damping = FIRST_DAMPING
-    for _ in range(iterations):
-        step, shift = _step(linear, cameras.away_from(start), precision, damping)
-        trial, moved_points = cameras.moved(step), points + shift
-        proposed = _linearize(sightings, trial, moved_points, noise)
-        proposed_cost = proposed.cost + _tie_cost(trial, start, precision)
-        if proposed_cost < cost:
-            converged = cost - proposed_cost < CONVERGED * cost
-            cameras, points, linear, cost = trial, moved_points, proposed, proposed_cost
-            damping /= 10
-            if converged:
-                break
-        else:
-            damping *= 10
-            if damping > LARGEST_DAMPING:
-                break
-    return Adjustment(cameras, points, cost, noise)
-
-
-@dataclass(frozen=True)
-class _Linear:
-    """Standardized residuals and derivatives, multiplied by the square root of Huber's weight."""
-
-    residual: Float[np.ndarray, "person cam 2"]
-    by_camera: Float[np.ndarray, "person cam 2 7"]
-    by_point: Float[np.ndarray, "person cam 2 3"]
-    cost: float
-
-
-def _project(
-    cameras: Cameras, points: Float[np.ndarray, "person 3"]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Camera coordinates, safe depths, whether in front, and offsets from the principal point."""
-    local = np.einsum("cij,pcj->pci", cameras.R, points[:, None] - cameras.center)
-    in_front = local[..., 2] > NEAREST_DEPTH
-    depth = np.where(in_front, local[..., 2], 1.0)
-    focal = cameras.K[:, :2, :2] * np.exp(cameras.log_scale)[:, None, None]
-    offset = np.einsum("cij,pcj->pci", focal, local[..., :2] / depth[..., None])
-    return local, depth, in_front, offset
-
-
-def _residual(sightings: Sightings, cameras: Cameras, offset: np.ndarray) -> np.ndarray:
+    people, count = sightings.weight.shape
+    P, C = coarse_length(people, PEOPLE_BLOCK), count + -count % CAMERA_BLOCK
+    focal = start.K[:, :2, :2] * np.exp(start.log_scale)[:, None, None]
     pixel = np.where(sightings.present[..., None], sightings.pixel, 0.0)
-    return pixel - offset - cameras.K[:, :2, 2]
+    with jax.enable_x64(True):
+        found, cost = _solve(
+            Unknowns(padded(cameras.away_from(start), C), padded(points, P)),
+            _Feet(
+                offset=padded((pixel - start.K[:, :2, 2]).swapaxes(0, 1), C, P),
+                precision=padded(np.sqrt(sightings.weight).T / noise, C, P),
+                R=padded(start.R, C),
+                center=padded(start.center, C),
+                focal=padded(focal, C),
+                image=padded(2 * start.K[:, 0, 2], C),
+                tie=jnp.asarray(np.sqrt(precision)),
+            ),
+            jnp.asarray(iterations, jnp.int32),
+        )
+        step, points = np.array(found.view)[:count], np.array(found.block)[:people]
+        return Adjustment(start.moved(step), points, float(cost), noise)
 
 
-def _noise(sightings: Sightings, cameras: Cameras, points: np.ndarray) -> float:
+class _Feet(NamedTuple):
+    """What the residuals are computed from.
+
+    Attributes:
+        offset: (C, P, 2) foot pixels relative to the principal point.
+        precision: (C, P) inverse standard deviations in pixels, 0 where there is no foot.
+        R: (C, 3, 3) rotations that the steps begin at.
+        center: (C, 3) centers that they begin at.
+        focal: (C, 2, 2) focal lengths that they begin at.
+        image: (C,) image widths in pixels.
+        tie: (7,) inverse standard deviations of the steps.
+    """
+
+    offset: Float[Array, "cam person 2"]
+    precision: Float[Array, "cam person"]
+    R: Float[Array, "cam 3 3"]
+    center: Float[Array, "cam 3"]
+    focal: Float[Array, "cam 2 2"]
+    image: Float[Array, " cam"]
+    tie: Float[Array, "7"]
+
+
+def _rotation(vector: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """Rotation by a vector (Rodrigues), differentiable at zero."""
+    x, y, z = vector
+    zero = jnp.zeros_like(x)
+    K = jnp.stack([zero, -z, y, z, zero, -x, -y, x, zero]).reshape(3, 3)
+    turns = safe_norm(vector) / jnp.pi
+    half = jnp.sinc(turns / 2)
+    return jnp.eye(3, dtype=x.dtype) + jnp.sinc(turns) * K + half**2 / 2 * (K @ K)
+
+
+def _problem(
+    unknowns: Unknowns, args: tuple[Float[Array, "0"], _Feet]
+) -> tuple[Residuals, Residuals]:
+    """Residuals of the steps of all cameras (C, 7) and of people (P, 3)."""
+    feet = args[1]
+
+    def foot(
+        pose: Float[Array, "3 4"],
+        focal: Float[Array, "2 2"],
+        image: Float[Array, ""],
+        offset: Float[Array, "2"],
+        precision: Float[Array, ""],
+        point: Float[Array, "3"],
+    ) -> Float[Array, "2"]:
+        x, y, z = (
+            row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3] for row in pose
+        )
+        in_front = z > NEAREST_DEPTH
+        depth = jnp.where(in_front, z, 1.0)
+        u, v = (row[0] * x / depth + row[1] * y / depth for row in focal)
+        # A point behind its camera costs as much as a residual of one image width.
+        column = jnp.where(in_front, u - offset[0], image)
+        return jnp.stack([column, jnp.where(in_front, v - offset[1], 0.0)]) * precision
+
+    step = unknowns.view
+    R = jnp.einsum("cij,cjk->cik", jax.vmap(_rotation)(step[:, :3]), feet.R)
+    t = -jnp.einsum("cij,cj->ci", R, feet.center + step[:, 3:6])
+    focal = feet.focal * jnp.exp(step[:, 6])[:, None, None]
+    of_camera = jax.vmap(foot, (None, None, None, 0, 0, 0))
+    residual = jax.vmap(of_camera, (0, 0, 0, 0, 0, None))(
+        jnp.concatenate([R, t[..., None]], axis=2),
+        focal,
+        feet.image,
+        feet.offset,
+        feet.precision,
+        unknowns.block,
+    )
+    residuals = Residuals(
+        residual[:, :, None], (step * feet.tie[None]).ravel(), jnp.zeros((len(unknowns.block), 0))
+    )
+    return robust(residuals, partial(huber, width=HUBER))
+
+
+@jax.jit
+def _solve(start: Unknowns, feet: _Feet, most_steps: Array) -> tuple[Unknowns, Array]:
+    args = jnp.zeros(0, start.view.dtype), feet
+    solver = SchurLevenbergMarquardt(
+        CONVERGED, 0.0, damping=DAMPING, fall=FALL, most_steps=most_steps
+    )
+    solution = minimize(_problem, start, args, solver)
+    return solution.value, solution.stats["cost"]
+
+
+def _noise(sightings: Sightings, cameras: Cameras, points: Float[np.ndarray, "person 3"]) -> float:
     """Estimate the standard deviation of a foot pixel of weight 1 from the median residual."""
-    _, _, in_front, offset = _project(cameras, points)
-    length = np.linalg.norm(_residual(sightings, cameras, offset), axis=-1)
+    direction = points[:, None] - cameras.center
+    in_front = np.einsum("ci,pci->pc", cameras.R[:, 2], direction) > NEAREST_DEPTH
+    length = np.linalg.norm(sightings.pixel - cameras.project_directions(direction), axis=-1)
     standard = (length * np.sqrt(sightings.weight))[sightings.present & in_front]
     median = float(np.median(standard)) if standard.size else 0.0
     return max(median / RAYLEIGH_MEDIAN, SMALLEST_NOISE)
-
-
-def _linearize(sightings: Sightings, cameras: Cameras, points: np.ndarray, noise: float) -> _Linear:
-    local, depth, in_front, offset = _project(cameras, points)
-    used = sightings.present & in_front
-    precision = np.where(used, np.sqrt(sightings.weight) / noise, 0.0)
-    residual = _residual(sightings, cameras, offset) * precision[..., None]
-    length = np.linalg.norm(residual, axis=-1)
-    far = length > HUBER
-    loss = np.where(far, HUBER * (2 * length - HUBER), length**2)
-    # A point behind its camera costs as much as a residual of one image width.
-    behind = sightings.present & ~in_front
-    behind_cost = 2 * HUBER * np.sqrt(sightings.weight) * 2 * cameras.K[:, 0, 2] / noise
-    scale = precision * np.sqrt(np.where(far, HUBER / np.where(far, length, 1.0), 1.0))
-
-    focal = cameras.K[:, :2, :2] * np.exp(cameras.log_scale)[:, None, None]
-    by_local = np.empty((*local.shape[:2], 2, 3))
-    by_local[..., :2] = focal / depth[..., None, None]
-    by_local[..., 2] = -offset / depth[..., None]
-    by_local *= scale[..., None, None]
-    by_point = np.einsum("pcij,cjk->pcik", by_local, cameras.R)
-    x, y, z = local[..., 0], local[..., 1], local[..., 2]
-    by_camera = np.empty((*local.shape[:2], 2, PARAMETERS))
-    # d(turn y)/d(turn) = -[y]x, column by column.
-    by_camera[..., 0] = by_local[..., 2] * y[..., None] - by_local[..., 1] * z[..., None]
-    by_camera[..., 1] = by_local[..., 0] * z[..., None] - by_local[..., 2] * x[..., None]
-    by_camera[..., 2] = by_local[..., 1] * x[..., None] - by_local[..., 0] * y[..., None]
-    by_camera[..., 3:6] = -by_point
-    by_camera[..., 6] = offset * scale[..., None]
-    root = np.where(precision > 0, scale / np.where(precision > 0, precision, 1.0), 0.0)
-    cost = float(loss[used].sum() + behind_cost[behind].sum())
-    return _Linear(residual * root[..., None], by_camera, by_point, cost)
-
-
-def _tie_cost(cameras: Cameras, start: Cameras, precision: np.ndarray) -> float:
-    return float((cameras.away_from(start) ** 2 * precision).sum())
-
-
-def _step(
-    linear: _Linear, away: np.ndarray, precision: np.ndarray, damping: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Solve for the steps of the cameras, (C, 7), and of the people, (P, 3)."""
-    people, count = linear.residual.shape[:2]
-    size = count * PARAMETERS
-    blocks = np.einsum("pcki,pckj->cij", linear.by_camera, linear.by_camera)
-    normal = np.zeros((count, PARAMETERS, count, PARAMETERS))
-    normal[np.arange(count), :, np.arange(count)] = blocks + np.diag(precision)
-    normal = normal.reshape(size, size)
-    gradient = np.einsum("pcki,pck->ci", linear.by_camera, linear.residual)
-    gradient = (gradient - away * precision).reshape(size)
-
-    point_normal = np.einsum("pcki,pckj->pij", linear.by_point, linear.by_point)
-    point_gradient = np.einsum("pcki,pck->pi", linear.by_point, linear.residual)
-    axis = np.arange(3)
-    # The second term keeps an unconstrained person (all sightings behind cameras) in place.
-    point_normal[:, axis, axis] *= 1 + damping
-    point_normal[:, axis, axis] += 1e-9 * point_normal[:, axis, axis].sum(1, keepdims=True) + 1e-12
-    inverse = np.linalg.inv(point_normal)
-    mixed = np.einsum("pcki,pckj->pcij", linear.by_camera, linear.by_point)
-    mixed = mixed.reshape(people, size, 3)
-    eliminated = mixed @ inverse
-
-    diagonal = np.arange(size)
-    normal[diagonal, diagonal] *= 1 + damping
-    reduced = normal - np.tensordot(eliminated, mixed, ([0, 2], [0, 2]))
-    right = gradient - np.tensordot(eliminated, point_gradient, ([0, 2], [0, 1]))
-    step = np.linalg.solve(reduced, right)
-    shift = np.einsum("pij,pj->pi", inverse, point_gradient - np.einsum("psi,s->pi", mixed, step))
-    return step.reshape(count, PARAMETERS), shift

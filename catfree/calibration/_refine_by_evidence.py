@@ -5,7 +5,6 @@ boxes, feet and heads: upright people on one ground separate focal length, camer
 which feet alone cannot. The adjusted rig makes the people of the next round more certain.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -199,6 +198,9 @@ def _adjusted(
     frame = CanonicalFrame.of(scene)
     unit_in_meters = settings.apparent_height / people.height * frame.extent
     start = _parameters(frame, rig, unit_in_meters)
+    # The boxes of a person share their errors over time (shoes, build, detector bias), so all of
+    # them together are no more informative about the cameras than one.
+    precision = max(people.repeats, 1.0) * _precision(refinement.tie, unit_in_meters)
     person, camera = np.nonzero(people.member >= 0)
     row = people.member[person, camera]
     result = adjust_groups(
@@ -206,15 +208,12 @@ def _adjusted(
         start,
         settings.foot_offset,
         start[:, LOG_FOCAL],
-        # The given rig is more informative about focal lengths and rolls than these weak priors.
-        replace(settings, focal_log_sd=np.inf, roll_sd=np.inf),
+        settings,
         shared_focal=False,
         iterations=refinement.iterations,
         known=KnownCameras(
             _parameters(frame, given.rig, unit_in_meters),
-            # The boxes of a person share their errors over time (shoes, build, detector bias), so
-            # all of them together are no more informative about the cameras than one.
-            max(people.repeats, 1.0) * _precision(refinement.tie, unit_in_meters),
+            np.broadcast_to(precision, start.shape),
         ),
     )
     moved = np.where(np.isfinite(result.parameters), result.parameters, start)

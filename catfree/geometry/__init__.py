@@ -23,7 +23,7 @@ from catfree.geometry._similarity import (
     transform_rig as transform_rig,
     transform_scene as transform_scene,
 )
-from catfree.geometry._triangulation import (
+from catfree.geometry._triangulation._triangulate import (
     Triangulation as Triangulation,
     triangulate as triangulate,
     triangulate_least_squares as triangulate_least_squares,

@@ -4,7 +4,9 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 SHORT = 2**15  # rows; computing twice as many takes less than the second that compiling takes
 
@@ -46,6 +48,12 @@ def fine_length(count: int, minimum: int = 64) -> int:
         short = length < SHORT
         length += length if short else 1 << max(length.bit_length() - 3, 0)
     return length
+
+
+def padded(array: np.ndarray, *lengths: int) -> Array:
+    """Pad the first axes of an array with zeros to these lengths, on the device."""
+    widths = [(0, length - n) for length, n in zip(lengths, array.shape, strict=False)]
+    return jnp.asarray(np.pad(array, widths + [(0, 0)] * (array.ndim - len(lengths))))
 
 
 def in_blocks(function: Callable[..., Any], rows: tuple[Any, ...], *blocks: int) -> Any:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree.geometry._buckets import SHORT, coarse_length, fine_length, in_blocks
+from catfree.geometry._buckets import SHORT, coarse_length, fine_length, in_blocks, padded
 
 counts = st.integers(0, 10**6)
 blocks = st.integers(1, 10**4)
@@ -79,3 +79,12 @@ def test_blocks_compile_once_and_keep_shapes_without_rows():
         assert first.shape == (count, 8)
         assert second.shape == (count, 2)
     assert function._cache_size() == 1
+
+
+@given(st.integers(0, 5), st.integers(0, 5), st.integers(0, 3), st.integers(0, 3))
+def test_padding_keeps_the_array_and_adds_zeros(rows, columns, more, extra):
+    array = np.ones((rows, columns, 2), np.float32)
+    found = np.asarray(padded(array, rows + more, columns + extra))
+    assert found.shape == (rows + more, columns + extra, 2)
+    np.testing.assert_array_equal(found[:rows, :columns], array)
+    assert found.sum() == array.sum()

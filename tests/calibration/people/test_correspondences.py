@@ -6,8 +6,8 @@ from hypothesis import given, settings, strategies as st
 
 from catfree.calibration.people._correspondences import adjust_groups
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
-from catfree.calibration.people.cameras._camera_model import box_jacobian
 from catfree.settings import CalibrationSettings
+from tests.calibration.people.boxes_of_rows import boxes_of_rows
 
 SETTINGS = CalibrationSettings()
 PEOPLE = 80
@@ -27,8 +27,8 @@ def measured(rng: np.random.Generator) -> tuple[BoxMeasurements, np.ndarray]:
     person, camera = np.repeat(np.arange(PEOPLE), 4), np.tile(np.arange(4), PEOPLE)
     xy = rng.uniform(-3, 3, (PEOPLE, 2))
     height = np.full(PEOPLE, SETTINGS.apparent_height)
-    box = box_jacobian(parameters[camera], xy[person], height[person], SETTINGS.foot_offset)[0]
-    return BoxMeasurements(person, camera, np.asarray(box), np.full(box.shape, 3.0)), parameters
+    box = boxes_of_rows(parameters[camera], xy[person], height[person], SETTINGS.foot_offset)
+    return BoxMeasurements(person, camera, box, np.full(box.shape, 3.0)), parameters
 
 
 def adjusted(measurements: BoxMeasurements, parameters: np.ndarray) -> np.ndarray:

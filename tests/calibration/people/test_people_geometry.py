@@ -9,7 +9,6 @@ from catfree.calibration.people.adjustment._box_measurements import BoxMeasureme
 from catfree.calibration.people.adjustment._people_bundle import adjust
 from catfree.calibration.people.adjustment._resection import fit_camera
 from catfree.calibration.people.cameras._camera_model import (
-    box_jacobian,
     from_matrices,
     predict_boxes,
     rotation,
@@ -18,6 +17,7 @@ from catfree.calibration.people.cameras._camera_model import (
 from catfree.calibration.people.cameras._ground_map import GroundMap, implied_height, map_ground
 from catfree.calibration.people.matching._mutual_nearest import mutual_nearest, squared_distances
 from catfree.calibration.people.matching._placement import Placement, align_rigidly, turn, vote
+from tests.calibration.people.boxes_of_rows import boxes_of_rows
 
 SETTINGS = CalibrationSettings()
 
@@ -47,24 +47,6 @@ def one_box(camera, xy, height, offset):
 def in_front(camera, distance, side):
     """A ground point so far in front of a camera and to its side."""
     return camera[4:6] + turn(np.array([side, distance]), camera[3])
-
-
-@given(cameras, floats(6, 15), floats(-2, 2), floats(1.5, 1.95), floats(0, 0.3))
-def test_jacobian_is_the_finite_difference(camera, distance, side, height, offset):
-    xy = in_front(camera, distance, side)
-
-    def box(values):
-        return one_box(values[:7], values[7:9], values[9], values[10])
-
-    values = np.concatenate([camera, xy, [height, offset]])
-    steps = 1e-6 * np.eye(11)
-    numeric = np.stack([(box(values + d) - box(values - d)) / 2e-6 for d in steps], -1)
-    predicted, by_camera, by_person, by_offset = box_jacobian(
-        camera[None], xy[None], np.array([height]), offset
-    )
-    analytic = np.concatenate([by_camera[0], by_person[0], by_offset[0][:, None]], -1)
-    np.testing.assert_allclose(predicted[0], box(values), rtol=1e-9, atol=1e-6)
-    np.testing.assert_allclose(analytic, numeric, rtol=1e-5, atol=1e-3)
 
 
 @given(cameras, floats(6, 15), floats(-2, 2))
@@ -177,7 +159,7 @@ def exact_boxes(seed, count=60):
     rng = np.random.default_rng(seed)
     xy, height = rng.uniform(-3, 3, (count, 2)), rng.normal(1.7, 0.05, count)
     person, camera = (a.ravel() for a in np.indices((count, 3)))
-    box = box_jacobian(RIG[camera], xy[person], height[person], SETTINGS.foot_offset)[0]
+    box = boxes_of_rows(RIG[camera], xy[person], height[person], SETTINGS.foot_offset)
     return xy, height, BoxMeasurements(person, camera, box, np.full(box.shape, 1.0))
 
 

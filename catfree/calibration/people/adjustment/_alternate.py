@@ -103,7 +103,7 @@ def alternate(
             iterations=iterations,
         )
         parameters = np.where(np.isfinite(bundle.parameters), bundle.parameters, state.parameters)
-        state = RigState(parameters, state.placed, bundle.foot_offset, limited.range_tolerance)
+        state = replace(limited, parameters=parameters)
     if bundle is None or people is None:
         cameras = ", ".join(str(c) for c in np.flatnonzero(state.placed))
         raise CalibrationError(

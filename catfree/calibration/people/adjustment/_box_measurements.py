@@ -29,28 +29,8 @@ class KnownCameras:
 
     Attributes:
         parameters: (C, 7) its mean.
-        precision: (7,) inverse variances in parameter order; 0 is uninformative.
+        precision: (C, 7) inverse variances; 0 is uninformative.
     """
 
     parameters: Float[np.ndarray, "cam 7"]
-    precision: Float[np.ndarray, "7"]
-
-
-@dataclass(frozen=True)
-class Linearized:
-    """Boxes linearized at a state.
-
-    Attributes:
-        residual: (n, 3) standardized.
-        weight: (n, 3) robust weights.
-        by_common: (n, 3, 8) derivatives with respect to camera and foot offset, standardized.
-        by_person: (n, 3, 3) derivatives with respect to the person's position and height,
-            standardized.
-        cost: robust cost including all priors.
-    """
-
-    residual: Float[np.ndarray, "n 3"]
-    weight: Float[np.ndarray, "n 3"]
-    by_common: Float[np.ndarray, "n 3 8"]
-    by_person: Float[np.ndarray, "n 3 3"]
-    cost: float
+    precision: Float[np.ndarray, "cam 7"]

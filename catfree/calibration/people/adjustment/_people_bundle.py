@@ -1,20 +1,53 @@
-"""Bundle adjustment of cameras and people from boxes, with the people eliminated (Schur).
+"""Bundle adjustment of cameras and people from boxes.
 
-The unknowns are all cameras, the common foot offset, and the position and height of every person in
-every frame. With one robust weight per box edge, a truncated box loses only its wrong edge. The
-prior on person heights fixes the scale, the ground is z = 0, and the heading and position of one
-camera fix the rest of the gauge.
+The unknowns are all cameras and the position and height of every person in every frame. With one
+robust weight per box edge, a truncated box loses only its wrong edge. The prior on person heights
+fixes the scale, the ground is z = 0, and the heading and position of one camera fix the rest of the
+gauge.
 """
 
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
-from catfree.calibration.people.adjustment._normal_equations import NormalEquations
-from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, X, Z
+from catfree.calibration.people.cameras._camera_model import (
+    LOG_FOCAL,
+    PAN,
+    ROLL,
+    TILT,
+    X,
+    Z,
+    predict_boxes,
+    projection,
+)
+from catfree.geometry._buckets import coarse_length, padded
+from catfree.geometry._least_squares import (
+    NormalEquations,
+    Residuals,
+    SchurLevenbergMarquardt,
+    Unknowns,
+    cauchy,
+    minimize,
+    robust,
+)
+from catfree.geometry._person import box_edges
 from catfree.settings import CalibrationSettings
+
+CAUCHY = 2.0  # standard deviations at which the weight of a residual is 1/2
+CONVERGED = 1e-4  # relative decrease of the cost that ends the iteration
+GAUGE_SD = 1e-5  # meters and radians; of the camera that fixes the gauge
+STEEPEST_TILT = 1.5  # radians; at a right angle, heading and roll are the same
+CAMERA_HEIGHTS = (0.3, 80.0)  # meters
+# People are padded to this number times a power of 3: most adjustments are of one pair of cameras,
+# or of as many people as are used at most. Cameras are padded to a multiple of theirs.
+PEOPLE_BLOCK = 1360
+CAMERA_BLOCK = 4
 
 
 @dataclass(frozen=True)
@@ -23,18 +56,18 @@ class BundleResult:
 
     Attributes:
         parameters: (C, 7) cameras, NaN for cameras without boxes.
-        foot_offset: meters.
         xy: (P, 2) people in meters.
         height: (P,) their heights in meters.
         cost: robust cost.
         residual: median absolute standardized residual.
         camera_residual: (C,) the same per camera, NaN for cameras without boxes.
         sightings: (C,) number of boxes used per camera.
-        covariance: (7C+1, 7C+1) of cameras and foot offset; zero for fixed parameters.
+        covariance: (7C+1, 7C+1) of cameras and foot offset; zero for cameras without boxes. Boxes
+            seem to determine the offset to centimeters, but lens, occlusion and slack bias it by
+            more, so it is held and keeps its prior uncertainty.
     """
 
     parameters: Float[np.ndarray, "cam 7"]
-    foot_offset: float
     xy: Float[np.ndarray, "person 2"]
     height: Float[np.ndarray, " person"]
     cost: float
@@ -55,6 +88,84 @@ class BundleResult:
         return self.covariance[index[:, :, None], index[:, None, :]]
 
 
+class _Boxes(NamedTuple):
+    """What the residuals are computed from.
+
+    Attributes:
+        box: (C, P, 3) measured edges.
+        precision: (C, P, 3) inverse standard deviations, 0 where there is no box.
+        used: (C,) whether the camera has boxes.
+        mean: (C, 7) of the prior on the cameras.
+        camera_precision: (C, 7) inverse standard deviations of that prior.
+        focal_precision: () inverse standard deviation of log focal lengths from their mean.
+        height: () mean of the prior on heights in meters.
+        height_precision: (P,) its inverse standard deviation, 0 for absent people.
+    """
+
+    box: Float[Array, "cam person 3"]
+    precision: Float[Array, "cam person 3"]
+    used: Bool[Array, " cam"]
+    mean: Float[Array, "cam 7"]
+    camera_precision: Float[Array, "cam 7"]
+    focal_precision: Float[Array, ""]
+    height: Float[Array, ""]
+    height_precision: Float[Array, " person"]
+
+
+def camera_prior(
+    cameras: Float[Array, "cam 7"],
+    mean: Float[Array, "cam 7"],
+    precision: Float[Array, "cam 7"],
+) -> Float[Array, " prior"]:
+    """Residuals of a prior on cameras, infinite for those that no rig can have.
+
+    Args:
+        cameras: (C, 7) cameras.
+        mean: (C, 7) of the prior; angles are compared modulo a whole turn.
+        precision: (C, 7) inverse standard deviations; all 0 for an absent camera.
+    """
+    away = cameras - mean
+    turned = (away[:, ROLL : PAN + 1] + jnp.pi) % (2 * jnp.pi) - jnp.pi
+    away = away.at[:, ROLL : PAN + 1].set(turned)
+    low, high = CAMERA_HEIGHTS
+    tilt, z = jnp.abs(cameras[:, TILT]), cameras[:, Z]
+    impossible = (tilt > STEEPEST_TILT) | (z < low) | (z > high)
+    impossible &= jnp.any(precision > 0, axis=1)
+    return jnp.where(impossible[:, None], jnp.inf, away * precision).ravel()
+
+
+def _problem(
+    unknowns: Unknowns, args: tuple[Float[Array, "1"], _Boxes]
+) -> tuple[Residuals, Residuals]:
+    """Residuals of cameras (C, 7) and people (P, 3), given the foot offset and the boxes."""
+    cameras, (foot_offset, boxes) = unknowns.view, args
+    edges = jax.vmap(box_edges, (None, None, 0, None))
+    edges = jax.vmap(edges, (0, 0, None, None))
+    box = edges(jax.vmap(projection)(cameras), cameras[:, X:Z], unknowns.block, foot_offset[0])
+    log_focal = cameras[:, LOG_FOCAL]
+    mean = jnp.mean(log_focal, where=boxes.used)
+    apart = jnp.where(boxes.used, (log_focal - mean) * boxes.focal_precision, 0.0)
+    residuals = Residuals(
+        ((box - boxes.box) * boxes.precision)[..., None],
+        jnp.append(camera_prior(cameras, boxes.mean, boxes.camera_precision), apart),
+        ((unknowns.block[:, 2] - boxes.height) * boxes.height_precision)[:, None],
+    )
+    return robust(residuals, partial(cauchy, width=CAUCHY))
+
+
+@jax.jit
+def _solve(
+    start: Unknowns, foot_offset: Array, foot_offset_sd: Array, boxes: _Boxes, most_steps: Array
+) -> tuple[Unknowns, Array, Array]:
+    """The adjusted unknowns, their cost, and the covariance of cameras and foot offset."""
+    args = foot_offset[None], boxes
+    solver = SchurLevenbergMarquardt(CONVERGED, 0.0, most_steps=most_steps)
+    solution = minimize(_problem, start, args, solver)
+    equations: NormalEquations = solution.stats["equations"]
+    covariance = equations.covariance(jnp.square(foot_offset_sd)[None, None])
+    return solution.value, solution.stats["cost"], covariance
+
+
 def adjust(
     measurements: BoxMeasurements,
     parameters: Float[np.ndarray, "cam 7"],
@@ -68,54 +179,95 @@ def adjust(
     iterations: int = 15,
     known: KnownCameras | None = None,
 ) -> BundleResult:
-    """Adjust cameras, foot offset and people together.
+    """Adjust cameras and people together.
 
     Args:
         measurements: the boxes.
         parameters: (C, 7) initial cameras.
         xy: (P, 2) initial people in meters.
         height: (P,) their initial heights in meters.
-        foot_offset: initial foot offset in meters.
+        foot_offset: foot offset in meters.
         log_focal_prior: (C,) mean of the weak prior on log focal length.
         settings: constants.
         shared_focal: whether all cameras have one focal length.
         iterations: maximum number of steps.
-        known: prior on the cameras; if None, heading and position of one camera are fixed.
+        known: prior on the cameras; if None, weak priors on focal length and roll, and the heading
+            and position of one camera are fixed.
     """
-    problem = NormalEquations(
-        measurements, len(parameters), len(xy), log_focal_prior, settings, shared_focal, known
-    )
-    state = (parameters.copy(), foot_offset, xy.copy(), height.copy())
-    linear = problem.linearize(*state)
-    damping = 1e-3
-    for _ in range(iterations):
-        trial = problem.step(linear, *state, damping)
-        if trial is None:
-            damping *= 10
-            continue
-        proposed = problem.linearize(*trial)
-        if proposed.cost < linear.cost:
-            converged = linear.cost - proposed.cost < 1e-4 * linear.cost
-            state, linear = trial, proposed
-            damping = max(damping / 5, 1e-8)
-            if converged:
-                break
-        else:
-            damping *= 10
-            if damping > 1e6:
-                break
-    out = np.where(problem.used[:, None], state[0], np.nan)
+    data, people, cameras = measurements, len(xy), len(parameters)
+    sightings = np.bincount(data.camera, minlength=cameras)
+    used = sightings > 0
+    if known is None:
+        known = _weak_prior(parameters, int(np.argmax(sightings)), log_focal_prior, settings)
+    boxes, precision = (np.zeros((cameras, people, 3)) for _ in range(2))
+    boxes[data.camera, data.person], precision[data.camera, data.person] = data.box, 1 / data.sd
+    P, C = coarse_length(people, PEOPLE_BLOCK, 3), cameras + -cameras % CAMERA_BLOCK
+    shown = np.where(used[:, None], parameters, 0.0)
+    with jax.enable_x64(True):
+        found, cost, covariance = jax.tree.map(
+            np.asarray,
+            _solve(
+                Unknowns(padded(shown, C), padded(np.column_stack([xy, height]), P)),
+                jnp.asarray(foot_offset),
+                jnp.asarray(settings.foot_offset_sd),
+                _Boxes(
+                    box=padded(boxes, C, P),
+                    precision=padded(precision, C, P),
+                    used=padded(used, C),
+                    mean=padded(known.parameters, C),
+                    camera_precision=padded(np.sqrt(known.precision) * used[:, None], C),
+                    focal_precision=jnp.asarray(shared_focal / settings.shared_focal_sd),
+                    height=jnp.asarray(settings.apparent_height),
+                    height_precision=padded(np.full(people, 1 / settings.person_height_sd), P),
+                ),
+                jnp.asarray(iterations, jnp.int32),
+            ),
+        )
+    kept = np.append(np.repeat(used, 7), True)
+    index = np.append(np.arange(7 * cameras), len(covariance) - 1)
+    person = found.block[:people]
+    view = found.view[:cameras]
+    residual = _residuals(data, view, person, foot_offset)
     return BundleResult(
-        out,
-        state[1],
-        state[2],
-        state[3],
-        linear.cost,
-        float(np.median(np.abs(linear.residual))) if linear.residual.size else 0.0,
-        np.array([_median_size(linear.residual[rows]) for rows in problem.rows]),
-        np.array([len(rows) for rows in problem.rows]),
-        problem.covariance(linear, *state),
+        np.where(used[:, None], view, np.nan),
+        person[:, :2],
+        person[:, 2],
+        float(cost),
+        _median_size(residual),
+        np.array([_median_size(residual[data.camera == c]) for c in range(cameras)]),
+        sightings,
+        covariance[np.ix_(index, index)] * np.outer(kept, kept),
     )
+
+
+def _weak_prior(
+    parameters: Float[np.ndarray, "cam 7"],
+    anchor: int,
+    log_focal: Float[np.ndarray, " cam"],
+    settings: CalibrationSettings,
+) -> KnownCameras:
+    """Prior on focal lengths and rolls, with the heading and position of one camera fixed."""
+    mean, precision = np.zeros(parameters.shape), np.zeros(parameters.shape)
+    mean[:, LOG_FOCAL], mean[anchor, PAN:Z] = log_focal, parameters[anchor, PAN:Z]
+    precision[:, LOG_FOCAL], precision[:, ROLL] = settings.focal_log_sd**-2, settings.roll_sd**-2
+    precision[anchor, PAN:Z] = GAUGE_SD**-2
+    return KnownCameras(mean, precision)
+
+
+def _residuals(
+    data: BoxMeasurements,
+    cameras: Float[np.ndarray, "cam 7"],
+    people: Float[np.ndarray, "person 3"],
+    foot_offset: float,
+) -> Float[np.ndarray, "n 3"]:
+    """Standardized residuals of all boxes."""
+    out = np.zeros(data.box.shape)
+    for camera in np.unique(data.camera):
+        rows = data.camera == camera
+        person = people[data.person[rows]]
+        box, _ = predict_boxes(cameras[camera], person[:, :2], person[:, 2], foot_offset)
+        out[rows] = (data.box[rows] - box) / data.sd[rows]
+    return out
 
 
 def focal_lengths_differ(

@@ -4,19 +4,35 @@ A placement from voting has the errors of a single view (a degree, a tenth of th
 correct placements look wrong. Every candidate is therefore refined before it is judged.
 """
 
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from catfree.calibration.people._box_grid import BoxGrid
-from catfree.calibration.people.adjustment._normal_equations import CAUCHY
-from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, TILT, Z, box_jacobian
+from catfree.calibration.people.adjustment._people_bundle import CAUCHY, CONVERGED, camera_prior
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, X, Z, projection
 from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
 from catfree.calibration.people.matching._mutual_nearest import mutual_nearest, squared_distances
+from catfree.geometry._buckets import coarse_length, padded
+from catfree.geometry._least_squares import (
+    Residuals,
+    SchurLevenbergMarquardt,
+    Unknowns,
+    cauchy,
+    minimize,
+    robust,
+)
+from catfree.geometry._person import box_edges
 from catfree.settings import CalibrationSettings
 
 TOLERANCES = (0.10, 0.06, 0.03)  # fraction of the range, decreasing as the camera converges
 PASSES = 2
 FEWEST_MATCHES = 6
+MATCHES_BLOCK = 1024  # matches are padded to this number, or to a power of four times it
 
 
 def resect(
@@ -119,46 +135,76 @@ def fit_camera(
     Returns:
         (7,) the parameters with the smallest cost.
     """
-    mean = np.zeros(7)
-    mean[LOG_FOCAL] = log_focal[0]
-    precision = np.zeros(7)
-    precision[LOG_FOCAL], precision[ROLL] = log_focal[1] ** -2, settings.roll_sd**-2
-    parameters, damping = start, 1e-3
-    box, by_camera, by_person, _ = box_jacobian(
-        np.broadcast_to(parameters, (len(xy), 7)), xy, height, foot_offset
+    n = coarse_length(len(xy), MATCHES_BLOCK)
+    mean, precision = np.zeros((1, 7)), np.zeros((1, 7))
+    mean[0, LOG_FOCAL] = log_focal[0]
+    precision[0, LOG_FOCAL], precision[0, ROLL] = 1 / log_focal[1], 1 / settings.roll_sd
+    with jax.enable_x64(True):
+        fitted = _fit(
+            jnp.asarray(start[None]),
+            padded(np.column_stack([xy, height]), n),
+            padded(measured, n),
+            padded(1 / sd**2, n),
+            padded(covariance, n),
+            jnp.asarray(foot_offset),
+            jnp.asarray(mean),
+            jnp.asarray(precision),
+            jnp.asarray(iterations, jnp.int32),
+        )
+        return np.asarray(fitted)[0]
+
+
+class _Matches(NamedTuple):
+    """Boxes (n, 3), their inverse deviations and their people (n, 3), and the camera's prior."""
+
+    box: Float[Array, "n 3"]
+    precision: Float[Array, "n 3"]
+    people: Float[Array, "n 3"]
+    foot_offset: Float[Array, ""]
+    mean: Float[Array, "1 7"]
+    camera_precision: Float[Array, "1 7"]
+
+
+def _edges(
+    camera: Float[Array, "7"], people: Float[Array, "n 3"], foot_offset: Float[Array, ""]
+) -> Float[Array, "n 3"]:
+    shown = jax.vmap(box_edges, (None, None, 0, None))
+    return shown(projection(camera), camera[X:Z], people, foot_offset)
+
+
+def _problem(
+    unknowns: Unknowns, args: tuple[Float[Array, "0"], _Matches]
+) -> tuple[Residuals, Residuals]:
+    """Residuals of one camera (1, 7); the people are given."""
+    matches = args[1]
+    box = _edges(unknowns.view[0], matches.people, matches.foot_offset)
+    residuals = Residuals(
+        ((box - matches.box) * matches.precision)[None, :, :, None],
+        camera_prior(unknowns.view, matches.mean, matches.camera_precision),
+        unknowns.block,
     )
+    return robust(residuals, partial(cauchy, width=CAUCHY))
+
+
+@jax.jit
+def _fit(
+    start: Float[Array, "1 7"],
+    people: Float[Array, "n 3"],
+    box: Float[Array, "n 3"],
+    information: Float[Array, " n"],
+    covariance: Float[Array, "n 3 3"],
+    foot_offset: Float[Array, ""],
+    mean: Float[Array, "1 7"],
+    camera_precision: Float[Array, "1 7"],
+    most_steps: Array,
+) -> Float[Array, "1 7"]:
+    """The camera with the smallest cost; boxes without information are absent."""
+    by_person = jax.vmap(jax.jacfwd(lambda p: _edges(start[0], p[None], foot_offset)[0]))(people)
     # The uncertainty of the people adds to the noise.
-    noise = np.sqrt(
-        sd[:, None] ** 2 + np.einsum("nij,njk,nik->ni", by_person, covariance, by_person)
-    )
-
-    def cost_of(box: Float[np.ndarray, "n 3"], parameters: Float[np.ndarray, "7"]) -> float:
-        residual = (measured - box) / noise / CAUCHY
-        prior = float(precision @ (parameters - mean) ** 2)
-        return CAUCHY**2 * float(np.log1p(residual**2).sum()) + prior
-
-    cost = cost_of(box, parameters)
-    for _ in range(iterations):
-        residual = (measured - box) / noise
-        weight = 1 / (1 + (residual / CAUCHY) ** 2)
-        design = by_camera / noise[..., None]
-        normal = np.einsum("nri,nr,nrj->ij", design, weight, design) + np.diag(precision)
-        target = np.einsum("nri,nr,nr->i", design, weight, residual)
-        target -= precision * (parameters - mean)
-        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-9), target)
-        trial = parameters + step
-        if abs(trial[TILT]) > 1.5 or trial[Z] < 0.3 or abs(step[LOG_FOCAL]) > 1:
-            damping *= 10
-            continue
-        proposed = box_jacobian(np.broadcast_to(trial, (len(xy), 7)), xy, height, foot_offset)
-        new_cost = cost_of(proposed[0], trial)
-        if new_cost < cost:
-            converged = cost - new_cost < 1e-4 * cost
-            parameters, cost = trial, new_cost
-            box, by_camera = proposed[:2]
-            damping = max(damping / 5, 1e-7)
-            if converged:
-                break
-        else:
-            damping *= 10
-    return parameters
+    spread = jnp.einsum("nij,njk,nik->ni", by_person, covariance, by_person)
+    precision = jnp.sqrt(information[:, None] / (1 + information[:, None] * spread))
+    matches = _Matches(box, precision, people, foot_offset, mean, camera_precision)
+    unknowns = Unknowns(start, jnp.zeros((len(people), 0), start.dtype))
+    args = jnp.zeros(0, start.dtype), matches
+    solver = SchurLevenbergMarquardt(CONVERGED, 0.0, most_steps=most_steps)
+    return minimize(_problem, unknowns, args, solver).value.view

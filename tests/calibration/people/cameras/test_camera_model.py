@@ -1,8 +1,10 @@
 """A camera in seven numbers: which way they turn it, and what no picture can tell.
 
-Finite differences and the way through matrices are in `test_pedestrian_geometry`.
+The way through matrices is in `test_people_geometry`.
 """
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -11,13 +13,14 @@ from catfree.calibration.people.cameras._camera_model import (
     PAN,
     X,
     Z,
-    box_jacobian,
     from_matrices,
     predict_boxes,
     project,
+    projection,
     rotation,
     to_matrices,
 )
+from catfree.geometry._person import box_edges
 
 LEVEL = np.array([7.0, 0, 0, 0, 0, 0, 3.0])
 
@@ -73,10 +76,29 @@ def test_rotations_are_rotations_and_depth_is_along_the_axis(seed):
         assert depth == pytest.approx(rotation(c)[2] @ (np.append(p, h) - c[X:]))
 
 
+@jax.jit
+@jax.vmap
+def predicted(camera, person, offset):
+    return box_edges(projection(camera), camera[X:Z], person, offset)
+
+
+@jax.jit
+@jax.vmap
+def derivatives(camera, person, offset):
+    """Of the box of a person, with respect to camera, person and foot offset."""
+
+    def box(camera, person, offset):
+        return box_edges(projection(camera), camera[X:Z], person, offset)
+
+    return jax.jacfwd(box, (0, 1, 2))(camera, person, offset)
+
+
 @given(seeds, st.floats(0, 0.3))
-def test_what_moves_cameras_and_people_together_moves_no_box(seed, offset):
+def test_what_moves_cameras_and_people_together_moves_no_box(x64, seed, offset):
     camera, xy, height = drawn(seed)
-    box, by_camera, by_person, by_offset = box_jacobian(camera, xy, height, offset)
+    person, offsets = np.column_stack([xy, height]), np.full(len(xy), offset)
+    box = np.asarray(predicted(camera, person, offsets))
+    by_camera, by_person, by_offset = map(np.asarray, derivatives(camera, person, offsets))
     size = np.abs(by_person).max()
     shift = by_camera[..., X:Z] + by_person[..., :2]
     np.testing.assert_allclose(shift, 0, atol=1e-9 * size)
@@ -91,7 +113,7 @@ def test_what_moves_cameras_and_people_together_moves_no_box(seed, offset):
     # So does growth of all lengths, the foot offset among them.
     growth = (
         np.einsum("nij,nj->ni", by_camera[..., X:], camera[:, X:])
-        + np.einsum("nij,nj->ni", by_person, np.column_stack([xy, height]))
+        + np.einsum("nij,nj->ni", by_person, person)
         + offset * by_offset
     )
     np.testing.assert_allclose(growth, 0, atol=1e-8 * size)
@@ -100,25 +122,23 @@ def test_what_moves_cameras_and_people_together_moves_no_box(seed, offset):
 
 
 @given(seeds, st.floats(0, 0.3))
-def test_every_row_is_for_itself(seed, offset):
+def test_boxes_are_those_of_the_person_model(x64, seed, offset):
     camera, xy, height = drawn(seed)
-    together = box_jacobian(camera, xy, height, offset)
-    for i in range(len(camera)):
-        alone = box_jacobian(camera[i : i + 1], xy[i : i + 1], height[i : i + 1], offset)
-        for all_, one in zip(together, alone, strict=True):
-            np.testing.assert_allclose(all_[i], one[0], rtol=1e-9, atol=1e-9)
-        predicted, front = predict_boxes(camera[i], xy[i : i + 1], height[i : i + 1], offset)
+    expected = predicted(camera, np.column_stack([xy, height]), np.full(len(xy), offset))
+    for c, p, h, box in zip(camera, xy, height, expected, strict=True):
+        found, front = predict_boxes(c, p[None], h[None], offset)
         assert front.all()
-        np.testing.assert_allclose(predicted[0], together[0][i], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(found[0], box, rtol=1e-9, atol=1e-9)
 
 
 @given(seeds)
-def test_under_and_behind_a_camera_everything_is_finite(seed):
+def test_under_and_behind_a_camera_everything_is_finite(x64, seed):
     camera, xy, height = drawn(seed)
     behind = 2 * camera[:, X:Z] - xy
     for place in (camera[:, X:Z], behind, camera[:, X:Z] + [0, 1e-9]):
-        for part in box_jacobian(camera, place, height, 0.15):
-            assert np.isfinite(part).all()
+        person = np.column_stack([place, height])
+        for part in derivatives(camera, person, np.full(len(place), 0.15)):
+            assert jnp.isfinite(part).all()
         for c, p, h in zip(camera, place, height, strict=True):
             box, front = predict_boxes(c, p[None], h[None], 0.15)
             assert np.isfinite(box).all()

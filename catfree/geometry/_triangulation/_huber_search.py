@@ -8,7 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from catfree.geometry._arrays import epsilon
-from catfree.geometry._ray_distances import (
+from catfree.geometry._symmetric3 import Vector
+from catfree.geometry._triangulation._ray_distances import (
     Rays,
     batch_last,
     dot,
@@ -20,7 +21,6 @@ from catfree.geometry._ray_distances import (
     residuals_of,
     solve_regularized,
 )
-from catfree.geometry._symmetric3 import Vector
 
 # Bounds the work: over half a million random problems of 2 to 7 rays with up to 30 % wrong ones,
 # the mean was at most 9 steps and the largest number 31.

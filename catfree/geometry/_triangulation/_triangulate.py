@@ -16,8 +16,8 @@ from jaxtyping import Array, Bool, Float, Real
 
 from catfree.geometry import _symmetric3 as symmetric3
 from catfree.geometry._arrays import Scalar, float_arrays
-from catfree.geometry._huber_search import Fit, search_minimizer
-from catfree.geometry._ray_distances import (
+from catfree.geometry._triangulation._huber_search import Fit, search_minimizer
+from catfree.geometry._triangulation._ray_distances import (
     Rays,
     batch_last,
     entries,

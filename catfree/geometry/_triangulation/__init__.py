@@ -1,0 +1,1 @@
+"""Triangulation of a point from many rays, some of them wrong."""

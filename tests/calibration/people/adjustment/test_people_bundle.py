@@ -1,0 +1,162 @@
+"""Bundle adjustment of people: its minimum and covariance are those of the full, dense problem."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from catfree.calibration.people.adjustment import _people_bundle
+from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
+from catfree.calibration.people.adjustment._people_bundle import CAUCHY, adjust
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, PAN, ROLL, Z
+from catfree.settings import CalibrationSettings
+from tests.calibration.people.boxes_of_rows import boxes_of_rows
+
+RULES = CalibrationSettings()
+CAMERAS, PEOPLE = 4, 12
+PRIOR = np.full(CAMERAS, 7.0)
+OFFSET = 0.15
+
+
+def drawn(seed, *, known, count=PEOPLE):
+    """Boxes of people around whom cameras stand, the true state, and a prior or None.
+
+    The last camera sees nobody.
+    """
+    rng = np.random.default_rng(seed)
+    angle = np.arange(CAMERAS) * np.pi / 2
+    place = np.stack([9 * np.cos(angle), 9 * np.sin(angle), np.full(CAMERAS, 4.0)], -1)
+    parameters = np.column_stack(
+        [np.full((CAMERAS, 3), [7.0, 0.4, 0.02]), angle + np.pi / 2, place]
+    )
+    there = rng.random((count, CAMERAS)) < 0.9
+    there[:, :2] = True
+    there[:, 3] = False
+    person, camera = np.nonzero(there)
+    xy, height = rng.uniform(-3, 3, (count, 2)), rng.normal(1.7, 0.05, count)
+    box = boxes_of_rows(parameters[camera], xy[person], height[person], OFFSET)
+    sd = rng.uniform(2, 5, box.shape)
+    data = BoxMeasurements(person, camera, box + sd * rng.standard_normal(box.shape), sd)
+    precision = np.tile([9.0, 99, 50, 30, 4, 4, 4], (CAMERAS, 1))
+    prior = KnownCameras(parameters + 0.01, precision)
+    return data, (parameters, xy, height), prior if known else None
+
+
+def adjusted(data, state, known, *, shared=False, iterations=200):
+    return adjust(
+        data, *state, OFFSET, PRIOR, RULES, shared_focal=shared, iterations=iterations, known=known
+    )
+
+
+def full_problem(data, state, known, shared):
+    """Weighted residuals of all boxes and priors as a function of a change of all unknowns."""
+    cameras, xy, height = state
+    used = np.unique(data.camera)
+    anchor = np.argmax(np.bincount(data.camera))
+
+    def residuals(change, weights):
+        moved = cameras + change[: cameras.size].reshape(-1, 7)
+        people = change[cameras.size + 1 :].reshape(-1, 3)
+        place, tall = xy + people[:, :2], height + people[:, 2]
+        offset = OFFSET + change[cameras.size]
+        box = boxes_of_rows(moved[data.camera], place[data.person], tall[data.person], offset)
+        log_focal = moved[used, LOG_FOCAL]
+        rows = [
+            ((box - data.box) / data.sd * weights).ravel(),
+            (tall - RULES.apparent_height) / RULES.person_height_sd,
+        ]
+        if shared:
+            rows.append((log_focal - log_focal.mean()) / RULES.shared_focal_sd)
+        if known is None:
+            rows += [
+                (log_focal - PRIOR[used]) / RULES.focal_log_sd,
+                moved[used, ROLL] / RULES.roll_sd,
+                (moved - cameras)[anchor, PAN:Z] / _people_bundle.GAUGE_SD,
+            ]
+        else:
+            rows.append(((moved - known.parameters) * np.sqrt(known.precision))[used].ravel())
+        return np.concatenate(rows)
+
+    size = cameras.size + 1 + xy.size + height.size
+    raw = residuals(np.zeros(size), 1.0)[: data.box.size].reshape(-1, 3)
+    weights = 1 / np.sqrt(1 + (raw / CAUCHY) ** 2)
+    steps = 1e-6 * np.eye(size)
+    J = np.stack([(residuals(d, weights) - residuals(-d, weights)) / 2e-6 for d in steps], -1)
+    return J, residuals(np.zeros(size), weights)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("shared", "known"), [(False, False), (True, False), (False, True)])
+@settings(max_examples=3)
+@given(seed=st.integers(0, 10**6))
+def test_minimum_and_covariance_are_those_of_the_full_problem(seed, shared, known):
+    data, start, prior = drawn(seed, known=known)
+    found = adjusted(data, start, prior, shared=shared)
+    size = 7 * CAMERAS
+    assert np.isnan(found.parameters[3]).all()
+    state = np.where(np.isnan(found.parameters), start[0], found.parameters), found.xy, found.height
+    J, r = full_problem(data, state, prior, shared)
+    free = np.ones(J.shape[1], bool)
+    free[21 : size + 1] = False  # the camera without boxes, and the foot offset
+    inverse = np.zeros((J.shape[1],) * 2)
+    inverse[np.ix_(free, free)] = np.linalg.inv(J[:, free].T @ J[:, free])
+    deviation = np.sqrt(np.diag(inverse))
+    # The way to the minimum is short compared to the uncertainty.
+    assert np.all(np.abs(inverse @ J.T @ r) <= 0.1 * deviation)
+    by_offset = -inverse @ J.T @ J[:, size]
+    by_offset[size] = 1
+    expected = inverse + RULES.foot_offset_sd**2 * np.outer(by_offset, by_offset)
+    kept = slice(0, size + 1)
+    scale = np.sqrt(np.diag(expected)[kept]) + 1e-4
+    np.testing.assert_allclose(
+        found.covariance / np.outer(scale, scale),
+        expected[kept, kept] / np.outer(scale, scale),
+        atol=1e-2,
+    )
+
+
+@pytest.mark.slow
+@settings(max_examples=5)
+@given(st.integers(0, 10**6), st.floats(-1e4, 1e4))
+def test_an_edge_of_no_weight_is_absent(seed, error):
+    data, state, _ = drawn(seed, known=False)
+    silent = np.random.default_rng(seed).random(data.box.shape) < 0.2
+    results = [
+        adjusted(
+            dataclasses.replace(
+                data, box=data.box + wrong * silent, sd=np.where(silent, np.inf, data.sd)
+            ),
+            state,
+            None,
+            iterations=3,
+        )
+        for wrong in (0.0, error)
+    ]
+    np.testing.assert_allclose(results[0].parameters, results[1].parameters, rtol=1e-9)
+    np.testing.assert_allclose(results[0].xy, results[1].xy, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_one_focal_length_is_shared_by_all():
+    data, state, _ = drawn(3, known=False)
+    spread = [
+        np.nanstd(adjusted(data, state, None, shared=shared).parameters[:, LOG_FOCAL])
+        for shared in (True, False)
+    ]
+    assert spread[0] < RULES.shared_focal_sd < spread[1]
+
+
+@pytest.mark.slow
+def test_a_second_rig_of_like_size_needs_no_compilation():
+    adjusted(*drawn(1, known=False))
+    before = _people_bundle._solve._cache_size()
+    adjusted(*drawn(2, known=True, count=40), shared=True, iterations=7)
+    assert _people_bundle._solve._cache_size() == before
+
+
+def test_a_camera_that_no_rig_can_have_is_left_by_no_step():
+    data, (cameras, xy, height), _ = drawn(1, known=False)
+    far = KnownCameras(cameras + 200.0 * np.eye(7)[Z], np.full((CAMERAS, 7), 1e9))
+    found = adjusted(data, (cameras, xy, height), far)
+    assert np.nanmax(found.parameters[:, Z]) < _people_bundle.CAMERA_HEIGHTS[1]
