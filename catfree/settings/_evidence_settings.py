@@ -38,7 +38,8 @@ class EvidenceSettings:
         cover_limit: a hidden share beyond this adds no more noise.
         border_margin: share of the image width within which an edge counts as cut.
         side_cut_noise: center noise of a box cut at the side, half a body's width.
-        foot_outlier: share of bottom edges that are not at the feet at all.
+        foot_outlier: share of bottom edges that are not at the feet at all, so that neither place
+            nor height can be relied upon.
         newton_steps: Gauss-Newton steps of a single box; it converges in three or four.
         largest_sigma: a single view with a larger uncertainty, in H0, carries no information.
 

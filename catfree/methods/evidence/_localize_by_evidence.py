@@ -122,7 +122,7 @@ def describe(
     pace = unit / usual_step(s.boxes.frames)
     tracks = Tracks(
         frame=s.boxes.frames[trails.frame],
-        track_id=trails.track,
+        track_id=s.identity[rows],
         position=_on_plane(xy, scene),
         ground_xy=xy,
         sigma=np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2),
@@ -228,7 +228,7 @@ def clusters_of(solution: EvidenceSolution) -> Clusters:
     is_member = s.groups.member >= 0
     track = np.full(len(s.groups), -1)
     kept = np.flatnonzero(s.kept & (s.trails.group >= 0))
-    track[s.trails.group[kept]] = s.trails.track[kept]
+    track[s.trails.group[kept]] = s.identity[kept]
     rows = np.maximum(s.groups.member, 0)
     noise, used = (np.asarray(a)[rows] for a in (s.measurements.noise, s.measurements.used))
     return Clusters(

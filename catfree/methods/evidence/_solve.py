@@ -5,7 +5,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.special import expit
 
 from catfree.methods.evidence._gaussian import mean_and_covariance
@@ -26,6 +26,7 @@ from catfree.methods.evidence.report._shared_error import shared_covariance
 from catfree.methods.evidence.report._uneven_ground import ground_shift, with_uneven_ground
 from catfree.methods.evidence.report._working_area import in_working_area
 from catfree.methods.evidence.track._existence import Existence, judge_groups, misses, predict_views
+from catfree.methods.evidence.track._identities import World, identify
 from catfree.methods.evidence.track._presence import presence
 from catfree.methods.evidence.track._suppress_overlapping import suppress_overlapping_tracks
 from catfree.methods.evidence.track._tracking import Trails, estimate_motion, follow, unlinked
@@ -49,6 +50,7 @@ class EvidenceSolution(eqx.Module):
         suppressed: (M,) whether a better supported person is in the same place.
         outside: (M,) whether the position is outside the working area of the rig.
         kept: (M,) whether the row is reported.
+        identity: (M,) who it is, of reported rows; -1 of others.
         position_covariance: (M, 2, 2) with sway, uneven ground and pose errors, as reported.
     """
 
@@ -66,6 +68,7 @@ class EvidenceSolution(eqx.Module):
     suppressed: Bool[np.ndarray, " node"]
     outside: Bool[np.ndarray, " node"]
     kept: Bool[np.ndarray, " node"]
+    identity: Int[np.ndarray, " node"]
     position_covariance: Float[np.ndarray, "node 2 2"]
 
 
@@ -134,6 +137,7 @@ def _solve(
     passes = settings.passes if settings.track and len(time) > 1 else 0
     priors = None
     found: _Pass | None = None
+    motion, looks = None, None
     for index in range(max(passes, 1)):
         report("association", index, max(passes, 1))
         if found is not None:
@@ -165,7 +169,6 @@ def _solve(
         fewest = min(3, is_member.any(0).sum())  # of the cameras with any box
         sure = (is_member.sum(1) >= fewest) & (existence.log_odds > SURE_LOG_ODDS)
         motion = estimate_motion(state[sure, :2], groups.frame[sure], time)
-        looks = None
         if ratios is not None and settings.link_by_looks:
             looks = looks_of(ratios, groups.member)
         trails = follow(groups, existence.log_odds, time, motion, density, spread, settings, looks)
@@ -194,6 +197,11 @@ def _solve(
             trails.mean[rows, :3], predicted_views, views, noise, cameras, settings
         )
         outside[rows] = ~kept[rows]
+    identity = np.where(kept, trails.track, -1)
+    if motion is not None:
+        error = position_covariance - trails.covariance[:, :2, :2]
+        world = World(time, motion, density, spread, settings.foot_outlier, looks)
+        identity = identify(trails, kept, error, found.groups, world)
     # An error of the whole map does not change relative positions: it widens the reported
     # covariance and does not affect which positions are reported.
     if settings.pose_errors:
@@ -202,8 +210,8 @@ def _solve(
         )
     return EvidenceSolution(
         boxes=boxes, views=views, noise=noise, measurements=measured, kept=kept,
-        suppressed=suppressed, outside=outside, position_covariance=position_covariance,
-        **found._asdict(),
+        identity=identity, suppressed=suppressed, outside=outside,
+        position_covariance=position_covariance, **found._asdict(),
     )  # fmt: skip
 
 

@@ -203,10 +203,32 @@ class Looks(eqx.Module):
             (T, K), zero where the track or the group has no embedding.
         """
         new = self.count[groups]
-        track = total / np.maximum(count, 1)[:, None]
-        group = self.total[groups] / np.maximum(new, 1)[:, None]
-        known = (count > 0)[:, None] & (new > 0)[None]
-        ratio = self.weight * new[None] * self.likeness(1 - track @ group.T)
+        return self.compare(total, count, self.total[groups], new, new.astype(float))
+
+    def compare(
+        self,
+        total: Float[np.ndarray, "track dim"],
+        count: Int[np.ndarray, " track"],
+        other: Float[np.ndarray, "k dim"],
+        others: Int[np.ndarray, " k"],
+        new: Float[np.ndarray, " k"],
+    ) -> Float[np.ndarray, "track k"]:
+        """Log-likelihood ratio that two sets of boxes show one person rather than two.
+
+        Args:
+            total: (T, D) sum of the embeddings of the boxes of each set.
+            count: (T,) their number.
+            other: (K, D) the same of the sets to compare with.
+            others: (K,) their number.
+            new: (K,) for how many new boxes each of these counts.
+
+        Returns:
+            (T, K), zero where one of the two has no embedding.
+        """
+        one = total / np.maximum(count, 1)[:, None]
+        two = other / np.maximum(others, 1)[:, None]
+        known = (count > 0)[:, None] & (others > 0)[None]
+        ratio = self.weight * new[None] * self.likeness(1 - one @ two.T)
         return np.where(known, ratio, 0.0)
 
 

@@ -93,7 +93,8 @@ def estimate_motion(position: np.ndarray, frame: np.ndarray, time: np.ndarray) -
     return Motion(float(np.clip(speed, *SPEED_RANGE)), MEMORY)
 
 
-def _transition(motion: Motion, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def transition(motion: Motion, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Matrix (5, 5) and noise (5, 5) of y1, y2, H, v1, v2 over some usual steps."""
     decay = motion.memory**dt
     A = np.eye(5)
     A[0, 3] = A[1, 4] = dt
@@ -106,8 +107,26 @@ def _transition(motion: Motion, dt: float) -> tuple[np.ndarray, np.ndarray]:
     return A, Q
 
 
-def _link_gain(mean, covariance, info: Information, density, spread, gate):
-    """(T, K) log evidence that a group continues a track rather than being a new person."""
+def distances(
+    mean: Float[np.ndarray, "t 2"],
+    covariance: Float[np.ndarray, "t 2 2"],
+    center: Float[np.ndarray, "k 2"],
+    around: Float[np.ndarray, "k 2 2"],
+) -> tuple[Float[np.ndarray, "t k"], Float[np.ndarray, "t k"]]:
+    """Squared Mahalanobis distances between two sets of uncertain places, and |S| of each."""
+    d = mean[:, None] - center[None]
+    S = covariance[:, None] + around[None]
+    area = S[..., 0, 0] * S[..., 1, 1] - S[..., 0, 1] ** 2
+    form = S[..., 1, 1] * d[..., 0] ** 2 + S[..., 0, 0] * d[..., 1] ** 2
+    form -= 2 * S[..., 0, 1] * d[..., 0] * d[..., 1]
+    return form / area, area
+
+
+def _link_gain(mean, covariance, info: Information, alone, center, around, gate):
+    """(T, K) log evidence that a group continues a track rather than being a new person.
+
+    `alone` (K,), `center` (K, 3) and `around` (K, 3, 3) are what each group says without a track.
+    """
     precision = np.linalg.inv(covariance)
     pull = np.einsum("tij,tj->ti", precision, mean)
     matrix = precision[:, None] + info.matrix[None]
@@ -120,16 +139,8 @@ def _link_gain(mean, covariance, info: Information, density, spread, gate):
         - 0.5 * np.log(det)
         - 0.5 * (prior_form[:, None] + info.constant[None] - form)
     )
-    gain = value - log_evidence(info, density, spread)[None]
-    center, around = mean_and_covariance(info, spread)
-    d = mean[:, None, :2] - center[None, :, :2]
-    S = covariance[:, None, :2, :2] + around[None, :, :2, :2]
-    cross = S[..., 0, 0] * S[..., 1, 1] - S[..., 0, 1] ** 2
-    m2 = (
-        S[..., 1, 1] * d[..., 0] ** 2
-        - 2 * S[..., 0, 1] * d[..., 0] * d[..., 1]
-        + S[..., 0, 0] * d[..., 1] ** 2
-    ) / cross
+    gain = value - alone[None]
+    m2, _ = distances(mean[:, :2], covariance[:, :2, :2], center[:, :2], around[:, :2, :2])
     return np.where(m2 < gate, gain, -np.inf)
 
 
@@ -166,9 +177,11 @@ def follow(
         look, boxes = looks.total[:0], looks.count[:0]
     count = 0
     history = []
+    alone = log_evidence(groups.info, density, spread)
+    center, around = mean_and_covariance(groups.info, spread)
     for t in range(len(time)):
         if t:
-            A, Q = _transition(motion, float(time[t] - time[t - 1]))
+            A, Q = transition(motion, float(time[t] - time[t - 1]))
             mean, cov = mean @ A.T, A @ cov @ A.T + Q
         predicted = (mean, cov)
         candidates = np.arange(bounds[t], bounds[t + 1])
@@ -179,8 +192,8 @@ def follow(
             step = max(1, LINKS_AT_A_TIME // len(candidates))
             gain = np.concatenate([
                 _link_gain(
-                    mean[i : i + step, :3], cov[i : i + step, :3, :3], info, density, spread,
-                    settings.gate,
+                    mean[i : i + step, :3], cov[i : i + step, :3, :3], info,
+                    alone[candidates], center[candidates], around[candidates], settings.gate,
                 )
                 for i in range(0, len(track), step)
             ])  # fmt: skip
@@ -201,10 +214,10 @@ def follow(
             mean[hit] = np.einsum("tij,tj->ti", cov[hit], vector)
         gap = np.where(assigned >= 0, 0, gap + 1)
         fresh = np.setdiff1d(np.arange(len(candidates)), assigned)
-        m3, c3 = mean_and_covariance(info[fresh], spread)
-        new_mean = np.concatenate([m3, np.zeros((len(fresh), 2))], 1)
+        first = candidates[fresh]
+        new_mean = np.pad(center[first], ((0, 0), (0, 2)))
         new_cov = np.zeros((len(fresh), 5, 5))
-        new_cov[:, :3, :3] = c3
+        new_cov[:, :3, :3] = around[first]
         new_cov[:, 3, 3] = new_cov[:, 4, 4] = motion.speed**2
         linked = candidates[assigned] if len(candidates) else -1
         linked = np.where(assigned >= 0, linked, -1)
@@ -237,7 +250,7 @@ def _smooth(history, time, motion: Motion) -> Trails:
         track, group, mean, cov, _, _ = history[t]
         mean, cov = mean.copy(), cov.copy()
         if later is not None:
-            A, _ = _transition(motion, float(time[t + 1] - time[t]))
+            A, _ = transition(motion, float(time[t + 1] - time[t]))
             next_track, next_mean, next_cov = later
             _, rows_now, rows_next = np.intersect1d(track, next_track, return_indices=True)
             if len(rows_now):

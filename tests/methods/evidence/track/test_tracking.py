@@ -11,9 +11,9 @@ from catfree.methods.evidence._gaussian import Information, mean_and_covariance
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.track._tracking import (
     Motion,
-    _transition,
     estimate_motion,
     follow,
+    transition,
     unlinked,
 )
 from catfree.settings import EvidenceSettings
@@ -50,8 +50,8 @@ def test_a_step_is_that_of_a_velocity_that_fades_and_is_renewed(dt):
     block = scipy.linalg.expm(np.block([[-F, G], [np.zeros((2, 2)), F.T]]) * dt)
     exact_A = block[2:, 2:].T
     exact_Q = exact_A @ block[:2, 2:]
-    A, Q = _transition(motion, dt)
-    jitter = _transition(Motion(0.0, motion.memory), dt)[1]
+    A, Q = transition(motion, dt)
+    jitter = transition(Motion(0.0, motion.memory), dt)[1]
     for axis in (0, 1):
         both = np.ix_([axis, axis + 3], [axis, axis + 3])
         np.testing.assert_allclose(A[both], exact_A, rtol=1e-3)
@@ -75,7 +75,7 @@ def dense_solution(observed, time):
             matrix[at, at] += seen[0]
             vector[at] += seen[1]
         if t:
-            A, Q = _transition(MOTION, time[t] - time[t - 1])
+            A, Q = transition(MOTION, time[t] - time[t - 1])
             step = np.hstack([-A, np.eye(5)])
             both = slice(5 * t - 5, 5 * t + 5)
             matrix[both, both] += step.T @ np.linalg.solve(Q, step)
@@ -109,7 +109,7 @@ def test_a_smoothed_track_is_the_solution_of_all_its_moments_at_once(seed, frame
 def crowd(seed, people=6, frames=20, deviation=0.05, recall=0.9):
     """People drawn from the model, kept apart: who, the true place, and groups of those seen."""
     rng = np.random.default_rng(seed)
-    A, Q = _transition(MOTION, 1.0)
+    A, Q = transition(MOTION, 1.0)
     start = np.stack(np.meshgrid([0.0, 30, 60], [0.0, 30]), -1).reshape(-1, 2)[:people]
     height = 1 + SPREAD * rng.standard_normal(people)
     state = np.column_stack([start, height, MOTION.speed * rng.standard_normal((people, 2))])

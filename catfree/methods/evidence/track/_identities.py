@@ -1,0 +1,383 @@
+"""Decide who is who among the reported positions, from the past and the future of each instant.
+
+A chain is the positions of one identity. At each instant every chain has a past, which a Kalman
+filter sums up, and a future, which a filter backward in time sums up. How likely a future continues
+a past then follows from two Gaussians, and one assignment finds the best pairs of all pasts with
+all futures. This mends lost identities and exchanged ones alike. A sweep over all instants never
+lowers the evidence of the chains; sweeps are repeated until nothing changes, and before each one
+the rates at which people leave and hide are estimated from the chains.
+
+Positions are not changed.
+"""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.optimize import linear_sum_assignment
+
+from catfree.methods.evidence._gaussian import mean_and_covariance
+from catfree.methods.evidence.group._appearance import Looks
+from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.track._tracking import (
+    FEWEST_STEPS,
+    SPEED_RANGE,
+    Motion,
+    Trails,
+    distances,
+    transition,
+)
+
+SWEEPS = 4  # at most; two usually suffice
+HORIZON = 40  # frames between a past and a future that are compared
+HOPELESS = -10.0  # log evidence of the places alone below which they are not
+LAGS = 3  # of each of the two groups of lags from which the memory is estimated
+MEMORY_RANGE = (0.3, 0.99)  # a turn at every step; straight on for a hundred steps
+SUDDEN = 2.0  # people turn and stop at once: a filter follows if it forgets twice as fast
+
+
+class Habits(NamedTuple):
+    """How often people come, leave and hide, per person and frame.
+
+    Attributes:
+        leave: probability of leaving for good, and of being new.
+        hide: probability of not being reported in the next frame although present.
+        stay_hidden: probability that a hidden person is not reported in the next frame either.
+    """
+
+    leave: float
+    hide: float
+    stay_hidden: float
+
+    def surprise(self, hidden: Int[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        """Negative log probability of having been hidden for exactly so many frames."""
+        cost = -np.log(self.hide) - np.log1p(-self.stay_hidden)
+        return np.where(hidden > 0, cost - (hidden - 1) * np.log(self.stay_hidden), 0.0)
+
+
+class Nodes(NamedTuple):
+    """Reported positions, sorted by frame.
+
+    Attributes:
+        frame: (N,) frame index.
+        matrix: (N, 5, 5) information of y1, y2, H, v1, v2.
+        vector: (N, 5) the matrix times the measured state.
+        look: (N, D) sum of the embeddings of each position's boxes; D is 0 without looks.
+        boxes: (N,) number of these.
+    """
+
+    frame: Int[np.ndarray, " n"]
+    matrix: Float[np.ndarray, "n 5 5"]
+    vector: Float[np.ndarray, "n 5"]
+    look: Float[np.ndarray, "n dim"]
+    boxes: Int[np.ndarray, " n"]
+
+
+class World(NamedTuple):
+    """What is the same for all chains.
+
+    Attributes:
+        time: (F,) of each frame in usual steps.
+        motion: how people walk.
+        density: people per H0².
+        spread: of heights in H0.
+        misled: probability that the heights of one person do not agree.
+        looks: compares embeddings, or None.
+    """
+
+    time: Float[np.ndarray, " frame"]
+    motion: Motion
+    density: float
+    spread: float
+    misled: float
+    looks: Looks | None = None
+
+
+def identify(
+    trails: Trails,
+    reported: Bool[np.ndarray, " node"],
+    error: Float[np.ndarray, "node 2 2"],
+    groups: Groups,
+    world: World,
+) -> Int[np.ndarray, " node"]:
+    """Give each reported position an identity; no identity occurs twice in a frame.
+
+    Args:
+        trails: the tracks, whose identities are the start.
+        reported: (M,) which of their rows to use.
+        error: (M, 2, 2) covariance of the positions beyond that of the boxes, in H0².
+        groups: of the trails.
+        world: what is known of the sequence; its `motion` is used where the chains say too little.
+
+    Returns:
+        (M,) identity, -1 for rows that are not reported.
+    """
+    rows = np.flatnonzero(reported)
+    rows = rows[np.argsort(trails.frame[rows], kind="stable")]
+    names = np.full(len(trails), -1)
+    if len(rows) == 0:
+        return names
+    position, group = trails.mean[rows, :2], trails.group[rows]
+    seen, _ = mean_and_covariance(groups.info[group[group >= 0]], world.spread)
+    position[group >= 0] = seen[:, :2]
+    nodes = _nodes(trails, rows, error, groups, world.looks)
+    chain = np.unique(trails.track[rows], return_inverse=True)[1]
+    motion = estimate_walk(position, nodes.frame, chain, world.time, world.motion)
+    world = world._replace(motion=motion)
+    for _ in range(SWEEPS):
+        habits = estimate_habits(nodes.frame, chain, len(world.time))
+        new = sweep(nodes, chain, habits, world)
+        pairs = len(np.unique(np.stack([chain, new]), axis=1).T)
+        same = pairs == chain.max() + 1 == new.max() + 1
+        chain = new
+        if same:
+            break
+    names[rows] = chain
+    return names
+
+
+def _nodes(
+    trails: Trails,
+    rows: Int[np.ndarray, " n"],
+    error: Float[np.ndarray, "node 2 2"],
+    groups: Groups,
+    looks: Looks | None,
+) -> Nodes:
+    """The boxes of each row, or the smoothed state in a gap, widened by the error."""
+    group = trails.group[rows]
+    seen = group >= 0
+    small = np.linalg.inv(trails.covariance[rows, :3, :3])
+    small_vector = np.einsum("nij,nj->ni", small, trails.mean[rows, :3])
+    small[seen] = groups.info.matrix[group[seen]]
+    small_vector[seen] = groups.info.vector[group[seen]]
+    # (I⁻¹ + E)⁻¹ = (1 + I E)⁻¹ I, which needs no inverse of I: one view may leave it singular.
+    wider = np.eye(3) + small @ np.pad(error[rows], ((0, 0), (0, 1), (0, 1)))
+    matrix, vector = np.zeros((len(rows), 5, 5)), np.zeros((len(rows), 5))
+    matrix[:, :3, :3] = np.linalg.solve(wider, small)
+    vector[:, :3] = np.linalg.solve(wider, small_vector[..., None])[..., 0]
+    look, boxes = np.zeros((len(rows), 0)), np.zeros(len(rows), int)
+    if looks is not None:
+        look = np.where(seen[:, None], looks.total[group], 0.0)
+        boxes = np.where(seen, looks.count[group], 0)
+    return Nodes(trails.frame[rows], matrix, vector, look, boxes)
+
+
+def estimate_habits(
+    frame: Int[np.ndarray, " n"], chain: Int[np.ndarray, " n"], frames: int
+) -> Habits:
+    """Rates of the chains by Laplace's rule of succession.
+
+    Args:
+        frame: (N,) sorted frame indices.
+        chain: (N,) identities from 0.
+        frames: of the sequence; who is there at its beginning or end neither came nor left.
+    """
+    order = np.argsort(chain, kind="stable")
+    step = np.diff(frame[order])
+    same = np.diff(chain[order]) == 0
+    came = (frame[order][np.r_[True, ~same]] > 0).sum()
+    left = (frame[order][np.r_[~same, True]] < frames - 1).sum()
+    hidden = step[same] - 1
+    times, total, count = (hidden > 0).sum(), hidden.sum(), len(frame)
+    return Habits(
+        leave=(came + left + 2) / (2 * count + 4),
+        hide=(times + 1) / (count + 2),
+        stay_hidden=(total - times + 1) / (total + 2),
+    )
+
+
+def estimate_walk(
+    position: Float[np.ndarray, "n 2"],
+    frame: Int[np.ndarray, " n"],
+    chain: Int[np.ndarray, " n"],
+    time: Float[np.ndarray, " frame"],
+    usual: Motion,
+) -> Motion:
+    """Estimate speed and memory from products of the steps of one chain, a few frames apart.
+
+    The error of a position only enters neighboring steps, so products of steps further apart are
+    those of the velocity: speed² memory^lag. The memory is returned to the power of SUDDEN.
+
+    Args:
+        position: (N, 2) in H0.
+        frame: (N,) sorted frame indices.
+        chain: (N,) identities.
+        time: (F,) time of each frame in usual steps.
+        usual: the result if there are too few steps, or if they do not persist.
+    """
+    order = np.argsort(chain, kind="stable")
+    x, f = position[order], frame[order]
+    new = (np.diff(chain[order]) != 0) | (np.diff(f) != 1)
+    new |= np.abs(np.diff(time[f]) - 1) > 0.5
+    step = np.clip(np.diff(x, axis=0), -SPEED_RANGE[1], SPEED_RANGE[1])
+    run = np.where(new, -1, np.cumsum(new))
+    product, count = np.zeros(2), np.zeros(2)
+    for lag in range(2, 2 + 2 * LAGS):
+        together = (run[lag:] == run[:-lag]) & (run[lag:] >= 0)
+        late = int(lag >= 2 + LAGS)
+        product[late] += (step[lag:] * step[:-lag])[together].sum()
+        count[late] += 2 * together.sum()
+    if count.min() < FEWEST_STEPS or product.min() <= 0:
+        return usual
+    early, late = product / count
+    memory = float(np.clip((late / early) ** (1 / LAGS), *MEMORY_RANGE))
+    speed = np.sqrt(early / np.mean(memory ** np.arange(2, 2 + LAGS)))
+    return Motion(float(np.clip(speed, *SPEED_RANGE)), memory**SUDDEN)
+
+
+class _Futures(NamedTuple):
+    """Chains from one frame on: the chain of each, its information, and frames until it is seen."""
+
+    chain: Int[np.ndarray, " k"]
+    matrix: Float[np.ndarray, "k 5 5"]
+    vector: Float[np.ndarray, "k 5"]
+    wait: Int[np.ndarray, " k"]
+
+
+def _futures(
+    at: list[np.ndarray], nodes: Nodes, chain: np.ndarray, steps: list[tuple]
+) -> list[_Futures]:
+    """What each chain says of its person's state at each frame, from that frame on."""
+    place = np.full(chain.max() + 1, -1)
+    now = _Futures(np.zeros(0, int), np.zeros((0, 5, 5)), np.zeros((0, 5)), np.zeros(0, int))
+    found = []
+    for t in range(len(at) - 1, -1, -1):
+        name, matrix, vector, wait = now
+        if found:
+            A, Q = steps[t]
+            # Backward over x' = A x + noise: A' (L⁻¹ + Q)⁻¹ A, without an inverse of L.
+            loss = np.linalg.solve(np.eye(5) + matrix @ Q, np.eye(5))
+            matrix, vector = A.T @ loss @ matrix @ A, (loss @ vector[..., None])[..., 0] @ A
+            near = wait < HORIZON
+            name, matrix, vector, wait = name[near], matrix[near], vector[near], wait[near] + 1
+        here = at[t]
+        place[:] = -1
+        place[name] = np.arange(len(name))
+        old = place[chain[here]]
+        hit, fresh = here[old >= 0], here[old < 0]
+        old = old[old >= 0]
+        matrix[old] += nodes.matrix[hit]
+        vector[old] += nodes.vector[hit]
+        wait[old] = 0
+        now = _Futures(
+            np.concatenate([name, chain[fresh]]),
+            np.concatenate([matrix, nodes.matrix[fresh]]),
+            np.concatenate([vector, nodes.vector[fresh]]),
+            np.concatenate([wait, np.zeros(len(fresh), int)]),
+        )
+        found.append(now)
+    return found[::-1]
+
+
+def _of_known_and_any_height(
+    mean: np.ndarray, cov: np.ndarray, spread: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Information (2, T, 5, 5) and (2, T, 5): as it is, and of people of unknown height."""
+    mean, cov = np.stack([mean, mean]), np.stack([cov, cov])
+    mean[1, :, 2], cov[1, :, 2], cov[1, :, :, 2] = 1.0, 0.0, 0.0
+    cov[1, :, 2, 2] = spread**2
+    matrix = np.linalg.inv(cov)
+    return matrix, (matrix @ mean[..., None])[..., 0]
+
+
+def _form(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """(v' M⁻¹ v - log|M|) / 2."""
+    root = np.linalg.cholesky(matrix)
+    diagonal = np.diagonal(root, axis1=-2, axis2=-1)
+    white = np.zeros_like(vector)  # of the length that v has in the metric of the inverse
+    for k in range(vector.shape[-1]):
+        known = (root[..., k, :k] * white[..., :k]).sum(-1)
+        white[..., k] = (vector[..., k] - known) / diagonal[..., k]
+    return 0.5 * (white**2).sum(-1) - np.log(diagonal).sum(-1)
+
+
+def sweep(
+    nodes: Nodes, chain: Int[np.ndarray, " n"], habits: Habits, world: World
+) -> Int[np.ndarray, " n"]:
+    """Match pasts and futures once at every frame, in order of time.
+
+    Args:
+        nodes: the positions.
+        chain: (N,) identities from 0, none twice in a frame.
+        habits: rates of leaving and hiding.
+        world: what is the same for all chains.
+
+    Returns:
+        (N,) new identities from 0 in the order of their first positions.
+    """
+    bounds = np.searchsorted(nodes.frame, np.arange(len(world.time) + 1))
+    at = [np.arange(a, b) for a, b in pairwise(bounds)]
+    kinds = {dt: transition(world.motion, dt) for dt in set(np.diff(world.time).tolist())}
+    steps = [kinds[dt] for dt in np.diff(world.time).tolist()]
+    futures = _futures(at, nodes, chain, steps)
+    prior = np.diag([0.0, 0.0, world.spread**-2, *2 * [world.motion.speed**-2]])
+    pull = np.array([0.0, 0.0, world.spread**-2, 0.0, 0.0])
+    # Of the prior of a new person, and of leaving and coming instead of staying.
+    constant = np.log(2 * np.pi * world.density) - np.log(world.spread * world.motion.speed**2)
+    constant += 2 * np.log(habits.leave) - 0.5 / world.spread**2
+    mean, cov = np.zeros((0, 5)), np.zeros((0, 5, 5))
+    gap, name = np.zeros(0, int), np.zeros(0, int)
+    dim = nodes.look.shape[1]
+    look, boxes = np.zeros((0, dim)), np.zeros(0, int)
+    chains = chain.max() + 1
+    rest = np.zeros((chains, dim))  # of each chain's future: its looks, boxes, and seen positions
+    np.add.at(rest, chain, nodes.look)
+    rest_boxes = np.bincount(chain, nodes.boxes, chains).astype(int)
+    rest_seen = np.bincount(chain, nodes.boxes > 0, chains).astype(int)
+    names, count = np.zeros(len(chain), int), 0
+    place = np.full(chains, -1)
+    for t, (future, matrix, vector, wait) in enumerate(futures):
+        if t:
+            A, Q = steps[t - 1]
+            near = gap < HORIZON
+            mean, cov = mean[near] @ A.T, A @ cov[near] @ A.T + Q
+            gap, name, look, boxes = gap[near] + 1, name[near], look[near], boxes[near]
+        past = np.full(len(future), -1)
+        if len(name) and len(future):
+            alone, around = matrix + prior, np.linalg.inv(matrix + prior)
+            start = vector + pull
+            value = constant + _form(alone, start)
+            center = np.einsum("kij,kj->ki", around[:, :2], start)
+            hidden = gap[:, None] - 1 + wait[None]
+            m2, area = distances(mean[:, :2], cov[:, :2, :2], center, around[:, :2, :2])
+            cost = habits.surprise(hidden) + np.log(2 * np.pi * world.density * habits.leave**2)
+            hope = -0.5 * (m2 + np.log(area)) - cost
+            i, j = np.nonzero((hope > HOPELESS) & (hidden < HORIZON))
+            P, p = _of_known_and_any_height(mean, cov, world.spread)
+            same = _form(P[:, i] + matrix[j], p[:, i] + vector[j]) - _form(P, p)[:, i]
+            same += np.log([[1 - world.misled], [world.misled]])
+            gain = np.zeros(hope.shape)
+            gain[i, j] = np.logaddexp(*same) - value[j] - habits.surprise(hidden[i, j])
+            if world.looks is not None:
+                # A whole future counts like one usual position of it: its errors are common.
+                each = rest_boxes[future] / np.maximum(rest_seen[future], 1)
+                alike = world.looks.compare(look, boxes, rest[future], rest_boxes[future], each)
+                gain[i, j] += alike[i, j]
+            rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
+            good = gain[rows, columns] > 0
+            past[columns[good]] = rows[good]
+        here = at[t]
+        place[future] = np.arange(len(future))
+        linked = past[place[chain[here]]]
+        hit, new = here[linked >= 0], here[linked < 0]
+        linked = linked[linked >= 0]
+        P = np.linalg.inv(cov[linked])
+        p = np.einsum("tij,tj->ti", P, mean[linked]) + nodes.vector[hit]
+        cov[linked] = np.linalg.inv(P + nodes.matrix[hit])
+        mean[linked] = np.einsum("tij,tj->ti", cov[linked], p)
+        gap[linked] = 0
+        names[hit], names[new] = name[linked], count + np.arange(len(new))
+        count += len(new)
+        first = np.linalg.inv(nodes.matrix[new] + prior)
+        mean = np.concatenate([mean, np.einsum("tij,tj->ti", first, nodes.vector[new] + pull)])
+        cov, gap = np.concatenate([cov, first]), np.concatenate([gap, np.zeros(len(new), int)])
+        name = np.concatenate([name, names[new]])
+        look[linked] += nodes.look[hit]
+        boxes[linked] += nodes.boxes[hit]
+        rest[chain[here]] -= nodes.look[here]
+        rest_boxes[chain[here]] -= nodes.boxes[here]
+        rest_seen[chain[here]] -= nodes.boxes[here] > 0
+        look = np.concatenate([look, nodes.look[new]])
+        boxes = np.concatenate([boxes, nodes.boxes[new]])
+    return names
