@@ -5,6 +5,7 @@ boxes, feet and heads: upright people on one ground separate focal length, camer
 which feet alone cannot. The adjusted rig makes the people of the next round more certain.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
