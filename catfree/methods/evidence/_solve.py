@@ -26,7 +26,7 @@ from catfree.methods.evidence.report._shared_error import shared_covariance
 from catfree.methods.evidence.report._uneven_ground import ground_shift, with_uneven_ground
 from catfree.methods.evidence.report._working_area import in_working_area
 from catfree.methods.evidence.track._existence import Existence, judge_groups, misses, predict_views
-from catfree.methods.evidence.track._identities import World, identify
+from catfree.methods.evidence.track._identify import Population, identify
 from catfree.methods.evidence.track._presence import presence
 from catfree.methods.evidence.track._suppress_overlapping import suppress_overlapping_tracks
 from catfree.methods.evidence.track._tracking import Trails, estimate_motion, follow, unlinked
@@ -200,8 +200,8 @@ def _solve(
     identity = np.where(kept, trails.track, -1)
     if motion is not None:
         error = position_covariance - trails.covariance[:, :2, :2]
-        world = World(time, motion, density, spread, settings.foot_outlier, looks)
-        identity = identify(trails, kept, error, found.groups, world)
+        population = Population(time, motion, density, spread, settings.foot_outlier, looks)
+        identity = identify(trails, kept, error, found.groups, population)
     # An error of the whole map does not change relative positions: it widens the reported
     # covariance and does not affect which positions are reported.
     if settings.pose_errors:

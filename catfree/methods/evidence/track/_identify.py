@@ -74,7 +74,7 @@ class Nodes(NamedTuple):
     boxes: Int[np.ndarray, " n"]
 
 
-class World(NamedTuple):
+class Population(NamedTuple):
     """What is the same for all chains.
 
     Attributes:
@@ -99,7 +99,7 @@ def identify(
     reported: Bool[np.ndarray, " node"],
     error: Float[np.ndarray, "node 2 2"],
     groups: Groups,
-    world: World,
+    population: Population,
 ) -> Int[np.ndarray, " node"]:
     """Give each reported position an identity; no identity occurs twice in a frame.
 
@@ -108,7 +108,7 @@ def identify(
         reported: (M,) which of their rows to use.
         error: (M, 2, 2) covariance of the positions beyond that of the boxes, in H0².
         groups: of the trails.
-        world: what is known of the sequence; its `motion` is used where the chains say too little.
+        population: what is known of all; its `motion` is used where the chains say too little.
 
     Returns:
         (M,) identity, -1 for rows that are not reported.
@@ -119,15 +119,15 @@ def identify(
     if len(rows) == 0:
         return names
     position, group = trails.mean[rows, :2], trails.group[rows]
-    seen, _ = mean_and_covariance(groups.info[group[group >= 0]], world.spread)
+    seen, _ = mean_and_covariance(groups.info[group[group >= 0]], population.spread)
     position[group >= 0] = seen[:, :2]
-    nodes = _nodes(trails, rows, error, groups, world.looks)
+    nodes = _nodes(trails, rows, error, groups, population.looks)
     chain = np.unique(trails.track[rows], return_inverse=True)[1]
-    motion = estimate_walk(position, nodes.frame, chain, world.time, world.motion)
-    world = world._replace(motion=motion)
+    motion = estimate_walk(position, nodes.frame, chain, population.time, population.motion)
+    population = population._replace(motion=motion)
     for _ in range(SWEEPS):
-        habits = estimate_habits(nodes.frame, chain, len(world.time))
-        new = sweep(nodes, chain, habits, world)
+        habits = estimate_habits(nodes.frame, chain, len(population.time))
+        new = sweep(nodes, chain, habits, population)
         pairs = len(np.unique(np.stack([chain, new]), axis=1).T)
         same = pairs == chain.max() + 1 == new.max() + 1
         chain = new
@@ -293,7 +293,7 @@ def _form(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 
 def sweep(
-    nodes: Nodes, chain: Int[np.ndarray, " n"], habits: Habits, world: World
+    nodes: Nodes, chain: Int[np.ndarray, " n"], habits: Habits, population: Population
 ) -> Int[np.ndarray, " n"]:
     """Match pasts and futures once at every frame, in order of time.
 
@@ -301,21 +301,22 @@ def sweep(
         nodes: the positions.
         chain: (N,) identities from 0, none twice in a frame.
         habits: rates of leaving and hiding.
-        world: what is the same for all chains.
+        population: what is the same for all chains.
 
     Returns:
         (N,) new identities from 0 in the order of their first positions.
     """
-    bounds = np.searchsorted(nodes.frame, np.arange(len(world.time) + 1))
+    bounds = np.searchsorted(nodes.frame, np.arange(len(population.time) + 1))
     at = [np.arange(a, b) for a, b in pairwise(bounds)]
-    kinds = {dt: transition(world.motion, dt) for dt in set(np.diff(world.time).tolist())}
-    steps = [kinds[dt] for dt in np.diff(world.time).tolist()]
+    kinds = {dt: transition(population.motion, dt) for dt in set(np.diff(population.time).tolist())}
+    steps = [kinds[dt] for dt in np.diff(population.time).tolist()]
     futures = _futures(at, nodes, chain, steps)
-    prior = np.diag([0.0, 0.0, world.spread**-2, *2 * [world.motion.speed**-2]])
-    pull = np.array([0.0, 0.0, world.spread**-2, 0.0, 0.0])
+    density, spread, speed = population.density, population.spread, population.motion.speed
+    prior = np.diag([0.0, 0.0, spread**-2, speed**-2, speed**-2])
+    pull = np.array([0.0, 0.0, spread**-2, 0.0, 0.0])
     # Of the prior of a new person, and of leaving and coming instead of staying.
-    constant = np.log(2 * np.pi * world.density) - np.log(world.spread * world.motion.speed**2)
-    constant += 2 * np.log(habits.leave) - 0.5 / world.spread**2
+    constant = np.log(2 * np.pi * density) - np.log(spread * speed**2)
+    constant += 2 * np.log(habits.leave) - 0.5 / spread**2
     mean, cov = np.zeros((0, 5)), np.zeros((0, 5, 5))
     gap, name = np.zeros(0, int), np.zeros(0, int)
     dim = nodes.look.shape[1]
@@ -341,18 +342,20 @@ def sweep(
             center = np.einsum("kij,kj->ki", around[:, :2], start)
             hidden = gap[:, None] - 1 + wait[None]
             m2, area = distances(mean[:, :2], cov[:, :2, :2], center, around[:, :2, :2])
-            cost = habits.surprise(hidden) + np.log(2 * np.pi * world.density * habits.leave**2)
+            cost = habits.surprise(hidden) + np.log(2 * np.pi * density * habits.leave**2)
             hope = -0.5 * (m2 + np.log(area)) - cost
             i, j = np.nonzero((hope > HOPELESS) & (hidden < HORIZON))
-            P, p = _of_known_and_any_height(mean, cov, world.spread)
+            P, p = _of_known_and_any_height(mean, cov, spread)
             same = _form(P[:, i] + matrix[j], p[:, i] + vector[j]) - _form(P, p)[:, i]
-            same += np.log([[1 - world.misled], [world.misled]])
+            same += np.log([[1 - population.misled], [population.misled]])
             gain = np.zeros(hope.shape)
             gain[i, j] = np.logaddexp(*same) - value[j] - habits.surprise(hidden[i, j])
-            if world.looks is not None:
+            if population.looks is not None:
                 # A whole future counts like one usual position of it: its errors are common.
                 each = rest_boxes[future] / np.maximum(rest_seen[future], 1)
-                alike = world.looks.compare(look, boxes, rest[future], rest_boxes[future], each)
+                alike = population.looks.compare(
+                    look, boxes, rest[future], rest_boxes[future], each
+                )
                 gain[i, j] += alike[i, j]
             rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
             good = gain[rows, columns] > 0

@@ -11,13 +11,13 @@ from hypothesis import given, settings, strategies as st
 from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.group._appearance import Likeness, Looks
 from catfree.methods.evidence.group._groups import Groups
-from catfree.methods.evidence.track._identities import (
+from catfree.methods.evidence.track._identify import (
     HORIZON,
     SUDDEN,
     SWEEPS,
     Habits,
     Nodes,
-    World,
+    Population,
     estimate_habits,
     estimate_walk,
     identify,
@@ -30,9 +30,9 @@ SPREAD, NOISE = 0.06, 0.05
 HABITS = Habits(0.02, 0.05, 0.5)
 
 
-def world(frames, **changes):
+def population(frames, **changes):
     time = np.arange(frames, dtype=float)
-    return World(time, MOTION, 0.3, SPREAD, 0.1)._replace(**changes)
+    return Population(time, MOTION, 0.3, SPREAD, 0.1)._replace(**changes)
 
 
 def nodes_at(frame, state, noise=NOISE):
@@ -99,7 +99,7 @@ def dense_evidence(nodes, chain, known, habits=HABITS):
 def test_a_sweep_never_lowers_the_evidence_of_the_chains(seed):
     person, nodes = crowd(seed, people=3, frames=7, room=1.0)
     rng = np.random.default_rng(seed)
-    known = world(7, misled=1e-12)
+    known = population(7, misled=1e-12)
     # People whose names are exchanged at random instants.
     chain = person.copy()
     for t in range(1, 7):
@@ -117,7 +117,7 @@ def test_no_identity_occurs_twice_in_a_frame_and_none_is_left_out(seed):
     rng = np.random.default_rng(seed)
     person, nodes = crowd(seed, people=5, room=0.8)
     chain = np.where(rng.random(len(person)) < 0.2, 5 + np.arange(len(person)), person)
-    new = sweep(nodes, np.unique(chain, return_inverse=True)[1], HABITS, world(12))
+    new = sweep(nodes, np.unique(chain, return_inverse=True)[1], HABITS, population(12))
     assert set(new) == set(range(new.max() + 1))
     pairs = np.column_stack([nodes.frame, new])
     assert len(np.unique(pairs, axis=0)) == len(pairs)
@@ -133,8 +133,8 @@ def test_names_and_the_order_within_a_frame_change_no_identity(seed, random):
     order = np.array(order)[np.argsort(nodes.frame[order], kind="stable")]
     mixed = Nodes(*(column[order] for column in nodes))
     name = np.random.default_rng(seed).permutation(person.max() + 1)
-    plain = sweep(nodes, person, HABITS, world(12))[order]
-    other = sweep(mixed, name[person[order]], HABITS, world(12))
+    plain = sweep(nodes, person, HABITS, population(12))[order]
+    other = sweep(mixed, name[person[order]], HABITS, population(12))
     pairs = len(np.unique(np.stack([plain, other]), axis=1).T)
     assert pairs == len(np.unique(plain)) == len(np.unique(other))
 
@@ -167,14 +167,14 @@ def test_two_who_were_exchanged_where_they_crossed_are_told_apart():
         path(range(14), [0, 0], [0.3, 0.0]), path(range(14), [3.9, 0.1], [-0.3, 0.0])
     )
     exchanged = np.where(nodes.frame >= 7, 1 - who, who)
-    np.testing.assert_array_equal(sweep(nodes, exchanged, HABITS, world(14)), who)
+    np.testing.assert_array_equal(sweep(nodes, exchanged, HABITS, population(14)), who)
 
 
 def test_heights_tell_apart_who_stand_together():
     low, high = (path(range(20), [x, 0], [0, 0], height) for x, height in ((0, 0.85), (0.1, 1.15)))
     nodes, who = joined(low, high)
     exchanged = np.where(nodes.frame >= 9, 1 - who, who)
-    np.testing.assert_array_equal(settled(nodes, exchanged, world(20)), who)
+    np.testing.assert_array_equal(settled(nodes, exchanged, population(20)), who)
 
 
 @pytest.mark.parametrize("missing", [1, 3, 8, HORIZON])
@@ -183,14 +183,14 @@ def test_someone_alone_keeps_one_identity_through_a_gap_that_people_survive(miss
     frames = np.r_[np.arange(10), 10 + missing + np.arange(10)]
     nodes, _ = joined(path(frames, [0, 0], [0.0, 0.0]))
     lost = (frames >= 10).astype(int)
-    new = sweep(nodes, lost, habits, world(20 + missing))
+    new = sweep(nodes, lost, habits, population(20 + missing))
     assert new.max() == (0 if missing < HORIZON else 1)
 
 
 def test_two_places_too_far_apart_to_walk_are_two_people():
     first, second = path(range(6), [0, 0], [0, 0]), path(range(8, 14), [9, 0], [0, 0])
     nodes, _ = joined(first, second)
-    new = settled(nodes, np.zeros(12, int), world(14))
+    new = settled(nodes, np.zeros(12, int), population(14))
     np.testing.assert_array_equal(new, [0] * 6 + [1] * 6)
 
 
@@ -200,7 +200,7 @@ def test_looks_decide_whether_two_who_met_passed_or_turned_back():
     left, right = ((frames, np.column_stack([sign * x, 0 * x, 1 + 0 * x])) for sign in (-1, 1))
     nodes, side = joined(left, right)
     passed = np.where(nodes.frame >= 10, 1 - side, side)
-    known = world(20)
+    known = population(20)
     apart = np.abs(nodes.frame - 9.5) > 1
     np.testing.assert_array_equal(settled(nodes, side, known)[apart], passed[apart])
     looks = Looks(np.zeros((0, 2)), np.zeros(0, int), Likeness((0.1, 0.1), (0.9, 0.1), 4.0), 0.5)
@@ -268,7 +268,7 @@ def test_rows_that_are_not_reported_have_no_identity_and_do_not_matter():
     trails, groups = tracks(person, nodes)
     error = np.tile(0.01**2 * np.eye(2), (len(trails), 1, 1))
     reported = trails.track != 2
-    names = identify(trails, reported, error, groups, world(12))
+    names = identify(trails, reported, error, groups, population(12))
     np.testing.assert_array_equal(names >= 0, reported)
     kept = np.flatnonzero(reported)
     alone = dataclasses.replace(trails[kept], group=np.arange(len(kept)))
@@ -276,7 +276,7 @@ def test_rows_that_are_not_reported_have_no_identity_and_do_not_matter():
         groups, info=groups.info[kept], full=groups.full[kept],
         **{n: getattr(groups, n)[kept] for n in ("frame", "member", "prior", "gain")},
     )  # fmt: skip
-    same = identify(alone, np.ones(len(kept), bool), error[kept], fewer, world(12))
+    same = identify(alone, np.ones(len(kept), bool), error[kept], fewer, population(12))
     np.testing.assert_array_equal(names[kept], same)
 
 
@@ -284,5 +284,5 @@ def test_nobody_has_no_identity():
     person, nodes = crowd(0)
     trails, groups = tracks(person, nodes)
     error = np.zeros((len(trails), 2, 2))
-    names = identify(trails, np.zeros(len(trails), bool), error, groups, world(12))
+    names = identify(trails, np.zeros(len(trails), bool), error, groups, population(12))
     assert (names == -1).all()
