@@ -1,5 +1,7 @@
 """Strict JAX for every test: no silent promotion, shapes checked, both float widths available."""
 
+import gc
+import itertools
 import os
 from pathlib import Path
 
@@ -32,6 +34,23 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
     seconds = float(os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"])
     jax.config.update("jax_persistent_cache_min_compile_time_secs", seconds)
+
+
+# Linux grants a process 65,530 memory mappings; each compiled function takes about ten of them.
+MOST_MAPPINGS = 30_000
+TESTS_BETWEEN = 20  # counting tens of thousands of mappings takes a few hundredths of a second
+
+_tests = itertools.count(1)
+
+
+def pytest_runtest_teardown() -> None:
+    """Forget compiled functions before there are more than the system allows."""
+    mappings = Path("/proc/self/maps")
+    if next(_tests) % TESTS_BETWEEN or not mappings.exists():
+        return
+    if mappings.read_bytes().count(b"\n") > MOST_MAPPINGS:
+        jax.clear_caches()
+        gc.collect()
 
 
 def _shared() -> Path | None:

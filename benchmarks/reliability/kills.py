@@ -104,14 +104,13 @@ def _start(pictures: Path, out: Path) -> subprocess.Popen[str]:
 
 
 def compiled_in(folder: Path) -> dict[str, str]:
-    """Environment of a process that keeps what it compiles: in a folder, unless one is set.
+    """Environment of a process that keeps what it compiles in a folder of its own.
 
-    Compiling again would take most of the time, and kills would seldom hit anything else.
+    Compiling again would take most of the time, and kills would seldom hit anything else. Nobody
+    else reads the folder, because a killed process may leave half of a file.
     """
     return {
-        "JAX_COMPILATION_CACHE_DIR": os.environ.get(
-            "JAX_COMPILATION_CACHE_DIR", str(folder / "compiled")
-        ),
+        "JAX_COMPILATION_CACHE_DIR": str(folder / "compiled"),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
         "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
     }
