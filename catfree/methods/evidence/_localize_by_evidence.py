@@ -26,7 +26,7 @@ from catfree.types._annotations import Progress
 
 # Share of a person's height by which feet may be off the ground unmentioned: box bottoms lie a step
 # ahead of the body, so that rays of cameras that look down steeply meet below the ground.
-GROUND_TOLERANCE = 0.1
+GROUND_TOLERANCE = 0.15
 
 
 class Clusters(eqx.Module):
@@ -188,7 +188,7 @@ def ground_warnings(height: float, person_height: float, scene: Scene) -> tuple[
     unit = "m" if scene.metric else "units of the scene"
     side = "above" if height > 0 else "below"
     return (
-        f"The rays through people's feet meet {abs(height):.2f} {unit} {side} the ground plane: "
+        f"The rays through people's feet meet {abs(height):.2g} {unit} {side} the ground plane: "
         f"the plane is too {'low' if height > 0 else 'high'} or the cameras are off. Pass the "
         "ground on which people stand, or refine the scene with `cf.refine`.",
     )
