@@ -105,9 +105,9 @@ def observe(
 def project(rig: Rig, camera: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (..., 2) of world points (..., 3), and their depths (...,).
 
-    For lenses that are no ideal pinholes the depth is the distance, negative without an image.
+    With other lenses than ideal pinholes, the depth is the distance, negative without an image.
     """
-    if rig.lens is not None or rig.distortion is not None:
+    if not rig.is_ideal:
         flat = points.reshape(-1, 3)
         pixel, imaged = pixels_of_points(rig, camera, flat)
         distance = np.linalg.norm(flat - np.asarray(rig.centers)[camera], axis=-1)

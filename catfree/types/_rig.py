@@ -191,6 +191,12 @@ class Rig(eqx.Module):
         return np.zeros(self.camera_count, np.int64) if self.lens is None else self.lens
 
     @property
+    def is_ideal(self) -> bool:
+        """Whether all cameras are pinholes without distortion."""
+        bent = self.distortion is not None and bool(np.any(np.asarray(self.distortion)))
+        return self.lens is None and not bent
+
+    @property
     def camera_count(self) -> int:
         """Number of cameras, registered or not."""
         return self.K.shape[0]
@@ -251,7 +257,7 @@ def _as_lens(lens: Any, count: int) -> np.ndarray | None:
 
 
 def require_pinholes(rig: Rig, purpose: str) -> None:
-    """Raise if a registered camera is no pinhole.
+    """Raise if a registered camera is not a pinhole.
 
     Raises:
         InvalidInputError: naming the camera, its lens and the purpose that needs a pinhole.

@@ -23,8 +23,8 @@ class Boxes(eqx.Module):
         camera: (N,) camera index, 0 for padding.
         box: (N, 4) x1, y1, x2, y2 in original pixels.
         edges: (N, 3) center column, top row, bottom row in pixels of the box's pinhole: that of its
-            camera without distortion, or one of its own (`local_pinholes`) in a camera that is no
-            pinhole.
+            camera without distortion, or one of its own (`local_pinholes`) in a camera with
+            another lens.
         size: (N,) height in the same pixels.
         view: (N,) the box's pinhole: its camera, or C plus a row of `K` and `R`.
         K: (V, 3, 3) intrinsics of the boxes' own pinholes; V is 0 if all cameras are pinholes.

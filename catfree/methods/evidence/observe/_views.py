@@ -24,7 +24,7 @@ class GroundViews(eqx.Module):
     A point at plane position (y1, y2) and height h (all in units of H0, from `origin`) has the
     homogeneous pixel `matrix @ (y1, y2, h, 1)`; its third entry is positive in front of the camera.
 
-    The first C of V views are the cameras without distortion; those of cameras that are no
+    The first C of V views are the cameras without distortion; those of cameras that are not
     pinholes are not used. The others are the boxes' own pinholes (`Boxes.view`).
 
     Attributes:
@@ -89,7 +89,7 @@ def ground_views(scene: Scene, unit: float, boxes: Boxes | None = None) -> Groun
     upward = -R[:, 1] @ basis
     place = ((R @ start + t) / unit)[..., None]
     turn = np.concatenate([R @ basis, (R @ normal)[..., None]], -1)
-    bent = replace(rig, K=K, R=turn, t=place[..., 0]) if rig_is_bent(rig) else None
+    bent = replace(rig, K=K, R=turn, t=place[..., 0]) if not rig.is_ideal else None
     center = K[:, :2, 2]
     if boxes is not None and len(boxes.K):
         own = np.flatnonzero(boxes.view >= count)
@@ -120,11 +120,6 @@ def ground_views(scene: Scene, unit: float, boxes: Boxes | None = None) -> Groun
         unit=np.asarray(unit, np.float64),
         rig=bent,
     )
-
-
-def rig_is_bent(rig: Rig) -> bool:
-    """Whether a camera is not an ideal pinhole."""
-    return rig.lens is not None or (rig.distortion is not None and bool(np.any(rig.distortion)))
 
 
 def people_in_cameras(
