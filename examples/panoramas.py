@@ -2,10 +2,10 @@
 
     python examples/panoramas.py
 
-A panorama (equirectangular, 360 x 180 degrees) is no pinhole and no fisheye. Any camera is known
-once the ray of each pixel is: `panorama` below is such a ray source, and a look-up table or a ray
-map of a network is another. The people and their boxes are simulated; replace `detections` by those
-of your detector.
+A panorama (equirectangular, 360 x 180 degrees) is neither a pinhole nor a fisheye. Any camera is
+known once the ray of each pixel is: `panorama` below is such a ray source, and a look-up table or a
+ray map of a network is another. The people and their boxes are simulated; replace `detections` by
+those of your detector.
 """
 
 import argparse

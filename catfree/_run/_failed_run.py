@@ -1,6 +1,7 @@
 """Output of a failed run: the boxes, a picture of them, and a report with the error."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -56,26 +57,29 @@ def write_failure(
     stored.save(root / "detections.npz")
     sheet = root / "pictures" / "boxes.jpg"
     write_sheet(sheet, _fullest_instant(videos, detections, blur))
+    cameras = range(len(videos.camera_names))
+    per_camera = [detections[detections.camera == camera] for camera in cameras]
+    feet = [share_of_feet(per_camera[camera], videos.image_size[camera]) for camera in cameras]
     blocks: list[Block] = [
         Heading("catfree report", 1),
-        Notice("Why this run failed", (str(error), *hidden_feet(videos, detections))),
+        Notice("Why this run failed", (str(error), *hidden_feet(videos.camera_names, feet))),
         *describe_warnings(unfinished.warnings),
         Heading("What the detector saw"),
         Picture("pictures/boxes.jpg", "the instant with the most boxes"),
-        box_table(videos, detections),
+        box_table(videos.camera_names, per_camera, feet),
         *describe_footage(videos),
     ]
     return [*files, root / "detections.npz", sheet, *write_blocks(root, blocks)]
 
 
-def box_table(videos: SynchronizedVideos, detections: Detections) -> Table:
+def box_table(
+    names: Sequence[str], per_camera: Sequence[Detections], feet: Sequence[float | None]
+) -> Table:
     """Number, median height, median score and visible feet of the boxes, one row per camera."""
     rows = []
-    for camera, name in enumerate(videos.camera_names):
-        boxes = detections[detections.camera == camera]
+    for name, boxes, seen in zip(names, per_camera, feet, strict=True):
         height = f"{np.median(boxes.height):.0f}" if len(boxes) else ""
         sure = "" if boxes.score is None or not len(boxes) else f"{np.median(boxes.score):.2f}"
-        seen = share_of_feet(boxes, videos.image_size[camera])
         rows.append((name, str(len(boxes)), height, sure, "" if seen is None else f"{seen:.0%}"))
     header = ("camera", "boxes", "median height (px)", "median score", "feet seen")
     return Table(header, tuple(rows))
@@ -95,15 +99,11 @@ def share_of_feet(boxes: Detections, image_size: Int[np.ndarray, " axis"]) -> fl
     return float(seen.mean())
 
 
-def hidden_feet(videos: SynchronizedVideos, detections: Detections) -> tuple[str, ...]:
+def hidden_feet(names: Sequence[str], feet: Sequence[float | None]) -> tuple[str, ...]:
     """One sentence on the cameras that see the feet of less than half of the people."""
-    shares = [
-        share_of_feet(detections[detections.camera == camera], videos.image_size[camera])
-        for camera in range(len(videos.camera_names))
-    ]
     few = [
         f"{name} ({share:.0%} of the boxes)"
-        for name, share in zip(videos.camera_names, shares, strict=True)
+        for name, share in zip(names, feet, strict=True)
         if share is not None and share < MOSTLY_HIDDEN
     ]
     if not few:

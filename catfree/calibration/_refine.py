@@ -92,7 +92,7 @@ def refine(
 
     Raises:
         InvalidInputError: if a detection names a camera that the rig does not have, or a camera is
-            no pinhole.
+            not a pinhole.
         InsufficientDataError: if fewer than three cameras are registered, or no person is seen by
             three cameras.
 

@@ -78,7 +78,7 @@ def require_coefficients(rig: Rig, names: Sequence[str], target: StrPath) -> Non
 
 
 def require_undistorted(rig: Rig, names: Sequence[str], target: StrPath) -> None:
-    """Raise if a camera is no ideal pinhole, for formats that cannot hold others.
+    """Raise if a camera is not an ideal pinhole, for formats that cannot hold others.
 
     Raises:
         InvalidInputError: naming the first such camera.

@@ -41,7 +41,7 @@ def rig_from_rays(
         middle of the image, which only says how large things appear.
 
     Raises:
-        InvalidInputError: naming the camera, if its rays have a wrong shape, are no unit vectors,
+        InvalidInputError: naming the camera, if its rays have a wrong shape, are not unit vectors,
             or differ so much between the nodes that the grid does not hold them.
     """
     R, t = np.asarray(R, np.float64), np.asarray(t, np.float64)
