@@ -1,12 +1,13 @@
 """`localize`: from person boxes and a scene to tracked ground positions."""
 
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 
-from catfree.errors import InsufficientDataError
+from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry import CanonicalFrame
 from catfree.methods import evidence
 from catfree.methods._expectation import with_expectation
@@ -24,7 +25,12 @@ from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene, Thresholds
 from catfree.types._annotations import Progress, no_progress
 from catfree.types._forks import require_own_process
-from catfree.types._validation import require_instance, require_known_cameras
+from catfree.types._validation import (
+    as_integer,
+    require_instance,
+    require_known_cameras,
+    require_shape,
+)
 
 
 def localize(
@@ -32,6 +38,8 @@ def localize(
     scene: Scene,
     settings: Settings | None = None,
     progress: Progress | None = None,
+    *,
+    silent: Any = None,
 ) -> Localization:
     """Track people on the ground from their boxes in several calibrated views.
 
@@ -40,6 +48,10 @@ def localize(
         scene: cameras, ground and extent in any units and any frame of reference.
         settings: `Settings()`, the default method, if None.
         progress: called as `progress(stage, done, total)`.
+        silent: (K, 2) integers, frame and camera of each picture that does not exist, because the
+            camera failed or its video ended. That nobody was detected in it then says nothing; in
+            all other pictures of frames with any box, it is evidence against people in view. The
+            paper's method does not use it.
 
     Returns:
         Tracks, every candidate with its fate, the thresholds and a label-free reliability summary,
@@ -48,7 +60,8 @@ def localize(
         detections and frames has no effect.
 
     Raises:
-        InvalidInputError: if a detection names a camera that the rig does not have.
+        InvalidInputError: if a detection or `silent` names a camera that the rig does not have, or
+            there is a box in a picture that does not exist.
         InsufficientDataError: if fewer than two cameras are registered.
         ForkedProcessError: in a process forked after JAX was used.
 
@@ -62,6 +75,7 @@ def localize(
     require_instance(scene, Scene, "scene")
     require_instance(settings, Settings, "settings")
     report = progress or no_progress
+    missing = _missing_pictures(silent, detections, scene)
     keep = usable(detections, scene, settings)
     if not keep.any():
         result = empty_localization(
@@ -70,7 +84,7 @@ def localize(
             detection_count=len(detections),
         )
     elif settings.method == "evidence":
-        result = _localize_by_evidence(detections, scene, keep, settings, report)
+        result = _localize_by_evidence(detections, scene, keep, settings, missing, report)
     else:
         result = _localize_by_paper(detections, scene, keep, settings, report)
     tracks = replace(result.tracks, clock=detections.clock)
@@ -82,12 +96,13 @@ def _localize_by_evidence(
     scene: Scene,
     keep: Bool[np.ndarray, " n"],
     settings: Settings,
+    silent: Int[np.ndarray, "k 2"],
     report: Progress,
 ) -> Localization:
     """Run the evidence method on the usable detections."""
     try:
         result = evidence.localize_by_evidence(
-            detections[keep], scene, settings.evidence, progress=report
+            detections[keep], scene, settings.evidence, silent=silent, progress=report
         )
     except InsufficientDataError:  # no box of a person on the ground
         return empty_localization(
@@ -103,6 +118,35 @@ def _localize_by_evidence(
         result,
         (candidates, tracks, len(detections)),
     )
+
+
+def _missing_pictures(silent: Any, detections: Detections, scene: Scene) -> Int[np.ndarray, "k 2"]:
+    """(K, 2) frame and camera of pictures that do not exist.
+
+    Raises:
+        InvalidInputError: if there is no such camera, or a box in one of these pictures.
+    """
+    if silent is None:
+        return np.zeros((0, 2), np.int64)
+    rows = as_integer(silent, "silent")
+    rows = rows.reshape(0, 2) if rows.size == 0 else rows
+    require_shape(rows, (None, 2), "silent")
+    require_known_cameras(rows[:, 1], scene.rig.camera_count)
+    if (rows[:, 1] < 0).any():
+        raise InvalidInputError(
+            f"silent names camera {rows[:, 1].min()}; indices of cameras start at 0."
+        )
+    boxes = np.unique(np.column_stack([detections.frame, detections.camera]), axis=0)
+    both, count = np.unique(
+        np.concatenate([boxes, np.unique(rows, axis=0)]), axis=0, return_counts=True
+    )
+    if (count > 1).any():
+        frame, camera = both[count > 1][0]
+        raise InvalidInputError(
+            f"silent says that camera {camera} has no picture of frame {frame}, but there is a box "
+            "in it. Leave one of the two out."
+        )
+    return rows
 
 
 def _localize_by_paper(

@@ -69,6 +69,7 @@ def localize_by_evidence(
     scene: Scene,
     settings: EvidenceSettings | None = None,
     *,
+    silent: Int[np.ndarray, "k 2"] | None = None,
     progress: Progress | None = None,
 ) -> Localization:
     """Track people on the ground by the evidence method.
@@ -77,6 +78,7 @@ def localize_by_evidence(
         detections: boxes of all cameras and frames, in any order.
         scene: rig and ground in any units and frame of reference.
         settings: constants and switches.
+        silent: (K, 2) frame and camera of pictures that do not exist.
         progress: called as `progress(stage, done, total)`.
 
     Returns:
@@ -86,7 +88,7 @@ def localize_by_evidence(
     Raises:
         InsufficientDataError: if no box of a registered camera stands on the ground.
     """
-    solution = solve(detections, scene, settings, progress=progress)
+    solution = solve(detections, scene, settings, silent=silent, progress=progress)
     found = describe(solution, scene, settings, detection_count=len(detections))
     return replace(found, tracks=replace(found.tracks, clock=detections.clock))
 

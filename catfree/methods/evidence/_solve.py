@@ -25,7 +25,13 @@ from catfree.methods.evidence.observe._visibility import DetectionRate, learn_de
 from catfree.methods.evidence.report._shared_error import shared_covariance
 from catfree.methods.evidence.report._uneven_ground import ground_shift, with_uneven_ground
 from catfree.methods.evidence.report._working_area import in_working_area
-from catfree.methods.evidence.track._existence import Existence, judge_groups, misses, predict_views
+from catfree.methods.evidence.track._existence import (
+    Existence,
+    judge_groups,
+    misses,
+    predict_views,
+    with_pictures,
+)
 from catfree.methods.evidence.track._identify import Population, identify
 from catfree.methods.evidence.track._presence import presence
 from catfree.methods.evidence.track._suppress_overlapping import suppress_overlapping_tracks
@@ -89,6 +95,7 @@ def solve(
     scene: Scene,
     settings: EvidenceSettings | None = None,
     *,
+    silent: Int[np.ndarray, "k 2"] | None = None,
     progress: Progress | None = None,
 ) -> EvidenceSolution:
     """Find the people of a sequence from the evidence of boxes and of missing boxes.
@@ -97,6 +104,7 @@ def solve(
         detections: boxes of all cameras and frames, in any order.
         scene: rig and ground in any units; cameras that are not registered are ignored.
         settings: constants and switches.
+        silent: (K, 2) frame and camera of pictures that do not exist.
         progress: called as `progress(stage, done, total)`.
 
     Returns:
@@ -110,7 +118,7 @@ def solve(
     with jax.enable_x64(True):
         report("self-calibration", 0, 1)
         unit, noise = self_calibrate(detections, scene, settings)
-        boxes = prepare_boxes(detections, scene.rig, settings)
+        boxes = prepare_boxes(detections, scene.rig, settings, silent)
         views = ground_views(scene, unit, boxes)
         measured = measure_boxes(boxes, foot_cover(boxes), views, noise, settings)
         return _solve(boxes, measured, views, noise, settings, report)
@@ -151,7 +159,9 @@ def _solve(
             groups = group_by_looks(boxes, measured, noise, priors, ratios)
         state, covariance = mean_and_covariance(groups.info, spread)
         appearance_term = appearance_log_odds(groups, likeness, appearance, settings)
-        predicted_views = predict_views(state, groups.frame, groups.member, boxes, views)
+        predicted_views = with_pictures(
+            predict_views(state, groups.frame, groups.member, boxes, views), groups.frame, boxes
+        )
         n = len(boxes.row)
         rate = learn_detection_rate(
             predicted_views, groups.member, boxes.size[:n], boxes.camera[:n], settings
@@ -252,6 +262,7 @@ def _row_evidence(
     if len(gaps):
         member = np.full((len(gaps), boxes.table.shape[1]), -1)
         expected = predict_views(trails.mean[gaps, :3], trails.frame[gaps], member, boxes, views)
+        expected = with_pictures(expected, trails.frame[gaps], boxes)
         evidence[gaps] = misses(rate(expected), member)
     return np.clip(evidence, -settings.evidence_limit, settings.evidence_limit)
 

@@ -35,6 +35,7 @@ class Boxes(eqx.Module):
         table: (F, C, B) rows of each frame and camera, -1 for none.
         embedding: (N, D) unit vectors, or None.
         first: (F + 1,) first row of each frame.
+        silent: (F, C) whether a camera is known to have no picture of a frame.
     """
 
     row: Int[np.ndarray, " n"]
@@ -53,6 +54,7 @@ class Boxes(eqx.Module):
     table: Int[np.ndarray, "padded cam slot"]
     embedding: Float[np.ndarray, "box dim"] | None
     first: Int[np.ndarray, " bounds"]
+    silent: Bool[np.ndarray, "frame cam"]
 
 
 def undistort(
@@ -87,13 +89,19 @@ def _undistort_pixels(K, pixel, distortion):
     return K[:2, :2] @ back_project(K, pixel, distortion) + K[:2, 2]
 
 
-def prepare_boxes(detections: Detections, rig: Rig, settings: EvidenceSettings) -> Boxes:
+def prepare_boxes(
+    detections: Detections,
+    rig: Rig,
+    settings: EvidenceSettings,
+    silent: Int[np.ndarray, "k 2"] | None = None,
+) -> Boxes:
     """Sort, undistort and pad detections; those of unregistered cameras are omitted.
 
     Args:
         detections: boxes in any order.
         rig: the cameras.
         settings: for the border margin.
+        silent: (K, 2) frame and camera of pictures that do not exist.
 
     Returns:
         Padded arrays in an order that does not depend on the input order.
@@ -185,7 +193,19 @@ def prepare_boxes(detections: Detections, rig: Rig, settings: EvidenceSettings) 
         table=table,
         embedding=embedding,
         first=np.searchsorted(frame, np.arange(F + 1)),
+        silent=_silent_table(silent, frames, rig.camera_count),
     )
+
+
+def _silent_table(
+    silent: Int[np.ndarray, "k 2"] | None, frames: Int[np.ndarray, " frame"], cameras: int
+) -> Bool[np.ndarray, "frame cam"]:
+    """(F, C) of rows (K, 2) of frame and camera; rows of other frames do not count."""
+    table = np.zeros((len(frames), cameras), bool)
+    if silent is not None:
+        rows = silent[np.isin(silent[:, 0], frames)]
+        table[np.searchsorted(frames, rows[:, 0]), rows[:, 1]] = True
+    return table
 
 
 def _row_table(frame: np.ndarray, camera: np.ndarray, F: int, C: int) -> np.ndarray:

@@ -1,8 +1,10 @@
 """Log-odds that a group is a person, from the cameras that see it and those that should."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.ndimage import uniform_filter
 from scipy.special import expit
 
@@ -45,6 +47,11 @@ def predict_views(
         (state, frame, member),
         *PEOPLE_BLOCKS,
     )
+
+
+def with_pictures(seen: Views, frame: Int[np.ndarray, " person"], boxes: Boxes) -> Views:
+    """Nobody is inside the image of a camera that is known to have no picture of the frame."""
+    return replace(seen, inside=np.where(boxes.silent[frame], 0.0, seen.inside))
 
 
 def delivered(rate: np.ndarray, member: np.ndarray, frame: np.ndarray, boxes: Boxes) -> np.ndarray:

@@ -1,5 +1,7 @@
 """Log-odds of people: what speaks for them, what against, and how much clutter counts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -9,12 +11,14 @@ from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements
 from catfree.methods.evidence.observe._views import ground_views
+from catfree.methods.evidence.observe._visibility import DetectionRate, Views
 from catfree.methods.evidence.track._existence import (
     CELLS,
     clutter_cells,
     delivered,
     judge_groups,
     misses,
+    with_pictures,
 )
 from catfree.settings import EvidenceSettings
 from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene
@@ -56,7 +60,7 @@ class Scene:
             camera=self.camera, box=np.ones((n, 4)), edges=np.ones((n, 3)), size=np.ones(n),
             view=self.camera, K=np.zeros((0, 3, 3)), R=np.zeros((0, 3, 3)), cut=~flags,
             ankles=flags[:, 0], valid=flags[:, 0], table=table, embedding=None,
-            first=np.arange(F + 1),
+            first=np.arange(F + 1), silent=np.zeros((F, CAMERAS), bool),
         )  # fmt: skip
 
     def judged(self, rate, agreement=0.0, rules=PLAIN):
@@ -106,6 +110,21 @@ def test_more_evidence_of_any_kind_is_more_belief(seen, rate, camera, more):
     # Found at half the rate of clutter is worth less than nothing, but a likely find is not.
     likely = np.maximum(rate, 0.5)
     assert one(also).judged(likely).log_odds[0] >= one(seen).judged(likely).log_odds[0] - 1e-9
+
+
+@given(seen_by, rates, rates, st.integers(0, CAMERAS - 1))
+def test_saying_that_a_camera_has_no_picture_never_lowers_existence(seen, inside, cover, camera):
+    scene = one([*seen[:camera], False, *seen[camera + 1 :]])
+    silent = np.zeros((1, CAMERAS), bool)
+    silent[0, camera] = True
+    views = Views(*(np.stack([x, x]) for x in (inside, np.full(CAMERAS, 90.0), cover, inside)))
+    rate = DetectionRate(np.tile([50.0, 100.0], (CAMERAS, 1)), np.full((CAMERAS, 3, 5), 0.8))
+    boxes = replace(scene.boxes, silent=silent)
+    told = with_pictures(views, scene.frame, boxes)
+    assert (told.inside[:, camera] == 0).all()
+    assert (told.share == views.share).all()
+    more, less = (scene.judged(rate(v)).log_odds[0] for v in (told, views))
+    assert more >= less
 
 
 @given(seen_by, rates)

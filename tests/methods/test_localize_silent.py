@@ -1,0 +1,70 @@
+"""Cameras without a picture: their silence says nothing."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+import catfree as cf
+from catfree.errors import InvalidInputError
+from tests.methods.evidence.evidence_worlds import walk
+
+TRUTH, DETECTIONS, SCENE = walk(people=4, frames=10, recall=1.0, clutter=0.1)
+CAMERAS = SCENE.rig.camera_count
+
+
+def without(camera, first, last):
+    """The detections without the pictures of a camera in some frames, and these pictures."""
+    frames = np.arange(first, last)
+    gone = (DETECTIONS.camera == camera) & np.isin(DETECTIONS.frame, frames)
+    return DETECTIONS[~gone], np.column_stack([frames, np.full(len(frames), camera)])
+
+
+def existence(localization):
+    """Frame and place, to the decimeter, to existence."""
+    tracks = localization.tracks
+    place = np.round(tracks.ground_xy, 1)
+    return {
+        (int(f), *xy): e
+        for f, xy, e in zip(tracks.frame, place.tolist(), tracks.existence, strict=True)
+    }
+
+
+@pytest.mark.slow
+@settings(max_examples=3, deadline=None)
+@given(st.integers(0, CAMERAS - 1), st.integers(0, 5), st.integers(2, 5))
+def test_nobody_whom_others_see_vanishes(camera, first, count):
+    less, silent = without(camera, first, first + count)
+    found = cf.localize(less, SCENE, silent=silent).tracks
+    for frame in np.unique(TRUTH[:, 0]):
+        away = np.linalg.norm(
+            TRUTH[TRUTH[:, 0] == frame][:, None, 2:] - found.ground_xy[found.frame == frame],
+            axis=-1,
+        )
+        assert (away.min(1) < 0.4).all()
+
+
+@pytest.mark.slow
+def test_the_order_and_repetition_of_pictures_change_nothing():
+    less, silent = without(1, 2, 6)
+    one = cf.localize(less, SCENE, silent=silent)
+    other = cf.localize(less, SCENE, silent=np.concatenate([silent[::-1], silent]))
+    assert existence(one) == existence(other)
+
+
+@pytest.mark.slow
+def test_pictures_of_frames_without_boxes_change_nothing():
+    far = [[1000, 0], [-5, 2]]
+    assert existence(cf.localize(DETECTIONS, SCENE, silent=far)) == existence(
+        cf.localize(DETECTIONS, SCENE)
+    )
+
+
+def test_a_box_in_a_missing_picture_is_refused():
+    with pytest.raises(InvalidInputError, match="camera 0 has no picture of frame 3"):
+        cf.localize(DETECTIONS, SCENE, silent=[[3, 0]])
+
+
+@pytest.mark.parametrize("rows", [[[0, CAMERAS]], [[0, -1]], [0, 1], [[0.5, 0]]])
+def test_impossible_pictures_are_refused(rows):
+    with pytest.raises(InvalidInputError):
+        cf.localize(DETECTIONS, SCENE, silent=rows)
