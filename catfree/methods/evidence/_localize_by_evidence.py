@@ -125,7 +125,7 @@ def describe(
     tracks = Tracks(
         frame=s.boxes.frames[trails.frame],
         track_id=s.identity[rows],
-        position=_on_plane(xy, scene),
+        position=on_plane(xy, scene),
         ground_xy=xy,
         sigma=np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2),
         covariance=covariance,
@@ -146,7 +146,7 @@ def describe(
         rays = ray_diagnostics(s.boxes, s.measurements, s.groups, s.views)
     candidates = Candidates(
         frame=s.boxes.frames[s.groups.frame],
-        position=_on_plane(s.state[:, :2] * unit + s.views.origin, scene),
+        position=on_plane(s.state[:, :2] * unit + s.views.origin, scene),
         sigma=rays.sigma * unit,
         ground_distance=np.abs(rays.height) * unit,
         rms_angle=rays.rms_angle,
@@ -245,7 +245,7 @@ def clusters_of(solution: EvidenceSolution) -> Clusters:
     )
 
 
-def _on_plane(xy: np.ndarray, scene: Scene) -> np.ndarray:
+def on_plane(xy: np.ndarray, scene: Scene) -> np.ndarray:
     """(M, 3) scene points of plane coordinates (M, 2)."""
     basis = np.asarray(scene.ground.basis, np.float64)
     normal = np.asarray(scene.ground.normal, np.float64)

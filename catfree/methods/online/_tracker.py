@@ -1,24 +1,65 @@
 """`Tracker`: people on the ground while the video runs."""
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any
 
-from catfree.methods.online._tracker_state import TrackerState
-from catfree.methods.online._update import Update
+import jax
+import numpy as np
+from jaxtyping import Int
+
+from catfree.errors import InvalidInputError, quoted
+from catfree.methods._localize import localize, usable
+from catfree.methods.evidence._localize_by_evidence import on_plane
+from catfree.methods.online._advance import advance
+from catfree.methods.online._finalize import (
+    Reported,
+    finalize,
+    forget_ended_tracks,
+    provisional,
+)
+from catfree.methods.online._learn import (
+    add_to_sample,
+    is_due,
+    learn_noise_and_unit,
+    learn_places,
+    learn_step,
+)
+from catfree.methods.online._tracker_state import TrackerState, new_state, no_boxes
+from catfree.methods.online._update import Event, Update
 from catfree.settings import Settings
-from catfree.types import Detections, Scene
+from catfree.types import Clock, Detections, Origin, Scene, Tracks
+from catfree.types._clock import ABSOLUTE
+from catfree.types._forks import require_own_process
+from catfree.types._validation import as_integer, require_instance, require_known_cameras
+
+MICROSECONDS = 1_000_000  # frame numbers per second
 
 
 class Tracker:
     """Track people instant by instant: positions of now, and final ones of `time - lag`.
 
-    There are no threads and no clock inside: time is that of the data.
+    Each call of `update` takes the boxes of one instant. Noise, detection rates and the usual speed
+    are learned on the way, from the boxes of some of the last instants: after 1, 2, 4 to 64
+    instants and then after every 512, which takes up to some seconds, while all other calls take
+    milliseconds. There are no threads and no clock inside: time is that of the data.
+
+        tracker = cf.Tracker(scene, lag=2.0)
+        for boxes, seconds in instants:
+            update = tracker.update(boxes, seconds)
+            print(update.provisional.ground_xy, update.final.ground_xy)
 
     Args:
         scene: cameras and ground, as for `localize`.
         settings: `Settings()` if None; the method must be "evidence".
         lag: seconds after which positions are final; 0 for at once, `math.inf` for at `finish`,
-            which then returns what `localize` does.
+            which then returns what `localize` does (and all boxes are kept until then).
         frame_rate: usual number of instants per second; learned from the times if None.
+
+    Raises:
+        InvalidInputError: if the lag is negative, the rate not positive, or the method another.
+        InsufficientDataError: if fewer than two cameras are registered.
     """
 
     def __init__(
@@ -29,7 +70,24 @@ class Tracker:
         lag: float = 2.0,
         frame_rate: float | None = None,
     ) -> None:
-        raise NotImplementedError
+        settings = Settings() if settings is None else settings
+        require_instance(scene, Scene, "scene")
+        require_instance(settings, Settings, "settings")
+        if settings.method != "evidence":
+            raise InvalidInputError(
+                f"Tracker uses the method 'evidence', not {quoted(settings.method)}. Pass "
+                "cf.Settings(), or call cf.localize."
+            )
+        if not lag >= 0:
+            raise InvalidInputError(f"lag is {quoted(lag)}; it must be 0 seconds or more.")
+        if frame_rate is not None and not 0 < frame_rate < math.inf:
+            raise InvalidInputError(
+                f"frame_rate is {quoted(frame_rate)}; it must be a positive number."
+            )
+        usable(no_boxes(), scene, settings)  # raises if there are too few cameras
+        self.scene, self.settings = scene, settings
+        self.lag, self.frame_rate = float(lag), frame_rate
+        self.reset()
 
     def update(
         self, detections: Detections, time: float, cameras: Iterable[int] | None = None
@@ -45,22 +103,198 @@ class Tracker:
 
         Returns:
             Positions of this instant, and those of all instants that are `lag` old.
+
+        Raises:
+            InvalidInputError: if the time is not later, a camera is not in the rig, or there is a
+                box of a camera that delivered nothing.
+            ForkedProcessError: in a process forked after JAX was used.
         """
-        raise NotImplementedError
+        require_own_process()
+        require_instance(detections, Detections, "detections")
+        state = self._state
+        if state.finished:
+            raise InvalidInputError("The tracker has finished; call reset before a new stream.")
+        if not (math.isfinite(time) and time > state.time):
+            raise InvalidInputError(
+                f"time is {quoted(time)}, after {state.time:g}: it must be a number of seconds "
+                "that increases. Leave out what comes too late."
+            )
+        silent = self._silent(detections, cameras)
+        own = np.flatnonzero(usable(detections, self.scene, self.settings))
+        boxes = detections[own]
+        settings = self.settings.evidence
+        with jax.enable_x64(True):
+            state = learn_step(state, time, self.frame_rate)
+            state = add_to_sample(state, _at(boxes, int(state.count)), settings)
+            due = is_due(int(state.count) + 1) or np.isnan(state.learned.unit)
+            if due:
+                state = learn_noise_and_unit(state, self.scene, settings)
+                learned = learn_places(state.learned, np.zeros((0, 2)), True)
+                state = replace(state, learned=learned)
+            now = None
+            if not np.isnan(state.learned.unit):
+                state, now = advance(
+                    state, _at(boxes, 0), time, silent, self.scene, settings
+                )
+                support = np.where(now.support >= 0, _take(own, now.support), -1)
+                now = now._replace(support=support)
+                state = replace(state, window=(*state.window, now))
+            state = replace(state, count=state.count + 1, time=np.array(float(time)))
+            if self.lag == math.inf:
+                state = replace(state, window=())
+                state = self._record(state, detections, time, silent)
+                final, events = [], []
+            else:
+                # Sums of decimal fractions are not exact.
+                due_time = time - self.lag + 1e-6
+                ready = sum(float(i.time) <= due_time for i in state.window)
+                state, final, events = finalize(state, settings, ready)
+            rows = []
+            if now is not None:
+                state, reported = provisional(state, now, settings)
+                rows = [reported]
+            self._state = forget_ended_tracks(state)
+        return Update(self._tracks(rows, time), self._tracks(final, time), tuple(events))
 
     def finish(self) -> Update:
-        """Make all positions final; then only `reset` continues."""
-        raise NotImplementedError
+        """Make all positions final; afterwards only `reset` continues.
+
+        Returns:
+            No provisional positions, and all final ones that no call returned yet.
+        """
+        state = self._state
+        final, events = [], []
+        if self.lag == math.inf:
+            tracks = self._localized(state)
+        else:
+            with jax.enable_x64(True):
+                state, final, events = finalize(state, self.settings.evidence, len(state.window))
+            tracks = self._tracks(final, float(state.time))
+        self._state = replace(state, finished=np.array(True))
+        return Update(self._tracks([], float(state.time)), tracks, tuple(events))
 
     def reset(self) -> None:
         """Forget everything, also what was learned about the cameras."""
-        raise NotImplementedError
+        self._state = new_state(self.scene.rig.camera_count, self.settings.evidence)
 
     @property
     def state(self) -> TrackerState:
-        """All that the tracker remembers; set it to continue from there."""
-        raise NotImplementedError
+        """All that the tracker remembers, which later calls do not change; set it to continue.
+
+        Raises:
+            InvalidInputError: on setting the state of a tracker of another number of cameras.
+        """
+        return self._state
 
     @state.setter
     def state(self, state: TrackerState) -> None:
-        raise NotImplementedError
+        require_instance(state, TrackerState, "state")
+        cameras, count = len(state.learned.active), self.scene.rig.camera_count
+        if cameras != count:
+            raise InvalidInputError(
+                f"The state is that of {cameras} cameras, but the scene has {count}. Set the state "
+                "of a tracker of the same scene."
+            )
+        self._state = state
+
+    def _silent(
+        self, detections: Detections, cameras: Iterable[int] | None
+    ) -> Int[np.ndarray, " k"]:
+        """(K,) cameras that delivered nothing."""
+        count = self.scene.rig.camera_count
+        if cameras is None:
+            return np.zeros(0, np.int64)
+        given = np.unique(as_integer(list(cameras), "cameras")) if cameras else np.zeros(0, int)
+        require_known_cameras(given, count)
+        silent = np.setdiff1d(np.arange(count), given)
+        seen = detections.camera[np.isin(detections.camera, silent)]
+        if len(seen):
+            raise InvalidInputError(
+                f"There is a box of camera {seen[0]}, which is not among the cameras that "
+                "delivered a picture. Name it, or leave the box out."
+            )
+        return silent
+
+    def _record(
+        self, state: TrackerState, detections: Detections, time: float, silent: np.ndarray
+    ) -> TrackerState:
+        """Keep the boxes for `finish`."""
+        frame = _frame(time)
+        rows = np.column_stack([np.full(len(silent), frame), silent])
+        return replace(
+            state,
+            recording=(*state.recording, _at(detections, frame)),
+            silent=np.concatenate([state.silent, rows]),
+        )
+
+    def _localized(self, state: TrackerState) -> Tracks:
+        """What `localize` finds in all boxes."""
+        if not state.recording:
+            return self._tracks([], float(state.time))
+        boxes = Detections.concatenate(state.recording)
+        clock = _clock(float(state.time))
+        boxes = Detections(**(vars(boxes) | {"clock": clock}))
+        tracks = localize(boxes, self.scene, self.settings, silent=state.silent).tracks
+        # Rows of the detections of each instant, not of all.
+        first = np.concatenate([np.zeros(len(part), np.int64) for part in state.recording])
+        begin = np.cumsum([0, *map(len, state.recording)])
+        for part, start in zip(state.recording, begin, strict=False):
+            first[start : start + len(part)] = start
+        support = np.where(tracks.support >= 0, tracks.support - _take(first, tracks.support), -1)
+        return replace(tracks, support=support)
+
+    def _tracks(self, parts: Sequence[Reported], time: float) -> Tracks:
+        """Convert to the frame and units of the scene."""
+        scene, learned = self.scene, self._state.learned
+        cameras = scene.rig.camera_count
+
+        def column(name: str, *shape: int) -> np.ndarray:
+            return np.concatenate([getattr(p, name) for p in parts] or [np.zeros((0, *shape))])
+
+        unit = float(np.nan_to_num(learned.unit, nan=1.0))
+        pace = unit / float(np.nan_to_num(learned.step, nan=1.0)) / MICROSECONDS
+        mean, spread = column("mean", 5), column("covariance", 5, 5)
+        covariance = column("position_covariance", 2, 2) * unit**2
+        support = column("support", cameras).astype(np.int64)
+        registered = np.asarray(scene.rig.registered)
+        basis = np.asarray(scene.ground.basis, np.float64)
+        origin = (np.asarray(scene.rig.centers, np.float64)[registered] @ basis).mean(0)
+        xy = mean[:, :2] * unit + origin
+        detected = (support >= 0).any(1)
+        tracks = Tracks(
+            frame=np.concatenate(
+                [np.full(len(p.identity), _frame(p.time)) for p in parts] or [np.zeros(0, np.int64)]
+            ),
+            track_id=column("identity").astype(np.int64),
+            position=on_plane(xy, scene),
+            ground_xy=xy,
+            sigma=np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2),
+            covariance=covariance,
+            supporting_cameras=(support >= 0).sum(1),
+            origin=np.where(detected, Origin.DETECTED, Origin.INTERPOLATED).astype(np.int64),
+            existence=column("existence"),
+            support=support,
+            velocity=mean[:, 3:] * pace,
+            velocity_covariance=spread[:, 3:, 3:] * pace**2,
+            clock=_clock(time),
+        )
+        return tracks[np.lexsort((tracks.track_id, tracks.frame))]
+
+
+def _frame(time: float) -> int:
+    return int(Clock(MICROSECONDS).frame_at(time))
+
+
+def _clock(time: float) -> Clock:
+    return Clock(MICROSECONDS, utc=abs(time) > ABSOLUTE)
+
+
+def _take(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Values at rows, and any value at -1."""
+    return values[rows] if len(values) else rows
+
+
+def _at(detections: Detections, frame: int) -> Detections:
+    """The same boxes in one frame, without a clock."""
+    columns: dict[str, Any] = vars(detections) | {"clock": None}
+    return Detections(**columns | {"frame": np.full(len(detections), frame, np.int64)})

@@ -1,18 +1,287 @@
 """All that a `Tracker` remembers."""
 
 import os
+from dataclasses import replace
+from typing import NamedTuple
 
 import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from catfree.errors import FileFormatError
+from catfree.methods.evidence.observe._measurement import Noise, start_noise
+from catfree.methods.evidence.track._existence import CELLS
+from catfree.methods.evidence.track._identify import Pasts, no_pasts
+from catfree.methods.evidence.track._tracking import Heads, Node, no_heads
+from catfree.settings import EvidenceSettings
+from catfree.types import Detections
+from catfree.types._archive import load_arrays, save_arrays
+
+
+class Learned(eqx.Module):
+    """What the boxes so far say about cameras and people; old instants count less and less.
+
+    Attributes:
+        unit: () H0 in scene units; NaN until boxes of standing people were seen.
+        noise: of the boxes.
+        step: () usual time between two instants in seconds; NaN before the second.
+        heights: (C, 2) usual box heights.
+        trials, hits: (C, 3, 5) people who should be detected, and are.
+        clutter: (2, C, cells, cells) boxes of people, and other boxes.
+        steps: (2,) sum of squares and number of displacements between instants, per axis.
+        likeness: (5,) of `Likeness`: means and deviations, limit; None without embeddings.
+        places: (P, 2) design uncertainty and number of whole views of reported people.
+        usual: (2,) `UsualPlace` of these; NaN before any.
+        habits: (4,) who came or left, was reported, hid; and frames hidden.
+        active: (C,) whether the camera ever saw anybody.
+    """
+
+    unit: Float[np.ndarray, ""]
+    noise: Noise
+    step: Float[np.ndarray, ""]
+    heights: Float[np.ndarray, "cam 2"]
+    trials: Float[np.ndarray, "cam 3 5"]
+    hits: Float[np.ndarray, "cam 3 5"]
+    clutter: Float[np.ndarray, "2 cam cells cells"]
+    steps: Float[np.ndarray, "2"]
+    likeness: Float[np.ndarray, "5"] | None
+    places: Float[np.ndarray, "p 2"]
+    usual: Float[np.ndarray, "2"]
+    habits: Float[np.ndarray, "4"]
+    active: Bool[np.ndarray, " cam"]
+
+
+class Instant(NamedTuple):
+    """The tracks of an instant that is not final yet; T rows as in `Node`.
+
+    Attributes:
+        time: () seconds.
+        node: the tracks; `node.group` is the row itself, or -1 in a gap.
+        matrix, vector: (T, 3, 3) and (T, 3) information of the boxes.
+        evidence: (T,) log-odds of the instant.
+        forward: (T, 2) log weights of being present or not, given the instants so far.
+        weight: (T,) summed evidence of the track while present, so far.
+        shift: (T, 2) movement of the position for a raised ground.
+        place: (T, 2) design uncertainty, and number of whole views.
+        support: (T, C) rows of the caller's detections, or -1.
+        look: (T, D) sum of the embeddings of the boxes; `boxes`: (T,) their number.
+    """
+
+    time: Float[np.ndarray, ""]
+    node: Node
+    matrix: Float[np.ndarray, "t 3 3"]
+    vector: Float[np.ndarray, "t 3"]
+    evidence: Float[np.ndarray, " t"]
+    forward: Float[np.ndarray, "t 2"]
+    weight: Float[np.ndarray, " t"]
+    shift: Float[np.ndarray, "t 2"]
+    place: Float[np.ndarray, "t 2"]
+    support: Int[np.ndarray, "t cam"]
+    look: Float[np.ndarray, "t dim"]
+    boxes: Int[np.ndarray, " t"]
 
 
 class TrackerState(eqx.Module):
-    """All that a `Tracker` remembers: a pytree of arrays whose size does not grow with time."""
+    """All that a `Tracker` remembers: a pytree of arrays whose size does not grow with time.
+
+    Only with an infinite lag it does, because then all boxes are needed at the end.
+
+    Attributes:
+        count: () instants so far; `time`: () seconds of the last, minus infinity before the first.
+        finished: () whether `finish` was called.
+        learned: what is known of cameras and people.
+        sample: boxes of some of the last instants, to learn from; frames count instants.
+        spacing: () instants between those of the sample.
+        times: (K,) seconds of the last instants.
+        heads: the tracks being followed, T of them.
+        forward, weight: (T, 2) and (T,) of these as in `Instant`.
+        sure: (S, 2) positions of the last instant that are beyond doubt, in H0.
+        window: the instants that are not final yet.
+        pasts: final positions, by identity; `final_time`: () seconds of the last.
+        identity: (K, 2) track and identity of the tracks that have one.
+        names: () identities given so far.
+        recording: boxes of all instants, only with an infinite lag; frames are microseconds.
+        silent: (S, 2) pictures that do not exist, likewise.
+    """
+
+    count: Int[np.ndarray, ""]
+    time: Float[np.ndarray, ""]
+    finished: Bool[np.ndarray, ""]
+    learned: Learned
+    sample: Detections
+    spacing: Int[np.ndarray, ""]
+    times: Float[np.ndarray, " k"]
+    heads: Heads
+    forward: Float[np.ndarray, "track 2"]
+    weight: Float[np.ndarray, " track"]
+    sure: Float[np.ndarray, "s 2"]
+    window: tuple[Instant, ...]
+    pasts: Pasts
+    final_time: Float[np.ndarray, ""]
+    identity: Int[np.ndarray, "named 2"]
+    names: Int[np.ndarray, ""]
+    recording: tuple[Detections, ...]
+    silent: Int[np.ndarray, "s 2"]
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write to one `.npz` file (no pickle); `load` returns it bit for bit."""
-        raise NotImplementedError
+        """Write to one `.npz` file (no pickle); `load` returns it bit for bit.
+
+        Raises:
+            InvalidInputError: if the folder does not exist.
+            WriteError: if the disk is full or not writable.
+        """
+        sizes = {"cameras": len(self.learned.active), "window": len(self.window)}
+        sizes["recording"] = len(self.recording)
+        save_arrays(path, "TrackerState", sizes | dict(_leaves(self)))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "TrackerState":
-        """Read what `save` wrote."""
-        raise NotImplementedError
+        """Read what `save` wrote.
+
+        Raises:
+            InvalidInputError: if there is no such file.
+            FileFormatError: if the file holds something else.
+        """
+        sizes = ("cameras", "window", "recording")
+        arrays = load_arrays(path, "TrackerState", required=None)
+        try:
+            cameras, window, recording = (int(arrays.pop(name)) for name in sizes)
+            empty = new_state(cameras, EvidenceSettings())
+            empty = replace(
+                empty,
+                window=(_no_instant(cameras),) * window,
+                recording=(no_boxes(),) * recording,
+            )
+            names = [name for name, _ in _leaves(empty)]
+            if set(arrays) - set(names):
+                raise KeyError
+            _, kind = jax.tree.flatten(empty, is_leaf=_is_none)
+            return jax.tree.unflatten(kind, [arrays.get(name) for name in names])
+        except (KeyError, TypeError, ValueError) as error:
+            raise FileFormatError(
+                f"{path} is not the state of a tracker of this version. Start a new tracker."
+            ) from error
+
+
+def _is_none(value: object) -> bool:
+    return value is None
+
+
+def _leaves(state: TrackerState) -> list[tuple[str, np.ndarray | None]]:
+    leaves = jax.tree_util.tree_flatten_with_path(state, is_leaf=_is_none)[0]
+    return [(jax.tree_util.keystr(place), leaf) for place, leaf in leaves]
+
+
+def no_boxes() -> Detections:
+    """Detections without rows."""
+    none = np.zeros(0, np.int64)
+    return Detections(none, none, np.zeros((0, 4)))
+
+
+def new_state(cameras: int, settings: EvidenceSettings) -> TrackerState:
+    """Nothing seen yet."""
+    nan = np.array(np.nan)
+    shape = (cameras, 3, 5)
+    return TrackerState(
+        count=np.array(0),
+        time=np.array(-np.inf),
+        finished=np.array(False),
+        learned=Learned(
+            unit=nan,
+            noise=start_noise(cameras, settings),
+            step=nan,
+            heights=np.zeros((cameras, 2)),
+            trials=np.zeros(shape),
+            hits=np.zeros(shape),
+            clutter=np.zeros((2, cameras, CELLS, CELLS)),
+            steps=np.zeros(2),
+            likeness=None,
+            places=np.zeros((0, 2)),
+            usual=np.full(2, np.nan),
+            habits=np.zeros(4),
+            active=np.zeros(cameras, bool),
+        ),
+        sample=no_boxes(),
+        spacing=np.array(1),
+        times=np.zeros(0),
+        heads=no_heads(),
+        forward=np.zeros((0, 2)),
+        weight=np.zeros(0),
+        sure=np.zeros((0, 2)),
+        window=(),
+        pasts=no_pasts(0),
+        final_time=nan,
+        identity=np.zeros((0, 2), np.int64),
+        names=np.array(0),
+        recording=(),
+        silent=np.zeros((0, 2), np.int64),
+    )
+
+
+def _no_instant(cameras: int) -> Instant:
+    none = np.zeros(0)
+    five, square = np.zeros((0, 5)), np.zeros((0, 5, 5))
+    whole = np.zeros(0, np.int64)
+    return Instant(
+        np.zeros(()), Node(whole, whole, five, square, five, square), square[:, :3, :3],
+        five[:, :3], none, five[:, :2], none, five[:, :2], five[:, :2],
+        np.zeros((0, cameras), np.int64), five[:, :0], whole,
+    )  # fmt: skip
+
+
+def rescaled(state: TrackerState, length: float, pace: float) -> TrackerState:
+    """The same people in another unit of length and of time.
+
+    Args:
+        state: in the old units.
+        length: old unit of length in new ones.
+        pace: new usual step over the old one, by which velocities per step grow.
+    """
+    if length == 1 and pace == 1:
+        return state
+    scale = length * np.array([1, 1, 1, pace, pace])
+    square = scale[:, None] * scale
+
+    def node(n: Node) -> Node:
+        return n._replace(
+            mean=n.mean * scale,
+            covariance=n.covariance * square,
+            predicted_mean=n.predicted_mean * scale,
+            predicted_covariance=n.predicted_covariance * square,
+        )
+
+    pasts = state.pasts
+    return replace(
+        state,
+        heads=replace(
+            state.heads, mean=state.heads.mean * scale, covariance=state.heads.covariance * square
+        ),
+        sure=state.sure * length,
+        window=tuple(
+            i._replace(
+                node=node(i.node),
+                matrix=i.matrix / length**2,
+                vector=i.vector / length,
+                place=i.place * np.array([length, 1]),
+            )
+            for i in state.window
+        ),
+        pasts=pasts._replace(mean=pasts.mean * scale, covariance=pasts.covariance * square),
+    )
+
+
+def with_looks(state: TrackerState, dim: int) -> TrackerState:
+    """Room for embeddings of `dim` numbers, where there was none."""
+    if state.heads.look.shape[1] == dim:
+        return state
+
+    def room(look: np.ndarray) -> np.ndarray:
+        return np.zeros((len(look), dim))
+
+    return replace(
+        state,
+        heads=replace(state.heads, look=room(state.heads.look)),
+        window=tuple(i._replace(look=room(i.look)) for i in state.window),
+        pasts=state.pasts._replace(look=room(state.pasts.look)),
+    )

@@ -58,6 +58,16 @@ def self_calibrate(
     return learned.unit, learned.noise
 
 
+def learn_once_more(
+    detections: Detections, scene: Scene, unit: float, noise: Noise, settings: EvidenceSettings
+) -> tuple[float, Noise]:
+    """One more round of `self_calibrate`, from what was learned before."""
+    detections = _subset(detections, settings.calibration_frames)
+    boxes = prepare_boxes(detections, scene.rig, settings)
+    search = _Search(boxes, foot_cover(boxes), scene, _Learned(unit, noise), settings)
+    return search.after(1)
+
+
 class _Learned(NamedTuple):
     """Learned quantities: the unit H0 in scene units, and the noise of the boxes."""
 

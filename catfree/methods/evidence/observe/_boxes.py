@@ -94,6 +94,7 @@ def prepare_boxes(
     rig: Rig,
     settings: EvidenceSettings,
     silent: Int[np.ndarray, "k 2"] | None = None,
+    frames: Int[np.ndarray, " frame"] | None = None,
 ) -> Boxes:
     """Sort, undistort and pad detections; those of unregistered cameras are omitted.
 
@@ -102,6 +103,7 @@ def prepare_boxes(
         rig: the cameras.
         settings: for the border margin.
         silent: (K, 2) frame and camera of pictures that do not exist.
+        frames: (F,) sorted frame numbers, with boxes or without; None for those with boxes.
 
     Returns:
         Padded arrays in an order that does not depend on the input order.
@@ -123,7 +125,9 @@ def prepare_boxes(
         order = np.lexsort(keys)
     rows = rows[order]
     n = len(rows)
-    frames, frame = np.unique(detections.frame[rows], return_inverse=True)
+    if frames is None:
+        frames = np.unique(detections.frame[rows])
+    frame = np.searchsorted(frames, detections.frame[rows])
     N = fine_length(n)
     camera = detections.camera[rows]
     box = box[rows]

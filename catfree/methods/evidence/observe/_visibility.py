@@ -178,14 +178,26 @@ def learn_detection_rate(
         camera: (n,) their cameras.
         settings: constants.
     """
-    C = member.shape[1]
-    heights = np.zeros((C, 2))
-    for c in range(C):
+    heights = usual_heights(size, camera, member.shape[1])
+    return rate_of_counts(heights, *count_detections(seen, member, heights), settings)
+
+
+def usual_heights(size: np.ndarray, camera: np.ndarray, cameras: int) -> Float[np.ndarray, "cam 2"]:
+    """Box heights (C, 2) that separate small, usual and large people, of boxes (n,)."""
+    heights = np.zeros((cameras, 2))
+    for c in range(cameras):
         camera_sizes = size[camera == c]
         if len(camera_sizes):
             heights[c] = np.quantile(camera_sizes, HEIGHT_QUANTILES)
-    rate = DetectionRate(heights, np.ones((C, 3, 5)))
-    height, cover = rate._bins(seen)
+    return heights
+
+
+def count_detections(
+    seen: Views, member: np.ndarray, heights: Float[np.ndarray, "cam 2"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Trials and hits (C, 3, 5) of people in view whom at least three other cameras confirm."""
+    C = member.shape[1]
+    height, cover = DetectionRate(heights, np.ones((C, 3, 5)))._bins(seen)
     hit = member >= 0
     others = hit.sum(1, keepdims=True) - hit
     trial = (others >= WITNESSES) & (seen.inside > WHOLE)
@@ -194,6 +206,16 @@ def learn_detection_rate(
     trials, hits = np.zeros((C, 3, 5)), np.zeros((C, 3, 5))
     np.add.at(trials, index, w)
     np.add.at(hits, index, w * hit)
+    return trials, hits
+
+
+def rate_of_counts(
+    heights: Float[np.ndarray, "cam 2"],
+    trials: np.ndarray,
+    hits: np.ndarray,
+    settings: EvidenceSettings,
+) -> DetectionRate:
+    """Detection rates from trials and hits (C, 3, 5)."""
     pseudo = settings.detection_rate_pseudo_counts
     # Shrink towards the product of camera and cover rates, and those towards the overall rate.
     overall = (hits.sum() + pseudo * settings.detection_rate_start) / (trials.sum() + pseudo)

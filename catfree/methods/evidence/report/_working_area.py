@@ -1,9 +1,11 @@
 """Working area: the ground where the rig's geometry locates an unhidden person precisely."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from catfree.filters import log_otsu
 from catfree.geometry._buckets import coarse_length, in_blocks
@@ -83,12 +85,44 @@ def in_working_area(
     """
     if len(state) == 0:
         return np.zeros(0, bool)
-    sigma = design_sigma(state, seen, views, noise)
+    sigma, whole = design_sigma(state, seen, views, noise), whole_views(seen)
+    return usual_place(sigma, whole).holds(sigma, whole, cameras, settings)
+
+
+def whole_views(seen: Views) -> Int[np.ndarray, " person"]:
+    """Number of images with the whole body of each person."""
+    return (np.asarray(seen.share) >= WHOLE_BODY).sum(1)
+
+
+class UsualPlace(NamedTuple):
+    """How well people are usually seen.
+
+    Attributes:
+        sigma: design uncertainty of the well-seen people in H0.
+        whole: median number of images with the whole body.
+    """
+
+    sigma: float
+    whole: float
+
+    def holds(
+        self,
+        sigma: Float[np.ndarray, " person"],
+        whole: Int[np.ndarray, " person"],
+        cameras: int,
+        settings: EvidenceSettings,
+    ) -> Bool[np.ndarray, " person"]:
+        """(n,) whether places with this uncertainty and so many images are in the area."""
+        enough = self.whole - whole < settings.missing_views * cameras
+        enough |= whole >= settings.enough_views
+        return (np.log(sigma) <= np.log(self.sigma) + np.log(settings.working_sigma)) & enough
+
+
+def usual_place(
+    sigma: Float[np.ndarray, " person"], whole: Int[np.ndarray, " person"]
+) -> UsualPlace:
+    """Learn from the design uncertainty of people, at least one, and their number of images."""
     sample = np.pad(sigma, (0, coarse_length(len(sigma), SAMPLE_BLOCK) - len(sigma)))
     present = np.arange(len(sample)) < len(sigma)
     typical = np.log(sigma[sigma <= float(_log_otsu(sample, present))]).mean()
-    whole = (seen.share >= WHOLE_BODY).sum(1)
-    missing = np.median(whole) - whole
-    enough = missing < settings.missing_views * cameras
-    enough |= whole >= settings.enough_views
-    return (np.log(sigma) <= typical + np.log(settings.working_sigma)) & enough
+    return UsualPlace(float(np.exp(typical)), float(np.median(whole)))

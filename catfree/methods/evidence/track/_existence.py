@@ -5,7 +5,6 @@ from dataclasses import replace
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.ndimage import uniform_filter
 from scipy.special import expit
 
 from catfree.geometry._buckets import in_blocks
@@ -101,16 +100,10 @@ def judge_groups(
         settings: constants.
     """
     member = groups.member
-    is_member = member >= 0
     C = member.shape[1]
     probability = probability * delivered(probability, member, groups.frame, boxes)[groups.frame]
-    base = groups.gain + agreement
-    if settings.use_misses:
-        base = base + misses(probability, member)
-    detection_rate = np.maximum(probability, settings.smallest_detection_rate)
-    base = base + np.where(is_member, np.log(detection_rate), 0.0).sum(1)
-
-    g, c = np.nonzero(is_member)
+    base = log_odds_without_clutter(groups.gain + agreement, member, probability, settings)
+    g, c = np.nonzero(member >= 0)
     box = member[g, c]
     cell = clutter_cells(np.asarray(measurements.state)[box], c, views)
     clutter = np.full(len(g), settings.clutter_start)
@@ -119,15 +112,52 @@ def judge_groups(
         log_odds = base - np.bincount(g, np.log(clutter), len(member))
         if round_ == settings.clutter_rounds or not settings.local_clutter:
             break
-        p = expit(log_odds)[g]
-        shape = (C, CELLS, CELLS)
-        person = np.bincount(cell, p, C * CELLS * CELLS).reshape(shape)
-        other = np.bincount(cell, 1 - p, C * CELLS * CELLS).reshape(shape)
-        ratio = (other.sum((1, 2)) + 1) / (person.sum((1, 2)) + 1)
-        near = [9 * uniform_filter(x, 3, mode="constant", axes=(1, 2)) for x in (person, other)]
-        pseudo = settings.clutter_pseudo_counts
-        smooth = (near[1] + pseudo * ratio[:, None, None]) / (near[0] + pseudo)
-        clutter = np.clip(smooth.reshape(-1)[cell], *settings.clutter_range)
+        clutter = clutter_at(cell, count_clutter(cell, expit(log_odds)[g], C), settings)
     per_box = np.full(len(boxes.frame), settings.clutter_start)
     per_box[box] = clutter
     return Existence(log_odds, probability, per_box)
+
+
+def log_odds_without_clutter(
+    gain: np.ndarray, member: np.ndarray, probability: np.ndarray, settings: EvidenceSettings
+) -> Float[np.ndarray, " group"]:
+    """Log-odds of groups (H,) whose boxes are as likely clutter as a person in view.
+
+    Args:
+        gain: (H,) log evidence for one person, with appearance.
+        member: (H, C) boxes, -1 for none.
+        probability: (H, C) of detection, 0 in cameras without a picture.
+        settings: constants.
+    """
+    if settings.use_misses:
+        gain = gain + misses(probability, member)
+    rate = np.maximum(probability, settings.smallest_detection_rate)
+    return gain + np.where(member >= 0, np.log(rate), 0.0).sum(1)
+
+
+def count_clutter(
+    cell: Int[np.ndarray, " n"], probability: Float[np.ndarray, " n"], cameras: int
+) -> Float[np.ndarray, "2 cam cells cells"]:
+    """Expected number of boxes of people, and of other boxes, in every cell of every camera."""
+    shape = (cameras, CELLS, CELLS)
+    parts = (np.bincount(cell, p, np.prod(shape)) for p in (probability, 1 - probability))
+    return np.stack([part.reshape(shape) for part in parts])
+
+
+def clutter_at(
+    cell: Int[np.ndarray, " n"],
+    counts: Float[np.ndarray, "2 cam cells cells"],
+    settings: EvidenceSettings,
+) -> Float[np.ndarray, " n"]:
+    """Ratio of clutter to people around cells, shrunk towards that of the whole camera."""
+    person, other = counts.sum((2, 3))
+    ratio = (other + 1) / (person + 1)
+    c, i, j = np.unravel_index(cell, counts.shape[1:])
+    near = np.zeros((2, len(cell)))
+    for down, aside in np.ndindex(3, 3):
+        k, m = i + down - 1, j + aside - 1
+        inside = (k >= 0) & (k < CELLS) & (m >= 0) & (m < CELLS)
+        near += np.where(inside, counts[:, c, k % CELLS, m % CELLS], 0.0)
+    pseudo = settings.clutter_pseudo_counts
+    smooth = (near[1] + pseudo * ratio[c]) / (near[0] + pseudo)
+    return np.clip(smooth, *settings.clutter_range)

@@ -73,6 +73,10 @@ class Nodes(NamedTuple):
     look: Float[np.ndarray, "n dim"]
     boxes: Int[np.ndarray, " n"]
 
+    def at(self, rows) -> "Nodes":
+        """Some of the positions."""
+        return Nodes(*(part[rows] for part in self))
+
 
 class Population(NamedTuple):
     """What is the same for all chains.
@@ -121,7 +125,7 @@ def identify(
     position, group = trails.mean[rows, :2], trails.group[rows]
     seen, _ = mean_and_covariance(groups.info[group[group >= 0]], population.spread)
     position[group >= 0] = seen[:, :2]
-    nodes = _nodes(trails, rows, error, groups, population.looks)
+    nodes = nodes_of(trails, rows, error, groups, population.looks)
     chain = np.unique(trails.track[rows], return_inverse=True)[1]
     motion = estimate_walk(position, nodes.frame, chain, population.time, population.motion)
     population = population._replace(motion=motion)
@@ -137,7 +141,7 @@ def identify(
     return names
 
 
-def _nodes(
+def nodes_of(
     trails: Trails,
     rows: Int[np.ndarray, " n"],
     error: Float[np.ndarray, "node 2 2"],
@@ -226,7 +230,7 @@ def estimate_walk(
     return Motion(float(np.clip(speed, *SPEED_RANGE)), memory**SUDDEN)
 
 
-class _Futures(NamedTuple):
+class Futures(NamedTuple):
     """Chains from one frame on: the chain of each, its information, and frames until it is seen."""
 
     chain: Int[np.ndarray, " k"]
@@ -235,12 +239,12 @@ class _Futures(NamedTuple):
     wait: Int[np.ndarray, " k"]
 
 
-def _futures(
+def futures_of(
     at: list[np.ndarray], nodes: Nodes, chain: np.ndarray, steps: list[tuple]
-) -> list[_Futures]:
+) -> list[Futures]:
     """What each chain says of its person's state at each frame, from that frame on."""
     place = np.full(chain.max() + 1, -1)
-    now = _Futures(np.zeros(0, int), np.zeros((0, 5, 5)), np.zeros((0, 5)), np.zeros(0, int))
+    now = Futures(np.zeros(0, int), np.zeros((0, 5, 5)), np.zeros((0, 5)), np.zeros(0, int))
     found = []
     for t in range(len(at) - 1, -1, -1):
         name, matrix, vector, wait = now
@@ -260,7 +264,7 @@ def _futures(
         matrix[old] += nodes.matrix[hit]
         vector[old] += nodes.vector[hit]
         wait[old] = 0
-        now = _Futures(
+        now = Futures(
             np.concatenate([name, chain[fresh]]),
             np.concatenate([matrix, nodes.matrix[fresh]]),
             np.concatenate([vector, nodes.vector[fresh]]),
@@ -310,77 +314,164 @@ def sweep(
     at = [np.arange(a, b) for a, b in pairwise(bounds)]
     kinds = {dt: transition(population.motion, dt) for dt in set(np.diff(population.time).tolist())}
     steps = [kinds[dt] for dt in np.diff(population.time).tolist()]
-    futures = _futures(at, nodes, chain, steps)
+    futures = futures_of(at, nodes, chain, steps)
+    pasts = no_pasts(nodes.look.shape[1])
+    chains = chain.max() + 1
+    # Of each chain's future.
+    look = np.zeros((chains, nodes.look.shape[1]))
+    np.add.at(look, chain, nodes.look)
+    boxes = np.bincount(chain, nodes.boxes, chains).astype(int)
+    seen = np.bincount(chain, nodes.boxes > 0, chains).astype(int)
+    names, count = np.zeros(len(chain), int), 0
+    place = np.full(chains, -1)
+    for t, future in enumerate(futures):
+        if t:
+            pasts = later(pasts, *steps[t - 1])
+        name = future.chain
+        past = match(pasts, future, look[name], boxes[name], seen[name], habits, population)
+        here = at[t]
+        place[name] = np.arange(len(name))
+        linked = past[place[chain[here]]]
+        new = linked < 0
+        names[here[~new]] = pasts.name[linked[~new]]
+        names[here[new]] = count + np.arange(new.sum())
+        count += int(new.sum())
+        pasts = extend(pasts, linked, names[here], nodes.at(here), population)
+        look[chain[here]] -= nodes.look[here]
+        boxes[chain[here]] -= nodes.boxes[here]
+        seen[chain[here]] -= nodes.boxes[here] > 0
+    return names
+
+
+class Pasts(NamedTuple):
+    """Chains up to one frame.
+
+    Attributes:
+        name: (T,) identity.
+        gap: (T,) frames since the last position.
+        mean: (T, 5) state at the frame, and `covariance`: (T, 5, 5).
+        look: (T, D) sum of the embeddings of the boxes, and `boxes`: (T,) their number.
+    """
+
+    name: Int[np.ndarray, " t"]
+    gap: Int[np.ndarray, " t"]
+    mean: Float[np.ndarray, "t 5"]
+    covariance: Float[np.ndarray, "t 5 5"]
+    look: Float[np.ndarray, "t dim"]
+    boxes: Int[np.ndarray, " t"]
+
+
+def no_pasts(dim: int) -> Pasts:
+    """No chains yet, with embeddings of `dim` numbers."""
+    none = np.zeros(0, int)
+    return Pasts(none, none, np.zeros((0, 5)), np.zeros((0, 5, 5)), np.zeros((0, dim)), none)
+
+
+def later(pasts: Pasts, A: Float[np.ndarray, "5 5"], Q: Float[np.ndarray, "5 5"]) -> Pasts:
+    """The chains one frame later; those without a position for too long end."""
+    name, gap, mean, cov, look, boxes = (part[pasts.gap < HORIZON] for part in pasts)
+    return Pasts(name, gap + 1, mean @ A.T, A @ cov @ A.T + Q, look, boxes)
+
+
+def _new_person(population: Population) -> tuple[np.ndarray, np.ndarray]:
+    """Information (5, 5) and (5,) on height and velocity of somebody never seen before."""
+    spread, speed = population.spread, population.motion.speed
+    matrix = np.diag([0.0, 0.0, spread**-2, speed**-2, speed**-2])
+    return matrix, np.array([0.0, 0.0, spread**-2, 0.0, 0.0])
+
+
+def match(
+    pasts: Pasts,
+    future: Futures,
+    look: Float[np.ndarray, "k dim"],
+    boxes: Int[np.ndarray, " k"],
+    seen: Int[np.ndarray, " k"],
+    habits: Habits,
+    population: Population,
+) -> Int[np.ndarray, " k"]:
+    """Assign pasts to futures.
+
+    Args:
+        pasts: the chains up to the frame before, predicted for this one.
+        future: (K) the chains from this frame on.
+        look: (K, D) sum of the embeddings of their boxes.
+        boxes: (K,) number of these.
+        seen: (K,) number of their positions with a box.
+        habits: rates of leaving and hiding.
+        population: what is the same for all chains.
+
+    Returns:
+        (K,) row of the past that each continues, or -1.
+    """
+    _, matrix, vector, wait = future
+    past = np.full(len(matrix), -1)
+    if len(past) == 0 or len(pasts.name) == 0:
+        return past
     density, spread, speed = population.density, population.spread, population.motion.speed
-    prior = np.diag([0.0, 0.0, spread**-2, speed**-2, speed**-2])
-    pull = np.array([0.0, 0.0, spread**-2, 0.0, 0.0])
+    prior, pull = _new_person(population)
     # Of the prior of a new person, and of leaving and coming instead of staying.
     constant = np.log(2 * np.pi * density) - np.log(spread * speed**2)
     constant += 2 * np.log(habits.leave) - 0.5 / spread**2
-    mean, cov = np.zeros((0, 5)), np.zeros((0, 5, 5))
-    gap, name = np.zeros(0, int), np.zeros(0, int)
-    dim = nodes.look.shape[1]
-    look, boxes = np.zeros((0, dim)), np.zeros(0, int)
-    chains = chain.max() + 1
-    rest = np.zeros((chains, dim))  # of each chain's future: its looks, boxes, and seen positions
-    np.add.at(rest, chain, nodes.look)
-    rest_boxes = np.bincount(chain, nodes.boxes, chains).astype(int)
-    rest_seen = np.bincount(chain, nodes.boxes > 0, chains).astype(int)
-    names, count = np.zeros(len(chain), int), 0
-    place = np.full(chains, -1)
-    for t, (future, matrix, vector, wait) in enumerate(futures):
-        if t:
-            A, Q = steps[t - 1]
-            near = gap < HORIZON
-            mean, cov = mean[near] @ A.T, A @ cov[near] @ A.T + Q
-            gap, name, look, boxes = gap[near] + 1, name[near], look[near], boxes[near]
-        past = np.full(len(future), -1)
-        if len(name) and len(future):
-            alone, around = matrix + prior, np.linalg.inv(matrix + prior)
-            start = vector + pull
-            value = constant + _form(alone, start)
-            center = np.einsum("kij,kj->ki", around[:, :2], start)
-            hidden = gap[:, None] - 1 + wait[None]
-            m2, area = distances(mean[:, :2], cov[:, :2, :2], center, around[:, :2, :2])
-            cost = habits.surprise(hidden) + np.log(2 * np.pi * density * habits.leave**2)
-            hope = -0.5 * (m2 + np.log(area)) - cost
-            i, j = np.nonzero((hope > HOPELESS) & (hidden < HORIZON))
-            P, p = _of_known_and_any_height(mean, cov, spread)
-            same = _form(P[:, i] + matrix[j], p[:, i] + vector[j]) - _form(P, p)[:, i]
-            same += np.log([[1 - population.misled], [population.misled]])
-            gain = np.zeros(hope.shape)
-            gain[i, j] = np.logaddexp(*same) - value[j] - habits.surprise(hidden[i, j])
-            if population.looks is not None:
-                # A whole future counts like one usual position of it: its errors are common.
-                each = rest_boxes[future] / np.maximum(rest_seen[future], 1)
-                alike = population.looks.compare(
-                    look, boxes, rest[future], rest_boxes[future], each
-                )
-                gain[i, j] += alike[i, j]
-            rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
-            good = gain[rows, columns] > 0
-            past[columns[good]] = rows[good]
-        here = at[t]
-        place[future] = np.arange(len(future))
-        linked = past[place[chain[here]]]
-        hit, new = here[linked >= 0], here[linked < 0]
-        linked = linked[linked >= 0]
-        P = np.linalg.inv(cov[linked])
-        p = np.einsum("tij,tj->ti", P, mean[linked]) + nodes.vector[hit]
-        cov[linked] = np.linalg.inv(P + nodes.matrix[hit])
-        mean[linked] = np.einsum("tij,tj->ti", cov[linked], p)
-        gap[linked] = 0
-        names[hit], names[new] = name[linked], count + np.arange(len(new))
-        count += len(new)
-        first = np.linalg.inv(nodes.matrix[new] + prior)
-        mean = np.concatenate([mean, np.einsum("tij,tj->ti", first, nodes.vector[new] + pull)])
-        cov, gap = np.concatenate([cov, first]), np.concatenate([gap, np.zeros(len(new), int)])
-        name = np.concatenate([name, names[new]])
-        look[linked] += nodes.look[hit]
-        boxes[linked] += nodes.boxes[hit]
-        rest[chain[here]] -= nodes.look[here]
-        rest_boxes[chain[here]] -= nodes.boxes[here]
-        rest_seen[chain[here]] -= nodes.boxes[here] > 0
-        look = np.concatenate([look, nodes.look[new]])
-        boxes = np.concatenate([boxes, nodes.boxes[new]])
-    return names
+    mean, cov = pasts.mean, pasts.covariance
+    alone, around = matrix + prior, np.linalg.inv(matrix + prior)
+    start = vector + pull
+    value = constant + _form(alone, start)
+    center = np.einsum("kij,kj->ki", around[:, :2], start)
+    hidden = pasts.gap[:, None] - 1 + wait[None]
+    m2, area = distances(mean[:, :2], cov[:, :2, :2], center, around[:, :2, :2])
+    cost = habits.surprise(hidden) + np.log(2 * np.pi * density * habits.leave**2)
+    hope = -0.5 * (m2 + np.log(area)) - cost
+    i, j = np.nonzero((hope > HOPELESS) & (hidden < HORIZON))
+    P, p = _of_known_and_any_height(mean, cov, spread)
+    same = _form(P[:, i] + matrix[j], p[:, i] + vector[j]) - _form(P, p)[:, i]
+    same += np.log([[1 - population.misled], [population.misled]])
+    gain = np.zeros(hope.shape)
+    gain[i, j] = np.logaddexp(*same) - value[j] - habits.surprise(hidden[i, j])
+    if population.looks is not None:
+        # A whole future counts like one usual position of it: its errors are common.
+        each = boxes / np.maximum(seen, 1)
+        gain[i, j] += population.looks.compare(pasts.look, pasts.boxes, look, boxes, each)[i, j]
+    rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
+    good = gain[rows, columns] > 0
+    past[columns[good]] = rows[good]
+    return past
+
+
+def extend(
+    pasts: Pasts,
+    linked: Int[np.ndarray, " n"],
+    names: Int[np.ndarray, " n"],
+    nodes: Nodes,
+    population: Population,
+) -> Pasts:
+    """Add the positions of a frame to their chains.
+
+    Args:
+        pasts: the chains up to the frame before, predicted for this one.
+        linked: (n,) the past that each position continues; -1 begins a chain.
+        names: (n,) identities.
+        nodes: (n) the positions.
+        population: what is the same for all chains.
+    """
+    prior, pull = _new_person(population)
+    hit, new = linked >= 0, linked < 0
+    old = linked[hit]
+    mean, cov, gap = pasts.mean.copy(), pasts.covariance.copy(), pasts.gap.copy()
+    look, boxes = pasts.look.copy(), pasts.boxes.copy()
+    P = np.linalg.inv(cov[old])
+    p = np.einsum("tij,tj->ti", P, mean[old]) + nodes.vector[hit]
+    cov[old] = np.linalg.inv(P + nodes.matrix[hit])
+    mean[old] = np.einsum("tij,tj->ti", cov[old], p)
+    gap[old] = 0
+    look[old] += nodes.look[hit]
+    boxes[old] += nodes.boxes[hit]
+    first = np.linalg.inv(nodes.matrix[new] + prior)
+    start = np.einsum("tij,tj->ti", first, nodes.vector[new] + pull)
+    return Pasts(
+        np.concatenate([pasts.name, names[new]]),
+        np.concatenate([gap, np.zeros(new.sum(), int)]),
+        np.concatenate([mean, start]),
+        np.concatenate([cov, first]),
+        np.concatenate([look, nodes.look[new]]),
+        np.concatenate([boxes, nodes.boxes[new]]),
+    )

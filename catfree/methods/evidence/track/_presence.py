@@ -1,6 +1,7 @@
 """Estimate when the person of a track was present, as a two-state Markov chain."""
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import expit
 
 from catfree.methods.evidence.track._tracking import Trails
@@ -23,19 +24,60 @@ def presence(trails: Trails, evidence: np.ndarray, entry: float, leave: float) -
     """
     if len(trails) == 0:
         return np.zeros(0)
-    new = np.r_[True, np.diff(trails.track) != 0]
-    track = np.cumsum(new) - 1
-    start = np.flatnonzero(new)
-    column = np.arange(len(trails)) - start[track]
-    table = np.zeros((len(start), column.max() + 1))
-    real = np.zeros(table.shape, bool)
-    table[track, column], real[track, column] = evidence, True
+    table, real, place = _by_track(trails, evidence)
     forward = _chain(table, real, entry, leave)
     # Backward in time, switching on means leaving, so the two costs are exchanged.
     backward = _chain(table[:, ::-1], real[:, ::-1], leave, entry, last=True)[:, ::-1]
     on = forward[..., 0] + backward[..., 0] - table
     off = forward[..., 1] + backward[..., 1]
-    return expit(on - off)[track, column]
+    return expit(on - off)[place]
+
+
+def step_forward(
+    on: np.ndarray, off: np.ndarray, evidence: np.ndarray, entry: float, leave: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Log weights of being present or not, one frame later; only their difference counts.
+
+    Args:
+        on: (T,) of all histories so far that end present; minus infinity before the first frame.
+        off: (T,) of those that do not; 0 before the first frame.
+        evidence: (T,) log-odds of the frame.
+        entry: cost of appearing.
+        leave: cost of disappearing.
+    """
+    on, off = np.logaddexp(on, off - entry) + evidence, np.logaddexp(off, on - leave)
+    most = np.maximum(on, off)
+    return on - most, off - most
+
+
+def later_frames(
+    trails: Trails, evidence: np.ndarray, entry: float, leave: float
+) -> Float[np.ndarray, "node 2"]:
+    """Log weights of being present or not in each row, given its own evidence and later rows.
+
+    Args:
+        trails: rows sorted by track and frame.
+        evidence: (M,) log-odds of each row.
+        entry: cost of appearing.
+        leave: cost of disappearing.
+    """
+    if len(trails) == 0:
+        return np.zeros((0, 2))
+    table, real, place = _by_track(trails, evidence)
+    return _chain(table[:, ::-1], real[:, ::-1], leave, entry, last=True)[:, ::-1][place]
+
+
+def _by_track(
+    trails: Trails, evidence: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Evidence as a table of tracks and their frames, where it is known, and each row's place."""
+    new = np.r_[True, np.diff(trails.track) != 0]
+    track = np.cumsum(new) - 1
+    column = np.arange(len(trails)) - np.flatnonzero(new)[track]
+    table = np.zeros((track[-1] + 1, column.max() + 1))
+    real = np.zeros(table.shape, bool)
+    table[track, column], real[track, column] = evidence, True
+    return table, real, (track, column)
 
 
 def _chain(table, real, enter, leave, last=False):

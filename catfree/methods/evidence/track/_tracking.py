@@ -1,5 +1,9 @@
 """Link groups over time: Kalman filter, assignment by evidence, smoothing."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
@@ -82,15 +86,28 @@ def estimate_motion(position: np.ndarray, frame: np.ndarray, time: np.ndarray) -
         a, b = position[bounds[t] : bounds[t + 1]], position[bounds[t + 1] : bounds[t + 2]]
         if len(a) == 0 or len(b) == 0 or time[t + 1] - time[t] > CONSECUTIVE:
             continue
-        _, ab = KDTree(b).query(a)
-        _, ba = KDTree(a).query(b)
-        mutual = np.asarray(ba)[ab] == np.arange(len(a))
-        steps.append((b[ab] - a)[mutual])
-    if not steps or sum(map(len, steps)) < FEWEST_STEPS:
+        steps.append(mutual_steps(a, b))
+    step = np.concatenate(steps) if steps else np.zeros((0, 2))
+    return motion_of(float(np.minimum(step**2, SPEED_RANGE[1] ** 2).sum()), step.size)
+
+
+def mutual_steps(
+    a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "m 2"]
+) -> Float[np.ndarray, "k 2"]:
+    """Displacements between positions of two frames that are each other's nearest."""
+    if len(a) == 0 or len(b) == 0:
+        return np.zeros((0, 2))
+    _, ab = KDTree(b).query(a)
+    _, ba = KDTree(a).query(b)
+    mutual = np.asarray(ba)[ab] == np.arange(len(a))
+    return (b[ab] - a)[mutual]
+
+
+def motion_of(squares: float, count: float) -> Motion:
+    """Motion from the sum of squares of displacements along an axis, each limited, and how many."""
+    if count < 2 * FEWEST_STEPS:
         return Motion(USUAL_SPEED, MEMORY)
-    step = np.concatenate(steps)
-    speed = np.sqrt(np.mean(np.minimum(step**2, SPEED_RANGE[1] ** 2)))
-    return Motion(float(np.clip(speed, *SPEED_RANGE)), MEMORY)
+    return Motion(float(np.clip(np.sqrt(squares / count), *SPEED_RANGE)), MEMORY)
 
 
 def transition(motion: Motion, dt: float) -> tuple[np.ndarray, np.ndarray]:
@@ -170,36 +187,118 @@ def follow(
         All tracks, including gaps but not beyond their first and last group.
     """
     bounds = np.searchsorted(groups.frame, np.arange(len(time) + 1))
-    mean, cov = np.zeros((0, 5)), np.zeros((0, 5, 5))
-    track, gap = np.zeros(0, int), np.zeros(0, int)
-    look, boxes = np.zeros((0, 0)), np.zeros(0, int)  # sum and number of each track's embeddings
-    if looks is not None:
-        look, boxes = looks.total[:0], looks.count[:0]
-    count = 0
+    linker = Linker(motion, density, spread, settings, looks)
+    heads = no_heads(0 if looks is None else looks.total.shape[1])
     history = []
-    alone = log_evidence(groups.info, density, spread)
-    center, around = mean_and_covariance(groups.info, spread)
     for t in range(len(time)):
-        if t:
-            A, Q = transition(motion, float(time[t] - time[t - 1]))
-            mean, cov = mean @ A.T, A @ cov @ A.T + Q
-        predicted = (mean, cov)
-        candidates = np.arange(bounds[t], bounds[t + 1])
-        candidates = candidates[log_odds[candidates] > -settings.evidence_limit / 2]
-        info = groups.info[candidates]
-        assigned = np.full(len(track), -1)
-        if len(track) and len(candidates):
-            step = max(1, LINKS_AT_A_TIME // len(candidates))
+        rows = np.arange(bounds[t], bounds[t + 1])
+        rows = rows[log_odds[rows] > -settings.evidence_limit / 2]
+        step = float(time[t] - time[t - 1]) if t else 0.0
+        node, heads = linker.link(heads, groups.info[rows], rows, step)
+        history.append(node)
+    return smooth(history, time, motion)
+
+
+class Heads(eqx.Module):
+    """The tracks that are being followed, in the order of their numbers.
+
+    Attributes:
+        track: (T,) number; `count` is that of the next track.
+        gap: (T,) frames since it was seen.
+        mean: (T, 5) as in `Trails`, and `covariance`: (T, 5, 5).
+        look: (T, D) sum of the embeddings of its boxes, and `boxes`: (T,) their number.
+    """
+
+    track: Int[np.ndarray, " track"]
+    gap: Int[np.ndarray, " track"]
+    mean: Float[np.ndarray, "track 5"]
+    covariance: Float[np.ndarray, "track 5 5"]
+    look: Float[np.ndarray, "track dim"]
+    boxes: Int[np.ndarray, " track"]
+    count: int
+
+    def __getitem__(self, rows) -> "Heads":
+        return Heads(
+            self.track[rows], self.gap[rows], self.mean[rows], self.covariance[rows],
+            self.look[rows], self.boxes[rows], self.count,
+        )  # fmt: skip
+
+
+def no_heads(dim: int = 0) -> Heads:
+    """No tracks yet, with embeddings of `dim` numbers."""
+    none = np.zeros(0, int)
+    return Heads(
+        none, none, np.zeros((0, 5)), np.zeros((0, 5, 5)), np.zeros((0, dim)), none, 0
+    )  # fmt: skip
+
+
+class Node(NamedTuple):
+    """The tracks of one frame: those before it, then the new ones.
+
+    Attributes:
+        track: (T,) number, ascending.
+        group: (T,) the group of the frame, or -1 in a gap.
+        mean, covariance: (T, 5) and (T, 5, 5) given the frames so far.
+        predicted_mean, predicted_covariance: the same given the frames before.
+    """
+
+    track: Int[np.ndarray, " track"]
+    group: Int[np.ndarray, " track"]
+    mean: Float[np.ndarray, "track 5"]
+    covariance: Float[np.ndarray, "track 5 5"]
+    predicted_mean: Float[np.ndarray, "track 5"]
+    predicted_covariance: Float[np.ndarray, "track 5 5"]
+
+
+def predict(heads: Heads, motion: Motion, step: float) -> Heads:
+    """The tracks some usual steps later; 0 changes nothing."""
+    if step == 0:
+        return heads
+    A, Q = transition(motion, step)
+    return replace(heads, mean=heads.mean @ A.T, covariance=A @ heads.covariance @ A.T + Q)
+
+
+class Linker(NamedTuple):
+    """Links the groups of one frame to the tracks before it; attributes as in `follow`."""
+
+    motion: Motion
+    density: float
+    spread: float
+    settings: EvidenceSettings
+    looks: Looks | None = None
+
+    def link(
+        self, heads: Heads, info: Information, group: Int[np.ndarray, " k"], step: float
+    ) -> tuple[Node, Heads]:
+        """Assign groups to tracks, update these, and begin new tracks with the other groups.
+
+        Args:
+            heads: the tracks.
+            info: (K) of the groups of this frame.
+            group: (K,) their rows in `looks`, which `Node.group` names.
+            step: time since the frame before, in usual steps; 0 for the first.
+
+        Returns:
+            The tracks of this frame, and those of them to follow further.
+        """
+        settings, looks = self.settings, self.looks
+        alone = log_evidence(info, self.density, self.spread)
+        center, around = mean_and_covariance(info, self.spread)
+        before = predict(heads, self.motion, step)
+        mean, cov = before.mean, before.covariance
+        assigned = np.full(len(before.track), -1)
+        if len(assigned) and len(group):
+            block = max(1, LINKS_AT_A_TIME // len(group))
             gain = np.concatenate([
                 _link_gain(
-                    mean[i : i + step, :3], cov[i : i + step, :3, :3], info,
-                    alone[candidates], center[candidates], around[candidates], settings.gate,
+                    mean[i : i + block, :3], cov[i : i + block, :3, :3], info, alone, center,
+                    around, settings.gate,
                 )
-                for i in range(0, len(track), step)
+                for i in range(0, len(assigned), block)
             ])  # fmt: skip
-            gain = gain - settings.gap_penalty * gap[:, None]
+            gain = gain - settings.gap_penalty * before.gap[:, None]
             if looks is not None:
-                gain = gain + looks.ratio(look, boxes, candidates)
+                gain = gain + looks.ratio(before.look, before.boxes, group)
             rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
             good = gain[rows, columns] > 0
             assigned[rows[good]] = columns[good]
@@ -212,37 +311,50 @@ def follow(
             mean, cov = mean.copy(), cov.copy()
             cov[hit] = np.linalg.inv(precision)
             mean[hit] = np.einsum("tij,tj->ti", cov[hit], vector)
-        gap = np.where(assigned >= 0, 0, gap + 1)
-        fresh = np.setdiff1d(np.arange(len(candidates)), assigned)
-        first = candidates[fresh]
-        new_mean = np.pad(center[first], ((0, 0), (0, 2)))
+        gap = np.where(assigned >= 0, 0, before.gap + 1)
+        fresh = np.setdiff1d(np.arange(len(group)), assigned)
+        new_mean = np.pad(center[fresh], ((0, 0), (0, 2)))
         new_cov = np.zeros((len(fresh), 5, 5))
-        new_cov[:, :3, :3] = around[first]
-        new_cov[:, 3, 3] = new_cov[:, 4, 4] = motion.speed**2
-        linked = candidates[assigned] if len(candidates) else -1
-        linked = np.where(assigned >= 0, linked, -1)
-        group = np.concatenate([linked, candidates[fresh]]).astype(int)
-        mean, cov = np.concatenate([mean, new_mean]), np.concatenate([cov, new_cov])
-        track = np.concatenate([track, count + np.arange(len(fresh))])
-        gap = np.concatenate([gap, np.zeros(len(fresh), int)])
-        count += len(fresh)
-        alive = gap <= settings.gap
+        new_cov[:, :3, :3] = around[fresh]
+        new_cov[:, 3, 3] = new_cov[:, 4, 4] = self.motion.speed**2
+        look, boxes = before.look, before.boxes
         if looks is not None:
-            look[hit] += looks.total[candidates[assigned[hit]]]
-            boxes[hit] += looks.count[candidates[assigned[hit]]]
-            look = np.concatenate([look, looks.total[candidates[fresh]]])[alive]
-            boxes = np.concatenate([boxes, looks.count[candidates[fresh]]])[alive]
-        predicted = (
-            np.concatenate([predicted[0], new_mean]),
-            np.concatenate([predicted[1], new_cov]),
+            look, boxes = look.copy(), boxes.copy()
+            look[hit] += looks.total[group[assigned[hit]]]
+            boxes[hit] += looks.count[group[assigned[hit]]]
+            look = np.concatenate([look, looks.total[group[fresh]]])
+            boxes = np.concatenate([boxes, looks.count[group[fresh]]])
+        else:
+            look = np.pad(look, ((0, len(fresh)), (0, 0)))
+            boxes = np.pad(boxes, (0, len(fresh)))
+        linked = np.full(len(assigned), -1)
+        linked[hit] = group[assigned[hit]]
+        node = Node(
+            track=np.concatenate([before.track, before.count + np.arange(len(fresh))]),
+            group=np.concatenate([linked, group[fresh]]).astype(int),
+            mean=np.concatenate([mean, new_mean]),
+            covariance=np.concatenate([cov, new_cov]),
+            predicted_mean=np.concatenate([before.mean, new_mean]),
+            predicted_covariance=np.concatenate([before.covariance, new_cov]),
         )
-        history.append((track, group, mean, cov, *predicted))
-        mean, cov, track, gap = mean[alive], cov[alive], track[alive], gap[alive]
-    return _smooth(history, time, motion)
+        gap = np.concatenate([gap, np.zeros(len(fresh), int)])
+        after = Heads(
+            node.track, gap, node.mean, node.covariance, look, boxes, before.count + len(fresh)
+        )
+        return node, after[gap <= settings.gap]
 
 
-def _smooth(history, time, motion: Motion) -> Trails:
-    """Rauch-Tung-Striebel smoothing, all tracks of a frame at once."""
+def smooth(
+    history: Sequence[Node], time: Float[np.ndarray, " frame"], motion: Motion, ended: bool = True
+) -> Trails:
+    """Rauch-Tung-Striebel smoothing, all tracks of a frame at once.
+
+    Args:
+        history: of consecutive frames.
+        time: (F,) of these in usual steps.
+        motion: the motion model.
+        ended: whether tracks end with their last group; otherwise with the last frame.
+    """
     last = {}
     rows = []
     later = None
@@ -259,7 +371,7 @@ def _smooth(history, time, motion: Motion) -> Trails:
                 G = cov[rows_now] @ A.T @ np.linalg.inv(pc[at])
                 mean[rows_now] += np.einsum("tij,tj->ti", G, next_mean[rows_next] - pm[at])
                 cov[rows_now] += G @ (next_cov[rows_next] - pc[at]) @ G.transpose(0, 2, 1)
-        keep = group >= 0
+        keep = (group >= 0) | (not ended)
         for i in np.flatnonzero(keep):
             last.setdefault(track[i], t)
         keep |= np.array([last.get(k, -1) > t for k in track], bool)

@@ -1,0 +1,274 @@
+"""One instant: group its boxes with the tracks before it, and update these."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.special import expit
+
+from catfree.methods.evidence._gaussian import mean_and_covariance
+from catfree.methods.evidence._solve import SURE_LOG_ODDS, VAGUEST_PRIOR, probability_within
+from catfree.methods.evidence.group._appearance import PairRatios, compare_frames, looks_of
+from catfree.methods.evidence.group._group import appearance_log_odds, group, group_by_looks
+from catfree.methods.evidence.group._groups import Priors
+from catfree.methods.evidence.learn._self_calibration import foot_cover
+from catfree.methods.evidence.observe._boxes import prepare_boxes
+from catfree.methods.evidence.observe._measurement import measure_boxes
+from catfree.methods.evidence.observe._views import ground_views
+from catfree.methods.evidence.observe._visibility import count_detections, rate_of_counts
+from catfree.methods.evidence.report._uneven_ground import ground_shift, with_uneven_ground
+from catfree.methods.evidence.report._working_area import UsualPlace, design_sigma, whole_views
+from catfree.methods.evidence.track._existence import (
+    clutter_at,
+    clutter_cells,
+    count_clutter,
+    delivered,
+    log_odds_without_clutter,
+    misses,
+    predict_views,
+    with_pictures,
+)
+from catfree.methods.evidence.track._presence import step_forward
+from catfree.methods.evidence.track._tracking import (
+    SPEED_RANGE,
+    Heads,
+    Linker,
+    Motion,
+    Trails,
+    motion_of,
+    mutual_steps,
+    predict,
+)
+from catfree.methods.online._learn import forgetting, likeness_of
+from catfree.methods.online._tracker_state import Instant, Learned, TrackerState, with_looks
+from catfree.methods.paper._select import suppress_by_frame
+from catfree.settings import EvidenceSettings
+from catfree.types import Detections, Scene
+
+
+def motion_learned(learned: Learned) -> Motion:
+    """How people move from instant to instant."""
+    return motion_of(*learned.steps.tolist())
+
+
+def usual_steps(learned: Learned, earlier: float, time: float) -> float:
+    """Usual steps between two times; 0 if the earlier one is unknown."""
+    return (time - earlier) / float(learned.step) if np.isfinite(earlier) else 0.0
+
+
+def advance(
+    state: TrackerState,
+    detections: Detections,
+    time: float,
+    silent: Int[np.ndarray, " k"],
+    scene: Scene,
+    settings: EvidenceSettings,
+) -> tuple[TrackerState, Instant]:
+    """Add an instant, once the unit is known.
+
+    Args:
+        state: after the instant before.
+        detections: usable boxes of the instant; frames are 0.
+        time: seconds.
+        silent: (K,) cameras without a picture.
+        scene: rig and ground.
+        settings: constants and switches.
+
+    Returns:
+        The state, whose window the instant has not joined yet, and the instant; `support` counts
+        the rows of `detections`.
+    """
+    learned = state.learned
+    noise, unit = learned.noise, float(learned.unit)
+    spread, density = float(noise.spread), float(noise.density)
+    pictures = np.column_stack([np.zeros(len(silent), np.int64), silent])
+    boxes = prepare_boxes(detections, scene.rig, settings, pictures, np.zeros(1, np.int64))
+    views = ground_views(scene, unit, boxes)
+    measured = measure_boxes(boxes, foot_cover(boxes), views, noise, settings)
+    likeness = likeness_of(learned) if settings.use_appearance else None
+    appearance = compare_frames(boxes) if likeness is not None else None
+    ratios = None
+    if appearance is not None and likeness is not None:
+        ratios = PairRatios(appearance, likeness, settings.appearance_weight)
+        state = with_looks(state, appearance.embedding.shape[1])
+
+    motion = motion_learned(learned)
+    step = usual_steps(learned, float(state.time), time)
+    priors = _priors(state, predict(state.heads, motion, step), settings)
+    if ratios is None:
+        groups = group(boxes, measured, noise, priors)
+    else:
+        groups = group_by_looks(boxes, measured, noise, priors, ratios)
+    place, _ = mean_and_covariance(groups.info, spread)
+    seen = with_pictures(
+        predict_views(place, groups.frame, groups.member, boxes, views), groups.frame, boxes
+    )
+    rate = rate_of_counts(learned.heights, learned.trials, learned.hits, settings)
+    pictured = rate(seen)
+    pictured = pictured * delivered(pictured, groups.member, groups.frame, boxes)[groups.frame]
+    agreement = appearance_log_odds(groups, likeness, appearance, settings)
+    base = log_odds_without_clutter(groups.gain + agreement, groups.member, pictured, settings)
+    g, c = np.nonzero(groups.member >= 0)
+    cell = clutter_cells(np.asarray(measured.state)[groups.member[g, c]], c, views)
+    clutter = np.full(len(g), settings.clutter_start)
+    if settings.local_clutter:
+        clutter = clutter_at(cell, learned.clutter, settings)
+    log_odds = base - np.bincount(g, np.log(clutter), len(base))
+
+    looks = looks_of(ratios, groups.member) if ratios and settings.link_by_looks else None
+    rows = np.flatnonzero(log_odds > -settings.evidence_limit / 2)
+    linker = Linker(motion, density, spread, settings, looks)
+    node, heads = linker.link(state.heads, groups.info[rows], rows, step)
+    hit = node.group >= 0
+    own = node.group[hit]
+    member = np.full((len(hit), len(learned.active)), -1)
+    instant = np.zeros(len(hit), np.int64)
+    around = predict_views(node.mean[:, :3], instant, member, boxes, views)
+    evidence = misses(rate(with_pictures(around, instant, boxes)), member)
+    evidence[hit] = log_odds[own]
+    evidence = np.clip(evidence, -settings.evidence_limit, settings.evidence_limit)
+    forward, weight = _carry(state, node.track, evidence, settings)
+    trails = Trails(node.track, instant, node.group, node.mean, node.covariance)
+    shift = np.zeros((len(hit), 2))
+    if settings.uneven_ground:
+        shift = ground_shift(trails, groups, measured, boxes.view, views, noise, settings)
+    member[hit] = groups.member[own]
+    matrix, vector = np.zeros((len(hit), 3, 3)), np.zeros((len(hit), 3))
+    matrix[hit], vector[hit] = groups.info.matrix[own], groups.info.vector[own]
+    look, count = np.zeros((len(hit), state.heads.look.shape[1])), np.zeros(len(hit), np.int64)
+    if looks is not None:
+        look[hit], count[hit] = looks.total[own], looks.count[own]
+    found = Instant(
+        time=np.array(time),
+        node=node._replace(group=np.where(hit, np.arange(len(hit)), -1)),
+        matrix=matrix,
+        vector=vector,
+        evidence=evidence,
+        forward=forward,
+        weight=weight,
+        shift=shift,
+        place=np.column_stack([design_sigma(node.mean[:, :3], around, views, noise), whole_views(around)]),
+        support=np.where(member >= 0, boxes.row[member], -1) if len(boxes.row) else member,
+        look=look,
+        boxes=count,
+    )
+
+    learned = forgetting(learned)
+    trials, hits = count_detections(seen, groups.member, learned.heights)
+    is_member = groups.member >= 0
+    active = learned.active | is_member.any(0)
+    sure = (is_member.sum(1) >= min(3, active.sum())) & (log_odds > SURE_LOG_ODDS)
+    steps = learned.steps
+    if 0 < step < 1.5:
+        squares = np.minimum(mutual_steps(state.sure, place[sure, :2]) ** 2, SPEED_RANGE[1] ** 2)
+        steps = steps + np.array([squares.sum(), squares.size])
+    learned = replace(
+        learned,
+        trials=learned.trials + trials,
+        hits=learned.hits + hits,
+        clutter=learned.clutter + count_clutter(cell, expit(log_odds)[g], len(active)),
+        steps=steps,
+        active=active,
+    )
+    followed = np.isin(node.track, heads.track)
+    return replace(
+        state,
+        learned=learned,
+        heads=heads,
+        forward=forward[followed],
+        weight=weight[followed],
+        sure=place[sure, :2],
+    ), found
+
+
+def _priors(state: TrackerState, heads: Heads, settings: EvidenceSettings) -> Priors | None:
+    """Predicted places of people who are present, one for each person."""
+    present = state.forward[:, 0] > state.forward[:, 1]
+    mean, covariance = heads.mean[:, :3], heads.covariance[:, :3, :3]
+    keep = np.flatnonzero(one_per_place(heads.gap == 0, state.weight, mean, covariance, present, settings))
+    if len(keep) == 0:
+        return None
+    values, axes = np.linalg.eigh(np.linalg.inv(covariance[keep]))
+    values = np.maximum(values, VAGUEST_PRIOR)
+    covariance = np.einsum("nij,nj,nkj->nik", axes, 1 / values, axes)
+    return Priors(np.zeros(len(keep), np.int64), mean[keep], covariance)
+
+
+def one_per_place(
+    hit: Bool[np.ndarray, " t"],
+    weight: Float[np.ndarray, " t"],
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    present: Bool[np.ndarray, " t"],
+    settings: EvidenceSettings,
+) -> Bool[np.ndarray, " t"]:
+    """(T,) whether a person is present and the best supported one at the place."""
+    if settings.personal_space <= 0 or not present.any():
+        return present
+    vagueness = np.trace(covariance[:, :2, :2], axis1=1, axis2=2)
+    priority = np.column_stack([hit, weight, -vagueness])
+    instant = np.zeros(len(hit), np.int64)
+    return suppress_by_frame(instant, mean[:, :2], priority, present, settings.personal_space)
+
+
+def _carry(
+    state: TrackerState,
+    track: Int[np.ndarray, " t"],
+    evidence: Float[np.ndarray, " t"],
+    settings: EvidenceSettings,
+) -> tuple[Float[np.ndarray, "t 2"], Float[np.ndarray, " t"]]:
+    """Presence and summed evidence of tracks; those followed before come first."""
+    new = len(track) - len(state.weight)
+    on = np.append(state.forward[:, 0], np.full(new, -np.inf))
+    off = np.append(state.forward[:, 1], np.zeros(new))
+    on, off = step_forward(on, off, evidence, settings.appear_evidence, settings.leave_evidence)
+    weight = np.append(state.weight, np.zeros(new)) + np.where(on > off, evidence, 0.0)
+    return np.column_stack([on, off]), weight
+
+
+class Reportable(NamedTuple):
+    """Rows that may be reported.
+
+    Attributes:
+        covariance: (T, 2, 2) of their positions in H0, with sway and uneven ground.
+        sharp: (T,) whether the person is present, and in the right place, more likely than not.
+        kept: (T,) whether this is also the best supported person there, in the working area.
+    """
+
+    covariance: Float[np.ndarray, "t 2 2"]
+    sharp: Bool[np.ndarray, " t"]
+    kept: Bool[np.ndarray, " t"]
+
+
+def reportable(
+    instant: Instant,
+    mean: Float[np.ndarray, "t 5"],
+    covariance: Float[np.ndarray, "t 5 5"],
+    probability: Float[np.ndarray, " t"],
+    weight: Float[np.ndarray, " t"],
+    learned: Learned,
+    settings: EvidenceSettings,
+) -> Reportable:
+    """Choose the rows of an instant to report.
+
+    Args:
+        instant: its tracks.
+        mean, covariance: their states, filtered or smoothed.
+        probability: (T,) that the person is present.
+        weight: (T,) summed evidence.
+        learned: for the working area.
+        settings: constants and switches.
+    """
+    spread = covariance[:, :2, :2] + settings.sway**2 * np.eye(2)
+    if settings.uneven_ground:
+        spread = with_uneven_ground(spread, instant.shift, settings.unevenness)
+    within = probability_within(spread, settings.report_radius)
+    sharp = (probability > 0.5) & (within > 0.5)
+    hit = instant.node.group >= 0
+    kept = one_per_place(hit, weight, mean, covariance, sharp, settings)
+    if settings.working_area and np.isfinite(learned.usual).all():
+        usual = UsualPlace(*learned.usual.tolist())
+        cameras = int(learned.active.sum())
+        kept = kept & usual.holds(instant.place[:, 0], instant.place[:, 1], cameras, settings)
+    return Reportable(spread, sharp, kept)

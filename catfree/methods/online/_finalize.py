@@ -1,0 +1,257 @@
+"""Make the oldest instant final: smooth it with all later ones, and give identities."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.special import expit
+
+from catfree.methods.evidence._gaussian import Information
+from catfree.methods.evidence.group._appearance import Looks
+from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.track._identify import (
+    HORIZON,
+    SUDDEN,
+    Habits,
+    Population,
+    extend,
+    futures_of,
+    later,
+    match,
+    nodes_of,
+)
+from catfree.methods.evidence.track._presence import later_frames
+from catfree.methods.evidence.track._tracking import Motion, Trails, smooth, transition
+from catfree.methods.online._advance import Reportable, motion_learned, reportable, usual_steps
+from catfree.methods.online._learn import learn_places, likeness_of
+from catfree.methods.online._tracker_state import Instant, TrackerState
+from catfree.methods.online._update import Event
+from catfree.settings import EvidenceSettings
+
+# Before anybody came, left or hid: counts and frames as if they had been seen, rarely.
+USUAL_HABITS = np.array([4.0, 200.0, 4.0, 12.0])
+
+
+class Reported(NamedTuple):
+    """Rows to report, in H0 on the plane: n of them.
+
+    Attributes:
+        time: () seconds.
+        identity: (n,) who it is.
+        mean, covariance: (n, 5) and (n, 5, 5) of the state.
+        position_covariance: (n, 2, 2) with sway and uneven ground.
+        existence: (n,) probability.
+        support: (n, C) rows of the caller's detections, or -1.
+    """
+
+    time: float
+    identity: Int[np.ndarray, " n"]
+    mean: Float[np.ndarray, "n 5"]
+    covariance: Float[np.ndarray, "n 5 5"]
+    position_covariance: Float[np.ndarray, "n 2 2"]
+    existence: Float[np.ndarray, " n"]
+    support: Int[np.ndarray, "n cam"]
+
+
+def provisional(
+    state: TrackerState, instant: Instant, settings: EvidenceSettings
+) -> tuple[TrackerState, Reported]:
+    """Report an instant as it looks now, with the identities that the tracks have now."""
+    node = instant.node
+    probability = expit(instant.forward[:, 0] - instant.forward[:, 1])
+    found = reportable(
+        instant, node.mean, node.covariance, probability, instant.weight, state.learned, settings
+    )
+    rows = np.flatnonzero(found.kept)
+    names = _identity_of(state, node.track[rows])
+    new = np.flatnonzero(names < 0)
+    names[new] = int(state.names) + np.arange(len(new))
+    state = _named(state, node.track[rows[new]], names[new])
+    return state, Reported(
+        float(instant.time), names, node.mean[rows], node.covariance[rows],
+        found.covariance[rows], probability[rows], instant.support[rows],
+    )  # fmt: skip
+
+
+def _identity_of(state: TrackerState, track: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """(n,) identities that tracks have now, or -1."""
+    of = dict(state.identity.tolist())
+    return np.array([of.get(k, -1) for k in track.tolist()], np.int64)
+
+
+def _named(
+    state: TrackerState, track: Int[np.ndarray, " n"], name: Int[np.ndarray, " n"]
+) -> TrackerState:
+    """Give identities to tracks; each belongs to one track."""
+    old = state.identity
+    stale = np.isin(old[:, 0], track) | np.isin(old[:, 1], name)
+    identity = np.concatenate([old[~stale], np.column_stack([track, name])])
+    names = max(int(state.names), int(name.max(initial=-1)) + 1)
+    return replace(state, identity=identity, names=np.array(names))
+
+
+def finalize(
+    state: TrackerState, settings: EvidenceSettings, ready: int
+) -> tuple[TrackerState, list[Reported], list[Event]]:
+    """Make the first instants of the window final.
+
+    Args:
+        state: with all instants so far in its window.
+        settings: constants and switches.
+        ready: how many of them.
+
+    Returns:
+        The state without these instants, their rows, and events.
+    """
+    if ready == 0:
+        return state, [], []
+    window, learned = state.window, state.learned
+    motion, noise = motion_learned(learned), learned.noise
+    spread = float(noise.spread)
+    time = np.array([usual_steps(learned, float(window[0].time), float(i.time)) for i in window])
+    first = np.cumsum([0] + [len(i.matrix) for i in window])
+    history = [
+        i.node._replace(group=np.where(i.node.group >= 0, i.node.group + begin, -1))
+        for i, begin in zip(window, first, strict=False)
+    ]
+    trails = smooth(history, time, motion, ended=False)
+    if len(trails) == 0:
+        return replace(state, window=window[ready:]), [], []
+    # The row of the window of each row of the trails.
+    by_frame = np.lexsort((trails.track, trails.frame))
+    row = np.empty(len(trails), np.int64)
+    row[by_frame] = np.arange(len(trails))
+
+    def column(name: str) -> np.ndarray:
+        return np.concatenate([getattr(i, name) for i in window])[row]
+
+    evidence, forward, weight = column("evidence"), column("forward"), column("weight")
+    entry, leave = settings.appear_evidence, settings.leave_evidence
+    on, off = (forward + later_frames(trails, evidence, entry, leave)).T
+    probability = expit(on - evidence - off)
+    last = np.r_[np.diff(trails.track) != 0, True]
+    weight = weight[last][np.cumsum(np.r_[0, last[:-1]])]
+    info = Information(*(np.concatenate(part) for part in (
+        [i.matrix for i in window], [i.vector for i in window],
+        [np.zeros(len(i.matrix)) for i in window],
+    )))  # fmt: skip
+    look, boxes = (np.concatenate([getattr(i, n) for i in window]) for n in ("look", "boxes"))
+    empty = np.zeros(first[-1], np.int64)
+    support = np.zeros((first[-1], len(learned.active)), np.int64)
+    groups = Groups(empty, support, empty, info, info, np.zeros(first[-1]))
+    likeness = likeness_of(learned) if settings.link_by_looks else None
+    looks = None
+    if likeness is not None:
+        looks = Looks(look, boxes, likeness, settings.appearance_weight)
+    chosen: list[Reportable] = []
+    extra, reported = np.zeros((len(trails), 2, 2)), np.zeros(len(trails), bool)
+    for t, instant in enumerate(window):
+        here = by_frame[first[t] : first[t + 1]]
+        found = reportable(
+            instant, trails.mean[here], trails.covariance[here], probability[here], weight[here],
+            learned, settings,
+        )  # fmt: skip
+        chosen.append(found)
+        extra[here] = found.covariance - trails.covariance[here, :2, :2]
+        reported[here] = found.kept
+    walk = Motion(motion.speed, motion.memory**SUDDEN)
+    population = Population(
+        time, walk, float(noise.density), spread, settings.foot_outlier, looks
+    )
+    out, events = [], []
+    for t in range(ready):
+        here = by_frame[first[t] : first[t + 1]]
+        rows = here[reported[here]]
+        state, names, merged = _identify(
+            state, float(window[t].time), trails, t, reported, extra, groups, population
+        )
+        events += merged
+        place = window[t].place[np.searchsorted(window[t].node.track, trails.track[here])]
+        sharp = chosen[t].sharp
+        fully = len(learned.places) < 64
+        learned = learn_places(state.learned, place[sharp], fully)
+        state = replace(state, learned=learned, final_time=window[t].time)
+        out.append(Reported(
+            float(window[t].time), names, trails.mean[rows], trails.covariance[rows],
+            chosen[t].covariance[reported[here]], probability[rows],
+            window[t].support[reported[here]],
+        ))  # fmt: skip
+    return replace(state, window=window[ready:]), out, events
+
+
+def _identify(
+    state: TrackerState,
+    time: float,
+    trails: Trails,
+    frame: int,
+    reported: np.ndarray,
+    extra: np.ndarray,
+    groups: Groups,
+    population: Population,
+) -> tuple[TrackerState, Int[np.ndarray, " n"], list[Event]]:
+    """Match the final positions so far with all that is known from one frame on."""
+    learned = state.learned
+    motion = population.motion
+    pasts = state.pasts
+    step = usual_steps(learned, float(state.final_time), time)
+    if step:
+        pasts = later(pasts, *transition(motion, step))
+    rows = np.flatnonzero(reported & (trails.frame >= frame))
+    rows = rows[np.argsort(trails.frame[rows], kind="stable")]
+    if len(rows) == 0:
+        return replace(state, pasts=pasts), np.zeros(0, np.int64), []
+    nodes = nodes_of(trails, rows, extra, groups, population.looks)
+    dim = pasts.look.shape[1]
+    if nodes.look.shape[1] != dim:
+        nodes = nodes._replace(look=np.zeros((len(rows), dim)))
+    track, chain = np.unique(trails.track[rows], return_inverse=True)
+    bounds = np.searchsorted(nodes.frame, np.arange(frame, len(population.time) + 1))
+    at = [np.arange(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+    steps = [transition(motion, float(dt)) for dt in np.diff(population.time[frame:])]
+    future = futures_of(at, nodes, chain, steps)[0]
+    look = np.zeros((len(track), dim))
+    np.add.at(look, chain, nodes.look)
+    boxes = np.bincount(chain, nodes.boxes, len(track)).astype(int)
+    seen = np.bincount(chain, nodes.boxes > 0, len(track)).astype(int)
+    habits = _habits(learned.habits)
+    k = future.chain
+    past_of = np.full(len(track), -1)
+    past_of[k] = match(pasts, future, look[k], boxes[k], seen[k], habits, population)
+    here = at[0]
+    linked = past_of[chain[here]]
+    numbers = track[chain[here]]
+    before = _identity_of(state, numbers)
+    names = np.where(linked >= 0, pasts.name[linked] if len(pasts.name) else -1, -1)
+    # Who continues nobody keeps the track's own identity, unless that is somebody else's.
+    free = (linked < 0) & (before >= 0) & ~np.isin(before, pasts.name)
+    names[free] = before[free]
+    new = np.flatnonzero(names < 0)
+    names[new] = int(state.names) + np.arange(len(new))
+    events = [
+        Event("merge", time, int(old), int(name))
+        for old, name in zip(before, names, strict=True)
+        if old >= 0 and old != name and old not in pasts.name and old not in names
+    ]
+    hidden = pasts.gap[linked[linked >= 0]] - 1
+    left = (pasts.gap == HORIZON).sum()
+    counted = np.array(
+        [(linked < 0).sum() + left, len(here), (hidden > 0).sum(), hidden.sum()], float
+    )
+    pasts = extend(pasts, linked, names, nodes.at(here), population)
+    learned = replace(learned, habits=learned.habits + counted)
+    state = _named(replace(state, pasts=pasts, learned=learned), numbers, names)
+    return state, names, events
+
+
+def _habits(counts: Float[np.ndarray, "4"]) -> Habits:
+    """Rates of leaving and hiding from counts, by Laplace's rule of succession."""
+    moved, count, times, total = counts + USUAL_HABITS
+    return Habits(moved / (2 * count), times / count, max(total - times, 1) / total)
+
+
+def forget_ended_tracks(state: TrackerState) -> TrackerState:
+    """Forget the identities of tracks that nothing refers to any more."""
+    alive = [state.heads.track, *(i.node.track for i in state.window)]
+    known = np.isin(state.identity[:, 0], np.concatenate(alive))
+    return replace(state, identity=state.identity[known])

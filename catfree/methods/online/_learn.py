@@ -1,0 +1,151 @@
+"""Learn about cameras and people from the instants so far."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+
+from catfree.errors import InsufficientDataError
+from catfree.methods.evidence.group._appearance import Likeness, compare_frames, learn_ratio
+from catfree.methods.evidence.group._group import group
+from catfree.methods.evidence.learn._self_calibration import (
+    foot_cover,
+    learn_once_more,
+    self_calibrate,
+)
+from catfree.methods.evidence.observe._boxes import prepare_boxes
+from catfree.methods.evidence.observe._measurement import measure_boxes
+from catfree.methods.evidence.observe._views import ground_views
+from catfree.methods.evidence.observe._visibility import usual_heights
+from catfree.methods.evidence.report._working_area import usual_place
+from catfree.methods.online._tracker_state import Learned, TrackerState, rescaled
+from catfree.settings import EvidenceSettings
+from catfree.types import Detections, Scene
+
+SETTLED = 64  # instants of the sample after which noise changes little: the limit of batch is 60
+INTERVAL = 512  # instants between later looks at noise, so that it follows slow changes
+WIDEST_SPACING = 32  # instants of the sample are at most so far apart: older ones are forgotten
+MEMORY = 2000.0  # instants after which a count weighs less by a factor of e
+PLACES = 4096  # reported people whose places are remembered
+TIMES = 101  # instants whose usual distance is the usual step
+
+
+def add_to_sample(
+    state: TrackerState, detections: Detections, settings: EvidenceSettings
+) -> TrackerState:
+    """Remember the boxes of an instant, if its turn has come; forget others instead.
+
+    Until it is full, the sample takes every instant; then every second, of which it keeps every
+    second, and so on, so that it covers the stream evenly. At the widest spacing, it moves on.
+    """
+    number, spacing = int(state.count), int(state.spacing)
+    if number % spacing or len(detections) == 0:
+        return state
+    sample = detections if len(state.sample) == 0 else _joined(state.sample, detections)
+    frames = np.unique(sample.frame)
+    if len(frames) > settings.calibration_frames:
+        if spacing < WIDEST_SPACING:
+            spacing *= 2
+            sample = sample[sample.frame % spacing == 0]
+        else:
+            sample = sample[sample.frame > frames[0]]
+    return replace(state, sample=sample, spacing=np.array(spacing))
+
+
+def _joined(sample: Detections, new: Detections) -> Detections:
+    """Concatenate the columns that both have."""
+    columns = {}
+    for name in ("frame", "camera", "box", "ankles_confirmed", "embedding"):
+        pair = [getattr(part, name) for part in (sample, new)]
+        columns[name] = None if any(p is None for p in pair) else np.concatenate(pair)
+    return Detections(**columns)
+
+
+def is_due(count: int) -> bool:
+    """Whether to learn noise before an instant: often at first, then ever more rarely."""
+    doubled = count & (count - 1) == 0
+    return count > 0 and (doubled if count <= SETTLED else count % INTERVAL == 0)
+
+
+def learn_noise_and_unit(
+    state: TrackerState, scene: Scene, settings: EvidenceSettings
+) -> TrackerState:
+    """Learn unit, noise, usual heights and likeness from the sample, as batch does."""
+    learned, sample = state.learned, state.sample
+    if len(sample) == 0:
+        return state
+    try:
+        if state.count <= SETTLED or np.isnan(learned.unit):
+            unit, noise = self_calibrate(sample, scene, settings)
+        elif settings.self_calibrate:
+            unit, noise = learn_once_more(
+                sample, scene, float(learned.unit), learned.noise, settings
+            )
+        else:
+            return state
+    except InsufficientDataError:  # no whole person on the ground yet
+        return state
+    boxes = prepare_boxes(sample, scene.rig, settings)
+    n = len(boxes.row)
+    likeness = learned.likeness
+    appearance = compare_frames(boxes) if settings.use_appearance else None
+    if appearance is not None:
+        views = ground_views(scene, unit, boxes)
+        measured = measure_boxes(boxes, foot_cover(boxes), views, noise, settings)
+        found = learn_ratio(appearance, group(boxes, measured, noise), settings)
+        if found is not None:
+            likeness = np.array([*found.same, *found.other, found.limit])
+    old = float(learned.unit)
+    length = 1.0 if np.isnan(old) else old / unit
+    learned = replace(
+        learned,
+        unit=np.array(unit),
+        noise=jax.tree.map(np.asarray, noise),
+        heights=usual_heights(boxes.size[:n], boxes.camera[:n], scene.rig.camera_count),
+        likeness=likeness,
+        steps=learned.steps * np.array([length**2, 1]),
+        places=learned.places * np.array([length, 1]),
+    )
+    return rescaled(replace(state, learned=learned), length, 1.0)
+
+
+def likeness_of(learned: Learned) -> Likeness | None:
+    """The learned likeness of embeddings."""
+    if learned.likeness is None:
+        return None
+    one, deviation, other, spread, limit = learned.likeness.tolist()
+    return Likeness((one, deviation), (other, spread), limit)
+
+
+def learn_step(state: TrackerState, time: float, frame_rate: float | None) -> TrackerState:
+    """Learn the usual time between instants, including this one."""
+    times = np.append(state.times, time)[-TIMES:]
+    old = float(state.learned.step)
+    new = 1 / frame_rate if frame_rate is not None else old
+    if frame_rate is None and len(times) > 1 and (np.isnan(old) or is_due(int(state.count))):
+        new = float(np.median(np.diff(times)))
+    pace = 1.0 if np.isnan(old) else new / old
+    learned = replace(state.learned, step=np.array(new))
+    return rescaled(replace(state, times=times, learned=learned), 1.0, pace)
+
+
+def learn_places(learned: Learned, place: np.ndarray, fully: bool) -> Learned:
+    """Remember where people were reported (n, 2); `fully` also learns what is usual."""
+    places = np.concatenate([learned.places, place])[-PLACES:]
+    usual = learned.usual
+    if len(places) and (fully or np.isnan(usual).any()):
+        usual = np.array(usual_place(places[:, 0], places[:, 1]))
+    return replace(learned, places=places, usual=usual)
+
+
+def forgetting(learned: Learned) -> Learned:
+    """All counts, one instant later."""
+    keep = np.exp(-1 / MEMORY)
+    return replace(
+        learned,
+        trials=learned.trials * keep,
+        hits=learned.hits * keep,
+        clutter=learned.clutter * keep,
+        steps=learned.steps * keep,
+        habits=learned.habits * keep,
+    )
