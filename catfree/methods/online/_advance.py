@@ -148,7 +148,9 @@ def advance(
         forward=forward,
         weight=weight,
         shift=shift,
-        place=np.column_stack([design_sigma(node.mean[:, :3], around, views, noise), whole_views(around)]),
+        place=np.column_stack(
+            [design_sigma(node.mean[:, :3], around, views, noise), whole_views(around)]
+        ),
         support=np.where(member >= 0, boxes.row[member], -1) if len(boxes.row) else member,
         look=look,
         boxes=count,
@@ -186,7 +188,9 @@ def _priors(state: TrackerState, heads: Heads, settings: EvidenceSettings) -> Pr
     """Predicted places of people who are present, one for each person."""
     present = state.forward[:, 0] > state.forward[:, 1]
     mean, covariance = heads.mean[:, :3], heads.covariance[:, :3, :3]
-    keep = np.flatnonzero(one_per_place(heads.gap == 0, state.weight, mean, covariance, present, settings))
+    keep = np.flatnonzero(
+        one_per_place(heads.gap == 0, state.weight, mean, covariance, present, settings)
+    )
     if len(keep) == 0:
         return None
     values, axes = np.linalg.eigh(np.linalg.inv(covariance[keep]))
@@ -233,7 +237,7 @@ class Reportable(NamedTuple):
     Attributes:
         covariance: (T, 2, 2) of their positions in H0, with sway and uneven ground.
         sharp: (T,) whether the person is present, and in the right place, more likely than not.
-        kept: (T,) whether this is also the best supported person there, in the working area.
+        kept: (T,) whether this is also in the working area.
     """
 
     covariance: Float[np.ndarray, "t 2 2"]
@@ -243,20 +247,17 @@ class Reportable(NamedTuple):
 
 def reportable(
     instant: Instant,
-    mean: Float[np.ndarray, "t 5"],
     covariance: Float[np.ndarray, "t 5 5"],
     probability: Float[np.ndarray, " t"],
-    weight: Float[np.ndarray, " t"],
     learned: Learned,
     settings: EvidenceSettings,
 ) -> Reportable:
-    """Choose the rows of an instant to report.
+    """Choose the rows of an instant to report, if nobody else is in the same place.
 
     Args:
         instant: its tracks.
-        mean, covariance: their states, filtered or smoothed.
+        covariance: of their states, filtered or smoothed.
         probability: (T,) that the person is present.
-        weight: (T,) summed evidence.
         learned: for the working area.
         settings: constants and switches.
     """
@@ -265,10 +266,9 @@ def reportable(
         spread = with_uneven_ground(spread, instant.shift, settings.unevenness)
     within = probability_within(spread, settings.report_radius)
     sharp = (probability > 0.5) & (within > 0.5)
-    hit = instant.node.group >= 0
-    kept = one_per_place(hit, weight, mean, covariance, sharp, settings)
+    kept = sharp
     if settings.working_area and np.isfinite(learned.usual).all():
         usual = UsualPlace(*learned.usual.tolist())
         cameras = int(learned.active.sum())
-        kept = kept & usual.holds(instant.place[:, 0], instant.place[:, 1], cameras, settings)
+        kept = sharp & usual.holds(instant.place[:, 0], instant.place[:, 1], cameras, settings)
     return Reportable(spread, sharp, kept)

@@ -1,5 +1,6 @@
 """Make the oldest instant final: smooth it with all later ones, and give identities."""
 
+import itertools
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -23,7 +24,13 @@ from catfree.methods.evidence.track._identify import (
 )
 from catfree.methods.evidence.track._presence import later_frames
 from catfree.methods.evidence.track._tracking import Motion, Trails, smooth, transition
-from catfree.methods.online._advance import Reportable, motion_learned, reportable, usual_steps
+from catfree.methods.online._advance import (
+    Reportable,
+    motion_learned,
+    one_per_place,
+    reportable,
+    usual_steps,
+)
 from catfree.methods.online._learn import learn_places, likeness_of
 from catfree.methods.online._tracker_state import Instant, TrackerState
 from catfree.methods.online._update import Event
@@ -60,10 +67,11 @@ def provisional(
     """Report an instant as it looks now, with the identities that the tracks have now."""
     node = instant.node
     probability = expit(instant.forward[:, 0] - instant.forward[:, 1])
-    found = reportable(
-        instant, node.mean, node.covariance, probability, instant.weight, state.learned, settings
+    found = reportable(instant, node.covariance, probability, state.learned, settings)
+    alone = one_per_place(
+        node.group >= 0, instant.weight, node.mean, node.covariance, found.sharp, settings
     )
-    rows = np.flatnonzero(found.kept)
+    rows = np.flatnonzero(found.kept & alone)
     names = _identity_of(state, node.track[rows])
     new = np.flatnonzero(names < 0)
     names[new] = int(state.names) + np.arange(len(new))
@@ -148,17 +156,18 @@ def finalize(
     extra, reported = np.zeros((len(trails), 2, 2)), np.zeros(len(trails), bool)
     for t, instant in enumerate(window):
         here = by_frame[first[t] : first[t + 1]]
-        found = reportable(
-            instant, trails.mean[here], trails.covariance[here], probability[here], weight[here],
-            learned, settings,
-        )  # fmt: skip
+        found = reportable(instant, trails.covariance[here], probability[here], learned, settings)
+        if t < ready:
+            alone = one_per_place(
+                instant.node.group >= 0, weight[here], trails.mean[here], trails.covariance[here],
+                found.sharp, settings,
+            )  # fmt: skip
+            found = found._replace(sharp=alone, kept=found.kept & alone)
         chosen.append(found)
         extra[here] = found.covariance - trails.covariance[here, :2, :2]
         reported[here] = found.kept
     walk = Motion(motion.speed, motion.memory**SUDDEN)
-    population = Population(
-        time, walk, float(noise.density), spread, settings.foot_outlier, looks
-    )
+    population = Population(time, walk, float(noise.density), spread, settings.foot_outlier, looks)
     out, events = [], []
     for t in range(ready):
         here = by_frame[first[t] : first[t + 1]]
@@ -207,7 +216,7 @@ def _identify(
         nodes = nodes._replace(look=np.zeros((len(rows), dim)))
     track, chain = np.unique(trails.track[rows], return_inverse=True)
     bounds = np.searchsorted(nodes.frame, np.arange(frame, len(population.time) + 1))
-    at = [np.arange(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+    at = [np.arange(a, b) for a, b in itertools.pairwise(bounds)]
     steps = [transition(motion, float(dt)) for dt in np.diff(population.time[frame:])]
     future = futures_of(at, nodes, chain, steps)[0]
     look = np.zeros((len(track), dim))

@@ -27,7 +27,7 @@ from catfree.methods.online._learn import (
     learn_step,
 )
 from catfree.methods.online._tracker_state import TrackerState, new_state, no_boxes
-from catfree.methods.online._update import Event, Update
+from catfree.methods.online._update import Update
 from catfree.settings import Settings
 from catfree.types import Clock, Detections, Origin, Scene, Tracks
 from catfree.types._clock import ABSOLUTE
@@ -133,9 +133,7 @@ class Tracker:
                 state = replace(state, learned=learned)
             now = None
             if not np.isnan(state.learned.unit):
-                state, now = advance(
-                    state, _at(boxes, 0), time, silent, self.scene, settings
-                )
+                state, now = advance(state, _at(boxes, 0), time, silent, self.scene, settings)
                 support = np.where(now.support >= 0, _take(own, now.support), -1)
                 now = now._replace(support=support)
                 state = replace(state, window=(*state.window, now))

@@ -49,7 +49,8 @@ def design_sigma(
     state: np.ndarray, seen: Views, views: GroundViews, noise: Noise
 ) -> Float[np.ndarray, " person"]:
     """Ground uncertainty of a person without occlusion, in H0."""
-    matrix, focal = pinholes_towards(people_in_cameras(state, views)[0], views)
+    edges, _ = in_blocks(lambda rows: people_in_cameras(rows, views), (state,), *PEOPLE_BLOCKS)
+    matrix, focal = pinholes_towards(edges, views)
     return in_blocks(
         lambda *rows: _design(*rows, noise),
         (state, seen.inside, seen.height, matrix, focal),
