@@ -32,8 +32,15 @@ from catfree.adapters.datasets import (
 )
 from catfree.calibration import (
     Calibration as Calibration,
+    CameraCheck as CameraCheck,
+    Check as Check,
+    ClockJump as ClockJump,
+    Clocks as Clocks,
     Refinement as Refinement,
+    Verdict as Verdict,
     calibrate as calibrate,
+    check as check,
+    estimate_clocks as estimate_clocks,
     refine as refine,
 )
 from catfree.errors import CatFreeError as CatFreeError

@@ -17,3 +17,12 @@ from catfree.calibration.reconstructions._ground_evidence import GroundCandidate
 from catfree.calibration.reconstructions._scene_from_videos import (
     scene_from_videos as scene_from_videos,
 )
+from catfree.calibration.watching import (
+    CameraCheck as CameraCheck,
+    Check as Check,
+    ClockJump as ClockJump,
+    Clocks as Clocks,
+    Verdict as Verdict,
+    check as check,
+    estimate_clocks as estimate_clocks,
+)

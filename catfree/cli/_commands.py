@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 import catfree
+from catfree.cli._check_command import check_command
 from catfree.cli._inputs import (
     are_boxes,
     open_boxes,
@@ -535,6 +536,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         "demo": demo,
         "localize": localize,
         "calibrate": calibrate,
+        "check": check_command(tyro),
         "evaluate": evaluate,
         "plot": plot,
         "heat-map": heat_map,

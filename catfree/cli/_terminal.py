@@ -37,6 +37,7 @@ STAGE_LABELS = {
     "growth": "calibrating: all cameras",
     "offsets": "calibrating: clocks of cameras",
     "refinement": "refining the cameras",
+    "windows": "checking the cameras",
     "second look": "looking again",
     "self-calibration": "learning the noise of boxes",
     "tracklets": "linking tracklets",

@@ -1,0 +1,206 @@
+"""How far the cameras disagree: turns and lags of all cameras, with the people eliminated.
+
+Every person's place is unknown in every frame. After it is eliminated, each person who is seen by
+two or more cameras leaves a quadratic cost of turns and lags of these cameras. Costs add, over
+people and over time; what a camera did in a window, since a window, or all the time, are sums of
+the same matrices. The centers of the cameras are held, so that one turned camera cannot be
+explained by the others turning.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from catfree.calibration.watching._matching import (
+    Correction,
+    Matches,
+    best,
+    candidates,
+    match,
+    turned,
+)
+from catfree.calibration.watching._sights import Sights, linear
+
+PARAMETERS = 4  # of a camera: turn (3), lag (1)
+ROUNDS = 3  # of matching and solving
+REWEIGHTED = 2  # solutions per round
+CAUCHY = 2.0  # deviations; a residual of that size has half of the weight
+FLOOR = 0.001  # radians; noise of an edge besides its share of the box height
+HEIGHT_SD = 0.1  # of a person's height around that of its track
+TURN_SD, LAG_SD = np.deg2rad(20.0), 30.0  # weak priors, which decide what no person tells
+LARGEST_STEP = np.deg2rad(5.0)  # of a turn in one solution
+FARTHEST = 1.0  # person heights by which a place may be corrected at a time
+
+
+class Window(NamedTuple):
+    """What one window of time says of the cameras' errors.
+
+    Attributes:
+        begin: first step.
+        stop: step after the last one.
+        matrix: (G, 4C, 4C) information of each person (group) on turns and lags of all cameras.
+        vector: (G, 4C) its product with them, so that their sum is solved for the errors.
+        matched: (C,) people matched with a box.
+        expected: (C,) people who should be in the image.
+        seen: (C,) distinct people who should be in the image.
+        boxes: (C,) number of boxes.
+    """
+
+    begin: int
+    stop: int
+    matrix: Float[np.ndarray, "group p p"]
+    vector: Float[np.ndarray, "group p"]
+    matched: Int[np.ndarray, " cam"]
+    expected: Int[np.ndarray, " cam"]
+    seen: Int[np.ndarray, " cam"]
+    boxes: Int[np.ndarray, " cam"]
+
+
+def prior(cameras: int) -> Float[np.ndarray, "p p"]:
+    """Information of the weak priors of all cameras."""
+    return np.diag(np.tile([TURN_SD**-2.0] * 3 + [LAG_SD**-2.0], cameras))
+
+
+def solve_window(
+    sights: Sights,
+    begin: int,
+    stop: int,
+    start: Sequence[Correction],
+    noise: Float[np.ndarray, "3"],
+    shifts: Int[np.ndarray, " s"],
+) -> tuple[Window, list[Correction]]:
+    """Match everybody of a window, and sum what it says of the cameras.
+
+    Args:
+        sights: the recording.
+        begin: first step.
+        stop: step after the last one.
+        start: (C,) errors of the cameras to begin with.
+        noise: of the edges of a box, as a share of its height.
+        shifts: lags to look for, in steps; none to trust `start`.
+    """
+    people, count = sights.people, len(sights.place)
+    low, high = map(int, np.searchsorted(people.frame, [begin, stop]))
+    person = np.arange(low, high)
+    now = list(start)
+    seen = people.support[person] >= 0
+    registered = np.flatnonzero(np.asarray(sights.scene.rig.registered))
+    if len(shifts):
+        for camera in registered:
+            others = seen.sum(-1) - seen[:, camera] >= 2
+            tried = candidates(sights, int(camera), person[others], shifts)
+            now[camera] = best(sights, int(camera), person[others], now[camera], tried)
+    state = people.state[person].copy()
+    solved = _Solved.empty(count)
+    found: dict[int, Matches] = {}
+    for _ in range(ROUNDS):
+        found = {int(c): match(sights, int(c), person, state, now[c]) for c in registered}
+        solved = _solve(sights, person - low, low, state, found, now, noise)
+        now, state = solved.corrections, solved.state
+    boxes = sights.boxes
+    present = (boxes.frame >= begin) & (boxes.frame < stop)
+    blank = np.zeros(count, np.int64)
+    matched, expected, distinct = blank.copy(), blank.copy(), blank.copy()
+    for camera, matches in found.items():
+        # Nobody is expected on the word of the camera itself.
+        own = people.support[matches.expected]
+        others = (own >= 0).sum(-1) - (own[:, camera] >= 0) >= 2
+        expected[camera] = others.sum()
+        matched[camera] = np.isin(matches.person, matches.expected[others]).sum()
+        distinct[camera] = len(np.unique(people.track[matches.expected[others]]))
+    window = Window(
+        begin, stop, solved.matrix, solved.vector, matched, expected, distinct,
+        np.bincount(boxes.camera[present], minlength=count),
+    )  # fmt: skip
+    return window, now
+
+
+class _Solved(NamedTuple):
+    matrix: Float[np.ndarray, "group p p"]
+    vector: Float[np.ndarray, "group p"]
+    corrections: list[Correction]
+    state: Float[np.ndarray, "m 3"]
+
+    @classmethod
+    def empty(cls, cameras: int) -> "_Solved":
+        p = PARAMETERS * cameras
+        return cls(np.zeros((0, p, p)), np.zeros((0, p)), [], np.zeros((0, 3)))
+
+
+def _solve(
+    sights: Sights,
+    index: Int[np.ndarray, " m"],
+    low: int,
+    state: Float[np.ndarray, "m 3"],
+    found: dict[int, Matches],
+    now: list[Correction],
+    noise: Float[np.ndarray, "3"],
+) -> _Solved:
+    """Linearize around the present errors and places, solve with robust weights."""
+    people, boxes, count = sights.people, sights.boxes, len(sights.place)
+    m, p = len(index), PARAMETERS * count
+    residual = np.zeros((m, count, 3))
+    slope = np.zeros((m, count, 3, 7))
+    precision = np.zeros((m, count, 3))
+    for camera, matches in found.items():
+        if not len(matches.person):
+            continue
+        row, at = matches.person - low, now[camera]
+        velocity, rest = people.velocity[matches.person], at.lag - at.shift
+        moved = state[row].copy()
+        moved[:, :2] -= rest * velocity
+        place = np.broadcast_to(turned(sights.place[camera], at.turn), (len(row), 3, 4))
+        value, slopes = linear(moved, velocity, place)
+        sd = noise * boxes.size[matches.box, None] + FLOOR
+        residual[row, camera] = boxes.angle[matches.box] - value
+        slope[row, camera] = slopes
+        precision[row, camera] = np.where(boxes.whole[matches.box], sd**-2.0, 0.0)
+    used = (precision[..., 0] > 0).sum(-1) >= 2
+    precision *= used[:, None, None]
+    tall = people.state[index + low, 2]
+    held = (HEIGHT_SD * tall) ** -2.0
+    theta = np.concatenate([np.append(one.turn, one.lag) for one in now])
+    weight = np.ones_like(residual)
+    matrix, vector = np.zeros((m, p, p)), np.zeros((m, p))
+    step, shift = np.zeros(p), np.zeros((m, 3))
+    for _ in range(REWEIGHTED):
+        weighted = slope * (precision * weight)[..., None]
+        normal = np.einsum("mcei,mcej->mcij", weighted, slope)
+        right = np.einsum("mcei,mce->mci", weighted, residual)
+        block = normal[..., 4:, 4:].sum(1) + 1e-9 * np.eye(3)
+        block[:, 2, 2] += held
+        aim = right[..., 4:].sum(1)
+        aim[:, 2] += held * (tall - state[:, 2])
+        mixed = normal[..., :4, 4:].reshape(m, p, 3)
+        solution = np.linalg.solve(block, np.concatenate([mixed.swapaxes(1, 2), aim[..., None]], 2))
+        matrix = -mixed @ solution[..., :p]
+        axis = np.arange(count)
+        view = matrix.reshape(m, count, 4, count, 4)
+        view[:, axis, :, axis] += normal[..., :4, :4].swapaxes(0, 1)
+        vector = right[..., :4].reshape(m, p) - (mixed @ solution[..., p:])[..., 0]
+        total = matrix.sum(0) + prior(count)
+        step = np.linalg.solve(total, vector.sum(0) - prior(count) @ theta)
+        shift = solution[..., p] - np.einsum("mip,p->mi", solution[..., :p], step)
+        rest = residual - np.einsum("mcei,ci->mce", slope[..., :4], step.reshape(count, 4))
+        rest = rest - np.einsum("mcei,mi->mce", slope[..., 4:], shift)
+        weight = 1 / (1 + rest**2 * precision / CAUCHY**2)
+    step = step.reshape(count, 4)
+    step[:, :3] = np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
+    corrections = [
+        Correction(one.turn + step[c, :3], float(one.lag + step[c, 3])) for c, one in enumerate(now)
+    ]
+    reach = FARTHEST * sights.unit
+    vector = vector + np.einsum("mij,j->mi", matrix, theta)
+    kept = np.flatnonzero(used)
+    track, group = np.unique(people.track[index[kept] + low], return_inverse=True)
+    of_group, to = np.zeros((len(track), p, p)), np.zeros((len(track), p))
+    np.add.at(of_group, group, matrix[kept])
+    np.add.at(to, group, vector[kept])
+    return _Solved(of_group, to, corrections, state + np.clip(shift, -reach, reach))
+
+
+def registered_parameters(registered: Bool[np.ndarray, " cam"]) -> Bool[np.ndarray, " p"]:
+    """(4C,) which parameters belong to registered cameras."""
+    return np.repeat(registered, PARAMETERS)

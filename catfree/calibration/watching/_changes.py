@@ -1,0 +1,333 @@
+"""When a camera turned or its clock jumped: changes of a linear model of all cameras over time.
+
+The windows' costs are quadratic, so that errors that are constant, that grow with time or that
+begin at a window are one linear model, and the evidence for one more change has a closed form.
+People stand at other places in every window, and each is off by a bias of their own: how far
+windows differ from their neighbors tells the true noise.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.stats import f as f_distribution
+
+from catfree.calibration.watching._agreement import PARAMETERS, Window, prior
+
+TURN, LAG = slice(0, 3), slice(3, 4)
+KINDS = (TURN, LAG)
+POOLED = 8.0  # neighbors of all cameras that count as much as those of the camera itself
+TRIMMED = 0.1  # share of the largest differences of neighbors that changes may have caused
+TRIM_GAIN = 1.25  # what trimming takes from a mean of squared normal variables
+FEWEST_WINDOWS = 4  # below which neighbors tell nothing of the noise
+# Errors that no number of people averages out: of places where the map is bent, of gait.
+TURN_FLOOR, LAG_FLOOR = np.deg2rad(0.05), 0.03
+MOST_CHANGES = 3  # of one camera and kind
+LOST = 0.3  # of the usual share of matches; below it a camera does not show these people
+
+
+class Change(NamedTuple):
+    """A camera's error that begins at a window.
+
+    Attributes:
+        camera: its index.
+        kind: `TURN` or `LAG`, the parameters that changed.
+        window: the first window after the change.
+    """
+
+    camera: int
+    kind: slice
+    window: int
+
+    @property
+    def columns(self) -> slice:
+        """The parameters among those of all cameras."""
+        begin = PARAMETERS * self.camera
+        return slice(begin + self.kind.start, begin + self.kind.stop)
+
+
+@dataclass(frozen=True)
+class Course:
+    """The errors of all cameras over time.
+
+    Attributes:
+        time: (W,) middle of each window in steps from the middle of the recording.
+        changes: what was found.
+        value: (4C + R + ...) constant errors, rates of the clocks, then those of the changes.
+        covariance: of `value`, without the factor `noise`.
+        drifting: whether clocks have rates.
+        reference: the camera to which lags are relative: half of the others are later.
+        noise: (C, 2) factor by which variances of turns and lags exceed those of box noise alone.
+        freedom: (C, 2) degrees of freedom of `noise`.
+    """
+
+    time: Float[np.ndarray, " window"]
+    changes: tuple[Change, ...]
+    value: Float[np.ndarray, " q"]
+    covariance: Float[np.ndarray, "q q"]
+    drifting: bool
+    reference: int
+    noise: Float[np.ndarray, "cam 2"]
+    freedom: Float[np.ndarray, "cam 2"]
+
+    def design(self, window: int) -> Float[np.ndarray, "p q"]:
+        """Map from `value` to the errors of all cameras in a window."""
+        cameras = len(self.noise)
+        return _design(cameras, self.time[window], window, self.changes, rates=self.drifting)
+
+    def at(self, window: int) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
+        """Errors of all cameras in a window, and their covariance with the factor `noise`."""
+        return self._errors(self.design(window))
+
+    def rates(self) -> tuple[Float[np.ndarray, " cam"], Float[np.ndarray, "cam cam"]]:
+        """Steps per step by which each clock lags more and more, and their covariance."""
+        p = PARAMETERS * len(self.noise)
+        design = np.zeros((p, len(self.value)))
+        design[3::PARAMETERS, p : p + len(self.noise)] = np.eye(len(self.noise))
+        value, covariance = self._errors(design, floor=False)
+        return value[3::PARAMETERS], covariance[3::PARAMETERS, 3::PARAMETERS]
+
+    def constant(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
+        """Errors of all cameras in the middle of the recording, without the changes."""
+        design = np.eye(PARAMETERS * len(self.noise), len(self.value))
+        return self._errors(design)
+
+    def _errors(
+        self, design: Float[np.ndarray, "p q"], *, floor: bool = True
+    ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
+        """Errors that a design selects: lags relative to the reference."""
+        p = len(design)
+        relative = np.eye(p)
+        relative[3::PARAMETERS, PARAMETERS * self.reference + 3] -= 1
+        design = relative @ design
+        factor = np.sqrt(np.repeat(self.noise, [3, 1], axis=1)).ravel()
+        covariance = design @ self.covariance @ design.T * factor[:, None] * factor
+        if floor:
+            floors = np.tile([TURN_FLOOR**2] * 3 + [LAG_FLOOR**2], len(self.noise))
+            covariance = covariance + np.diag(floors)
+        return design @ self.value, covariance
+
+    def of_change(self, index: int) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
+        """By how much a change changed its parameters, with the covariance."""
+        change = self.changes[index]
+        begin = len(self.value) - sum(c.kind.stop - c.kind.start for c in self.changes[index:])
+        own = slice(begin, begin + change.kind.stop - change.kind.start)
+        kind = KINDS.index(change.kind)
+        floor = (TURN_FLOOR, LAG_FLOOR)[kind] ** 2 * np.eye(own.stop - own.start)
+        return self.value[own], self.noise[change.camera, kind] * self.covariance[own, own] + floor
+
+
+def _design(
+    cameras: int, time: float, window: int, changes: Sequence[Change], *, rates: bool
+) -> Float[np.ndarray, "p q"]:
+    p = PARAMETERS * cameras
+    parts = [np.eye(p)]
+    if rates:
+        parts.append(time * np.eye(p)[:, 3::PARAMETERS])
+    parts += [(window >= change.window) * np.eye(p)[:, change.columns] for change in changes]
+    return np.concatenate(parts, axis=1)
+
+
+def fit_course(
+    windows: Sequence[Window],
+    alpha: float,
+    *,
+    rates: bool = False,
+    kinds: Sequence[slice] = KINDS,
+    first: int = 1,
+) -> Course:
+    """Fit constant errors and as many changes as the windows prove.
+
+    Args:
+        windows: of the whole recording, in order.
+        alpha: probability at which a change at one given window may be found though there is none.
+        rates: whether the clocks may run at different rates.
+        kinds: `TURN`, `LAG` or both: what may change.
+        first: first window at which a change may begin.
+    """
+    matrix = np.array([w.matrix.sum(0) for w in windows])
+    vector = np.array([w.vector.sum(0) for w in windows])
+    middle = np.array([(w.begin + w.stop) / 2 for w in windows])
+    cameras = matrix.shape[1] // PARAMETERS
+    course = Course(
+        middle - middle.mean(), (), np.zeros(0), np.zeros((0, 0)), rates, 0,
+        np.ones((cameras, 2)), np.ones((cameras, 2)),
+    )  # fmt: skip
+    course = _fitted(course, matrix, vector)
+    while len(course.changes) < MOST_CHANGES * cameras:
+        found = [
+            _strongest(course, matrix, vector, camera, kind, first)
+            for camera in range(cameras)
+            for kind in kinds
+            if sum(c.camera == camera and c.kind == kind for c in course.changes) < MOST_CHANGES
+        ]
+        chance, change = min(found, default=(1.0, None), key=lambda item: item[0])
+        if change is None or chance > alpha:
+            break
+        course = _fitted(replace(course, changes=(*course.changes, change)), matrix, vector)
+    return course
+
+
+def _fitted(
+    course: Course, matrix: Float[np.ndarray, "w p p"], vector: Float[np.ndarray, "w p"]
+) -> Course:
+    """Solve for the values of a model, and learn the noise."""
+    cameras = len(course.noise)
+    designs = [course.design(w) for w in range(len(matrix))]
+    weak = np.zeros((designs[0].shape[1],) * 2)
+    weak[: 4 * cameras, : 4 * cameras] = prior(cameras)
+    extra = np.arange(4 * cameras, len(weak))
+    # A rate, and a change of which no person tells, are zero.
+    scale = max(1.0, float(np.abs(course.time).max()))
+    weak[extra, extra] = 1e-2
+    if course.drifting:
+        clocks = extra[:cameras]
+        weak[clocks, clocks] = 1e-2 * scale**2
+    total = weak + sum(X.T @ A @ X for X, A in zip(designs, matrix, strict=True))
+    right = sum(X.T @ b for X, b in zip(designs, vector, strict=True))
+    covariance = np.linalg.inv(total)
+    course = replace(course, value=covariance @ right, covariance=covariance)
+    noise, freedom = _noise(course, matrix, vector)
+    seen = np.flatnonzero(matrix.sum(0).diagonal()[3::PARAMETERS] > 0)
+    lags = (course.design(len(matrix) // 2) @ course.value)[3::PARAMETERS]
+    reference = int(seen[np.argsort(lags[seen])[(len(seen) - 1) // 2]]) if len(seen) else 0
+    return replace(course, reference=reference, noise=noise, freedom=freedom)
+
+
+def _scores(
+    course: Course,
+    matrix: Float[np.ndarray, "w p p"],
+    vector: Float[np.ndarray, "w p"],
+    camera: int,
+    kind: slice,
+) -> tuple[Float[np.ndarray, "w k"], Float[np.ndarray, "w k k"]]:
+    """Gradient and information of an extra error of one camera in each window."""
+    own = Change(camera, kind, 0).columns
+    rest = [
+        b - A @ (course.design(w) @ course.value)
+        for w, (A, b) in enumerate(zip(matrix, vector, strict=True))
+    ]
+    return np.array(rest)[:, own], matrix[:, own, own]
+
+
+def _noise(
+    course: Course, matrix: Float[np.ndarray, "w p p"], vector: Float[np.ndarray, "w p"]
+) -> tuple[Float[np.ndarray, "cam 2"], Float[np.ndarray, "cam 2"]]:
+    """How much more neighboring windows differ than box noise explains, with its freedom."""
+    cameras = len(course.noise)
+    noise, freedom = np.ones((cameras, 2)), np.full((cameras, 2), 1.0)
+    for which, kind in enumerate(KINDS):
+        size = kind.stop - kind.start
+        every = [
+            _differences(*_scores(course, matrix, vector, c, kind), course.changes, c, kind)
+            for c in range(cameras)
+        ]
+        pool = np.concatenate(every) if every else np.zeros(0)
+        if not len(pool):
+            continue
+        shared = _trimmed(pool)
+        for camera, own in enumerate(every):
+            count = len(own)
+            mean = _trimmed(own) if count else shared
+            weight = min(POOLED, len(pool))
+            noise[camera, which] = max(1.0, (count * mean + weight * shared) / (count + weight))
+            freedom[camera, which] = size * (count + weight)
+    return noise, freedom
+
+
+def _trimmed(values: Float[np.ndarray, " n"]) -> float:
+    kept = np.sort(values)[: max(1, len(values) - 1 - int(TRIMMED * len(values)))]
+    return TRIM_GAIN * float(kept.mean())
+
+
+def _differences(
+    score: Float[np.ndarray, "w k"],
+    information: Float[np.ndarray, "w k k"],
+    changes: Sequence[Change],
+    camera: int,
+    kind: slice,
+) -> Float[np.ndarray, " n"]:
+    """Mean squared differences of neighboring windows, in variances of box noise."""
+    size = score.shape[1]
+    known = np.array([np.linalg.cond(A) < 1e8 and A.trace() > 0 for A in information], bool)
+    score, information = score[known], information[known]
+    if len(score) < FEWEST_WINDOWS:
+        return np.zeros(0)
+    inverse = np.linalg.inv(information)
+    value = np.einsum("wij,wj->wi", inverse, score)
+    step = np.diff(value, axis=0)
+    spread = inverse[1:] + inverse[:-1]
+    return np.einsum("wi,wij,wj->w", step, np.linalg.inv(spread), step) / size
+
+
+def _strongest(
+    course: Course,
+    matrix: Float[np.ndarray, "w p p"],
+    vector: Float[np.ndarray, "w p"],
+    camera: int,
+    kind: slice,
+    first: int,
+) -> tuple[float, Change | None]:
+    """The most likely further change of one camera, and the chance of its evidence."""
+    best: tuple[float, Change | None] = (1.0, None)
+    if len(matrix) < FEWEST_WINDOWS:
+        return best
+    own = Change(camera, kind, 0).columns
+    size, which = own.stop - own.start, KINDS.index(kind)
+    score, information = _scores(course, matrix, vector, camera, kind)
+    floor = (TURN_FLOOR, LAG_FLOOR)[which] ** 2 * np.eye(size)
+    noise, freedom = course.noise[camera, which], course.freedom[camera, which]
+    # Information that a change shares with what is already in the model.
+    shared = [(matrix[w] @ course.design(w))[own] for w in range(len(matrix))]
+    for window in range(max(first, 1), len(matrix)):
+        if any(
+            c.camera == camera and c.kind == kind and c.window == window for c in course.changes
+        ):
+            continue
+        cross = np.sum(shared[window:], axis=0)
+        left = information[window:].sum(0) - cross @ course.covariance @ cross.T
+        left = (left + left.T) / 2
+        values, vectors = np.linalg.eigh(left)
+        if values[-1] <= 0:
+            continue
+        # A direction in which nobody tells of the change has no evidence.
+        told = values > 1e-9 * values[-1]
+        inverse = (vectors[:, told] / values[told]) @ vectors[:, told].T
+        change = inverse @ score[window:].sum(0)
+        covariance = noise * (inverse + 1e-12 * np.eye(size)) + floor
+        squared = float(change @ np.linalg.solve(covariance, change))
+        chance = float(f_distribution.sf(squared / size, size, freedom))
+        if chance < best[0]:
+            best = chance, Change(camera, kind, window)
+    return best
+
+
+def lost_since(
+    matched: Int[np.ndarray, " w"],
+    expected: Int[np.ndarray, " w"],
+    seen: Int[np.ndarray, " w"],
+    usual: float,
+    alpha: float,
+) -> int | None:
+    """The first window from which a camera shows none of the people whom it should, or None.
+
+    Args:
+        matched: (W,) people matched with a box of the camera.
+        expected: (W,) people who should be in its image.
+        seen: (W,) distinct people among them; each counts as one draw.
+        usual: share of people matched when all is well.
+        alpha: probability at which nothing may be missed by chance.
+    """
+    lost: Bool[np.ndarray, " w"] = matched < LOST * usual * expected
+    begin = None
+    chance = 0.0
+    for window in range(len(lost))[::-1]:
+        if expected[window] == 0:
+            continue
+        if not lost[window]:
+            break
+        begin = window
+        chance += seen[window] * np.log1p(-min(usual, 0.95) * (1 - LOST))
+    return begin if chance < np.log(alpha) else None

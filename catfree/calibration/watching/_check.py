@@ -1,0 +1,391 @@
+"""`check`: has a camera moved, is its clock late, is it dead, and since when?"""
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.stats import norm
+
+from catfree.calibration.watching._changes import LAG, TURN, Course, fit_course, lost_since
+from catfree.calibration.watching._sights import linear
+from catfree.calibration.watching._time_of_change import time_of_change
+from catfree.calibration.watching._windows import Watched, watch
+from catfree.settings import Settings
+from catfree.types import Detections, Localization, Scene
+from catfree.types._annotations import Progress
+from catfree.types._forks import require_own_process
+from catfree.types._validation import as_count, require_instance
+
+HOURS_PER_ALARM = 200.0  # of one camera
+TESTS = 3  # of a camera in a window: turn, lag, loss
+WINDOWS = 12  # that a short recording is cut into
+WINDOW = (2.0, 60.0)  # seconds, the shortest and the longest
+# Of a person's height on the ground, where nothing changed. Every rig is a little off all the time:
+# a measured one of a room by 0.07, rigs from people and reconstructions by about 0.1.
+DOUBTFUL, MOVED = 0.12, 0.2
+LATE = 0.5  # steps; a smaller lag cannot be corrected in frame numbers
+USUAL = 0.5  # share of people whom a camera shows, where it never showed any
+LEAST_MATCHED = 0.25  # share of people; below it, boxes meet people by chance only
+FEWEST_EXPECTED = 20  # people in all frames, whom a camera should show to be judged
+
+UNREGISTERED = "The scene does not know where it is. Calibrate again, or leave it out."
+TOO_FEW = (
+    "Too few people were seen by two other cameras where it looks. Check a longer recording, or "
+    "one with more people."
+)
+SILENT = "It gives no boxes of people whom the others see. Check its power, network and video."
+ELSEWHERE = (
+    "Its boxes meet nobody whom the others see: it moved too far to be measured, or shows another "
+    "time or place. Look at its picture and calibrate again."
+)
+UNMATCHED = (
+    "Few of its boxes meet people whom the others see. Check that its video belongs to this "
+    "recording."
+)
+MOVED_SINCE = "Calibrate again with what it saw since, or turn it back."
+MOVED_ALWAYS = "It does not look where the scene says. Calibrate again."
+LATE_SINCE = "Its clock jumped, or frames were lost. Correct its frame numbers since then."
+LATE_ALWAYS = "Correct its frame numbers, as cf.estimate_clocks does."
+OFF = "It is off all the time. Refine the rig with cf.refine."
+
+
+class Verdict(StrEnum):
+    """The state of a camera.
+
+    Attributes:
+        FITS: it agrees with the others.
+        DOUBTFUL: it disagrees a little all the time, or nothing can be said.
+        MOVED: it looks elsewhere.
+        LATE: it shows another time than its frame numbers say.
+        DEAD: it gives no boxes where people are.
+    """
+
+    FITS = "fits"
+    DOUBTFUL = "doubtful"
+    MOVED = "moved"
+    LATE = "late"
+    DEAD = "dead"
+
+
+@dataclass(frozen=True)
+class CameraCheck:
+    """The verdict on one camera.
+
+    Attributes:
+        camera: its index.
+        verdict: the state at the end of the recording.
+        since: first frame number of that state, or None if it was so from the beginning.
+        since_sd: standard deviation of `since` in frame numbers, or None.
+        turn: (3,) rotation vector in the camera's axes from where the scene says (from where it
+            looked before `since`, if it moved within the recording), in radians.
+        turn_covariance: (3, 3) of it.
+        degrees: angle of the turn.
+        degrees_sd: its standard deviation.
+        pixels: mean distance by which the turn displaces people in the image.
+        ground: mean distance by which it displaces them on the ground, in scene units.
+        lag: frame numbers by which it shows an earlier instant than they say.
+        lag_sd: its standard deviation.
+        matched: share of the people whom other cameras see, and who should be in its image, that
+            one of its boxes shows; NaN if there are none.
+        advice: what was found and what to do, in one or two sentences.
+    """
+
+    camera: int
+    verdict: Verdict
+    since: int | None
+    since_sd: float | None
+    turn: Float[np.ndarray, "3"]
+    turn_covariance: Float[np.ndarray, "3 3"]
+    degrees: float
+    degrees_sd: float
+    pixels: float
+    ground: float
+    lag: float
+    lag_sd: float
+    matched: float
+    advice: str
+
+
+@dataclass(frozen=True)
+class Check:
+    """The acceptance of a rig by the people that it saw.
+
+    Attributes:
+        cameras: one verdict per camera.
+        first: first frame number.
+        last: last frame number.
+        window: length in seconds of the windows of time that were compared.
+        metric: whether lengths are meters.
+    """
+
+    cameras: tuple[CameraCheck, ...]
+    first: int
+    last: int
+    window: float
+    metric: bool
+
+    @property
+    def fits(self) -> bool:
+        """Whether all cameras fit."""
+        return all(one.verdict == Verdict.FITS for one in self.cameras)
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """(C,) the verdict on each camera."""
+        return tuple(one.verdict for one in self.cameras)
+
+    def __str__(self) -> str:
+        """One line per camera."""
+        return "\n".join(
+            f"camera {one.camera}: {one.verdict.value}. {one.advice}" for one in self.cameras
+        )
+
+
+def check(
+    scene: Scene,
+    detections: Detections,
+    *,
+    since: int | None = None,
+    settings: Settings | None = None,
+    maximum_offset: int = 20,
+    localization: Localization | None = None,
+    progress: Progress | None = None,
+) -> Check:
+    """Check whether the cameras still are where a scene says, from the people they saw.
+
+    The recording is cut into windows of up to a minute. In each, the people whom at least two
+    cameras see tell by how much every camera is turned and late. A camera moved if these errors
+    change by more than chance and the errors of neighboring windows explain. Whatever the
+    recording, a rig that does nothing raises one false alarm in 200 hours of one camera or fewer.
+
+    Args:
+        scene: cameras and ground.
+        detections: (N,) boxes; with a clock, else 25 instants per second are assumed.
+        since: frame number before which the cameras are known to fit; turns and lags are compared
+            with those before it. None: with the scene.
+        settings: of the localization.
+        maximum_offset: largest lag to look for, in frame numbers.
+        localization: the result of `localize` for these detections and this scene, if known.
+        progress: called as `progress(stage, done, total)`.
+
+    Returns:
+        A verdict on each camera with what to do.
+
+    Raises:
+        InvalidInputError: if the arguments do not fit each other.
+        InsufficientDataError: if there are no boxes of two registered cameras.
+        ForkedProcessError: in a process forked after JAX was used.
+    """
+    require_own_process()
+    require_instance(scene, Scene, "scene")
+    require_instance(detections, Detections, "detections")
+    settings = Settings() if settings is None else settings
+    require_instance(settings, Settings, "settings")
+    watched = watch(
+        scene,
+        detections,
+        settings,
+        window=WINDOW,
+        count=WINDOWS,
+        maximum_offset=as_count(maximum_offset, "maximum_offset"),
+        localization=localization,
+        since=since,
+        progress=progress,
+    )
+    alpha = watched.seconds / 3600 / HOURS_PER_ALARM / TESTS
+    first = 1
+    if since is not None:
+        step = (since - watched.sights.first) // watched.sights.step
+        first = next((i for i, w in enumerate(watched.windows) if w.begin >= step), 1)
+    course = fit_course(watched.windows, alpha, rates=True, first=first)
+    judge = _Judge(watched, course, alpha, None if since is None else first)
+    cameras = tuple(judge.camera(c) for c in range(scene.rig.camera_count))
+    seen = watched.sights
+    last = seen.first + (seen.steps - 1) * seen.step
+    return Check(cameras, seen.first, last, watched.seconds, scene.metric)
+
+
+class _Found(NamedTuple):
+    """A verdict, since when, and what to do about it."""
+
+    verdict: Verdict
+    since: int | None
+    since_sd: float | None
+    advice: str
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """Turns the course of errors into verdicts.
+
+    Attributes:
+        watched: what the windows say.
+        course: errors over time.
+        alpha: probability of a false alarm per window and test.
+        reference: first window that is compared with those before it, or None.
+    """
+
+    watched: Watched
+    course: Course
+    alpha: float
+    reference: int | None
+
+    def camera(self, camera: int) -> CameraCheck:
+        """Judge one camera."""
+        sights = self.watched.sights
+        value, covariance = self.course.at(len(self.watched.windows) - 1)
+        own = slice(4 * camera, 4 * camera + 4)
+        value, covariance = value[own], covariance[own, own]
+        turn, turn_covariance, lag = value[:3], covariance[:3, :3], float(value[3])
+        turned, late = (self._last_change(camera, kind) for kind in (TURN, LAG))
+        if turned is not None:
+            turn, turn_covariance = self.course.of_change(turned)
+        elif self.reference is not None:
+            turn = np.zeros(3)
+        if self.reference is not None and late is None:
+            lag = 0.0
+        angle, angle_sd = _angle(turn, turn_covariance)
+        pixels, ground = self._displacement(camera, turn)
+        lag_sd = float(np.sqrt(covariance[3, 3]))
+        found = self._without_people(camera)
+        measured = found is None
+        if found is None:
+            chance = float(norm.isf(self.alpha / 2))
+            off = ground / sights.unit if angle > chance * angle_sd else 0.0
+            is_late = abs(lag) > max(LATE, chance * lag_sd)
+            found = self._from_errors(turned, late, off, is_late=is_late)
+        matched, expected = (self._counts(camera, name) for name in ("matched", "expected"))
+        result = CameraCheck(
+            camera=camera,
+            verdict=found.verdict,
+            since=found.since,
+            since_sd=found.since_sd,
+            turn=turn,
+            turn_covariance=turn_covariance,
+            degrees=angle,
+            degrees_sd=angle_sd,
+            pixels=pixels,
+            ground=ground,
+            lag=lag * sights.step,
+            lag_sd=lag_sd * sights.step,
+            matched=float(matched.sum() / expected.sum()) if expected.any() else float("nan"),
+            advice=found.advice,
+        )
+        said = _measured(result, "m" if sights.scene.metric else "scene units") if measured else ""
+        return replace(result, advice=said + found.advice)
+
+    def _counts(self, camera: int, name: str) -> Int[np.ndarray, " window"]:
+        return np.array([getattr(window, name)[camera] for window in self.watched.windows])
+
+    def _without_people(self, camera: int) -> _Found | None:
+        """The verdict on a camera that shows nobody, or nobody for sure; None for others."""
+        names = ("matched", "expected", "seen", "boxes")
+        matched, expected, seen, boxes = (self._counts(camera, name) for name in names)
+        if not self.watched.sights.scene.rig.registered[camera]:
+            return _Found(Verdict.DOUBTFUL, None, None, UNREGISTERED)
+        if expected.sum() < FEWEST_EXPECTED:
+            return _Found(Verdict.DOUBTFUL, None, None, TOO_FEW)
+        some = expected > 0
+        usual = max(float(np.median(matched[some] / expected[some])), USUAL / 2)
+        lost = lost_since(matched, expected, seen, usual, self.alpha)
+        if lost is not None:
+            since = self._frame(self.watched.windows[lost].begin) if lost else None
+            dead = not boxes[lost:].any()
+            verdict = Verdict.DEAD if dead else Verdict.MOVED
+            when = "" if since is None else f"Since about frame {since}. "
+            return _Found(verdict, since, None, when + (SILENT if dead else ELSEWHERE))
+        if matched.sum() < LEAST_MATCHED * expected.sum():
+            return _Found(Verdict.DOUBTFUL, None, None, UNMATCHED)
+        return None
+
+    def _from_errors(
+        self, turned: int | None, late: int | None, off: float, *, is_late: bool
+    ) -> _Found:
+        """The verdict on a camera whose errors are known, as of the end of the recording.
+
+        Args:
+            turned: the last change of its turn, or None.
+            late: the last change of its lag, or None.
+            off: displacement of people on the ground in their heights, 0 if it may be chance.
+            is_late: whether its lag matters and is not chance.
+        """
+        for index, verdict, advice in (
+            (turned, Verdict.MOVED, MOVED_SINCE),
+            (late, Verdict.LATE, LATE_SINCE),
+        ):
+            if index is not None:
+                since, deviation = time_of_change(self.watched, self.course, index)
+                return _Found(verdict, since, deviation, advice)
+        if off > MOVED:
+            return _Found(Verdict.MOVED, None, None, MOVED_ALWAYS)
+        if is_late:
+            return _Found(Verdict.LATE, None, None, LATE_ALWAYS)
+        if off > DOUBTFUL:
+            return _Found(Verdict.DOUBTFUL, None, None, OFF)
+        return _Found(Verdict.FITS, None, None, "Nothing to do.")
+
+    def _last_change(self, camera: int, kind: slice) -> int | None:
+        found = [
+            i
+            for i, change in enumerate(self.course.changes)
+            if change.camera == camera and change.kind == kind
+        ]
+        return max(found, key=lambda i: self.course.changes[i].window, default=None)
+
+    def _frame(self, step: int) -> int:
+        return self.watched.sights.first + step * self.watched.sights.step
+
+    def _displacement(self, camera: int, turn: Float[np.ndarray, "3"]) -> tuple[float, float]:
+        """Mean displacement of people by a turn, in pixels and on the ground."""
+        sights = self.watched.sights
+        people, boxes = sights.people, sights.boxes
+        person = np.flatnonzero(people.support[:, camera] >= 0)
+        mine = boxes.camera == camera
+        if not len(person) or not mine.any():
+            return float("nan"), float("nan")
+        person = person[:: max(1, len(person) // 500)]
+        place = np.broadcast_to(sights.place[camera], (len(person), 3, 4))
+        _, slope = linear(people.state[person], people.velocity[person], place)
+        moved = slope[:, :, :3] @ turn
+        angle = np.hypot(moved[:, 0], moved[:, 2])
+        foot = slope[:, [0, 2]][:, :, 4:6]
+        usable = np.abs(np.linalg.det(foot)) > 1e-12
+        shift = np.linalg.solve(foot[usable], moved[usable][:, [0, 2], None])[..., 0]
+        per_radian = self._pixels_per_radian(camera)
+        distance = np.linalg.norm(shift, axis=-1)
+        ground = float(np.median(distance)) if len(distance) else float("nan")
+        return float(angle.mean() * per_radian), ground
+
+    def _pixels_per_radian(self, camera: int) -> float:
+        """Median height of the boxes of a camera in pixels per radian."""
+        boxes = self.watched.sights.boxes
+        mine = boxes.camera == camera
+        return float(np.median(boxes.height[mine] / boxes.size[mine]))
+
+
+def _angle(
+    turn: Float[np.ndarray, "3"], covariance: Float[np.ndarray, "3 3"]
+) -> tuple[float, float]:
+    """Angle of a rotation vector in degrees, and its standard deviation."""
+    angle = float(np.linalg.norm(turn))
+    if angle == 0:
+        return 0.0, float(np.rad2deg(np.sqrt(np.linalg.eigvalsh(covariance)[-1])))
+    axis = turn / angle
+    return float(np.rad2deg(angle)), float(np.rad2deg(np.sqrt(axis @ covariance @ axis)))
+
+
+def _measured(one: CameraCheck, unit: str) -> str:
+    """The numbers behind a verdict, as a sentence."""
+    when = "" if one.since is None else f" since frame {one.since}"
+    if one.since_sd is not None:
+        when += f" (sd {one.since_sd:.0f})"
+    if one.verdict == Verdict.LATE:
+        return f"Late by {one.lag:.1f} frames (sd {one.lag_sd:.1f}){when}. "
+    if one.verdict == Verdict.FITS:
+        return ""
+    return (
+        f"Turned by {one.degrees:.2f} degrees (sd {one.degrees_sd:.2f}), {one.pixels:.0f} pixels, "
+        f"{one.ground:.2f} {unit} on the ground{when}. "
+    )

@@ -1,0 +1,170 @@
+"""`estimate_clocks`: offset, rate and jumps of every camera's clock, from people who walk."""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree.calibration.watching._changes import LAG, fit_course
+from catfree.calibration.watching._time_of_change import time_of_change
+from catfree.calibration.watching._windows import watch
+from catfree.settings import Settings
+from catfree.types import Detections, Localization, Scene
+from catfree.types._annotations import Progress
+from catfree.types._forks import require_own_process
+from catfree.types._validation import as_count, require_instance
+
+WINDOWS = 12  # that a short recording is cut into
+WINDOW = (2.0, 10.0)  # seconds, the shortest and the longest; a clock drifts within
+CHANCE = 1e-5  # of a jump at one window, where there is none
+
+
+class ClockJump(NamedTuple):
+    """A step of one clock, as after dropped frames.
+
+    Attributes:
+        camera: whose.
+        frame: first frame number after it.
+        frame_sd: its standard deviation.
+        frames: by how many frame numbers the clock fell behind.
+        frames_sd: their standard deviation.
+    """
+
+    camera: int
+    frame: int
+    frame_sd: float
+    frames: float
+    frames_sd: float
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """The clocks of all cameras, relative to one of them.
+
+    At frame number f, camera c shows the instant `f - lag(f)[c]` of the reference.
+
+    Attributes:
+        offset: (C,) frame numbers by which each camera's numbers are too high at `frame`, before
+            any jump; NaN for cameras that are not registered, as in the following.
+        offset_sd: (C,) standard deviations.
+        rate: (C,) by how much `offset` grows per frame number.
+        rate_sd: (C,) standard deviations.
+        jumps: steps of single clocks.
+        frame: middle of the recording.
+        reference: the camera that is right by definition: half of the others are later.
+    """
+
+    offset: Float[np.ndarray, " cam"]
+    offset_sd: Float[np.ndarray, " cam"]
+    rate: Float[np.ndarray, " cam"]
+    rate_sd: Float[np.ndarray, " cam"]
+    jumps: tuple[ClockJump, ...]
+    frame: float
+    reference: int
+
+    def lag(self, frame: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n cam"]:
+        """(n, C) frame numbers by which each camera's numbers are too high at frame numbers."""
+        at = np.asarray(frame, np.float64)[:, None]
+        lag = self.offset + self.rate * (at - self.frame)
+        for jump in self.jumps:
+            lag[:, jump.camera] += jump.frames * (at[:, 0] >= jump.frame)
+        return lag
+
+    def correct(self, detections: Detections) -> Detections:
+        """Number the frames of all cameras like the reference, to the nearest frame.
+
+        Frame numbers are moved in steps between neighboring frames. Where a clock runs slow, two
+        instants may get one number; the boxes of the later one are left out.
+
+        Args:
+            detections: (N,) boxes on the clocks that were estimated.
+
+        Returns:
+            (n,) boxes in the same order.
+        """
+        frames = np.unique(detections.frame)
+        step = max(1, int(np.median(np.diff(frames)))) if len(frames) > 1 else 1
+        lag = self.lag(detections.frame)[np.arange(len(detections)), detections.camera]
+        lag = np.where(np.isfinite(lag), lag, 0.0)
+        moved = detections.frame - step * np.rint(lag / step).astype(np.int64)
+        keep = np.ones(len(detections), bool)
+        for camera in np.unique(detections.camera):
+            mine = np.flatnonzero(detections.camera == camera)
+            order = mine[np.argsort(detections.frame[mine], kind="stable")]
+            number, first = np.unique(moved[order], return_index=True)
+            source = detections.frame[order][first]
+            keep[mine] = detections.frame[mine] == source[np.searchsorted(number, moved[mine])]
+        return replace(detections, frame=moved)[keep]
+
+
+def estimate_clocks(
+    scene: Scene,
+    detections: Detections,
+    *,
+    settings: Settings | None = None,
+    maximum_offset: int = 20,
+    localization: Localization | None = None,
+    progress: Progress | None = None,
+) -> Clocks:
+    """Estimate how late each camera is, whether its clock runs wrong, and when frames were lost.
+
+    A late camera shows people where they were: their boxes lie behind them, in proportion to their
+    speed. Small turns of all cameras are estimated at the same time, so that errors of the scene do
+    not count as lags.
+
+    Args:
+        scene: cameras and ground.
+        detections: (N,) boxes of people who walk.
+        settings: of the localization.
+        maximum_offset: largest lag to look for, in frame numbers.
+        localization: the result of `localize` for these detections and this scene, if known.
+        progress: called as `progress(stage, done, total)`.
+
+    Returns:
+        Offsets, rates and jumps with standard deviations.
+
+    Raises:
+        InvalidInputError: if the arguments do not fit each other.
+        InsufficientDataError: if there are no boxes of two registered cameras.
+        ForkedProcessError: in a process forked after JAX was used.
+    """
+    require_own_process()
+    require_instance(scene, Scene, "scene")
+    require_instance(detections, Detections, "detections")
+    settings = Settings() if settings is None else settings
+    require_instance(settings, Settings, "settings")
+    watched = watch(
+        scene,
+        detections,
+        settings,
+        window=WINDOW,
+        count=WINDOWS,
+        maximum_offset=as_count(maximum_offset, "maximum_offset"),
+        localization=localization,
+        progress=progress,
+    )
+    course = fit_course(watched.windows, CHANCE, rates=True, kinds=[LAG])
+    step, registered = watched.sights.step, np.asarray(scene.rig.registered)
+    constant, covariance = course.constant()
+    rate, rate_covariance = course.rates()
+
+    def known(values: Float[np.ndarray, " cam"]) -> Float[np.ndarray, " cam"]:
+        return np.where(registered, values, np.nan)
+
+    jumps = []
+    for index, change in enumerate(course.changes):
+        frame, frame_sd = time_of_change(watched, course, index)
+        by, by_covariance = course.of_change(index)
+        size = float(np.sqrt(by_covariance[0, 0]))
+        jumps.append(ClockJump(change.camera, frame, frame_sd, float(by[0]) * step, size * step))
+    middle = np.mean([(w.begin + w.stop) / 2 for w in watched.windows])
+    return Clocks(
+        offset=known(constant[3::4] * step),
+        offset_sd=known(np.sqrt(covariance.diagonal()[3::4]) * step),
+        rate=known(rate),
+        rate_sd=known(np.sqrt(rate_covariance.diagonal())),
+        jumps=tuple(sorted(jumps, key=lambda jump: jump.frame)),
+        frame=float(watched.sights.first + middle * step),
+        reference=course.reference,
+    )

@@ -1,0 +1,187 @@
+"""Match the boxes of one camera with the people that the others saw, also if it turned or lags."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+from catfree.calibration.watching._sights import Sights, predicted
+
+SPREAD = 0.12  # of a box height; deviation of a box from a person that it may show
+GATE = 3.0  # deviations; the largest distance of a match
+ALIKE = 0.35  # natural log; the largest ratio of the heights of a box and of a person in a vote
+CELL = np.deg2rad(1.0)  # side of a cell of the vote
+REACH = 15  # cells; the largest turn that is looked for
+TRIED = 4  # peaks of a vote that are tried
+BETTER = 1.25  # times as many matches as at present are needed to believe a peak
+FEWEST = 6  # more matches than at present are needed to believe a peak
+
+
+class Correction(NamedTuple):
+    """What is known of a camera's error.
+
+    Attributes:
+        turn: (3,) rotation vector in the camera's axes, radians.
+        lag: steps by which it shows an earlier instant than its frame numbers say.
+    """
+
+    turn: Float[np.ndarray, "3"]
+    lag: float
+
+    @property
+    def shift(self) -> int:
+        """The lag in whole steps."""
+        return round(self.lag)
+
+
+class Matches(NamedTuple):
+    """Boxes of one camera matched with people.
+
+    Attributes:
+        person: (k,) index of the person.
+        box: (k,) index of the box.
+        angle: (k, 3) predicted angles.
+        score: number of matches, each less the closer it is to the gate.
+        expected: (e,) people who should be in the image.
+    """
+
+    person: Int[np.ndarray, " k"]
+    box: Int[np.ndarray, " k"]
+    angle: Float[np.ndarray, "k 3"]
+    score: float
+    expected: Int[np.ndarray, " e"]
+
+
+def turned(place: Float[np.ndarray, "3 4"], turn: Float[np.ndarray, "3"]) -> np.ndarray:
+    """The map to the axes of a camera that turned by a rotation vector."""
+    return Rotation.from_rotvec(turn).as_matrix() @ place
+
+
+def pairs(
+    first: Int[np.ndarray, " a"], second: Int[np.ndarray, " b"]
+) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+    """All pairs of rows with equal frames; `second` is sorted."""
+    begin, end = (np.searchsorted(second, first, side) for side in ("left", "right"))
+    count = end - begin
+    a = np.repeat(np.arange(len(first)), count)
+    within = np.arange(len(a)) - np.repeat(np.cumsum(count) - count, count)
+    return a, np.repeat(begin, count) + within
+
+
+def match(
+    sights: Sights,
+    camera: int,
+    person: Int[np.ndarray, " m"],
+    state: Float[np.ndarray, "m 3"],
+    at: Correction,
+) -> Matches:
+    """Match people with the boxes of a camera: each is the nearest of the other.
+
+    Args:
+        sights: the recording.
+        camera: its index.
+        person: indices of the people to match.
+        state: their states.
+        at: the camera's error.
+    """
+    boxes, people = sights.boxes, sights.people
+    begin, end = np.searchsorted(boxes.camera, [camera, camera + 1])
+    velocity = people.velocity[person]
+    place = turned(sights.place[camera], at.turn)
+    rest = at.lag - at.shift
+    moved = np.column_stack([state[:, :2] - rest * velocity, state[:, 2]])
+    inside = sights.imaged(camera, moved)
+    person, moved, velocity = person[inside], moved[inside], velocity[inside]
+    angle = predicted(moved, velocity, np.broadcast_to(place, (len(moved), 3, 4)))
+    a, b = pairs(people.frame[person] + at.shift, boxes.frame[begin:end])
+    b = b + begin
+    off = (boxes.angle[b] - angle[a]) / (SPREAD * boxes.size[b, None])
+    usable = boxes.whole[b, 0] & boxes.whole[b, 1:].any(-1)
+    distance = np.where(boxes.whole[b], off**2, 0.0).sum(-1)
+    near = np.flatnonzero(usable & (distance < GATE**2))
+    near = near[np.argsort(distance[near], kind="stable")]
+    first_a, first_b = (np.full(len(x), -1) for x in (person, boxes.frame))
+    _fill_first(first_a, a[near], near)
+    _fill_first(first_b, b[near], near)
+    kept = near[(first_a[a[near]] == near) & (first_b[b[near]] == near)]
+    score = float((1 - distance[kept] / GATE**2).sum())
+    return Matches(person[a[kept]], b[kept], angle[a[kept]], score, person)
+
+
+def _fill_first(first: np.ndarray, key: np.ndarray, value: np.ndarray) -> None:
+    """Set the entry of each key to its first value."""
+    first[key[::-1]] = value[::-1]
+
+
+def candidates(
+    sights: Sights, camera: int, person: Int[np.ndarray, " m"], shifts: Int[np.ndarray, " s"]
+) -> list[Correction]:
+    """Turns and lags at which far more boxes of a camera meet people than by chance.
+
+    Pairs of a person and a box of like size vote for the angles between them. Boxes at other times
+    tell how many votes chance brings.
+
+    Args:
+        sights: the recording.
+        camera: its index.
+        person: indices of people whom at least two other cameras see.
+        shifts: lags to try, in steps.
+    """
+    boxes, people = sights.boxes, sights.people
+    begin, end = np.searchsorted(boxes.camera, [camera, camera + 1])
+    state, velocity = people.state[person], people.velocity[person]
+    place = np.broadcast_to(sights.place[camera], (len(person), 3, 4))
+    angle = predicted(state, velocity, place)
+    middle = np.column_stack([angle[:, 0], angle[:, 1:].mean(-1)])
+    size = angle[:, 2] - angle[:, 1]
+    seen = np.column_stack([boxes.angle[begin:end, 0], boxes.angle[begin:end, 1:].mean(-1)])
+    tall = boxes.size[begin:end]
+    good = boxes.whole[begin:end].all(-1)
+    votes = []
+    for shift in shifts:
+        a, b = pairs(people.frame[person] + int(shift), boxes.frame[begin:end])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            alike = good[b] & (size[a] > 0) & (np.abs(np.log(tall[b] / size[a])) < ALIKE)
+        cell = np.round((seen[b] - middle[a])[alike] / CELL).astype(int) + REACH
+        cell = cell[((cell >= 0) & (cell <= 2 * REACH)).all(-1)]
+        grid = np.zeros((2 * REACH + 1, 2 * REACH + 1))
+        np.add.at(grid, tuple(cell.T), 1.0)
+        wide = np.pad(grid, 1)
+        votes.append(
+            sum(
+                wide[i : i + grid.shape[0], j : j + grid.shape[1]]
+                for i in range(3)
+                for j in range(3)
+            )
+        )
+    stack = np.array(votes)
+    # What standing people and chance bring is the same at most lags.
+    excess = stack - np.median(stack, axis=0)[None] * (len(shifts) > 4)
+    found = []
+    for _ in range(TRIED):
+        top = np.unravel_index(int(excess.argmax()), excess.shape)
+        if excess.max() <= 0:
+            break
+        azimuth, elevation = ((int(top[i]) - REACH) * CELL for i in (1, 2))
+        # A camera that turns to the right by an angle sees everybody that much farther left.
+        found.append(Correction(np.array([-elevation, azimuth, 0.0]), float(shifts[top[0]])))
+        near = tuple(slice(max(0, int(i) - 2), int(i) + 3) for i in top[1:])
+        excess[(slice(max(0, int(top[0]) - 1), int(top[0]) + 2), *near)] = 0
+    return found
+
+
+def best(
+    sights: Sights,
+    camera: int,
+    person: Int[np.ndarray, " m"],
+    present: Correction,
+    tried: list[Correction],
+) -> Correction:
+    """The correction with most matches; the present one unless another is clearly better."""
+    state = sights.people.state[person]
+    now = match(sights, camera, person, state, present).score
+    scores = [match(sights, camera, person, state, one).score for one in tried]
+    if not scores or max(scores) < max(BETTER * now, now + FEWEST):
+        return present
+    return tried[int(np.argmax(scores))]

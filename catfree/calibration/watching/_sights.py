@@ -1,0 +1,283 @@
+"""What all cameras saw: boxes as angles in their cameras, and people as states on the ground.
+
+An angle is an azimuth or an elevation in the axes of a camera: a turn of a camera moves all of its
+boxes by nearly the same angles, whatever its lens.
+"""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from catfree.geometry._buckets import in_blocks
+from catfree.geometry.camera import pixels_of_points, rays_of_pixels
+from catfree.settings import CalibrationSettings
+from catfree.types import Detections, Scene, Tracks
+
+BORDER = 0.005  # of the image side; a box that ends nearer to its border may be cut by it
+NEAREST = 0.2  # person heights in front of a camera, below which nobody is predicted
+HEIGHTS = (0.7, 1.3)  # of the median height; bounds of the height of one person
+BLOCKS = (256, 4096)  # sightings computed together
+FOOT_SHARE = CalibrationSettings.foot_offset / CalibrationSettings.person_height
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Boxes as angles in the axes of their cameras, sorted by camera, then frame.
+
+    Attributes:
+        row: (N,) row of the caller's detections.
+        frame: (N,) frame numbers, in steps from the first.
+        camera: (N,) the camera.
+        angle: (N, 3) azimuth of the center, elevation of the top and of the bottom, in radians, the
+            elevation positive downward.
+        size: (N,) the angular height.
+        height: (N,) the height in pixels.
+        whole: (N, 3) whether an edge is free of the image border.
+    """
+
+    row: Int[np.ndarray, " n"]
+    frame: Int[np.ndarray, " n"]
+    camera: Int[np.ndarray, " n"]
+    angle: Float[np.ndarray, "n 3"]
+    size: Float[np.ndarray, " n"]
+    height: Float[np.ndarray, " n"]
+    whole: Bool[np.ndarray, "n 3"]
+
+
+@dataclass(frozen=True)
+class People:
+    """Positions of tracks, sorted by frame.
+
+    Attributes:
+        frame: (M,) frame numbers, in steps from the first.
+        track: (M,) identity.
+        state: (M, 3) ground position and height in scene units.
+        velocity: (M, 2) scene units per step; zero where unknown.
+        support: (M, C) row of the caller's detections, or -1.
+    """
+
+    frame: Int[np.ndarray, " m"]
+    track: Int[np.ndarray, " m"]
+    state: Float[np.ndarray, "m 3"]
+    velocity: Float[np.ndarray, "m 2"]
+    support: Int[np.ndarray, "m cam"]
+
+
+@dataclass(frozen=True)
+class Sights:
+    """A recording as the cameras of a scene saw it.
+
+    Attributes:
+        scene: cameras and ground.
+        place: (C, 3, 4) map from homogeneous ground coordinates and height to camera axes.
+        boxes: of registered cameras.
+        people: of all tracks.
+        unit: median height of people in scene units.
+        first: frame number of step 0.
+        step: frame numbers per step.
+        steps: length of the recording in steps.
+    """
+
+    scene: Scene
+    place: Float[np.ndarray, "cam 3 4"]
+    boxes: Boxes
+    people: People
+    unit: float
+    first: int
+    step: int
+    steps: int
+
+    def imaged(self, camera: int, state: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        """(n,) whether the middle of each person lies in the image of a camera."""
+        ground = self.scene.ground
+        basis, normal = (np.asarray(v, np.float64) for v in (ground.basis, ground.normal))
+        height = state[:, 2:] / 2 - float(ground.offset)
+        pixel, seen = pixels_of_points(
+            self.scene.rig, camera, state[:, :2] @ basis.T + height * normal
+        )
+        size = np.asarray(self.scene.rig.image_size)[camera]
+        with np.errstate(invalid="ignore"):
+            return seen & ((pixel >= 0) & (pixel <= size - 1)).all(-1)
+
+
+def sights(scene: Scene, detections: Detections, tracks: Tracks) -> Sights:
+    """Express boxes and tracks as angles and states.
+
+    Args:
+        scene: cameras and ground.
+        detections: (N,) boxes, at least one.
+        tracks: of these boxes, whose `support` is known.
+    """
+    frames = np.unique(detections.frame)
+    step = max(1, int(np.median(np.diff(frames)))) if len(frames) > 1 else 1
+    first = int(frames[0])
+    place = _places(scene)
+    boxes = _boxes(scene, detections, first, step)
+    people, unit = _people(scene, detections, tracks, place, first, step)
+    return Sights(
+        scene, place, boxes, people, unit, first, step, (int(frames[-1]) - first) // step + 1
+    )
+
+
+def _places(scene: Scene) -> Float[np.ndarray, "cam 3 4"]:
+    rig, ground = scene.rig, scene.ground
+    R, t = (np.asarray(part, np.float64) for part in (rig.R, rig.t))
+    basis, normal = (np.asarray(v, np.float64) for v in (ground.basis, ground.normal))
+    turn = R @ np.column_stack([basis, normal])
+    place = t - R @ (float(ground.offset) * normal)
+    joined = np.concatenate([turn, place[..., None]], -1)
+    return np.where(np.asarray(rig.registered)[:, None, None], joined, np.eye(3, 4))
+
+
+def _boxes(scene: Scene, detections: Detections, first: int, step: int) -> Boxes:
+    rig = scene.rig
+    row = np.flatnonzero(np.asarray(rig.registered)[detections.camera])
+    row = row[np.lexsort((detections.frame[row], detections.camera[row]))]
+    camera, box = detections.camera[row], np.asarray(detections.box, np.float64)[row]
+    middle = (box[:, 0] + box[:, 2]) / 2
+    R = np.asarray(rig.R, np.float64)[camera]
+    ends = []
+    for edge in (1, 3):
+        ray = rays_of_pixels(rig, camera, np.column_stack([middle, box[:, edge]]))
+        ends.append(_directions(np.einsum("nij,nj->ni", R, ray)))
+    (head_azimuth, head), (foot_azimuth, foot) = ends
+    size = np.asarray(rig.image_size, np.float64)[camera]
+    near, far = BORDER * size, (1 - BORDER) * size - 1
+    whole = np.column_stack(
+        [
+            (box[:, 0] > near[:, 0]) & (box[:, 2] < far[:, 0]),
+            box[:, 1] > near[:, 1],
+            box[:, 3] < far[:, 1],
+        ]
+    )
+    angle = np.column_stack([(head_azimuth + foot_azimuth) / 2, head, foot])
+    frame, height = (detections.frame[row] - first) // step, box[:, 3] - box[:, 1]
+    return Boxes(row, frame, camera, angle, foot - head, height, whole)
+
+
+def _directions(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return np.arctan2(v[:, 0], v[:, 2]), np.arctan2(v[:, 1], np.hypot(v[:, 0], v[:, 2]))
+
+
+def _people(
+    scene: Scene,
+    detections: Detections,
+    tracks: Tracks,
+    place: Float[np.ndarray, "cam 3 4"],
+    first: int,
+    step: int,
+) -> tuple[People, float]:
+    """Tracks with the height that their boxes imply."""
+    at = np.flatnonzero((tracks.track_id >= 0) & (tracks.frame - first >= 0))
+    xy, support = np.asarray(tracks.ground_xy, np.float64)[at], tracks.support[at]
+    person, camera = np.nonzero(support >= 0)
+    box = np.asarray(detections.box, np.float64)[support[person, camera]]
+    top = np.column_stack([(box[:, 0] + box[:, 2]) / 2, box[:, 1]])
+    R = np.asarray(scene.rig.R, np.float64)[camera]
+    ray = np.einsum("nij,nj->ni", R, rays_of_pixels(scene.rig, camera, top))
+    # The height at which a vertical line comes nearest to the elevation of the box's top.
+    base = place[camera, :, :2] @ xy[person, :, None]
+    base = base[..., 0] + place[camera, :, 3]
+    up = place[camera, :, 2]
+    across = np.column_stack([-ray[:, 1], np.hypot(ray[:, 0], ray[:, 2])])
+
+    def tilted(v: np.ndarray) -> np.ndarray:
+        """How far a point lies below the ray, in the plane through the camera's axis."""
+        forward = (v[:, 0] * ray[:, 0] + v[:, 2] * ray[:, 2]) / np.maximum(across[:, 1], 1e-9)
+        return forward * across[:, 0] + v[:, 1] * across[:, 1]
+
+    slope = tilted(up)
+    good = np.abs(slope) > 1e-6
+    height = np.where(good, -tilted(base) / np.where(good, slope, 1.0), np.nan)
+    known = np.isfinite(height) & (height > 0)
+    unit = float(np.median(height[known])) if known.any() else float(scene.extent) / 12
+    of_track: dict[int, float] = {}
+    track = tracks.track_id[at]
+    for one in np.unique(track):
+        mine = known & (track[person] == one)
+        middle = float(np.median(height[mine])) if mine.any() else unit
+        of_track[int(one)] = float(np.clip(middle, HEIGHTS[0] * unit, HEIGHTS[1] * unit))
+    tall = np.array([of_track[int(one)] for one in track], np.float64)
+    velocity = np.nan_to_num(np.asarray(tracks.velocity, np.float64)[at]) * step
+    state = np.column_stack([xy, tall])
+    return People((tracks.frame[at] - first) // step, track, state, velocity, support), unit
+
+
+def predict(
+    turn: Float[Array, "3"],
+    lag: Float[Array, ""],
+    state: Float[Array, "3"],
+    velocity: Float[Array, "2"],
+    place: Float[Array, "3 4"],
+) -> Float[Array, "3"]:
+    """Predict the angles of a person's box in a camera.
+
+    Args:
+        turn: (3,) small rotation of the camera's axes in radians, exact to first order.
+        lag: steps by which the camera shows an earlier instant than its frame numbers say.
+        state: (3,) ground position and height.
+        velocity: (2,) per step.
+        place: (3, 4) map to the camera's axes.
+
+    Returns:
+        (3,) azimuth of the center, elevation of head and foot in radians; finite everywhere.
+    """
+    x, y = state[0] - lag * velocity[0], state[1] - lag * velocity[1]
+    one, zero = jnp.ones((), state.dtype), jnp.zeros((), state.dtype)
+    station = -place[:, :2].T @ place[:, 3]
+    away = jnp.stack([x - station[0], y - station[1]])
+    nearer = FOOT_SHARE * state[2] / jnp.sqrt(jnp.maximum(away @ away, 1e-12))
+    head = place @ jnp.stack([x, y, state[2], one])
+    foot = place @ jnp.stack([x - nearer * away[0], y - nearer * away[1], zero, one])
+
+    def angles(v: Float[Array, "3"]) -> tuple[Array, Array]:
+        v = v + jnp.cross(turn, v)
+        flat = jnp.sqrt(jnp.maximum(v[0] ** 2 + v[2] ** 2, 1e-12))
+        # The azimuth is finite, with its gradient, for a point at the camera.
+        depth = jnp.where(jnp.abs(v[0]) + jnp.abs(v[2]) > 1e-6, v[2], 1e-6)
+        return jnp.arctan2(v[0], depth), jnp.arctan2(v[1], flat)
+
+    (a, head_down), (b, foot_down) = angles(head), angles(foot)
+    return jnp.stack([(a + b) / 2, head_down, foot_down])
+
+
+@jax.jit
+def _predicted(state: Array, velocity: Array, place: Array) -> Array:
+    turn, lag = jnp.zeros(3, state.dtype), jnp.zeros((), state.dtype)
+    return jax.vmap(predict, (None, None, 0, 0, 0))(turn, lag, state, velocity, place)
+
+
+@jax.jit
+def _linear(state: Array, velocity: Array, place: Array) -> tuple[Array, Array]:
+    def one(state: Array, velocity: Array, place: Array) -> tuple[Array, Array]:
+        def shifted(shift: Float[Array, "7"]) -> tuple[Array, Array]:
+            found = predict(shift[:3], shift[3], state + shift[4:], velocity, place)
+            return found, found
+
+        slope, value = jax.jacfwd(shifted, has_aux=True)(jnp.zeros(7, state.dtype))
+        return value, slope
+
+    return jax.vmap(one)(state, velocity, place)
+
+
+def predicted(
+    state: Float[np.ndarray, "n 3"],
+    velocity: Float[np.ndarray, "n 2"],
+    place: Float[np.ndarray, "n 3 4"],
+) -> Float[np.ndarray, "n 3"]:
+    """`predict` for n sightings of cameras that neither turned nor lag."""
+    with jax.enable_x64(True):
+        return in_blocks(_predicted, (state, velocity, place), *BLOCKS)
+
+
+def linear(
+    state: Float[np.ndarray, "n 3"],
+    velocity: Float[np.ndarray, "n 2"],
+    place: Float[np.ndarray, "n 3 4"],
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 7"]]:
+    """`predicted`, and its derivatives with respect to turn (3), lag (1) and state (3)."""
+    with jax.enable_x64(True):
+        return in_blocks(_linear, (state, velocity, place), *BLOCKS)

@@ -1,0 +1,60 @@
+"""When exactly an error changed: the frame that divides the boxes best."""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from catfree.calibration.watching._changes import Change, Course
+from catfree.calibration.watching._matching import GATE, SPREAD, Correction, match
+from catfree.calibration.watching._sights import Sights
+from catfree.calibration.watching._windows import Watched
+
+ELBOW = 4.0  # fall of twice the log likelihood within two standard deviations
+SHARPER = 0.5  # boxes are more exact than matches demand
+
+
+def time_of_change(watched: Watched, course: Course, index: int) -> tuple[int, float]:
+    """Frame number at which a change began, and its standard deviation.
+
+    The boxes of single frames fit the errors before or those after the change.
+
+    Args:
+        watched: the recording.
+        course: its errors.
+        index: of the change.
+    """
+    change, sights = course.changes[index], watched.sights
+    first = max(change.window - 2, 0)
+    last = min(change.window + 1, len(watched.windows) - 1)
+    low, high = watched.windows[first].begin, watched.windows[last].stop
+    people = sights.people
+    person = np.arange(*np.searchsorted(people.frame, [low, high]))
+    before, after = (
+        _costs(sights, change.camera, person, _correction(course, change, window))
+        for window in (first, last)
+    )
+    gain = np.zeros(high - low + 1)
+    np.add.at(gain, people.frame[person] - low, before - after)
+    total = np.cumsum(gain[::-1])[::-1]
+    near = np.flatnonzero(total >= total.max() - ELBOW * course.noise[change.camera].max())
+    deviation = max((near[-1] - near[0] + 1) / 4, 0.5)
+    step = low + int(total.argmax())
+    return sights.first + step * sights.step, float(deviation * sights.step)
+
+
+def _costs(
+    sights: Sights, camera: int, person: Int[np.ndarray, " m"], at: Correction
+) -> Float[np.ndarray, " m"]:
+    """Squared distance of each person from the nearest box, in deviations."""
+    found = match(sights, camera, person, sights.people.state[person], at)
+    boxes = sights.boxes
+    deviation = SHARPER * SPREAD * boxes.size[found.box, None]
+    off = np.where(boxes.whole[found.box], (boxes.angle[found.box] - found.angle) / deviation, 0.0)
+    cost = np.full(len(person), GATE**2)
+    cost[np.searchsorted(person, found.person)] = np.minimum((off**2).sum(-1), GATE**2)
+    return cost
+
+
+def _correction(course: Course, change: Change, window: int) -> Correction:
+    value, _ = course.at(window)
+    own = value[4 * change.camera : 4 * change.camera + 4]
+    return Correction(own[:3], float(own[3]))

@@ -1,0 +1,117 @@
+"""A recording in windows: what each says of the cameras' errors."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from catfree.calibration.watching._agreement import Window, solve_window
+from catfree.calibration.watching._matching import Correction
+from catfree.calibration.watching._sights import Sights, sights
+from catfree.errors import InsufficientDataError
+from catfree.methods import localize
+from catfree.settings import Settings
+from catfree.types import Detections, Localization, Scene
+from catfree.types._annotations import Progress, no_progress
+
+UNKNOWN_RATE = 25.0  # steps per second where no clock tells
+FEWEST_STEPS = 4  # of a window
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What all windows of a recording say.
+
+    Attributes:
+        sights: the recording.
+        windows: in order.
+        corrections: (W, C) error of each camera in each window, from that window alone.
+        seconds: length of a window.
+    """
+
+    sights: Sights
+    windows: tuple[Window, ...]
+    corrections: tuple[tuple[Correction, ...], ...]
+    seconds: float
+
+
+def watch(
+    scene: Scene,
+    detections: Detections,
+    settings: Settings,
+    *,
+    window: tuple[float, float],
+    count: int,
+    maximum_offset: int,
+    localization: Localization | None = None,
+    since: int | None = None,
+    progress: Progress | None = None,
+) -> Watched:
+    """Localize the people, and see how far each camera disagrees in each window.
+
+    Args:
+        scene: cameras and ground.
+        detections: (N,) boxes.
+        settings: of the localization.
+        window: shortest and longest length of a window in seconds.
+        count: number of windows to aim at.
+        maximum_offset: largest lag to look for, in frame numbers.
+        localization: of these detections in this scene, if it is known.
+        since: frame number at which a window begins.
+        progress: called as `progress(stage, done, total)`.
+
+    Raises:
+        InsufficientDataError: if there are no boxes of registered cameras.
+        InvalidInputError: as `localize`.
+    """
+    report = progress or no_progress
+    if localization is None:
+        localization = localize(detections, scene, settings, progress)
+    localization.require_detections(detections)
+    if not np.asarray(scene.rig.registered)[detections.camera].any():
+        raise InsufficientDataError(
+            "Checking a rig needs boxes of its registered cameras, but there are none. Check that "
+            "the detections belong to the scene."
+        )
+    confident = detections
+    if detections.score is not None:
+        keep = detections.score >= settings.confidence
+        confident, localization = detections[keep], _of_rows(localization, keep)
+    seen = sights(scene, confident, localization.tracks)
+    rate = UNKNOWN_RATE if detections.clock is None else detections.clock.frame_rate / seen.step
+    length = float(np.clip(seen.steps / count, window[0] * rate, window[1] * rate))
+    steps = max(FEWEST_STEPS, round(length))
+    begins = _begins(seen, steps, since)
+    reach = min(maximum_offset // seen.step, seen.steps // 3)
+    shifts = np.array(sorted(range(-reach, reach + 1), key=abs))
+    cameras = scene.rig.camera_count
+    now: Sequence[Correction] = [Correction(np.zeros(3), 0.0)] * cameras
+    noise = np.array(settings.evidence.edge_noise)
+    windows, corrections = [], []
+    for index, (begin, stop) in enumerate(begins):
+        report("windows", index, len(begins))
+        found, now = solve_window(seen, begin, stop, now, noise, shifts)
+        windows.append(found)
+        corrections.append(tuple(now))
+    report("windows", len(begins), len(begins))
+    return Watched(seen, tuple(windows), tuple(corrections), steps / rate)
+
+
+def _begins(seen: Sights, steps: int, since: int | None) -> list[tuple[int, int]]:
+    """First step and step after the last one of each window; one begins at `since`."""
+    cut = 0 if since is None else int(np.clip((since - seen.first) // seen.step, 0, seen.steps))
+    result = []
+    for low, high in ((0, cut), (cut, seen.steps)):
+        edges = np.linspace(low, high, max(1, (high - low) // steps) + 1).astype(int)
+        result += [(int(a), int(b)) for a, b in pairwise(edges) if b > a]
+    return result
+
+
+def _of_rows(localization: Localization, keep: Bool[np.ndarray, " n"]) -> Localization:
+    """The localization as if only the kept detections had been given."""
+    row: Int[np.ndarray, " n"] = np.where(keep, np.cumsum(keep) - 1, -1)
+    tracks = localization.tracks
+    support = np.where(tracks.support >= 0, row[tracks.support], -1)
+    return replace(localization, tracks=replace(tracks, support=support))

@@ -1,0 +1,151 @@
+"""The command that checks a rig against the people it saw."""
+
+import importlib.util
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+
+from catfree.cli._inputs import open_boxes, open_scene
+from catfree.cli._terminal import print_table, print_text, progress_bars, warn
+
+
+def check_command(tyro: Any) -> Callable[..., None]:
+    """The sub-command, built here because its annotations need tyro."""
+    positional = tyro.conf.Positional
+
+    def check(
+        boxes: Annotated[tuple[Path, ...], positional],
+        scene: Path,
+        out: Path | None = None,
+        unit: Literal["m", "cm", "mm", "ft", "arbitrary"] = "m",
+        since: int | None = None,
+        image_size: tuple[int, int] | None = None,
+        frame_rate: float | None = None,
+        max_offset: int = 20,
+        cache: Path | None = None,
+    ) -> None:
+        """Check whether cameras moved, are late or dead, from the boxes of people.
+
+        Args:
+            boxes: MOTChallenge or COCO files, one per camera; a folder of these; or one CSV,
+                Parquet, uniform JSON or .npz file with the boxes of all cameras.
+            scene: the cameras and ground to check, as for `localize`.
+            out: folder for a page with the verdicts; none is written if not given.
+            unit: length of one unit of a scene whose file does not state it.
+            since: frame number before which the cameras are known to fit.
+            image_size: width and height of the images in pixels, where boxes do not state them.
+            frame_rate: frames per second.
+            max_offset: largest clock offset to look for, in frames.
+            cache: folder for finished stages.
+        """
+        from catfree._run._run import run_boxes
+        from catfree.calibration import check as check_rig
+
+        found = open_boxes(boxes, frame_rate, image_size)
+        known, names = open_scene(scene, unit, image_size)
+        with progress_bars() as progress:
+            outcome = run_boxes(found, known, cache_dir=cache, progress=progress, scene_names=names)
+            result = check_rig(
+                outcome.scene,
+                outcome.detections,
+                since=since,
+                maximum_offset=max_offset,
+                localization=outcome.localization,
+                progress=progress,
+            )
+        warn(outcome.warnings)
+        print_table(check_table(result, outcome.camera_names))
+        if out is not None:
+            print_text(f"The page is {write_check_page(out, result, outcome)}.")
+
+    return check
+
+
+def check_table(result: Any, camera_names: tuple[str, ...]) -> Any:
+    """The verdicts of a `Check`, one row per camera."""
+    from catfree.viz.page._blocks import Table
+
+    rows = []
+    for name, one in zip(camera_names, result.cameras, strict=True):
+        since = "" if one.since is None else f"{one.since}"
+        if one.since_sd is not None:
+            since += f" +- {one.since_sd:.0f}"
+        numbers = (
+            f"{one.degrees:.2f} +- {one.degrees_sd:.2f}",
+            f"{one.pixels:.0f}" if np.isfinite(one.pixels) else "",
+            f"{one.ground:.2f}" if np.isfinite(one.ground) else "",
+            f"{one.lag:.2f} +- {one.lag_sd:.2f}",
+            f"{100 * one.matched:.0f}" if np.isfinite(one.matched) else "",
+        )
+        rows.append((name, one.verdict.value, since, *numbers, one.advice))
+    length = "m" if result.metric else "scene units"
+    header = (
+        "camera", "verdict", "since frame", "turned (degrees)", "pixels", f"ground ({length})",
+        "late (frames)", "people matched (%)", "what to do",
+    )  # fmt: skip
+    return Table(header, tuple(rows))
+
+
+def write_check_page(out: Path, result: Any, outcome: Any) -> Path:
+    """Write verdicts, coverage and expected accuracy as `report.md` and `report.html`.
+
+    Args:
+        out: folder, made if there is none.
+        result: a `Check`.
+        outcome: the `RunOutcome` of the same boxes.
+
+    Returns:
+        The HTML file.
+
+    Raises:
+        WriteError: if the disk is full or not writable.
+    """
+    from catfree._coverage import coverage
+    from catfree._run._report import describe_acceptance
+    from catfree.calibration import Verdict
+    from catfree.errors import CatFreeError
+    from catfree.types._writing import make_folder
+    from catfree.viz.page._blocks import (
+        Block,
+        Heading,
+        Paragraph,
+        Picture,
+        Verdicts,
+        write_blocks,
+    )
+
+    folder = make_folder(out)
+    passed = {Verdict.FITS: True, Verdict.DOUBTFUL: None}
+    verdicts = Verdicts(
+        tuple(
+            (f"{name} {one.verdict.value}", one.advice, passed.get(one.verdict, False))
+            for name, one in zip(outcome.camera_names, result.cameras, strict=True)
+        )
+    )
+    blocks: list[Block] = [
+        Heading("catfree check", 1),
+        Paragraph(
+            f"Frames {result.first} to {result.last}, compared in windows of "
+            f"{result.window:.3g} seconds."
+        ),
+        verdicts,
+        check_table(result, outcome.camera_names),
+    ]
+    try:
+        covered = coverage(outcome.scene)
+    except CatFreeError:  # as when the cameras see no common ground
+        covered = None
+    blocks += describe_acceptance(outcome, covered)
+    if covered is not None and importlib.util.find_spec("matplotlib") is not None:
+        from matplotlib.figure import Figure
+
+        from catfree.viz import plot_coverage
+
+        figure = Figure(figsize=(7, 7))
+        axes = figure.add_subplot()
+        plot_coverage(covered, outcome.scene, ax=axes, camera_names=outcome.camera_names)
+        figure.savefig(folder / "coverage.png")
+        blocks.append(Picture("coverage.png", "expected uncertainty over the ground"))
+    return write_blocks(folder, blocks)[1]

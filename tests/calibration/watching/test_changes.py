@@ -1,0 +1,85 @@
+"""Changes over time, on costs with a known truth."""
+
+import numpy as np
+import pytest
+
+from catfree.calibration.watching._agreement import Window
+from catfree.calibration.watching._changes import LAG, TURN, fit_course, lost_since
+
+CAMERAS, WINDOWS = 3, 20
+
+
+def windows(errors, seed=0, *, noise=1.0, groups=4):
+    """Windows of `groups` people each, which tell of errors (W, 4C) with a known noise."""
+    rng = np.random.default_rng(seed)
+    p = errors.shape[1]
+    sd = np.tile([0.002, 0.002, 0.002, 0.2], p // 4)
+    result = []
+    for w, error in enumerate(errors):
+        matrix, vector = [], []
+        for _ in range(groups):
+            draw = rng.normal(size=(p + 4, p)) / sd / np.sqrt(p)
+            information = draw.T @ draw
+            off = (
+                np.sqrt(noise) * np.linalg.cholesky(np.linalg.inv(information)) @ rng.normal(size=p)
+            )
+            matrix.append(information)
+            vector.append(information @ (error + off))
+        blank = np.zeros(p // 4, np.int64)
+        result.append(Window(10 * w, 10 * w + 10, np.array(matrix), np.array(vector), *[blank] * 4))
+    return result
+
+
+def test_nothing_changes_where_nothing_changed():
+    alarms = 0
+    for seed in range(40):
+        course = fit_course(windows(np.zeros((WINDOWS, 4 * CAMERAS)), seed, noise=3.0), 1e-3)
+        alarms += len(course.changes)
+    # 40 recordings, 19 windows, 3 cameras, 2 kinds, each with a chance of 1e-3: 4.6 expected.
+    assert alarms <= 11
+
+
+@pytest.mark.parametrize(("camera", "kind", "size"), [(1, TURN, 0.01), (2, LAG, 1.5)])
+def test_a_change_is_found_in_its_camera_at_its_window(camera, kind, size):
+    errors = np.zeros((WINDOWS, 4 * CAMERAS))
+    column = 4 * camera + (1 if kind is TURN else 3)
+    errors[12:, column] = size
+    course = fit_course(windows(errors, 5), 1e-5)
+    assert len(course.changes) == 1
+    change = course.changes[0]
+    assert (change.camera, change.kind) == (camera, kind)
+    assert change.window == 12
+    value, covariance = course.of_change(0)
+    at = 1 if kind is TURN else 0
+    assert abs(value[at] - size) < 3 * np.sqrt(covariance[at, at])
+
+
+def test_rates_are_within_their_deviations():
+    within, total = 0, 0
+    time = 10 * np.arange(WINDOWS) + 5
+    for seed in range(10):
+        errors = np.zeros((WINDOWS, 4 * CAMERAS))
+        errors[:, 4 + 3] = 0.02 * (time - time.mean()) + 1.0
+        course = fit_course(windows(errors, seed), 1e-6, rates=True, kinds=[LAG])
+        assert course.changes == ()
+        rate, covariance = course.rates()
+        value, of_value = course.constant()
+        true = np.array([0.0, 0.02, 0.0]) - [0.0, 0.02, 0.0][course.reference]
+        offset = np.array([0.0, 1.0, 0.0]) - [0.0, 1.0, 0.0][course.reference]
+        others = np.arange(CAMERAS) != course.reference
+        within += (np.abs(rate - true) < 2 * np.sqrt(covariance.diagonal()))[others].sum()
+        within += (np.abs(value[3::4] - offset) < 2 * np.sqrt(of_value.diagonal()[3::4]))[
+            others
+        ].sum()
+        total += 2 * others.sum()
+    assert within >= 0.85 * total
+
+
+def test_a_camera_is_lost_when_nobody_is_matched_any_more():
+    expected, seen = np.full(10, 40), np.full(10, 5)
+    matched = np.array([35, 33, 36, 38, 36, 34, 0, 1, 0, 0])
+    assert lost_since(matched, expected, seen, 0.9, 1e-6) == 6
+    assert lost_since(matched[:6], expected[:6], seen[:6], 0.9, 1e-6) is None
+    # One window with one person is too little to tell.
+    few = np.append(matched[:6], 0)
+    assert lost_since(few, expected[:7], np.full(7, 1), 0.5, 1e-6) is None

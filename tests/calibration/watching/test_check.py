@@ -1,0 +1,98 @@
+"""Verdicts on simulated recordings in which something happened, at a known time."""
+
+import numpy as np
+import pytest
+
+import catfree as cf
+from catfree.calibration import Verdict, check
+from catfree.errors import InsufficientDataError
+from catfree.synthetic import make_world
+from tests.calibration.watching.bumped import on_clock, renumber, turn_camera
+
+FRAMES, BUMP = 120, 65
+
+
+@pytest.fixture(scope="module")
+def world():
+    return make_world("ring5", seed=1, frames=FRAMES, people=8)
+
+
+@pytest.fixture(scope="module")
+def quiet(world):
+    return on_clock(world.detections, world.layout.fps)
+
+
+def others_fit(result, camera):
+    return all(one.verdict == Verdict.FITS for one in result.cameras if one.camera != camera)
+
+
+@pytest.mark.slow
+def test_a_rig_that_stood_still_fits(world, quiet):
+    result = check(world.true_scene, quiet)
+    assert result.fits
+    assert all(one.since is None for one in result.cameras)
+    assert all(one.matched > 0.8 for one in result.cameras)
+    assert str(result).count("fits") == 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degrees", [0.5, 1.0, 5.0])
+def test_a_turned_camera_is_found_with_angle_and_time(world, quiet, degrees):
+    turn = np.deg2rad(degrees) * np.array([0.6, 0.8, 0.0])
+    boxes = turn_camera(quiet, world.true_rig, 1, turn, BUMP)
+    result = check(world.true_scene, boxes)
+    found = result.cameras[1]
+    assert found.verdict == Verdict.MOVED
+    assert others_fit(result, 1)
+    assert abs(found.degrees - degrees) < 3 * found.degrees_sd
+    off = found.turn - turn
+    assert off @ np.linalg.solve(found.turn_covariance, off) < 16.3  # 99.9 % of chi-square, 3
+    assert found.since is not None
+    assert found.since_sd is not None
+    assert abs(found.since - BUMP) <= max(3, 3 * found.since_sd)
+    focal = float(np.asarray(world.true_rig.K)[1, 0, 0])
+    assert found.pixels == pytest.approx(focal * np.deg2rad(degrees), rel=0.3)
+    assert f"since frame {found.since}" in found.advice
+
+
+@pytest.mark.slow
+def test_a_similarity_of_the_scene_changes_no_verdict(world, quiet):
+    boxes = turn_camera(quiet, world.true_rig, 1, np.deg2rad([0, 2, 0]), BUMP)
+    similarity = cf.geometry.Similarity(
+        3.0,
+        np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+        np.array([4.0, 5.0, 6.0]),
+    )
+    moved = cf.geometry.transform_scene(similarity, world.true_scene, metric=False)
+    one, other = check(world.true_scene, boxes), check(moved, boxes)
+    assert one.verdicts == other.verdicts
+    for a, b in zip(one.cameras, other.cameras, strict=True):
+        assert a.degrees == pytest.approx(b.degrees, abs=1e-3)
+        assert b.ground == pytest.approx(3 * a.ground, rel=0.02, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_a_dead_camera_and_a_late_one(world, quiet):
+    off = (quiet.camera == 2) & (quiet.frame >= 80)
+    boxes = renumber(quiet[~off], 3, lambda frame: 3.0 + 0 * frame)
+    result = check(world.true_scene, boxes)
+    assert result.cameras[2].verdict == Verdict.DEAD
+    assert result.cameras[2].since is not None
+    assert abs(result.cameras[2].since - 80) <= 2 * result.window * world.layout.fps
+    late = result.cameras[3]
+    assert late.verdict == Verdict.LATE
+    assert abs(late.lag - 3) < 3 * late.lag_sd
+    assert [result.cameras[c].verdict for c in (0, 1, 4)] == [Verdict.FITS] * 3
+
+
+@pytest.mark.slow
+def test_errors_before_a_trusted_frame_do_not_count(world, quiet):
+    turned = turn_camera(quiet, world.true_rig, 0, np.deg2rad([0, 2.5, 0]), 0)
+    assert check(world.true_scene, turned).cameras[0].verdict == Verdict.MOVED
+    assert check(world.true_scene, turned, since=60).cameras[0].verdict == Verdict.FITS
+
+
+def test_a_recording_without_boxes_is_refused(world):
+    nobody = cf.Detections([], [], np.zeros((0, 4)))
+    with pytest.raises(InsufficientDataError, match="boxes"):
+        check(world.true_scene, nobody)
