@@ -31,9 +31,14 @@ from catfree.adapters.datasets import (
     read_scene as read_scene,
 )
 from catfree.calibration import (
+    AnchorCheck as AnchorCheck,
     Calibration as Calibration,
+    KnownCamera as KnownCamera,
+    KnownDistance as KnownDistance,
     Refinement as Refinement,
+    SurveyedPoint as SurveyedPoint,
     calibrate as calibrate,
+    read_anchors as read_anchors,
     refine as refine,
 )
 from catfree.errors import CatFreeError as CatFreeError
@@ -45,6 +50,7 @@ from catfree.types import (
     Clock as Clock,
     Detections as Detections,
     Fate as Fate,
+    GeoReference as GeoReference,
     Lens as Lens,
     Localization as Localization,
     Origin as Origin,
