@@ -31,16 +31,21 @@ from catfree.adapters.datasets import (
     read_scene as read_scene,
 )
 from catfree.calibration import (
+    AnchorCheck as AnchorCheck,
     Calibration as Calibration,
     CameraCheck as CameraCheck,
     Check as Check,
     ClockJump as ClockJump,
     Clocks as Clocks,
+    KnownCamera as KnownCamera,
+    KnownDistance as KnownDistance,
     Refinement as Refinement,
+    SurveyedPoint as SurveyedPoint,
     Verdict as Verdict,
     calibrate as calibrate,
     check as check,
     estimate_clocks as estimate_clocks,
+    read_anchors as read_anchors,
     refine as refine,
 )
 from catfree.errors import CatFreeError as CatFreeError
@@ -58,6 +63,7 @@ from catfree.types import (
     Clock as Clock,
     Detections as Detections,
     Fate as Fate,
+    GeoReference as GeoReference,
     Lens as Lens,
     Localization as Localization,
     Origin as Origin,

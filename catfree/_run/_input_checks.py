@@ -5,6 +5,7 @@ Fatal mistakes raise; others become warnings.
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -96,7 +97,7 @@ def order_like(
     if order == list(range(len(given))):
         return scene, ()
     if order is not None:
-        ordered = Scene(scene.rig.select(order), scene.ground, scene.extent, scene.metric)
+        ordered = replace(scene, rig=scene.rig.select(order))
         return ordered, (
             f"The scene lists its cameras as {', '.join(given)}, the {kind} come as "
             f"{', '.join(wanted)}: they were matched by name.",
@@ -233,7 +234,7 @@ def calibration_warnings(
     videos: Recording,
     settings: Settings,
 ) -> tuple[str, ...]:
-    """Warn about clocks that the calibration corrected or that seem to need a correction.
+    """Warn about clocks that are or seem to be wrong, and about anchors that contradict others.
 
     Args:
         calibration: found from the people.
@@ -247,6 +248,7 @@ def calibration_warnings(
         "its clock was corrected by that."
         for c in np.flatnonzero(offset)
     ]
+    said += calibration.contradictions
     sure = detections
     if detections.score is not None:
         least = max(settings.confidence, settings.calibration_confidence)

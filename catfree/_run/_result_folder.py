@@ -20,6 +20,7 @@ from catfree.adapters.calibration_files.colmap._colmap import write_colmap_text
 from catfree.adapters.files._camera_names import distinct_names, file_names
 from catfree.adapters.tables._motchallenge import write_mot_boxes, write_mot_ground
 from catfree.adapters.tables._tracks_table import write_tracks_csv, write_tracks_parquet
+from catfree.adapters.tables.tracks._geojson import write_geojson
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import FileFormatError
 from catfree.settings import Settings
@@ -420,6 +421,8 @@ def _write_tables(
     if fits and importlib.util.find_spec("pyarrow") is not None:
         parquet = root / "tracks.parquet"
         files.append(write_tracks_parquet(parquet, tracks, outcome.camera_names))
+    if scene.georeference is not None:
+        files.append(write_geojson(root / "tracks.geojson", tracks, scene))
     outcome.localization.require_detections(outcome.detections)
     files += write_boxes(
         root / "boxes",

@@ -37,12 +37,15 @@ from catfree.adapters.protocols import (
 from catfree.adapters.video._detect_videos import fit_to_cameras
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration import Calibration, remove_offsets
+from catfree.calibration.people import Anchor
 from catfree.errors import InvalidInputError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
 from catfree.types._forks import require_own_process
 from catfree.types._validation import require_instance
+
+_ONLY_FROM_PEOPLE = "Anchors are for cameras found from people; leave out scene and reconstructor."
 
 Videos = SynchronizedVideos | Sequence[str | os.PathLike[str]]
 
@@ -104,6 +107,7 @@ def run(
     *,
     scene_names: Sequence[str] | None = None,
     maximum_offset: int = 0,
+    anchors: Sequence[Anchor] = (),
 ) -> Localization:
     """Track people on the ground from the videos of several static cameras.
 
@@ -130,6 +134,8 @@ def run(
             None takes those of the scene's file.
         maximum_offset: largest clock offset of a single camera, in frames, to search and correct
             when the cameras are found from people; 0 trusts the frame numbers.
+        anchors: what is known about the site, when the cameras are found from people; see
+            `calibrate`.
 
     Returns:
         The result of `localize` for the scene, with `warnings` about the input. The default method
@@ -157,6 +163,7 @@ def run(
         progress=progress,
         scene_names=scene_names,
         maximum_offset=maximum_offset,
+        anchors=anchors,
     ).localization
 
 
@@ -172,6 +179,7 @@ def run_stages(
     progress: Progress | None = None,
     scene_names: Sequence[str] | None = None,
     maximum_offset: int = 0,
+    anchors: Sequence[Anchor] = (),
     unfinished: Unfinished | None = None,
 ) -> RunOutcome:
     """Do what `run` does and return the results of all stages.
@@ -187,6 +195,7 @@ def run_stages(
         progress: as `run`.
         scene_names: as `run`.
         maximum_offset: as `run`.
+        anchors: as `run`.
         unfinished: receives partial results as soon as they are available.
 
     Returns:
@@ -207,6 +216,8 @@ def run_stages(
             )
     if scene is not None and reconstructor is not None:
         raise InvalidInputError("Pass a scene or a reconstructor, not both.")
+    if anchors and (scene is not None or reconstructor is not None):
+        raise InvalidInputError(_ONLY_FROM_PEOPLE)
     if not isinstance(videos, SynchronizedVideos):
         if isinstance(videos, str | os.PathLike) or not videos:
             raise InvalidInputError(
@@ -240,6 +251,7 @@ def run_stages(
             detections,
             settings,
             maximum_offset=maximum_offset,
+            anchors=anchors,
             cache=cache,
             progress=progress,
         )
@@ -286,6 +298,7 @@ def run_boxes(
     progress: Progress | None = None,
     scene_names: Sequence[str] | None = None,
     maximum_offset: int = 0,
+    anchors: Sequence[Anchor] = (),
 ) -> RunOutcome:
     """Do what `run_stages` does with boxes instead of videos.
 
@@ -297,6 +310,7 @@ def run_boxes(
         progress: as `run`.
         scene_names: as `run`.
         maximum_offset: as `run`.
+        anchors: as `run`.
 
     Returns:
         Detections, scene, calibration and localization.
@@ -309,6 +323,8 @@ def run_boxes(
     scene, scene_names = scene_of(scene, scene_names)
     detections, calibration = boxes.detections, None
     said: tuple[str, ...] = ()
+    if anchors and scene is not None:
+        raise InvalidInputError(_ONLY_FROM_PEOPLE)
     if scene is not None:
         scene, said = order_like(scene, scene_names, boxes.camera_names, "boxes")
         if scene.rig.camera_count < len(boxes.camera_names):
@@ -320,7 +336,7 @@ def run_boxes(
     else:
         calibration = calibrate_cameras(
             boxes, None, detections, settings,
-            maximum_offset=maximum_offset, cache=cache, progress=progress,
+            maximum_offset=maximum_offset, anchors=anchors, cache=cache, progress=progress,
         )  # fmt: skip
         scene = calibration.scene
         said += calibration_warnings(calibration, detections, boxes, settings)

@@ -22,6 +22,12 @@ from catfree.adapters.video._detect_videos import detect_videos, fit_to_cameras
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration import Calibration, calibrate
 from catfree.calibration._calibrate import begin_calibration, finish_calibration
+from catfree.calibration.people import (
+    Anchor,
+    anchored,
+    read_anchors as read_anchors,
+    resolve_anchors,
+)
 from catfree.calibration.reconstructions._scene_from_videos import scene_from_videos
 from catfree.errors import CalibrationError, InvalidInputError
 from catfree.methods._localize import localize
@@ -54,6 +60,7 @@ def calibrate_cameras(
     settings: Settings | None = None,
     *,
     maximum_offset: int = 0,
+    anchors: Sequence[Anchor] = (),
     cache: StageCache | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
@@ -66,7 +73,8 @@ def calibrate_cameras(
             `settings.calibration_confidence` are ignored.
         settings: of the run; only `calibration`, `evidence` and the confidences are used.
         maximum_offset: largest clock offset of a single camera to search, in frames.
-        cache: holds a finished calibration, or its first half.
+        anchors: as `calibrate`.
+        cache: holds a finished calibration without anchors, or its first half.
         progress: called as `progress(stage, done, total)`.
 
     Raises:
@@ -89,6 +97,7 @@ def calibrate_cameras(
             "To find the cameras from boxes, the sizes of the images are needed: pass image_size, "
             "or a scene."
         )
+    resolve_anchors(anchors, len(size), names)
     options = {"camera_names": names, "progress": progress}
 
     def begin() -> Calibration:
@@ -116,7 +125,7 @@ def calibrate_cameras(
         )
 
     try:
-        return remembered("calibration", compute)
+        return anchored(remembered("calibration", compute), anchors, rules, camera_names=names)
     except CalibrationError as error:
         tiny = tiny_boxes(detections, rules)
         if tiny is None:

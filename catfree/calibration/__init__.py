@@ -3,7 +3,12 @@
 from catfree.calibration._calibrate import calibrate as calibrate
 from catfree.calibration._refine import Refinement as Refinement, refine as refine
 from catfree.calibration.people import (
+    AnchorCheck as AnchorCheck,
     Calibration as Calibration,
+    KnownCamera as KnownCamera,
+    KnownDistance as KnownDistance,
+    SurveyedPoint as SurveyedPoint,
+    read_anchors as read_anchors,
     refine_with_correspondences as refine_with_correspondences,
     remove_offsets as remove_offsets,
 )

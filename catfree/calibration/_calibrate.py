@@ -2,12 +2,17 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from catfree.calibration._evidence_loop import EvidenceLoop
 from catfree.calibration.people import (
+    Anchor,
     Calibration,
+    anchored,
     confirm,
     register,
     remove_offsets,
+    resolve_anchors,
     without_vague_cameras,
 )
 from catfree.geometry._arrays import ArrayInput
@@ -25,6 +30,7 @@ def calibrate(
     *,
     camera_names: Sequence[str] | None = None,
     maximum_offset: int = 0,
+    anchors: Sequence[Anchor] = (),
     progress: Progress | None = None,
 ) -> Calibration:
     """Estimate cameras and ground in meters from boxes of walking people.
@@ -43,18 +49,27 @@ def calibrate(
         camera_names: names for error messages.
         maximum_offset: largest clock offset of a single camera, in frames, to search for and
             correct; 0 trusts the frame numbers.
+        anchors: lengths, cameras and points that are known from elsewhere (`KnownDistance`,
+            `KnownCamera`, `SurveyedPoint`). Without them the scale rests on the height of the
+            people alone: a crowd of children makes all lengths too long, and nothing shows it.
         progress: called as `progress(stage, done, total)`.
 
     Returns:
-        The scene in meters, z up, ground z = 0, with the evidence for each camera. A camera that
-        cannot be trusted has `scene.rig.registered` False and NaN parameters. If clock offsets were
-        found, `catfree.calibration.remove_offsets(detections, result.frame_offset)` fits the rig.
+        The scene in meters, z up, ground z = 0, with the evidence for each camera; with anchors on
+        a map it is in the map's frame, and with longitudes and latitudes it has a georeference.
+        `anchors` of the result compares each anchor with the people and the other anchors; one that
+        contradicts them is not used. A camera that cannot be trusted has `scene.rig.registered`
+        False and NaN parameters. If clock offsets were found,
+        `catfree.calibration.remove_offsets(detections, result.frame_offset)` fits the rig.
 
     Raises:
-        CalibrationError: if fewer than two cameras can be registered, or if they disagree.
-        InvalidInputError: if shapes do not match.
+        CalibrationError: if fewer than two cameras can be registered, or if they disagree; if only
+            cameras that are not registered see the map.
+        InvalidInputError: if shapes do not match, or an anchor refers to no camera or no ground.
         ForkedProcessError: in a process forked after JAX was used.
     """
+    settings = Settings() if settings is None else settings
+    resolve_anchors(anchors, len(np.atleast_2d(image_size)), camera_names)
     begun = begin_calibration(
         detections,
         image_size,
@@ -63,9 +78,11 @@ def calibrate(
         maximum_offset=maximum_offset,
         progress=progress,
     )
-    return finish_calibration(
+    found = finish_calibration(
         begun, detections, settings, camera_names=camera_names, progress=progress
     )
+    rules = settings.calibration if isinstance(settings, Settings) else settings
+    return anchored(found, anchors, rules, camera_names=camera_names)
 
 
 def begin_calibration(

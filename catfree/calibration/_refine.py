@@ -254,7 +254,7 @@ def _scene(
         normal = frame.axes @ np.array([-slope_x, -slope_y, 1.0])
         normal /= np.linalg.norm(normal)
         ground = Plane(normal, -normal @ frame.to_world(np.array([0.0, 0.0, height])))
-    return Scene(refined, ground, given.extent, given.metric)
+    return replace(given, rig=refined, ground=ground)
 
 
 def ground_under_people(

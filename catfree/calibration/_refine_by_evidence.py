@@ -120,7 +120,7 @@ def refine_by_evidence(
     report("refinement", rounds, rounds)
     refined = best.scene
     if not refinement.refit_ground:
-        refined = Scene(refined.rig, scene.ground, scene.extent, scene.metric)
+        refined = replace(scene, rig=refined.rig)
     return Refinement(refined, np.array(residuals), chosen, np.array(people))
 
 
@@ -274,7 +274,7 @@ def _aligned_to(given: Scene, moved: Scene) -> Scene:
     moved = transform_scene(similarity, moved)
     rig = moved.rig
     K, R, t = (np.asarray(value, np.float64) for value in (rig.K, rig.R, rig.t))
-    placed = Scene(rig, moved.ground, given.extent, given.metric)
+    placed = replace(given, rig=rig, ground=moved.ground)
     return _with_cameras(placed, K, R, t, like=given.rig)
 
 
@@ -290,4 +290,4 @@ def _with_cameras(
         R=np.where(registered, R, np.asarray(like.R, np.float64)),
         t=np.where(registered[..., 0], t, np.asarray(like.t, np.float64)),
     )
-    return Scene(rig, scene.ground, scene.extent, scene.metric)
+    return replace(scene, rig=rig)

@@ -12,6 +12,7 @@ import catfree
 from catfree.cli._check_command import check_command
 from catfree.cli._inputs import (
     are_boxes,
+    open_anchors,
     open_boxes,
     open_detector,
     open_embedder,
@@ -106,6 +107,7 @@ def _calibrate_from_boxes(
     out: Path,
     cache: Path | None,
     max_offset: int,
+    known_anchors: tuple[Any, ...],
     image_size: tuple[int, int] | None,
 ) -> None:
     """Do what `calibrate` does with files of boxes."""
@@ -124,6 +126,7 @@ def _calibrate_from_boxes(
             None,
             boxes.detections,
             maximum_offset=max_offset,
+            anchors=known_anchors,
             cache=StageCache(out / "cache" if cache is None else cache),
             progress=progress,
         )
@@ -155,6 +158,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         frame_rate: float | None = None,
         keep_before_damage: bool = False,
         max_offset: int = 0,
+        anchors: Path | None = None,
         pictures: bool = True,
         overlay: bool = False,
         blur: bool = False,
@@ -183,6 +187,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             keep_before_damage: use the footage before a frame that cannot be decoded.
             max_offset: largest clock offset of a single camera, in frames, to search and correct
                 when the cameras are found from people.
+            anchors: JSON file of known lengths, cameras and points, when the cameras are found from
+                people.
             pictures: draw plots, and write pictures of the cameras for the report.
             overlay: write a video of all cameras with the tracks drawn in.
             blur: make people unrecognizable in pictures and overlay.
@@ -203,7 +209,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree._run._result_folder import write_folder, write_overlay
         from catfree._run._run import run_stages
 
-        settings = settings_of(method)
+        settings, known_anchors = settings_of(method), open_anchors(anchors)
         footage = open_videos(
             videos,
             stride=stride,
@@ -229,6 +235,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 progress=progress,
                 scene_names=names,
                 maximum_offset=max_offset,
+                anchors=known_anchors,
                 unfinished=unfinished,
             )
         footage = outcome.videos or footage
@@ -261,6 +268,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         frame_rate: float | None = None,
         cache: Path | None = None,
         max_offset: int = 0,
+        anchors: Path | None = None,
         pictures: bool = True,
     ) -> None:
         """Track the people whose boxes in several static cameras are given.
@@ -279,12 +287,14 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             cache: folder for finished stages; `cache` in the results folder if not given.
             max_offset: largest clock offset of a single camera, in frames, to search and correct
                 when the cameras are found from people.
+            anchors: JSON file of known lengths, cameras and points, when the cameras are found from
+                people.
             pictures: draw plots.
         """
         from catfree._run._result_folder import write_results
         from catfree._run._run import run_boxes
 
-        settings = settings_of(method)
+        settings, known_anchors = settings_of(method), open_anchors(anchors)
         found = open_boxes(boxes, frame_rate, image_size)
         known, names = open_scene(scene, unit, image_size)
         print_table(_box_table(found), aside=True)
@@ -297,6 +307,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 progress=progress,
                 scene_names=names,
                 maximum_offset=max_offset,
+                anchors=known_anchors,
             )
         write_results(out, outcome, settings, pictures=None if pictures else False)
         warn(outcome.warnings)
@@ -358,6 +369,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         offsets: tuple[int, ...] | None = None,
         keep_before_damage: bool = False,
         max_offset: int = 0,
+        anchors: Path | None = None,
         image_size: tuple[int, int] | None = None,
     ) -> None:
         """Find cameras and ground in meters from the people in videos, or from their boxes.
@@ -372,10 +384,12 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             offsets: the frame of each camera that shows the first common instant.
             keep_before_damage: use the footage before a frame that cannot be decoded.
             max_offset: largest clock offset of a single camera, in frames, to search and correct.
+            anchors: JSON file of known lengths, cameras and points.
             image_size: width and height of the images in pixels, where boxes do not state them.
         """
+        known_anchors = open_anchors(anchors)
         if are_boxes(videos):
-            _calibrate_from_boxes(videos, out, cache, max_offset, image_size)
+            _calibrate_from_boxes(videos, out, cache, max_offset, known_anchors, image_size)
             return
         require_files(videos, detector=detector)
         from catfree._run._cache import StageCache
@@ -405,6 +419,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 finder,
                 boxes,
                 maximum_offset=max_offset,
+                anchors=known_anchors,
                 cache=stages,
                 progress=progress,
             )

@@ -118,6 +118,13 @@ def open_scene(
     return read_scene(path, unit=unit, image_size=image_size)  # type: ignore[arg-type]
 
 
+def open_anchors(path: Path | None) -> tuple[Any, ...]:
+    """Read what is known about the site."""
+    from catfree._run._stages import read_anchors
+
+    return () if path is None else read_anchors(path)
+
+
 def open_boxes(
     paths: tuple[Path, ...],
     frame_rate: float | int | None = None,

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Real
 
 from catfree.errors import DegenerateGeometryError, InvalidInputError
 from catfree.geometry._arrays import epsilon, float_arrays, tiny
-from catfree.types import Plane, Rig, Scene
+from catfree.types import GeoReference, Plane, Rig, Scene
 from catfree.types._annotations import HostOrDevice
 from catfree.types._validation import is_traced
 
@@ -238,14 +238,37 @@ def transform_scene(similarity: Similarity, scene: Scene, *, metric: bool | None
         metric: whether the new units are meters; None keeps the scene's flag.
 
     Returns:
-        Scene of NumPy or JAX arrays, as in `transform_rig`.
+        Scene of NumPy or JAX arrays, as in `transform_rig`, on the same place of the Earth; a
+        traced transform takes it off the Earth.
     """
     scale, _, _, xp = _parts(similarity, scene.extent)
+    ground = transform_plane(similarity, scene.ground)
     return Scene(
         transform_rig(similarity, scene.rig),
-        transform_plane(similarity, scene.ground),
+        ground,
         xp.asarray(scale * scene.extent),
         scene.metric if metric is None else metric,
+        _moved_georeference(similarity, scene, ground),
+    )
+
+
+def _moved_georeference(similarity: Similarity, scene: Scene, ground: Plane) -> GeoReference | None:
+    """Where ground coordinates are on Earth after a transform of scene and ground."""
+    earth, before = scene.georeference, scene.ground
+    if earth is None or is_traced(similarity.scale, similarity.translation, before.offset):
+        return None
+    corner = np.array(earth.origin) + np.array([[0.0, 0.0], [0.0, 1.0]])
+    place = corner @ np.asarray(before.basis, np.float64).T
+    place = place - float(before.offset) * np.asarray(before.normal, np.float64)
+    scale, turn = float(similarity.scale), np.asarray(similarity.rotation, np.float64)
+    moved = scale * place @ turn.T + np.asarray(similarity.translation, np.float64)
+    origin, ahead = moved @ np.asarray(ground.basis, np.float64)
+    away = ahead - origin
+    return replace(
+        earth,
+        heading=earth.heading - float(np.rad2deg(np.arctan2(away[0], away[1]))),
+        origin=(float(origin[0]), float(origin[1])),
+        meters_per_unit=earth.meters_per_unit / scale,
     )
 
 

@@ -16,6 +16,9 @@ class CalibrationSettings:
         person_height_sd: spread of standing heights.
         crowd_height_sd: standard deviation of the mean height of the people at one place around
             `person_height`. Images do not reveal it, so it is part of the uncertainty of the scale.
+        unusual_height_sd: the same where anchors contradict it: children, or boxes of another kind.
+        anchor_level: probability of the difference between an anchor and everything else (a
+            chi-square) below which the anchor is not used.
         foot_offset: how much nearer to the camera than the body axis the visible bottom of a box
             is: a foot reaches 0.1 m ahead of a standing body, 0.2 m in mid stride. Boxes hardly
             constrain it (it trades off with scale and focal length), so it is not fitted.
@@ -77,6 +80,8 @@ class CalibrationSettings:
     person_height: float = 1.70
     person_height_sd: float = 0.09
     crowd_height_sd: float = 0.04
+    unusual_height_sd: float = 0.4
+    anchor_level: float = 0.001
     foot_offset: float = 0.15
     foot_offset_sd: float = 0.10
     box_slack: float = 0.02

@@ -2,6 +2,7 @@
 
 from catfree.types._clock import Clock as Clock
 from catfree.types._detections import Detections as Detections
+from catfree.types._georeference import GeoReference as GeoReference
 from catfree.types._rig import Lens as Lens, Rig as Rig
 from catfree.types._scene import Plane as Plane, Rays as Rays, Scene as Scene
 from catfree.types.results import (

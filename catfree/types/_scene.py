@@ -11,6 +11,7 @@ from jaxtyping import Float
 from catfree.errors import InvalidInputError
 from catfree.types._annotations import HostOrDevice
 from catfree.types._archive import load_arrays, naming_file, save_arrays
+from catfree.types._georeference import GeoReference
 from catfree.types._rig import RIG_FIELDS, Rig
 from catfree.types._validation import (
     as_boolean,
@@ -97,22 +98,34 @@ class Scene(eqx.Module):
         extent: () E, a length in scene units: twice the median distance of the camera centers
             from their mean (`Scene.from_rig`), unless the source of the scene says otherwise.
         metric: whether scene units are meters.
+        georeference: where the ground is on Earth, or None.
     """
 
     rig: Rig
     ground: Plane
     extent: Float[HostOrDevice, ""]
     metric: bool = eqx.field(static=True)
+    georeference: GeoReference | None = eqx.field(static=True)
 
-    def __init__(self, rig: Rig, ground: Plane, extent: Any, metric: bool = False) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        ground: Plane,
+        extent: Any,
+        metric: bool = False,
+        georeference: GeoReference | None = None,
+    ) -> None:
         """Validate and store.
 
         Raises:
-            InvalidInputError: if rig or ground is something else, the extent is not positive, or
-                the cameras are below the ground.
+            InvalidInputError: if rig, ground or georeference is something else, the extent is not
+                positive, or the cameras are below the ground.
         """
         require_instance(rig, Rig, "rig")
         require_instance(ground, Plane, "ground")
+        if georeference is not None:
+            require_instance(georeference, GeoReference, "georeference")
+        self.georeference = georeference
         self.rig, self.ground, self.extent = rig, ground, as_float(extent)
         self.metric = bool(metric)
         require_shape(self.extent, (), "extent")
@@ -164,7 +177,8 @@ class Scene(eqx.Module):
             "Scene",
             {f"rig_{name}": value for name, value in vars(self.rig).items()}
             | {"normal": self.ground.normal, "offset": self.ground.offset}
-            | {"extent": self.extent, "metric": self.metric},
+            | {"extent": self.extent, "metric": self.metric}
+            | {"georeference": None if self.georeference is None else self.georeference.to_array()},
         )
 
     @classmethod
@@ -177,6 +191,7 @@ class Scene(eqx.Module):
         """
         always, optional = ([f"rig_{name}" for name in names] for names in RIG_FIELDS)
         required = [*always, "normal", "offset", "extent", "metric"]
+        optional.append("georeference")
         arrays = load_arrays(path, "Scene", required=required, optional=optional)
         of_rig = {k.removeprefix("rig_"): v for k, v in arrays.items() if k.startswith("rig_")}
 
@@ -184,7 +199,9 @@ class Scene(eqx.Module):
             metric = as_boolean(arrays["metric"], "metric")
             require_shape(metric, (), "metric")
             ground = Plane(arrays["normal"], arrays["offset"])
-            scene = cls(Rig(**of_rig), ground, arrays["extent"], bool(metric))
+            earth = arrays.get("georeference")
+            earth = None if earth is None else GeoReference.of_array(earth)
+            scene = cls(Rig(**of_rig), ground, arrays["extent"], bool(metric), earth)
             return require_plausible_heights(scene)
 
         return naming_file(path, build)

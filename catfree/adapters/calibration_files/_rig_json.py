@@ -1,5 +1,6 @@
 """Rigs and scenes as plain JSON that states its own conventions."""
 
+import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +20,7 @@ from catfree.adapters.files._documents import (
     write_text_atomically,
 )
 from catfree.errors import FileFormatError, quoted, shortened
-from catfree.types import Lens, Plane, Rig, Scene
+from catfree.types import GeoReference, Lens, Plane, Rig, Scene
 from catfree.types._scene import require_plausible_heights
 
 _CONVENTIONS = {
@@ -79,7 +80,10 @@ def scene_text(scene: Scene, names: Sequence[str] | None = None) -> str:
     """
     ground = {"normal": _list(scene.ground.normal), "offset": float(scene.ground.offset)}
     document = _rig_document(scene.rig, names, scene.metric)
-    return _text(document | {"ground": ground, "extent": float(scene.extent)})
+    document |= {"ground": ground, "extent": float(scene.extent)}
+    if scene.georeference is not None:
+        document["georeference"] = dataclasses.asdict(scene.georeference)
+    return _text(document)
 
 
 def read_rig_json(path: StrPath) -> NamedRig:
@@ -120,9 +124,15 @@ def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
     offset = numbers(entry(ground, "offset", source, "ground"), (), source, "the offset")
     extent = numbers(entry(document, "extent", source, "the file"), (), source, "the extent")
     metric = document["units"] == _UNITS[True]
+    earth = document.get("georeference")
+    if earth is not None:
+        names = [field.name for field in dataclasses.fields(GeoReference)]
+        values = [entry(earth, name, source, "georeference") for name in names]
+        earth = np.concatenate([numbers(v, None, source, "the georeference") for v in values])
 
     def build() -> Scene:
-        scene = Scene(named.rig, Plane(normal, offset), extent, metric)
+        place = None if earth is None else GeoReference.of_array(earth)
+        scene = Scene(named.rig, Plane(normal, offset), extent, metric, place)
         return require_plausible_heights(scene)
 
     return naming_file(source, build), named.names

@@ -1,5 +1,6 @@
 """Register a metric camera rig from pedestrians alone."""
 
+from catfree.calibration.people._anchored import anchored as anchored
 from catfree.calibration.people._camera_search import (
     confirm as confirm,
     offset_for as offset_for,
@@ -14,6 +15,15 @@ from catfree.calibration.people._correspondences import (
 from catfree.calibration.people._register import (
     Calibration as Calibration,
     register as register,
+)
+from catfree.calibration.people.adjustment._anchors import (
+    Anchor as Anchor,
+    AnchorCheck as AnchorCheck,
+    KnownCamera as KnownCamera,
+    KnownDistance as KnownDistance,
+    SurveyedPoint as SurveyedPoint,
+    read_anchors as read_anchors,
+    resolve_anchors as resolve_anchors,
 )
 from catfree.calibration.people.search._clock_offsets import remove_offsets as remove_offsets
 from catfree.settings import CalibrationSettings as CalibrationSettings

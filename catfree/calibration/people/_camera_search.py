@@ -228,6 +228,9 @@ def _with_cameras(
         evidence[camera] = verdict.margin
     kept = state.placed & ~np.isin(np.arange(len(state.placed)), anew)
     covariance = np.where(kept[:, None, None], calibration.center_covariance, np.nan)
+    pairs = np.logical_and.outer(kept, kept)[:, None, :, None]
+    present = np.logical_and.outer(state.placed, state.placed)[:, None, :, None]
+    joint = np.where(pairs, calibration.camera_covariance, np.where(present, np.nan, 0.0))
     return replace(
         calibration,
         scene=Scene.from_rig(
@@ -236,6 +239,7 @@ def _with_cameras(
         association_rate=association,
         log_likelihood_ratio=evidence,
         focal_sd=np.where(kept, calibration.focal_sd, np.nan),
+        camera_covariance=joint,
         center_covariance=covariance,
         camera_residual=np.where(kept, calibration.camera_residual, np.nan),
         sightings=np.where(kept, calibration.sightings, 0),

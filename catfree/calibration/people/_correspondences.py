@@ -18,7 +18,7 @@ from catfree.calibration.people.adjustment._people_bundle import (
 )
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, from_matrices, to_matrices
 from catfree.calibration.people.cameras._ground_map import map_ground
-from catfree.calibration.people.cameras._scale_deviation import scale_deviation
+from catfree.calibration.people.cameras._scale_deviation import crowd_deviation, scale_variance
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
@@ -36,6 +36,7 @@ def refine_with_correspondences(
     settings: CalibrationSettings | None = None,
     *,
     box_sd: ArrayInput | None = None,
+    repeats: float = 1.0,
     iterations: int = 20,
 ) -> Calibration:
     """Adjust a pedestrian rig to given groups of boxes.
@@ -49,6 +50,7 @@ def refine_with_correspondences(
         settings: constants.
         box_sd: (N, 3) standard deviations in pixels of horizontal center, top and bottom; if
             None, those of the settings. NaN or infinity marks an edge without information.
+        repeats: mean number of groups that show the same person, and share their errors.
         iterations: maximum number of steps.
 
     Returns:
@@ -119,6 +121,9 @@ def refine_with_correspondences(
         Rig(K, R, t, rig.image_size, registered=registered), calibration.scene.ground, metric=True
     )
     instants = len(np.unique(np.asarray(detections.frame)[row]))
+    crowd_sd = crowd_deviation(len(members) / instants, settings)
+    known, covariance = registered & adjusted, result.camera_covariance()
+    scale_sd = np.sqrt(scale_variance(result.parameters, covariance, known))
     return replace(
         calibration,
         scene=scene,
@@ -127,13 +132,14 @@ def refine_with_correspondences(
         center_covariance=np.where(
             adjusted[:, None, None], result.center_covariance, calibration.center_covariance
         ),
-        scale_sd=scale_deviation(
-            result.parameters,
-            result.covariance,
-            registered & adjusted,
-            len(members) / instants,
-            settings,
+        camera_covariance=np.where(
+            np.logical_and.outer(adjusted, adjusted)[:, None, :, None],
+            result.camera_covariance(repeats),
+            calibration.camera_covariance,
         ),
+        scale_sd=np.hypot(scale_sd, crowd_sd / settings.person_height).item(),
+        crowd_height=settings.person_height,
+        crowd_height_sd=crowd_sd,
         residual=result.residual,
         camera_residual=result.camera_residual,
         sightings=result.sightings,

@@ -7,8 +7,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.calibration.people._box_grid import grid_boxes
+from catfree.calibration.people.adjustment._anchors import AnchorCheck
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, to_matrices
-from catfree.calibration.people.cameras._scale_deviation import scale_deviation
+from catfree.calibration.people.cameras._scale_deviation import crowd_deviation, scale_variance
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._register_cameras import RegisteredRig, register_cameras
 from catfree.errors import CalibrationError, InvalidInputError
@@ -30,12 +31,18 @@ class Calibration:
         log_likelihood_ratio: (C,) natural-log evidence of each camera against the map of the
             others, minus the highest evidence of its boxes at shifted times.
         focal_sd: (C,) standard deviation of the focal length in pixels.
+        camera_covariance: (C, 7, C, 7) of log focal length, tilt, roll, heading and center; more
+            than `focal_sd` and `center_covariance`, because the boxes of one person share their
+            errors. 0 for unregistered cameras, NaN for newly placed ones.
         center_covariance: (C, 3, 3) of the camera centers in square meters, with the heading and
             ground position of the camera with most boxes fixed. This and `focal_sd` cover random
             box noise and the foot offset, not lens distortion; `scale_sd` covers the scale.
         shared_focal: whether one focal length is used for all cameras.
         scale_sd: relative standard deviation of every length, from the uncertain height of the
             people, the slack of the boxes, the foot offset, and box noise.
+        crowd_height: mean height of the people in meters. Without anchors it is an assumption on
+            which the scale rests: if the people are children, all lengths are too long.
+        crowd_height_sd: its standard deviation, with the slack of the boxes.
         foot_offset: meters by which the bottom of a box is closer to the camera than the body axis.
         residual: median absolute residual in standard deviations of the box edges.
         camera_residual: (C,) the same per camera, NaN for cameras without boxes. A camera with a
@@ -43,20 +50,31 @@ class Calibration:
         sightings: (C,) number of boxes per camera in the last adjustment.
         frame_offset: (C,) frames by which each camera's frame numbers are too high; 0 unless the
             search for offsets was requested.
+        anchors: each quantity that anchors state, and the height of the people, compared with
+            everything else; empty without anchors.
     """
 
     scene: Scene
     association_rate: Float[np.ndarray, " cam"]
     log_likelihood_ratio: Float[np.ndarray, " cam"]
     focal_sd: Float[np.ndarray, " cam"]
+    camera_covariance: Float[np.ndarray, "cam 7 cam 7"]
     center_covariance: Float[np.ndarray, "cam 3 3"]
     shared_focal: bool
     scale_sd: float
+    crowd_height: float
+    crowd_height_sd: float
     foot_offset: float
     residual: float
     camera_residual: Float[np.ndarray, " cam"]
     sightings: Int[np.ndarray, " cam"]
     frame_offset: Int[np.ndarray, " cam"]
+    anchors: tuple[AnchorCheck, ...] = ()
+
+    @property
+    def contradictions(self) -> tuple[str, ...]:
+        """Sentences about anchors, or a height of the people, that were not used."""
+        return tuple(check.sentence for check in self.anchors if not check.used)
 
 
 def register(
@@ -198,6 +216,7 @@ def describe(
     parameters = np.where(trusted[:, None], state.parameters, np.nan)
     K, R, t = to_matrices(parameters, work.grid.size)
     K[~trusted] = np.nan
+    crowd_sd = crowd_deviation(len(bundle.xy) / work.grid.frame_count, work.settings)
     return Calibration(
         scene=Scene.from_rig(
             Rig(K, R, t, work.grid.size, registered=trusted),
@@ -207,15 +226,15 @@ def describe(
         association_rate=association,
         log_likelihood_ratio=evidence,
         focal_sd=np.exp(parameters[:, LOG_FOCAL]) * bundle.focal_deviation,
+        camera_covariance=bundle.camera_covariance(),
         center_covariance=np.where(trusted[:, None, None], bundle.center_covariance, np.nan),
         shared_focal=registered.shared_focal,
-        scale_sd=scale_deviation(
-            parameters,
-            bundle.covariance,
-            trusted,
-            len(bundle.xy) / work.grid.frame_count,
-            work.settings,
-        ),
+        scale_sd=np.hypot(
+            np.sqrt(scale_variance(parameters, bundle.camera_covariance(), trusted)),
+            crowd_sd / work.settings.person_height,
+        ).item(),
+        crowd_height=work.settings.person_height,
+        crowd_height_sd=crowd_sd,
         foot_offset=state.foot_offset,
         residual=bundle.residual,
         camera_residual=np.where(trusted, bundle.camera_residual, np.nan),

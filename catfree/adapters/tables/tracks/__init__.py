@@ -5,7 +5,6 @@ from catfree.adapters.tables.tracks._ai_city_tracks import (
     write_ai_city_tracks as write_ai_city_tracks,
 )
 from catfree.adapters.tables.tracks._geojson import (
-    GeoReference as GeoReference,
     write_geojson as write_geojson,
 )
 from catfree.adapters.tables.tracks._movement import (
@@ -17,3 +16,4 @@ from catfree.adapters.tables.tracks._pedpy import (
 from catfree.adapters.tables.tracks._trackeval import (
     write_trackeval as write_trackeval,
 )
+from catfree.types import GeoReference as GeoReference

@@ -81,6 +81,19 @@ class BundleResult:
         """(C,) relative standard deviation of each focal length, 0 for cameras without boxes."""
         return np.sqrt(np.diag(self.covariance)[LOG_FOCAL:-1:7])
 
+    def camera_covariance(self, repeats: float = 1.0) -> Float[np.ndarray, "cam 7 cam 7"]:
+        """(C, 7, C, 7) covariance of the cameras.
+
+        Args:
+            repeats: boxes of one person that share their errors; the part of the covariance that
+                comes from box noise grows by this factor, the part from the foot offset does not.
+        """
+        by_offset = self.covariance[:, -1] / max(np.sqrt(self.covariance[-1, -1]), 1e-12)
+        fixed = np.outer(by_offset, by_offset)
+        total = repeats * (self.covariance - fixed) + fixed
+        count = len(self.parameters)
+        return total[:-1, :-1].reshape(count, -1, count, total.shape[0] // count)[:, :7, :, :7]
+
     @property
     def center_covariance(self) -> Float[np.ndarray, "cam 3 3"]:
         """(C, 3, 3) covariance of each camera center in square meters."""

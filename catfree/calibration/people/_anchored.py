@@ -1,0 +1,486 @@
+"""Fit a rig from people to anchors: scale, map frame and cameras, and who contradicts whom.
+
+The rig, the height of its crowd and the anchors are Gaussian measurements of the same cameras. The
+sum of their squared standardized residuals is minimized over the cameras, the scale and the map
+frame. Each anchor, and the crowd's height, is compared with what all others predict; the one that
+contradicts the others most is set aside until none does.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import chi2
+
+from catfree.calibration.people._register import Calibration
+from catfree.calibration.people.adjustment._anchor_residuals import (
+    DISTANCE,
+    FOCAL,
+    HEIGHT,
+    POINT,
+    POSITION,
+    QUANTITIES,
+    ROTATION,
+    Measurement,
+    linearize,
+    measurements_of,
+    on_map,
+)
+from catfree.calibration.people.adjustment._anchors import (
+    Anchor,
+    AnchorCheck,
+    KnownDistance,
+    SurveyedPoint,
+    map_positions,
+    resolve_anchors,
+)
+from catfree.calibration.people.cameras._camera_model import (
+    LOG_FOCAL,
+    PAN,
+    X,
+    from_matrices,
+    to_matrices,
+)
+from catfree.calibration.people.cameras._scale_deviation import scale_variance
+from catfree.errors import CalibrationError, InvalidInputError
+from catfree.geometry import fit_similarity
+from catfree.methods.evidence.observe._boxes import undistort
+from catfree.settings import CalibrationSettings
+from catfree.types import GeoReference, Rig, Scene
+
+ROUNDS = 20  # of linearization; a fit takes four
+CONVERGED = 1e-9  # meters, radians and relative
+SAME = 1e-6  # relative difference of two log probabilities that rounding explains
+FLATTEST = 0.01  # radians below the horizon; a pixel sees nearer ground
+UNCHECKED = 1e-6  # share of a measurement's information below which nothing else determines it
+ON_MAP = (POSITION, ROTATION, POINT)
+LOGARITHMS = (DISTANCE, HEIGHT, FOCAL)
+
+
+class _Frame(NamedTuple):
+    """What the map frame may do: its columns (log scale, heading, x, y) that anchors determine."""
+
+    start: Float[np.ndarray, "4"]
+    free: int
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Cameras and map frame that fit the measurements in use.
+
+    Attributes:
+        cameras: (C, 7) in the frame of the people.
+        frame: (4,) the map frame.
+        covariance: (7C + 4, 7C + 4) of both.
+        innovation: for each measurement in use, stated minus predicted by all others, (d,), NaN
+            where nothing else determines it; the last one is the crowd's.
+        innovation_covariance: (d, d) of these.
+        log_p: natural logarithm of the probability of a larger innovation by chance.
+    """
+
+    cameras: Float[np.ndarray, "cam 7"]
+    frame: Float[np.ndarray, "4"]
+    covariance: Float[np.ndarray, "n n"]
+    innovation: list[np.ndarray]
+    innovation_covariance: list[np.ndarray]
+    log_p: Float[np.ndarray, " m"]
+
+
+def anchored(
+    calibration: Calibration,
+    anchors: Sequence[Anchor],
+    settings: CalibrationSettings | None = None,
+    *,
+    camera_names: Sequence[str] | None = None,
+) -> Calibration:
+    """Fit a rig from people to anchors.
+
+    Args:
+        calibration: the rig, without anchors.
+        anchors: what is known from elsewhere; with positions on a map, the scene comes out in the
+            map's frame, and with longitudes and latitudes in meters east and north of their middle.
+        settings: constants.
+        camera_names: names of the cameras, by which anchors may refer to them.
+
+    Returns:
+        The rig in meters, with `anchors` compared with everything else. An anchor that contradicts
+        the people and the other anchors is not used. If the crowd's height contradicts the anchors,
+        it counts as unknown within `unusual_height_sd`.
+
+    Raises:
+        InvalidInputError: if an anchor refers to no camera, shows no ground, or if positions on the
+            map are too few.
+        CalibrationError: if only cameras that are not registered see the map.
+    """
+    settings = CalibrationSettings() if settings is None else settings
+    rig = calibration.scene.rig
+    index, earth = resolve_anchors(anchors, rig.camera_count, camera_names)
+    if not anchors:
+        return calibration
+    names = [str(c) for c in range(rig.camera_count)] if camera_names is None else camera_names
+    registered = np.asarray(rig.registered)
+    cameras = _parameters(rig)
+    positions = list(map_positions(anchors, earth))
+    pixels = np.stack([_ideal_pixels(a, c, rig) for a, c in zip(anchors, index, strict=True)])
+    stated = measurements_of(anchors, index, pixels, positions)
+    usable = [m for m in stated if registered[m.camera]]
+    _require_ground(usable, cameras, names)
+    frame = _start(usable, cameras)
+    if frame.free < 4 and any(m.kind in ON_MAP for m in stated):
+        unseen = sorted({c for c in index if not registered[c]})
+        raise CalibrationError(
+            "The anchors on the map are seen by cameras that are not registered "
+            f"({', '.join(str(names[c]) for c in unseen)}). Add points or positions of others."
+        )
+    covariance = _prior(calibration)
+    crowd = calibration.crowd_height_sd / calibration.crowd_height
+    unusual = settings.unusual_height_sd / settings.person_height
+    used, typical = np.ones(len(usable), bool), True
+    while True:
+        chosen = [m for m, is_used in zip(usable, used, strict=True) if is_used]
+        if frame.free == 4 and _start(chosen, cameras).free < 4:
+            raise CalibrationError(
+                "The anchors on the map contradict the people and each other; check their units, "
+                "the order of x and y, and whether x, y and up are right-handed."
+            )
+        prior = crowd if typical else unusual
+        fit = _fit(chosen, cameras, covariance, frame, prior)
+        worst = _worst(fit.log_p, settings.anchor_level, typical=typical)
+        if worst is None:
+            break
+        typical = worst < len(chosen)  # the heights of another crowd are judged anew
+        if typical:
+            used[np.flatnonzero(used)[worst]] = False
+    checks, results = [], zip(fit.innovation, fit.innovation_covariance, fit.log_p, strict=True)
+    for m in stated:
+        if registered[m.camera]:
+            is_used = any(m is other for other in chosen)
+            result = next(results) if is_used else _unused(m, fit)
+            checks.append(_check(m, anchors[m.anchor], *result, names, used=is_used))
+        else:
+            said = f"{_name(m, names)} was not used: the camera is not registered."
+            nothing = (np.nan,) * len(m.value)
+            kind = QUANTITIES[m.kind]
+            checks.append(AnchorCheck(anchors[m.anchor], kind, nothing, nothing, 1.0, False, said))
+    (off,), ((variance,),), log_p = next(results)
+    checks.append(_check_of_crowd(calibration, off, variance, log_p, used=typical))
+    return _described(calibration, fit, tuple(checks), earth)
+
+
+def _worst(log_p: Float[np.ndarray, " m"], level: float, *, typical: bool) -> int | None:
+    """Index of what contradicts the others most, or None; the crowd before an equal anchor."""
+    tested = np.where(np.arange(len(log_p)) < len(log_p) - (not typical), log_p, 0.0)
+    if tested.min() >= np.log(level):
+        return None
+    if tested[-1] <= (1 - SAME) * tested.min():
+        return len(tested) - 1
+    return int(np.argmin(tested))
+
+
+def _parameters(rig: Rig) -> Float[np.ndarray, "cam 7"]:
+    """Parameters of registered cameras, 0 for the others."""
+    known = np.asarray(rig.registered)[:, None, None]
+    K, R, t = (np.asarray(value, np.float64) for value in (rig.K, rig.R, rig.t))
+    eye = np.eye(3)
+    parameters = from_matrices(
+        np.where(known, K, eye), np.where(known, R, eye), np.where(known[:, 0], t, 0.0)
+    )
+    return np.where(known[:, 0], parameters, 0.0)
+
+
+def _prior(calibration: Calibration) -> Float[np.ndarray, "n n"]:
+    """(7C, 7C) covariance of the cameras, vague where it is unknown."""
+    covariance = calibration.camera_covariance
+    count = len(covariance)
+    covariance = covariance.reshape(7 * count, 7 * count)
+    known = np.isfinite(np.diag(covariance))
+    return np.where(known & known[:, None], covariance, np.diag(np.where(known, 0.0, 1.0)))
+
+
+def _ideal_pixels(anchor: Anchor, camera: int, rig: Rig) -> Float[np.ndarray, "2 2"]:
+    """Pixels of an anchor in an ideal camera, from the image center; 0 if it has none."""
+    if isinstance(anchor, KnownDistance):
+        given = np.array(anchor.pixels, np.float64)
+    elif isinstance(anchor, SurveyedPoint):
+        given = np.array([anchor.pixel, anchor.pixel], np.float64)
+    else:
+        return np.zeros((2, 2))
+    if not rig.registered[camera]:
+        return np.zeros((2, 2))
+    K = np.asarray(rig.K, np.float64)[camera]
+    pixel = undistort(rig, np.full(2, camera), given)
+    plane = np.linalg.solve(K, np.column_stack([pixel, np.ones(2)]).T)
+    return K[0, 0] * plane[:2].T
+
+
+def _require_ground(
+    usable: Sequence[Measurement],
+    cameras: Float[np.ndarray, "cam 7"],
+    names: Sequence[str],
+) -> None:
+    """Refuse pixels through which no ground is seen.
+
+    Raises:
+        InvalidInputError: naming the camera.
+    """
+    for m in usable:
+        if m.kind not in (DISTANCE, POINT):
+            continue
+        K, R, _ = to_matrices(cameras[m.camera][None], np.ones((1, 2), int))
+        ray = (m.pixels / K[0, 0, 0]) @ R[0, :2] + R[0, 2]
+        if (ray[:, 2] > -FLATTEST * np.linalg.norm(ray, axis=1)).any():
+            raise InvalidInputError(
+                f"{_name(m, names)} has a pixel at or above the horizon; an anchor needs points on "
+                "the ground."
+            )
+
+
+def _start(usable: Sequence[Measurement], cameras: Float[np.ndarray, "cam 7"]) -> _Frame:
+    """The map frame that fits best without regard to deviations.
+
+    Its last three entries stay 0 and fixed unless anchors on a map determine them.
+    """
+    on = [m for m in usable if m.kind in (POSITION, POINT)]
+    turned = [m for m in usable if m.kind == ROTATION]
+    identity = np.zeros(4)
+    places = np.array([m.value[:2] for m in on]).reshape(-1, 2)
+    distinct = len(np.unique(places, axis=0))
+    if distinct < 1 or distinct + bool(turned) < 2:
+        return _Frame(identity, 1)
+    points = linearize(on, cameras, identity).value[:, :2]
+    if distinct > 1:
+        fitted = fit_similarity(points, places)
+        scale, R = float(fitted.scale), np.asarray(fitted.rotation, np.float64)
+        angle = float(np.arctan2(R[1, 0], R[0, 0]))
+    else:
+        scale, angle = 1.0, float(turned[0].value[2] - cameras[turned[0].camera, PAN])
+    c, s = scale * np.cos(angle), scale * np.sin(angle)
+    shift = (places - points @ np.array([[c, s], [-s, c]])).mean(0)
+    return _Frame(np.array([np.log(scale), angle, *shift]), 4)
+
+
+def _fit(
+    chosen: Sequence[Measurement],
+    cameras: Float[np.ndarray, "cam 7"],
+    prior: Float[np.ndarray, "n n"],
+    frame: _Frame,
+    crowd: float,
+) -> _Fit:
+    """Fit cameras and map frame.
+
+    Args:
+        chosen: m measurements.
+        cameras: (C, 7) cameras from the people.
+        prior: (7C, 7C) covariance of these.
+        frame: where to start, and how many of its entries are unknown.
+        crowd: relative standard deviation of the crowd's height.
+
+    Source: Gauss-Newton for observations with unknown and with random parameters ("mixed model"),
+        and the test of each observation against the others of Baarda (1968), "A testing procedure
+        for use in geodetic networks".
+    """
+    at, place = cameras.copy(), frame.start.copy()
+    sizes = [len(m.value) for m in chosen] + [1]
+    ends = np.cumsum(sizes)
+    rows = [np.arange(end - size, end) for end, size in zip(ends, sizes, strict=True)]
+    for _ in range(ROUNDS):
+        by_camera, by_frame = np.zeros((ends[-1], cameras.size)), np.zeros((ends[-1], 4))
+        noise, off = np.zeros((ends[-1], ends[-1])), np.zeros(ends[-1])
+        by_frame[-1, 0], noise[-1, -1], off[-1] = 1.0, crowd**2, -place[0]
+        if chosen:
+            linear = linearize(chosen, at, place)
+        for i, m in enumerate(chosen):
+            k, size = rows[i], sizes[i]
+            by_camera[k, 7 * m.camera : 7 * m.camera + 7] = linear.by_camera[i, :size]
+            by_frame[k] = linear.by_frame[i, :size]
+            noise[np.ix_(k, k)] = _noise(m, linear.by_pixel[i, :size])
+            off[k] = _turned(m.value - linear.value[i, :size], m.kind)
+        off += by_camera @ (at - cameras).ravel()
+        G = by_frame[:, : frame.free]
+        W = np.linalg.inv(by_camera @ prior @ by_camera.T + noise)
+        Q = np.linalg.inv(G.T @ W @ G)
+        M = W - W @ G @ Q @ G.T @ W
+        error = M @ off
+        step, moved = Q @ G.T @ W @ off, (prior @ by_camera.T @ error).reshape(cameras.shape)
+        place[: frame.free] += step
+        change = max(np.abs(step).max(), np.abs(cameras + moved - at).max())
+        at = cameras + moved
+        if change < CONVERGED:
+            break
+    gain = prior @ by_camera.T
+    cross = -gain @ W @ G @ Q
+    joint = np.zeros((cameras.size + 4,) * 2)
+    n, f = cameras.size, cameras.size + frame.free
+    joint[:n, :n] = prior - gain @ M @ gain.T
+    joint[:n, n:f], joint[n:f, :n], joint[n:f, n:f] = cross, cross.T, Q
+    innovation, spread, log_p = [], [], []
+    for k in rows:
+        root = np.linalg.cholesky(noise[np.ix_(k, k)])
+        share, axes = np.linalg.eigh(root.T @ M[np.ix_(k, k)] @ root)
+        checked = share > UNCHECKED
+        # Directions that nothing else determines have no innovation.
+        inverse = np.where(checked, 1 / np.where(checked, share, 1), np.nan)
+        white = axes.T @ root.T @ error[k]
+        squared = np.nansum(inverse * white**2)
+        log_p.append(chi2.logsf(squared, checked.sum()) if checked.any() else 0.0)
+        innovation.append(root @ axes @ (inverse * white))
+        spread.append(root @ axes @ (inverse[:, None] * axes.T) @ root.T)
+    return _Fit(at, place, joint, innovation, spread, np.array(log_p))
+
+
+def _unused(
+    measurement: Measurement, fit: _Fit
+) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, "d d"], float]:
+    """Innovation, its covariance and its log probability for a measurement outside a fit."""
+    size, at = len(measurement.value), 7 * measurement.camera
+    linear = linearize([measurement], fit.cameras, fit.frame)
+    J = np.zeros((size, len(fit.covariance)))
+    J[:, at : at + 7], J[:, -4:] = linear.by_camera[0, :size], linear.by_frame[0, :size]
+    by_pixel = linear.by_pixel[0, :size]
+    off = _turned(measurement.value - linear.value[0, :size], measurement.kind)
+    spread = J @ fit.covariance @ J.T + _noise(measurement, by_pixel)
+    return off, spread, float(chi2.logsf(off @ np.linalg.solve(spread, off), size))
+
+
+def _noise(
+    measurement: Measurement, by_pixel: Float[np.ndarray, "d 4"]
+) -> Float[np.ndarray, "d d"]:
+    """Covariance of a stated quantity, with that of its pixels."""
+    return np.diag(measurement.sd**2) + measurement.pixel_sd**2 * by_pixel @ by_pixel.T
+
+
+def _turned(off: Float[np.ndarray, " d"], kind: int) -> Float[np.ndarray, " d"]:
+    """Differences of angles modulo a whole turn; other differences as they are."""
+    return (off + np.pi) % (2 * np.pi) - np.pi if kind == ROTATION else off
+
+
+def _check(
+    measurement: Measurement,
+    anchor: Anchor,
+    innovation: Float[np.ndarray, " d"],
+    spread: Float[np.ndarray, "d d"],
+    log_p: float,
+    names: Sequence[str],
+    *,
+    used: bool,
+) -> AnchorCheck:
+    """Compare one stated quantity with what everything else says about it."""
+    kind, value = measurement.kind, measurement.value
+    sd = np.sqrt(np.diag(spread))
+    about, unit = _name(measurement, names), "px" if kind == FOCAL else "m"
+    if kind in LOGARITHMS:
+        stated, other = np.exp(value), np.exp(value - innovation)
+        difference, sd = stated - other, other * sd
+        what = f"is {_number(other[0], unit)} {unit} (sd {_number(sd[0], unit)} {unit})"
+    else:
+        factor, unit = (np.rad2deg(1.0), "degrees") if kind == ROTATION else (1.0, "m")
+        difference, sd = factor * innovation, factor * sd
+        what = (
+            f"is off by {np.linalg.norm(difference):.2f} {unit} "
+            f"(sd {np.sqrt((sd**2).sum()):.2f} {unit})"
+        )
+    if np.isnan(difference).all():
+        sentence = f"{about} cannot be checked: nothing else determines it."
+    else:
+        sentence = f"{about} {what} by the people and the other anchors"
+        sentence += "." if used else ": it contradicts them and was not used."
+    return AnchorCheck(
+        anchor,
+        QUANTITIES[kind],
+        tuple(difference.tolist()),
+        tuple(sd.tolist()),
+        float(np.exp(log_p)),
+        used,
+        sentence,
+    )
+
+
+def _check_of_crowd(
+    calibration: Calibration, innovation: float, variance: float, log_p: float, *, used: bool
+) -> AnchorCheck:
+    """Compare the expected height of the people with what the anchors say about it."""
+    height, expected_sd = calibration.crowd_height, calibration.crowd_height_sd
+    other = height * np.exp(-innovation)
+    expected = f"{height:.2f} m (sd {expected_sd:.2f} m)"
+    if np.isnan(other):
+        sentence = f"No anchor tells how tall the people are; {expected} on average is assumed."
+    else:
+        sentence = f"By the anchors the people are {other:.2f} m tall on average"
+        sentence += (
+            f"; {expected} was expected."
+            if used
+            else f", but {expected} was expected, so that their height is not used: they are not "
+            "the usual adults, or an anchor is wrong."
+        )
+    sd = float(other * np.sqrt(variance))
+    difference = float(height - other)
+    return AnchorCheck(None, "people", (difference,), (sd,), float(np.exp(log_p)), used, sentence)
+
+
+def _name(measurement: Measurement, names: Sequence[str]) -> str:
+    """Name a stated quantity at the beginning of a sentence."""
+    kind, value, camera = measurement.kind, measurement.value, names[measurement.camera]
+    if kind == DISTANCE:
+        return f"The distance of {np.exp(value[0]):.2f} m in camera {camera}"
+    if kind in (HEIGHT, FOCAL):
+        stated = f"{np.exp(value[0]):.2f} m" if kind == HEIGHT else f"{np.exp(value[0]):.0f} px"
+        return f"The {QUANTITIES[kind]} of {stated} of camera {camera}"
+    if kind == POINT:
+        return f"The point ({value[0]:.2f}, {value[1]:.2f}) in camera {camera}"
+    return f"The {QUANTITIES[kind]} of camera {camera}"
+
+
+def _number(value: float, unit: str) -> str:
+    return f"{value:.0f}" if unit == "px" else f"{value:.2f}"
+
+
+def _described(
+    calibration: Calibration,
+    fit: _Fit,
+    checks: tuple[AnchorCheck, ...],
+    earth: GeoReference | None,
+) -> Calibration:
+    """The calibration of the fitted cameras in the frame of the anchors."""
+    rig, count = calibration.scene.rig, len(fit.cameras)
+    known = np.asarray(rig.registered)
+    with jax.enable_x64(True):
+        frame = jnp.asarray(fit.frame)
+        cameras, slopes = (
+            jax.tree.map(np.asarray, jax.vmap(function, (0, None))(jnp.asarray(fit.cameras), frame))
+            for function in (on_map, jax.jacfwd(on_map, (0, 1)))
+        )
+    J = np.zeros((7 * count, 7 * count + 4))
+    for camera in range(count):
+        rows = slice(7 * camera, 7 * camera + 7)
+        J[rows, rows], J[rows, -4:] = slopes[0][camera], slopes[1][camera]
+    covariance = (J @ fit.covariance @ J.T).reshape(count, 7, count, 7)
+    _, R, t = to_matrices(cameras, np.asarray(rig.image_size))
+    K = np.array(rig.K, np.float64)
+    focal = np.exp(cameras[:, LOG_FOCAL])
+    K[:, :2, :2] *= np.where(known, focal / K[:, 0, 0], 1.0)[:, None, None]
+    rig = replace(
+        rig,
+        K=K,
+        R=np.where(known[:, None, None], R, np.asarray(rig.R)),
+        t=np.where(known[:, None], t, np.asarray(rig.t)),
+    )
+    scene = Scene.from_rig(rig, calibration.scene.ground, metric=True)
+    own = covariance[np.arange(count), :, np.arange(count)]
+    scale = float(np.exp(fit.frame[0]))
+    relative = np.sqrt(fit.covariance[-4, -4])
+    return replace(
+        calibration,
+        scene=replace(scene, georeference=earth),
+        focal_sd=np.where(known, focal * np.sqrt(own[:, LOG_FOCAL, LOG_FOCAL]), np.nan),
+        center_covariance=np.where(known[:, None, None], own[:, X:, X:], np.nan),
+        camera_covariance=covariance,
+        scale_sd=float(np.sqrt(scale_variance(cameras, covariance, known))),
+        crowd_height=calibration.crowd_height * scale,
+        crowd_height_sd=float(calibration.crowd_height * scale * relative),
+        foot_offset=calibration.foot_offset * scale,
+        anchors=checks,
+    )

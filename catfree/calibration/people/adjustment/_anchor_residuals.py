@@ -1,0 +1,198 @@
+"""What anchors measure, as functions of a camera and of the map frame.
+
+A rig from people is in a frame of its own, in units of its crowd: meters if the people are as tall
+on average as the settings say. A map frame (log scale, heading in radians, x, y) turns it into
+meters, and into the coordinates of the anchors.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from catfree.calibration.people.adjustment._anchors import (
+    Anchor,
+    KnownCamera,
+    KnownDistance,
+    SurveyedPoint,
+)
+from catfree.calibration.people.cameras._camera_model import (
+    LOG_FOCAL,
+    PAN,
+    TILT,
+    X,
+    Y,
+    Z,
+    from_matrices,
+    projection,
+)
+from catfree.geometry._buckets import padded
+
+QUANTITIES = ("distance", "height", "focal length", "position", "rotation", "point")
+DISTANCE, HEIGHT, FOCAL, POSITION, ROTATION, POINT = range(6)
+STEEPEST = 1e-3  # a ray that falls less than this per unit of length hardly meets the ground
+NEAREST = 1e-6  # meters
+
+
+class Measurement(NamedTuple):
+    """One stated quantity.
+
+    Attributes:
+        anchor: index of the anchor.
+        kind: index into `QUANTITIES`; distances, heights and focal lengths are logarithms.
+        camera: index of the camera.
+        pixels: (2, 2) in pixels from the image center of an ideal camera, 0 if there are none.
+        value: (d,) what is stated.
+        sd: (d,) its standard deviations.
+        pixel_sd: standard deviation of each pixel coordinate.
+    """
+
+    anchor: int
+    kind: int
+    camera: int
+    pixels: Float[np.ndarray, "2 2"]
+    value: Float[np.ndarray, " d"]
+    sd: Float[np.ndarray, " d"]
+    pixel_sd: float
+
+
+class Linearized(NamedTuple):
+    """Measured quantities at a rig, and their derivatives.
+
+    Attributes:
+        value: (n, 3) quantities, 0 beyond their dimension.
+        by_camera: (n, 3, 7) derivatives by the parameters of the camera.
+        by_frame: (n, 3, 4) by the map frame.
+        by_pixel: (n, 3, 4) by the pixels.
+    """
+
+    value: Float[np.ndarray, "n 3"]
+    by_camera: Float[np.ndarray, "n 3 7"]
+    by_frame: Float[np.ndarray, "n 3 4"]
+    by_pixel: Float[np.ndarray, "n 3 4"]
+
+
+def measurements_of(
+    anchors: Sequence[Anchor],
+    cameras: Sequence[int],
+    pixels: Float[np.ndarray, "anchor 2 2"],
+    positions: Sequence[Float[np.ndarray, " d"] | None],
+) -> list[Measurement]:
+    """Split anchors into the quantities that they state.
+
+    Args:
+        anchors: the anchors.
+        cameras: index of each one's camera.
+        pixels: their pixels, from the image center of an ideal camera.
+        positions: each one's position in the map frame, or None.
+    """
+    found = []
+
+    def add(at: int, kind: int, value: object, sd: object, pixel_sd: float = 0.0) -> None:
+        values = np.atleast_1d(np.asarray(value, np.float64))
+        sds = np.broadcast_to(np.asarray(sd, np.float64), values.shape)
+        found.append(Measurement(at, kind, cameras[at], pixels[at], values, sds, pixel_sd))
+
+    for at, (anchor, position) in enumerate(zip(anchors, positions, strict=True)):
+        if isinstance(anchor, KnownDistance):
+            relative = anchor.sd / anchor.meters
+            add(at, DISTANCE, np.log(anchor.meters), relative, anchor.pixel_sd)
+        elif isinstance(anchor, SurveyedPoint):
+            add(at, POINT, position, anchor.sd, anchor.pixel_sd)
+        elif isinstance(anchor, KnownCamera):
+            if anchor.height is not None:
+                add(at, HEIGHT, np.log(anchor.height), anchor.height_sd / anchor.height)
+            if anchor.focal is not None:
+                add(at, FOCAL, np.log(anchor.focal), anchor.focal_sd / anchor.focal)
+            if position is not None:
+                add(at, POSITION, position, anchor.position_sd)
+            if anchor.rotation is not None:
+                R = np.asarray(anchor.rotation, np.float64)
+                angles = from_matrices(np.eye(3)[None], R[None], np.zeros((1, 3)))[0]
+                add(at, ROTATION, angles[TILT : PAN + 1], np.deg2rad(anchor.rotation_sd))
+    return found
+
+
+def on_map(camera: Float[Array, "7"], frame: Float[Array, "4"]) -> Float[Array, "7"]:
+    """Move a camera into the map frame (log scale, heading in radians, x, y)."""
+    scale, c, s = jnp.exp(frame[0]), jnp.cos(frame[1]), jnp.sin(frame[1])
+    x = scale * (c * camera[X] - s * camera[Y]) + frame[2]
+    y = scale * (s * camera[X] + c * camera[Y]) + frame[3]
+    moved = jnp.stack([camera[PAN] + frame[1], x, y, scale * camera[Z]])
+    return jnp.concatenate([camera[:PAN], moved])
+
+
+def ground_point(camera: Float[Array, "7"], pixel: Float[Array, "2"]) -> Float[Array, "2"]:
+    """Where the ray of a pixel, counted from the image center, meets the ground z = 0.
+
+    Rays that do not fall meet it very far away.
+    """
+    focal = jnp.exp(camera[LOG_FOCAL])
+    inverse = jnp.stack([1 / focal, 1 / focal, jnp.ones_like(focal)])
+    R = inverse[:, None] * projection(camera)[:, :3]
+    ray = R.T @ (inverse * jnp.append(pixel, 1.0))
+    fall = -ray[2] / jnp.sqrt(ray @ ray)
+    down = jnp.where(fall > STEEPEST, -ray[2], STEEPEST)
+    return camera[X:Z] + camera[Z] * ray[:2] / down
+
+
+def quantity(
+    camera: Float[Array, "7"],
+    frame: Float[Array, "4"],
+    pixels: Float[Array, "2 2"],
+    kind: Int[Array, ""],
+) -> Float[Array, "3"]:
+    """Compute a quantity of `QUANTITIES` for a camera, padded with zeros."""
+    placed = on_map(camera, frame)
+    first, second = ground_point(placed, pixels[0]), ground_point(placed, pixels[1])
+    away, zero = first - second, jnp.zeros((), placed.dtype)
+    distance = jnp.log(jnp.maximum(jnp.sum(away**2), NEAREST**2)) / 2
+    alone = [distance, jnp.log(jnp.maximum(placed[Z], NEAREST)), placed[LOG_FOCAL]]
+    every = [jnp.stack([value, zero, zero]) for value in alone]
+    every += [placed[X:], placed[TILT : PAN + 1], jnp.append(first, zero)]
+    return jnp.stack(every)[kind]
+
+
+@jax.jit
+def _linearize(
+    camera: Float[Array, "n 7"],
+    frame: Float[Array, "4"],
+    pixels: Float[Array, "n 2 2"],
+    kind: Int[Array, " n"],
+) -> tuple[Array, tuple[Array, Array, Array]]:
+    def with_value(*inputs: Array) -> tuple[Array, Array]:
+        value = quantity(*inputs)
+        return value, value
+
+    slopes = jax.jacfwd(with_value, (0, 1, 2), has_aux=True)
+    slopes, value = jax.vmap(slopes, (0, None, 0, 0))(camera, frame, pixels, kind)
+    return value, slopes
+
+
+def linearize(
+    measurements: Sequence[Measurement],
+    cameras: Float[np.ndarray, "cam 7"],
+    frame: Float[np.ndarray, "4"],
+) -> Linearized:
+    """Compute what anchors measure at a rig, and its derivatives.
+
+    Args:
+        measurements: n stated quantities.
+        cameras: (C, 7) cameras in the frame of the people.
+        frame: (4,) the map frame.
+    """
+    count = len(measurements)
+    length = count + -count % 8  # other numbers of anchors need no compilation
+    kind = np.array([m.kind for m in measurements])
+    with jax.enable_x64(True):
+        value, (by_camera, by_frame, by_pixel) = _linearize(
+            padded(cameras[[m.camera for m in measurements]], length),
+            jnp.asarray(frame),
+            padded(np.stack([m.pixels for m in measurements]), length),
+            padded(kind, length),
+        )
+        found = [np.asarray(array)[:count] for array in (value, by_camera, by_frame, by_pixel)]
+    return Linearized(*found[:3], found[3].reshape(count, 3, 4))

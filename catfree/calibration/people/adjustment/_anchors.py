@@ -1,0 +1,317 @@
+"""Anchors: what is known about a site from elsewhere, each with its standard deviation."""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from catfree.adapters.files._documents import read_json
+from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.types import GeoReference
+
+Pixel = tuple[float, float]
+LARGEST_COORDINATE = 1e5  # meters; float32 results resolve a centimeter up to there
+
+
+@dataclass(frozen=True)
+class KnownDistance:
+    """A length on the ground between two pixels of one camera.
+
+    Attributes:
+        camera: index or name of the camera.
+        pixels: two points of the ground in the camera's image.
+        meters: the distance between them.
+        sd: its standard deviation in meters.
+        pixel_sd: standard deviation of each pixel coordinate.
+    """
+
+    camera: int | str
+    pixels: tuple[Pixel, Pixel]
+    meters: float
+    sd: float = 0.02
+    pixel_sd: float = 2.0
+
+    def __post_init__(self) -> None:
+        """Validate.
+
+        Raises:
+            InvalidInputError: if a value is missing, not finite or not positive.
+        """
+        pixels = _numbers(self.pixels, (2, 2), "pixels of a KnownDistance")
+        if (pixels[0] == pixels[1]).all():
+            raise InvalidInputError("The two pixels of a KnownDistance are the same point.")
+        for name in ("meters", "sd", "pixel_sd"):
+            _positive(getattr(self, name), f"{name} of a KnownDistance")
+
+
+@dataclass(frozen=True)
+class KnownCamera:
+    """What is known about a camera; everything else may stay None.
+
+    Attributes:
+        camera: index or name of the camera.
+        height: meters above the ground.
+        height_sd: its standard deviation in meters.
+        focal: focal length in pixels.
+        focal_sd: its standard deviation in pixels.
+        position: (x, y) or (x, y, z) of the center in meters of the map frame, z above the ground.
+        longitude: degrees (WGS 84) of the center, with `latitude` instead of `position`.
+        latitude: degrees.
+        position_sd: standard deviation of each coordinate in meters.
+        rotation: 3 rows, from the map frame (z up) to camera axes (x right, y down, z forward).
+        rotation_sd: its standard deviation in degrees about each axis.
+    """
+
+    camera: int | str
+    height: float | None = None
+    height_sd: float = 0.05
+    focal: float | None = None
+    focal_sd: float = 10.0
+    position: tuple[float, ...] | None = None
+    longitude: float | None = None
+    latitude: float | None = None
+    position_sd: float = 0.05
+    rotation: tuple[tuple[float, float, float], ...] | None = None
+    rotation_sd: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Validate.
+
+        Raises:
+            InvalidInputError: if nothing is known, or a value is invalid.
+        """
+        known = (self.height, self.focal, self.position, self.longitude, self.rotation)
+        if all(value is None for value in known):
+            raise InvalidInputError(
+                f"KnownCamera({self.camera!r}) states nothing; give its height, focal, position, "
+                "longitude and latitude, or rotation."
+            )
+        for name in ("height", "focal", "height_sd", "focal_sd", "position_sd", "rotation_sd"):
+            if getattr(self, name) is not None:
+                _positive(getattr(self, name), f"{name} of a KnownCamera")
+        if self.position is not None and np.shape(self.position) != (3,):
+            _numbers(self.position, (2,), "position of a KnownCamera")
+        _map_place(self.position, self.longitude, self.latitude, "KnownCamera")
+        if self.rotation is not None:
+            R = _numbers(self.rotation, (3, 3), "rotation of a KnownCamera")
+            if np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
+                raise InvalidInputError("rotation of a KnownCamera must be a rotation matrix.")
+
+
+@dataclass(frozen=True)
+class SurveyedPoint:
+    """A point of the ground that a camera sees and whose place on a map is known.
+
+    Attributes:
+        camera: index or name of the camera.
+        pixel: the point in its image.
+        position: (x, y) in meters of the map frame; x, y and up are right-handed.
+        longitude: degrees (WGS 84), with `latitude` instead of `position`.
+        latitude: degrees.
+        sd: standard deviation of each coordinate on the map in meters.
+        pixel_sd: standard deviation of each pixel coordinate.
+    """
+
+    camera: int | str
+    pixel: Pixel
+    position: tuple[float, float] | None = None
+    longitude: float | None = None
+    latitude: float | None = None
+    sd: float = 0.05
+    pixel_sd: float = 2.0
+
+    def __post_init__(self) -> None:
+        """Validate.
+
+        Raises:
+            InvalidInputError: if a value is missing or invalid.
+        """
+        _numbers(self.pixel, (2,), "pixel of a SurveyedPoint")
+        if self.position is not None:
+            _numbers(self.position, (2,), "position of a SurveyedPoint")
+        _map_place(self.position, self.longitude, self.latitude, "SurveyedPoint", needed=True)
+        for name in ("sd", "pixel_sd"):
+            _positive(getattr(self, name), f"{name} of a SurveyedPoint")
+
+
+Anchor = KnownDistance | KnownCamera | SurveyedPoint
+
+
+@dataclass(frozen=True)
+class AnchorCheck:
+    """One stated quantity, compared with what the people and all other anchors say.
+
+    Attributes:
+        anchor: the anchor that states it; None for the mean height of the people.
+        quantity: "distance", "height", "focal length", "position", "rotation", "point" or "people".
+        difference: stated minus expected, per coordinate: meters, pixels for focal lengths, degrees
+            for rotations; NaN if nothing else determines it.
+        sd: standard deviation of this difference, per coordinate.
+        p_value: probability of a larger difference by chance (chi-square).
+        used: whether it enters the rig. The height of the people is used as a weak prior otherwise.
+        sentence: the comparison in words.
+    """
+
+    anchor: Anchor | None
+    quantity: str
+    difference: tuple[float, ...]
+    sd: tuple[float, ...]
+    p_value: float
+    used: bool
+    sentence: str
+
+
+_LISTS = {"distances": KnownDistance, "cameras": KnownCamera, "points": SurveyedPoint}
+
+
+def read_anchors(path: str | os.PathLike[str]) -> tuple[Anchor, ...]:
+    """Read anchors from a JSON file: lists named `distances`, `cameras` and `points`.
+
+        {"distances": [{"camera": "north", "pixels": [[640, 500], [810, 505]], "meters": 5.0}],
+         "cameras": [{"camera": "east", "height": 4.1}],
+         "points": [{"camera": 0, "pixel": [512, 700], "longitude": 8.547, "latitude": 47.376}]}
+
+    Args:
+        path: the file. Its entries have the attributes of `KnownDistance`, `KnownCamera` and
+            `SurveyedPoint`; what has a default may be left out.
+
+    Raises:
+        InvalidInputError: if there is no such file, or a value is invalid.
+        FileFormatError: if the file is not JSON of this form.
+    """
+    document = read_json(path, "anchors")
+    if not isinstance(document, dict) or not document.keys() <= _LISTS.keys():
+        raise FileFormatError(
+            f"{path}: anchors are an object with the lists distances, cameras and points."
+        )
+    found: list[Anchor] = []
+    for name, kind in _LISTS.items():
+        for at, values in enumerate(document.get(name, [])):
+            where = f"{path}: entry {at} of {name}"
+            if not isinstance(values, dict):
+                raise FileFormatError(f"{where} must be an object.")
+            known = {field.name for field in fields(kind)}
+            if not values.keys() <= known:
+                raise FileFormatError(
+                    f"{where} has {quoted(min(values.keys() - known))}; it may have "
+                    f"{', '.join(sorted(known))}."
+                )
+            try:
+                found.append(kind(**{name: _tuples(value) for name, value in values.items()}))
+            except (TypeError, InvalidInputError) as error:
+                raise InvalidInputError(f"{where}: {error}") from error
+    return tuple(found)
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+def resolve_anchors(
+    anchors: Sequence[Anchor], cameras: int, names: Sequence[str] | None = None
+) -> tuple[tuple[int, ...], GeoReference | None]:
+    """Find the camera of each anchor, and check that a map frame is determined.
+
+    Args:
+        anchors: the anchors.
+        cameras: number of cameras.
+        names: (C,) their names.
+
+    Returns:
+        The camera index of each anchor; and, if anchors are on Earth, the reference of a frame
+        whose x points east and y north, with its origin in their middle.
+
+    Raises:
+        InvalidInputError: if a camera does not exist, or positions on the map are too few, mixed
+            with longitudes and latitudes, or too far away.
+    """
+    index = []
+    for anchor in anchors:
+        if not isinstance(anchor, KnownDistance | KnownCamera | SurveyedPoint):
+            raise InvalidInputError(
+                "anchors must hold KnownDistance, KnownCamera or SurveyedPoint, got "
+                f"{type(anchor).__name__}."
+            )
+        camera = anchor.camera
+        if isinstance(camera, str) and names is not None and camera in names:
+            camera = list(names).index(camera)
+        if isinstance(camera, str) or not 0 <= camera < cameras:
+            raise InvalidInputError(
+                f"An anchor refers to camera {camera!r}, but the cameras are "
+                f"{', '.join(names) if names else f'0 to {cameras - 1}'}."
+            )
+        index.append(int(camera))
+    placed = [anchor for anchor in anchors if not isinstance(anchor, KnownDistance)]
+    degrees = np.array([(a.longitude, a.latitude) for a in placed if a.longitude is not None])
+    places = np.array([a.position[:2] for a in placed if a.position is not None])
+    if len(degrees) and len(places):
+        raise InvalidInputError(
+            "Anchors have positions in meters and longitudes; state all of them in one way."
+        )
+    if np.abs(places).max(initial=0.0) > LARGEST_COORDINATE:
+        raise InvalidInputError(
+            f"An anchor is {np.abs(places).max() / 1000:.0f} km from the origin of the map. "
+            "Subtract the same round numbers from all positions, so that results are precise."
+        )
+    has_rotation = any(isinstance(a, KnownCamera) and a.rotation is not None for a in placed)
+    different = len(np.unique((degrees if len(degrees) else places).reshape(-1, 2), axis=0))
+    if (different or has_rotation) and different + has_rotation < 2:
+        raise InvalidInputError(
+            "Anchors on a map must determine where it lies: give two different points or camera "
+            "positions, or the position and rotation of a camera."
+        )
+    if not len(degrees):
+        return tuple(index), None
+    middle = degrees.mean(0)
+    return tuple(index), GeoReference(float(middle[0]), float(middle[1]))
+
+
+def map_positions(
+    anchors: Sequence[Anchor], earth: GeoReference | None
+) -> Iterator[Float[np.ndarray, " d"] | None]:
+    """Yield each anchor's position in meters of the map frame, (2,) or (3,), or None."""
+    for anchor in anchors:
+        if isinstance(anchor, KnownDistance):
+            yield None
+        elif anchor.longitude is not None and earth is not None:
+            yield earth.to_xy([[anchor.longitude, anchor.latitude]])[0]
+        else:
+            yield None if anchor.position is None else np.array(anchor.position, np.float64)
+
+
+def _map_place(
+    position: tuple[float, ...] | None,
+    longitude: float | None,
+    latitude: float | None,
+    kind: str,
+    *,
+    needed: bool = False,
+) -> None:
+    if (longitude is None) != (latitude is None):
+        raise InvalidInputError(f"A {kind} needs longitude and latitude, or neither.")
+    if longitude is not None and latitude is not None:
+        GeoReference(longitude, latitude)
+    if position is not None and longitude is not None:
+        raise InvalidInputError(f"A {kind} has a position or a longitude and latitude, not both.")
+    if position is not None:
+        _numbers(position, np.shape(position), f"position of a {kind}")
+    if needed and position is None and longitude is None:
+        raise InvalidInputError(f"A {kind} needs a position, or a longitude and latitude.")
+
+
+def _numbers(values: object, shape: tuple[int, ...], name: str) -> Float[np.ndarray, "..."]:
+    try:
+        array = np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        array = np.full((), np.nan)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise InvalidInputError(f"{name} must be finite numbers of shape {shape}, got {values!r}.")
+    return array
+
+
+def _positive(value: object, name: str) -> None:
+    if not _numbers(value, (), name) > 0:
+        raise InvalidInputError(f"{name} is {value}; it must be positive.")
