@@ -51,7 +51,8 @@ class CalibrationSettings:
         shared_focal_sd: standard deviation of each log focal length from the shared one.
         free_focal_gain: share of the cost per person that one focal length per camera must save to
             be accepted.
-        bent_lenses: radial distortion k1 of all lenses to try if ideal lenses leave cameras out.
+        bent_lenses: radial distortion k1 of all lenses to try if ideal lenses place fewer than
+            three cameras.
         distortion_sd: spread of the radial distortion k1 of lenses around 0, a weak prior.
         free_lens_gain: share of the cost per person that radial distortion must save to be
             accepted.

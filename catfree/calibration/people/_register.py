@@ -18,6 +18,8 @@ from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Plane, Rig, Scene
 from catfree.types._annotations import Progress, no_progress
 
+FEWEST_FOR_LENSES = 3  # cameras; two never share confident people
+
 
 @dataclass(frozen=True)
 class Calibration:
@@ -119,10 +121,10 @@ def _register_bent(
     names: Sequence[str],
     report: Progress,
 ) -> tuple[Workspace, RegisteredRig]:
-    """Register cameras with ideal lenses, and if some are missing, with bent ones.
+    """Register cameras with ideal lenses, and if fewer than three are found, with bent ones.
 
-    Lens distortion is adjusted later, but strong distortion keeps cameras out. Bent lenses must
-    place more cameras, with more evidence in total.
+    Three cameras share people to whom their lenses are adjusted, and then find the others. Bent
+    lenses must place more cameras, with more evidence in total.
 
     Raises:
         CalibrationError: if no two cameras share people, whatever the lenses.
@@ -142,7 +144,7 @@ def _register_bent(
             registered.accepted > best[1].accepted and registered.evidence > best[1].evidence
         ):
             best = work, registered
-        if best[1].accepted >= work.useful.sum():
+        if best[1].accepted >= min(FEWEST_FOR_LENSES, work.useful.sum()):
             break
     if best is None:
         assert refusal is not None
