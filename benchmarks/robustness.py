@@ -89,7 +89,7 @@ def with_dropped_frames(sequence: Sequence, share: float) -> Sequence:
 def distorted(sequence: Sequence, k1: float, *, known: bool) -> Sequence:
     """Boxes as lenses with radial distortion k1 show them; the rig knows of it or not."""
     boxes, scene = sequence.detections, sequence.scene
-    box = _distort(boxes.box, np.asarray(scene.rig.K)[boxes.camera], k1)
+    box = bent(boxes.box, np.asarray(scene.rig.K)[boxes.camera], k1)
     rig = scene.rig
     if known:
         lens = np.tile([k1, 0.0, 0.0, 0.0, 0.0], (rig.camera_count, 1))
@@ -101,10 +101,10 @@ def distorted(sequence: Sequence, k1: float, *, known: bool) -> Sequence:
     )
 
 
-def _distort(
+def bent(
     box: Float[np.ndarray, "n 4"], K: Float[np.ndarray, "n 3 3"], k1: float
 ) -> Float[np.ndarray, "n 4"]:
-    """Edges of the box through the distorted middles of its sides."""
+    """Boxes as a lens shows them: edges of the box through the distorted middles of its sides."""
     middle = (box[:, :2] + box[:, 2:]) / 2
 
     def moved(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,6 +15,9 @@ It is valid for
 - errors that differ between cameras. An error that all cameras share (a wrong scale, a ground that
   is too high) shifts all positions and cannot be detected without labels.
 
+Where the residuals of a camera have a pattern that a wrong lens, a clock or a move of the camera
+leaves, or two cameras do not see the same people, at most half is expected, with a note.
+
 Slightly outside the fitted range of a number the function is extrapolated, and the interval widened
 by the change due to the extrapolation. Far outside the result is NaN. Both cases add a note.
 """
@@ -24,9 +27,11 @@ import math
 from collections.abc import Sequence
 
 from catfree.methods._expectation_fits import FITS, Fit
+from catfree.methods.evidence.report._residual_patterns import LARGEST_SHARE, LEAST_TOGETHER
 from catfree.settings import Settings
 from catfree.types import Localization, Reliability
 
+DOUBTED = 50.0  # percent: the most that is expected of cameras that the boxes contradict
 FARTHEST = 0.5  # share of a fitted range by which a number may exceed it
 
 
@@ -91,7 +96,18 @@ def expect_moda(
     middle = min(total, 100.0)
     low = min(total - fit.below - widening, middle)
     high = min(total + fit.above + widening, 100.0)
+    if _is_contradicted(reliability):
+        middle, low = min(middle, DOUBTED), min(low, 0.0)
+        note = "The boxes contradict the cameras; the warnings of the result say how."
     return _with_moda(reliability, middle, low, high, note)
+
+
+def _is_contradicted(reliability: Reliability) -> bool:
+    """Whether the boxes have patterns that no cameras in order leave."""
+    share, together = reliability.pattern_share, reliability.least_together
+    return (share is not None and share > LARGEST_SHARE) or (
+        together is not None and together < LEAST_TOGETHER
+    )
 
 
 def _with_moda(

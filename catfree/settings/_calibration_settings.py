@@ -54,6 +54,11 @@ class CalibrationSettings:
         shared_focal_sd: standard deviation of each log focal length from the shared one.
         free_focal_gain: share of the cost per person that one focal length per camera must save to
             be accepted.
+        bent_lenses: radial distortion k1 of all lenses to try if ideal lenses place fewer than
+            three cameras.
+        distortion_sd: spread of the radial distortion k1 of lenses around 0, a weak prior.
+        free_lens_gain: share of the cost per person that radial distortion must save to be
+            accepted.
         minimum_association: share of explained boxes that an accepted camera must reach.
         minimum_margin: natural-log evidence by which an accepted camera must exceed every shifted
             time; fitting seven parameters to chance alone gains about ten.
@@ -108,6 +113,9 @@ class CalibrationSettings:
     shared_focal_spread: float = 0.10
     shared_focal_sd: float = 0.003
     free_focal_gain: float = 0.05
+    bent_lenses: tuple[float, ...] = (-0.15, -0.3)
+    distortion_sd: float = 0.2
+    free_lens_gain: float = 0.03
     minimum_association: float = 0.45
     minimum_margin: float = 25.0
     minimum_match_margin: float = 0.1

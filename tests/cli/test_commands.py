@@ -361,6 +361,7 @@ def test_the_report_names_the_height_that_was_assumed(outcome):
         association_rate=cameras,
         log_likelihood_ratio=cameras,
         focal_sd=cameras,
+        distortion_sd=cameras,
         center_covariance=np.zeros((3, 3, 3)),
         shared_focal=True,
         scale_sd=0.1,

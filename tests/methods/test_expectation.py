@@ -14,7 +14,7 @@ from benchmarks import fit_reliability, reliability_worlds
 from catfree._run._cache import from_arrays, to_arrays
 from catfree._run._report import describe_reliability
 from catfree.geometry import Similarity, transform_scene
-from catfree.methods._expectation import FARTHEST, expect_moda
+from catfree.methods._expectation import DOUBTED, FARTHEST, expect_moda
 from catfree.methods._expectation_fits import FITS, Fit, Term
 from catfree.methods.evidence._solve import probability_within
 from catfree.synthetic import make_world
@@ -122,6 +122,25 @@ def test_other_settings_have_no_expectation():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("share", "together", "contradicted"),
+    [(None, None, False), (0.05, 1.0, False), (0.05, math.nan, False), (0.5, 1.0, True),
+     (0.05, 0.2, True)],
+)  # fmt: skip
+def test_little_is_expected_of_cameras_that_the_boxes_contradict(share, together, contradicted):
+    plain = expect_moda(SUMMARY, cf.Settings.paper())
+    summary = dataclasses.replace(SUMMARY, pattern_share=share, least_together=together)
+    found = expect_moda(summary, cf.Settings.paper())
+    if contradicted:
+        assert found.moda_low <= 0
+        assert found.expected_moda <= DOUBTED
+        assert found.moda_high == plain.moda_high
+        assert "contradict" in found.expectation_note
+    else:
+        assert found.expected_moda == plain.expected_moda
+        assert found.expectation_note == plain.expectation_note
+
+
 def test_no_position_is_a_moda_of_zero():
     found = expect_moda(SUMMARY, PAPER, positions=0)
     assert (found.expected_moda, found.moda_low, found.moda_high) == (0, 0, 0)

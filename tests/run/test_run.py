@@ -403,6 +403,7 @@ def made_up_calibration(offset):
         association_rate=nothing,
         log_likelihood_ratio=nothing,
         focal_sd=nothing,
+        distortion_sd=nothing,
         center_covariance=np.zeros((CAMERAS, 3, 3)),
         shared_focal=True,
         scale_sd=0.1,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from catfree.calibration.people.cameras._radial_lens import RadialLenses
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
 from catfree.types._sampling import evenly_spread
@@ -14,7 +15,7 @@ from catfree.types._sampling import evenly_spread
 class BoxGrid:
     """All boxes of all cameras, padded for array operations.
 
-    Pixels are relative to the image center, the assumed principal point.
+    Pixels are relative to the image center, the assumed principal point, without lens distortion.
 
     Attributes:
         u: (C, T, N) horizontal box center.
@@ -65,7 +66,10 @@ _PER_BOX = ("u", "top", "bottom", "sd", "valid", "row")
 
 
 def grid_boxes(
-    detections: Detections, image_size: Int[np.ndarray, "cam 2"], settings: CalibrationSettings
+    detections: Detections,
+    image_size: Int[np.ndarray, "cam 2"],
+    settings: CalibrationSettings,
+    lenses: RadialLenses | None = None,
 ) -> BoxGrid:
     """Sort person boxes into a padded grid.
 
@@ -73,6 +77,7 @@ def grid_boxes(
         detections: boxes of all cameras.
         image_size: (C, 2) width and height in pixels.
         settings: constants.
+        lenses: lenses to remove from the boxes, ideal if None.
 
     Returns:
         The grid. Boxes that touch the image border are omitted, since at least one of their edges
@@ -108,15 +113,18 @@ def grid_boxes(
         grid[at] = values
         return grid
 
-    center = (size - 1) / 2
-    box_height = box[row, 3] - box[row, 1]
+    center = ((size - 1) / 2)[camera[row]]
+    middle = (box[row, 0] + box[row, 2]) / 2 - center[:, 0]
+    edges = np.column_stack([middle, box[row, 1] - center[:, 1], box[row, 3] - center[:, 1]])
+    if lenses is not None:
+        edges = lenses.straightened(camera[row], edges)
     row_grid = np.full(shape, -1)
     row_grid[at] = row
     return BoxGrid(
-        u=spread((box[row, 0] + box[row, 2]) / 2 - center[camera[row], 0]),
-        top=spread(box[row, 1] - center[camera[row], 1]),
-        bottom=spread(box[row, 3] - center[camera[row], 1]),
-        sd=np.where(row_grid >= 0, spread(settings.edge_deviation(box_height)), 1.0),
+        u=spread(edges[:, 0]),
+        top=spread(edges[:, 1]),
+        bottom=spread(edges[:, 2]),
+        sd=np.where(row_grid >= 0, spread(settings.edge_deviation(edges[:, 2] - edges[:, 1])), 1.0),
         valid=row_grid >= 0,
         row=row_grid,
         size=size,

@@ -10,8 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from catfree.calibration.people._register import Calibration, prepare
+from catfree.calibration.people._register import Calibration, prepare, rig_with_lenses
 from catfree.calibration.people.cameras._camera_model import from_matrices, to_matrices
+from catfree.calibration.people.cameras._radial_lens import RadialLenses
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._verdict import Verdict, judge_camera, judge_cameras
 from catfree.calibration.people.matching._workspace import Workspace
@@ -19,7 +20,7 @@ from catfree.calibration.people.search._clock_offsets import offset_of_unplaced
 from catfree.calibration.people.search._growth import accepted_candidates, best_candidate
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
-from catfree.types import Detections, Rig, Scene
+from catfree.types import Detections, Scene
 
 
 def reconsider(
@@ -193,7 +194,8 @@ def _resume(
     """Convert a finished rig to a rig under construction."""
     rig = calibration.scene.rig
     names = [str(c) for c in range(rig.camera_count)]
-    work = prepare(detections, np.asarray(rig.image_size), settings, names)
+    size, lenses = np.asarray(rig.image_size), RadialLenses.of(rig)
+    work = prepare(detections, size, settings, names, lenses)
     return work, _state(calibration, settings)
 
 
@@ -234,12 +236,15 @@ def _with_cameras(
     return replace(
         calibration,
         scene=Scene.from_rig(
-            Rig(K, R, t, size, registered=state.placed), calibration.scene.ground, metric=True
+            rig_with_lenses(K, R, t, size, state.placed, RadialLenses.of(calibration.scene.rig).k1),
+            calibration.scene.ground,
+            metric=True,
         ),
         association_rate=association,
         log_likelihood_ratio=evidence,
         focal_sd=np.where(kept, calibration.focal_sd, np.nan),
         camera_covariance=joint,
+        distortion_sd=np.where(kept, calibration.distortion_sd, np.nan),
         center_covariance=covariance,
         camera_residual=np.where(kept, calibration.camera_residual, np.nan),
         sightings=np.where(kept, calibration.sightings, 0),

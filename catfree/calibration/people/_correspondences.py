@@ -9,20 +9,21 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.calibration.people._register import Calibration
+from catfree.calibration.people._register import Calibration, rig_with_lenses
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
 from catfree.calibration.people.adjustment._people_bundle import (
     BundleResult,
     adjust,
-    focal_lengths_differ,
+    saves,
 )
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, from_matrices, to_matrices
 from catfree.calibration.people.cameras._ground_map import map_ground
 from catfree.calibration.people.cameras._scale_deviation import crowd_deviation, scale_variance
+from catfree.calibration.people.cameras._radial_lens import RadialLenses, radial_distortion
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
-from catfree.types import Detections, Rig, Scene
+from catfree.types import Detections, Scene
 
 FEWEST_PEOPLE = 20
 SMALLEST_SD = 2.0  # pixels; lower bound for the error of a box edge
@@ -54,8 +55,9 @@ def refine_with_correspondences(
         iterations: maximum number of steps.
 
     Returns:
-        The refined rig with new focal and center uncertainties, and with shared or separate focal
-        lengths, whichever these people support; the evidence is that of the given rig.
+        The refined rig with new focal and center uncertainties, and with or without lens
+        distortion and with shared or separate focal lengths, whichever these people support; the
+        evidence is that of the given rig.
 
     Raises:
         InvalidInputError: if shapes do not match.
@@ -95,21 +97,28 @@ def refine_with_correspondences(
     else:
         sd = np.asarray(box_sd, np.float64)[row]
     parameters = from_matrices(np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t))
-    shared, separate = (
-        adjust_groups(
+    k1 = np.where(registered, radial_distortion(rig), 0.0)
+
+    def solved(*, shared_focal: bool, bent: bool) -> BundleResult:
+        return adjust_groups(
             BoxMeasurements(person, camera, box, sd),
             np.where(registered[:, None], parameters, 0.0),
             calibration.foot_offset,
             np.log(np.median(settings.focal_shares) * rig.image_size.max(1)),
             settings,
-            shared_focal=is_shared,
+            shared_focal=shared_focal,
             iterations=iterations,
+            k1=k1 if bent else None,
+            free_lenses=bent,
         )
-        for is_shared in (True, False)
-    )
+
+    ideal, bent = (solved(shared_focal=True, bent=free) for free in (False, True))
+    is_bent = saves(ideal, bent, settings.free_lens_gain)
+    shared = bent if is_bent else ideal
+    separate = solved(shared_focal=False, bent=is_bent)
     # Information on the focal lengths grows with the number of people. Few people, or a misplaced
     # camera, may favor separate focal lengths that are not determined.
-    shared_focal = not focal_lengths_differ(shared, separate, settings)
+    shared_focal = not saves(shared, separate, settings.free_focal_gain)
     if calibration.shared_focal and (separate.focal_deviation > settings.largest_focal_sd).any():
         shared_focal = True
     result = shared if shared_focal else separate
@@ -117,8 +126,11 @@ def refine_with_correspondences(
     parameters = np.where(adjusted[:, None], result.parameters, parameters)
     K, R, t = to_matrices(parameters, rig.image_size)
     K[~registered] = np.nan
+    k1 = np.where(adjusted, result.k1, k1)
     scene = Scene.from_rig(
-        Rig(K, R, t, rig.image_size, registered=registered), calibration.scene.ground, metric=True
+        rig_with_lenses(K, R, t, rig.image_size, registered, k1),
+        calibration.scene.ground,
+        metric=True,
     )
     instants = len(np.unique(np.asarray(detections.frame)[row]))
     crowd_sd = crowd_deviation(len(members) / instants, settings)
@@ -128,6 +140,7 @@ def refine_with_correspondences(
         calibration,
         scene=scene,
         shared_focal=shared_focal,
+        distortion_sd=np.where(adjusted, result.k1_sd, calibration.distortion_sd),
         focal_sd=np.where(adjusted, K[:, 0, 0] * result.focal_deviation, calibration.focal_sd),
         center_covariance=np.where(
             adjusted[:, None, None], result.center_covariance, calibration.center_covariance
@@ -156,6 +169,8 @@ def adjust_groups(
     shared_focal: bool,
     iterations: int,
     known: KnownCameras | None = None,
+    k1: Float[np.ndarray, " cam"] | None = None,
+    free_lenses: bool = False,
 ) -> BundleResult:
     """Adjust cameras to given groups of boxes; people are initialized from single views.
 
@@ -168,10 +183,14 @@ def adjust_groups(
         shared_focal: whether all cameras have one focal length.
         iterations: maximum number of steps.
         known: prior on the cameras, if any.
+        k1: (C,) radial distortion of each camera, 0 if None.
+        free_lenses: whether to adjust it too; otherwise it is held.
     """
     person, camera, box = measurements.person, measurements.camera, measurements.box
     sd = np.maximum(np.nan_to_num(measurements.sd, nan=SILENT_SD, posinf=SILENT_SD), SMALLEST_SD)
-    xy = _start(parameters, box, sd, person, camera, settings, foot_offset)
+    lenses = None if k1 is None else RadialLenses(np.exp(parameters[:, LOG_FOCAL]), k1)
+    straight = box if lenses is None else lenses.straightened(camera, box)
+    xy = _start(parameters, straight, sd, person, camera, settings, foot_offset)
     return adjust(
         BoxMeasurements(person, camera, box, sd),
         parameters,
@@ -183,6 +202,8 @@ def adjust_groups(
         shared_focal=shared_focal,
         iterations=iterations,
         known=known,
+        k1=k1,
+        free_lenses=free_lenses,
     )
 
 

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from catfree.calibration.people._box_grid import grid_boxes
 from catfree.calibration.people.adjustment._anchors import AnchorCheck
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, to_matrices
 from catfree.calibration.people.cameras._scale_deviation import crowd_deviation, scale_variance
+from catfree.calibration.people.cameras._radial_lens import RadialLenses
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._register_cameras import RegisteredRig, register_cameras
 from catfree.errors import CalibrationError, InvalidInputError
@@ -17,6 +18,8 @@ from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Plane, Rig, Scene
 from catfree.types._annotations import Progress, no_progress
+
+FEWEST_FOR_LENSES = 3  # cameras; two never share confident people
 
 
 @dataclass(frozen=True)
@@ -34,9 +37,12 @@ class Calibration:
         camera_covariance: (C, 7, C, 7) of log focal length, tilt, roll, heading and center; more
             than `focal_sd` and `center_covariance`, because the boxes of one person share their
             errors. 0 for unregistered cameras, NaN for newly placed ones.
+        distortion_sd: (C,) standard deviation of the radial distortion k1 in
+            `scene.rig.distortion`; 0 where none was estimated, because it did not pay.
         center_covariance: (C, 3, 3) of the camera centers in square meters, with the heading and
             ground position of the camera with most boxes fixed. This and `focal_sd` cover random
-            box noise and the foot offset, not lens distortion; `scale_sd` covers the scale.
+            box noise, the foot offset, and lens distortion where it was estimated; `scale_sd`
+            covers the scale.
         shared_focal: whether one focal length is used for all cameras.
         scale_sd: relative standard deviation of every length, from the uncertain height of the
             people, the slack of the boxes, the foot offset, and box noise.
@@ -59,6 +65,7 @@ class Calibration:
     log_likelihood_ratio: Float[np.ndarray, " cam"]
     focal_sd: Float[np.ndarray, " cam"]
     camera_covariance: Float[np.ndarray, "cam 7 cam 7"]
+    distortion_sd: Float[np.ndarray, " cam"]
     center_covariance: Float[np.ndarray, "cam 3 3"]
     shared_focal: bool
     scale_sd: float
@@ -116,9 +123,8 @@ def register(
             f"camera_names has {len(names)} names, but there are {len(size)} cameras."
         )
     report = progress or no_progress
-    work = prepare(detections, size, settings, names)
     offset = np.zeros(len(size), np.int64)
-    registered = register_cameras(work, report)
+    work, registered = _register_bent(detections, size, settings, names, report)
     if maximum_offset > 0:
         from catfree.calibration.people.search._clock_offsets import find_offsets
 
@@ -126,11 +132,50 @@ def register(
     return describe(work, registered, names, offset)
 
 
+def _register_bent(
+    detections: Detections,
+    size: Int[np.ndarray, "cam 2"],
+    settings: CalibrationSettings,
+    names: Sequence[str],
+    report: Progress,
+) -> tuple[Workspace, RegisteredRig]:
+    """Register cameras with ideal lenses, and if fewer than three are found, with bent ones.
+
+    Three cameras share people to whom their lenses are adjusted, and then find the others. Bent
+    lenses must place more cameras, with more evidence in total.
+
+    Raises:
+        CalibrationError: if no two cameras share people, whatever the lenses.
+    """
+    best: tuple[Workspace, RegisteredRig] | None = None
+    refusal: CalibrationError | None = None
+    for k1 in (0.0, *settings.bent_lenses):
+        focal = np.median(settings.focal_shares) * size.max(1)
+        lenses = RadialLenses(focal, np.full(len(size), k1))
+        work = prepare(detections, size, settings, names, lenses)
+        try:
+            registered = register_cameras(work, report)
+        except CalibrationError as error:
+            refusal = refusal or error
+            continue
+        if best is None or (
+            registered.accepted > best[1].accepted and registered.evidence > best[1].evidence
+        ):
+            best = work, registered
+        if best[1].accepted >= min(FEWEST_FOR_LENSES, work.useful.sum()):
+            break
+    if best is None:
+        assert refusal is not None
+        raise refusal
+    return best
+
+
 def prepare(
     detections: Detections,
     size: Int[np.ndarray, "cam 2"],
     settings: CalibrationSettings,
     names: Sequence[str],
+    lenses: RadialLenses | None = None,
 ) -> Workspace:
     """Arrange the boxes on a grid and check that there are enough.
 
@@ -139,14 +184,16 @@ def prepare(
         size: (C, 2) image widths and heights in pixels.
         settings: constants.
         names: camera names for error messages.
+        lenses: lenses without which the boxes are arranged, ideal if None.
 
     Raises:
         CalibrationError: if there are too few cameras, frames or boxes.
     """
-    grid = grid_boxes(detections, size, settings)
-    boxes = grid.valid.sum((1, 2))
-    seeing = int((boxes > settings.minimum_matches).sum())
+    grid = grid_boxes(detections, size, settings, lenses)
+    work = Workspace(grid, settings, lenses)
+    seeing = int(work.useful.sum())
     if seeing < 2:
+        boxes = grid.valid.sum((1, 2))
         counts = ", ".join(f"{n}: {b}" for n, b in zip(names, boxes, strict=True))
         raise CalibrationError(
             f"Calibration from people needs 2 cameras with more than {settings.minimum_matches} "
@@ -157,7 +204,21 @@ def prepare(
             f"Calibration from people needs at least {settings.minimum_frames} frames with boxes, "
             f"and has {grid.frame_count}, too few to exclude chance agreement; record longer."
         )
-    return Workspace(grid, settings)
+    return work
+
+
+def rig_with_lenses(
+    K: Float[np.ndarray, "cam 3 3"],
+    R: Float[np.ndarray, "cam 3 3"],
+    t: Float[np.ndarray, "cam 3"],
+    size: Int[np.ndarray, "cam 2"],
+    registered: Bool[np.ndarray, " cam"],
+    k1: Float[np.ndarray, " cam"],
+) -> Rig:
+    """Rig of cameras with radial distortion, without distortion if all k1 are 0."""
+    distortion = np.zeros((len(k1), 5))
+    distortion[:, 0] = np.where(registered, k1, 0.0)
+    return Rig(K, R, t, size, distortion if distortion.any() else None, registered)
 
 
 def _sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarray, "cam 2"]:
@@ -217,9 +278,13 @@ def describe(
     K, R, t = to_matrices(parameters, work.grid.size)
     K[~trusted] = np.nan
     crowd_sd = crowd_deviation(len(bundle.xy) / work.grid.frame_count, work.settings)
+    k1 = np.zeros(count)
+    if work.lenses is not None:  # the boxes were straightened for another focal length
+        ratio = np.exp(parameters[:, LOG_FOCAL]) / work.lenses.focal
+        k1 = work.lenses.k1 * np.nan_to_num(ratio) ** 2
     return Calibration(
         scene=Scene.from_rig(
-            Rig(K, R, t, work.grid.size, registered=trusted),
+            rig_with_lenses(K, R, t, work.grid.size, trusted, k1),
             Plane(np.array([0.0, 0.0, 1.0]), 0.0),
             metric=True,
         ),
@@ -227,6 +292,7 @@ def describe(
         log_likelihood_ratio=evidence,
         focal_sd=np.exp(parameters[:, LOG_FOCAL]) * bundle.focal_deviation,
         camera_covariance=bundle.camera_covariance(),
+        distortion_sd=np.where(trusted, bundle.k1_sd, np.nan),
         center_covariance=np.where(trusted[:, None, None], bundle.center_covariance, np.nan),
         shared_focal=registered.shared_focal,
         scale_sd=np.hypot(

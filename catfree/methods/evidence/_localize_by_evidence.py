@@ -10,6 +10,7 @@ from scipy.special import expit
 
 from catfree.methods.evidence._solve import EvidenceSolution, probability_within, solve, usual_step
 from catfree.methods.evidence.report._ray_diagnostics import ray_diagnostics
+from catfree.methods.evidence.report._residual_patterns import residual_patterns
 from catfree.settings import EvidenceSettings
 from catfree.types import (
     Candidates,
@@ -157,6 +158,9 @@ def describe(
     radius = settings.report_radius * unit
     used = s.groups.member[trails.group[is_detected]]
     median = float(np.median(tracks.sigma)) if len(tracks) else float("nan")
+    patterns = residual_patterns(
+        s.trails, s.kept, s.groups, s.existence.rate, s.boxes, s.measurements, s.views
+    )
     precision, recall = _expected_rates(s, rows, fate, settings.report_radius)
     height = rays.ground_height(fate == Fate.ACCEPTED) * unit
     reliability = Reliability(
@@ -169,11 +173,15 @@ def describe(
         expected_precision=precision,
         expected_recall=recall,
         ground_height=height,
+        pattern_share=patterns.largest_share if patterns else None,
+        least_together=patterns.least_together if patterns else None,
     )
     thresholds = Thresholds(
         median_box_height=float(np.median(s.boxes.size[: len(s.boxes.row)])),
     )
     warnings = ground_warnings(height, unit, scene)
+    if patterns is not None:
+        warnings += patterns.sentences()
     return Localization(tracks, candidates, thresholds, reliability, detection_count, warnings)
 
 

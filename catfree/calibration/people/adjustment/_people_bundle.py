@@ -1,9 +1,9 @@
 """Bundle adjustment of cameras and people from boxes.
 
-The unknowns are all cameras and the position and height of every person in every frame. With one
-robust weight per box edge, a truncated box loses only its wrong edge. The prior on person heights
-fixes the scale, the ground is z = 0, and the heading and position of one camera fix the rest of the
-gauge.
+The unknowns are all cameras, their radial distortion where it is free, and the position and height
+of every person in every frame. With one robust weight per box edge, a truncated box loses only its
+wrong edge. The prior on person heights fixes the scale, the ground is z = 0, and the heading and
+position of one camera fix the rest of the gauge.
 """
 
 from dataclasses import dataclass
@@ -17,15 +17,16 @@ from jaxtyping import Array, Bool, Float, Int
 
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
 from catfree.calibration.people.cameras._camera_model import (
+    K1,
     LOG_FOCAL,
     PAN,
     ROLL,
     TILT,
     X,
     Z,
-    predict_boxes,
     projection,
 )
+from catfree.calibration.people.cameras._radial_lens import lens
 from catfree.geometry._buckets import coarse_length, padded
 from catfree.geometry._least_squares import (
     NormalEquations,
@@ -37,11 +38,12 @@ from catfree.geometry._least_squares import (
     robust,
 )
 from catfree.geometry._person import box_edges
+from catfree.geometry.camera import distort
 from catfree.settings import CalibrationSettings
 
 CAUCHY = 2.0  # standard deviations at which the weight of a residual is 1/2
 CONVERGED = 1e-4  # relative decrease of the cost that ends the iteration
-GAUGE_SD = 1e-5  # meters and radians; of the camera that fixes the gauge
+GAUGE_SD = 1e-5  # meters and radians; of the camera that fixes the gauge, and of fixed lenses
 STEEPEST_TILT = 1.5  # radians; at a right angle, heading and roll are the same
 CAMERA_HEIGHTS = (0.3, 80.0)  # meters
 # People are padded to this number times a power of 3: most adjustments are of one pair of cameras,
@@ -65,6 +67,9 @@ class BundleResult:
         covariance: (7C+1, 7C+1) of cameras and foot offset; zero for cameras without boxes. Boxes
             seem to determine the offset to centimeters, but lens, occlusion and slack bias it by
             more, so it is held and keeps its prior uncertainty.
+        k1: (C,) radial distortion of each camera.
+        k1_sd: (C,) its standard deviation, 0 where it is held.
+        box_residual: (n, 3) standardized residuals of the boxes.
     """
 
     parameters: Float[np.ndarray, "cam 7"]
@@ -75,6 +80,9 @@ class BundleResult:
     camera_residual: Float[np.ndarray, " cam"]
     sightings: Int[np.ndarray, " cam"]
     covariance: Float[np.ndarray, "common common"]
+    k1: Float[np.ndarray, " cam"]
+    k1_sd: Float[np.ndarray, " cam"]
+    box_residual: Float[np.ndarray, "n 3"]
 
     @property
     def focal_deviation(self) -> Float[np.ndarray, " cam"]:
@@ -108,8 +116,8 @@ class _Boxes(NamedTuple):
         box: (C, P, 3) measured edges.
         precision: (C, P, 3) inverse standard deviations, 0 where there is no box.
         used: (C,) whether the camera has boxes.
-        mean: (C, 7) of the prior on the cameras.
-        camera_precision: (C, 7) inverse standard deviations of that prior.
+        mean: (C, 8) of the prior on the cameras and their k1.
+        camera_precision: (C, 8) inverse standard deviations of that prior.
         focal_precision: () inverse standard deviation of log focal lengths from their mean.
         height: () mean of the prior on heights in meters.
         height_precision: (P,) its inverse standard deviation, 0 for absent people.
@@ -118,24 +126,24 @@ class _Boxes(NamedTuple):
     box: Float[Array, "cam person 3"]
     precision: Float[Array, "cam person 3"]
     used: Bool[Array, " cam"]
-    mean: Float[Array, "cam 7"]
-    camera_precision: Float[Array, "cam 7"]
+    mean: Float[Array, "cam 8"]
+    camera_precision: Float[Array, "cam 8"]
     focal_precision: Float[Array, ""]
     height: Float[Array, ""]
     height_precision: Float[Array, " person"]
 
 
 def camera_prior(
-    cameras: Float[Array, "cam 7"],
-    mean: Float[Array, "cam 7"],
-    precision: Float[Array, "cam 7"],
+    cameras: Float[Array, "cam k"],
+    mean: Float[Array, "cam k"],
+    precision: Float[Array, "cam k"],
 ) -> Float[Array, " prior"]:
     """Residuals of a prior on cameras, infinite for those that no rig can have.
 
     Args:
-        cameras: (C, 7) cameras.
-        mean: (C, 7) of the prior; angles are compared modulo a whole turn.
-        precision: (C, 7) inverse standard deviations; all 0 for an absent camera.
+        cameras: (C, 7) cameras, or (C, 8) with their k1.
+        mean: as `cameras`, of the prior; angles are compared modulo a whole turn.
+        precision: as `cameras`, inverse standard deviations; all 0 for an absent camera.
     """
     away = cameras - mean
     turned = (away[:, ROLL : PAN + 1] + jnp.pi) % (2 * jnp.pi) - jnp.pi
@@ -150,33 +158,46 @@ def camera_prior(
 def _problem(
     unknowns: Unknowns, args: tuple[Float[Array, "1"], _Boxes]
 ) -> tuple[Residuals, Residuals]:
-    """Residuals of cameras (C, 7) and people (P, 3), given the foot offset and the boxes."""
+    """Residuals of cameras (C, 8) and people (P, 3), given the foot offset and the boxes."""
     cameras, (foot_offset, boxes) = unknowns.view, args
-    edges = jax.vmap(box_edges, (None, None, 0, None))
-    edges = jax.vmap(edges, (0, 0, None, None))
-    box = edges(jax.vmap(projection)(cameras), cameras[:, X:Z], unknowns.block, foot_offset[0])
     log_focal = cameras[:, LOG_FOCAL]
     mean = jnp.mean(log_focal, where=boxes.used)
     apart = jnp.where(boxes.used, (log_focal - mean) * boxes.focal_precision, 0.0)
     residuals = Residuals(
-        ((box - boxes.box) * boxes.precision)[..., None],
+        _box_residuals(unknowns, foot_offset[0], boxes)[..., None],
         jnp.append(camera_prior(cameras, boxes.mean, boxes.camera_precision), apart),
         ((unknowns.block[:, 2] - boxes.height) * boxes.height_precision)[:, None],
     )
     return robust(residuals, partial(cauchy, width=CAUCHY))
 
 
+def _box_residuals(
+    unknowns: Unknowns, foot_offset: Float[Array, ""], boxes: _Boxes
+) -> Float[Array, "cam person 3"]:
+    """Standardized residuals of the boxes, 0 where there is none."""
+
+    def edges(camera: Float[Array, "8"], person: Float[Array, "3"]) -> Float[Array, "3"]:
+        pose, focal = camera[:K1], jnp.exp(camera[LOG_FOCAL])
+        bent = lambda pixel: focal * distort(pixel / focal, lens(camera[K1]))  # noqa: E731
+        return box_edges(projection(pose), pose[X:Z], person, foot_offset, bent)
+
+    of_camera = jax.vmap(edges, (None, 0))
+    box = jax.vmap(of_camera, (0, None))(unknowns.view, unknowns.block)
+    return (box - boxes.box) * boxes.precision
+
+
 @jax.jit
 def _solve(
     start: Unknowns, foot_offset: Array, foot_offset_sd: Array, boxes: _Boxes, most_steps: Array
-) -> tuple[Unknowns, Array, Array]:
-    """The adjusted unknowns, their cost, and the covariance of cameras and foot offset."""
+) -> tuple[Unknowns, Array, Array, Array]:
+    """The adjusted unknowns, their cost, the covariance of cameras and foot offset, residuals."""
     args = foot_offset[None], boxes
     solver = SchurLevenbergMarquardt(CONVERGED, 0.0, most_steps=most_steps)
     solution = minimize(_problem, start, args, solver)
     equations: NormalEquations = solution.stats["equations"]
     covariance = equations.covariance(jnp.square(foot_offset_sd)[None, None])
-    return solution.value, solution.stats["cost"], covariance
+    residual = _box_residuals(solution.value, foot_offset, boxes)
+    return solution.value, solution.stats["cost"], covariance, residual
 
 
 def adjust(
@@ -191,6 +212,8 @@ def adjust(
     shared_focal: bool,
     iterations: int = 15,
     known: KnownCameras | None = None,
+    k1: Float[np.ndarray, " cam"] | None = None,
+    free_lenses: bool = False,
 ) -> BundleResult:
     """Adjust cameras and people together.
 
@@ -206,6 +229,8 @@ def adjust(
         iterations: maximum number of steps.
         known: prior on the cameras; if None, weak priors on focal length and roll, and the heading
             and position of one camera are fixed.
+        k1: (C,) radial distortion of each camera, 0 if None.
+        free_lenses: whether to adjust it too; otherwise it is held.
     """
     data, people, cameras = measurements, len(xy), len(parameters)
     sightings = np.bincount(data.camera, minlength=cameras)
@@ -215,9 +240,13 @@ def adjust(
     boxes, precision = (np.zeros((cameras, people, 3)) for _ in range(2))
     boxes[data.camera, data.person], precision[data.camera, data.person] = data.box, 1 / data.sd
     P, C = coarse_length(people, PEOPLE_BLOCK, 3), cameras + -cameras % CAMERA_BLOCK
-    shown = np.where(used[:, None], parameters, 0.0)
+    bent = np.zeros(cameras) if k1 is None else k1
+    shown = np.where(used[:, None], np.column_stack([parameters, bent]), 0.0)
+    lens_mean = np.zeros(cameras) if free_lenses else bent
+    lens_sd = settings.distortion_sd if free_lenses else GAUGE_SD
+    camera_precision = np.column_stack([np.sqrt(known.precision), np.full(cameras, 1 / lens_sd)])
     with jax.enable_x64(True):
-        found, cost, covariance = jax.tree.map(
+        found, cost, covariance, residual = jax.tree.map(
             np.asarray,
             _solve(
                 Unknowns(padded(shown, C), padded(np.column_stack([xy, height]), P)),
@@ -227,8 +256,8 @@ def adjust(
                     box=padded(boxes, C, P),
                     precision=padded(precision, C, P),
                     used=padded(used, C),
-                    mean=padded(known.parameters, C),
-                    camera_precision=padded(np.sqrt(known.precision) * used[:, None], C),
+                    mean=padded(np.column_stack([known.parameters, lens_mean]), C),
+                    camera_precision=padded(camera_precision * used[:, None], C),
                     focal_precision=jnp.asarray(shared_focal / settings.shared_focal_sd),
                     height=jnp.asarray(settings.apparent_height),
                     height_precision=padded(np.full(people, 1 / settings.person_height_sd), P),
@@ -236,13 +265,14 @@ def adjust(
                 jnp.asarray(iterations, jnp.int32),
             ),
         )
-    kept = np.append(np.repeat(used, 7), True)
-    index = np.append(np.arange(7 * cameras), len(covariance) - 1)
+    kept = np.append(np.repeat(used, K1), True)
+    index = np.append(np.flatnonzero(np.arange(8 * cameras) % 8 != K1), len(covariance) - 1)
     person = found.block[:people]
     view = found.view[:cameras]
-    residual = _residuals(data, view, person, foot_offset)
+    residual = -residual[data.camera, data.person]
+    k1_sd = np.sqrt(np.diag(covariance)[K1 : 8 * cameras : 8])
     return BundleResult(
-        np.where(used[:, None], view, np.nan),
+        np.where(used[:, None], view[:, :K1], np.nan),
         person[:, :2],
         person[:, 2],
         float(cost),
@@ -250,6 +280,9 @@ def adjust(
         np.array([_median_size(residual[data.camera == c]) for c in range(cameras)]),
         sightings,
         covariance[np.ix_(index, index)] * np.outer(kept, kept),
+        np.where(used & free_lenses, view[:, K1], bent),
+        np.where(used & free_lenses, k1_sd, 0.0),
+        residual,
     )
 
 
@@ -267,34 +300,16 @@ def _weak_prior(
     return KnownCameras(mean, precision)
 
 
-def _residuals(
-    data: BoxMeasurements,
-    cameras: Float[np.ndarray, "cam 7"],
-    people: Float[np.ndarray, "person 3"],
-    foot_offset: float,
-) -> Float[np.ndarray, "n 3"]:
-    """Standardized residuals of all boxes."""
-    out = np.zeros(data.box.shape)
-    for camera in np.unique(data.camera):
-        rows = data.camera == camera
-        person = people[data.person[rows]]
-        box, _ = predict_boxes(cameras[camera], person[:, :2], person[:, 2], foot_offset)
-        out[rows] = (data.box[rows] - box) / data.sd[rows]
-    return out
-
-
-def focal_lengths_differ(
-    shared: BundleResult, separate: BundleResult, settings: CalibrationSettings
-) -> bool:
-    """Whether separate focal lengths reduce the cost per person enough to be accepted.
+def saves(few: BundleResult, more: BundleResult, share: float) -> bool:
+    """Whether more free parameters of the cameras reduce the cost per person enough.
 
     Args:
-        shared: the rig adjusted with one focal length for all cameras.
-        separate: the rig adjusted with one focal length per camera.
-        settings: constants; see `free_focal_gain`.
+        few: the rig adjusted with few parameters.
+        more: the rig adjusted with more, to the same or other people.
+        share: of the cost per person that must be saved.
     """
-    costs = [result.cost / max(len(result.xy), 1) for result in (shared, separate)]
-    return costs[1] <= (1 - settings.free_focal_gain) * costs[0]
+    costs = [result.cost / max(len(result.xy), 1) for result in (few, more)]
+    return costs[1] <= (1 - share) * costs[0]
 
 
 def _median_size(residual: Float[np.ndarray, "n 3"]) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 LOG_FOCAL, TILT, ROLL, PAN, X, Y, Z = range(7)
+K1 = 7  # radial distortion, which follows the seven parameters in the bundle adjustment
 
 
 def rotation(parameters: Float[np.ndarray, "*n 7"]) -> Float[np.ndarray, "*n 3 3"]:

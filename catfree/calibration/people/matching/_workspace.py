@@ -5,6 +5,7 @@ from jaxtyping import Float
 
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
+from catfree.calibration.people.cameras._radial_lens import RadialLenses
 from catfree.calibration.people.cameras._single_view import fit_planes
 from catfree.calibration.people.matching._group_people import smallest_boxes
 from catfree.settings import CalibrationSettings
@@ -19,18 +20,24 @@ class Workspace:
     Args:
         grid: all boxes.
         settings: constants.
+        lenses: lenses without which the boxes are on the grid, ideal if None.
 
     Attributes:
         grid: all boxes.
         settings: constants.
+        lenses: lenses without which the boxes are on the grid, ideal if None.
+        useful: (C,) whether a camera has enough boxes to be placed.
         smallest: (C,) box height in pixels below which a camera hardly detects people.
         voting: frames used for voting on placements.
         quick: frames used to compare many placements.
         scoring: frames used to compare few placements.
     """
 
-    def __init__(self, grid: BoxGrid, settings: CalibrationSettings) -> None:
-        self.grid, self.settings = grid, settings
+    def __init__(
+        self, grid: BoxGrid, settings: CalibrationSettings, lenses: RadialLenses | None = None
+    ) -> None:
+        self.grid, self.settings, self.lenses = grid, settings, lenses
+        self.useful = grid.valid.sum((1, 2)) > settings.minimum_matches
         self.smallest = smallest_boxes(grid)
         count = grid.frame_count
         self.voting = grid.at_frames(evenly_spread(np.arange(count), settings.voting_frames))

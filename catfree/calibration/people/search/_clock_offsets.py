@@ -77,7 +77,7 @@ def find_offsets(
             break
         best = int(np.argmax([gain for gain, _ in gains]))
         camera, shift = int(cameras[best]), gains[best][1]
-        corrected = Workspace(work.grid.shifted(camera, -shift), work.settings)
+        corrected = Workspace(work.grid.shifted(camera, -shift), work.settings, work.lenses)
         try:
             proposed = register_cameras(corrected, report)
         except CalibrationError:

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
-from catfree.calibration.people.adjustment._people_bundle import focal_lengths_differ
+from catfree.calibration.people.adjustment._people_bundle import saves
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
 from catfree.calibration.people.matching._verdict import Verdict, judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
@@ -39,6 +39,16 @@ class RegisteredRig:
     rig: AdjustedRig
     verdicts: dict[int, Verdict]
     shared_focal: bool
+
+    @property
+    def accepted(self) -> int:
+        """Number of cameras that can be trusted."""
+        return sum(verdict.accepted for verdict in self.verdicts.values())
+
+    @property
+    def evidence(self) -> float:
+        """Sum of the evidence above chance of all cameras that can be trusted."""
+        return sum(v.margin for v in self.verdicts.values() if v.accepted)
 
 
 def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
@@ -126,7 +136,7 @@ def _grow_seeds(
     shared_focal: bool,
 ) -> AdjustedRig:
     """Grow a rig from each seed and return the one with most cameras, then most evidence."""
-    useful = (work.grid.valid.sum((1, 2)) > work.settings.minimum_matches).sum()
+    useful = work.useful.sum()
     grown: list[tuple[tuple[int, float], AdjustedRig]] = []
     for done, (_, seed, _) in enumerate(seeds):
         if done >= GROWN_SEEDS and max(cameras for (cameras, _), _ in grown) >= useful:
@@ -153,5 +163,5 @@ def _choose_focal(work: Workspace, rig: AdjustedRig) -> tuple[AdjustedRig, bool]
         )
         for is_shared in (True, False)
     )
-    is_shared = not focal_lengths_differ(shared.bundle, separate.bundle, work.settings)
+    is_shared = not saves(shared.bundle, separate.bundle, work.settings.free_focal_gain)
     return (shared if is_shared else separate), is_shared

@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from catfree.calibration.people.adjustment import _people_bundle
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
-from catfree.calibration.people.adjustment._people_bundle import CAUCHY, adjust
+from catfree.calibration.people.adjustment._people_bundle import CAUCHY, adjust, saves
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, PAN, ROLL, Z
 from catfree.settings import CalibrationSettings
 from tests.calibration.people.boxes_of_rows import boxes_of_rows
@@ -160,3 +160,27 @@ def test_a_camera_that_no_rig_can_have_is_left_by_no_step():
     far = KnownCameras(cameras + 200.0 * np.eye(7)[Z], np.full((CAMERAS, 7), 1e9))
     found = adjusted(data, (cameras, xy, height), far)
     assert np.nanmax(found.parameters[:, Z]) < _people_bundle.CAMERA_HEIGHTS[1]
+
+
+def test_a_free_lens_is_found_and_a_held_one_stays():
+    data, (cameras, xy, height), _ = drawn(3, known=False, count=150)
+    k1 = np.array([-0.2, -0.1, 0.05, 0.0])
+    focal = np.exp(cameras[data.camera, LOG_FOCAL])[:, None]
+    ends = [np.stack([data.box[:, 0], data.box[:, i]], -1) / focal for i in (1, 2)]
+    head, foot = (focal * end * (1 + k1[data.camera] * (end**2).sum(-1))[:, None] for end in ends)
+    box = np.stack([(head[:, 0] + foot[:, 0]) / 2, head[:, 1], foot[:, 1]], -1)
+    bent = dataclasses.replace(data, box=box)
+    state = cameras, xy, height
+    rules = {"shared_focal": False, "iterations": 200}
+    free, held, ideal = (
+        adjust(bent, *state, OFFSET, PRIOR, RULES, **rules, k1=start, free_lenses=is_free)
+        for start, is_free in ((np.zeros(CAMERAS), True), (k1, False), (None, False))
+    )
+    seen = np.arange(CAMERAS) < CAMERAS - 1
+    assert (np.abs(free.k1 - k1)[seen] < 3 * free.k1_sd[seen]).all()
+    assert (free.k1_sd[seen] < 0.5 * RULES.distortion_sd).all()
+    np.testing.assert_array_equal(held.k1, k1)
+    np.testing.assert_array_equal(held.k1_sd, 0)
+    np.testing.assert_array_equal(ideal.k1, 0)
+    assert saves(ideal, free, RULES.free_lens_gain)
+    assert not saves(held, held, RULES.free_lens_gain)

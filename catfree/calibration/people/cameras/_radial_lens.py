@@ -1,0 +1,84 @@
+"""Boxes as cameras without lens distortion would show them."""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from catfree.geometry._buckets import in_blocks
+from catfree.geometry.camera import undistort
+from catfree.types import Rig
+
+BLOCKS = (256, 8192)  # block sizes: pixels undistorted together
+
+
+@dataclass(frozen=True)
+class RadialLenses:
+    """One coefficient of radial distortion per camera, OpenCV's k1.
+
+    Attributes:
+        focal: (C,) focal lengths in pixels.
+        k1: (C,) coefficients, 0 for an ideal lens.
+    """
+
+    focal: Float[np.ndarray, " cam"]
+    k1: Float[np.ndarray, " cam"]
+
+    @classmethod
+    def of(cls, rig: Rig) -> "RadialLenses":
+        """Lenses of a rig; unregistered cameras get the median lens of the others."""
+        known = np.asarray(rig.registered)
+        k1 = radial_distortion(rig)
+        middle = float(np.median(k1[known])) if known.any() else 0.0
+        size = rig.image_size.max(1)
+        share = np.asarray(rig.K, np.float64)[:, 0, 0] / size
+        usual = float(np.median(share[known])) if known.any() else 1.0
+        return cls(np.where(known, share, usual) * size, np.where(known, k1, middle))
+
+    @property
+    def bent(self) -> Bool[np.ndarray, " cam"]:
+        """(C,) whether the lens is not ideal."""
+        return self.k1 != 0
+
+    def straightened(
+        self, camera: Int[np.ndarray, " n"], edges: Float[np.ndarray, "n 3"]
+    ) -> Float[np.ndarray, "n 3"]:
+        """Undistort boxes.
+
+        Args:
+            camera: (n,) camera of each box.
+            edges: (n, 3) center column, top and bottom row in pixels from the image center.
+
+        Returns:
+            (n, 3) the same edges seen without distortion; the edges themselves if no lens is bent.
+        """
+        if not self.bent.any():
+            return edges
+        focal = self.focal[camera]
+        rows = [np.stack([edges[:, 0], edges[:, i]], -1) / focal[:, None] for i in (1, 2)]
+        with jax.enable_x64(True):
+            (head, foot) = (
+                in_blocks(_undistorted, (row, self.k1[camera]), *BLOCKS) for row in rows
+            )
+        column = (head[:, 0] + foot[:, 0]) / 2
+        return np.stack([column, head[:, 1], foot[:, 1]], -1) * focal[:, None]
+
+
+def radial_distortion(rig: Rig) -> Float[np.ndarray, " cam"]:
+    """(C,) k1 of the cameras of a rig, 0 without distortion."""
+    if rig.distortion is None:
+        return np.zeros(rig.camera_count)
+    return np.nan_to_num(np.asarray(rig.distortion, np.float64)[:, 0])
+
+
+def lens(k1: Float[Array, ""]) -> Float[Array, "5"]:
+    """OpenCV's five coefficients of a lens with radial distortion k1 alone."""
+    return jnp.zeros(5, k1.dtype).at[0].set(k1)
+
+
+@jax.jit
+@jax.vmap
+def _undistorted(point: Float[Array, "2"], k1: Float[Array, ""]) -> Float[Array, "2"]:
+    return undistort(point, lens(k1))

@@ -1,0 +1,56 @@
+"""Patterns planted in residuals are found, and noise has none."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from hypothesis import given, strategies as st
+
+from catfree.methods.evidence.report._residual_patterns import GROUPS, explained
+
+ROWS, BLOCK = 600, 12
+
+
+def drawn(seed):
+    """Columns of patterns, and correlated noise of unit variance."""
+    rng = np.random.default_rng(seed)
+    block = np.arange(ROWS) // BLOCK
+    columns = rng.standard_normal((ROWS, 3, 7))
+    columns[..., :3] = np.eye(3)
+    shared = rng.standard_normal((ROWS // BLOCK, 3))[block]
+    noise = np.sqrt(0.5) * (rng.standard_normal((ROWS, 3)) + shared)
+    return columns, block, noise
+
+
+def fitted(residual, columns, block):
+    with jax.enable_x64(True):
+        found = explained(jnp.asarray(residual), jnp.asarray(columns), jnp.asarray(block))
+        return jax.tree.map(np.asarray, found)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_noise_and_constant_offsets_have_no_pattern(seed):
+    columns, block, noise = drawn(seed)
+    found = fitted(noise + np.array([1.0, -0.5, 0.3]), columns, block)
+    assert (found.share < 0.03).all()
+    np.testing.assert_allclose(found.variance, (noise - noise.mean(0)).var(), rtol=0.2)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 2))
+def test_a_planted_pattern_is_found_with_its_share(seed, kind):
+    columns, block, noise = drawn(seed)
+    at = GROUPS[kind].start
+    found = fitted(noise + 0.6 * columns[..., at], columns, block)
+    np.testing.assert_allclose(found.coefficient[at - 3], 0.6, atol=0.15)
+    np.testing.assert_allclose(found.share[kind], 0.36 / 1.36, atol=0.08)
+    assert (np.delete(found.share, kind) < 0.03).all()
+
+
+def test_without_residuals_everything_is_finite():
+    def total(residual, columns):
+        found = explained(residual, columns, jnp.zeros(len(residual), int))
+        return found.share.sum() + found.coefficient.sum() + found.variance
+
+    nothing = jnp.zeros((5, 3)), jnp.zeros((5, 3, 7))
+    assert np.isfinite(total(*nothing))
+    for slope in jax.grad(total, (0, 1))(*nothing):
+        assert np.isfinite(slope).all()
