@@ -23,7 +23,6 @@ from catfree.calibration.people.cameras._camera_model import (
     TILT,
     X,
     Z,
-    predict_boxes,
     projection,
 )
 from catfree.geometry._buckets import coarse_length, padded
@@ -261,13 +260,9 @@ def _residuals(
     foot_offset: float,
 ) -> Float[np.ndarray, "n 3"]:
     """Standardized residuals of all boxes."""
-    out = np.zeros(data.box.shape)
-    for camera in np.unique(data.camera):
-        rows = data.camera == camera
-        person = people[data.person[rows]]
-        box, _ = predict_boxes(cameras[camera], person[:, :2], person[:, 2], foot_offset)
-        out[rows] = (data.box[rows] - box) / data.sd[rows]
-    return out
+    of_box = cameras[data.camera]
+    box = box_edges(projection(of_box), of_box[:, X:Z], people[data.person], foot_offset)
+    return (data.box - box) / data.sd
 
 
 def focal_lengths_differ(
