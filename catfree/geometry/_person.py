@@ -47,7 +47,7 @@ def box_ends(
     person: Float[HostOrDevice, "*#n 3"],
     foot_offset: Float[HostOrDevice, ""] | float = 0.0,
     lens: Lens | None = None,
-) -> tuple[Float[HostOrDevice, "*#n 2"], Float[HostOrDevice, "*#n 2"], Float[HostOrDevice, "*#n"]]:
+) -> tuple[Any, Any, Any]:
     """Project the head and the visible foot of a standing person; see `box_edges`.
 
     Returns:
@@ -72,7 +72,7 @@ def box_edges(
     person: Float[HostOrDevice, "*#n 3"],
     foot_offset: Float[HostOrDevice, ""] | float = 0.0,
     lens: Lens | None = None,
-) -> Float[HostOrDevice, "*#n 3"]:
+) -> Any:
     """Predict the edges of the box of a standing person.
 
     The visible foot is nearer to the camera than the axis of the body, whose top is the head.
@@ -91,9 +91,7 @@ def box_edges(
     return edges_of(*box_ends(matrix, station, person, foot_offset, lens)[:2])
 
 
-def edges_of(
-    head: Float[HostOrDevice, "*n 2"], foot: Float[HostOrDevice, "*n 2"]
-) -> Float[HostOrDevice, "*n 3"]:
+def edges_of(head: Float[HostOrDevice, "*n 2"], foot: Float[HostOrDevice, "*n 2"]) -> Any:
     """Center column, head row and foot row (3,) of a box with this head (2,) and foot (2,)."""
     xp = head.__array_namespace__()
     return xp.stack([(head[..., 0] + foot[..., 0]) / 2, head[..., 1], foot[..., 1]], -1)
@@ -145,7 +143,7 @@ def people_in_rig(
 
 def edge_deviation(
     size: Float[HostOrDevice, "*#n"], share: Float[HostOrDevice, "*#n"] | float, floor: Any
-) -> Float[HostOrDevice, "*#n"]:
+) -> Any:
     """Standard deviation in pixels of an edge of a box.
 
     Args:
@@ -192,7 +190,7 @@ def height_at(
     matrix: Float[HostOrDevice, "*#n 3 4"],
     position: Float[HostOrDevice, "*#n 2"],
     row: Float[HostOrDevice, "*#n"],
-) -> Float[HostOrDevice, "*#n"]:
+) -> Any:
     """Height at which a person at a position reaches an image row.
 
     Args:
@@ -242,7 +240,7 @@ def implied_height(
     # At or below this the ray is vertical to within the rounding of its direction.
     upright = squared <= jnp.square(8 * jnp.finfo(squared.dtype).eps)
     along = jnp.where(upright, 0, level @ towards / jnp.where(upright, 1, squared))
-    return normal @ center + offset + jnp.maximum(along, 0) * rise
+    return jnp.asarray(normal @ center + offset) + jnp.maximum(along, 0) * rise
 
 
 def heights_in_rig(
@@ -270,4 +268,5 @@ def heights_in_rig(
 def _heights_over_zero(
     center: Float[Array, "3"], ray: Float[Array, "3"], position: Float[Array, "2"]
 ) -> Float[Array, ""]:
-    return implied_height(center, ray, jnp.append(position, 0), jnp.array([0, 0, 1.0]), 0)
+    up, zero = jnp.array([0.0, 0.0, 1.0]), jnp.zeros(())
+    return implied_height(center, ray, jnp.append(position, zero), up, zero)

@@ -71,8 +71,8 @@ def test_ground_map_returns_where_a_person_of_usual_height_stands(camera, distan
     # The lean of the body axis is corrected to first order.
     assert np.linalg.norm(found.xy[0, 0] - xy) < 0.02 * distance
     assert np.linalg.eigvalsh(found.covariance[0, 0]).min() > 0
-    height = height_at(projection(camera), xy, box[1])
-    assert height == pytest.approx(SETTINGS.person_height, abs=1e-9)
+    height = height_at(projection(camera), xy[None], box[1:2])
+    assert height[0] == pytest.approx(SETTINGS.person_height, abs=1e-9)
 
 
 def test_hidden_feet_do_not_move_a_person():
