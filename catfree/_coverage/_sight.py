@@ -9,8 +9,8 @@ from jaxtyping import Array, Bool, Float
 
 from catfree.geometry import CanonicalFrame, ground_sigma, information
 from catfree.geometry._buckets import in_blocks
-from catfree.geometry.camera import pixels_of_points
-from catfree.types import Plane, Rig, Scene
+from catfree.geometry._person import people_in_rig
+from catfree.types import Plane, Scene
 
 PLACES_BLOCK = 4096  # places evaluated together
 
@@ -42,12 +42,14 @@ def look(
     world = places @ np.asarray(scene.ground.basis, np.float64).T + on_plane
     points = frame.to_canonical(world)
     points[:, 2] = 0
+    people = points + np.array([0, 0, (person_height or 0) / frame.extent])
     visible = np.zeros((rig.camera_count, len(points)), bool)
     for camera in np.flatnonzero(active):
-        visible[camera] = _in_picture(rig, camera, points)
-        if person_height is not None:
-            head = points + np.array([0, 0, person_height / frame.extent])
-            visible[camera] &= _in_picture(rig, camera, head)
+        head, foot, imaged = people_in_rig(rig, camera, people)
+        # The border of a picture is half a pixel outside pixel centers.
+        ends = np.stack([head, foot], 1)
+        inside = (ends >= -0.5) & (ends <= rig.image_size[camera] - 0.5)
+        visible[camera] = imaged & inside.all((1, 2))
     # Unregistered cameras may hold NaN.
     dtype = jnp.result_type(float)
     origins = np.where(active[:, None], np.asarray(rig.centers), 0).astype(dtype)
@@ -57,14 +59,6 @@ def look(
         PLACES_BLOCK,
     )
     return visible, sigma.astype(np.float64) * frame.extent
-
-
-def _in_picture(
-    rig: Rig, camera: int | np.integer, points: Float[np.ndarray, "n 3"]
-) -> Bool[np.ndarray, " n"]:
-    """Whether points are in the picture, whose border is half a pixel outside pixel centers."""
-    pixel, imaged = pixels_of_points(rig, camera, points)
-    return imaged & ((pixel >= -0.5) & (pixel <= rig.image_size[camera] - 0.5)).all(-1)
 
 
 @jax.jit

@@ -13,6 +13,7 @@ from catfree._run._result_folder import write_boxes
 from catfree._run._run import Unfinished
 from catfree.adapters.video import SynchronizedVideos
 from catfree.errors import CatFreeError
+from catfree.geometry._person import cut_by_border
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections
 from catfree.viz.footage._blur import blur_regions
@@ -92,8 +93,7 @@ def share_of_feet(boxes: Detections, image_size: Int[np.ndarray, " axis"]) -> fl
     """
     if not len(boxes):
         return None
-    width, height = image_size
-    seen = boxes.box[:, 3] < height - 1 - EvidenceSettings().border_margin * width
+    seen = ~cut_by_border(boxes.box, image_size, EvidenceSettings().border_margin)[:, 2]
     if boxes.ankles_confirmed is not None:
         seen = seen & boxes.ankles_confirmed
     return float(seen.mean())

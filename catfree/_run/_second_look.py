@@ -19,14 +19,14 @@ from catfree.adapters.video._detect_videos import collect_detections
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.adapters.video._validate_plugin_output import Describer, ask_for_people
 from catfree.errors import InsufficientDataError
-from catfree.geometry.camera import pixels_of_points
+from catfree.geometry import CanonicalFrame
+from catfree.geometry._person import edges_of, heights_in_rig, people_in_rig
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
 
 STAGE = "second look"
 FEWEST_HEIGHTS = 5  # boxes needed to estimate the height of a single person
-HEIGHT_ROUNDS = 4  # of a fixed-point iteration that gains two digits per round
 EDGE = 2.0  # pixels: a box closer to the image border is cut
 # Distance, in body heights, by which the visible sole is nearer to the camera than the body's axis.
 FOOT_AHEAD = CalibrationSettings.foot_offset / CalibrationSettings.person_height
@@ -70,21 +70,17 @@ def expected_people(
     cameras = np.flatnonzero(rig.registered)
     row = np.repeat(np.arange(len(tracks)), len(cameras))
     camera = np.tile(cameras, len(tracks))
-    height = track_heights(localization, detections, scene)[row]
-    up = np.asarray(scene.ground.normal, np.float64)
-    foot = tracks.position[row].astype(np.float64)
-    toward = np.asarray(rig.centers, np.float64)[camera] - foot
-    toward -= (toward @ up)[:, None] * up
-    distance = np.maximum(np.linalg.norm(toward, axis=-1, keepdims=True), height[:, None])
-    sole = foot + FOOT_AHEAD * height[:, None] * toward / np.maximum(distance, 1e-9)
-    low, sole_seen = pixels_of_points(rig, camera, sole)
-    high, head_seen = pixels_of_points(rig, camera, foot + height[:, None] * up)
-    size = low[:, 1] - high[:, 1]
-    u = (low[:, 0] + high[:, 0]) / 2
+    frame = CanonicalFrame.of(scene)
+    upright = frame.rig(rig)
+    person = frame.to_canonical(tracks.position)[row]
+    person[:, 2] = track_heights(localization, detections, scene)[row] / frame.extent
+    head, foot, imaged = people_in_rig(upright, camera, person, FOOT_AHEAD * person[:, 2])
+    u, top, bottom = edges_of(head, foot).T
     width, rows = np.asarray(rig.image_size, np.float64)[camera].T
-    is_visible = sole_seen & head_seen & (distance[:, 0] > 0.5 * height) & (size > 1)
-    is_visible &= (u > 0) & (u < width) & (high[:, 1] < rows) & (low[:, 1] > 0)
-    place = np.stack([u, low[:, 1], size], -1)
+    distance = np.linalg.norm(upright.centers[camera, :2] - person[:, :2], axis=-1)
+    is_visible = imaged & (distance > 0.5 * person[:, 2]) & (bottom - top > 1)
+    is_visible &= (u > 0) & (u < width) & (top < rows) & (bottom > 0)
+    place = np.stack([u, bottom, bottom - top], -1)
     return ExpectedPeople(tracks.frame[row][is_visible], camera[is_visible], place[is_visible])
 
 
@@ -164,7 +160,8 @@ def track_heights(
     """Estimate the body height for each track position.
 
     This is the median, over the person's boxes, of the height at which the vertical above the
-    position meets the box's upper edge. People with too few uncut boxes get the median of all.
+    position is closest to the ray through the middle of the upper edge. People with too few uncut
+    boxes get the median of all.
 
     Args:
         localization: the result of a method.
@@ -180,19 +177,15 @@ def track_heights(
     localization.require_detections(detections)
     tracks = localization.tracks
     row, camera = np.nonzero(tracks.support >= 0)
-    top = detections.box[tracks.support[row, camera], 1].astype(np.float64)
-    whole = top > EDGE
+    box = detections.box[tracks.support[row, camera]].astype(np.float64)
+    whole = box[:, 1] > EDGE
     if not whole.any():
         return np.zeros(len(tracks))
-    row, camera, top = row[whole], camera[whole], top[whole]
-    up = np.asarray(scene.ground.normal, np.float64)
-    foot = tracks.position[row].astype(np.float64)
-    low, _ = pixels_of_points(scene.rig, camera, foot)
-    height = np.full(len(row), 0.01 * float(scene.extent))
-    for _ in range(HEIGHT_ROUNDS):
-        high, _ = pixels_of_points(scene.rig, camera, foot + height[:, None] * up)
-        span = low[:, 1] - high[:, 1]
-        height = height * np.clip((low[:, 1] - top) / np.where(span > 0, span, np.inf), 0, 100)
+    row, camera, box = row[whole], camera[whole], box[whole]
+    frame = CanonicalFrame.of(scene)
+    place = frame.to_canonical(tracks.position[row])[:, :2]
+    top = np.stack([(box[:, 0] + box[:, 2]) / 2, box[:, 1]], -1)
+    height = np.maximum(heights_in_rig(frame.rig(scene.rig), camera, top, place), 0) * frame.extent
     usual = float(np.median(height))
     by_person = {
         one: np.median(height[tracks.track_id[row] == one])

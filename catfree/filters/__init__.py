@@ -11,7 +11,6 @@ from catfree.filters._score import (
     Signal as Signal,
     auxiliary_score as auxiliary_score,
     height_consistency as height_consistency,
-    implied_height as implied_height,
     median_residual as median_residual,
     view_support_ratio as view_support_ratio,
 )
@@ -21,3 +20,4 @@ from catfree.filters._temporal import (
     frames_of_pairs as frames_of_pairs,
     temporally_consistent as temporally_consistent,
 )
+from catfree.geometry._person import implied_height as implied_height

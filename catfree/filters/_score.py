@@ -112,43 +112,6 @@ def median_residual(
     return jnp.nanmedian(jnp.where(where, residuals, jnp.nan))
 
 
-def implied_height(
-    center: Num[HostOrDevice, "3"],
-    ray: Num[HostOrDevice, "3"],
-    position: Num[HostOrDevice, "3"],
-    normal: Num[HostOrDevice, "3"],
-    offset: Num[HostOrDevice, ""],
-) -> Float[Array, ""]:
-    """Height of a person at a position, taking the top of the box as the top of the head.
-
-    This is the height above the ground at which the vertical through the position and the ray
-    through the middle of the upper box edge come closest.
-
-    Args:
-        center: (3,) of the camera in scene units.
-        ray: (3,) unit vector from the camera through the middle of the upper box edge.
-        position: (3,) in scene units.
-        normal: (3,) unit ground normal, towards the cameras.
-        offset: () of the ground plane in scene units.
-
-    Returns:
-        () in scene units. Always finite: for a vertical ray it is the height of the camera.
-
-    Source: paper, Sec. "The Scoring Stage", which names implied heights but gives no formula.
-    """
-    center, ray, position, normal, offset = map(
-        as_floating, (center, ray, position, normal, offset)
-    )
-    rise = normal @ ray
-    level = ray - rise * normal
-    towards = position - center
-    squared = level @ level
-    # At or below this the ray is vertical to within the rounding of its direction.
-    upright = squared <= jnp.square(8 * jnp.finfo(squared.dtype).eps)
-    along = jnp.where(upright, 0, level @ towards / jnp.where(upright, 1, squared))
-    return normal @ center + offset + jnp.maximum(along, 0) * rise
-
-
 def height_consistency(
     heights: Num[HostOrDevice, " cam"], where: Bool[HostOrDevice, " cam"]
 ) -> Float[Array, ""]:

@@ -1,20 +1,78 @@
-"""The box of a standing person: a vertical segment (x, y, height) on the ground z = 0."""
+"""A standing person, a vertical segment (x, y, height) on the ground z = 0, and its box.
+
+Everything that predicts a box or measures a person by one uses these functions. Those of a pinhole
+are unbatched JAX functions for `vmap` and `jacfwd`; they also broadcast over leading axes, and take
+NumPy arrays where few boxes are needed at a time.
+"""
 
 from collections.abc import Callable
+from typing import Any
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Num
+
+from catfree.geometry._arrays import float_arrays
+from catfree.geometry._buckets import in_blocks
+from catfree.geometry.camera import pixels_of_points, rays_of_pixels
+from catfree.types import Rig
+from catfree.types._annotations import HostOrDevice
 
 NEAREST_DEPTH = 0.1  # of the third homogeneous coordinate: points nearer are projected from there
+ASPECT = 0.4  # width of the box of a standing person, in box heights
+BLOCKS = (256, 8192)  # block sizes: people measured together
+
+Lens = Callable[[Float[Array, "*n 2"]], Float[Array, "*n 2"]]
+
+
+def _foot(
+    station: Float[HostOrDevice, "*#n 2"] | None,
+    person: Float[HostOrDevice, "*#n 3"],
+    foot_offset: Any,
+) -> tuple[Any, Any]:
+    """Where the visible foot is on the ground."""
+    x, y = person[..., 0], person[..., 1]
+    if station is None:
+        return x, y
+    xp = person.__array_namespace__()
+    dx, dy = x - station[..., 0], y - station[..., 1]
+    nearer = foot_offset / xp.sqrt(xp.maximum(dx**2 + dy**2, 1e-12))
+    return x - nearer * dx, y - nearer * dy
+
+
+def box_ends(
+    matrix: Float[HostOrDevice, "*#n 3 4"],
+    station: Float[HostOrDevice, "*#n 2"] | None,
+    person: Float[HostOrDevice, "*#n 3"],
+    foot_offset: Float[HostOrDevice, ""] | float = 0.0,
+    lens: Lens | None = None,
+) -> tuple[Any, Any, Any]:
+    """Project the head and the visible foot of a standing person; see `box_edges`.
+
+    Returns:
+        (2,) head and (2,) foot in pixels, and () the depth of the nearer one.
+    """
+    xp = person.__array_namespace__()
+    x, y, height = (person[..., i] for i in range(3))
+    rows = [[matrix[..., i, j] for j in range(4)] for i in range(3)]
+    pixels, depths = [], []
+    for end in ((x, y, height), (*_foot(station, person, foot_offset), 0.0)):
+        column, row, depth = (m[0] * end[0] + m[1] * end[1] + m[2] * end[2] + m[3] for m in rows)
+        near = xp.maximum(depth, NEAREST_DEPTH)
+        pixel = xp.stack([column / near, row / near], -1)
+        pixels.append(pixel if lens is None else lens(pixel))
+        depths.append(depth)
+    return *pixels, xp.minimum(*depths)
 
 
 def box_edges(
-    matrix: Float[Array, "3 4"],
-    station: Float[Array, "2"],
-    person: Float[Array, "3"],
-    foot_offset: Float[Array, ""] | float,
-    lens: Callable[[Float[Array, "2"]], Float[Array, "2"]] | None = None,
-) -> Float[Array, "3"]:
+    matrix: Float[HostOrDevice, "*#n 3 4"],
+    station: Float[HostOrDevice, "*#n 2"] | None,
+    person: Float[HostOrDevice, "*#n 3"],
+    foot_offset: Float[HostOrDevice, ""] | float = 0.0,
+    lens: Lens | None = None,
+) -> Any:
     """Predict the edges of the box of a standing person.
 
     The visible foot is nearer to the camera than the axis of the body, whose top is the head.
@@ -22,7 +80,7 @@ def box_edges(
     Args:
         matrix: (3, 4) projection of homogeneous points over the ground; the third coordinate of the
             result is the depth, in units of the ground.
-        station: (2,) the camera's center, projected onto the ground.
+        station: (2,) the camera's center, projected onto the ground; None for a foot on the axis.
         person: (3,) position on the ground and height.
         foot_offset: distance by which the foot is nearer.
         lens: map (2,) of the projected points to pixels; they are pixels if None.
@@ -30,14 +88,185 @@ def box_edges(
     Returns:
         (3,) center column, head row and foot row in pixels.
     """
-    x, y, height = person
-    dx, dy = x - station[0], y - station[1]
-    nearer = foot_offset / jnp.sqrt(jnp.maximum(dx**2 + dy**2, 1e-12))
-    pixels = []
-    for end in ((x, y, height), (x - nearer * dx, y - nearer * dy, 0.0)):
-        column, row, depth = (m[0] * end[0] + m[1] * end[1] + m[2] * end[2] + m[3] for m in matrix)
-        depth = jnp.maximum(depth, NEAREST_DEPTH)
-        pixel = jnp.stack([column / depth, row / depth])
-        pixels.append(pixel if lens is None else lens(pixel))
-    (head_column, head_row), (foot_column, foot_row) = pixels
-    return jnp.stack([(head_column + foot_column) / 2, head_row, foot_row])
+    return edges_of(*box_ends(matrix, station, person, foot_offset, lens)[:2])
+
+
+def edges_of(head: Float[HostOrDevice, "*n 2"], foot: Float[HostOrDevice, "*n 2"]) -> Any:
+    """Center column, head row and foot row (3,) of a box with this head (2,) and foot (2,)."""
+    xp = head.__array_namespace__()
+    return xp.stack([(head[..., 0] + foot[..., 0]) / 2, head[..., 1], foot[..., 1]], -1)
+
+
+def edges_and_slopes(
+    matrix: Float[Array, "3 4"],
+    station: Float[Array, "2"] | None,
+    person: Float[Array, "3"],
+    foot_offset: Float[Array, ""] | float = 0.0,
+) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
+    """`box_edges`, and its Jacobian (3, 3) with respect to the person."""
+
+    def edges(person: Float[Array, "3"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        shown = box_edges(matrix, station, person, foot_offset)
+        return shown, shown
+
+    slopes, shown = jax.jacfwd(edges, has_aux=True)(person)
+    return shown, slopes
+
+
+def people_in_rig(
+    rig: Rig,
+    camera: int | np.integer | Int[np.ndarray, " n"],
+    person: Float[np.ndarray, "n 3"],
+    foot_offset: Float[np.ndarray, " n"] | float = 0.0,
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
+    """Project heads and visible feet of people into cameras with any lenses.
+
+    Args:
+        rig: the cameras, in a world whose ground is z = 0, with z up.
+        camera: (n,) the camera of each person, or one for all.
+        person: (n, 3) positions on the ground and heights.
+        foot_offset: distance by which the foot is nearer to the camera, of each person or of all.
+
+    Returns:
+        head: (n, 2) in original image pixels, possibly outside the image.
+        foot: (n, 2) likewise.
+        imaged: (n,) whether both pixels are images of the person.
+    """
+    cameras = np.broadcast_to(camera, len(person))
+    station = np.asarray(rig.centers, np.float64)[cameras, :2]
+    foot = np.stack([*_foot(station, person, foot_offset), np.zeros(len(person))], -1)
+    (high, high_seen), (low, low_seen) = (
+        pixels_of_points(rig, cameras, end) for end in (person, foot)
+    )
+    return high, low, high_seen & low_seen
+
+
+def edge_deviation(
+    size: Float[HostOrDevice, "*#n"], share: Float[HostOrDevice, "*#n"] | float, floor: Any
+) -> Any:
+    """Standard deviation in pixels of an edge of a box.
+
+    Args:
+        size: () height of the box in pixels.
+        share: () the part of the deviation that grows with the box, in box heights.
+        floor: () the part that does not, in pixels.
+    """
+    return ((share * size) ** 2 + floor**2) ** 0.5
+
+
+def cut_by_border(
+    box: Float[np.ndarray, "n 4"], image_size: Num[np.ndarray, "*n 2"], margin: float
+) -> Bool[np.ndarray, "n 3"]:
+    """Whether the image border cuts a side, the top and the bottom of boxes.
+
+    Args:
+        box: (n, 4) x1, y1, x2, y2 in pixels.
+        image_size: (n, 2) or (2,) width and height in pixels.
+        margin: share of the width within which an edge counts as cut.
+    """
+    width, height = image_size[..., 0], image_size[..., 1]
+    near = margin * width
+    side = (box[:, 0] <= near) | (box[:, 2] >= width - 1 - near)
+    return np.stack([side, box[:, 1] <= near, box[:, 3] >= height - 1 - near], -1)
+
+
+def drop_to_height(inverse: Float[Array, "3 3"], pixel: Float[Array, "2"]) -> Float[Array, "2"]:
+    """Position of a person whose foot, or point at another height, is at a pixel.
+
+    Args:
+        inverse: (3, 3) map from pixels to homogeneous positions on the plane of that height.
+        pixel: (2,).
+
+    Returns:
+        (2,) position; arbitrary where the ray does not reach the plane.
+    """
+    point = inverse @ jnp.stack([pixel[0], pixel[1], jnp.ones((), pixel.dtype)])
+    denominator = point[2]
+    small = jnp.abs(denominator) < 1e-12
+    return point[:2] / jnp.where(small, 1e-12, denominator)
+
+
+def height_at(
+    matrix: Float[HostOrDevice, "*#n 3 4"],
+    position: Float[HostOrDevice, "*#n 2"],
+    row: Float[HostOrDevice, "*#n"],
+) -> Any:
+    """Height at which a person at a position reaches an image row.
+
+    Args:
+        matrix: (3, 4) projection, as in `box_edges`.
+        position: (2,) on the ground.
+        row: () in pixels.
+
+    Returns:
+        () finite; arbitrary if the vertical does not cross the row.
+    """
+    xp = position.__array_namespace__()
+    x, y = position[..., 0], position[..., 1]
+    base = [matrix[..., i, 0] * x + matrix[..., i, 1] * y + matrix[..., i, 3] for i in (1, 2)]
+    gain = matrix[..., 1, 2] - row * matrix[..., 2, 2]
+    return (row * base[1] - base[0]) / xp.where(xp.abs(gain) < 1e-12, 1e-12, gain)
+
+
+def implied_height(
+    center: Num[HostOrDevice, "3"],
+    ray: Num[HostOrDevice, "3"],
+    position: Num[HostOrDevice, "3"],
+    normal: Num[HostOrDevice, "3"],
+    offset: Num[HostOrDevice, ""],
+) -> Float[Array, ""]:
+    """Height of a person at a position, taking the top of the box as the top of the head.
+
+    This is the height above the ground at which the vertical through the position and the ray
+    through the middle of the upper box edge come closest.
+
+    Args:
+        center: (3,) of the camera in scene units.
+        ray: (3,) unit vector from the camera through the middle of the upper box edge.
+        position: (3,) in scene units.
+        normal: (3,) unit ground normal, towards the cameras.
+        offset: () of the ground plane in scene units.
+
+    Returns:
+        () in scene units. Always finite: for a vertical ray it is the height of the camera.
+
+    Source: paper, Sec. "The Scoring Stage", which names implied heights but gives no formula.
+    """
+    center, ray, position, normal, offset = float_arrays(center, ray, position, normal, offset)
+    rise = normal @ ray
+    level = ray - rise * normal
+    towards = position - center
+    squared = level @ level
+    # At or below this the ray is vertical to within the rounding of its direction.
+    upright = squared <= jnp.square(8 * jnp.finfo(squared.dtype).eps)
+    along = jnp.where(upright, 0, level @ towards / jnp.where(upright, 1, squared))
+    return jnp.asarray(normal @ center + offset) + jnp.maximum(along, 0) * rise
+
+
+def heights_in_rig(
+    rig: Rig,
+    camera: int | np.integer | Int[np.ndarray, " n"],
+    top: Float[np.ndarray, "n 2"],
+    position: Float[np.ndarray, "n 2"],
+) -> Float[np.ndarray, " n"]:
+    """`implied_height` of people in cameras with any lenses.
+
+    Args:
+        rig: the cameras, as in `people_in_rig`.
+        camera: (n,) the camera of each person, or one for all.
+        top: (n, 2) middles of the upper box edges in original image pixels.
+        position: (n, 2) on the ground.
+    """
+    cameras = np.broadcast_to(camera, len(top))
+    rays, centers = rays_of_pixels(rig, cameras, top), np.asarray(rig.centers, np.float64)[cameras]
+    with jax.enable_x64(True):
+        return in_blocks(_heights_over_zero, (centers, rays, position), *BLOCKS)
+
+
+@jax.jit
+@jax.vmap
+def _heights_over_zero(
+    center: Float[Array, "3"], ray: Float[Array, "3"], position: Float[Array, "2"]
+) -> Float[Array, ""]:
+    up, zero = jnp.array([0.0, 0.0, 1.0]), jnp.zeros(())
+    return implied_height(center, ray, jnp.append(position, zero), up, zero)

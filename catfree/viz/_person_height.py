@@ -1,9 +1,9 @@
 """Height of the tracked people in scene units, for the posts that represent them in images."""
 
 import numpy as np
-from jaxtyping import Float
 
-from catfree.geometry.camera import rays_of_pixels
+from catfree.geometry import CanonicalFrame
+from catfree.geometry._person import heights_in_rig
 from catfree.types import Detections, Localization, Scene
 
 
@@ -21,28 +21,14 @@ def person_height(detections: Detections, localization: Localization, scene: Sce
     Raises:
         InvalidInputError: if the localization was made from other detections.
     """
-    tracks, heights = localization.tracks, [np.zeros(0)]
     if len(detections) == 0:
         return 0.0
     localization.require_detections(detections)
-    for camera in np.flatnonzero(scene.rig.registered[: tracks.support.shape[1]]):
-        row = np.flatnonzero(tracks.support[:, camera] >= 0)
-        boxes = detections[tracks.support[row, camera]]
-        heights.append(_heights(boxes, tracks.position[row], scene, int(camera)))
-    values = np.concatenate(heights)
-    values = values[np.isfinite(values) & (values > 0)]
+    support, frame = localization.tracks.support, CanonicalFrame.of(scene)
+    row, camera = np.nonzero(support >= 0)
+    box = detections.box[support[row, camera]]
+    top = np.stack([(box[:, 0] + box[:, 2]) / 2, box[:, 1]], -1)
+    place = frame.to_canonical(localization.tracks.position[row])[:, :2]
+    values = frame.extent * heights_in_rig(frame.rig(scene.rig), camera, top, place)
+    values = values[values > 0]
     return float(np.median(values)) if len(values) else 0.0
-
-
-def _heights(
-    boxes: Detections, position: Float[np.ndarray, "n 3"], scene: Scene, camera: int
-) -> Float[np.ndarray, " n"]:
-    """Height at which each box's upper-edge ray is closest to the vertical at the position."""
-    top = np.stack([(boxes.box[:, 0] + boxes.box[:, 2]) / 2, boxes.box[:, 1]], -1)
-    ray = rays_of_pixels(scene.rig, camera, top)
-    up = np.asarray(scene.ground.normal, np.float64)
-    sight = position - np.asarray(scene.rig.centers, np.float64)[camera]
-    # Least squares of depth * ray = sight + height * up.
-    slope = ray @ up
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return (slope * np.sum(ray * sight, -1) - sight @ up) / (1 - slope**2)

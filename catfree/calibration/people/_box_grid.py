@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.calibration.people.cameras._radial_lens import RadialLenses
+from catfree.geometry._person import cut_by_border
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
 from catfree.types._sampling import evenly_spread
@@ -88,13 +89,8 @@ def grid_boxes(
     frames = evenly_spread(np.unique(detections.frame), settings.maximum_frames)
     box = np.asarray(detections.box, np.float64)
     camera = np.clip(detections.camera, 0, camera_count - 1)
-    width, height = size[camera, 0], size[camera, 1]
-    margin = settings.border * width
     inside = (
-        (box[:, 0] > margin)
-        & (box[:, 1] > margin)
-        & (box[:, 2] < width - 1 - margin)
-        & (box[:, 3] < height - 1 - margin)
+        ~cut_by_border(box, size[camera], settings.border).any(1)
         & (detections.camera < camera_count)
         & np.isin(detections.frame, frames)
     )

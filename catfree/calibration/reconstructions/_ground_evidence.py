@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.geometry import intersect_ray
+from catfree.geometry._person import implied_height
 from catfree.geometry.camera import rays_of_pixels
 from catfree.methods.paper.association._observe import expand_ranges
 from catfree.types import Detections, Plane, Rig
@@ -27,6 +28,7 @@ FEET_AHEAD = 0.8  # fraction of the foot rays that meet the ground; some boxes a
 CAMERA_HEIGHT = (0.2, 60.0)  # in person heights: from a toy tripod to a 100 m tower
 
 _meet = jax.jit(jax.vmap(intersect_ray, (None, 0, 0)))
+_heights = jax.jit(jax.vmap(implied_height, (0, 0, 0, None, None)))
 
 
 @dataclass(frozen=True)
@@ -146,20 +148,15 @@ def _measure(plane: Plane, people: People) -> tuple[float, float, float]:
     """Fraction of feet ahead, camera height and foot disagreement, in person heights."""
     height = plane.signed_distance(people.center)
     with jax.enable_x64(True):
-        foot, ahead = map(np.asarray, _meet(plane, people.center, people.foot))
+        foot, ahead = _meet(plane, people.center, people.foot)
+        tall = _heights(people.center, people.head, foot, plane.normal, plane.offset)
+    foot, ahead, tall = map(np.asarray, (foot, ahead, tall))
     meets = ahead & (height > 0)
     share = float(meets.mean())
     if not meets.any():
         return share, np.nan, np.nan
     foot = foot[meets]
-    # Height of the point on the vertical through the foot that is closest to the head ray.
-    to_center = people.center[meets] - foot
-    head = people.head[meets]
-    cosine = head @ plane.normal
-    sine2 = np.maximum(1 - cosine**2, 1e-6)
-    across = np.einsum("ni,ni->n", to_center, head)
-    tall = (to_center @ plane.normal - across * cosine) / sine2
-    person = float(np.median(tall))
+    person = float(np.median(tall[meets]))
     if person <= 0:
         return share, np.nan, np.nan
     camera_height = float(np.median(height[meets])) / person

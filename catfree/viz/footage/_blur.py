@@ -1,9 +1,10 @@
 """Make people unrecognizable in the cameras' images."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from catfree.geometry.camera import pixels_of_points
+from catfree.geometry import CanonicalFrame
+from catfree.geometry._person import people_in_rig
 from catfree.types import Detections, Localization, Scene
 from catfree.viz.footage._drawing import Image
 
@@ -65,16 +66,34 @@ def people_regions(
     if not scene.rig.registered[camera]:
         return seen
     position = localization.tracks.position[localization.tracks.frame == frame]
-    up = np.asarray(scene.ground.normal, np.float64)
-    middle = position + person_height / 2 * up
-    points = np.stack([position, middle, position + person_height * up], axis=1)
-    pixel, in_front = pixels_of_points(scene.rig, camera, points.reshape(-1, 3))
-    pixel, in_front = pixel.reshape(-1, 3, 2), in_front.reshape(-1, 3).all(1)
+    head, foot, in_front = posts(position, person_height, scene, camera)
+    pixel = np.stack([foot, (foot + head) / 2, head], 1)
     # Beside the camera, a person out of the picture would cover all of it.
     size = np.asarray(scene.rig.image_size[camera], np.float64)
     inside = ((pixel >= 0) & (pixel < size)).all(-1).any(-1)
     near = ((pixel > -size) & (pixel < 2 * size)).all((-1, -2))
-    foot, _, head = pixel[in_front & inside & near].transpose(1, 0, 2)
+    shown = in_front & inside & near
+    foot, head = foot[shown], head[shown]
     half = WIDTH_SHARE / 2 * np.linalg.norm(head - foot, axis=-1, keepdims=True)
-    posts = [np.minimum(foot, head) - half, np.maximum(foot, head) + half]
-    return np.concatenate([seen, np.concatenate(posts, axis=1)])
+    corners = [np.minimum(foot, head) - half, np.maximum(foot, head) + half]
+    return np.concatenate([seen, np.concatenate(corners, axis=1)])
+
+
+def posts(
+    position: Float[np.ndarray, "n 3"], height: float, scene: Scene, camera: int
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
+    """Heads and feet of people of one height in an image.
+
+    Args:
+        position: (N, 3) of the people in scene units.
+        height: in scene units.
+        scene: the cameras and the ground.
+        camera: index of the camera.
+
+    Returns:
+        (N, 2) heads and (N, 2) feet in pixels, and (N,) whether the camera images both.
+    """
+    frame = CanonicalFrame.of(scene)
+    person = frame.to_canonical(position)
+    person[:, 2] = height / frame.extent
+    return people_in_rig(frame.rig(scene.rig), camera, person)

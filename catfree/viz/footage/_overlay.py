@@ -17,7 +17,7 @@ from catfree.viz._camera_view import visible_runs
 from catfree.viz._palette import CAMERA_COLOR, track_color
 from catfree.viz._person_height import person_height as estimate_person_height
 from catfree.viz._plan_view import camera_names as names_of, view_area
-from catfree.viz.footage._blur import blur_regions, people_regions
+from catfree.viz.footage._blur import blur_regions, people_regions, posts
 from catfree.viz.footage._drawing import (
     Image,
     default_stroke,
@@ -264,24 +264,24 @@ def _draw_people(
     canvas: Image, tracks: Tracks, scene: Scene, camera: int, height: float, stroke: float
 ) -> None:
     basis = np.asarray(scene.ground.basis, np.float64)
-    up = np.asarray(scene.ground.normal, np.float64)
     ring = RING_SHARE * height * CIRCLE.T @ basis.T
     size = (canvas.shape[1], canvas.shape[0])
     texts, anchors, colors = [], [], []
-    for position, identity, origin in zip(
-        tracks.position, tracks.track_id, tracks.origin, strict=True
+    people = zip(*posts(tracks.position, height, scene, camera), strict=True)
+    for position, identity, origin, (head, foot, imaged) in zip(
+        tracks.position, tracks.track_id, tracks.origin, people, strict=True
     ):
         color = track_color(identity)
-        points = np.concatenate([position + ring, [position, position + height * up]])
-        pixel, in_front = pixels_of_points(scene.rig, camera, points)
-        if not in_front[-2:].all() or not _inside(pixel[-2:], size):
+        post = np.stack([foot, head])
+        if not imaged or not _inside(post, size):
             continue
-        for run in visible_runs(pixel[:-2], in_front[:-2], size):
+        pixel, in_front = pixels_of_points(scene.rig, camera, position + ring)
+        for run in visible_runs(pixel, in_front, size):
             draw_polyline(canvas, run, color, (1 if origin != Origin.DETECTED else 2) * stroke)
         if height > 0:
-            draw_polyline(canvas, pixel[-2:], color, 1.5 * stroke)
+            draw_polyline(canvas, post, color, 1.5 * stroke)
         texts.append(str(identity) if identity >= 0 else "")
-        anchors.append(pixel[-1])
+        anchors.append(head)
         colors.append(color)
     labeled = [at for at, text in enumerate(texts) if text]
     draw_labels(

@@ -1,13 +1,16 @@
-"""Boxes of people, each in a camera of its own."""
+"""Boxes of people in cameras of seven parameters."""
 
 import numpy as np
 
-from catfree.calibration.people.cameras._camera_model import predict_boxes
+from catfree.calibration.people.cameras._camera_model import X, Z, projection
+from catfree.geometry._person import NEAREST_DEPTH, box_ends, edges_of
 
 
 def boxes_of_rows(
     parameters: np.ndarray, xy: np.ndarray, height: np.ndarray, foot_offset: float
 ) -> np.ndarray:
-    """(n, 3) edges of people (n, 2) with heights (n,) in cameras (n, 7)."""
-    rows = zip(parameters, xy, height, strict=True)
-    return np.array([predict_boxes(c, p[None], h[None], foot_offset)[0][0] for c, p, h in rows])
+    """(n, 3) edges of people (n, 2) with heights (n,) in a camera (7,), or one each (n, 7)."""
+    person = np.column_stack([xy, height])
+    head, foot, depth = box_ends(projection(parameters), parameters[..., X:Z], person, foot_offset)
+    assert (depth > NEAREST_DEPTH).all(), "The camera does not see all of these people."
+    return edges_of(head, foot)

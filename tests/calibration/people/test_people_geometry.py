@@ -10,13 +10,14 @@ from catfree.calibration.people.adjustment._people_bundle import adjust
 from catfree.calibration.people.adjustment._resection import fit_camera
 from catfree.calibration.people.cameras._camera_model import (
     from_matrices,
-    predict_boxes,
+    projection,
     rotation,
     to_matrices,
 )
-from catfree.calibration.people.cameras._ground_map import GroundMap, implied_height, map_ground
+from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
 from catfree.calibration.people.matching._mutual_nearest import mutual_nearest, squared_distances
 from catfree.calibration.people.matching._placement import Placement, align_rigidly, turn, vote
+from catfree.geometry._person import height_at
 from tests.calibration.people.boxes_of_rows import boxes_of_rows
 
 SETTINGS = CalibrationSettings()
@@ -39,9 +40,7 @@ cameras = st.tuples(
 
 def one_box(camera, xy, height, offset):
     """The box (3,) of one person, who must be in front of the camera."""
-    box, front = predict_boxes(camera, xy[None], np.array([height]), float(offset))
-    assert front.all()
-    return box[0]
+    return boxes_of_rows(camera, xy[None], np.array([height]), float(offset))[0]
 
 
 def in_front(camera, distance, side):
@@ -72,7 +71,7 @@ def test_ground_map_returns_where_a_person_of_usual_height_stands(camera, distan
     # The lean of the body axis is corrected to first order.
     assert np.linalg.norm(found.xy[0, 0] - xy) < 0.02 * distance
     assert np.linalg.eigvalsh(found.covariance[0, 0]).min() > 0
-    height, _ = implied_height(camera, xy[None], box[1:2], np.array([4.0]))
+    height = height_at(projection(camera), xy[None], box[1:2])
     assert height[0] == pytest.approx(SETTINGS.person_height, abs=1e-9)
 
 

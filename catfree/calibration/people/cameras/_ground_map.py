@@ -9,9 +9,10 @@ from catfree.calibration.people.cameras._camera_model import (
     LOG_FOCAL,
     X,
     Z,
-    predict_boxes,
+    projection,
     rotation,
 )
+from catfree.geometry._person import ASPECT, NEAREST_DEPTH, box_ends, edges_of, height_at
 from catfree.settings import CalibrationSettings
 
 FARTHEST = 80.0  # meters; beyond, the box of a person is a few pixels in any camera
@@ -87,19 +88,13 @@ def map_ground(
     # The body axis leans in the image of a tilted or rolled camera: estimate its slope once.
     first, heading = _ground_range(parameters, R, u, bottom, 0.0)
     usable = valid & (first > 0.3) & (first < FARTHEST)
-    half = (bottom - top) / 2
+    matrix = projection(parameters)
     rough = parameters[X:Z] + heading * np.where(usable, first, 5.0)[..., None]
-    flat = rough - parameters[X:Z]
-    focal = np.exp(parameters[LOG_FOCAL])
-    foot_local = flat @ R[:, :2].T - parameters[Z] * R[:, 2]
-    head_local = foot_local + mean_height * R[:, 2]
-    ends = [
-        focal * p[..., :2] / np.where(p[..., 2:] > 0.1, p[..., 2:], 0.1)
-        for p in (foot_local, head_local)
-    ]
-    rise = ends[0][..., 1] - ends[1][..., 1]
-    slope = (ends[0][..., 0] - ends[1][..., 0]) / np.where(np.abs(rise) > 1, rise, 1.0)
-    lean = np.clip(slope, -0.5, 0.5) * half
+    usual = np.concatenate([rough, np.full((*rough.shape[:-1], 1), mean_height)], -1)
+    head, foot, _ = box_ends(matrix, None, usual)
+    across, rise = foot[..., 0] - head[..., 0], foot[..., 1] - head[..., 1]
+    slope = across / np.where(np.abs(rise) > 1, rise, 1.0)
+    lean = np.clip(slope, -0.5, 0.5) * (bottom - top) / 2
 
     foot_range, heading = _ground_range(parameters, R, u + lean, bottom, 0.0)
     foot_next, _ = _ground_range(parameters, R, u + lean, bottom + 1.0, 0.0)
@@ -126,7 +121,9 @@ def map_ground(
     )
     reach_variance = 1 / total + (range_tolerance * reach) ** 2 + settings.body_sd**2
     side_variance = (
-        (sd * reach / focal) ** 2 + (0.4 * range_tolerance * reach) ** 2 + settings.body_sd**2
+        (sd * reach / np.exp(parameters[LOG_FOCAL])) ** 2
+        + (0.4 * range_tolerance * reach) ** 2
+        + settings.body_sd**2
     )
     side = np.stack([-heading[..., 1], heading[..., 0]], -1)
     covariance = (
@@ -134,7 +131,11 @@ def map_ground(
         + side_variance[..., None, None] * side[..., :, None] * side[..., None, :]
     )
     xy = parameters[X:Z] + heading * reach[..., None]
-    height, height_sd = implied_height(parameters, xy, top, sd)
+    height = height_at(matrix, xy, top)
+    # The row moves by gain / depth per unit of height.
+    depth = xy @ matrix[2, :2] + matrix[2, 3] + height * matrix[2, 2]
+    gain = matrix[1, 2] - top * matrix[2, 2]
+    height_sd = np.abs(depth * sd / np.where(np.abs(gain) < 1e-6, 1e-6, gain))
     prior = settings.person_height_sd
     share = prior**2 / (prior**2 + height_sd**2)
     return GroundMap(
@@ -144,34 +145,6 @@ def map_ground(
         height_sd=prior * np.sqrt(1 - share),
         valid=ok,
     )
-
-
-def implied_height(
-    parameters: Float[np.ndarray, "7"],
-    xy: Float[np.ndarray, "*n 2"],
-    top: Float[np.ndarray, "*n"],
-    sd: Float[np.ndarray, "*n"],
-) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-    """Heights of people at known positions from their top rows.
-
-    Args:
-        parameters: (7,) the camera.
-        xy: (..., 2) ground positions in meters.
-        top: (...) top rows in pixels from the image center.
-        sd: (...) standard deviations of the top rows in pixels.
-
-    Returns:
-        (...) heights and (...) their standard deviations due to the edges, in meters.
-    """
-    R = rotation(parameters)
-    focal = np.exp(parameters[LOG_FOCAL])
-    base = (xy - parameters[X:Z]) @ R[:, :2].T - parameters[Z] * R[:, 2]
-    row = top / focal
-    gain = row * R[2, 2] - R[1, 2]
-    gain = np.where(np.abs(gain) < 1e-6, 1e-6, gain)
-    height = (base[..., 1] - row * base[..., 2]) / gain
-    depth = base[..., 2] + height * R[2, 2]
-    return height, np.abs(depth * sd / focal / gain)
 
 
 def visible(
@@ -195,11 +168,13 @@ def visible(
     Returns:
         (...) bool.
     """
-    box, front = predict_boxes(parameters, xy, height, foot_offset)
+    person = np.concatenate([xy, height[..., None]], -1)
+    head, foot, depth = box_ends(projection(parameters), parameters[X:Z], person, foot_offset)
+    box = edges_of(head, foot)
     limit = (size - 1) / 2 - 0.01 * size
-    half_width = 0.2 * (box[..., 2] - box[..., 1])  # a person is about 0.4 as wide as tall
+    half_width = ASPECT / 2 * (box[..., 2] - box[..., 1])
     return (
-        front
+        (depth > NEAREST_DEPTH)
         & (np.abs(box[..., 0]) + half_width < limit[0])
         & (box[..., 1] > -limit[1])
         & (box[..., 2] < limit[1])

@@ -7,16 +7,12 @@ from jaxtyping import Float, Int
 
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
 from catfree.geometry._buckets import in_blocks
+from catfree.geometry._person import drop_to_height, edges_and_slopes, height_at
 from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise, field_features
-from catfree.methods.evidence.observe._views import (
-    GroundViews,
-    drop_to_height,
-    edges_and_slopes,
-    height_at,
-)
+from catfree.methods.evidence.observe._views import GroundViews
 from catfree.settings import EvidenceSettings
 
 ENOUGH = 30  # residuals below which the noise of a camera is not updated
@@ -57,7 +53,7 @@ def _left_out(edges, size, view, info, total, views: GroundViews, spread):
     def one(edges, size, matrix, focal, center, info, total):
         others = jax.tree.map(lambda a, b: a - b, total, info)
         state, covariance = mean_and_covariance(others, spread)
-        predicted, slopes = edges_and_slopes(matrix, state)
+        predicted, slopes = edges_and_slopes(matrix, None, state)
         variance = jnp.einsum("ij,jk,ik->i", slopes, covariance, slopes)
         features = field_features(edges, size, focal, center)
         return edges - predicted, variance, features

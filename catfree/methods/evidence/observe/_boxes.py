@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from catfree.geometry import back_project
 from catfree.geometry._buckets import fine_length
+from catfree.geometry._person import cut_by_border, edges_of
 from catfree.geometry.camera import rays_of_pixels
 from catfree.methods.evidence.observe._local_pinholes import local_pinholes, project_rays
 from catfree.settings import EvidenceSettings
@@ -150,18 +151,8 @@ def prepare_boxes(
         # Padded, so that few sizes compile.
         rest = ((0, fine_length(len(own)) - len(own)), (0, 0), (0, 0))
         K, R = (np.pad(part, rest, mode="edge") for part in (K, R))
-    column = (straight_head[:, 0] + straight_foot[:, 0]) / 2
-    edges = np.stack([column, straight_head[:, 1], straight_foot[:, 1]], -1)
-    size = np.asarray(rig.image_size, np.float64)[camera]
-    margin = settings.border_margin * size[:, 0]
-    cut = np.stack(
-        [
-            (box[:, 0] <= margin) | (box[:, 2] >= size[:, 0] - 1 - margin),
-            box[:, 1] <= margin,
-            box[:, 3] >= size[:, 1] - 1 - margin,
-        ],
-        -1,
-    )
+    edges = edges_of(straight_head, straight_foot)
+    cut = cut_by_border(box, rig.image_size[camera], settings.border_margin)
     ankles = (
         np.ones(n, bool)
         if detections.ankles_confirmed is None

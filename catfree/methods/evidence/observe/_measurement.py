@@ -10,15 +10,18 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from catfree.geometry._buckets import in_blocks
-from catfree.methods.evidence._gaussian import Information, mean_and_covariance
-from catfree.methods.evidence.observe._boxes import Boxes
-from catfree.methods.evidence.observe._views import (
-    GroundViews,
+from catfree.geometry._person import (
+    NEAREST_DEPTH,
+    box_edges,
+    box_ends,
     drop_to_height,
+    edge_deviation,
     edges_and_slopes,
     height_at,
-    predict_edges,
 )
+from catfree.methods.evidence._gaussian import Information, mean_and_covariance
+from catfree.methods.evidence.observe._boxes import Boxes
+from catfree.methods.evidence.observe._views import GroundViews
 from catfree.settings import EvidenceSettings
 
 
@@ -81,7 +84,6 @@ class BoxConstants(NamedTuple):
         return cls(*(getattr(settings, name) for name in cls._fields))
 
 
-NEAREST = 0.1  # H0; no person's feet or head are closer to the plane of a lens
 BLOCKS = (256, 2048)  # block sizes: boxes measured together
 EXPLAINED = 6.0  # standard deviations; larger residuals are not Gaussian noise
 FOOT_ROUNDS = 2  # iterations of the foot column: the second changes it by the roll squared
@@ -114,13 +116,13 @@ def field_features(edges: Array, size: Array, focal: Array, center: Array) -> Fl
     )
 
 
-def implied_height(matrix, ground_inverse, edges):
+def implied_person(matrix, ground_inverse, edges):
     """Foot position and height of a person whose box has exactly these edges."""
     column = edges[0]
     for _ in range(FOOT_ROUNDS):  # in a rolled camera, the foot is not below the box center
         position = drop_to_height(ground_inverse, jnp.stack([column, edges[2]]))
         height = jnp.clip(height_at(matrix, position, edges[1]), *HEIGHT_BOUNDS)
-        predicted = predict_edges(matrix, jnp.append(position, height))
+        predicted = box_edges(matrix, None, jnp.append(position, height))
         limit = LARGEST_LEAN * (edges[2] - edges[1])
         column = column + jnp.clip(edges[0] - predicted[0], -limit, limit)
     position = drop_to_height(ground_inverse, jnp.stack([column, edges[2]]))
@@ -172,14 +174,13 @@ def measure(
     """
     dtype = edges.dtype
     edges = edges - (field_features(edges, size, focal, center) * field).sum(-1)
-    noise = edge_noise * size
-    noise = noise.at[0].set(jnp.where(cut[0], constants.side_cut_noise * size, noise[0]))
+    share = edge_noise.at[0].set(jnp.where(cut[0], constants.side_cut_noise, edge_noise[0]))
     hidden = 1 + constants.cover_slope * jnp.clip(
         covered - constants.cover_free, 0, constants.cover_limit
     )
-    noise = noise.at[2].multiply(jnp.where(ankles, 1.0, constants.ankle_factor) * hidden)
+    share = share.at[2].multiply(jnp.where(ankles, 1.0, constants.ankle_factor) * hidden)
 
-    position, height = implied_height(matrix, ground_inverse, edges)
+    position, height = implied_person(matrix, ground_inverse, edges)
     deviation = jnp.sqrt(spread**2 + (edge_noise[1] ** 2 + edge_noise[2] ** 2))
     density = jnp.exp(-0.5 * ((height - 1) / deviation) ** 2) / (
         deviation * jnp.sqrt(jnp.array(2 * jnp.pi, dtype))
@@ -188,9 +189,9 @@ def measure(
     trust = good / (good + constants.foot_outlier)
     whole = ~cut[1] & ~cut[2]
     trust = jnp.where(whole & constants.use_height, jnp.clip(trust, LEAST_TRUST, 1.0), 1.0)
-    noise = noise.at[2].multiply(1 / jnp.sqrt(trust))
-    noise = noise.at[1].multiply(jnp.where((trust < DOUBTFUL) & (height > 1), JOINED_TOP, 1.0))
-    noise = jnp.sqrt(noise**2 + (angular * focal) ** 2)
+    share = share.at[2].multiply(1 / jnp.sqrt(trust))
+    share = share.at[1].multiply(jnp.where((trust < DOUBTFUL) & (height > 1), JOINED_TOP, 1.0))
+    noise = edge_deviation(size, share, angular * focal)
 
     used = jnp.stack([jnp.ones((), bool), ~cut[1] & constants.use_height, ~cut[2]])
     precision = jnp.where(used, 1 / noise**2, 0.0)
@@ -201,7 +202,7 @@ def measure(
     prior = jnp.array([0.0, 0.0, 1.0], dtype) / spread**2
 
     def step(state, _):
-        predicted, slopes = edges_and_slopes(matrix, state)
+        predicted, slopes = edges_and_slopes(matrix, None, state)
         weighted = slopes * precision[:, None]
         normal = weighted.T @ slopes + jnp.diag(prior)
         gradient = weighted.T @ (edges - predicted) + prior * (1 - state)
@@ -209,17 +210,16 @@ def measure(
         return state + jnp.linalg.solve(normal, gradient), None
 
     state, _ = jax.lax.scan(step, start, None, length=steps)
-    predicted, slopes = edges_and_slopes(matrix, state)
+    predicted, slopes = edges_and_slopes(matrix, None, state)
     residual = edges - predicted + slopes @ state
     weighted = slopes * precision[:, None]
     info = (weighted.T @ slopes, weighted.T @ residual, (precision * residual**2).sum())
-    depth = matrix[2, 0] * state[0] + matrix[2, 1] * state[1] + matrix[2, 3]
-    nearest = jnp.minimum(depth, depth + matrix[2, 2] * state[2])
+    _, _, nearest = box_ends(matrix, None, state)
     finite = jnp.isfinite(state).all() & jnp.isfinite(info[0]).all() & jnp.isfinite(info[2])
     # Steps that reach the camera's plane produce unbounded slopes, which would outweigh all other
     # boxes of a group, so a box is valid only if its state explains it.
     explained = jnp.where(used, jnp.abs(edges - predicted) <= EXPLAINED * noise, True).all()
-    valid = finite & (nearest > NEAREST) & explained & ~(cut[1] & cut[2])
+    valid = finite & (nearest > NEAREST_DEPTH) & explained & ~(cut[1] & cut[2])
     return info, state, noise, edges, used, valid
 
 

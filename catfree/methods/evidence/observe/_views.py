@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from catfree.geometry.camera import pixels_of_points
+from catfree.geometry._person import box_ends, edges_of, people_in_rig
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._local_pinholes import local_pinholes
 from catfree.types import Lens, Rig, Scene
 
 PEOPLE_BLOCKS = (64, 512)  # block sizes: people processed together in all cameras
-NEAREST_DEPTH = 1e-6  # H0; points less far in front of a camera have no image
+IN_FRONT = 1e-6  # H0; points less far in front of a camera have no image
 
 
 class GroundViews(eqx.Module):
@@ -138,22 +138,17 @@ def people_in_cameras(
     count = len(views.registered)
     edges, imaged = (np.array(part) for part in _edges_of_pinholes(state, views.matrix[:count]))
     if views.rig is not None:
-        foot = np.concatenate([state[:, :2], np.zeros((len(state), 1))], -1)
         for camera in np.flatnonzero(views.registered):
-            low, low_seen = pixels_of_points(views.rig, camera, foot)
-            high, high_seen = pixels_of_points(views.rig, camera, np.asarray(state))
-            column = (low[:, 0] + high[:, 0]) / 2
-            edges[:, camera] = np.stack([column, high[:, 1], low[:, 1]], -1)
-            imaged[:, camera] = low_seen & high_seen
+            head, foot, imaged[:, camera] = people_in_rig(views.rig, camera, np.asarray(state))
+            edges[:, camera] = edges_of(head, foot)
     return edges, imaged & views.registered
 
 
 @jax.jit
 def _edges_of_pinholes(state: Array, matrix: Array) -> tuple[Array, Array]:
     def one(state: Array, matrix: Array) -> tuple[Array, Array]:
-        foot = matrix[2, 0] * state[0] + matrix[2, 1] * state[1] + matrix[2, 3]
-        in_front = jnp.minimum(foot, foot + matrix[2, 2] * state[2]) > NEAREST_DEPTH
-        return predict_edges(matrix, state), in_front
+        head, foot, depth = box_ends(matrix, None, state)
+        return edges_of(head, foot), depth > IN_FRONT
 
     return jax.vmap(jax.vmap(one, (None, 0)), (0, None))(state, jnp.asarray(matrix))
 
@@ -194,47 +189,3 @@ def _inverse(matrix: np.ndarray, registered: np.ndarray) -> np.ndarray:
     scale = np.abs(matrix).max((-1, -2), keepdims=True)
     good = registered & (np.abs(np.linalg.det(matrix / scale)) > 1e-12)
     return np.linalg.inv(np.where(good[:, None, None], matrix, np.eye(3)))
-
-
-def safe_ratio(numerator: Array, denominator: Array) -> Array:
-    """Numerator / denominator, finite if the denominator is not positive."""
-    return numerator / jnp.where(denominator > 1e-9, denominator, 1e-9)
-
-
-def predict_edges(matrix: Array, state: Array) -> Float[Array, "3"]:
-    """Predict the box edges of a person in an image: center column, head row, foot row.
-
-    Args:
-        matrix: (3, 4) camera of `GroundViews`.
-        state: (3,) plane position and height in H0.
-
-    Returns:
-        (3,) pixels.
-    """
-    one, zero = jnp.ones((), state.dtype), jnp.zeros((), state.dtype)
-    foot = matrix @ jnp.stack([state[0], state[1], zero, one])
-    head = matrix @ jnp.stack([state[0], state[1], state[2], one])
-    column = 0.5 * (safe_ratio(foot[0], foot[2]) + safe_ratio(head[0], head[2]))
-    return jnp.stack([column, safe_ratio(head[1], head[2]), safe_ratio(foot[1], foot[2])])
-
-
-def edges_and_slopes(matrix: Array, state: Array) -> tuple[Array, Array]:
-    """`predict_edges` and its (3, 3) Jacobian with respect to the state."""
-    return predict_edges(matrix, state), jax.jacfwd(predict_edges, argnums=1)(matrix, state)
-
-
-def drop_to_height(inverse: Array, pixel: Array) -> Float[Array, "2"]:
-    """Plane position whose foot (or head, with `head_inverse`) is at a pixel (2,)."""
-    point = inverse @ jnp.stack([pixel[0], pixel[1], jnp.ones((), pixel.dtype)])
-    denominator = point[2]
-    small = jnp.abs(denominator) < 1e-12
-    return point[:2] / jnp.where(small, 1e-12, denominator)
-
-
-def height_at(matrix: Array, position: Array, row: Array) -> Float[Array, ""]:
-    """Height at which a person at a plane position reaches an image row."""
-    base = matrix[:, 0] * position[0] + matrix[:, 1] * position[1] + matrix[:, 3]
-    numerator = row * base[2] - base[1]
-    denominator = matrix[1, 2] - row * matrix[2, 2]
-    small = jnp.abs(denominator) < 1e-12
-    return numerator / jnp.where(small, 1e-12, denominator)

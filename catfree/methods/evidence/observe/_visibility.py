@@ -6,12 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from catfree.geometry._person import ASPECT
 from catfree.methods.evidence.observe._views import GroundViews, people_in_cameras
 from catfree.settings import EvidenceSettings
 
 ENTRIES = 1 << 17  # boxes compared with regions at a time: fits a cache
 COLUMNS = 8  # sampled columns of a box; rows are integrated exactly
-ASPECT = 0.4  # width of a standing person divided by the height
 COVER_EDGES = (
     0.15,
     0.4,

@@ -26,10 +26,11 @@ from jaxtyping import Float
 from scipy.special import ndtri, stdtrit
 
 from catfree.geometry._buckets import fine_length
+from catfree.geometry._person import edges_and_slopes
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise, field_features
-from catfree.methods.evidence.observe._views import GroundViews, edges_and_slopes
+from catfree.methods.evidence.observe._views import GroundViews
 from catfree.methods.evidence.track._tracking import Trails
 from catfree.settings import EvidenceSettings
 
@@ -180,7 +181,7 @@ def _sums(state, member, modes, noise, used, view, matrix, focal):
     def one(state, row, modes):
         at = jnp.maximum(row, 0)
         v = view[at]
-        _, slopes = edges_and_slopes(matrix[v], state)
+        _, slopes = edges_and_slopes(matrix[v], None, state)
         weight = jnp.where((row >= 0) & used[at], 1 / noise[at] ** 2, 0.0)
         moved = slopes @ modes
         weighted = (moved * weight[:, None]).T

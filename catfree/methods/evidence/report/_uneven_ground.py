@@ -16,9 +16,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.geometry._buckets import in_blocks
+from catfree.geometry._person import box_edges
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._measurement import Measurements, Noise
-from catfree.methods.evidence.observe._views import PEOPLE_BLOCKS, GroundViews, predict_edges
+from catfree.methods.evidence.observe._views import PEOPLE_BLOCKS, GroundViews
 from catfree.methods.evidence.track._tracking import Trails
 from catfree.settings import EvidenceSettings
 
@@ -29,7 +30,7 @@ def _sums(state, member, noise, used, view, matrix):
 
     def edges(matrix, extended):
         raised = jnp.asarray(matrix).at[:, 3].add(extended[3] * matrix[:, 2])
-        return predict_edges(raised, extended[:3])
+        return box_edges(raised, None, extended[:3])
 
     def one(state, row):
         extended = jnp.append(state, jnp.zeros((), state.dtype))

@@ -9,12 +9,12 @@ from jaxtyping import Bool, Float, Int
 
 from catfree.filters import log_otsu
 from catfree.geometry._buckets import coarse_length, in_blocks
+from catfree.geometry._person import edge_deviation, edges_and_slopes
 from catfree.methods.evidence._gaussian import Information, mean_and_covariance
 from catfree.methods.evidence.observe._measurement import Noise
 from catfree.methods.evidence.observe._views import (
     PEOPLE_BLOCKS,
     GroundViews,
-    edges_and_slopes,
     people_in_cameras,
     pinholes_towards,
 )
@@ -30,9 +30,9 @@ _log_otsu = jax.jit(log_otsu)
 @jax.jit
 def _design(state, inside, height, matrix, focal, noise: Noise):
     def one(state, inside, height, matrix, focal, edge):
-        _, slopes = edges_and_slopes(matrix, state)
-        variance = (edge * height) ** 2 + (jnp.asarray(noise.angular) * focal) ** 2
-        weighted = slopes * (inside / variance)[:, None]
+        _, slopes = edges_and_slopes(matrix, None, state)
+        deviation = edge_deviation(height, edge, jnp.asarray(noise.angular) * focal)
+        weighted = slopes * (inside / deviation**2)[:, None]
         return weighted.T @ slopes
 
     cameras = jax.vmap(one, in_axes=(None, 0, 0, 0, 0, 0))

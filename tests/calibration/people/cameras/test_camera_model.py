@@ -14,13 +14,12 @@ from catfree.calibration.people.cameras._camera_model import (
     X,
     Z,
     from_matrices,
-    predict_boxes,
-    project,
     projection,
     rotation,
     to_matrices,
 )
-from catfree.geometry._person import box_edges
+from catfree.geometry._person import NEAREST_DEPTH, box_edges, box_ends
+from tests.calibration.people.boxes_of_rows import boxes_of_rows
 
 LEVEL = np.array([7.0, 0, 0, 0, 0, 0, 3.0])
 
@@ -46,7 +45,10 @@ def changed(**fields):
 
 
 def test_angles_turn_as_they_are_said_to():
-    pixel = lambda c, p: project(c, p)[0]  # noqa: E731
+    def pixel(camera, point):
+        column, row, depth = projection(camera) @ np.append(point, 1)
+        return np.array([column, row]) / depth
+
     ahead, beside, above = (np.array([x, 10.0, z]) for x, z in ((0, 3), (1, 3), (0, 4)))
     # Level, with heading 0: along y, x to the right, and rows grow downwards.
     np.testing.assert_allclose(rotation(LEVEL), [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-12)
@@ -72,7 +74,7 @@ def test_rotations_are_rotations_and_depth_is_along_the_axis(seed):
     np.testing.assert_array_equal(R, R2)
     np.testing.assert_allclose(from_matrices(K, R2, t), camera, atol=1e-9)
     for c, p, h in zip(camera, xy, height, strict=True):
-        _, depth = project(c, np.append(p, h))
+        depth = projection(c)[2] @ [*p, h, 1]
         assert depth == pytest.approx(rotation(c)[2] @ (np.append(p, h) - c[X:]))
 
 
@@ -122,13 +124,11 @@ def test_what_moves_cameras_and_people_together_moves_no_box(x64, seed, offset):
 
 
 @given(seeds, st.floats(0, 0.3))
-def test_boxes_are_those_of_the_person_model(x64, seed, offset):
+def test_boxes_of_numpy_are_those_of_jax(x64, seed, offset):
     camera, xy, height = drawn(seed)
     expected = predicted(camera, np.column_stack([xy, height]), np.full(len(xy), offset))
-    for c, p, h, box in zip(camera, xy, height, expected, strict=True):
-        found, front = predict_boxes(c, p[None], h[None], offset)
-        assert front.all()
-        np.testing.assert_allclose(found[0], box, rtol=1e-9, atol=1e-9)
+    found = boxes_of_rows(camera, xy, height, offset)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
 @given(seeds)
@@ -139,16 +139,15 @@ def test_under_and_behind_a_camera_everything_is_finite(x64, seed):
         person = np.column_stack([place, height])
         for part in derivatives(camera, person, np.full(len(place), 0.15)):
             assert jnp.isfinite(part).all()
-        for c, p, h in zip(camera, place, height, strict=True):
-            box, front = predict_boxes(c, p[None], h[None], 0.15)
-            assert np.isfinite(box).all()
-            assert (place is not behind) or not front.all()
+        head, foot, depth = box_ends(projection(camera), camera[:, X:Z], person, 0.15)
+        assert np.isfinite([head, foot]).all()
+        assert (place is not behind) or not (depth > NEAREST_DEPTH).any()
 
 
 def test_the_foot_stands_nearer_than_the_body():
     camera = changed(tilt=0.3)
     xy, height = np.array([[0.0, 9.0]]), np.array([1.7])
-    near, there = (predict_boxes(camera, xy, height, offset)[0][0] for offset in (0.15, 0.0))
-    stepped = predict_boxes(camera, xy - [0, 0.15], height, 0.0)[0][0]
+    near, there = (boxes_of_rows(camera, xy, height, offset)[0] for offset in (0.15, 0.0))
+    stepped = boxes_of_rows(camera, xy - [0, 0.15], height, 0.0)[0]
     assert near[2] == pytest.approx(stepped[2])  # the lower edge as of somebody 15 cm nearer
     assert near[1] == pytest.approx(there[1])  # and the upper one where it was

@@ -12,11 +12,11 @@ from catfree.calibration.people.cameras._camera_model import (
     TILT,
     X,
     Z,
-    predict_boxes,
 )
 from catfree.calibration.people.cameras._single_view import FEWEST_BOXES, fit_planes
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
+from tests.calibration.people.boxes_of_rows import boxes_of_rows
 
 RULES = CalibrationSettings()
 SIZE = np.array([[1920, 1080]])
@@ -32,8 +32,8 @@ def grid_of(camera, seed, count=300, spread=0.0, pixels=0.0):
     rng = np.random.default_rng(seed)
     xy = np.column_stack([rng.uniform(-8, 8, 4 * count), rng.uniform(2, 25, 4 * count)])
     height = RULES.apparent_height * (1 + spread * rng.standard_normal(len(xy)))
-    edges, front = predict_boxes(camera, xy, height, RULES.foot_offset)
-    edges = edges[front] + pixels * rng.standard_normal((front.sum(), 3))
+    edges = boxes_of_rows(camera, xy, height, RULES.foot_offset)
+    edges = edges + pixels * rng.standard_normal(edges.shape)
     half = 0.2 * (edges[:, 2] - edges[:, 1])
     middle = np.tile((SIZE[0] - 1) / 2, 2)
     box = middle + np.column_stack(

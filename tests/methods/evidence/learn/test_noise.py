@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from catfree.geometry._person import box_edges
 from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.learn._noise import crowding, learn_noise, median_height
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import measure_boxes, start_noise
-from catfree.methods.evidence.observe._views import ground_views, predict_edges
+from catfree.methods.evidence.observe._views import ground_views
 from catfree.settings import EvidenceSettings
 from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene
 
@@ -80,11 +81,10 @@ def exact(spread=0.05, people=PEOPLE):
     rng = np.random.default_rng(0)
     place = rng.uniform(-1.2, 1.2, (people, 2))
     state = np.column_stack([place, 1 + spread * rng.standard_normal(people)])
-    cameras = jax.vmap(predict_edges, in_axes=(0, None))
+    cameras = jax.vmap(box_edges, in_axes=(0, None, None))
+    people = jax.vmap(cameras, in_axes=(None, None, 0))
     with jax.enable_x64(True):
-        return np.asarray(
-            jax.vmap(cameras, in_axes=(None, 0))(jnp.asarray(VIEWS.matrix), jnp.asarray(state))
-        )
+        return np.asarray(people(jnp.asarray(VIEWS.matrix), None, jnp.asarray(state)))
 
 
 def noisy(seed, share, edges=None):

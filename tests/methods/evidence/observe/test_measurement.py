@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from catfree.geometry._person import box_edges
 from catfree.methods.evidence.observe._measurement import (
     BoxConstants,
     Measurements,
-    implied_height,
+    implied_person,
     measure_all,
     start_noise,
 )
-from catfree.methods.evidence.observe._views import ground_views, predict_edges
+from catfree.methods.evidence.observe._views import ground_views
 from catfree.settings import EvidenceSettings
 from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene
 
@@ -24,6 +25,7 @@ RULES = EvidenceSettings()
 CAMERAS = 5
 VIEWS = ground_views(make_scene(make_rig(CAMERAS, roll=0.15)), HEIGHT)
 SIDE, TOP, BOTTOM = range(3)
+shown = jax.vmap(box_edges, (0, None, 0))
 
 pytestmark = pytest.mark.usefixtures("x64")
 
@@ -63,7 +65,7 @@ def people(seed, count=12):
     rng = np.random.default_rng(seed)
     state = np.column_stack([rng.uniform(-2, 2, (count, 2)), np.ones(count)])
     camera = rng.integers(0, CAMERAS, count)
-    edges = jax.vmap(predict_edges)(jnp.asarray(VIEWS.matrix[camera]), jnp.asarray(state))
+    edges = shown(jnp.asarray(VIEWS.matrix[camera]), None, jnp.asarray(state))
     return state, Rows(np.array(edges), camera)
 
 
@@ -85,7 +87,7 @@ def test_feet_and_height_that_a_box_in_a_rolled_camera_implies(seed):
     # The foot is a sixth of the height beside the box centre there; two rounds leave the square.
     state, rows = people(seed)
     matrix, inverse = (np.asarray(a)[rows.camera] for a in (VIEWS.matrix, VIEWS.ground_inverse))
-    position, height = jax.vmap(implied_height)(matrix, inverse, rows.edges)
+    position, height = jax.vmap(implied_person)(matrix, inverse, rows.edges)
     np.testing.assert_allclose(height, state[:, 2], atol=0.02)
     np.testing.assert_allclose(position, state[:, :2], atol=0.02)
 
@@ -105,7 +107,7 @@ def test_the_likelihood_is_that_of_the_edges_about_the_state(seed):
     found = (rows := disturbed(seed)).measured()
     precision = np.where(found.used, found.noise**-2.0, 0)
     cameras = jnp.asarray(VIEWS.matrix[rows.camera])
-    edges = lambda s: np.asarray(jax.vmap(predict_edges)(cameras, jnp.asarray(s)))  # noqa: E731
+    edges = lambda s: np.asarray(shown(cameras, None, jnp.asarray(s)))  # noqa: E731
     step = 1e-6
     slopes = np.stack(
         [(edges(found.state + d) - edges(found.state - d)) / (2 * step) for d in step * np.eye(3)],

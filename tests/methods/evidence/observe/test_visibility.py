@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from catfree.methods.evidence.observe._views import ground_views, predict_edges
+from catfree.geometry._person import box_edges
+from catfree.methods.evidence.observe._views import ground_views
 from catfree.methods.evidence.observe._visibility import (
     ASPECT,
     BODY_RAMP,
@@ -75,7 +76,7 @@ def seen(state, member=None, box=None, frame=None, table=None):
 def outline(state, camera):
     """The box (4,) of a person of the usual width."""
     column, top, bottom = map(
-        float, predict_edges(jnp.asarray(VIEWS.matrix[camera]), jnp.asarray(state))
+        float, box_edges(jnp.asarray(VIEWS.matrix[camera]), None, jnp.asarray(state))
     )
     half = ASPECT / 2 * (bottom - top)
     return np.array([column - half, top, column + half, bottom])

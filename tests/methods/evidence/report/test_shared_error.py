@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
+from catfree.geometry._person import box_edges
 from catfree.methods.evidence import solve
-from catfree.methods.evidence.observe._views import ground_views, predict_edges
+from catfree.methods.evidence.observe._views import ground_views
 from catfree.methods.evidence.report._shared_error import (
     _sums,
     map_modes,
@@ -52,7 +53,7 @@ def test_sums_predict_how_offsets_of_cameras_move_the_map():
 
     def edges(g):
         there = jnp.asarray(state) + jnp.asarray(modes) @ g
-        return jax.vmap(lambda m: jax.vmap(lambda s: predict_edges(m, s))(there))(
+        return jax.vmap(lambda m: jax.vmap(lambda s: box_edges(m, None, s))(there))(
             jnp.asarray(views.matrix)
         )
 

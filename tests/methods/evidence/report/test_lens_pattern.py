@@ -1,0 +1,57 @@
+"""Radial residuals against scipy's least squares, and against lenses that are known to be wrong."""
+
+import jax
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from catfree.methods.evidence.report._lens_pattern import HUBER, lens_pattern
+
+
+def drawn(seed: int, k1: tuple[float, ...], noise: float) -> tuple[np.ndarray, ...]:
+    """Residuals of cameras with small pose errors, unmodeled distortion, and a few outliers."""
+    rng = np.random.default_rng(seed)
+    offset = rng.uniform(-0.8, 0.8, (len(k1), 256, 2))
+    linear, shift = rng.normal(0, 0.02, (len(k1), 2, 2)), rng.normal(0, 0.02, (len(k1), 1, 2))
+    radial = np.array(k1)[:, None, None] * (offset**2).sum(-1, keepdims=True) * offset
+    residual = shift + np.einsum("cij,cnj->cni", linear, offset) + radial
+    residual += rng.normal(0, noise, offset.shape) * np.where(rng.random(offset.shape) < 0.05, 9, 1)
+    return residual, offset, np.full(offset.shape, 1 / noise)
+
+
+@pytest.mark.slow
+def test_the_pattern_minimizes_the_loss_of_huber():
+    with jax.enable_x64(True):
+        residual, offset, precision = drawn(0, (-0.2, 0.1), 0.01)
+        precision[1, 100:] = 0
+        found = jax.jit(lens_pattern)(residual, offset, precision)
+        for camera in range(2):
+
+            def misfit(p, camera=camera):
+                at = offset[camera]
+                model = p[:2] + at @ p[2:6].reshape(2, 2).T
+                model += p[6] * (at**2).sum(-1, keepdims=True) * at
+                return ((residual[camera] - model) * precision[camera]).ravel()
+
+            expected = least_squares(misfit, np.zeros(7), loss="huber", f_scale=HUBER)
+            assert found.strength[camera] == pytest.approx(expected.x[6], abs=2e-4)
+            # An outlier counts less in the curvature of the loss than in its approximation.
+            deviation = np.sqrt(np.linalg.inv(expected.jac.T @ expected.jac)[6, 6])
+            assert found.deviation[camera] == pytest.approx(deviation, rel=0.1)
+
+
+@pytest.mark.slow
+def test_the_deviation_holds_the_error_and_absent_cameras_have_none():
+    with jax.enable_x64(True):
+        fit = jax.jit(lens_pattern)
+        truth = (-0.3, 0.0, 0.05)
+        errors = []
+        for seed in range(20):
+            residual, offset, precision = drawn(seed, truth, 0.01)
+            found = fit(residual, offset, precision)
+            errors.append((np.asarray(found.strength) - truth) / np.asarray(found.deviation))
+        assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.15, abs=0.3)
+        precision[1] = 0
+        without = fit(residual, offset, precision)
+        assert (without.strength[1], without.deviation[1]) == (0, 1)
+        np.testing.assert_allclose(without.strength[::2], found.strength[::2], atol=1e-4)
