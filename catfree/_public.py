@@ -52,10 +52,14 @@ from catfree.errors import CatFreeError as CatFreeError
 from catfree.geometry.camera import rig_from_rays as rig_from_rays
 from catfree.methods import localize as localize
 from catfree.methods.online import (
+    DroppedFrame as DroppedFrame,
     Event as Event,
+    Instant as Instant,
+    InstantAssembler as InstantAssembler,
     Tracker as Tracker,
     TrackerState as TrackerState,
     Update as Update,
+    watch as watch,
 )
 from catfree.settings import Settings as Settings
 from catfree.types import (

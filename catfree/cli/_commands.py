@@ -33,6 +33,7 @@ from catfree.cli._terminal import (
     require_tyro,
     warn,
 )
+from catfree.cli._watch_command import watch_command
 from catfree.cli._weights_commands import weights_commands
 from catfree.errors import CatFreeError, InsufficientDataError, InvalidInputError
 
@@ -54,7 +55,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         tyro = require_tyro()
         code = tyro.extras.subcommand_cli_from_dict(
-            _commands(tyro) | shard_commands(tyro) | weights_commands(tyro),
+            _commands(tyro) | shard_commands(tyro) | watch_command() | weights_commands(tyro),
             prog="catfree",
             description="Track people on the ground from videos of static cameras. "
             "`--version` prints the version.",

@@ -121,9 +121,9 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
 
 
 def print_text(text: str) -> None:
-    """Print a line on standard output; escape what its encoding cannot represent."""
+    """Print a line on standard output at once; escape what its encoding cannot represent."""
     encoding = sys.stdout.encoding or "utf-8"
-    print(text.encode(encoding, "backslashreplace").decode(encoding))
+    print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
 
 
 def print_result(outcome: Any, out: Path) -> None:

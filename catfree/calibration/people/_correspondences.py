@@ -18,8 +18,8 @@ from catfree.calibration.people.adjustment._people_bundle import (
 )
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, from_matrices, to_matrices
 from catfree.calibration.people.cameras._ground_map import map_ground
-from catfree.calibration.people.cameras._scale_deviation import crowd_deviation, scale_variance
 from catfree.calibration.people.cameras._radial_lens import RadialLenses, radial_distortion
+from catfree.calibration.people.cameras._scale_deviation import crowd_deviation, scale_variance
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings

@@ -13,10 +13,11 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from catfree.geometry._buckets import coarse_length
+from catfree.geometry._person import edges_and_slopes
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements
-from catfree.methods.evidence.observe._views import GroundViews, edges_and_slopes
+from catfree.methods.evidence.observe._views import GroundViews
 from catfree.methods.evidence.track._tracking import Trails
 from catfree.types._annotations import HostOrDevice
 
@@ -151,7 +152,7 @@ def _explained(
 
     def one(state, velocity, half, row, c):
         at = jnp.maximum(row, 0)
-        predicted, slopes = edges_and_slopes(matrix[view[at]], state)
+        predicted, slopes = edges_and_slopes(matrix[view[at]], None, state)
         weight = jnp.where((row >= 0) & used[at], 1 / noise[at], 0.0)
         away = (edges[at] - jnp.stack([center[c, 0], center[c, 1], center[c, 1]])) / width[c]
         square = away[0] ** 2 + jnp.stack(

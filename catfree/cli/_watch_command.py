@@ -1,0 +1,55 @@
+"""The command that tracks while the cameras record."""
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from catfree.cli._inputs import open_scene
+from catfree.cli._terminal import print_text, warn
+
+ASIDE = {
+    "error": "Line {line} is left out: {message}",
+    "dropped": "A frame of camera {camera} at {time:.3f} s is left out: {reason}.",
+}
+
+
+def watch_command() -> dict[str, Callable[..., None]]:
+    """Return the sub-command by name."""
+
+    def watch(
+        scene: Path,
+        frame_rate: float,
+        lag: float = 2.0,
+        timeout: float = 0.0,
+        provisional: bool = True,
+    ) -> None:
+        """Track people live: lines of boxes on standard input, of positions on standard output.
+
+        A line is the JSON of a frame of one camera: {"camera": "north", "time": 12.25, "boxes":
+        [[x1, y1, x2, y2]], "scores": [0.9]}. A frame that shows nobody needs its line, too.
+
+        Args:
+            scene: known cameras and ground (scene.json, or any calibration format).
+            frame_rate: instants per second.
+            lag: seconds after which positions are final.
+            timeout: seconds, by the times in the lines, to wait for missing cameras although a
+                newer instant began.
+            provisional: also write the positions of now, which later frames may correct.
+        """
+        from catfree.methods.online import Tracker
+        from catfree.methods.online._watch import watch as records_of_lines
+
+        known, names = open_scene(scene)
+        tracker = Tracker(known, lag=lag, frame_rate=frame_rate)
+        names = names or tuple(str(camera) for camera in range(known.rig.camera_count))
+        records = records_of_lines(
+            sys.stdin, tracker, names, frame_rate=frame_rate, timeout=timeout
+        )
+        for record in records:
+            if record["type"] in ASIDE:
+                warn([ASIDE[record["type"]].format(**record)])
+            elif provisional or record["type"] != "provisional":
+                print_text(json.dumps(record))
+
+    return {"watch": watch}

@@ -1,0 +1,174 @@
+"""Boxes as lines of JSON in, positions as records out, while the cameras record."""
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+from catfree.errors import CatFreeError, InvalidInputError, quoted
+from catfree.methods.online._instant_assembler import Instant, InstantAssembler
+from catfree.methods.online._tracker import Tracker
+from catfree.methods.online._update import Update
+from catfree.types import Detections, Tracks
+
+Record = dict[str, Any]
+
+
+def watch(
+    lines: Iterable[str],
+    tracker: Tracker,
+    camera_names: Sequence[str],
+    *,
+    frame_rate: float,
+    timeout: float = 0.0,
+) -> Iterator[Record]:
+    """Yield records of positions for lines of boxes, each as soon as it is known.
+
+    A line is a JSON object for one frame of one camera: `camera` (name or index), `time` (seconds,
+    or an ISO 8601 date and time with its zone), `boxes` (x1, y1, x2, y2 in pixels each) and, if
+    there are any, `scores` and `embeddings`, one per box. A frame without people needs its line,
+    too: a camera without a line said nothing.
+
+    Args:
+        lines: any source of text: a file, standard input, a generator fed by a broker.
+        tracker: what locates the people.
+        camera_names: of the tracker's scene, in its order.
+        frame_rate: instants per second.
+        timeout: as for `InstantAssembler`.
+
+    Yields:
+        Dictionaries that JSON can hold, told apart by `type`: "provisional" and "final" (`time`
+        and `people`: `id`, `x`, `y`, `covariance`, `velocity` in scene units and seconds,
+        `existence`), "merge" (identity `old` is `new`), "dropped" (a frame that came too late or
+        was replaced by a newer one) and "error" (`line`, counted from 1, and `message`: a line that
+        could not be used; the next one is read).
+    """
+    assembler = InstantAssembler(len(camera_names), frame_rate, timeout)
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        try:
+            instants = assembler.add(*parse_frame(line, camera_names))
+        except CatFreeError as error:
+            yield {"type": "error", "line": number, "message": str(error)}
+            continue
+        for instant in instants:
+            yield from _followed(instant, tracker, camera_names)
+    for instant in assembler.finish():
+        yield from _followed(instant, tracker, camera_names)
+    yield from records_of(tracker.finish())
+
+
+def _followed(instant: Instant, tracker: Tracker, names: Sequence[str]) -> Iterator[Record]:
+    """Update the tracker by one instant."""
+    for frame in instant.dropped:
+        yield {
+            "type": "dropped",
+            "camera": names[frame.camera],
+            "time": frame.time,
+            "reason": frame.reason,
+        }
+    update = tracker.update(instant.detections, instant.time, instant.cameras)
+    yield from records_of(update)
+    yield _people("provisional", instant.time, update.provisional)
+
+
+def records_of(update: Update) -> Iterator[Record]:
+    """Yield the events and the final positions of an update, one record per instant."""
+    for event in update.events:
+        yield {"type": event.kind, "time": event.time, "old": event.old, "new": event.new}
+    final, time = update.final, update.final.time
+    for frame in np.unique(final.frame) if time is not None else ():
+        at = final.frame == frame
+        yield _people("final", float(time[at][0]), final[at])
+
+
+def _people(kind: str, time: float, tracks: Tracks) -> Record:
+    """Describe the positions of one instant."""
+    rate = 1.0 if tracks.clock is None else tracks.clock.frame_rate
+    people = []
+    for row in range(len(tracks)):
+        x, y = tracks.ground_xy[row].tolist()
+        person: Record = {
+            "id": int(tracks.track_id[row]),
+            "x": x,
+            "y": y,
+            "covariance": tracks.covariance[row].tolist(),
+        }
+        velocity = tracks.velocity[row] * rate
+        if np.isfinite(velocity).all():
+            person["velocity"] = velocity.tolist()
+        if tracks.existence is not None:
+            person["existence"] = float(tracks.existence[row])
+        people.append(person)
+    return {"type": kind, "time": time, "people": people}
+
+
+def parse_frame(line: str, camera_names: Sequence[str]) -> tuple[int, float, Detections]:
+    """Read one line of `watch`.
+
+    Returns:
+        Index of the camera, time in seconds, and the boxes as detections of frame 0.
+
+    Raises:
+        InvalidInputError: saying what is wrong with the line.
+    """
+    try:
+        record = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise InvalidInputError(f"{quoted(line.strip())} is not JSON: {quoted(error)}.") from error
+    if not isinstance(record, dict):
+        raise InvalidInputError(f"{quoted(line.strip())} is not a JSON object.")
+    missing = [key for key in ("camera", "time", "boxes") if key not in record]
+    if missing:
+        raise InvalidInputError(f"The line has no {quoted(missing[0])}.")
+    camera = _camera(record["camera"], camera_names)
+    time = _seconds(record["time"])
+    try:
+        boxes = np.array(record["boxes"], np.float64)
+        if boxes.size and (boxes.ndim != 2 or boxes.shape[1] != 4):
+            raise ValueError("not four numbers per box")
+        columns = {
+            column: np.array(record[key], np.float64)
+            for key, column in (("scores", "score"), ("embeddings", "embedding"))
+            if record.get(key) is not None
+        }
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(
+            "boxes must be a list of x1, y1, x2, y2 each, scores a list of numbers, and embeddings "
+            "a list of lists of equal length."
+        ) from error
+    count = len(boxes) if boxes.size else 0
+    return camera, time, Detections(np.zeros(count, int), np.full(count, camera), boxes, **columns)
+
+
+def _camera(value: Any, names: Sequence[str]) -> int:
+    """The index of a camera that is named or counted."""
+    if isinstance(value, str) and value in names:
+        return list(names).index(value)
+    if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < len(names):
+        return value
+    raise InvalidInputError(f"There is no camera {quoted(value)}; there are {', '.join(names)}.")
+
+
+def _seconds(value: Any) -> float:
+    """The seconds of a number, or of an ISO 8601 date and time with a zone since 1970."""
+    if isinstance(value, str):
+        try:
+            moment = datetime.fromisoformat(value)
+        except ValueError:
+            raise InvalidInputError(
+                f"time is {quoted(value)}; it must be seconds, or such as 2026-05-01T12:00:00.25Z."
+            ) from None
+        if moment.tzinfo is None:
+            raise InvalidInputError(f"time {quoted(value)} has no zone; end it with Z for UTC.")
+        return moment.timestamp()
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InvalidInputError(f"time is {quoted(value)}; it must be a number of seconds.")
+    seconds = float(value) if abs(value) < 1e15 else math.nan
+    if not math.isfinite(seconds):
+        raise InvalidInputError(f"time is {quoted(value)}; it must be a number of seconds.")
+    return seconds

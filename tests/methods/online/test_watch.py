@@ -1,0 +1,153 @@
+"""Lines of boxes become records of positions."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+import catfree as cf
+from catfree.errors import InvalidInputError
+from catfree.methods.online import Tracker, watch
+from catfree.methods.online._watch import parse_frame
+from catfree.synthetic import make_world
+
+NAMES = ("north", "south", "east")
+anything = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+)
+
+
+def line(camera="north", time=0.0, boxes=((0, 0, 10, 30),), **more):
+    """A line of JSON."""
+    return json.dumps({"camera": camera, "time": time, "boxes": boxes, **more})
+
+
+@given(anything | st.fixed_dictionaries({"camera": anything, "time": anything, "boxes": anything}))
+def test_any_json_is_read_or_refused(value):
+    text = json.dumps(value)
+    try:
+        camera, time, detections = parse_frame(text, NAMES)
+    except InvalidInputError:
+        return
+    assert camera in range(3)
+    assert np.isfinite(time)
+    assert (detections.camera == camera).all()
+
+
+@given(st.text())
+def test_any_text_is_read_or_refused(text):
+    with pytest.raises(InvalidInputError):
+        parse_frame(text, NAMES)
+
+
+def test_a_line_is_read():
+    camera, time, detections = parse_frame(
+        line("south", "2026-05-01T12:00:00.25Z", scores=[0.5], embeddings=[[0.6, 0.8]]), NAMES
+    )
+    assert (camera, time) == (1, 1777636800.25)
+    np.testing.assert_array_equal(detections.box, [[0, 0, 10, 30]])
+    np.testing.assert_array_equal(detections.score, [0.5])
+    np.testing.assert_array_equal(detections.embedding, [[0.6, 0.8]])
+    assert parse_frame(line(2, 7, []), NAMES)[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "not JSON"),
+        ("[" * 100_000, "not JSON"),
+        ("[]", "not a JSON object"),
+        ('{"camera": 0, "time": 1}', "no 'boxes'"),
+        (line("west"), "no camera 'west'; there are north, south, east"),
+        (line(-1), "no camera -1"),
+        (line(True), "no camera True"),
+        (line(time="noon"), "time is 'noon'"),
+        (line(time="2026-05-01T12:00:00"), "no zone"),
+        (line(time=float("nan")), "number of seconds"),
+        (line(time=10**400), "number of seconds"),
+        (line(boxes=[[1, 2, 3]]), "x1, y1, x2, y2"),
+        (line(boxes=[[1, 2, 3, 4, 5, 6, 7, 8]]), "x1, y1, x2, y2"),
+        (line(boxes=[["a", 2, 3, 4]]), "x1, y1, x2, y2"),
+        (line(boxes=[[0, 0, -1, 4]]), "x1 < x2"),
+        (line(boxes=[[0, 0, float("inf"), 4]]), "finite"),
+        (line(scores=[0.5, 0.5]), "score"),
+    ],
+)
+def test_a_wrong_line_is_explained(text, message):
+    with pytest.raises(InvalidInputError, match=message):
+        parse_frame(text, NAMES)
+
+
+def lines_of(world, names, rate):
+    """A world's boxes, as its cameras would send them."""
+    every = world.detections
+    for frame in np.unique(every.frame):
+        for camera, name in enumerate(names):
+            here = every[(every.frame == frame) & (every.camera == camera)]
+            yield line(name, frame / rate, here.box.tolist())
+
+
+@pytest.mark.slow
+def test_records_hold_what_the_tracker_reports():
+    world = make_world("ring4", frames=40, people=4)
+    names = [f"camera {c}" for c in range(world.scene.rig.camera_count)]
+    text = list(lines_of(world, names, 5))
+    text.insert(7, "not a line")
+    text.insert(9, "\n")
+    text.append(line(names[0], 0.0))
+    records = list(watch(text, Tracker(world.scene, lag=1.0, frame_rate=5), names, frame_rate=5))
+    assert json.loads(json.dumps(records, allow_nan=False)) == records
+    kinds = {record["type"] for record in records}
+    assert kinds >= {"provisional", "final", "error"}
+    (error,) = [record for record in records if record["type"] == "error"]
+    assert error["line"] == 8
+    final = [record for record in records if record["type"] == "final"]
+    times = [record["time"] for record in final]
+    assert times == sorted(set(times))
+    whole = Tracker(world.scene, lag=1.0, frame_rate=5)
+    rows = []
+    for frame in np.unique(world.detections.frame):
+        rows += [whole.update(world.detections[world.detections.frame == frame], frame / 5).final]
+    rows += [whole.finish().final]
+    count = sum(len(tracks) for tracks in rows)
+    assert sum(len(record["people"]) for record in final) == count > 0
+    position = np.concatenate([tracks.ground_xy for tracks in rows if len(tracks)])
+    told = [(person["x"], person["y"]) for record in final for person in record["people"]]
+    np.testing.assert_allclose(told, position)
+
+
+def test_velocity_is_in_seconds_and_dropped_frames_are_told():
+    tracks = cf.Tracks(
+        frame=np.array([500]),
+        track_id=np.array([3]),
+        position=np.array([[1.0, 2.0, 0.0]]),
+        ground_xy=np.array([[1.0, 2.0]]),
+        sigma=np.array([0.1]),
+        covariance=0.01 * np.eye(2)[None],
+        supporting_cameras=np.array([2]),
+        origin=np.array([0]),
+        velocity=np.array([[0.002, 0.0]]),
+        velocity_covariance=np.eye(2)[None],
+        clock=cf.Clock(1000.0),
+    )
+    nobody = tracks[:0]
+    tracker = SimpleNamespace(
+        update=lambda detections, time, cameras: SimpleNamespace(
+            provisional=tracks, final=nobody, events=()
+        ),
+        finish=lambda: SimpleNamespace(
+            provisional=nobody,
+            final=tracks,
+            events=(SimpleNamespace(kind="merge", time=0.5, old=4, new=3),),
+        ),
+    )
+    text = [line("north", 0.5), line("north", 0.51), line("south", 0.5)]
+    records = list(watch(text, tracker, ("north", "south"), frame_rate=10))
+    dropped, provisional, merge, final = records
+    assert dropped == {"type": "dropped", "camera": "north", "time": 0.5, "reason": "replaced"}
+    assert provisional["people"][0]["velocity"] == pytest.approx([2.0, 0.0])
+    assert merge == {"type": "merge", "time": 0.5, "old": 4, "new": 3}
+    assert (final["time"], final["people"][0]["id"]) == (0.5, 3)
