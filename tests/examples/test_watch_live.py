@@ -59,7 +59,7 @@ def test_positions_come_back_through_the_broker(load_example, broker, tmp_path, 
     world = make_world("ring4", frames=30, people=4)
     scene = tmp_path / "scene.json"
     names = [f"c{camera}" for camera in range(world.scene.rig.camera_count)]
-    write_scene_json(scene, world.scene, names)
+    write_scene_json(scene, world.true_scene, names)
     arguments = ["watch_mqtt.py", str(scene), "--port", str(broker), "--frame-rate", str(RATE)]
     monkeypatch.setattr(sys, "argv", arguments)
     program = threading.Thread(target=load_example("watch_mqtt").main)

@@ -65,8 +65,8 @@ class InstantAssembler:
     """
 
     camera_count: int
-    frame_rate: float
-    timeout: float = 0.0
+    frame_rate: float | int
+    timeout: float | int = 0.0
     _open: dict[int, dict[int, tuple[float, Detections]]] = field(default_factory=dict, repr=False)
     _closed: int | None = field(default=None, repr=False)
     _origin: tuple[int, float] | None = field(default=None, repr=False)
@@ -89,7 +89,9 @@ class InstantAssembler:
                 f"timeout is {self.timeout}; it must be a number of seconds, 0 or more."
             )
 
-    def add(self, camera: int, time: float, detections: Detections) -> tuple[Instant, ...]:
+    def add(
+        self, camera: int | np.integer, time: float | int, detections: Detections
+    ) -> tuple[Instant, ...]:
         """Take a frame of one camera and return the instants that are finished by it.
 
         Args:

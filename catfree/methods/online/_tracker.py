@@ -67,8 +67,8 @@ class Tracker:
         scene: Scene,
         settings: Settings | None = None,
         *,
-        lag: float = 2.0,
-        frame_rate: float | None = None,
+        lag: float | int = 2.0,
+        frame_rate: float | int | None = None,
     ) -> None:
         settings = Settings() if settings is None else settings
         require_instance(scene, Scene, "scene")
@@ -90,7 +90,7 @@ class Tracker:
         self.reset()
 
     def update(
-        self, detections: Detections, time: float, cameras: Iterable[int] | None = None
+        self, detections: Detections, time: float | int, cameras: Iterable[int] | None = None
     ) -> Update:
         """Add one instant.
 

@@ -22,8 +22,8 @@ def watch(
     tracker: Tracker,
     camera_names: Sequence[str],
     *,
-    frame_rate: float,
-    timeout: float = 0.0,
+    frame_rate: float | int,
+    timeout: float | int = 0.0,
 ) -> Iterator[Record]:
     """Yield records of positions for lines of boxes, each as soon as it is known.
 

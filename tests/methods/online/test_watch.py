@@ -1,7 +1,6 @@
 """Lines of boxes become records of positions."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,8 +8,8 @@ from hypothesis import given, strategies as st
 
 import catfree as cf
 from catfree.errors import InvalidInputError
-from catfree.methods.online import Tracker, watch
-from catfree.methods.online._watch import parse_frame
+from catfree.methods.online import Event, Tracker, Update, watch
+from catfree.methods.online._watch import parse_frame, records_of
 from catfree.synthetic import make_world
 
 NAMES = ("north", "south", "east")
@@ -98,7 +97,9 @@ def test_records_hold_what_the_tracker_reports():
     text.insert(7, "not a line")
     text.insert(9, "\n")
     text.append(line(names[0], 0.0))
-    records = list(watch(text, Tracker(world.scene, lag=1.0, frame_rate=5), names, frame_rate=5))
+    records = list(
+        watch(text, Tracker(world.true_scene, lag=1.0, frame_rate=5), names, frame_rate=5)
+    )
     assert json.loads(json.dumps(records, allow_nan=False)) == records
     kinds = {record["type"] for record in records}
     assert kinds >= {"provisional", "final", "error"}
@@ -107,7 +108,7 @@ def test_records_hold_what_the_tracker_reports():
     final = [record for record in records if record["type"] == "final"]
     times = [record["time"] for record in final]
     assert times == sorted(set(times))
-    whole = Tracker(world.scene, lag=1.0, frame_rate=5)
+    whole = Tracker(world.true_scene, lag=1.0, frame_rate=5)
     rows = []
     for frame in np.unique(world.detections.frame):
         rows += [whole.update(world.detections[world.detections.frame == frame], frame / 5).final]
@@ -119,7 +120,7 @@ def test_records_hold_what_the_tracker_reports():
     np.testing.assert_allclose(told, position)
 
 
-def test_velocity_is_in_seconds_and_dropped_frames_are_told():
+def test_an_update_is_told_in_seconds():
     tracks = cf.Tracks(
         frame=np.array([500]),
         track_id=np.array([3]),
@@ -133,21 +134,21 @@ def test_velocity_is_in_seconds_and_dropped_frames_are_told():
         velocity_covariance=np.eye(2)[None],
         clock=cf.Clock(1000.0),
     )
-    nobody = tracks[:0]
-    tracker = SimpleNamespace(
-        update=lambda detections, time, cameras: SimpleNamespace(
-            provisional=tracks, final=nobody, events=()
-        ),
-        finish=lambda: SimpleNamespace(
-            provisional=nobody,
-            final=tracks,
-            events=(SimpleNamespace(kind="merge", time=0.5, old=4, new=3),),
-        ),
-    )
-    text = [line("north", 0.5), line("north", 0.51), line("south", 0.5)]
-    records = list(watch(text, tracker, ("north", "south"), frame_rate=10))
-    dropped, provisional, merge, final = records
-    assert dropped == {"type": "dropped", "camera": "north", "time": 0.5, "reason": "replaced"}
-    assert provisional["people"][0]["velocity"] == pytest.approx([2.0, 0.0])
+    update = Update(tracks[:0], tracks, (Event("merge", 0.5, 4, 3),))
+    merge, final = records_of(update)
     assert merge == {"type": "merge", "time": 0.5, "old": 4, "new": 3}
-    assert (final["time"], final["people"][0]["id"]) == (0.5, 3)
+    assert (final["type"], final["time"]) == ("final", 0.5)
+    (person,) = final["people"]
+    assert (person["id"], person["x"], person["y"]) == (3, 1.0, 2.0)
+    assert person["velocity"] == pytest.approx([2.0, 0.0])
+
+
+@pytest.mark.slow
+def test_dropped_frames_are_told():
+    world = make_world("ring4", frames=2, people=2)
+    text = [line("a", 0.5, []), line("a", 0.51, [])]
+    text += [line(name, 0.5, []) for name in "bcd"]
+    tracker = Tracker(world.true_scene, lag=0, frame_rate=10)
+    dropped, now = list(watch(text, tracker, "abcd", frame_rate=10))
+    assert dropped == {"type": "dropped", "camera": "a", "time": 0.5, "reason": "replaced"}
+    assert (now["type"], now["people"]) == ("provisional", [])
