@@ -270,5 +270,6 @@ def reportable(
     if settings.working_area and np.isfinite(learned.usual).all():
         usual = UsualPlace(*learned.usual.tolist())
         cameras = int(learned.active.sum())
-        kept = sharp & usual.holds(instant.place[:, 0], instant.place[:, 1], cameras, settings)
+        sigma, whole = instant.place[:, 0], instant.place[:, 1].astype(np.int64)
+        kept = sharp & usual.holds(sigma, whole, cameras, settings)
     return Reportable(spread, sharp, kept)

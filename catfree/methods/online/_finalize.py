@@ -36,6 +36,8 @@ from catfree.methods.online._tracker_state import Instant, TrackerState
 from catfree.methods.online._update import Event
 from catfree.settings import EvidenceSettings
 
+FEW_PLACES = 512  # until so many people were reported, what is usual is learned every time
+PLACES_INTERVAL = 16  # instants between later times
 # Before anybody came, left or hid: counts and frames as if they had been seen, rarely.
 USUAL_HABITS = np.array([4.0, 200.0, 4.0, 12.0])
 
@@ -178,7 +180,7 @@ def finalize(
         events += merged
         place = window[t].place[np.searchsorted(window[t].node.track, trails.track[here])]
         sharp = chosen[t].sharp
-        fully = len(learned.places) < 64
+        fully = len(learned.places) < FEW_PLACES or int(state.count) % PLACES_INTERVAL == 0
         learned = learn_places(state.learned, place[sharp], fully)
         state = replace(state, learned=learned, final_time=window[t].time)
         out.append(Reported(
