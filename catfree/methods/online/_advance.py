@@ -131,7 +131,7 @@ def advance(
     forward, weight = _carry(state, node.track, evidence, settings)
     trails = Trails(node.track, instant, node.group, node.mean, node.covariance)
     shift = np.zeros((len(hit), 2))
-    if settings.uneven_ground:
+    if settings.uneven_ground and len(groups):
         shift = ground_shift(trails, groups, measured, boxes.view, views, noise, settings)
     member[hit] = groups.member[own]
     matrix, vector = np.zeros((len(hit), 3, 3)), np.zeros((len(hit), 3))

@@ -75,13 +75,20 @@ def provisional(
     )
     rows = np.flatnonzero(found.kept & alone)
     names = _identity_of(state, node.track[rows])
-    new = np.flatnonzero(names < 0)
+    new = _by_precision(np.flatnonzero(names < 0), found.covariance[rows])
     names[new] = int(state.names) + np.arange(len(new))
     state = _named(state, node.track[rows[new]], names[new])
     return state, Reported(
         float(instant.time), names, node.mean[rows], node.covariance[rows],
         found.covariance[rows], probability[rows], instant.support[rows],
     )  # fmt: skip
+
+
+def _by_precision(
+    rows: Int[np.ndarray, " k"], covariance: Float[np.ndarray, "n 2 2"]
+) -> Int[np.ndarray, " k"]:
+    """Rows in an order that depends on the people only, not on the order of cameras or boxes."""
+    return rows[np.argsort(np.trace(covariance[rows], axis1=1, axis2=2), kind="stable")]
 
 
 def _identity_of(state: TrackerState, track: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
@@ -237,7 +244,9 @@ def _identify(
     # Who continues nobody keeps the track's own identity, unless that is somebody else's.
     free = (linked < 0) & (before >= 0) & ~np.isin(before, pasts.name)
     names[free] = before[free]
-    new = np.flatnonzero(names < 0)
+    nodes_here = rows[here]
+    spread = extra[nodes_here] + trails.covariance[nodes_here, :2, :2]
+    new = _by_precision(np.flatnonzero(names < 0), spread)
     names[new] = int(state.names) + np.arange(len(new))
     events = [
         Event("merge", time, int(old), int(name))
