@@ -340,7 +340,13 @@ class Linker(NamedTuple):
         )
         gap = np.concatenate([gap, np.zeros(len(fresh), int)])
         after = Heads(
-            node.track, gap, node.mean, node.covariance, look, boxes, np.asarray(before.count + len(fresh))
+            node.track,
+            gap,
+            node.mean,
+            node.covariance,
+            look,
+            boxes,
+            np.asarray(before.count + len(fresh)),
         )
         return node, after[gap <= settings.gap]
 
