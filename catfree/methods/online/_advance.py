@@ -131,7 +131,7 @@ def advance(
     forward, weight = _carry(state, node.track, evidence, settings)
     trails = Trails(node.track, instant, node.group, node.mean, node.covariance)
     shift = np.zeros((len(hit), 2))
-    if settings.uneven_ground:
+    if settings.uneven_ground and len(groups):
         shift = ground_shift(trails, groups, measured, boxes.view, views, noise, settings)
     member[hit] = groups.member[own]
     matrix, vector = np.zeros((len(hit), 3, 3)), np.zeros((len(hit), 3))
@@ -270,5 +270,6 @@ def reportable(
     if settings.working_area and np.isfinite(learned.usual).all():
         usual = UsualPlace(*learned.usual.tolist())
         cameras = int(learned.active.sum())
-        kept = sharp & usual.holds(instant.place[:, 0], instant.place[:, 1], cameras, settings)
+        sigma, whole = instant.place[:, 0], instant.place[:, 1].astype(np.int64)
+        kept = sharp & usual.holds(sigma, whole, cameras, settings)
     return Reportable(spread, sharp, kept)

@@ -36,6 +36,8 @@ from catfree.methods.online._tracker_state import Instant, TrackerState
 from catfree.methods.online._update import Event
 from catfree.settings import EvidenceSettings
 
+FEW_PLACES = 512  # until so many people were reported, what is usual is learned every time
+PLACES_INTERVAL = 16  # instants between later times
 # Before anybody came, left or hid: counts and frames as if they had been seen, rarely.
 USUAL_HABITS = np.array([4.0, 200.0, 4.0, 12.0])
 
@@ -73,13 +75,20 @@ def provisional(
     )
     rows = np.flatnonzero(found.kept & alone)
     names = _identity_of(state, node.track[rows])
-    new = np.flatnonzero(names < 0)
+    new = _by_precision(np.flatnonzero(names < 0), found.covariance[rows])
     names[new] = int(state.names) + np.arange(len(new))
     state = _named(state, node.track[rows[new]], names[new])
     return state, Reported(
         float(instant.time), names, node.mean[rows], node.covariance[rows],
         found.covariance[rows], probability[rows], instant.support[rows],
     )  # fmt: skip
+
+
+def _by_precision(
+    rows: Int[np.ndarray, " k"], covariance: Float[np.ndarray, "n 2 2"]
+) -> Int[np.ndarray, " k"]:
+    """Rows in an order that depends on the people only, not on the order of cameras or boxes."""
+    return rows[np.argsort(np.trace(covariance[rows], axis1=1, axis2=2), kind="stable")]
 
 
 def _identity_of(state: TrackerState, track: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
@@ -178,7 +187,7 @@ def finalize(
         events += merged
         place = window[t].place[np.searchsorted(window[t].node.track, trails.track[here])]
         sharp = chosen[t].sharp
-        fully = len(learned.places) < 64
+        fully = len(learned.places) < FEW_PLACES or int(state.count) % PLACES_INTERVAL == 0
         learned = learn_places(state.learned, place[sharp], fully)
         state = replace(state, learned=learned, final_time=window[t].time)
         out.append(Reported(
@@ -235,7 +244,9 @@ def _identify(
     # Who continues nobody keeps the track's own identity, unless that is somebody else's.
     free = (linked < 0) & (before >= 0) & ~np.isin(before, pasts.name)
     names[free] = before[free]
-    new = np.flatnonzero(names < 0)
+    nodes_here = rows[here]
+    spread = extra[nodes_here] + trails.covariance[nodes_here, :2, :2]
+    new = _by_precision(np.flatnonzero(names < 0), spread)
     names[new] = int(state.names) + np.arange(len(new))
     events = [
         Event("merge", time, int(old), int(name))

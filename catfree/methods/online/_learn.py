@@ -134,7 +134,7 @@ def learn_places(learned: Learned, place: np.ndarray, fully: bool) -> Learned:
     places = np.concatenate([learned.places, place])[-PLACES:]
     usual = learned.usual
     if len(places) and (fully or np.isnan(usual).any()):
-        usual = np.array(usual_place(places[:, 0], places[:, 1]))
+        usual = np.array(usual_place(places[:, 0], places[:, 1].astype(np.int64)))
     return replace(learned, places=places, usual=usual)
 
 

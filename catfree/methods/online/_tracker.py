@@ -137,7 +137,7 @@ class Tracker:
                 support = np.where(now.support >= 0, _take(own, now.support), -1)
                 now = now._replace(support=support)
                 state = replace(state, window=(*state.window, now))
-            state = replace(state, count=state.count + 1, time=np.array(float(time)))
+            state = replace(state, count=np.asarray(state.count + 1), time=np.array(float(time)))
             if self.lag == math.inf:
                 state = replace(state, window=())
                 state = self._record(state, detections, time, silent)

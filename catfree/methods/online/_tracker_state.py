@@ -102,7 +102,7 @@ class TrackerState(eqx.Module):
         identity: (K, 2) track and identity of the tracks that have one.
         names: () identities given so far.
         recording: boxes of all instants, only with an infinite lag; frames are microseconds.
-        silent: (S, 2) pictures that do not exist, likewise.
+        silent: (P, 2) pictures that do not exist, likewise.
     """
 
     count: Int[np.ndarray, ""]
@@ -122,7 +122,7 @@ class TrackerState(eqx.Module):
     identity: Int[np.ndarray, "named 2"]
     names: Int[np.ndarray, ""]
     recording: tuple[Detections, ...]
-    silent: Int[np.ndarray, "s 2"]
+    silent: Int[np.ndarray, "picture 2"]
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to one `.npz` file (no pickle); `load` returns it bit for bit.

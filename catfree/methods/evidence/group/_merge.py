@@ -18,7 +18,8 @@ from catfree.geometry._buckets import coarse_length, fine_length
 from catfree.methods.evidence._gaussian import Information, log_evidence
 from catfree.methods.evidence.group._groups import Groups, Priors, collect_groups, prior_information
 
-PAIR_BLOCK = 2**14  # pairs computed at a time: fits a cache, and cheaper than compiling for fewer
+PAIR_BLOCK = 2**14  # pairs computed at a time: fits a cache
+FEWEST_PAIRS = 2**11  # of a single instant; for fewer, another compilation does not pay
 BITS = 31  # cameras per word, with or without 64-bit integers
 PAIRS_AT_A_TIME = 1 << 18  # neighbors processed together: fits a cache
 PAIR_GATE = 16.0  # squared Mahalanobis distance of two boxes that may start or join a group
@@ -110,7 +111,8 @@ def merge_groups(
     Args:
         info: (N) information of each item.
         camera: (N,) camera of each item (C for a track prior); a group has each at most once.
-        pairs: (P, 2) candidate pairs, padded with (0, 0) to a multiple of `PAIR_BLOCK`.
+        pairs: (P, 2) candidate pairs, padded with (0, 0) to `FEWEST_PAIRS` or a multiple of
+            `PAIR_BLOCK`.
         count: of the pairs without padding; blocks of nothing but padding cost nothing.
         members: (N, C) the item's own index at its camera, -1 elsewhere.
         looks: (F, D, D) weighted appearance log-likelihood ratios, or (1, 1, 1).
@@ -125,10 +127,11 @@ def merge_groups(
     N = camera.shape[0]
     item_evidence = log_evidence(info, density, spread)
     rows = jnp.arange(N)
-    blocks = (count + PAIR_BLOCK - 1) // PAIR_BLOCK
+    size = min(PAIR_BLOCK, len(pairs))
+    blocks = (count + size - 1) // size
 
     def roots(root, block):
-        pair = root[jax.lax.dynamic_slice_in_dim(pairs, block * PAIR_BLOCK, PAIR_BLOCK)]
+        pair = root[jax.lax.dynamic_slice_in_dim(pairs, block * size, size)]
         return pair.min(1), pair.max(1)
 
     def gains(a, b, matrix, vector, constant, evidence, mask, members):
@@ -152,12 +155,12 @@ def merge_groups(
             gain, best = carry
             a, b = roots(root, block)
             here = gains(a, b, *groups)
-            gain = jax.lax.dynamic_update_slice_in_dim(gain, here, block * PAIR_BLOCK, 0)
+            gain = jax.lax.dynamic_update_slice_in_dim(gain, here, block * size, 0)
             return gain, best.at[a].max(here).at[b].max(here)
 
         def find_partner(block, partner):
             a, b = roots(root, block)
-            here = jax.lax.dynamic_slice_in_dim(gain, block * PAIR_BLOCK, PAIR_BLOCK)
+            here = jax.lax.dynamic_slice_in_dim(gain, block * size, size)
             hopeful = jnp.isfinite(here)
             return (
                 partner
@@ -250,7 +253,7 @@ def associate(
     total = len(frame)
     items = np.flatnonzero(valid)
     pairs = candidate_pairs(position, covariance, frame, camera, items)
-    padded = np.zeros((coarse_length(len(pairs), PAIR_BLOCK, 8), 2), np.int64)
+    padded = np.zeros((coarse_length(len(pairs), FEWEST_PAIRS, 8), 2), np.int64)
     padded[: len(pairs)] = pairs
     members = np.full((total, cameras), -1)
     boxes = items[camera[items] < cameras]

@@ -141,7 +141,7 @@ def count_clutter(
     """Expected number of boxes of people, and of other boxes, in every cell of every camera."""
     shape = (cameras, CELLS, CELLS)
     parts = (np.bincount(cell, p, np.prod(shape)) for p in (probability, 1 - probability))
-    return np.stack([part.reshape(shape) for part in parts])
+    return np.stack([part.reshape(shape) for part in parts]).astype(float)
 
 
 def clutter_at(

@@ -88,7 +88,7 @@ def estimate_motion(position: np.ndarray, frame: np.ndarray, time: np.ndarray) -
             continue
         steps.append(mutual_steps(a, b))
     step = np.concatenate(steps) if steps else np.zeros((0, 2))
-    return motion_of(float(np.minimum(step**2, SPEED_RANGE[1] ** 2).sum()), step.size)
+    return motion_of(float(np.minimum(step**2, SPEED_RANGE[1] ** 2).sum()), float(step.size))
 
 
 def mutual_steps(
@@ -203,10 +203,11 @@ class Heads(eqx.Module):
     """The tracks that are being followed, in the order of their numbers.
 
     Attributes:
-        track: (T,) number; `count` is that of the next track.
+        track: (T,) number.
         gap: (T,) frames since it was seen.
         mean: (T, 5) as in `Trails`, and `covariance`: (T, 5, 5).
         look: (T, D) sum of the embeddings of its boxes, and `boxes`: (T,) their number.
+        count: () number of the next track.
     """
 
     track: Int[np.ndarray, " track"]
@@ -215,7 +216,7 @@ class Heads(eqx.Module):
     covariance: Float[np.ndarray, "track 5 5"]
     look: Float[np.ndarray, "track dim"]
     boxes: Int[np.ndarray, " track"]
-    count: int
+    count: Int[np.ndarray, ""]
 
     def __getitem__(self, rows) -> "Heads":
         return Heads(
@@ -228,7 +229,7 @@ def no_heads(dim: int = 0) -> Heads:
     """No tracks yet, with embeddings of `dim` numbers."""
     none = np.zeros(0, int)
     return Heads(
-        none, none, np.zeros((0, 5)), np.zeros((0, 5, 5)), np.zeros((0, dim)), none, 0
+        none, none, np.zeros((0, 5)), np.zeros((0, 5, 5)), np.zeros((0, dim)), none, np.array(0)
     )  # fmt: skip
 
 
@@ -339,7 +340,13 @@ class Linker(NamedTuple):
         )
         gap = np.concatenate([gap, np.zeros(len(fresh), int)])
         after = Heads(
-            node.track, gap, node.mean, node.covariance, look, boxes, before.count + len(fresh)
+            node.track,
+            gap,
+            node.mean,
+            node.covariance,
+            look,
+            boxes,
+            np.asarray(before.count + len(fresh)),
         )
         return node, after[gap <= settings.gap]
 

@@ -1,0 +1,251 @@
+"""Tracking instant by instant: what it promises of final rows, of its state and of its input."""
+
+import math
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+import catfree as cf
+from catfree.errors import FileFormatError, InvalidInputError
+from catfree.methods.online._learn import WIDEST_SPACING, is_due
+from tests.methods.evidence.evidence_worlds import walk
+
+RATE = 2.0
+TRUTH, DETECTIONS, SCENE = walk(people=5, frames=18, seed=3)
+CAMERAS = SCENE.rig.camera_count
+FRAMES = range(18)
+
+
+def boxes_of(frame, detections=DETECTIONS):
+    return detections[detections.frame == frame]
+
+
+def feed(tracker, frames=FRAMES, detections=DETECTIONS, **options):
+    return [tracker.update(boxes_of(f, detections), f / RATE, **options) for f in frames]
+
+
+def same(one, other):
+    """Whether two pytrees are equal, bit for bit."""
+    a, b = jax.tree.flatten(one), jax.tree.flatten(other)
+    equal = [np.array_equal(x, y, equal_nan=True) for x, y in zip(a[0], b[0], strict=True)]
+    return a[1] == b[1] and all(equal)
+
+
+def final_rows(updates):
+    return np.concatenate([u.final.to_rows() for u in updates])
+
+
+@pytest.fixture(scope="module")
+def stream():
+    """All updates of a tracker with a lag of two seconds."""
+    tracker = cf.Tracker(SCENE, lag=2.0)
+    return [*feed(tracker), tracker.finish()]
+
+
+@pytest.mark.slow
+def test_an_infinite_lag_is_localize():
+    tracker = cf.Tracker(SCENE, lag=math.inf)
+    updates = feed(tracker)
+    assert all(len(u.final) == 0 for u in updates)
+    found = tracker.finish().final
+    clock = cf.Clock(1_000_000)
+    d = DETECTIONS
+    at_times = cf.Detections(clock.frame_at(d.frame / RATE), d.camera, d.box, clock=clock)
+    order = np.argsort(d.frame, kind="stable")
+    expected = cf.localize(at_times[order], SCENE).tracks
+    for name in ("frame", "track_id", "position", "covariance", "existence", "velocity"):
+        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
+    assert found.clock == expected.clock
+    row, camera = np.nonzero(found.support >= 0)
+    for r, c in zip(row[::7], camera[::7], strict=True):
+        instant = boxes_of(round(found.time[r] * RATE))
+        box = at_times[order].box[expected.support[r, c]]
+        assert np.array_equal(instant.box[found.support[r, c]], box)
+
+
+@pytest.mark.slow
+@settings(max_examples=3, deadline=None)
+@given(st.integers(0, 12), st.sampled_from([0.0, 1.5]))
+def test_save_and_restore_change_nothing(tmp_path_factory, first, lag):
+    tracker = cf.Tracker(SCENE, lag=lag)
+    feed(tracker, range(first))
+    path = tmp_path_factory.mktemp("state") / "state.npz"
+    tracker.state.save(path)
+    again = cf.Tracker(SCENE, lag=lag)
+    again.state = cf.TrackerState.load(path)
+    assert same(again.state, tracker.state)
+    rest = range(first, first + 3)
+    for one, other in zip(feed(tracker, rest), feed(again, rest), strict=True):
+        assert same(one, other)
+    assert same(tracker.finish(), again.finish())
+
+
+@pytest.mark.slow
+def test_a_state_taken_out_is_not_changed_by_later_instants():
+    tracker = cf.Tracker(SCENE, lag=1.0)
+    feed(tracker, range(6))
+    state = tracker.state
+    first = feed(tracker, range(6, 9))
+    tracker.state = state
+    for one, other in zip(first, feed(tracker, range(6, 9)), strict=True):
+        assert same(one, other)
+
+
+@pytest.mark.slow
+def test_every_instant_is_final_once_and_as_late_as_promised(stream):
+    told = [np.unique(u.final.time) for u in stream]
+    assert (np.diff(np.concatenate(told)) > 0).all()
+    for frame, times in zip(FRAMES, told, strict=False):
+        assert (times <= frame / RATE - 2.0 + 1e-6).all()
+    rows = final_rows(stream)
+    assert (rows[:, 1] >= 0).all()
+    assert len(np.unique(rows[:, :2], axis=0)) == len(rows)
+
+
+@pytest.mark.slow
+def test_people_are_where_they_are(stream):
+    rows = final_rows(stream)
+    rows[:, 0] = np.round(rows[:, 0] * RATE / 1e6)
+    found = cf.evaluation.detection_metrics(TRUTH, rows, frames=np.arange(4, 18))
+    assert found.moda > 90
+
+
+@pytest.mark.slow
+def test_support_names_the_boxes_of_the_instant(stream):
+    seen = 0
+    for update in stream:
+        for r in range(len(update.final)):
+            instant = boxes_of(round(update.final.time[r] * RATE))
+            for camera, row in enumerate(update.final.support[r]):
+                assert row < 0 or instant.camera[row] == camera
+                seen += row >= 0
+    assert seen > 100
+
+
+@pytest.mark.slow
+def test_without_lag_positions_are_final_at_once():
+    for update in feed(cf.Tracker(SCENE, lag=0.0), range(8)):
+        assert not update.events
+        for name in ("frame", "track_id", "ground_xy", "existence", "support"):
+            one, other = (getattr(t, name) for t in (update.provisional, update.final))
+            assert np.allclose(one, other)
+
+
+@pytest.mark.slow
+def test_the_order_of_boxes_changes_nothing():
+    rng = np.random.default_rng(0)
+    one, other = (cf.Tracker(SCENE, lag=1.0) for _ in range(2))
+    for frame in range(8):
+        boxes = boxes_of(frame)
+        a = one.update(boxes, frame / RATE)
+        b = other.update(boxes[rng.permutation(len(boxes))], frame / RATE)
+        assert np.array_equal(a.final.to_rows(), b.final.to_rows())
+        assert np.array_equal(a.provisional.to_rows(), b.provisional.to_rows())
+
+
+@pytest.mark.slow
+def test_the_order_of_cameras_changes_nothing():
+    order = np.random.default_rng(1).permutation(CAMERAS)
+    place = np.argsort(order)
+    scene = cf.Scene(SCENE.rig.select(order), SCENE.ground, SCENE.extent, SCENE.metric)
+    d = DETECTIONS
+    moved = cf.Detections(d.frame, place[d.camera], d.box)
+    one = feed(cf.Tracker(SCENE, lag=1.0), range(8))
+    other = feed(cf.Tracker(scene, lag=1.0), range(8), moved)
+    assert np.allclose(final_rows(one), final_rows(other), atol=1e-6)
+
+
+@pytest.mark.slow
+def test_nobody_vanishes_while_a_camera_is_silent():
+    d = DETECTIONS
+    less = d[~((d.camera == 1) & (d.frame >= 6))]
+    tracker = cf.Tracker(SCENE, lag=1.0)
+    feed(tracker, range(6), less)
+    others = [c for c in range(CAMERAS) if c != 1]
+    for frame in range(6, 18):
+        now = tracker.update(boxes_of(frame, less), frame / RATE, cameras=others).provisional
+        truth = TRUTH[TRUTH[:, 0] == frame, 2:]
+        assert (np.linalg.norm(truth[:, None] - now.ground_xy, axis=-1).min(1) < 0.5).all()
+
+
+@pytest.mark.slow
+def test_someone_who_comes_back_is_the_same():
+    _truth, d, scene = walk(people=1, frames=24, recall=1.0, clutter=0.0)
+    hidden = d[(d.frame < 9) | (d.frame >= 14)]
+    tracker = cf.Tracker(scene, lag=2.0)
+    updates = [*feed(tracker, range(24), hidden), tracker.finish()]
+    identity = final_rows(updates)[:, 1]
+    assert len(np.unique(identity)) == 1
+    events = [e for u in updates for e in u.events]
+    provisional = np.unique(np.concatenate([u.provisional.track_id for u in updates]))
+    assert {e.old for e in events} == set(provisional.tolist()) - {identity[0]}
+    assert all(e.kind == "merge" and e.new == identity[0] for e in events)
+
+
+@pytest.mark.slow
+def test_the_state_does_not_grow():
+    tracker = cf.Tracker(SCENE, lag=1.0)
+    sizes = []
+    for k in range(90):
+        tracker.update(boxes_of(k % 18), k / RATE)
+        state = tracker.state
+        sizes.append((len(state.window), len(np.unique(state.sample.frame)), len(state.identity)))
+    window, sample, identities = map(max, zip(*sizes, strict=True))
+    assert window <= 2
+    assert sample <= 60
+    assert identities < 60
+
+
+def test_learning_becomes_rare():
+    due = [k for k in range(10_000) if is_due(k)]
+    assert due[:7] == [1, 2, 4, 8, 16, 32, 64]
+    assert len(due) < 30
+    assert WIDEST_SPACING * 60 < 2000
+
+
+@pytest.mark.slow
+def test_reset_is_a_new_tracker():
+    tracker = cf.Tracker(SCENE, lag=0.5)
+    first = feed(tracker, range(4))
+    tracker.finish()
+    with pytest.raises(InvalidInputError, match="finished"):
+        tracker.update(boxes_of(0), 99.0)
+    tracker.reset()
+    for one, other in zip(first, feed(tracker, range(4)), strict=True):
+        assert same(one, other)
+
+
+def test_instants_without_boxes_are_instants():
+    tracker = cf.Tracker(SCENE, lag=0.0)
+    none = DETECTIONS[:0]
+    for k in range(3):
+        update = tracker.update(none, k / RATE)
+        assert len(update.final) == len(update.provisional) == 0
+    assert len(tracker.finish().final) == 0
+
+
+def test_what_makes_no_sense_is_refused(tmp_path):
+    with pytest.raises(InvalidInputError, match="lag"):
+        cf.Tracker(SCENE, lag=-1.0)
+    with pytest.raises(InvalidInputError, match="lag"):
+        cf.Tracker(SCENE, lag=math.nan)
+    with pytest.raises(InvalidInputError, match="frame_rate"):
+        cf.Tracker(SCENE, frame_rate=0.0)
+    with pytest.raises(InvalidInputError, match="evidence"):
+        cf.Tracker(SCENE, cf.Settings.paper())
+    tracker = cf.Tracker(SCENE)
+    tracker.update(DETECTIONS[:0], 1.0)
+    for time in (1.0, 0.5, math.nan, math.inf):
+        with pytest.raises(InvalidInputError, match="time"):
+            tracker.update(DETECTIONS[:0], time)
+    with pytest.raises(InvalidInputError, match="camera"):
+        tracker.update(DETECTIONS[:0], 2.0, cameras=[CAMERAS])
+    with pytest.raises(InvalidInputError, match="delivered"):
+        tracker.update(boxes_of(0), 2.0, cameras=[])
+    with pytest.raises(InvalidInputError, match="cameras"):
+        tracker.state = cf.Tracker(walk(rig=SCENE.rig.select([0, 1, 2]))[2]).state
+    DETECTIONS.save(tmp_path / "boxes.npz")
+    with pytest.raises(FileFormatError):
+        cf.TrackerState.load(tmp_path / "boxes.npz")
