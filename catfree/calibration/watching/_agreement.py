@@ -3,15 +3,16 @@
 Every person's place is unknown in every frame. After it is eliminated, each person who is seen by
 two or more cameras leaves a quadratic cost of turns and lags of these cameras. Costs add, over
 people and over time; what a camera did in a window, since a window, or all the time, are sums of
-the same matrices. The centers of the cameras are held, so that one turned camera cannot be
-explained by the others turning.
+the same matrices. Centers and focal lengths of the cameras are off by constant errors within the
+usual deviations of a rig. They are unknowns, too: people who walk to other places must not look
+like a camera that turns.
 """
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from catfree.calibration.watching._matching import (
     Correction,
@@ -23,13 +24,14 @@ from catfree.calibration.watching._matching import (
 )
 from catfree.calibration.watching._sights import Sights, linear
 
-PARAMETERS = 4  # of a camera: turn (3), lag (1)
+PARAMETERS = 8  # of a camera: turn (3), lag, center (3) in person heights, log focal length
 ROUNDS = 3  # of matching and solving
 REWEIGHTED = 2  # solutions per round
 CAUCHY = 2.0  # deviations; a residual of that size has half of the weight
 FLOOR = 0.001  # radians; noise of an edge besides its share of the box height
 HEIGHT_SD = 0.1  # of a person's height around that of its track
 TURN_SD, LAG_SD = np.deg2rad(20.0), 30.0  # weak priors, which decide what no person tells
+CENTER_SD, FOCAL_SD = 0.15, 0.03  # of a rig from people or reconstructions
 LARGEST_STEP = np.deg2rad(5.0)  # of a turn in one solution
 FARTHEST = 1.0  # person heights by which a place may be corrected at a time
 
@@ -40,8 +42,8 @@ class Window(NamedTuple):
     Attributes:
         begin: first step.
         stop: step after the last one.
-        matrix: (G, 4C, 4C) information of each person (group) on turns and lags of all cameras.
-        vector: (G, 4C) its product with them, so that their sum is solved for the errors.
+        matrix: (G, 8C, 8C) information of each person (group) on the errors of all cameras.
+        vector: (G, 8C) its product with them, so that their sum is solved for the errors.
         matched: (C,) people matched with a box.
         expected: (C,) people who should be in the image.
         seen: (C,) distinct people who should be in the image.
@@ -60,7 +62,8 @@ class Window(NamedTuple):
 
 def prior(cameras: int) -> Float[np.ndarray, "p p"]:
     """Information of the weak priors of all cameras."""
-    return np.diag(np.tile([TURN_SD**-2.0] * 3 + [LAG_SD**-2.0], cameras))
+    deviation = [TURN_SD] * 3 + [LAG_SD] + [CENTER_SD] * 3 + [FOCAL_SD]
+    return np.diag(np.tile(np.array(deviation) ** -2.0, cameras))
 
 
 def solve_window(
@@ -141,8 +144,9 @@ def _solve(
     """Linearize around the present errors and places, solve with robust weights."""
     people, boxes, count = sights.people, sights.boxes, len(sights.place)
     m, p = len(index), PARAMETERS * count
+    own, quick = slice(0, PARAMETERS), np.flatnonzero(np.arange(p) % PARAMETERS < 4)
     residual = np.zeros((m, count, 3))
-    slope = np.zeros((m, count, 3, 7))
+    slope = np.zeros((m, count, 3, PARAMETERS + 3))
     precision = np.zeros((m, count, 3))
     for camera, matches in found.items():
         if not len(matches.person):
@@ -156,12 +160,13 @@ def _solve(
         sd = noise * boxes.size[matches.box, None] + FLOOR
         residual[row, camera] = boxes.angle[matches.box] - value
         slope[row, camera] = slopes
+        slope[row, camera, :, 4:7] *= sights.unit
         precision[row, camera] = np.where(boxes.whole[matches.box], sd**-2.0, 0.0)
     used = (precision[..., 0] > 0).sum(-1) >= 2
     precision *= used[:, None, None]
     tall = people.state[index + low, 2]
     held = (HEIGHT_SD * tall) ** -2.0
-    theta = np.concatenate([np.append(one.turn, one.lag) for one in now])
+    theta = np.concatenate([[*one.turn, one.lag, 0.0, 0.0, 0.0, 0.0] for one in now])
     weight = np.ones_like(residual)
     matrix, vector = np.zeros((m, p, p)), np.zeros((m, p))
     step, shift = np.zeros(p), np.zeros((m, 3))
@@ -169,24 +174,29 @@ def _solve(
         weighted = slope * (precision * weight)[..., None]
         normal = np.einsum("mcei,mcej->mcij", weighted, slope)
         right = np.einsum("mcei,mce->mci", weighted, residual)
-        block = normal[..., 4:, 4:].sum(1) + 1e-9 * np.eye(3)
+        block = normal[..., PARAMETERS:, PARAMETERS:].sum(1) + 1e-9 * np.eye(3)
         block[:, 2, 2] += held
-        aim = right[..., 4:].sum(1)
+        aim = right[..., PARAMETERS:].sum(1)
         aim[:, 2] += held * (tall - state[:, 2])
-        mixed = normal[..., :4, 4:].reshape(m, p, 3)
+        mixed = normal[..., own, PARAMETERS:].reshape(m, p, 3)
         solution = np.linalg.solve(block, np.concatenate([mixed.swapaxes(1, 2), aim[..., None]], 2))
         matrix = -mixed @ solution[..., :p]
         axis = np.arange(count)
-        view = matrix.reshape(m, count, 4, count, 4)
-        view[:, axis, :, axis] += normal[..., :4, :4].swapaxes(0, 1)
-        vector = right[..., :4].reshape(m, p) - (mixed @ solution[..., p:])[..., 0]
+        view = matrix.reshape(m, count, PARAMETERS, count, PARAMETERS)
+        view[:, axis, :, axis] += normal[..., own, own].swapaxes(0, 1)
+        vector = right[..., own].reshape(m, p) - (mixed @ solution[..., p:])[..., 0]
+        # A window alone tells turns and lags only; matches need no more.
         total = matrix.sum(0) + prior(count)
-        step = np.linalg.solve(total, vector.sum(0) - prior(count) @ theta)
+        step = np.zeros(p)
+        needed = (vector.sum(0) - prior(count) @ theta)[quick]
+        step[quick] = np.linalg.solve(total[np.ix_(quick, quick)], needed)
         shift = solution[..., p] - np.einsum("mip,p->mi", solution[..., :p], step)
-        rest = residual - np.einsum("mcei,ci->mce", slope[..., :4], step.reshape(count, 4))
-        rest = rest - np.einsum("mcei,mi->mce", slope[..., 4:], shift)
+        rest = residual - np.einsum(
+            "mcei,ci->mce", slope[..., own], step.reshape(count, PARAMETERS)
+        )
+        rest = rest - np.einsum("mcei,mi->mce", slope[..., PARAMETERS:], shift)
         weight = 1 / (1 + rest**2 * precision / CAUCHY**2)
-    step = step.reshape(count, 4)
+    step = step.reshape(count, PARAMETERS)
     step[:, :3] = np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
     corrections = [
         Correction(one.turn + step[c, :3], float(one.lag + step[c, 3])) for c, one in enumerate(now)
@@ -199,8 +209,3 @@ def _solve(
     np.add.at(of_group, group, matrix[kept])
     np.add.at(to, group, vector[kept])
     return _Solved(of_group, to, corrections, state + np.clip(shift, -reach, reach))
-
-
-def registered_parameters(registered: Bool[np.ndarray, " cam"]) -> Bool[np.ndarray, " p"]:
-    """(4C,) which parameters belong to registered cameras."""
-    return np.repeat(registered, PARAMETERS)

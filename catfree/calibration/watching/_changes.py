@@ -18,9 +18,11 @@ from catfree.calibration.watching._agreement import PARAMETERS, Window, prior
 
 TURN, LAG = slice(0, 3), slice(3, 4)
 KINDS = (TURN, LAG)
+REPEATS = (3, 1, PARAMETERS - 4)  # parameters of the turn, the lag and the rest
 POOLED = 8.0  # neighbors of all cameras that count as much as those of the camera itself
 TRIMMED = 0.1  # share of the largest differences of neighbors that changes may have caused
 TRIM_GAIN = 1.25  # what trimming takes from a mean of squared normal variables
+HELD = 1e8  # times the information of the prior on centers and focal lengths
 FEWEST_WINDOWS = 4  # below which neighbors tell nothing of the noise
 # Errors that no number of people averages out: of places where the map is bent, of gait.
 TURN_FLOOR, LAG_FLOOR = np.deg2rad(0.05), 0.03
@@ -55,7 +57,7 @@ class Course:
     Attributes:
         time: (W,) middle of each window in steps from the middle of the recording.
         changes: what was found.
-        value: (4C + R + ...) constant errors, rates of the clocks, then those of the changes.
+        value: (8C + R + ...) constant errors, rates of the clocks, then those of the changes.
         covariance: of `value`, without the factor `noise`.
         drifting: whether clocks have rates.
         reference: the camera to which lags are relative: half of the others are later.
@@ -102,10 +104,10 @@ class Course:
         relative = np.eye(p)
         relative[3::PARAMETERS, PARAMETERS * self.reference + 3] -= 1
         design = relative @ design
-        factor = np.sqrt(np.repeat(self.noise, [3, 1], axis=1)).ravel()
+        factor = np.sqrt(np.repeat(self.noise[:, [0, 1, 0]], REPEATS, axis=1)).ravel()
         covariance = design @ self.covariance @ design.T * factor[:, None] * factor
         if floor:
-            floors = np.tile([TURN_FLOOR**2] * 3 + [LAG_FLOOR**2], len(self.noise))
+            floors = np.tile([TURN_FLOOR**2] * 3 + [LAG_FLOOR**2] + [0.0] * 4, len(self.noise))
             covariance = covariance + np.diag(floors)
         return design @ self.value, covariance
 
@@ -170,15 +172,37 @@ def fit_course(
     return course
 
 
+def as_turns(course: Course, windows: Sequence[Window]) -> Course:
+    """The same changes if centers and focal lengths were right, so that turns explain the rest.
+
+    Where a camera was all the time, a turn and a displacement look nearly the same.
+
+    Args:
+        course: the result of `fit_course`.
+        windows: those it was fitted to.
+    """
+    matrix = np.array([w.matrix.sum(0) for w in windows])
+    vector = np.array([w.vector.sum(0) for w in windows])
+    return _fitted(course, matrix, vector, held=True)
+
+
 def _fitted(
-    course: Course, matrix: Float[np.ndarray, "w p p"], vector: Float[np.ndarray, "w p"]
+    course: Course,
+    matrix: Float[np.ndarray, "w p p"],
+    vector: Float[np.ndarray, "w p"],
+    *,
+    held: bool = False,
 ) -> Course:
     """Solve for the values of a model, and learn the noise."""
     cameras = len(course.noise)
     designs = [course.design(w) for w in range(len(matrix))]
     weak = np.zeros((designs[0].shape[1],) * 2)
-    weak[: 4 * cameras, : 4 * cameras] = prior(cameras)
-    extra = np.arange(4 * cameras, len(weak))
+    constant = PARAMETERS * cameras
+    weak[:constant, :constant] = prior(cameras)
+    if held:
+        still = np.flatnonzero(np.arange(constant) % PARAMETERS >= 4)
+        weak[still, still] *= HELD
+    extra = np.arange(constant, len(weak))
     # A rate, and a change of which no person tells, are zero.
     scale = max(1.0, float(np.abs(course.time).max()))
     weak[extra, extra] = 1e-2

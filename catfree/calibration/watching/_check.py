@@ -8,7 +8,15 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import norm
 
-from catfree.calibration.watching._changes import LAG, TURN, Course, fit_course, lost_since
+from catfree.calibration.watching._agreement import PARAMETERS
+from catfree.calibration.watching._changes import (
+    LAG,
+    TURN,
+    Course,
+    as_turns,
+    fit_course,
+    lost_since,
+)
 from catfree.calibration.watching._sights import linear
 from catfree.calibration.watching._time_of_change import time_of_change
 from catfree.calibration.watching._windows import Watched, watch
@@ -25,7 +33,7 @@ WINDOW = (2.0, 60.0)  # seconds, the shortest and the longest
 # Of a person's height on the ground, where nothing changed. Every rig is a little off all the time:
 # a measured one of a room by 0.07, rigs from people and reconstructions by about 0.1.
 DOUBTFUL, MOVED = 0.12, 0.2
-LATE = 0.5  # steps; a smaller lag cannot be corrected in frame numbers
+LATE = 0.75  # steps; a smaller lag is hardly better after whole frames are corrected
 USUAL = 0.5  # share of people whom a camera shows, where it never showed any
 LEAST_MATCHED = 0.25  # share of people; below it, boxes meet people by chance only
 FEWEST_EXPECTED = 20  # people in all frames, whom a camera should show to be judged
@@ -200,7 +208,9 @@ def check(
         step = (since - watched.sights.first) // watched.sights.step
         first = next((i for i, w in enumerate(watched.windows) if w.begin >= step), 1)
     course = fit_course(watched.windows, alpha, rates=True, first=first)
-    judge = _Judge(watched, course, alpha, None if since is None else first)
+    judge = _Judge(
+        watched, course, as_turns(course, watched.windows), alpha, None if since is None else first
+    )
     cameras = tuple(judge.camera(c) for c in range(scene.rig.camera_count))
     seen = watched.sights
     last = seen.first + (seen.steps - 1) * seen.step
@@ -223,12 +233,14 @@ class _Judge:
     Attributes:
         watched: what the windows say.
         course: errors over time.
+        turns: the same, of cameras that only turn.
         alpha: probability of a false alarm per window and test.
         reference: first window that is compared with those before it, or None.
     """
 
     watched: Watched
     course: Course
+    turns: Course
     alpha: float
     reference: int | None
 
@@ -236,9 +248,11 @@ class _Judge:
         """Judge one camera."""
         sights = self.watched.sights
         value, covariance = self.course.at(len(self.watched.windows) - 1)
-        own = slice(4 * camera, 4 * camera + 4)
+        own = slice(PARAMETERS * camera, PARAMETERS * camera + 4)
         value, covariance = value[own], covariance[own, own]
-        turn, turn_covariance, lag = value[:3], covariance[:3, :3], float(value[3])
+        lag = float(value[3])
+        constant, constant_covariance = self.turns.at(len(self.watched.windows) - 1)
+        turn, turn_covariance = constant[own][:3], constant_covariance[own, own][:3, :3]
         turned, late = (self._last_change(camera, kind) for kind in (TURN, LAG))
         if turned is not None:
             turn, turn_covariance = self.course.of_change(turned)
@@ -350,7 +364,7 @@ class _Judge:
         _, slope = linear(people.state[person], people.velocity[person], place)
         moved = slope[:, :, :3] @ turn
         angle = np.hypot(moved[:, 0], moved[:, 2])
-        foot = slope[:, [0, 2]][:, :, 4:6]
+        foot = slope[:, [0, 2]][:, :, PARAMETERS : PARAMETERS + 2]
         usable = np.abs(np.linalg.det(foot)) > 1e-12
         shift = np.linalg.solve(foot[usable], moved[usable][:, [0, 2], None])[..., 0]
         per_radian = self._pixels_per_radian(camera)

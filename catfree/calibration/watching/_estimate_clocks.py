@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from catfree.calibration.watching._agreement import PARAMETERS
 from catfree.calibration.watching._changes import LAG, fit_course
 from catfree.calibration.watching._time_of_change import time_of_change
 from catfree.calibration.watching._windows import watch
@@ -160,8 +161,8 @@ def estimate_clocks(
         jumps.append(ClockJump(change.camera, frame, frame_sd, float(by[0]) * step, size * step))
     middle = np.mean([(w.begin + w.stop) / 2 for w in watched.windows])
     return Clocks(
-        offset=known(constant[3::4] * step),
-        offset_sd=known(np.sqrt(covariance.diagonal()[3::4]) * step),
+        offset=known(constant[3::PARAMETERS] * step),
+        offset_sd=known(np.sqrt(covariance.diagonal()[3::PARAMETERS]) * step),
         rate=known(rate),
         rate_sd=known(np.sqrt(rate_covariance.diagonal())),
         jumps=tuple(sorted(jumps, key=lambda jump: jump.frame)),

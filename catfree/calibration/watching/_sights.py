@@ -212,6 +212,8 @@ def predict(
     state: Float[Array, "3"],
     velocity: Float[Array, "2"],
     place: Float[Array, "3 4"],
+    center: Float[Array, "3"],
+    zoom: Float[Array, ""],
 ) -> Float[Array, "3"]:
     """Predict the angles of a person's box in a camera.
 
@@ -221,12 +223,15 @@ def predict(
         state: (3,) ground position and height.
         velocity: (2,) per step.
         place: (3, 4) map to the camera's axes.
+        center: (3,) displacement of the camera along the ground's axes and upward.
+        zoom: natural log by which its focal length is longer.
 
     Returns:
         (3,) azimuth of the center, elevation of head and foot in radians; finite everywhere.
     """
     x, y = state[0] - lag * velocity[0], state[1] - lag * velocity[1]
     one, zero = jnp.ones((), state.dtype), jnp.zeros((), state.dtype)
+    place = jnp.concatenate([place[:, :3], (place[:, 3] - place[:, :3] @ center)[:, None]], 1)
     station = -place[:, :2].T @ place[:, 3]
     away = jnp.stack([x - station[0], y - station[1]])
     nearer = FOOT_SHARE * state[2] / jnp.sqrt(jnp.maximum(away @ away, 1e-12))
@@ -234,7 +239,7 @@ def predict(
     foot = place @ jnp.stack([x - nearer * away[0], y - nearer * away[1], zero, one])
 
     def angles(v: Float[Array, "3"]) -> tuple[Array, Array]:
-        v = v + jnp.cross(turn, v)
+        v = (v + jnp.cross(turn, v)) * jnp.stack([one, one, jnp.exp(-zoom)])
         flat = jnp.sqrt(jnp.maximum(v[0] ** 2 + v[2] ** 2, 1e-12))
         # The azimuth is finite, with its gradient, for a point at the camera.
         depth = jnp.where(jnp.abs(v[0]) + jnp.abs(v[2]) > 1e-6, v[2], 1e-6)
@@ -246,18 +251,20 @@ def predict(
 
 @jax.jit
 def _predicted(state: Array, velocity: Array, place: Array) -> Array:
-    turn, lag = jnp.zeros(3, state.dtype), jnp.zeros((), state.dtype)
-    return jax.vmap(predict, (None, None, 0, 0, 0))(turn, lag, state, velocity, place)
+    three, zero = jnp.zeros(3, state.dtype), jnp.zeros((), state.dtype)
+    of_all = jax.vmap(predict, (None, None, 0, 0, 0, None, None))
+    return of_all(three, zero, state, velocity, place, three, zero)
 
 
 @jax.jit
 def _linear(state: Array, velocity: Array, place: Array) -> tuple[Array, Array]:
     def one(state: Array, velocity: Array, place: Array) -> tuple[Array, Array]:
-        def shifted(shift: Float[Array, "7"]) -> tuple[Array, Array]:
-            found = predict(shift[:3], shift[3], state + shift[4:], velocity, place)
+        def shifted(shift: Float[Array, "11"]) -> tuple[Array, Array]:
+            turn, lag, center, zoom, move = jnp.split(shift, [3, 4, 7, 8])
+            found = predict(turn, lag[0], state + move, velocity, place, center, zoom[0])
             return found, found
 
-        slope, value = jax.jacfwd(shifted, has_aux=True)(jnp.zeros(7, state.dtype))
+        slope, value = jax.jacfwd(shifted, has_aux=True)(jnp.zeros(11, state.dtype))
         return value, slope
 
     return jax.vmap(one)(state, velocity, place)
@@ -277,7 +284,7 @@ def linear(
     state: Float[np.ndarray, "n 3"],
     velocity: Float[np.ndarray, "n 2"],
     place: Float[np.ndarray, "n 3 4"],
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 7"]]:
-    """`predicted`, and its derivatives with respect to turn (3), lag (1) and state (3)."""
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 11"]]:
+    """`predicted`, and its derivatives by turn (3), lag, center (3), zoom and state (3)."""
     with jax.enable_x64(True):
         return in_blocks(_linear, (state, velocity, place), *BLOCKS)

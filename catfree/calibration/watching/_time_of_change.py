@@ -3,12 +3,13 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.calibration.watching._changes import Change, Course
+from catfree.calibration.watching._changes import Course
 from catfree.calibration.watching._matching import GATE, SPREAD, Correction, match
 from catfree.calibration.watching._sights import Sights
 from catfree.calibration.watching._windows import Watched
 
 ELBOW = 4.0  # fall of twice the log likelihood within two standard deviations
+NEARBY = 3  # windows before and after, from which the errors there are taken
 SHARPER = 0.5  # boxes are more exact than matches demand
 
 
@@ -28,9 +29,13 @@ def time_of_change(watched: Watched, course: Course, index: int) -> tuple[int, f
     low, high = watched.windows[first].begin, watched.windows[last].stop
     people = sights.people
     person = np.arange(*np.searchsorted(people.frame, [low, high]))
+    windows = range(len(watched.windows))
     before, after = (
-        _costs(sights, change.camera, person, _correction(course, change, window))
-        for window in (first, last)
+        _costs(sights, change.camera, person, _usual(watched, change.camera, course.reference, at))
+        for at in (
+            windows[max(first - NEARBY, 0) : first + 1],
+            windows[last : last + NEARBY + 1],
+        )
     )
     gain = np.zeros(high - low + 1)
     np.add.at(gain, people.frame[person] - low, before - after)
@@ -54,7 +59,10 @@ def _costs(
     return cost
 
 
-def _correction(course: Course, change: Change, window: int) -> Correction:
-    value, _ = course.at(window)
-    own = value[4 * change.camera : 4 * change.camera + 4]
-    return Correction(own[:3], float(own[3]))
+def _usual(watched: Watched, camera: int, reference: int, windows: range) -> Correction:
+    """The middle error of a camera in some windows, each found from that window alone."""
+    found = [watched.corrections[window] for window in windows]
+    turn = np.median([one[camera].turn for one in found], axis=0)
+    return Correction(
+        turn, float(np.median([one[camera].lag - one[reference].lag for one in found]))
+    )

@@ -10,10 +10,10 @@ CAMERAS, WINDOWS = 3, 20
 
 
 def windows(errors, seed=0, *, noise=1.0, groups=4):
-    """Windows of `groups` people each, which tell of errors (W, 4C) with a known noise."""
+    """Windows of `groups` people each, which tell of errors (W, 8C) with a known noise."""
     rng = np.random.default_rng(seed)
     p = errors.shape[1]
-    sd = np.tile([0.002, 0.002, 0.002, 0.2], p // 4)
+    sd = np.tile([0.002, 0.002, 0.002, 0.2, 0.1, 0.1, 0.1, 0.02], p // 8)
     result = []
     for w, error in enumerate(errors):
         matrix, vector = [], []
@@ -25,7 +25,7 @@ def windows(errors, seed=0, *, noise=1.0, groups=4):
             )
             matrix.append(information)
             vector.append(information @ (error + off))
-        blank = np.zeros(p // 4, np.int64)
+        blank = np.zeros(p // 8, np.int64)
         result.append(Window(10 * w, 10 * w + 10, np.array(matrix), np.array(vector), *[blank] * 4))
     return result
 
@@ -33,7 +33,7 @@ def windows(errors, seed=0, *, noise=1.0, groups=4):
 def test_nothing_changes_where_nothing_changed():
     alarms = 0
     for seed in range(40):
-        course = fit_course(windows(np.zeros((WINDOWS, 4 * CAMERAS)), seed, noise=3.0), 1e-3)
+        course = fit_course(windows(np.zeros((WINDOWS, 8 * CAMERAS)), seed, noise=3.0), 1e-3)
         alarms += len(course.changes)
     # 40 recordings, 19 windows, 3 cameras, 2 kinds, each with a chance of 1e-3: 4.6 expected.
     assert alarms <= 11
@@ -41,8 +41,8 @@ def test_nothing_changes_where_nothing_changed():
 
 @pytest.mark.parametrize(("camera", "kind", "size"), [(1, TURN, 0.01), (2, LAG, 1.5)])
 def test_a_change_is_found_in_its_camera_at_its_window(camera, kind, size):
-    errors = np.zeros((WINDOWS, 4 * CAMERAS))
-    column = 4 * camera + (1 if kind is TURN else 3)
+    errors = np.zeros((WINDOWS, 8 * CAMERAS))
+    column = 8 * camera + (1 if kind is TURN else 3)
     errors[12:, column] = size
     course = fit_course(windows(errors, 5), 1e-5)
     assert len(course.changes) == 1
@@ -58,8 +58,8 @@ def test_rates_are_within_their_deviations():
     within, total = 0, 0
     time = 10 * np.arange(WINDOWS) + 5
     for seed in range(10):
-        errors = np.zeros((WINDOWS, 4 * CAMERAS))
-        errors[:, 4 + 3] = 0.02 * (time - time.mean()) + 1.0
+        errors = np.zeros((WINDOWS, 8 * CAMERAS))
+        errors[:, 8 + 3] = 0.02 * (time - time.mean()) + 1.0
         course = fit_course(windows(errors, seed), 1e-6, rates=True, kinds=[LAG])
         assert course.changes == ()
         rate, covariance = course.rates()
@@ -68,7 +68,7 @@ def test_rates_are_within_their_deviations():
         offset = np.array([0.0, 1.0, 0.0]) - [0.0, 1.0, 0.0][course.reference]
         others = np.arange(CAMERAS) != course.reference
         within += (np.abs(rate - true) < 2 * np.sqrt(covariance.diagonal()))[others].sum()
-        within += (np.abs(value[3::4] - offset) < 2 * np.sqrt(of_value.diagonal()[3::4]))[
+        within += (np.abs(value[3::8] - offset) < 2 * np.sqrt(of_value.diagonal()[3::8]))[
             others
         ].sum()
         total += 2 * others.sum()

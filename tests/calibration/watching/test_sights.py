@@ -20,7 +20,13 @@ finite = st.floats(-2, 2)
 _SHIFTED = jax.jit(
     jax.vmap(
         lambda shift, state, velocity: predict(
-            shift[:3], shift[3], state + shift[4:], velocity, jnp.asarray(PLACE)
+            shift[:3],
+            shift[3],
+            state + shift[8:],
+            velocity,
+            jnp.asarray(PLACE),
+            shift[4:7],
+            shift[7],
         ),
         (0, None, None),
     )
@@ -32,10 +38,10 @@ def test_derivatives_are_those_of_finite_differences(x, y, height, vx, vy):
     state, velocity = np.array([[x, y, height]]), np.array([[vx, vy]])
     value, slope = linear(state, velocity, PLACE[None])
     assert np.allclose(value, predicted(state, velocity, PLACE[None]), atol=1e-12)
-    shifts = 1e-6 * np.concatenate([np.eye(7), -np.eye(7)])
+    shifts = 1e-6 * np.concatenate([np.eye(11), -np.eye(11)])
     with jax.enable_x64(True):
         ends = np.asarray(_SHIFTED(*map(jnp.asarray, (shifts, state[0], velocity[0]))))
-    assert np.allclose((ends[:7] - ends[7:]).T / 2e-6, slope[0], atol=1e-6)
+    assert np.allclose((ends[:11] - ends[11:]).T / 2e-6, slope[0], atol=1e-6)
 
 
 @pytest.mark.parametrize("state", [[0.0, 0.0, 0.0], [-0.3, 6.0, 1.7]])
