@@ -10,8 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2
@@ -27,8 +25,8 @@ from catfree.calibration.people.adjustment._anchor_residuals import (
     ROTATION,
     Measurement,
     linearize,
+    map_cameras,
     measurements_of,
-    on_map,
 )
 from catfree.calibration.people.adjustment._anchors import (
     Anchor,
@@ -447,16 +445,11 @@ def _described(
     """The calibration of the fitted cameras in the frame of the anchors."""
     rig, count = calibration.scene.rig, len(fit.cameras)
     known = np.asarray(rig.registered)
-    with jax.enable_x64(True):
-        frame = jnp.asarray(fit.frame)
-        cameras, slopes = (
-            jax.tree.map(np.asarray, jax.vmap(function, (0, None))(jnp.asarray(fit.cameras), frame))
-            for function in (on_map, jax.jacfwd(on_map, (0, 1)))
-        )
+    cameras, slopes = map_cameras(fit.cameras, fit.frame)
     J = np.zeros((7 * count, 7 * count + 4))
     for camera in range(count):
         rows = slice(7 * camera, 7 * camera + 7)
-        J[rows, rows], J[rows, -4:] = slopes[0][camera], slopes[1][camera]
+        J[rows, rows], J[rows, -4:] = slopes[camera, :, :7], slopes[camera, :, 7:]
     covariance = (J @ fit.covariance @ J.T).reshape(count, 7, count, 7)
     _, R, t = to_matrices(cameras, np.asarray(rig.image_size))
     K = np.array(rig.K, np.float64)

@@ -31,9 +31,10 @@ class Calibration:
         log_likelihood_ratio: (C,) natural-log evidence of each camera against the map of the
             others, minus the highest evidence of its boxes at shifted times.
         focal_sd: (C,) standard deviation of the focal length in pixels.
-        camera_covariance: (C, 7, C, 7) of log focal length, tilt, roll, heading and center; more
-            than `focal_sd` and `center_covariance`, because the boxes of one person share their
-            errors. 0 for unregistered cameras, NaN for newly placed ones.
+        camera_covariance: (C, 7, C, 7) of log focal length, tilt, roll, heading and center, by
+            which people and anchors are weighed; more than `focal_sd` and `center_covariance`,
+            because the boxes of one person share errors, and focal lengths may differ. 0 for
+            unregistered cameras, NaN for newly placed ones.
         center_covariance: (C, 3, 3) of the camera centers in square meters, with the heading and
             ground position of the camera with most boxes fixed. This and `focal_sd` cover random
             box noise and the foot offset, not lens distortion; `scale_sd` covers the scale.
