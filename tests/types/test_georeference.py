@@ -88,7 +88,11 @@ def test_files_keep_the_place_and_old_files_have_none(tmp_path):
 
 @pytest.mark.parametrize(
     ("values", "sentence"),
-    [((0.0, 95.0), "other order"), ((np.nan, 0.0), "finite"), ((0, 0, 0, (0, 0), 0.0), "positive")],
+    [
+        ((0.0, 95.0), "other order"),
+        ((np.nan, 0.0), "finite"),
+        ((0.0, 0.0, 0.0, (0.0, 0.0), 0.0), "positive"),
+    ],
 )
 def test_a_georeference_that_is_none_is_refused(values, sentence):
     with pytest.raises(InvalidInputError, match=sentence):
