@@ -45,7 +45,6 @@ from catfree.calibration.people.cameras._camera_model import (
 )
 from catfree.calibration.people.cameras._scale_deviation import scale_variance
 from catfree.errors import CalibrationError, InvalidInputError
-from catfree.geometry import fit_similarity
 from catfree.methods.evidence.observe._boxes import undistort
 from catfree.settings import CalibrationSettings
 from catfree.types import GeoReference, Rig, Scene
@@ -323,9 +322,10 @@ def _start(usable: Sequence[Measurement], cameras: Float[np.ndarray, "cam 7"]) -
         return _Frame(identity, 1)
     points = linearize(on, cameras, identity).value[:, :2]
     if distinct > 1:
-        fitted = fit_similarity(points, places)
-        scale, R = float(fitted.scale), np.asarray(fitted.rotation, np.float64)
-        angle = float(np.arctan2(R[1, 0], R[0, 0]))
+        # Over complex numbers a rotation times a scale is one factor.
+        near, far = ((xy - xy.mean(0)) @ np.array([1, 1j]) for xy in (points, places))
+        factor = (near.conj() @ far) / max((near.conj() @ near).real, 1e-12)
+        scale, angle = max(abs(factor), 1e-3), float(np.angle(factor))
     else:
         scale, angle = 1.0, float(turned[0].value[2] - cameras[turned[0].camera, PAN])
     c, s = scale * np.cos(angle), scale * np.sin(angle)

@@ -116,7 +116,8 @@ def test_errors_of_the_scale_are_as_large_as_stated():
     assert 0.58 < np.mean(np.square(ratios)) < 1.55
 
 
-@settings(max_examples=20)
+@pytest.mark.slow
+@settings(max_examples=8)
 @given(st.integers(0, 10**6))
 def test_one_more_consistent_anchor_never_makes_the_rig_less_sure(seed):
     calibration, rng = drawn(seed)
@@ -131,7 +132,8 @@ def test_one_more_consistent_anchor_never_makes_the_rig_less_sure(seed):
     np.testing.assert_allclose(parameters_of(after), parameters_of(before), atol=1e-6)
 
 
-@settings(max_examples=15)
+@pytest.mark.slow
+@settings(max_examples=8)
 @given(st.integers(0, 10**6), st.permutations(range(5)))
 def test_the_order_of_anchors_changes_nothing(seed, order):
     calibration, rng = drawn(seed)
@@ -141,7 +143,8 @@ def test_the_order_of_anchors_changes_nothing(seed, order):
     assert sorted(one.contradictions) == sorted(other.contradictions)
 
 
-@settings(max_examples=15)
+@pytest.mark.slow
+@settings(max_examples=8)
 @given(st.integers(0, 10**6), st.floats(0.5, 2))
 def test_a_world_of_another_size_gives_a_rig_of_that_size(seed, size):
     calibration, rng = drawn(seed, scale=1.0)
@@ -161,7 +164,8 @@ def test_a_world_of_another_size_gives_a_rig_of_that_size(seed, size):
     assert other.crowd_height == pytest.approx(size * one.crowd_height, rel=1e-6)
 
 
-@settings(max_examples=15)
+@pytest.mark.slow
+@settings(max_examples=8)
 @given(st.integers(0, 10**6), st.floats(-3, 3), st.floats(-500, 500), st.floats(-500, 500))
 def test_the_scene_comes_out_in_the_frame_of_the_map(seed, turn, x, y):
     calibration, _ = drawn(seed)
@@ -181,7 +185,8 @@ def test_the_scene_comes_out_in_the_frame_of_the_map(seed, turn, x, y):
         assert off[camera] @ np.linalg.solve(covariance, off[camera]) < 30
 
 
-@settings(max_examples=20)
+@pytest.mark.slow
+@settings(max_examples=8)
 @given(st.integers(0, 10**6))
 def test_an_anchor_that_contradicts_the_others_is_named_and_not_used(seed):
     calibration, rng = drawn(seed)
@@ -197,7 +202,8 @@ def test_an_anchor_that_contradicts_the_others_is_named_and_not_used(seed):
     assert off == pytest.approx(bad.meters * 0.4 / 1.4, abs=4 * sd)
 
 
-@settings(max_examples=20)
+@pytest.mark.slow
+@settings(max_examples=8)
 @given(st.integers(0, 10**6), st.sampled_from([0.7, 0.8, 1.25]))
 def test_a_crowd_of_another_height_gives_way_to_an_anchor(seed, size):
     # The rig is in units of its crowd: as if these people were 1.70 m tall.

@@ -178,6 +178,9 @@ def read_anchors(path: str | os.PathLike[str]) -> tuple[Anchor, ...]:
         path: the file. Its entries have the attributes of `KnownDistance`, `KnownCamera` and
             `SurveyedPoint`; what has a default may be left out.
 
+    Returns:
+        The anchors.
+
     Raises:
         InvalidInputError: if there is no such file, or a value is invalid.
         FileFormatError: if the file is not JSON of this form.
