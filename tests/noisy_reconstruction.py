@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from catfree.types import Rig
-from catfree.types._reconstruction import Reconstruction
+from catfree.types.results._reconstruction import Reconstruction
 
 
 def reconstruct(

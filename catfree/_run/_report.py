@@ -204,13 +204,23 @@ def describe_cameras(
                 "these cameras was too weak: they share too few people with the others."
             )
         )
-    if calibration is not None:
+    if calibration is not None and calibration.anchors:
+        blocks.append(
+            Paragraph(
+                "Cameras and ground were found from the people and from anchors. The standard "
+                f"deviation of all lengths is {100 * calibration.scale_sd:.1f} %."
+            )
+        )
+        blocks += [Paragraph(check.sentence) for check in calibration.anchors]
+    elif calibration is not None:
         blocks.append(
             Paragraph(
                 "Cameras and ground were found from the people alone, assuming an average height "
                 f"of {person_height:.2f} m: if your people are 5 % taller, all lengths are 5 % too "
                 "short. "
-                f"The standard deviation of all lengths is {100 * calibration.scale_sd:.0f} %."
+                f"The standard deviation of all lengths is {100 * calibration.scale_sd:.0f} % "
+                "if they are adults; a known distance (anchors) makes it smaller, and right for "
+                "any people."
             )
         )
     return blocks

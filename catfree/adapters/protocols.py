@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float, UInt8
 
 from catfree.errors import InvalidInputError
 from catfree.types import Scene
-from catfree.types._reconstruction import Reconstruction as Reconstruction
 from catfree.types._validation import as_float, require_finite, require_shape
+from catfree.types.results._reconstruction import Reconstruction as Reconstruction
 
 Image = UInt8[np.ndarray, "_ _ 3"]
 

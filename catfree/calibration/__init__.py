@@ -8,6 +8,7 @@ from catfree.calibration.people import (
     KnownCamera as KnownCamera,
     KnownDistance as KnownDistance,
     SurveyedPoint as SurveyedPoint,
+    anchored as anchored,
     read_anchors as read_anchors,
     refine_with_correspondences as refine_with_correspondences,
     remove_offsets as remove_offsets,

@@ -13,8 +13,8 @@ from catfree.adapters.onnx._letterbox import Letterbox
 from catfree.adapters.onnx._onnx_session import OnnxGraph
 from catfree.adapters.protocols import Image, as_image
 from catfree.errors import InvalidInputError
-from catfree.types._reconstruction import Reconstruction
 from catfree.types._sampling import evenly_spread
+from catfree.types.results._reconstruction import Reconstruction
 
 _NEEDED = (
     "a VGGT export (input [1, views, 3, H, W]; outputs pose_enc [1, views, 9], world_points "

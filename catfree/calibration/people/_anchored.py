@@ -10,10 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.stats import chi2
 
 from catfree.calibration.people._register import Calibration
@@ -27,8 +25,8 @@ from catfree.calibration.people.adjustment._anchor_residuals import (
     ROTATION,
     Measurement,
     linearize,
+    map_cameras,
     measurements_of,
-    on_map,
 )
 from catfree.calibration.people.adjustment._anchors import (
     Anchor,
@@ -47,14 +45,14 @@ from catfree.calibration.people.cameras._camera_model import (
 )
 from catfree.calibration.people.cameras._scale_deviation import scale_variance
 from catfree.errors import CalibrationError, InvalidInputError
-from catfree.geometry import fit_similarity
 from catfree.methods.evidence.observe._boxes import undistort
 from catfree.settings import CalibrationSettings
 from catfree.types import GeoReference, Rig, Scene
 
 ROUNDS = 20  # of linearization; a fit takes four
 CONVERGED = 1e-9  # meters, radians and relative
-SAME = 1e-6  # relative difference of two log probabilities that rounding explains
+SAME = 1e-6  # difference of two sums of squares that rounding explains
+UNKNOWN = 1e3  # relative standard deviation of a height of which nothing is known
 FLATTEST = 0.01  # radians below the horizon; a pixel sees nearer ground
 UNCHECKED = 1e-6  # share of a measurement's information below which nothing else determines it
 ON_MAP = (POSITION, ROTATION, POINT)
@@ -80,6 +78,7 @@ class _Fit:
             where nothing else determines it; the last one is the crowd's.
         innovation_covariance: (d, d) of these.
         log_p: natural logarithm of the probability of a larger innovation by chance.
+        misfit: sum of squares of the standardized residuals.
     """
 
     cameras: Float[np.ndarray, "cam 7"]
@@ -88,6 +87,7 @@ class _Fit:
     innovation: list[np.ndarray]
     innovation_covariance: list[np.ndarray]
     log_p: Float[np.ndarray, " m"]
+    misfit: float
 
 
 def anchored(
@@ -136,29 +136,21 @@ def anchored(
             "The anchors on the map are seen by cameras that are not registered "
             f"({', '.join(str(names[c]) for c in unseen)}). Add points or positions of others."
         )
-    covariance = _prior(calibration)
-    crowd = calibration.crowd_height_sd / calibration.crowd_height
-    unusual = settings.unusual_height_sd / settings.person_height
-    used, typical = np.ones(len(usable), bool), True
-    while True:
-        chosen = [m for m, is_used in zip(usable, used, strict=True) if is_used]
-        if frame.free == 4 and _start(chosen, cameras).free < 4:
-            raise CalibrationError(
-                "The anchors on the map contradict the people and each other; check their units, "
-                "the order of x and y, and whether x, y and up are right-handed."
-            )
-        prior = crowd if typical else unusual
-        fit = _fit(chosen, cameras, covariance, frame, prior)
-        worst = _worst(fit.log_p, settings.anchor_level, typical=typical)
-        if worst is None:
-            break
-        typical = worst < len(chosen)  # the heights of another crowd are judged anew
-        if typical:
-            used[np.flatnonzero(used)[worst]] = False
+    problem = _Problem(
+        usable,
+        cameras,
+        _prior(calibration),
+        frame,
+        calibration.crowd_height_sd / calibration.crowd_height,
+        settings.unusual_height_sd / settings.person_height,
+    )
+    chosen, typical = _consistent(problem, np.log(settings.anchor_level))
+    fit = problem.fit(chosen, typical=typical)
+    in_use = [m for m, is_used in zip(usable, chosen, strict=True) if is_used]
     checks, results = [], zip(fit.innovation, fit.innovation_covariance, fit.log_p, strict=True)
     for m in stated:
         if registered[m.camera]:
-            is_used = any(m is other for other in chosen)
+            is_used = any(m is other for other in in_use)
             result = next(results) if is_used else _unused(m, fit)
             checks.append(_check(m, anchors[m.anchor], *result, names, used=is_used))
         else:
@@ -171,14 +163,91 @@ def anchored(
     return _described(calibration, fit, tuple(checks), earth)
 
 
-def _worst(log_p: Float[np.ndarray, " m"], level: float, *, typical: bool) -> int | None:
-    """Index of what contradicts the others most, or None; the crowd before an equal anchor."""
-    tested = np.where(np.arange(len(log_p)) < len(log_p) - (not typical), log_p, 0.0)
-    if tested.min() >= np.log(level):
-        return None
-    if tested[-1] <= (1 - SAME) * tested.min():
-        return len(tested) - 1
-    return int(np.argmin(tested))
+@dataclass(frozen=True)
+class _Problem:
+    """Everything that is measured.
+
+    Attributes:
+        usable: m measurements of registered cameras.
+        cameras: (C, 7) cameras from the people.
+        prior: (7C, 7C) their covariance.
+        frame: where the map frame starts, and how many of its entries are unknown.
+        crowd: relative standard deviation of the crowd's height.
+        unusual: the same of a crowd that contradicts anchors.
+    """
+
+    usable: list[Measurement]
+    cameras: Float[np.ndarray, "cam 7"]
+    prior: Float[np.ndarray, "n n"]
+    frame: _Frame
+    crowd: float
+    unusual: float
+
+    def fit(self, chosen: Bool[np.ndarray, " m"], *, typical: bool) -> _Fit:
+        """Fit the chosen measurements, with the crowd's height as usual or as unusual."""
+        return self._fit(chosen, self.crowd if typical else self.unusual)
+
+    def misfit_without(self, chosen: Bool[np.ndarray, " m"], at: int, *, typical: bool) -> float:
+        """Sum of squares without one of the chosen measurements, or without the crowd's height.
+
+        Infinite if the map frame is no longer determined.
+        """
+        if at == len(chosen):
+            return self._fit(chosen, UNKNOWN).misfit
+        rest = chosen & (np.arange(len(chosen)) != at)
+        kept = [m for m, is_kept in zip(self.usable, rest, strict=True) if is_kept]
+        if _start(kept, self.cameras).free < self.frame.free:
+            return np.inf
+        return self.fit(rest, typical=typical).misfit
+
+    def _fit(self, chosen: Bool[np.ndarray, " m"], crowd: float) -> _Fit:
+        kept = [m for m, is_kept in zip(self.usable, chosen, strict=True) if is_kept]
+        return _fit(kept, self.cameras, self.prior, self.frame, crowd)
+
+
+def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " m"], bool]:
+    """Set aside what contradicts the others, one by one, until nothing does.
+
+    Of all that contradict, the one without which the others agree best is set aside; the height of
+    the crowd before a measurement that would do as well. What agrees again afterwards returns once.
+
+    Args:
+        problem: everything that is measured.
+        least: log probability below which a difference is a contradiction.
+
+    Returns:
+        The (m,) measurements to use, and whether the crowd's height is as usual.
+
+    Raises:
+        CalibrationError: if the map frame is not determined by what remains.
+    """
+    count = len(problem.usable)
+    chosen, typical, returned = np.ones(count, bool), True, np.zeros(count, bool)
+    while True:
+        fit = problem.fit(chosen, typical=typical)
+        index = np.append(np.flatnonzero(chosen), count)
+        against = index[fit.log_p < least]
+        if not typical:
+            against = against[against < count]
+        if len(against):
+            left = [problem.misfit_without(chosen, int(at), typical=typical) for at in against]
+            if np.isinf(left).all():
+                raise CalibrationError(
+                    "The anchors on the map contradict the people and each other; check their "
+                    "units, the order of x and y, and whether x, y and up are right-handed."
+                )
+            best = min(left)
+            same = against[np.array(left) <= (1 + SAME) * best + SAME]
+            if same[-1] == count:
+                typical = False
+            else:
+                chosen[same[0]], typical = False, True
+            continue
+        outside = np.flatnonzero(~chosen & ~returned)
+        again = [at for at in outside if _unused(problem.usable[at], fit)[2] >= least]
+        if not again:
+            return chosen, typical
+        chosen[again[0]] = returned[again[0]] = True
 
 
 def _parameters(rig: Rig) -> Float[np.ndarray, "cam 7"]:
@@ -253,9 +322,10 @@ def _start(usable: Sequence[Measurement], cameras: Float[np.ndarray, "cam 7"]) -
         return _Frame(identity, 1)
     points = linearize(on, cameras, identity).value[:, :2]
     if distinct > 1:
-        fitted = fit_similarity(points, places)
-        scale, R = float(fitted.scale), np.asarray(fitted.rotation, np.float64)
-        angle = float(np.arctan2(R[1, 0], R[0, 0]))
+        # Over complex numbers a rotation times a scale is one factor.
+        near, far = ((xy - xy.mean(0)) @ np.array([1, 1j]) for xy in (points, places))
+        factor = (near.conj() @ far) / max((near.conj() @ near).real, 1e-12)
+        scale, angle = max(abs(factor), 1e-3), float(np.angle(factor))
     else:
         scale, angle = 1.0, float(turned[0].value[2] - cameras[turned[0].camera, PAN])
     c, s = scale * np.cos(angle), scale * np.sin(angle)
@@ -329,7 +399,7 @@ def _fit(
         log_p.append(chi2.logsf(squared, checked.sum()) if checked.any() else 0.0)
         innovation.append(root @ axes @ (inverse * white))
         spread.append(root @ axes @ (inverse[:, None] * axes.T) @ root.T)
-    return _Fit(at, place, joint, innovation, spread, np.array(log_p))
+    return _Fit(at, place, joint, innovation, spread, np.array(log_p), float(off @ error))
 
 
 def _unused(
@@ -447,16 +517,11 @@ def _described(
     """The calibration of the fitted cameras in the frame of the anchors."""
     rig, count = calibration.scene.rig, len(fit.cameras)
     known = np.asarray(rig.registered)
-    with jax.enable_x64(True):
-        frame = jnp.asarray(fit.frame)
-        cameras, slopes = (
-            jax.tree.map(np.asarray, jax.vmap(function, (0, None))(jnp.asarray(fit.cameras), frame))
-            for function in (on_map, jax.jacfwd(on_map, (0, 1)))
-        )
+    cameras, slopes = map_cameras(fit.cameras, fit.frame)
     J = np.zeros((7 * count, 7 * count + 4))
     for camera in range(count):
         rows = slice(7 * camera, 7 * camera + 7)
-        J[rows, rows], J[rows, -4:] = slopes[0][camera], slopes[1][camera]
+        J[rows, rows], J[rows, -4:] = slopes[camera, :, :7], slopes[camera, :, 7:]
     covariance = (J @ fit.covariance @ J.T).reshape(count, 7, count, 7)
     _, R, t = to_matrices(cameras, np.asarray(rig.image_size))
     K = np.array(rig.K, np.float64)

@@ -51,7 +51,7 @@ def refine_with_correspondences(
         settings: constants.
         box_sd: (N, 3) standard deviations in pixels of horizontal center, top and bottom; if
             None, those of the settings. NaN or infinity marks an edge without information.
-        repeats: mean number of groups that show the same person, and share their errors.
+        repeats: mean number of groups that show the same person.
         iterations: maximum number of steps.
 
     Returns:
@@ -147,7 +147,8 @@ def refine_with_correspondences(
         ),
         camera_covariance=np.where(
             np.logical_and.outer(adjusted, adjusted)[:, None, :, None],
-            result.camera_covariance(repeats),
+            # A common focal length is an assumption that anchors may not confirm.
+            separate.camera_covariance(repeats),
             calibration.camera_covariance,
         ),
         scale_sd=np.hypot(scale_sd, crowd_sd / settings.person_height).item(),

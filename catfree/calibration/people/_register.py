@@ -34,9 +34,10 @@ class Calibration:
         log_likelihood_ratio: (C,) natural-log evidence of each camera against the map of the
             others, minus the highest evidence of its boxes at shifted times.
         focal_sd: (C,) standard deviation of the focal length in pixels.
-        camera_covariance: (C, 7, C, 7) of log focal length, tilt, roll, heading and center; more
-            than `focal_sd` and `center_covariance`, because the boxes of one person share their
-            errors. 0 for unregistered cameras, NaN for newly placed ones.
+        camera_covariance: (C, 7, C, 7) of log focal length, tilt, roll, heading and center, by
+            which people and anchors are weighed; more than `focal_sd` and `center_covariance`,
+            because the boxes of one person share errors, and focal lengths may differ. 0 for
+            unregistered cameras, NaN for newly placed ones.
         distortion_sd: (C,) standard deviation of the radial distortion k1 in
             `scene.rig.distortion`; 0 where none was estimated, because it did not pay.
         center_covariance: (C, 3, 3) of the camera centers in square meters, with the heading and

@@ -21,8 +21,8 @@ from catfree.calibration.reconstructions._robust_mean import angle
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION, ArrayInput
 from catfree.types import Rig
-from catfree.types._reconstruction import Reconstruction
 from catfree.types._sampling import evenly_spread
+from catfree.types.results._reconstruction import Reconstruction
 
 REALIGNMENTS = 5  # rounds of alignment and averaging; two or three suffice to converge
 MAXIMUM_POINTS = 200_000  # points kept of the merged cloud, evenly sampled

@@ -1,4 +1,4 @@
-"""Results: tracks, and the localization that they are part of."""
+"""Results: tracks, the localization that they are part of, and reconstructions."""
 
 from catfree.types.results._arrow_table import (
     MOST_CAMERAS as MOST_CAMERAS,

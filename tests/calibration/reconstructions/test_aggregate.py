@@ -16,7 +16,7 @@ from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry import fit_similarity
 from catfree.synthetic import make_layout
 from catfree.types import Rig
-from catfree.types._reconstruction import Reconstruction
+from catfree.types.results._reconstruction import Reconstruction
 from tests.noisy_reconstruction import reconstruct
 
 seeds = st.integers(0, 2**31 - 1)

@@ -196,3 +196,20 @@ def linearize(
         )
         found = [np.asarray(array)[:count] for array in (value, by_camera, by_frame, by_pixel)]
     return Linearized(*found[:3], found[3].reshape(count, 3, 4))
+
+
+@jax.jit
+def _map_cameras(
+    cameras: Float[Array, "cam 7"], frame: Float[Array, "4"]
+) -> tuple[Array, tuple[Array, Array]]:
+    moved = jax.vmap(on_map, (0, None))(cameras, frame)
+    return moved, jax.vmap(jax.jacfwd(on_map, (0, 1)), (0, None))(cameras, frame)
+
+
+def map_cameras(
+    cameras: Float[np.ndarray, "cam 7"], frame: Float[np.ndarray, "4"]
+) -> tuple[Float[np.ndarray, "cam 7"], Float[np.ndarray, "cam 7 11"]]:
+    """Move (C, 7) cameras into a map frame (4,), with derivatives by both, (C, 7, 7 + 4)."""
+    with jax.enable_x64(True):
+        moved, slopes = _map_cameras(jnp.asarray(cameras), jnp.asarray(frame))
+        return np.asarray(moved), np.concatenate([np.asarray(s) for s in slopes], -1)

@@ -178,6 +178,9 @@ def read_anchors(path: str | os.PathLike[str]) -> tuple[Anchor, ...]:
         path: the file. Its entries have the attributes of `KnownDistance`, `KnownCamera` and
             `SurveyedPoint`; what has a default may be left out.
 
+    Returns:
+        The anchors.
+
     Raises:
         InvalidInputError: if there is no such file, or a value is invalid.
         FileFormatError: if the file is not JSON of this form.
@@ -189,7 +192,10 @@ def read_anchors(path: str | os.PathLike[str]) -> tuple[Anchor, ...]:
         )
     found: list[Anchor] = []
     for name, kind in _LISTS.items():
-        for at, values in enumerate(document.get(name, [])):
+        entries = document.get(name, [])
+        if not isinstance(entries, list):
+            raise FileFormatError(f"{path}: {name} must be a list.")
+        for at, values in enumerate(entries):
             where = f"{path}: entry {at} of {name}"
             if not isinstance(values, dict):
                 raise FileFormatError(f"{where} must be an object.")
@@ -200,14 +206,21 @@ def read_anchors(path: str | os.PathLike[str]) -> tuple[Anchor, ...]:
                     f"{', '.join(sorted(known))}."
                 )
             try:
-                found.append(kind(**{name: _tuples(value) for name, value in values.items()}))
+                stated = {
+                    key: value if key == "camera" else _floats(value)
+                    for key, value in values.items()
+                }
+                found.append(kind(**stated))
             except (TypeError, InvalidInputError) as error:
                 raise InvalidInputError(f"{where}: {error}") from error
     return tuple(found)
 
 
-def _tuples(value: Any) -> Any:
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+def _floats(value: Any) -> Any:
+    """Lists as tuples, whole numbers as floats."""
+    if isinstance(value, list):
+        return tuple(map(_floats, value))
+    return float(value) if type(value) is int else value
 
 
 def resolve_anchors(

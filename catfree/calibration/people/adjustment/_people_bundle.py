@@ -93,12 +93,13 @@ class BundleResult:
         """(C, 7, C, 7) covariance of the cameras.
 
         Args:
-            repeats: boxes of one person that share their errors; the part of the covariance that
-                comes from box noise grows by this factor, the part from the foot offset does not.
+            repeats: boxes of the same person in a camera. Their errors are neither independent nor
+                all the same: the part of the covariance that comes from box noise grows by the
+                geometric mean of both cases, 1 and `repeats`; that of the foot offset does not.
         """
         by_offset = self.covariance[:, -1] / max(np.sqrt(self.covariance[-1, -1]), 1e-12)
         fixed = np.outer(by_offset, by_offset)
-        total = repeats * (self.covariance - fixed) + fixed
+        total = np.sqrt(repeats) * (self.covariance - fixed) + fixed
         count = len(self.parameters)
         return total[:-1, :-1].reshape(count, -1, count, total.shape[0] // count)[:, :7, :, :7]
 

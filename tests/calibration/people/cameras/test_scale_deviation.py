@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from catfree.calibration.people.cameras._scale_deviation import scale_deviation
+from catfree.calibration.people.cameras._scale_deviation import crowd_deviation, scale_variance
 from catfree.settings import CalibrationSettings
 
 RULES = CalibrationSettings()
@@ -24,11 +24,9 @@ def test_a_rig_that_swells_by_some_percent_is_that_uncertain(
     parameters = rig(seed, cameras)
     direction = np.zeros((cameras, 7))
     direction[:, 4:] = parameters[:, 4:] - parameters[0, 4:]  # swells about its first camera
-    direction = np.append(direction, 0.0)
-    known = np.ones(cameras, bool)
-    bare = replace(RULES, crowd_height_sd=0.0, person_height_sd=0.0, box_slack_sd=0.0)
-    found = scale_deviation(parameters, sd**2 * np.outer(direction, direction), known, 5.0, bare)
-    assert found == pytest.approx(sd, abs=1e-9)
+    covariance = sd**2 * np.einsum("ci,dj->cidj", direction, direction)
+    found = scale_variance(parameters, covariance, np.ones(cameras, bool))
+    assert found == pytest.approx(sd**2, abs=1e-9)
 
 
 @given(seed=st.integers(0, 1000), people=st.floats(1, 50))
@@ -37,22 +35,23 @@ def test_more_people_and_surer_cameras_never_make_the_scale_less_sure(
     seed: int, people: float
 ) -> None:
     parameters, known = rig(seed, 4), np.array([True, True, False, True])
-    half = np.random.default_rng(seed).normal(size=(29, 29)) * 0.05
-    covariance = half @ half.T
-    found = scale_deviation(parameters, covariance, known, people, RULES)
-    assert scale_deviation(parameters, covariance, known, 2 * people, RULES) <= found
-    assert scale_deviation(parameters, covariance / 2, known, people, RULES) <= found
-    floor = np.hypot(RULES.crowd_height_sd / RULES.person_height, RULES.box_slack_sd)
-    assert found >= floor  # no number of frames tells how tall the crowd is
+    half = np.random.default_rng(seed).normal(size=(28, 28)) * 0.05
+    covariance = (half @ half.T).reshape(4, 7, 4, 7)
+    found = scale_variance(parameters, covariance, known)
+    assert scale_variance(parameters, covariance / 2, known) <= found
+    crowd = crowd_deviation(people, RULES)
+    assert crowd_deviation(2 * people, RULES) <= crowd
+    # No number of frames tells how tall the crowd is.
+    assert crowd >= np.hypot(RULES.crowd_height_sd, RULES.box_slack_sd * RULES.person_height)
 
 
 def test_cameras_that_are_not_known_say_nothing() -> None:
     parameters, known = rig(0, 3), np.array([True, False, True])
     parameters[1] = np.nan
-    covariance = np.eye(22) * 0.01
-    found = scale_deviation(parameters, covariance, known, 10.0, RULES)
+    covariance = (np.eye(21) * 0.01).reshape(3, 7, 3, 7)
+    found = scale_variance(parameters, covariance, known)
     parameters[1] = 100.0
-    assert scale_deviation(parameters, covariance, known, 10.0, RULES) == found
+    assert scale_variance(parameters, covariance, known) == found
     assert np.isfinite(found)
 
 

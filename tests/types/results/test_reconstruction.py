@@ -5,7 +5,7 @@ import pytest
 
 from catfree.adapters import Reconstruction as PublicReconstruction
 from catfree.errors import InvalidInputError
-from catfree.types._reconstruction import Reconstruction
+from catfree.types.results._reconstruction import Reconstruction
 from tests.types.camera_parameters import parameters
 
 

@@ -1,0 +1,70 @@
+"""What anchors state: invalid ones are refused in one sentence, and files hold all of them."""
+
+import json
+
+import numpy as np
+import pytest
+
+import catfree as cf
+from catfree.errors import FileFormatError, InvalidInputError
+
+ENDS = ((640.0, 500.0), (810.0, 505.0))
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "sentence"),
+    [
+        (cf.KnownDistance, {"pixels": ENDS, "meters": -1.0}, "positive"),
+        (cf.KnownDistance, {"pixels": ENDS, "meters": 5.0, "sd": 0.0}, "positive"),
+        (cf.KnownDistance, {"pixels": (ENDS[0], ENDS[0]), "meters": 5.0}, "same point"),
+        (cf.KnownDistance, {"pixels": ((np.nan, 1.0), ENDS[0]), "meters": 5.0}, "finite"),
+        (cf.KnownCamera, {}, "states nothing"),
+        (cf.KnownCamera, {"height": 0.0}, "positive"),
+        (cf.KnownCamera, {"longitude": 8.0}, "longitude and latitude, or neither"),
+        (cf.KnownCamera, {"rotation": ((1.0, 0.0, 0.0),) * 3}, "rotation matrix"),
+        (cf.SurveyedPoint, {"pixel": ENDS[0]}, "needs a position"),
+        (
+            cf.SurveyedPoint,
+            {"pixel": ENDS[0], "position": (1.0, 2.0), "longitude": 8.0, "latitude": 47.0},
+            "not both",
+        ),
+        (cf.SurveyedPoint, {"pixel": ENDS[0], "longitude": 8.0, "latitude": 147.0}, "degrees"),
+    ],
+)
+def test_anchors_that_state_nothing_possible_are_refused(kind, values, sentence):
+    with pytest.raises(InvalidInputError, match=sentence):
+        kind("north", **values)
+
+
+def test_a_file_holds_anchors_of_all_kinds(tmp_path):
+    path = tmp_path / "anchors.json"
+    document = {
+        "distances": [{"camera": "north", "pixels": [[640, 500], [810, 505]], "meters": 5}],
+        "cameras": [{"camera": 1, "height": 4.1, "position": [1, 2, 4.1]}],
+        "points": [{"camera": 0, "pixel": [512, 700], "longitude": 8.547, "latitude": 47.376}],
+    }
+    path.write_text(json.dumps(document))
+    assert cf.read_anchors(path) == (
+        cf.KnownDistance("north", ENDS, 5.0),
+        cf.KnownCamera(1, height=4.1, position=(1.0, 2.0, 4.1)),
+        cf.SurveyedPoint(0, (512.0, 700.0), longitude=8.547, latitude=47.376),
+    )
+
+
+@pytest.mark.parametrize(
+    ("document", "error", "sentence"),
+    [
+        ([], FileFormatError, "lists distances, cameras and points"),
+        ({"lines": []}, FileFormatError, "lists distances, cameras and points"),
+        ({"cameras": [5]}, FileFormatError, "entry 0 of cameras must be an object"),
+        ({"cameras": {"camera": 0}}, FileFormatError, "cameras must be a list"),
+        ({"cameras": [{"camera": 0, "size": 1}]}, FileFormatError, "'size'"),
+        ({"cameras": [{"camera": 0, "height": "tall"}]}, InvalidInputError, "entry 0 of cameras"),
+        ({"distances": [{"camera": 0}]}, InvalidInputError, "entry 0 of distances"),
+    ],
+)
+def test_files_of_another_form_are_refused(tmp_path, document, error, sentence):
+    path = tmp_path / "anchors.json"
+    path.write_text(json.dumps(document))
+    with pytest.raises(error, match=sentence):
+        cf.read_anchors(path)

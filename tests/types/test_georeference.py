@@ -1,0 +1,99 @@
+"""Ground coordinates and places on Earth: an independent computation agrees, and both ways do."""
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+from scipy.spatial.transform import Rotation
+
+import catfree as cf
+from catfree.errors import InvalidInputError
+from catfree.geometry import Similarity, transform_scene
+from catfree.synthetic import make_layout
+
+AXIS, FLAT = 6378137.0, 1 / 298.257223563  # of WGS 84
+
+coordinates = st.floats(-500, 500)
+references = st.tuples(
+    st.floats(-180, 180), st.floats(-88, 88), st.floats(-180, 180),
+    st.tuples(coordinates, coordinates), st.floats(0.01, 10),
+)  # fmt: skip
+
+
+def earth_centered(longitude, latitude, height=0.0):
+    """Closed form with the reduced latitude: another way to the same point."""
+    polar = AXIS * (1 - FLAT)
+    reduced = np.arctan(np.tan(latitude) * (1 - FLAT))
+    foot = np.array([AXIS * np.cos(reduced), polar * np.sin(reduced)])
+    p, z = foot + height * np.array([np.cos(latitude), np.sin(latitude)])
+    return np.array([p * np.cos(longitude), p * np.sin(longitude), z])
+
+
+@given(references, st.floats(-2000, 2000), st.floats(-2000, 2000))
+def test_places_are_those_of_an_independent_computation(given_reference, x, y):
+    earth = cf.GeoReference(*given_reference)
+    (longitude, latitude) = np.deg2rad(earth.to_longitude_latitude([[x, y]]))[0]
+    base = np.deg2rad([earth.longitude, earth.latitude])
+    # East, north, up by two rotations; y of the ground is `heading` clockwise from north.
+    to_earth = Rotation.from_euler("ZY", [base[0], -base[1]]).as_matrix()[:, [1, 2, 0]]
+    east_north = Rotation.from_euler("z", -earth.heading, degrees=True).apply(
+        earth.meters_per_unit * np.append(np.subtract([x, y], earth.origin), 0)
+    )
+    point = earth_centered(*base) + to_earth @ east_north
+    below = earth_centered(longitude, latitude)
+    vertical = earth_centered(longitude, latitude, 1.0) - below
+    assert np.linalg.norm(np.cross(point - below, vertical)) < 1e-6
+
+
+@given(references, st.floats(-2000, 2000), st.floats(-2000, 2000))
+def test_there_and_back(given_reference, x, y):
+    earth = cf.GeoReference(*given_reference)
+    again = earth.to_xy(earth.to_longitude_latitude([[x, y]]))
+    np.testing.assert_allclose(again, [[x, y]], atol=1e-6 / earth.meters_per_unit)
+    np.testing.assert_allclose(earth.residual([[x, y]], earth.to_longitude_latitude([[x, y]])), 0,
+                               atol=1e-6)  # fmt: skip
+
+
+@given(references, st.integers(0, 99))
+def test_a_moved_scene_stays_where_it_is_on_earth(given_reference, seed):
+    earth = cf.GeoReference(*given_reference)
+    rng = np.random.default_rng(seed)
+    scene = make_layout("ring4").scene
+    scene = cf.Scene(scene.rig, scene.ground, scene.extent, True, earth)
+    moved = transform_scene(
+        Similarity(rng.uniform(0.1, 5), Rotation.from_rotvec(rng.normal(size=3)).as_matrix(),
+                   rng.normal(size=3)), scene,
+    )  # fmt: skip
+    again = transform_scene(Similarity.identity(), scene)
+    assert again.georeference.to_array() == pytest.approx(earth.to_array(), abs=1e-3)
+    for camera in range(scene.rig.camera_count):
+        found = []
+        for one in (scene, moved):
+            center = np.asarray(one.rig.centers, np.float64)[camera]
+            found.append(center @ np.asarray(one.ground.basis, np.float64))
+        here = scene.georeference.to_longitude_latitude([found[0]])
+        off = moved.georeference.residual([found[1]], here)
+        assert off[0] < 1e-3 * earth.meters_per_unit * (1 + np.abs(found[0]).max())
+
+
+def test_files_keep_the_place_and_old_files_have_none(tmp_path):
+    earth = cf.GeoReference(8.5, 47.3, 30.0, (1.0, 2.0), 1.0)
+    plain = make_layout("ring4").scene
+    known = cf.Scene(plain.rig, plain.ground, plain.extent, True, earth)
+    for scene, place in ((plain, None), (known, earth)):
+        scene.save(tmp_path / "scene.npz")
+        assert cf.Scene.load(tmp_path / "scene.npz").georeference == place
+        cf.adapters.write_scene_json(tmp_path / "scene.json", scene)
+        assert cf.read_scene(tmp_path / "scene.json")[0].georeference == place
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ((0.0, 95.0), "other order"),
+        ((np.nan, 0.0), "finite"),
+        ((0.0, 0.0, 0.0, (0.0, 0.0), 0.0), "positive"),
+    ],
+)
+def test_a_georeference_that_is_none_is_refused(values, sentence):
+    with pytest.raises(InvalidInputError, match=sentence):
+        cf.GeoReference(*values)
