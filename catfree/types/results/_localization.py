@@ -126,8 +126,9 @@ class Reliability(eqx.Module):
         pattern_share: largest share of the variance of a camera's residuals that a wrong lens, a
             clock that is off or a move of the camera explains, beyond chance; None if the method
             gives none.
-        least_together: how often two cameras see a person together, over how often they would if
-            each missed people on its own; smallest of all pairs, NaN or None if it is not known.
+        least_together: how often two cameras see a walking person together, over how often they
+            would if each missed people on its own; smallest of all pairs, NaN or None if it is not
+            known.
     """
 
     median_sigma: float

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from catfree.geometry._buckets import coarse_length
 from catfree.geometry._person import edges_and_slopes
@@ -31,6 +31,7 @@ LARGEST = 4.0  # usual residuals of the camera, to which residuals are clipped
 BLOCK = 12  # frames of a track whose errors count as one
 LARGEST_SHARE = 0.15  # of the variance; simulated and real rigs in order reach 0.03
 LEAST_TOGETHER = 0.6  # cameras that miss people each on its own are seldom below 0.95
+FEWEST_TOGETHER = 20  # expected sightings by two cameras, to judge them
 ROWS_BLOCK = 4096  # positions are padded to this times a power of four
 
 
@@ -100,8 +101,8 @@ class Patterns(NamedTuple):
 
     Attributes:
         explained: of each camera, see `Explained`.
-        together: (C, C) how often two cameras see a person together, over how often they would if
-            each missed people on its own; NaN where they hardly could.
+        together: (C, C) of the faster half of the people, `seen_together`: people who stand say
+            nothing of clocks.
     """
 
     explained: Explained
@@ -232,9 +233,28 @@ def residual_patterns(
             np.asarray(measurements.used), boxes.view, np.asarray(views.matrix),
             np.asarray(views.center), views.image_size[:, 0] / 2,
         )  # fmt: skip
-    seen, chance = (member >= 0).astype(float), rate[group]
-    expected = chance.T @ chance
-    observed = seen.T @ seen
-    together = np.where(expected > 20, observed / np.maximum(expected, 1e-9), np.nan)
-    np.fill_diagonal(together, np.nan)
-    return Patterns(Explained(*map(np.asarray, found)), together)
+    speed = np.linalg.norm(velocity, axis=1)
+    walks = speed >= np.median(speed)
+    return Patterns(
+        Explained(*map(np.asarray, found)), seen_together(member[walks] >= 0, rate[group][walks])
+    )
+
+
+def seen_together(
+    seen: Bool[np.ndarray, "person cam"], rate: Float[np.ndarray, "person cam"]
+) -> Float[np.ndarray, "cam cam"]:
+    """How often two cameras see people together, over how often they would by chance.
+
+    Args:
+        seen: (n, C) whether the camera sees the person.
+        rate: (n, C) probability that it does.
+
+    Returns:
+        (C, C), NaN on the diagonal and where few are expected.
+    """
+    together = np.full((rate.shape[1],) * 2, np.nan)
+    expected = rate.T @ rate
+    observed = seen.T.astype(float) @ seen
+    enough = (expected >= FEWEST_TOGETHER) & ~np.eye(len(expected), dtype=bool)
+    together[enough] = observed[enough] / expected[enough]
+    return together

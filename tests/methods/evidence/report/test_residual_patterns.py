@@ -5,7 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 from hypothesis import given, strategies as st
 
-from catfree.methods.evidence.report._residual_patterns import GROUPS, explained
+from catfree.methods.evidence.report._residual_patterns import (
+    GROUPS,
+    LEAST_TOGETHER,
+    explained,
+    seen_together,
+)
 
 ROWS, BLOCK = 600, 12
 
@@ -54,3 +59,26 @@ def test_without_residuals_everything_is_finite():
     assert np.isfinite(total(*nothing))
     for slope in jax.grad(total, (0, 1))(*nothing):
         assert np.isfinite(slope).all()
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 5))
+def test_cameras_that_miss_people_on_their_own_see_them_together_as_often_as_expected(seed, count):
+    rng = np.random.default_rng(seed)
+    rate = rng.uniform(0.5, 0.95, (2000, count))
+    found = seen_together(rng.random(rate.shape) < rate, rate)
+    apart = ~np.eye(count, dtype=bool)
+    np.testing.assert_allclose(found[apart], 1, atol=0.15)
+    assert np.isnan(np.diag(found)).all()
+
+
+def test_two_groups_of_cameras_that_see_other_people_are_told():
+    """Everybody is found twice: by the first two cameras, and by the last two at another time."""
+    seen = np.repeat([[True, True, False, False], [False, False, True, True]], 100, axis=0)
+    found = seen_together(seen, np.full(seen.shape, 0.5))
+    assert (found[:2, 2:] < LEAST_TOGETHER).all()
+    assert found[0, 1] > 1
+    assert found[2, 3] > 1
+
+
+def test_few_expected_sightings_say_nothing():
+    assert np.isnan(seen_together(np.zeros((5, 3), bool), np.full((5, 3), 0.9))).all()

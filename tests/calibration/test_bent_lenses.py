@@ -1,0 +1,34 @@
+"""Rigs from people seen through lenses that nobody told of."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+# The folder `benchmarks` is no installed package: it is imported from the checkout's root.
+from benchmarks.robustness import bent
+from catfree.calibration import calibrate
+from catfree.geometry import fit_similarity
+from tests.calibration.ring_world import ring_of_six
+
+K1 = -0.3
+
+
+@pytest.mark.slow
+def test_the_distortion_of_bent_lenses_is_found_and_that_of_straight_ones_is_none():
+    world = ring_of_six()
+    boxes, truth = world.detections, world.true_rig
+    box = bent(np.asarray(boxes.box), np.asarray(truth.K)[boxes.camera], K1)
+    found = calibrate(dataclasses.replace(boxes, box=box), truth.image_size)
+    rig = found.scene.rig
+    assert rig.registered.all()
+    assert rig.distortion is not None
+    k1 = np.asarray(rig.distortion)[:, 0]
+    assert (np.abs(k1 - K1) < 3 * found.distortion_sd).all()
+    assert (found.distortion_sd < 0.1).all()
+    similarity = fit_similarity(np.asarray(rig.centers), world.true_centres)
+    moved = np.asarray(similarity(np.asarray(rig.centers))) - world.true_centres
+    assert np.linalg.norm(moved, axis=1).max() < 0.5
+    straight = calibrate(boxes, truth.image_size)
+    assert straight.scene.rig.is_ideal
+    np.testing.assert_array_equal(straight.distortion_sd, 0)
