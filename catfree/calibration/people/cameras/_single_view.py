@@ -214,7 +214,6 @@ def _polish(
         (F, 7) planes, and (F,) the mean weight of all boxes over each of them.
     """
     solver = SchurLevenbergMarquardt(CONVERGED, 0.0)
-    count = jnp.maximum(jnp.sum(sample.precision > 0), 1)
 
     def fit(start: Array, member: Array) -> tuple[Array, Array]:
         view = jnp.stack([start[TILT], start[ROLL], jnp.log(start[Z])])[None]
@@ -223,8 +222,8 @@ def _polish(
         args = jnp.zeros(0, view.dtype), (start[LOG_FOCAL], own)
         found = minimize(_problem, unknowns, args, solver).value.view[0]
         plane = _plane(found, start[LOG_FOCAL])
-        weight = jnp.where(sample.precision > 0, 1 / (1 + _misfit(plane, sample) ** 2), 0)
-        return plane, jnp.sum(weight) / count
+        weight = 1 / (1 + _misfit(plane, sample) ** 2)
+        return plane, jnp.mean(weight, where=sample.precision > 0)
 
     return jax.vmap(fit)(start, member)
 
