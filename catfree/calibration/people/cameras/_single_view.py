@@ -4,11 +4,27 @@ A single view cannot separate its focal length from the bias of box bottoms, so 
 lengths are tried: for each, the ground plane is fitted so that people have realistic heights.
 """
 
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Bool, Float
 
 from catfree.calibration.people._box_grid import BoxGrid
-from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, TILT, Z, rotation
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, TILT, Z, projection
+from catfree.geometry._arrays import safe_norm
+from catfree.geometry._buckets import coarse_length, padded
+from catfree.geometry._least_squares import (
+    Residuals,
+    SchurLevenbergMarquardt,
+    Unknowns,
+    cauchy,
+    minimize,
+    robust,
+)
+from catfree.geometry._person import drop_to_height, height_at
 from catfree.settings import CalibrationSettings
 from catfree.types._sampling import evenly_spread
 
@@ -16,6 +32,10 @@ TRIALS = 400  # minimal samples; if half of the boxes are good, all 400 fail wit
 TOLERANCE = 0.10  # relative to the predicted box height: twice the spread of heights
 LARGEST_SAMPLE = 1500  # boxes per fit
 FEWEST_BOXES = 12
+BLOCK = 512  # boxes are padded to this number times a power of four
+LARGEST_MISFIT = 30.0  # standard deviations
+FLATTEST = 1e3  # camera heights; feet that are farther away are near the horizon
+CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration
 
 
 def fit_planes(
@@ -56,19 +76,34 @@ def fit_planes(
         np.ones(len(boxes), bool),
     )
     generator = np.random.default_rng(0)
+    starts = [_sample_plane(boxes[chosen], focal, settings, generator) for chosen in subsets]
+    begun = [subset for subset, start in enumerate(starts) if start is not None]
+    if not begun:
+        return np.zeros((0, 7))
+    # From each start, to its own boxes and to all.
+    n = coarse_length(len(boxes), BLOCK)
+    tall = np.maximum(boxes[:, 2] - boxes[:, 1], 1.0)
+    # Both edges change the implied height; the lower one also changes the range.
+    spread = np.hypot(settings.person_height_sd, 2.0 * settings.apparent_height * sd / tall)
+    member = np.stack([m for chosen in subsets for m in (chosen, subsets[-1])])
+    start = np.stack([starts[at if at in begun else begun[0]] for at in (0, 0, 1, 1, 2, 2)])
+    with jax.enable_x64(True):
+        sample = _Sample(
+            padded(boxes, n),
+            padded(1 / spread, n),
+            jnp.asarray(settings.apparent_height),
+            jnp.asarray(settings.foot_offset),
+            jnp.asarray(1 / settings.roll_sd),
+        )
+        member = jnp.pad(jnp.asarray(member), ((0, 0), (0, n - len(boxes))))
+        planes, quality = map(np.asarray, _polish(jnp.asarray(start), member, sample))
     fits: list[tuple[float, np.ndarray]] = []
-    for chosen in subsets:
-        start = _sample_plane(boxes[chosen], focal, settings, generator)
-        if start is None:
-            continue
-        for members in (chosen, np.ones(len(boxes), bool)):
-            fitted = _polish(start, boxes[members], sd[members], settings)
-            if fitted is None:
-                continue
-            quality = float(np.mean(1 / (1 + _misfit(fitted, boxes, sd, settings) ** 2)))
-            if not any(_same_plane(fitted, other) for _, other in fits):
-                fits.append((quality, fitted))
-            break
+    for subset in begun:
+        for at in (2 * subset, 2 * subset + 1):
+            if _is_sensible(planes[at]):
+                if not any(_same_plane(planes[at], other) for _, other in fits):
+                    fits.append((float(quality[at]), planes[at]))
+                break
     fits.sort(key=lambda item: -item[0])
     return np.array([plane for _, plane in fits]).reshape(-1, 7)
 
@@ -104,7 +139,9 @@ def _sample_plane(
     plane[TILT] = np.arcsin(np.clip(normal[2], -0.99, 0.99))
     plane[ROLL] = np.arctan2(normal[0], normal[1])
     plane[Z] = 1.0
-    height = _heights(plane, boxes, 0.0)
+    n = coarse_length(len(boxes), BLOCK)
+    with jax.enable_x64(True):
+        height = np.asarray(_heights(plane, padded(boxes, n), np.zeros(())))[: len(boxes)]
     usable = np.isfinite(height) & (height > 0)
     if usable.sum() < FEWEST_BOXES:
         return None
@@ -112,70 +149,87 @@ def _sample_plane(
     return plane
 
 
-def _heights(
-    plane: Float[np.ndarray, "7"], boxes: Float[np.ndarray, "n 3"], foot_offset: float
-) -> Float[np.ndarray, " n"]:
-    """Person heights (n,) that boxes (n, 3) imply over a plane; NaN above the horizon."""
-    R, focal = rotation(plane), np.exp(plane[LOG_FOCAL])
-    foot = (boxes[:, :1] / focal) * R[0] + (boxes[:, 2:] / focal) * R[1] + R[2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ground = foot * (-plane[Z] / np.where(foot[:, 2] < -1e-3, foot[:, 2], np.nan))[:, None]
-    flat = np.linalg.norm(ground[:, :2], axis=-1, keepdims=True)
-    ground = ground[:, :2] * (1 + foot_offset / flat)
-    base = ground @ R[:, :2].T - plane[Z] * R[:, 2]
-    row = boxes[:, 1] / focal
-    gain = row * R[2, 2] - R[1, 2]
-    return (base[:, 1] - row * base[:, 2]) / np.where(np.abs(gain) < 1e-3, np.nan, gain)
+class _Sample(NamedTuple):
+    """Boxes (n, 3) of one camera, their inverse deviations, and what people are like."""
+
+    box: Float[Array, "n 3"]
+    precision: Float[Array, " n"]
+    height: Float[Array, ""]
+    foot_offset: Float[Array, ""]
+    roll_precision: Float[Array, ""]
 
 
-def _misfit(
-    plane: Float[np.ndarray, "7"],
-    boxes: Float[np.ndarray, "n 3"],
-    sd: Float[np.ndarray, " n"],
-    settings: CalibrationSettings,
-) -> Float[np.ndarray, " n"]:
-    """Standardized deviation of implied from expected person heights; 30 where undefined."""
-    height = _heights(plane, boxes, settings.foot_offset)
-    tall = np.maximum(boxes[:, 2] - boxes[:, 1], 1.0)
-    # Both edges change the implied height; the lower one also changes the range.
-    spread = np.hypot(settings.person_height_sd, 2.0 * settings.apparent_height * sd / tall)
-    misfit = (height - settings.apparent_height) / spread
-    return np.where(np.isfinite(misfit), np.clip(misfit, -30, 30), 30.0)
+def _height(
+    plane: Float[Array, "7"], box: Float[Array, "3"], foot_offset: Float[Array, ""]
+) -> Float[Array, ""]:
+    """Height of a person that a box implies over a plane; NaN above the horizon."""
+    matrix = projection(plane)
+    inverse = jnp.linalg.inv(matrix[:, jnp.array([0, 1, 3])])
+    ground = drop_to_height(inverse, box[jnp.array([0, 2])])
+    depth = matrix[2, :2] @ ground + matrix[2, 3]
+    ahead = ground * (1 + foot_offset / jnp.maximum(safe_norm(ground), 1e-6))
+    height = height_at(matrix, ahead, box[1])
+    gain = matrix[1, 2] - box[1] * matrix[2, 2]
+    known = (depth > 0) & (depth < FLATTEST * plane[Z])
+    known &= jnp.abs(gain) * FLATTEST > jnp.exp(plane[LOG_FOCAL])
+    return jnp.where(known, height, jnp.nan)
 
 
+_heights = jax.jit(jax.vmap(_height, (None, 0, None)))
+
+
+def _misfit(plane: Float[Array, "7"], sample: _Sample) -> Float[Array, " n"]:
+    """Standardized deviation of implied from expected person heights; the largest if undefined."""
+    height = jax.vmap(_height, (None, 0, None))(plane, sample.box, sample.foot_offset)
+    known = jnp.isfinite(height)
+    misfit = (jnp.where(known, height, 0) - sample.height) * sample.precision
+    misfit = jnp.where(known, jnp.clip(misfit, -LARGEST_MISFIT, LARGEST_MISFIT), LARGEST_MISFIT)
+    return jnp.where(sample.precision > 0, misfit, 0)
+
+
+def _problem(
+    unknowns: Unknowns, args: tuple[Float[Array, "0"], tuple[Array, _Sample]]
+) -> tuple[Residuals, Residuals]:
+    """Residuals of tilt, roll and log camera height (1, 3)."""
+    log_focal, sample = args[1]
+    misfit = _misfit(_plane(unknowns.view[0], log_focal), sample)
+    residuals = Residuals(
+        misfit[None, :, None, None], unknowns.view[:, 1] * sample.roll_precision, unknowns.block
+    )
+    return robust(residuals, partial(cauchy, width=1.0))
+
+
+def _plane(view: Float[Array, "3"], log_focal: Float[Array, ""]) -> Float[Array, "7"]:
+    zero = jnp.zeros_like(log_focal)
+    return jnp.stack([log_focal, view[0], view[1], zero, zero, zero, jnp.exp(view[2])])
+
+
+@jax.jit
 def _polish(
-    start: Float[np.ndarray, "7"],
-    boxes: Float[np.ndarray, "n 3"],
-    sd: Float[np.ndarray, " n"],
-    settings: CalibrationSettings,
-) -> Float[np.ndarray, "7"] | None:
-    """Cauchy least squares on implied person heights over tilt, roll and log camera height."""
-    plane = start.copy()
-    steps = np.array([1e-4, 1e-4, 1e-4])
+    start: Float[Array, "fit 7"], member: Bool[Array, "fit n"], sample: _Sample
+) -> tuple[Float[Array, "fit 7"], Float[Array, " fit"]]:
+    """Cauchy least squares on implied person heights over tilt, roll and log camera height.
 
-    def moved(change: Float[np.ndarray, "3"]) -> Float[np.ndarray, "7"]:
-        out = plane.copy()
-        out[[TILT, ROLL]] += change[:2]
-        out[Z] *= np.exp(change[2])
-        return out
+    Returns:
+        (F, 7) planes, and (F,) the mean weight of all boxes over each of them.
+    """
+    solver = SchurLevenbergMarquardt(CONVERGED, 0.0)
 
-    for _ in range(12):
-        base = _misfit(plane, boxes, sd, settings)
-        weight = 1 / (1 + base**2)
-        slope = np.stack(
-            [(_misfit(moved(d), boxes, sd, settings) - base) / 1e-4 for d in np.diag(steps)], -1
-        )
-        slope = np.where(np.abs(slope) < 1e4, slope, 0.0)
-        normal = slope.T @ (weight[:, None] * slope) + 1e-6 * np.eye(3)
-        target = slope.T @ (weight * base)
-        normal[1, 1] += settings.roll_sd**-2
-        target[1] += plane[ROLL] * settings.roll_sd**-2
-        change = np.clip(-np.linalg.solve(normal, target), -0.2, 0.2)
-        plane = moved(change)
-        if np.abs(change).max() < 1e-5:
-            break
-    sensible = 0.8 < plane[Z] < 40 and abs(plane[ROLL]) < 0.6 and -0.3 < plane[TILT] < 1.4
-    return plane if sensible else None
+    def fit(start: Array, member: Array) -> tuple[Array, Array]:
+        view = jnp.stack([start[TILT], start[ROLL], jnp.log(start[Z])])[None]
+        unknowns = Unknowns(view, jnp.zeros((len(member), 0), view.dtype))
+        own = sample._replace(precision=jnp.where(member, sample.precision, 0))
+        args = jnp.zeros(0, view.dtype), (start[LOG_FOCAL], own)
+        found = minimize(_problem, unknowns, args, solver).value.view[0]
+        plane = _plane(found, start[LOG_FOCAL])
+        weight = 1 / (1 + _misfit(plane, sample) ** 2)
+        return plane, jnp.mean(weight, where=sample.precision > 0)
+
+    return jax.vmap(fit)(start, member)
+
+
+def _is_sensible(plane: Float[np.ndarray, "7"]) -> bool:
+    return bool(0.8 < plane[Z] < 40 and abs(plane[ROLL]) < 0.6 and -0.3 < plane[TILT] < 1.4)
 
 
 def _same_plane(one: Float[np.ndarray, "7"], other: Float[np.ndarray, "7"]) -> bool:
