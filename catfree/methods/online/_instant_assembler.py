@@ -110,6 +110,7 @@ class InstantAssembler:
             )
         if not np.isfinite(time):
             raise InvalidInputError(f"The time of a frame of camera {camera} is {time}.")
+        camera, time = int(camera), float(time)
         number = self._number(time)
         if self._closed is not None and number <= self._closed:
             self._dropped.append(DroppedFrame(camera, time, "late"))

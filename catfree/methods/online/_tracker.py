@@ -86,7 +86,8 @@ class Tracker:
             )
         usable(no_boxes(), scene, settings)  # raises if there are too few cameras
         self.scene, self.settings = scene, settings
-        self.lag, self.frame_rate = float(lag), frame_rate
+        self.lag = float(lag)
+        self.frame_rate = None if frame_rate is None else float(frame_rate)
         self.reset()
 
     def update(
@@ -119,6 +120,7 @@ class Tracker:
                 f"time is {quoted(time)}, after {state.time:g}: it must be a number of seconds "
                 "that increases. Leave out what comes too late."
             )
+        time = float(time)
         silent = self._silent(detections, cameras)
         own = np.flatnonzero(usable(detections, self.scene, self.settings))
         boxes = detections[own]

@@ -80,10 +80,10 @@ def records_of(update: Update) -> Iterator[Record]:
     """Yield the events and the final positions of an update, one record per instant."""
     for event in update.events:
         yield {"type": event.kind, "time": event.time, "old": event.old, "new": event.new}
-    final, time = update.final, update.final.time
-    for frame in np.unique(final.frame) if time is not None else ():
+    final, times = update.final, np.asarray(update.final.time)
+    for frame in np.unique(final.frame):
         at = final.frame == frame
-        yield _people("final", float(time[at][0]), final[at])
+        yield _people("final", float(times[at][0]), final[at])
 
 
 def _people(kind: str, time: float, tracks: Tracks) -> Record:
