@@ -86,7 +86,7 @@ def lines_of(world, names, rate):
     for frame in np.unique(every.frame):
         for camera, name in enumerate(names):
             here = every[(every.frame == frame) & (every.camera == camera)]
-            yield line(name, frame / rate, here.box.tolist())
+            yield line(name, frame / rate, here.box.tolist(), scores=here.score.tolist())
 
 
 @pytest.mark.slow

@@ -1,0 +1,40 @@
+"""The command that tracks while the cameras record."""
+
+import io
+import json
+
+import numpy as np
+import pytest
+
+from catfree.adapters import write_scene_json
+from catfree.cli import _commands as cli
+from catfree.synthetic import make_world
+
+pytest.importorskip("tyro")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("provisional", [True, False])
+def test_lines_in_lines_out(provisional, tmp_path, monkeypatch, capsys):
+    world = make_world("ring4", frames=12, people=4)
+    write_scene_json(tmp_path / "scene.json", world.true_scene, list("abcd"))
+    seen, lines = world.detections, ["nonsense"]
+    for frame in range(12):
+        for camera, name in enumerate("abcd"):
+            boxes = seen.box[(seen.frame == frame) & (seen.camera == camera)].tolist()
+            lines.append(json.dumps({"camera": name, "time": frame / 5, "boxes": boxes}))
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(lines)))
+    options = ["--scene", str(tmp_path / "scene.json"), "--frame-rate", "5", "--lag", "1"]
+    assert cli.main(["watch", *options, *([] if provisional else ["--no-provisional"])]) == 0
+    out, aside = capsys.readouterr()
+    assert aside.startswith("catfree: warning: Line 1 is left out: 'nonsense' is not JSON")
+    records = [json.loads(line) for line in out.splitlines()]
+    final = [record for record in records if record["type"] == "final"]
+    np.testing.assert_allclose([r["time"] for r in final[-5:]], np.arange(7, 12) / 5)
+    assert any(record["type"] == "provisional" for record in records) == provisional
+
+
+def test_a_missing_scene_is_one_sentence(tmp_path, capsys):
+    code = cli.main(["watch", "--scene", str(tmp_path / "no.json"), "--frame-rate", "5"])
+    assert code == 1
+    assert "no.json" in capsys.readouterr().err
