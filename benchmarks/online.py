@@ -1,7 +1,7 @@
 """Accuracy and cost of `cf.Tracker`: `python -m benchmarks.online [DATA]`.
 
-With DATA (see `benchmarks.methods`), and for simulated worlds of `--worlds FIRST END`, a table
-compares MODA at 0.5 m of positions of now (lag 0), of positions that are final after 2 s,
+With DATA (see `benchmarks.methods`), and for simulated worlds of seeds `--worlds FIRST END`, a
+table compares MODA at 0.5 m of positions of now (lag 0), of positions that are final after 2 s,
 and of `cf.localize` on all frames. Frames without a known rate count as two per second.
 
 `--speed N` adds N instants of 7 cameras with about 25 boxes each, and prints the time per instant

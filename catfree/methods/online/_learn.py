@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import jax
 import numpy as np
+from scipy.special import expit
 
 from catfree.errors import InsufficientDataError
+from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence.group._appearance import Likeness, compare_frames, learn_ratio
-from catfree.methods.evidence.group._group import group
+from catfree.methods.evidence.group._group import appearance_log_odds, group
 from catfree.methods.evidence.learn._self_calibration import (
     foot_cover,
     learn_once_more,
@@ -16,8 +18,18 @@ from catfree.methods.evidence.learn._self_calibration import (
 from catfree.methods.evidence.observe._boxes import prepare_boxes
 from catfree.methods.evidence.observe._measurement import measure_boxes
 from catfree.methods.evidence.observe._views import ground_views
-from catfree.methods.evidence.observe._visibility import usual_heights
+from catfree.methods.evidence.observe._visibility import (
+    count_detections,
+    rate_of_counts,
+    usual_heights,
+)
 from catfree.methods.evidence.report._working_area import usual_place
+from catfree.methods.evidence.track._existence import (
+    clutter_cells,
+    count_clutter,
+    judge_groups,
+    predict_views,
+)
 from catfree.methods.online._tracker_state import Learned, TrackerState, rescaled
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
@@ -87,22 +99,40 @@ def learn_noise_and_unit(
         return state
     boxes = prepare_boxes(sample, scene.rig, settings)
     n = len(boxes.row)
-    likeness = learned.likeness
+    views = ground_views(scene, unit, boxes)
+    measured = measure_boxes(boxes, foot_cover(boxes), views, noise, settings)
+    groups = group(boxes, measured, noise)
+    heights = usual_heights(boxes.size[:n], boxes.camera[:n], scene.rig.camera_count)
     appearance = compare_frames(boxes) if settings.use_appearance else None
+    likeness = None
     if appearance is not None:
-        views = ground_views(scene, unit, boxes)
-        measured = measure_boxes(boxes, foot_cover(boxes), views, noise, settings)
-        found = learn_ratio(appearance, group(boxes, measured, noise), settings)
-        if found is not None:
-            likeness = np.array([*found.same, *found.other, found.limit])
+        likeness = learn_ratio(appearance, groups, settings)
+    known = learned.likeness
+    if likeness is not None:
+        known = np.array([*likeness.same, *likeness.other, likeness.limit])
+    trials, hits, clutter = learned.trials, learned.hits, learned.clutter
+    if state.count <= SETTLED:
+        # Count all instants so far again: they were seen with less settled noise.
+        place, _ = mean_and_covariance(groups.info, float(noise.spread))
+        seen = predict_views(place, groups.frame, groups.member, boxes, views)
+        trials, hits = count_detections(seen, groups.member, heights)
+        rate = rate_of_counts(heights, trials, hits, settings)
+        agreement = appearance_log_odds(groups, likeness, appearance, settings)
+        found = judge_groups(groups, agreement, measured, boxes, views, rate(seen), settings)
+        g, c = np.nonzero(groups.member >= 0)
+        cell = clutter_cells(np.asarray(measured.state)[groups.member[g, c]], c, views)
+        clutter = count_clutter(cell, expit(found.log_odds)[g], scene.rig.camera_count)
     old = float(learned.unit)
     length = 1.0 if np.isnan(old) else old / unit
     learned = replace(
         learned,
         unit=np.array(unit),
         noise=jax.tree.map(np.asarray, noise),
-        heights=usual_heights(boxes.size[:n], boxes.camera[:n], scene.rig.camera_count),
-        likeness=likeness,
+        heights=heights,
+        trials=trials,
+        hits=hits,
+        clutter=clutter,
+        likeness=known,
         steps=learned.steps * np.array([length**2, 1]),
         places=learned.places * np.array([length, 1]),
     )
