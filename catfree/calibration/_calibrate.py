@@ -1,6 +1,7 @@
 """Calibrate a metric rig from boxes alone: registration, then refinement by evidence."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from catfree.calibration.people import (
     resolve_anchors,
     without_vague_cameras,
 )
+from catfree.calibration.watching import synchronize
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections
@@ -39,7 +41,8 @@ def calibrate(
     of the ground; people seen by two cameras at the same time join the maps. The evidence method
     then groups the boxes, and its most certain groups refine the rig. A camera that fits far worse
     than the others is removed and tried at every position that its boxes allow. Finally, every
-    camera's position is searched again against the refined rig, and its evidence is checked again.
+    camera's position is searched again against the refined rig, late cameras are corrected by whole
+    frames where the rig fits better then, and the evidence for each camera is checked again.
 
     Args:
         detections: (N,) boxes of synchronized static cameras; boxes with a score below
@@ -48,7 +51,8 @@ def calibrate(
         settings: settings of a run or of the calibration only; the defaults if None.
         camera_names: names for error messages.
         maximum_offset: largest clock offset of a single camera, in frames, to search for and
-            correct; 0 trusts the frame numbers.
+            correct before cameras are registered; 0 registers them with the given frame numbers.
+            Lags of a few frames are found in the settled rig and corrected in any case.
         anchors: lengths, cameras and points that are known from elsewhere (`KnownDistance`,
             `KnownCamera`, `SurveyedPoint`). Without them the scale rests on the height of the
             people alone: a crowd of children makes all lengths too long, and nothing shows it.
@@ -151,7 +155,13 @@ def finish_calibration(
         return without_vague_cameras(begun, rules, camera_names)
     synchronized = remove_offsets(detections, begun.frame_offset)
     report = progress or no_progress
-    best = EvidenceLoop(synchronized, settings, report, camera_names).settle(begun)
+    loop = EvidenceLoop(synchronized, settings, report, camera_names)
+    best, synchronized = synchronize(
+        loop.settle(begun),
+        synchronized,
+        settings,
+        lambda boxes, rig: replace(loop, detections=boxes).refine(rig),
+    )
     best = confirm(best, synchronized, rules)
     return without_vague_cameras(best, rules, camera_names)
 

@@ -40,12 +40,12 @@ class Receipt:
         part: SHA-256 of the table of positions.
         pieces: SHA-256 of the summary of its tracks.
         boxes: number of boxes it looked at.
-        boxes_used: share of the boxes that support a position: how well they fit the scene. A
-            sudden change tells that a camera was moved.
+        boxes_used: share of the boxes that support a position: how well they fit the scene.
         expected_moda: label-free expectation of MODA in percent, or None.
         median_sigma: median uncertainty of the positions in scene units, or None without any.
         seconds: of computing time.
-        warnings: sentences about the input.
+        warnings: sentences about the input, and about cameras that moved, are late or dead.
+        verdicts: of `check` on each camera; empty if there were too few boxes.
     """
 
     schema: str
@@ -69,6 +69,7 @@ class Receipt:
     median_sigma: float | None
     seconds: float
     warnings: tuple[str, ...] = ()
+    verdicts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,8 @@ def read_receipt(path: Path) -> Receipt:
     try:
         require_declared_types(Receipt, values)
         Clock(**values["clock"])
-        values["warnings"] = tuple(map(str, values["warnings"]))
+        for name in ("warnings", "verdicts"):
+            values[name] = tuple(map(str, values[name]))
     except (InvalidInputError, TypeError) as error:
         raise FileFormatError(f"{path} is damaged ({quoted(error)}). {again}") from error
     return Receipt(**values)

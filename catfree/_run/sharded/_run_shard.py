@@ -34,6 +34,7 @@ from catfree.adapters.files._documents import write_text_atomically
 from catfree.adapters.files._fingerprint import hash_file, hash_parameters
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.adapters.tables._tracks_table import write_tracks_parquet
+from catfree.calibration import Verdict, check
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
@@ -111,10 +112,12 @@ def run_shard(
     else:
         detections = boxes_of(shard)
         localization = localize_people(detections, scene, settings)
+    verdicts, said = _verdicts(detections, localization, scene, settings)
+    localization = dataclasses.replace(localization, warnings=(*localization.warnings, *said))
     seconds = time.perf_counter() - begin
     return write_shard(
         files, shard, detections, localization, settings, run=run, scene_file=scene_file,
-        seconds=seconds,
+        seconds=seconds, verdicts=verdicts,
     )  # fmt: skip
 
 
@@ -128,6 +131,7 @@ def write_shard(
     run: str,
     scene_file: str,
     seconds: float,
+    verdicts: tuple[str, ...] = (),
 ) -> Receipt:
     """Write positions and summary of a shard, and its receipt last.
 
@@ -140,6 +144,7 @@ def write_shard(
         run: the result of `run_fingerprint`.
         scene_file: SHA-256 of the scene's file.
         seconds: that the localization took.
+        verdicts: on each camera.
 
     Raises:
         WriteError: if the disk is full or not writable.
@@ -173,6 +178,7 @@ def write_shard(
         median_sigma=_or_none(reliability.median_sigma),
         seconds=round(seconds, 3),
         warnings=localization.warnings,
+        verdicts=verdicts,
     )
     write_receipt(files.receipt, receipt)
     return receipt
@@ -190,6 +196,23 @@ def run_fingerprint(
     return hash_parameters(
         "run", content_hash(scene), code_hash(), *names, settings=dataclasses.asdict(settings)
     )
+
+
+def _verdicts(
+    detections: Detections, localization: Localization, scene: Scene, settings: Settings
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Verdicts on the cameras, and sentences about those that are moved, late or dead."""
+    try:
+        found = check(scene, detections, settings=settings, localization=localization)
+    except InsufficientDataError:
+        return (), ()
+    fine = (Verdict.FITS, Verdict.DOUBTFUL)
+    said = [
+        f"Camera {one.camera} is {one.verdict.value}. {one.advice}"
+        for one in found.cameras
+        if one.verdict not in fine
+    ]
+    return tuple(one.verdict.value for one in found.cameras), tuple(said)
 
 
 def _within(

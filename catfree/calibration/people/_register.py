@@ -55,8 +55,8 @@ class Calibration:
         camera_residual: (C,) the same per camera, NaN for cameras without boxes. A camera with a
             clearly higher residual than the others is misplaced.
         sightings: (C,) number of boxes per camera in the last adjustment.
-        frame_offset: (C,) frames by which each camera's frame numbers are too high; 0 unless the
-            search for offsets was requested.
+        frame_offset: (C,) frames by which each camera's frame numbers are too high: those found
+            by the search for offsets, if requested, and lags of the settled rig.
         anchors: each quantity that anchors state, and the height of the people, compared with
             everything else; empty without anchors.
     """

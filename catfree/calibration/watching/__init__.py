@@ -11,3 +11,4 @@ from catfree.calibration.watching._estimate_clocks import (
     Clocks as Clocks,
     estimate_clocks as estimate_clocks,
 )
+from catfree.calibration.watching._synchronize import synchronize as synchronize

@@ -160,9 +160,10 @@ def candidates(
     excess = stack - np.median(stack, axis=0)[None] * (len(shifts) > 4)
     found = []
     for _ in range(TRIED):
-        top = np.unravel_index(int(excess.argmax()), excess.shape)
-        if excess.max() <= 0:
+        peak = int(excess.argmax())
+        if excess.ravel()[peak] <= 0:
             break
+        top = np.unravel_index(peak, excess.shape)
         azimuth, elevation = ((int(top[i]) - REACH) * CELL for i in (1, 2))
         # A camera that turns to the right by an angle sees everybody that much farther left.
         found.append(Correction(np.array([-elevation, azimuth, 0.0]), float(shifts[top[0]])))

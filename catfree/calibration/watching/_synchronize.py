@@ -1,0 +1,63 @@
+"""Correct clocks in a rig from people, where a late camera was placed a little off."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from catfree.calibration.people import Calibration, remove_offsets
+from catfree.calibration.watching._estimate_clocks import estimate_clocks
+from catfree.errors import InsufficientDataError
+from catfree.settings import Settings
+from catfree.types import Detections
+
+FEWEST_CAMERAS = 3  # two cameras that disagree do not tell which of them is late
+ROUNDS = 6  # a rig hides a part of a lag, which shows after the rest is corrected
+# Of a frame: whole frames hardly correct less; and the same of a camera that was late before.
+FIRST, AGAIN = 0.75, 0.5
+SURE = 4.0  # standard deviations
+FALL = 0.01  # of the residual, that all corrections together must bring
+
+
+def synchronize(
+    calibration: Calibration,
+    detections: Detections,
+    settings: Settings,
+    refine: Callable[[Detections, Calibration], Calibration],
+) -> tuple[Calibration, Detections]:
+    """Correct the frame numbers of late cameras by whole frames as long as the rig fits better.
+
+    Args:
+        calibration: the settled rig.
+        detections: (N,) the boxes it was refined with.
+        settings: of the localization.
+        refine: refines a rig with boxes whose frame numbers were corrected.
+
+    Returns:
+        The rig, whose `frame_offset` includes the corrections, and the corrected boxes.
+    """
+    settings = replace(settings, method="evidence")
+    frames = np.unique(detections.frame)
+    step = max(1, int(np.median(np.diff(frames)))) if len(frames) > 1 else 1
+    kept = calibration, detections
+    least_residual = (1 - FALL) * calibration.residual
+    for _ in range(ROUNDS):
+        if calibration.scene.rig.registered.sum() < FEWEST_CAMERAS:
+            break
+        try:
+            clocks = estimate_clocks(calibration.scene, detections, settings=settings)
+        except InsufficientDataError:
+            break
+        share = np.where(calibration.frame_offset == 0, FIRST, AGAIN)
+        least = np.maximum(share * step, SURE * clocks.offset_sd)
+        late = np.nan_to_num(np.abs(clocks.offset)) > np.nan_to_num(least)
+        if not late.any():
+            break
+        offset = step * np.rint(np.where(late, clocks.offset, 0) / step).astype(np.int64)
+        moved = remove_offsets(detections, offset)
+        refined = refine(moved, calibration)
+        calibration = replace(refined, frame_offset=calibration.frame_offset + offset)
+        detections = moved
+        if refined.residual <= least_residual:
+            kept, least_residual = (calibration, detections), refined.residual
+    return kept

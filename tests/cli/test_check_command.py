@@ -1,0 +1,39 @@
+"""`check` on files of boxes: a table, and a page."""
+
+import numpy as np
+import pytest
+
+from catfree.adapters import write_scene_json
+from catfree.cli import _commands as cli
+from catfree.synthetic import make_world
+from tests.calibration.watching.bumped import on_clock, turn_camera
+
+pytest.importorskip("tyro")
+
+
+@pytest.mark.slow
+def test_a_turned_camera_is_named_in_the_table_and_on_the_page(tmp_path, capsys):
+    world = make_world("ring4", seed=2, frames=100, people=8)
+    turn = np.deg2rad([0.0, 3.0, 0.0])
+    boxes = turn_camera(on_clock(world.detections, 5.0), world.true_rig, 1, turn, 60)
+    boxes.save(tmp_path / "boxes.npz")
+    write_scene_json(tmp_path / "scene.json", world.true_scene)
+    out = tmp_path / "page"
+    words = ["check", str(tmp_path / "boxes.npz"), "--scene", str(tmp_path / "scene.json")]
+    assert cli.main([*words, "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "moved" in printed
+    page = (out / "report.md").read_text()
+    assert page.count("| pass | C") == 3
+    assert "| check | C2 moved | Turned by" in page
+    assert "MODA is expected" in page
+    assert (out / "report.html").is_file()
+    assert (out / "coverage.png").is_file()
+
+
+def test_a_missing_scene_is_one_sentence(tmp_path, capsys):
+    world = make_world("ring4", seed=2, frames=4, people=2)
+    world.detections.save(tmp_path / "boxes.npz")
+    words = ["check", str(tmp_path / "boxes.npz"), "--scene", str(tmp_path / "none.json")]
+    assert cli.main(words) == 1
+    assert capsys.readouterr().err.startswith("catfree: ")
