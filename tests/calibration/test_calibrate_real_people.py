@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from catfree.adapters import MultiViewSequence, read_uniform_json
-from catfree.calibration import Calibration, calibrate
+from catfree.calibration import Calibration, KnownCamera, anchored, calibrate
 from catfree.geometry import fit_similarity
 from tests.known_sequences import real_path
 
@@ -80,3 +80,22 @@ def test_a_camera_of_other_times_is_flagged_and_the_others_stay(room, without, k
     assert others.tolist() == [c for c in range(len(truth)) if c != DISTURBED]
     assert registered.tolist() == others.tolist()
     np.testing.assert_allclose(centers, alone, atol=0.05)
+
+
+@pytest.mark.slow
+def test_known_positions_make_the_scale_of_a_real_room_sure(room):
+    calibration = calibrate(room.detections, room.rig.image_size)
+    truth = np.asarray(room.rig.centers)
+    known = [
+        KnownCamera(int(c), position=tuple(truth[c].tolist()), position_sd=0.02)
+        for c in np.flatnonzero(calibration.scene.rig.registered)
+    ]
+    found = anchored(calibration, known)
+    assert found.contradictions == ()
+    assert found.scale_sd < 0.01 < calibration.scale_sd
+    _, centers, scale = aligned_centers(found, truth)
+    assert abs(np.log(scale)) < 2 * found.scale_sd
+    _, before, _ = aligned_centers(calibration, truth)
+    assert np.linalg.norm(centers - truth, axis=1).mean() < 0.5 * (
+        np.linalg.norm(before - truth, axis=1).mean()
+    )

@@ -333,6 +333,65 @@ def _start(usable: Sequence[Measurement], cameras: Float[np.ndarray, "cam 7"]) -
     return _Frame(np.array([np.log(scale), angle, *shift]), 4)
 
 
+class _Equations(NamedTuple):
+    """Measurements linearized at a rig and a map frame, the crowd's height last.
+
+    Attributes:
+        by_camera: (k, 7C) derivatives by the cameras.
+        by_frame: (k, f) by the free entries of the map frame.
+        noise: (k, k) covariance of what is stated.
+        off: (k,) stated minus predicted for the cameras from the people.
+    """
+
+    by_camera: Float[np.ndarray, "k n"]
+    by_frame: Float[np.ndarray, "k f"]
+    noise: Float[np.ndarray, "k k"]
+    off: Float[np.ndarray, " k"]
+
+    @classmethod
+    def of(
+        cls,
+        chosen: Sequence[Measurement],
+        cameras: Float[np.ndarray, "cam 7"],
+        at: Float[np.ndarray, "cam 7"],
+        place: Float[np.ndarray, "4"],
+        free: int,
+        crowd: float,
+    ) -> "_Equations":
+        """Linearize at cameras `at` and the map frame `place`."""
+        size = sum(len(m.value) for m in chosen) + 1
+        by_camera, by_frame = np.zeros((size, cameras.size)), np.zeros((size, 4))
+        noise, off = np.zeros((size, size)), np.zeros(size)
+        by_frame[-1, 0], noise[-1, -1], off[-1] = 1.0, crowd**2, -place[0]
+        linear, start = linearize(chosen, at, place), 0
+        for i, m in enumerate(chosen):
+            d, k = len(m.value), np.arange(start, start + len(m.value))
+            by_camera[k, 7 * m.camera : 7 * m.camera + 7] = linear.by_camera[i, :d]
+            by_frame[k] = linear.by_frame[i, :d]
+            noise[np.ix_(k, k)] = _noise(m, linear.by_pixel[i, :d])
+            off[k] = _turned(m.value - linear.value[i, :d], m.kind)
+            start += d
+        off += by_camera @ (at - cameras).ravel()
+        return cls(by_camera, by_frame[:, :free], noise, off)
+
+    def inverses(
+        self, prior: Float[np.ndarray, "n n"]
+    ) -> tuple[Float[np.ndarray, "k k"], Float[np.ndarray, "f f"], Float[np.ndarray, "k k"]]:
+        """Information of what is stated, covariance of the map frame, and the information left."""
+        W = np.linalg.inv(self.by_camera @ prior @ self.by_camera.T + self.noise)
+        WG = W @ self.by_frame
+        Q = np.linalg.inv(self.by_frame.T @ WG)
+        return W, Q, W - WG @ Q @ WG.T
+
+    def solve(
+        self, prior: Float[np.ndarray, "n n"]
+    ) -> tuple[Float[np.ndarray, "cam 7"], Float[np.ndarray, " f"]]:
+        """Move of the cameras from those of the people, and step of the map frame."""
+        W, Q, M = self.inverses(prior)
+        moved = prior @ self.by_camera.T @ M @ self.off
+        return moved.reshape(-1, 7), Q @ self.by_frame.T @ W @ self.off
+
+
 def _fit(
     chosen: Sequence[Measurement],
     cameras: Float[np.ndarray, "cam 7"],
@@ -353,40 +412,25 @@ def _fit(
         and the test of each observation against the others of Baarda (1968), "A testing procedure
         for use in geodetic networks".
     """
-    at, place = cameras.copy(), frame.start.copy()
-    sizes = [len(m.value) for m in chosen] + [1]
-    ends = np.cumsum(sizes)
-    rows = [np.arange(end - size, end) for end, size in zip(ends, sizes, strict=True)]
+    at, place = cameras, frame.start
+    equations = _Equations.of(chosen, cameras, at, place, frame.free, crowd)
     for _ in range(ROUNDS):
-        by_camera, by_frame = np.zeros((ends[-1], cameras.size)), np.zeros((ends[-1], 4))
-        noise, off = np.zeros((ends[-1], ends[-1])), np.zeros(ends[-1])
-        by_frame[-1, 0], noise[-1, -1], off[-1] = 1.0, crowd**2, -place[0]
-        if chosen:
-            linear = linearize(chosen, at, place)
-        for i, m in enumerate(chosen):
-            k, size = rows[i], sizes[i]
-            by_camera[k, 7 * m.camera : 7 * m.camera + 7] = linear.by_camera[i, :size]
-            by_frame[k] = linear.by_frame[i, :size]
-            noise[np.ix_(k, k)] = _noise(m, linear.by_pixel[i, :size])
-            off[k] = _turned(m.value - linear.value[i, :size], m.kind)
-        off += by_camera @ (at - cameras).ravel()
-        G = by_frame[:, : frame.free]
-        W = np.linalg.inv(by_camera @ prior @ by_camera.T + noise)
-        Q = np.linalg.inv(G.T @ W @ G)
-        M = W - W @ G @ Q @ G.T @ W
-        error = M @ off
-        step, moved = Q @ G.T @ W @ off, (prior @ by_camera.T @ error).reshape(cameras.shape)
-        place[: frame.free] += step
+        moved, step = equations.solve(prior)
         change = max(np.abs(step).max(), np.abs(cameras + moved - at).max())
-        at = cameras + moved
+        at, place = cameras + moved, place + np.pad(step, (0, 4 - frame.free))
+        equations = _Equations.of(chosen, cameras, at, place, frame.free, crowd)
         if change < CONVERGED:
             break
-    gain = prior @ by_camera.T
-    cross = -gain @ W @ G @ Q
+    W, Q, M = equations.inverses(prior)
+    noise, off, error = equations.noise, equations.off, M @ equations.off
+    gain = prior @ equations.by_camera.T
+    cross = -gain @ W @ equations.by_frame @ Q
     joint = np.zeros((cameras.size + 4,) * 2)
     n, f = cameras.size, cameras.size + frame.free
     joint[:n, :n] = prior - gain @ M @ gain.T
     joint[:n, n:f], joint[n:f, :n], joint[n:f, n:f] = cross, cross.T, Q
+    ends = np.cumsum([*(len(m.value) for m in chosen), 1])
+    rows = [np.arange(start, end) for start, end in zip([0, *ends[:-1]], ends, strict=True)]
     innovation, spread, log_p = [], [], []
     for k in rows:
         root = np.linalg.cholesky(noise[np.ix_(k, k)])

@@ -163,12 +163,9 @@ def _linearize(
     pixels: Float[Array, "n 2 2"],
     kind: Int[Array, " n"],
 ) -> tuple[Array, tuple[Array, Array, Array]]:
-    def with_value(*inputs: Array) -> tuple[Array, Array]:
-        value = quantity(*inputs)
-        return value, value
-
-    slopes = jax.jacfwd(with_value, (0, 1, 2), has_aux=True)
-    slopes, value = jax.vmap(slopes, (0, None, 0, 0))(camera, frame, pixels, kind)
+    axes = (0, None, 0, 0)
+    value = jax.vmap(quantity, axes)(camera, frame, pixels, kind)
+    slopes = jax.vmap(jax.jacfwd(quantity, (0, 1, 2)), axes)(camera, frame, pixels, kind)
     return value, slopes
 
 
@@ -185,13 +182,15 @@ def linearize(
         frame: (4,) the map frame.
     """
     count = len(measurements)
-    length = count + -count % 8  # other numbers of anchors need no compilation
-    kind = np.array([m.kind for m in measurements])
+    length = max(count + -count % 8, 8)  # other numbers of anchors need no compilation
+    camera = np.array([m.camera for m in measurements], int)
+    pixels = np.array([m.pixels for m in measurements]).reshape(-1, 2, 2)
+    kind = np.array([m.kind for m in measurements], int)
     with jax.enable_x64(True):
         value, (by_camera, by_frame, by_pixel) = _linearize(
-            padded(cameras[[m.camera for m in measurements]], length),
+            padded(cameras[camera], length),
             jnp.asarray(frame),
-            padded(np.stack([m.pixels for m in measurements]), length),
+            padded(pixels, length),
             padded(kind, length),
         )
         found = [np.asarray(array)[:count] for array in (value, by_camera, by_frame, by_pixel)]
