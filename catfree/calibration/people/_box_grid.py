@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from catfree.calibration.people.cameras._radial_lens import RadialLenses
+from catfree.calibration.people._radial_lens import RadialLenses
 from catfree.geometry._person import cut_by_border
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections

@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from catfree.calibration.people._radial_lens import RadialLenses
 from catfree.calibration.people._register import Calibration, prepare, rig_with_lenses
 from catfree.calibration.people.cameras._camera_model import from_matrices, to_matrices
-from catfree.calibration.people.cameras._radial_lens import RadialLenses
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._verdict import Verdict, judge_camera, judge_cameras
 from catfree.calibration.people.matching._workspace import Workspace

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from catfree.calibration.people._radial_lens import RadialLenses, radial_distortion
 from catfree.calibration.people._register import Calibration, rig_with_lenses
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
 from catfree.calibration.people.adjustment._people_bundle import (
@@ -18,7 +19,6 @@ from catfree.calibration.people.adjustment._people_bundle import (
 )
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, from_matrices, to_matrices
 from catfree.calibration.people.cameras._ground_map import map_ground
-from catfree.calibration.people.cameras._radial_lens import RadialLenses, radial_distortion
 from catfree.calibration.people.cameras._scale_deviation import crowd_deviation, scale_variance
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput

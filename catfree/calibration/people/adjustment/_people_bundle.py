@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from catfree.calibration.people._radial_lens import lens
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
 from catfree.calibration.people.cameras._camera_model import (
     K1,
@@ -26,7 +27,6 @@ from catfree.calibration.people.cameras._camera_model import (
     Z,
     projection,
 )
-from catfree.calibration.people.cameras._radial_lens import lens
 from catfree.geometry._buckets import coarse_length, padded
 from catfree.geometry._least_squares import (
     NormalEquations,

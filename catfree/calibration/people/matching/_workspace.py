@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.calibration.people._box_grid import BoxGrid
+from catfree.calibration.people._radial_lens import RadialLenses
 from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
-from catfree.calibration.people.cameras._radial_lens import RadialLenses
 from catfree.calibration.people.cameras._single_view import fit_planes
 from catfree.calibration.people.matching._group_people import smallest_boxes
 from catfree.settings import CalibrationSettings

@@ -218,7 +218,7 @@ def residual_patterns(
         np.stack([trails.track[rows], frame // BLOCK], -1), axis=0, return_inverse=True
     )
 
-    def pad(values: np.ndarray, fill: float = 0) -> np.ndarray:
+    def pad(values: np.ndarray, fill: int = 0) -> np.ndarray:
         return np.pad(
             values,
             [(0, length - n)] + [(0, 0)] * (values.ndim - 1),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree.calibration.people.cameras._radial_lens import RadialLenses, radial_distortion
+from catfree.calibration.people._radial_lens import RadialLenses, radial_distortion
 from catfree.types import Rig
 
 FOCAL = np.array([900.0, 1200.0])
