@@ -192,7 +192,8 @@ class Outcome:
     Attributes:
         kind: how it was spoiled.
         registered, cameras: cameras placed, and how many there are.
-        off: largest error of a camera center after a similarity, in meters; NaN without a rig.
+        off: largest error of a camera center after a similarity, in meters; NaN with fewer than
+            three cameras.
         scale: estimated over true length.
         scale_sd: its stated deviation.
         moda: percent, aligned by the same similarity.
@@ -240,6 +241,8 @@ def outcome(kind: str, given: Input) -> Outcome:
         return Outcome(kind, 0, count, said=str(error))
     rig = calibration.scene.rig
     known = np.asarray(rig.registered)
+    if known.sum() < 3:  # any two cameras fit any other two
+        return Outcome(kind, int(known.sum()), count, said="Two cameras cannot be compared.")
     found, true = np.asarray(rig.centers)[known], given.centers[known]
     similarity = fit_similarity(found, true)
     off = np.linalg.norm(np.asarray(similarity(found)) - true, axis=-1).max()
