@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import expit
 
 from catfree.methods.evidence._solve import EvidenceSolution, probability_within, solve, usual_step
+from catfree.methods.evidence.report._lens_pattern import bent_cameras, lens_warnings
 from catfree.methods.evidence.report._ray_diagnostics import ray_diagnostics
 from catfree.methods.evidence.report._residual_patterns import residual_patterns
 from catfree.settings import EvidenceSettings
@@ -145,6 +146,9 @@ def describe(
     fate[trails.group[is_detected]] = Fate.ACCEPTED
     with jax.enable_x64(True):
         rays = ray_diagnostics(s.boxes, s.measurements, s.groups, s.views)
+        bent = bent_cameras(
+            trails.group[is_detected], s.groups, s.measurements, s.boxes, s.views, s.noise
+        )
     candidates = Candidates(
         frame=s.boxes.frames[s.groups.frame],
         position=on_plane(s.state[:, :2] * unit + s.views.origin, scene),
@@ -179,7 +183,7 @@ def describe(
     thresholds = Thresholds(
         median_box_height=float(np.median(s.boxes.size[: len(s.boxes.row)])),
     )
-    warnings = ground_warnings(height, unit, scene)
+    warnings = ground_warnings(height, unit, scene) + lens_warnings(bent)
     if patterns is not None:
         warnings += patterns.sentences()
     return Localization(tracks, candidates, thresholds, reliability, detection_count, warnings)

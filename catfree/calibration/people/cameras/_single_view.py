@@ -77,16 +77,17 @@ def fit_planes(
     )
     generator = np.random.default_rng(0)
     starts = [_sample_plane(boxes[chosen], focal, settings, generator) for chosen in subsets]
-    begun = [subset for subset, start in enumerate(starts) if start is not None]
+    begun = {subset: start for subset, start in enumerate(starts) if start is not None}
     if not begun:
         return np.zeros((0, 7))
+    usual = next(iter(begun.values()))  # in place of those that are missing, and not used
     # From each start, to its own boxes and to all.
     n = coarse_length(len(boxes), BLOCK)
-    tall = np.maximum(boxes[:, 2] - boxes[:, 1], 1.0)
     # Both edges change the implied height; the lower one also changes the range.
-    spread = np.hypot(settings.person_height_sd, 2.0 * settings.apparent_height * sd / tall)
+    by_edges = 2.0 * settings.apparent_height * sd / np.maximum(box_height, 1.0)
+    spread = np.hypot(settings.person_height_sd, by_edges)
     member = np.stack([m for chosen in subsets for m in (chosen, subsets[-1])])
-    start = np.stack([starts[at if at in begun else begun[0]] for at in (0, 0, 1, 1, 2, 2)])
+    start = np.stack([begun.get(at, usual) for at in (0, 0, 1, 1, 2, 2)])
     with jax.enable_x64(True):
         sample = _Sample(
             padded(boxes, n),

@@ -1,9 +1,11 @@
 """Learn the noise, systematic offsets and height of people from the data."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
 from catfree.geometry._buckets import in_blocks
@@ -64,6 +66,51 @@ def _left_out(edges, size, view, info, total, views: GroundViews, spread):
     )
 
 
+class LeftOut(NamedTuple):
+    """Boxes compared with the person estimated from the other boxes of their group.
+
+    Attributes:
+        row: (n,) row of each box.
+        residual: (n, 3) observed minus predicted edges in pixels of the box's pinhole.
+        sd: (n, 3) expected standard deviation of the residuals.
+        used: (n, 3) whether the residual says something about cameras and noise.
+        features: (n, 3, 4) of `field_features`.
+    """
+
+    row: Int[np.ndarray, " n"]
+    residual: Float[np.ndarray, "n 3"]
+    sd: Float[np.ndarray, "n 3"]
+    used: Bool[np.ndarray, "n 3"]
+    features: Float[np.ndarray, "n 3 4"]
+
+
+def left_out_residuals(
+    chosen: Int[np.ndarray, " g"],
+    groups: Groups,
+    measurements: Measurements,
+    boxes: Boxes,
+    views: GroundViews,
+    noise: Noise,
+) -> LeftOut:
+    """Compare each box of the chosen groups (g,) with the other boxes of its group."""
+    g, c = np.nonzero(groups.member[chosen] >= 0)
+    rows = groups.member[chosen][g, c]
+    spread = np.asarray(noise.spread)
+    residual, variance, features = in_blocks(
+        lambda *part: _left_out(*part, views, spread),
+        (
+            boxes.edges[rows], boxes.size[rows], boxes.view[rows], measurements.info[rows],
+            groups.info[chosen[g]],
+        ),
+        BLOCK,
+    )  # fmt: skip
+    used = np.asarray(measurements.used)[rows] & np.isfinite(residual).all(1, keepdims=True)
+    # Feet judged wrong and cut sides are not informative about the usual noise.
+    used &= ~boxes.cut[rows, :1]
+    sd = np.sqrt(np.asarray(measurements.noise)[rows] ** 2 + variance)
+    return LeftOut(rows, residual, sd, used, features)
+
+
 def learn_noise(
     noise: Noise,
     groups: Groups,
@@ -103,19 +150,10 @@ def learn_noise(
     spread = float(np.clip(spread, *settings.height_spread_range))
     density = crowding(state[:, :2], groups.frame[strong])
 
-    g, c = np.nonzero(is_member[strong])
-    rows = groups.member[strong][g, c]
-    current_spread = np.asarray(noise.spread)
-    box_info, total = measurements.info[rows], groups.info[strong[g]]
-    residual, variance, features = in_blocks(
-        lambda *part: _left_out(*part, views, current_spread),
-        (boxes.edges[rows], boxes.size[rows], boxes.view[rows], box_info, total),
-        BLOCK,
+    rows, residual, sd, used, features = left_out_residuals(
+        strong, groups, measurements, boxes, views, noise
     )
-    sd = np.sqrt(measurements.noise[rows] ** 2 + variance)
-    used = measurements.used[rows] & np.isfinite(residual).all(1, keepdims=True)
-    # Feet judged wrong and cut sides are not informative about the usual noise.
-    used &= ~boxes.cut[rows, :1]
+    c = boxes.camera[rows]
     field, edge, angular = noise.field.copy(), noise.edge.copy(), noise.angular
     if settings.residual_field:
         for camera in range(C):

@@ -7,9 +7,12 @@ What a wrong lens adds begins with the third power of the distance, along the ra
 from functools import partial
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Float, Int
 
+from catfree.geometry._buckets import coarse_length, padded
 from catfree.geometry._least_squares import (
     NormalEquations,
     Residuals,
@@ -19,10 +22,21 @@ from catfree.geometry._least_squares import (
     minimize,
     robust,
 )
+from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.learn._noise import left_out_residuals
+from catfree.methods.evidence.observe._boxes import Boxes
+from catfree.methods.evidence.observe._measurement import Measurements, Noise
+from catfree.methods.evidence.observe._views import GroundViews
 
 HUBER = 1.345  # standard deviations; 95 % efficient where all errors are normal
 CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration
 PARAMETERS = 7  # shift (2), linear map (2 by 2), radial
+FEWEST_CAMERAS = 3  # with one other camera, nobody knows which of the two is wrong
+FEWEST_BOXES = 50  # of a camera
+OUTER = 0.95  # share of the boxes' ends that are nearer to the middle than where the bend counts
+SIGNIFICANT = 6.0  # standard deviations; boxes of one person are not independent
+NOTICEABLE = 0.02  # radians; right lenses left up to 0.012, fisheyes taken for pinholes 0.04
+BLOCK = 1024  # ends of boxes are padded to this number times a power of four
 
 
 class LensPattern(NamedTuple):
@@ -83,3 +97,64 @@ def _problem(
     left = target - jnp.einsum("cnkp,cp->cnk", design, unknowns.view)
     nothing = jnp.zeros(0, left.dtype), jnp.zeros((left.shape[1], 0), left.dtype)
     return robust(Residuals(left[..., None], *nothing), partial(huber, width=HUBER))
+
+
+_fit = jax.jit(lens_pattern)
+
+
+def bent_cameras(
+    chosen: Int[np.ndarray, " g"],
+    groups: Groups,
+    measurements: Measurements,
+    boxes: Boxes,
+    views: GroundViews,
+    noise: Noise,
+) -> Int[np.ndarray, " bent"]:
+    """Find the cameras whose lens seems to be another than the rig says.
+
+    Args:
+        chosen: (g,) groups that are people.
+        groups: the groups of boxes.
+        measurements: the boxes as likelihoods.
+        boxes: the boxes.
+        views: the cameras.
+        noise: as learned.
+
+    Returns:
+        Cameras in which the others' people are seen off their places, by a significant and
+        noticeable angle that grows with the third power of the distance from the middle.
+    """
+    strong = chosen[(groups.member[chosen] >= 0).sum(1) >= FEWEST_CAMERAS]
+    found = left_out_residuals(strong, groups, measurements, boxes, views, noise)
+    camera = boxes.camera[found.row]
+    box, focal = boxes.box[found.row], views.focal[boxes.view[found.row]][:, None]
+    middle = (box[:, 0] + box[:, 2]) / 2
+    ends = np.stack([np.stack([middle, box[:, k]], -1) for k in (1, 3)], 1)
+    offset = (ends - views.center[camera][:, None]) / views.focal[camera][:, None, None]
+    # The center column is one residual of two ends.
+    precision = np.where(found.used, np.array([0.5, 1, 1]) ** 0.5 * focal / found.sd, 0.0)
+    residual = np.where(found.used, found.residual / focal, 0.0)
+    by_end = np.array([[0, 1], [0, 2]])
+    bent = []
+    for one in np.flatnonzero(np.bincount(camera, minlength=1) >= FEWEST_BOXES):
+        rows = camera == one
+        own = residual[rows][:, by_end], offset[rows], precision[rows][:, by_end]
+        length = coarse_length(2 * int(rows.sum()), BLOCK)
+        pattern = _fit(*(padded(part.reshape(1, -1, 2), 1, length) for part in own))
+        strength, deviation = np.abs(pattern.strength[0]), pattern.deviation[0]
+        outer = np.quantile(np.linalg.norm(own[1], axis=-1), OUTER)
+        if strength > SIGNIFICANT * deviation and strength * outer**3 > NOTICEABLE:
+            bent.append(one)
+    return np.array(bent, int)
+
+
+def lens_warnings(bent: Int[np.ndarray, " bent"]) -> tuple[str, ...]:
+    """One sentence if the lenses of cameras seem to be wrong."""
+    if not len(bent):
+        return ()
+    cameras = ("Camera " if len(bent) == 1 else "Cameras ") + ", ".join(map(str, bent))
+    return (
+        f"{cameras} and the other cameras disagree about people the more, the farther they are "
+        "from the middle of the image: the lens model seems to be wrong. Pass the distortion of "
+        "the lens, or `lens` if it is a fisheye.",
+    )

@@ -1,11 +1,15 @@
 """Radial residuals against scipy's least squares, and against lenses that are known to be wrong."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from catfree.methods.evidence.report._lens_pattern import HUBER, lens_pattern
+import catfree as cf
+from catfree.methods.evidence.report._lens_pattern import HUBER, lens_pattern, lens_warnings
+from catfree.synthetic import make_world, shop
 
 
 def drawn(seed: int, k1: tuple[float, ...], noise: float) -> tuple[np.ndarray, ...]:
@@ -55,3 +59,19 @@ def test_the_deviation_holds_the_error_and_absent_cameras_have_none():
         without = fit(residual, offset, precision)
         assert (without.strength[1], without.deviation[1]) == (0, 1)
         np.testing.assert_allclose(without.strength[::2], found.strength[::2], atol=1e-4)
+
+
+@pytest.mark.slow
+def test_fisheyes_taken_for_pinholes_are_named_and_right_lenses_are_not():
+    world = make_world(shop(1), 1, frames=40, background=0)
+    right = cf.localize(world.detections, world.scene)
+    assert not any("lens" in sentence for sentence in right.warnings)
+    rig = dataclasses.replace(world.scene.rig, lens=None, distortion=None)
+    taken = cf.Scene(rig, world.scene.ground, world.scene.extent)
+    (sentence,) = (s for s in cf.localize(world.detections, taken).warnings if "lens" in s)
+    assert sentence.startswith("Cameras 0, 1, 2, 3 and the other cameras disagree")
+
+
+def test_no_camera_is_named_without_a_reason():
+    assert lens_warnings(np.zeros(0, int)) == ()
+    assert lens_warnings(np.array([2]))[0].startswith("Camera 2 and")
