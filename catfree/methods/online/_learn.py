@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from scipy.special import expit
 
-from catfree.errors import InsufficientDataError
+from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence.group._appearance import Likeness, compare_frames, learn_ratio
 from catfree.methods.evidence.group._group import appearance_log_odds, group
@@ -69,7 +69,13 @@ def _joined(sample: Detections, new: Detections) -> Detections:
     columns = {}
     for name in ("frame", "camera", "box", "ankles_confirmed", "embedding"):
         pair = [getattr(part, name) for part in (sample, new)]
-        columns[name] = None if any(p is None for p in pair) else np.concatenate(pair)
+        known = not any(part is None for part in pair)
+        if known and pair[0].shape[1:] != pair[1].shape[1:]:
+            raise InvalidInputError(
+                f"Embeddings had {pair[0].shape[1]} numbers before, and now have "
+                f"{pair[1].shape[1]}. Take all from one embedder, or call reset."
+            )
+        columns[name] = np.concatenate(pair) if known else None
     return Detections(**columns)
 
 

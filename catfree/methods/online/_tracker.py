@@ -106,8 +106,8 @@ class Tracker:
             Positions of this instant, and those of all instants that are `lag` old.
 
         Raises:
-            InvalidInputError: if the time is not later, a camera is not in the rig, or there is a
-                box of a camera that delivered nothing.
+            InvalidInputError: if the time is not later, a camera is not in the rig, there is a box
+                of a camera that delivered nothing, or embeddings have another length than before.
             ForkedProcessError: in a process forked after JAX was used.
         """
         require_own_process()
