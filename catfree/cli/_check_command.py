@@ -102,7 +102,7 @@ def write_check_page(out: Path, result: Any, outcome: Any) -> Path:
     Raises:
         WriteError: if the disk is full or not writable.
     """
-    from catfree._coverage import coverage
+    import catfree
     from catfree._run._report import describe_acceptance
     from catfree.calibration import Verdict
     from catfree.errors import CatFreeError
@@ -134,7 +134,7 @@ def write_check_page(out: Path, result: Any, outcome: Any) -> Path:
         check_table(result, outcome.camera_names),
     ]
     try:
-        covered = coverage(outcome.scene)
+        covered = catfree.coverage(outcome.scene)
     except CatFreeError:  # as when the cameras see no common ground
         covered = None
     blocks += describe_acceptance(outcome, covered)
