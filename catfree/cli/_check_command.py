@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
+import catfree
 from catfree.cli._inputs import open_boxes, open_scene
 from catfree.cli._terminal import print_table, print_text, progress_bars, warn
 
@@ -41,13 +42,12 @@ def check_command(tyro: Any) -> Callable[..., None]:
             cache: folder for finished stages.
         """
         from catfree._run._run import run_boxes
-        from catfree.calibration import check as check_rig
 
         found = open_boxes(boxes, frame_rate, image_size)
         known, names = open_scene(scene, unit, image_size)
         with progress_bars() as progress:
             outcome = run_boxes(found, known, cache_dir=cache, progress=progress, scene_names=names)
-            result = check_rig(
+            result = catfree.check(
                 outcome.scene,
                 outcome.detections,
                 since=since,
@@ -102,9 +102,7 @@ def write_check_page(out: Path, result: Any, outcome: Any) -> Path:
     Raises:
         WriteError: if the disk is full or not writable.
     """
-    from catfree._coverage import coverage
     from catfree._run._report import describe_acceptance
-    from catfree.calibration import Verdict
     from catfree.errors import CatFreeError
     from catfree.types._writing import make_folder
     from catfree.viz.page._blocks import (
@@ -117,7 +115,7 @@ def write_check_page(out: Path, result: Any, outcome: Any) -> Path:
     )
 
     folder = make_folder(out)
-    passed = {Verdict.FITS: True, Verdict.DOUBTFUL: None}
+    passed = {catfree.Verdict.FITS: True, catfree.Verdict.DOUBTFUL: None}
     verdicts = Verdicts(
         tuple(
             (f"{name} {one.verdict.value}", one.advice, passed.get(one.verdict, False))
@@ -134,7 +132,7 @@ def write_check_page(out: Path, result: Any, outcome: Any) -> Path:
         check_table(result, outcome.camera_names),
     ]
     try:
-        covered = coverage(outcome.scene)
+        covered = catfree.coverage(outcome.scene)
     except CatFreeError:  # as when the cameras see no common ground
         covered = None
     blocks += describe_acceptance(outcome, covered)

@@ -137,7 +137,7 @@ def candidates(
     size = angle[:, 2] - angle[:, 1]
     seen = np.column_stack([boxes.angle[begin:end, 0], boxes.angle[begin:end, 1:].mean(-1)])
     tall = boxes.size[begin:end]
-    good = boxes.whole[begin:end].all(-1)
+    good: np.ndarray = np.asarray(boxes.whole[begin:end].all(-1))
     votes = []
     for shift in shifts:
         a, b = pairs(people.frame[person] + int(shift), boxes.frame[begin:end])
