@@ -195,7 +195,7 @@ def linearize(
             padded(kind, length),
         )
         found = [np.asarray(array)[:count] for array in (value, by_camera, by_frame, by_pixel)]
-    return Linearized(*found[:3], found[3].reshape(count, 3, 4))
+    return Linearized(found[0], found[1], found[2], found[3].reshape(count, 3, 4))
 
 
 @jax.jit
