@@ -22,7 +22,7 @@ from catfree.adapters import (
     FrameDetections,
     SynchronizedVideos,
 )
-from catfree.calibration import Calibration, remove_offsets
+from catfree.calibration import Calibration, KnownCamera, remove_offsets
 from catfree.errors import (
     CalibrationError,
     CatFreeError,
@@ -502,3 +502,25 @@ def test_videos_in_another_order_give_the_same_people(pictures):
     assert given.warnings == ()
     assert len(other.warnings) == 1
     np.testing.assert_array_equal(other.scene.rig.t, np.asarray(given.scene.rig.t)[::-1])
+
+
+def test_anchors_are_for_cameras_found_from_people():
+    known = [KnownCamera(0, height=4.0)]
+    with pytest.raises(InvalidInputError, match="found from people"):
+        run_stages(["a.mp4", "b.mp4"], scene=small_world().scene, anchors=known)
+
+
+@pytest.mark.slow
+def test_anchors_change_a_calibration_from_the_cache(pictures, tmp_path, monkeypatch):
+    found = replace(made_up_calibration([0, 0, 0]), scene=small_world().true_scene)
+    monkeypatch.setattr(stages_module, "begin_calibration", lambda *a, **k: found)
+    monkeypatch.setattr(stages_module, "finish_calibration", lambda *a, **k: found)
+    videos = SynchronizedVideos(pictures)
+    boxes = Detections([0], [0], [[0.0, 0, 9, 20]])
+    height = 2 * float(np.asarray(found.scene.rig.centers)[0, 2])
+    for known in ((), (KnownCamera(0, height=height, height_sd=0.01),)):
+        got = stages_module.calibrate_cameras(
+            videos, None, boxes, anchors=known, cache=StageCache(tmp_path / "cache")
+        )
+        assert len(got.anchors) == 2 * len(known)
+    assert "but 1.70 m" in got.contradictions[0]

@@ -6,7 +6,7 @@ meters, and into the coordinates of the anchors.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -165,7 +165,8 @@ def _linearize(
 ) -> tuple[Array, tuple[Array, Array, Array]]:
     axes = (0, None, 0, 0)
     value = jax.vmap(quantity, axes)(camera, frame, pixels, kind)
-    slopes = jax.vmap(jax.jacfwd(quantity, (0, 1, 2)), axes)(camera, frame, pixels, kind)
+    derivatives: Any = jax.jacfwd(quantity, (0, 1, 2))
+    slopes = jax.vmap(derivatives, axes)(camera, frame, pixels, kind)
     return value, slopes
 
 
@@ -194,7 +195,7 @@ def linearize(
             padded(kind, length),
         )
         found = [np.asarray(array)[:count] for array in (value, by_camera, by_frame, by_pixel)]
-    return Linearized(*found[:3], found[3].reshape(count, 3, 4))
+    return Linearized(found[0], found[1], found[2], found[3].reshape(count, 3, 4))
 
 
 @jax.jit

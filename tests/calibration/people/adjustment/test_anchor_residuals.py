@@ -1,8 +1,6 @@
 """What anchors measure: values by OpenCV, derivatives by finite differences."""
 
 import cv2
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -14,7 +12,6 @@ from catfree.calibration.people.adjustment._anchor_residuals import (
     Measurement,
     linearize,
     map_cameras,
-    quantity,
 )
 from catfree.calibration.people.cameras._camera_model import to_matrices
 
@@ -65,7 +62,6 @@ def test_derivatives_are_finite_differences(seed, kind):
 @pytest.mark.parametrize("kind", range(len(QUANTITIES)))
 def test_values_and_derivatives_are_finite_above_the_horizon(kind):
     camera, _ = drawn(0)
-    up = np.full((2, 2), -1e4)
-    for pixels in (up, np.zeros((2, 2))):
-        slopes = jax.jacfwd(quantity, (0, 1, 2))(camera, FRAME, pixels, jnp.asarray(kind))
-        assert all(np.isfinite(np.asarray(s)).all() for s in slopes)
+    rows = [measured(kind, pixels) for pixels in (np.full((2, 2), -1e4), np.zeros((2, 2)))]
+    for array in linearize(rows, camera[None], FRAME):
+        assert np.isfinite(array).all()
