@@ -27,6 +27,7 @@ import math
 from collections.abc import Sequence
 
 from catfree.methods._expectation_fits import FITS, Fit
+from catfree.methods.evidence.report._lens_pattern import NOTICEABLE
 from catfree.methods.evidence.report._residual_patterns import LARGEST_SHARE, LEAST_TOGETHER
 from catfree.settings import Settings
 from catfree.types import Localization, Reliability
@@ -104,9 +105,12 @@ def expect_moda(
 
 def _is_contradicted(reliability: Reliability) -> bool:
     """Whether the boxes have patterns that no cameras in order leave."""
-    share, together = reliability.pattern_share, reliability.least_together
-    return (share is not None and share > LARGEST_SHARE) or (
-        together is not None and together < LEAST_TOGETHER
+    bend, share = reliability.lens_bend, reliability.pattern_share
+    together = reliability.least_together
+    return (
+        (bend is not None and bend > NOTICEABLE)
+        or (share is not None and share > LARGEST_SHARE)
+        or (together is not None and together < LEAST_TOGETHER)
     )
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import expit
 
 from catfree.methods.evidence._solve import EvidenceSolution, probability_within, solve, usual_step
-from catfree.methods.evidence.report._lens_pattern import bent_cameras, lens_warnings
+from catfree.methods.evidence.report._lens_pattern import lens_bends, lens_warnings
 from catfree.methods.evidence.report._ray_diagnostics import ray_diagnostics
 from catfree.methods.evidence.report._residual_patterns import residual_patterns
 from catfree.settings import EvidenceSettings
@@ -146,7 +146,7 @@ def describe(
     fate[trails.group[is_detected]] = Fate.ACCEPTED
     with jax.enable_x64(True):
         rays = ray_diagnostics(s.boxes, s.measurements, s.groups, s.views)
-        bent = bent_cameras(
+        bend = lens_bends(
             trails.group[is_detected], s.groups, s.measurements, s.boxes, s.views, s.noise
         )
     candidates = Candidates(
@@ -177,13 +177,14 @@ def describe(
         expected_precision=precision,
         expected_recall=recall,
         ground_height=height,
+        lens_bend=float(bend.max(initial=0.0)),
         pattern_share=patterns.largest_share if patterns else None,
         least_together=patterns.least_together if patterns else None,
     )
     thresholds = Thresholds(
         median_box_height=float(np.median(s.boxes.size[: len(s.boxes.row)])),
     )
-    warnings = ground_warnings(height, unit, scene) + lens_warnings(bent)
+    warnings = ground_warnings(height, unit, scene) + lens_warnings(bend)
     if patterns is not None:
         warnings += patterns.sentences()
     return Localization(tracks, candidates, thresholds, reliability, detection_count, warnings)

@@ -123,9 +123,11 @@ class Reliability(eqx.Module):
         expectation_note: why MODA cannot be estimated, or None.
         ground_height: median height above the ground of where the foot rays of one person meet, in
             scene units, negative below it; NaN for few people, None if the method gives none.
-        pattern_share: largest share of the variance of a camera's residuals that a wrong lens, a
-            clock that is off or a move of the camera explains, beyond chance; None if the method
-            gives none.
+        lens_bend: largest angle by which people near the border of a camera's image are off the
+            places where the others see them, as a wrong lens leaves it, in radians; 0 if that is
+            not significant, None if the method gives none.
+        pattern_share: largest share of the variance of a camera's residuals that a clock that is
+            off or a move of the camera explains, beyond chance; None if the method gives none.
         least_together: how often two cameras see a walking person together, over how often they
             would if each missed people on its own; smallest of all pairs, NaN or None if it is not
             known.
@@ -144,6 +146,7 @@ class Reliability(eqx.Module):
     moda_high: float | None = None
     expectation_note: str | None = eqx.field(default=None, static=True)
     ground_height: float | None = None
+    lens_bend: float | None = None
     pattern_share: float | None = None
     least_together: float | None = None
 

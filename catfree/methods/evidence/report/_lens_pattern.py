@@ -102,15 +102,15 @@ def _problem(
 _fit = jax.jit(lens_pattern)
 
 
-def bent_cameras(
+def lens_bends(
     chosen: Int[np.ndarray, " g"],
     groups: Groups,
     measurements: Measurements,
     boxes: Boxes,
     views: GroundViews,
     noise: Noise,
-) -> Int[np.ndarray, " bent"]:
-    """Find the cameras whose lens seems to be another than the rig says.
+) -> Float[np.ndarray, " cam"]:
+    """Measure how far the lens of each camera bends otherwise than the rig says.
 
     Args:
         chosen: (g,) groups that are people.
@@ -121,8 +121,9 @@ def bent_cameras(
         noise: as learned.
 
     Returns:
-        Cameras in which the others' people are seen off their places, by a significant and
-        noticeable angle that grows with the third power of the distance from the middle.
+        (C,) angle by which people near the border of the image are off the places where the others
+        see them, in radians; 0 where it is not significant. It grows with the third power of the
+        distance from the middle.
     """
     strong = chosen[(groups.member[chosen] >= 0).sum(1) >= FEWEST_CAMERAS]
     found = left_out_residuals(strong, groups, measurements, boxes, views, noise)
@@ -135,7 +136,7 @@ def bent_cameras(
     precision = np.where(found.used, np.array([0.5, 1, 1]) ** 0.5 * focal / found.sd, 0.0)
     residual = np.where(found.used, found.residual / focal, 0.0)
     by_end = np.array([[0, 1], [0, 2]])
-    bent = []
+    bend = np.zeros(groups.member.shape[1])
     for one in np.flatnonzero(np.bincount(camera, minlength=1) >= FEWEST_BOXES):
         rows = camera == one
         own = residual[rows][:, by_end], offset[rows], precision[rows][:, by_end]
@@ -143,13 +144,14 @@ def bent_cameras(
         pattern = _fit(*(padded(part.reshape(1, -1, 2), 1, length) for part in own))
         strength, deviation = np.abs(pattern.strength[0]), pattern.deviation[0]
         outer = np.quantile(np.linalg.norm(own[1], axis=-1), OUTER)
-        if strength > SIGNIFICANT * deviation and strength * outer**3 > NOTICEABLE:
-            bent.append(one)
-    return np.array(bent, int)
+        if strength > SIGNIFICANT * deviation:
+            bend[one] = strength * outer**3
+    return bend
 
 
-def lens_warnings(bent: Int[np.ndarray, " bent"]) -> tuple[str, ...]:
+def lens_warnings(bend: Float[np.ndarray, " cam"]) -> tuple[str, ...]:
     """One sentence if the lenses of cameras seem to be wrong."""
+    bent = np.flatnonzero(bend > NOTICEABLE)
     if not len(bent):
         return ()
     cameras = ("Camera " if len(bent) == 1 else "Cameras ") + ", ".join(map(str, bent))

@@ -1,8 +1,8 @@
 """Patterns in the residuals of each camera that no noise of boxes leaves.
 
-A wrong lens leaves residuals that grow with the third power of the distance from the middle of the
-image, a late clock residuals along the way that people walk, and a camera that was moved different
-residuals before and after. A rig that fits people in spite of such a pattern may be far off.
+A late clock leaves residuals along the way that people walk, and a camera that was moved different
+residuals before and after. A rig that fits people in spite of such a pattern may be far off. For
+what a wrong lens leaves, see `_lens_pattern`.
 """
 
 from typing import NamedTuple
@@ -21,12 +21,8 @@ from catfree.methods.evidence.observe._views import GroundViews
 from catfree.methods.evidence.track._tracking import Trails
 from catfree.types._annotations import HostOrDevice
 
-KINDS = ("lens", "clock", "move")  # one column, one, and two: across and down
-GROUPS = (
-    slice(3, 4),
-    slice(4, 5),
-    slice(5, 7),
-)  # columns of the kinds; the first three are always there
+# Columns of a late clock, and of a move (across, down); the first three are constant offsets.
+GROUPS = (slice(3, 4), slice(4, 6))
 LARGEST = 4.0  # usual residuals of the camera, to which residuals are clipped
 BLOCK = 12  # frames of a track whose errors count as one
 LARGEST_SHARE = 0.15  # of the variance; simulated and real rigs in order reach 0.03
@@ -39,21 +35,21 @@ class Explained(NamedTuple):
     """What patterns explain of the residuals of one camera.
 
     Attributes:
-        share: (3,) share of the variance that the lens, the clock and a move in the middle explain
-            beyond what they reach by chance; negative if less.
-        coefficient: (4,) of the lens (standard deviations at the border), of the clock (usual steps
-            by which the camera is late), and of the move (pixels across and down).
+        share: (2,) share of the variance that the clock and a move in the middle explain beyond
+            what they reach by chance; negative if less.
+        coefficient: (3,) of the clock (usual steps by which the camera is late), and of the move
+            (pixels across and down).
         variance: () mean square of the standardized residuals without constant offsets.
     """
 
-    share: Float[HostOrDevice, "*cam 3"]
-    coefficient: Float[HostOrDevice, "*cam 4"]
+    share: Float[HostOrDevice, "*cam 2"]
+    coefficient: Float[HostOrDevice, "*cam 3"]
     variance: Float[HostOrDevice, "*cam"]
 
 
 def explained(
     residual: Float[Array, "n 3"],
-    columns: Float[Array, "n 3 7"],
+    columns: Float[Array, "n 3 6"],
     block: Int[Array, " n"],
 ) -> Explained:
     """Fit patterns to the residuals of one camera.
@@ -63,8 +59,8 @@ def explained(
 
     Args:
         residual: (n, 3) standardized residuals of the edges.
-        columns: (n, 3, 7) what each pattern adds: an offset of each coordinate in pixels, and the
-            patterns of `KINDS`; all 0 where there is no residual.
+        columns: (n, 3, 6) what each pattern adds: an offset of each coordinate in pixels, and the
+            columns of `GROUPS`; all 0 where there is no residual.
         block: (n,) which rows count as one, below n.
 
     Source:
@@ -124,12 +120,10 @@ class Patterns(NamedTuple):
         said = []
         shares, coefficients = self.explained.share, self.explained.coefficient
         for camera, kind in np.argwhere(np.asarray(shares) > LARGEST_SHARE):
-            late = -float(coefficients[camera, 1])
-            moved = float(np.hypot(*coefficients[camera, 2:]))
+            late = -float(coefficients[camera, 0])
+            moved = float(np.hypot(*coefficients[camera, 1:]))
             said.append(
                 (
-                    f"The residuals of camera {camera} grow towards the image border: its lens "
-                    "bends otherwise than the rig says; calibrate it, or give its distortion.",
                     f"The boxes of camera {camera} are {'behind' if late > 0 else 'ahead of'} "
                     f"the people by {abs(late):.1f} frames: correct its clock.",
                     f"Camera {camera} shows people {2 * moved:.0f} pixels apart in the two halves "
@@ -146,26 +140,19 @@ class Patterns(NamedTuple):
 
 
 @jax.jit
-def _explained(
-    state, velocity, half, block, member, edges, noise, used, view, matrix, center, width
-):
+def _explained(state, velocity, half, block, member, edges, noise, used, view, matrix):
     """`Explained` of all cameras."""
 
-    def one(state, velocity, half, row, c):
+    def one(state, velocity, half, row):
         at = jnp.maximum(row, 0)
         predicted, slopes = edges_and_slopes(matrix[view[at]], None, state)
         weight = jnp.where((row >= 0) & used[at], 1 / noise[at], 0.0)
-        away = (edges[at] - jnp.stack([center[c, 0], center[c, 1], center[c, 1]])) / width[c]
-        square = away[0] ** 2 + jnp.stack(
-            [((away[1] + away[2]) / 2) ** 2, away[1] ** 2, away[2] ** 2]
-        )
         across, down = jnp.array([1.0, 0.0, 0.0]), jnp.array([0.0, 1.0, 1.0])
         columns = jnp.stack(
             [
                 across,
                 jnp.array([0.0, 1.0, 0.0]),
                 jnp.array([0.0, 0.0, 1.0]),
-                away * square * width[c],
                 slopes @ jnp.append(velocity, 0.0),
                 half * across,
                 half * down,
@@ -174,11 +161,8 @@ def _explained(
         )
         return (edges[at] - predicted) * weight, columns * weight[:, None]
 
-    cameras = jnp.arange(member.shape[1])
-    people = jax.vmap(one, (0, 0, 0, 0, None))
-    residual, columns = jax.vmap(people, (None, None, None, 1, 0))(
-        state, velocity, half, member, cameras
-    )
+    people = jax.vmap(jax.vmap(one), (None, None, None, 1))
+    residual, columns = people(state, velocity, half, member)
     return jax.vmap(explained, (0, 0, None))(residual, columns, block)
 
 
@@ -231,7 +215,6 @@ def residual_patterns(
             pad(trails.mean[rows, :3], 1), pad(velocity), pad(half), pad(block), pad(member, -1),
             np.asarray(measurements.edges), np.asarray(measurements.noise),
             np.asarray(measurements.used), boxes.view, np.asarray(views.matrix),
-            np.asarray(views.center), views.image_size[:, 0] / 2,
         )  # fmt: skip
     speed = np.linalg.norm(velocity, axis=1)
     walks = speed >= np.median(speed)

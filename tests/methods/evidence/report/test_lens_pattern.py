@@ -68,10 +68,13 @@ def test_fisheyes_taken_for_pinholes_are_named_and_right_lenses_are_not():
     assert not any("lens" in sentence for sentence in right.warnings)
     rig = dataclasses.replace(world.scene.rig, lens=None, distortion=None)
     taken = cf.Scene(rig, world.scene.ground, world.scene.extent)
-    (sentence,) = (s for s in cf.localize(world.detections, taken).warnings if "lens" in s)
+    wrong = cf.localize(world.detections, taken)
+    assert right.reliability.lens_bend < 0.5 * wrong.reliability.lens_bend
+    assert wrong.reliability.expected_moda <= 50 < right.reliability.expected_moda
+    (sentence,) = (s for s in wrong.warnings if "lens" in s)
     assert sentence.startswith("Cameras 0, 1, 2, 3 and the other cameras disagree")
 
 
 def test_no_camera_is_named_without_a_reason():
-    assert lens_warnings(np.zeros(0, int)) == ()
-    assert lens_warnings(np.array([2]))[0].startswith("Camera 2 and")
+    assert lens_warnings(np.zeros(3)) == ()
+    assert lens_warnings(np.array([0.01, 0.0, 0.03]))[0].startswith("Camera 2 and")

@@ -4,7 +4,11 @@ from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence import EvidenceSettings
 from catfree.methods.evidence.observe._measurement import start_noise
-from catfree.methods.evidence.observe._views import GroundViews, ground_views
+from catfree.methods.evidence.observe._views import (
+    GroundViews,
+    ground_views,
+    people_in_cameras,
+)
 from catfree.methods.evidence.observe._visibility import Views
 from catfree.methods.evidence.report._working_area import in_working_area
 from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene
@@ -25,7 +29,8 @@ def within(share, away=None):
 
 def judge(share, views: GroundViews, away, cameras=CAMERAS):
     state = np.column_stack([away, np.zeros(len(away)), np.ones(len(away))])
-    seen = Views(np.ones_like(share), np.full_like(share, 100.0), 0 * share, share)
+    _, front = people_in_cameras(state, views)
+    seen = Views(front.astype(float), np.full_like(share, 100.0), 0 * share, share)
     noise = start_noise(share.shape[1], SETTINGS)
     return in_working_area(state, seen, views, noise, cameras, SETTINGS)
 
