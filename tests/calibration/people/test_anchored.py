@@ -15,7 +15,7 @@ from catfree.calibration.people.cameras._camera_model import (
     X,
     Z,
     from_matrices,
-    project,
+    projection,
     to_matrices,
 )
 from catfree.errors import CalibrationError, InvalidInputError
@@ -75,7 +75,8 @@ def drawn(seed, scale=None, size=1.0):
 
 
 def pixel_of(camera, xy, rng=None, sd=1.0):
-    pixel, _ = project(true_cameras()[camera], np.append(xy, 0.0))
+    x, y, depth = projection(true_cameras()[camera]) @ [*xy, 0.0, 1.0]
+    pixel = np.array([x, y]) / depth
     return tuple((pixel + CENTER + (0 if rng is None else sd * rng.normal(size=2))).tolist())
 
 
