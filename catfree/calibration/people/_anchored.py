@@ -570,10 +570,16 @@ def _described(
     _, R, t = to_matrices(cameras, np.asarray(rig.image_size))
     K = np.array(rig.K, np.float64)
     focal = np.exp(cameras[:, LOG_FOCAL])
-    K[:, :2, :2] *= np.where(known, focal / K[:, 0, 0], 1.0)[:, None, None]
+    ratio = np.where(known, focal / K[:, 0, 0], 1.0)
+    K[:, :2, :2] *= ratio[:, None, None]
+    distortion = rig.distortion
+    if distortion is not None:  # the bend in pixels stays
+        distortion = np.array(distortion, np.float64)
+        distortion[:, 0] *= ratio**2
     rig = replace(
         rig,
         K=K,
+        distortion=distortion,
         R=np.where(known[:, None, None], R, np.asarray(rig.R)),
         t=np.where(known[:, None], t, np.asarray(rig.t)),
     )

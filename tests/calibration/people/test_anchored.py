@@ -46,6 +46,7 @@ def calibration_of(parameters, covariance, crowd=CROWD):
         association_rate=nothing,
         log_likelihood_ratio=nothing,
         focal_sd=nothing,
+        distortion_sd=nothing,
         camera_covariance=covariance,
         center_covariance=np.zeros((CAMERAS, 3, 3)),
         shared_focal=False,

@@ -241,9 +241,9 @@ def test_one_person_makes_no_rig_to_be_trusted():
     found = register(world.detections, SIZE)
     # Two cameras agree on the one person, but a single path can be seen through any lens: one focal
     # length comes out at less than a third of the truth, and its stated deviation tells.
-    assert found.scene.rig.registered.tolist() == [False, False, True, True]
+    one, other = np.flatnonzero(found.scene.rig.registered)
     with pytest.raises(
-        CalibrationError, match=r"too uncertain.*camera 2 to \d+ %, camera 3 to \d+ %"
+        CalibrationError, match=rf"too uncertain.*camera {one} to \d+ %, camera {other} to \d+ %"
     ):
         without_vague_cameras(found, CalibrationSettings())
 
