@@ -73,7 +73,7 @@ def test_boxes_in_another_order_than_the_scene(world, boxes, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_cameras_from_boxes(boxes, tmp_path, capsys):
+def test_cameras_from_boxes(world, boxes, tmp_path, capsys):
     out = tmp_path / "rig"
     words = ["calibrate", str(boxes), "--out", str(out)]
     assert cli.main(words) == 1
@@ -83,6 +83,22 @@ def test_cameras_from_boxes(boxes, tmp_path, capsys):
     assert names == tuple(sorted(NAMES))
     assert scene.rig.registered.all()
     assert scene.metric
+    known = {
+        "cameras": [
+            {"camera": name, "position": np.asarray(world.true_rig.centers)[at].tolist()}
+            for at, name in enumerate(NAMES)
+        ]
+    }
+    (tmp_path / "anchors.json").write_text(json.dumps(known))
+    words += ["--image-size", *map(str, SIZE), "--anchors", str(tmp_path / "anchors.json")]
+    assert cli.main(words) == 0
+    surveyed, names = read_scene(out)
+    truth = np.asarray(world.true_rig.centers)[[NAMES.index(name) for name in names]]
+    np.testing.assert_allclose(np.asarray(surveyed.rig.centers), truth, atol=0.1)
+    assert np.abs(np.asarray(scene.rig.centers) - truth).max() > 1  # in a frame of its own
+    (tmp_path / "anchors.json").write_text('{"distances": [{"camera": "nord"}]}')
+    assert cli.main(words) == 1
+    assert "entry 0 of distances" in sentence_after_table(capsys)
 
 
 def sentence_after_table(capsys):

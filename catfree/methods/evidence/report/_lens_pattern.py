@@ -30,7 +30,7 @@ from catfree.methods.evidence.observe._views import GroundViews
 
 HUBER = 1.345  # standard deviations; 95 % efficient where all errors are normal
 CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration
-PARAMETERS = 7  # shift (2), linear map (2 by 2), radial
+_PARAMETERS = 7  # shift (2), linear map (2 by 2), radial
 FEWEST_CAMERAS = 3  # with one other camera, nobody knows which of the two is wrong
 FEWEST_BOXES = 50  # of a camera
 OUTER = 0.95  # share of the boxes' ends that are nearer to the middle than where the bend counts
@@ -76,7 +76,7 @@ def lens_pattern(
     rows = jnp.stack([zero, one, zero, zero, x, y, y * square], -1)
     design = jnp.stack([columns, rows], -2) * precision[..., None]
     cameras, n = x.shape
-    start = Unknowns(jnp.zeros((cameras, PARAMETERS), x.dtype), jnp.zeros((n, 0), x.dtype))
+    start = Unknowns(jnp.zeros((cameras, _PARAMETERS), x.dtype), jnp.zeros((n, 0), x.dtype))
     solution = minimize(
         _problem,
         start,
@@ -85,7 +85,7 @@ def lens_pattern(
     )
     equations: NormalEquations = solution.stats["equations"]
     variance = jnp.diagonal(equations.covariance(jnp.zeros((0, 0), x.dtype)))
-    last = jnp.arange(1, cameras + 1) * PARAMETERS - 1
+    last = jnp.arange(1, cameras + 1) * _PARAMETERS - 1
     return LensPattern(solution.value.view[:, -1], jnp.sqrt(jnp.maximum(variance[last], 0)))
 
 

@@ -22,7 +22,7 @@ from catfree.methods.evidence.track._tracking import Trails
 from catfree.types._annotations import HostOrDevice
 
 # Columns of a late clock, and of a move (across, down); the first three are constant offsets.
-GROUPS = (slice(3, 4), slice(4, 6))
+_GROUPS = (slice(3, 4), slice(4, 6))
 LARGEST = 4.0  # usual residuals of the camera, to which residuals are clipped
 BLOCK = 12  # frames of a track whose errors count as one
 LARGEST_SHARE = 0.15  # of the variance; simulated and real rigs in order reach 0.03
@@ -60,7 +60,7 @@ def explained(
     Args:
         residual: (n, 3) standardized residuals of the edges.
         columns: (n, 3, 6) what each pattern adds: an offset of each coordinate in pixels, and the
-            columns of `GROUPS`; all 0 where there is no residual.
+            columns of `_GROUPS`; all 0 where there is no residual.
         block: (n,) which rows count as one, below n.
 
     Source:
@@ -84,7 +84,7 @@ def explained(
     plain = r - X[..., :3] @ offset
     total = jnp.maximum((plain**2).sum(), 1e-12)
     shares = []
-    for group in GROUPS:
+    for group in _GROUPS:
         weight = jnp.linalg.inv(inverse[group, group])
         saved = beta[group] @ weight @ beta[group]
         shares.append((saved - jnp.trace(weight @ spread[group, group])) / total)

@@ -55,6 +55,7 @@ class Crowd:
             ankles=flags[:, 0], valid=flags[:, 0],
             table=self.member[..., None], embedding=None,
             first=CAMERAS * np.arange(len(self.edges) + 1),
+            silent=np.zeros((len(self.edges), CAMERAS), bool),
         )  # fmt: skip
 
     def learned(self, rounds=6, rules=RULES):

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, strategies as st
 
 from catfree.methods.evidence.report._residual_patterns import (
-    GROUPS,
+    _GROUPS,
     LEAST_TOGETHER,
     explained,
     seen_together,
@@ -43,7 +43,7 @@ def test_noise_and_constant_offsets_have_no_pattern(seed):
 @given(st.integers(0, 2**32 - 1), st.integers(0, 1))
 def test_a_planted_pattern_is_found_with_its_share(seed, kind):
     columns, block, noise = drawn(seed)
-    at = GROUPS[kind].start
+    at = _GROUPS[kind].start
     found = fitted(noise + 0.6 * columns[..., at], columns, block)
     np.testing.assert_allclose(found.coefficient[at - 3], 0.6, atol=0.15)
     np.testing.assert_allclose(found.share[kind], 0.36 / 1.36, atol=0.08)
