@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 from catfree.geometry.camera import rays_of_pixels
 from catfree.settings import CalibrationSettings, EvidenceSettings
 from catfree.types import Detections, Scene
+from catfree.types._sampling import frame_step
 
 LONGEST = 60  # instants: largest shift tried in either direction
 BOXES = 600  # per camera that are compared, in evenly spread instants
@@ -51,7 +52,7 @@ def find_clock_offsets(detections: Detections, scene: Scene) -> Int[np.ndarray, 
     known = np.flatnonzero(scene.rig.registered).tolist()
     if len(frames) < 2 or len(known) < 2:
         return found
-    step = max(1, int(np.median(np.diff(frames))))
+    step = frame_step(frames)
     instant = (detections.frame - frames[0]) // step
     feet = {c: stand_on_ground(detections, instant, scene, c) for c in known}
     reach = min(LONGEST, int(instant.max()) // 3)

@@ -26,12 +26,12 @@ BLOCKS = (256, 8192)  # block sizes: people measured together
 Lens = Callable[[Float[Array, "*n 2"]], Float[Array, "*n 2"]]
 
 
-def _foot(
+def visible_foot(
     station: Float[HostOrDevice, "*#n 2"] | None,
     person: Float[HostOrDevice, "*#n 3"],
     foot_offset: Any,
 ) -> tuple[Any, Any]:
-    """Where the visible foot is on the ground."""
+    """Position (2,) of the visible foot on the ground, as x and y; see `box_edges`."""
     x, y = person[..., 0], person[..., 1]
     if station is None:
         return x, y
@@ -57,7 +57,7 @@ def box_ends(
     x, y, height = (person[..., i] for i in range(3))
     rows = [[matrix[..., i, j] for j in range(4)] for i in range(3)]
     pixels, depths = [], []
-    for end in ((x, y, height), (*_foot(station, person, foot_offset), 0.0)):
+    for end in ((x, y, height), (*visible_foot(station, person, foot_offset), 0.0)):
         column, row, depth = (m[0] * end[0] + m[1] * end[1] + m[2] * end[2] + m[3] for m in rows)
         near = xp.maximum(depth, NEAREST_DEPTH)
         pixel = xp.stack([column / near, row / near], -1)
@@ -134,10 +134,9 @@ def people_in_rig(
     """
     cameras = np.broadcast_to(camera, len(person))
     station = np.asarray(rig.centers, np.float64)[cameras, :2]
-    foot = np.stack([*_foot(station, person, foot_offset), np.zeros(len(person))], -1)
-    (high, high_seen), (low, low_seen) = (
-        pixels_of_points(rig, cameras, end) for end in (person, foot)
-    )
+    foot = np.stack([*visible_foot(station, person, foot_offset), np.zeros(len(person))], -1)
+    pixel, seen = pixels_of_points(rig, np.tile(cameras, 2), np.concatenate([person, foot]))
+    (high, low), (high_seen, low_seen) = np.split(pixel, 2), np.split(seen, 2)
     return high, low, high_seen & low_seen
 
 

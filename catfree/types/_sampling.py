@@ -1,7 +1,7 @@
-"""Evenly spread subsets of rows."""
+"""Evenly spread subsets of rows, and the spacing of frames."""
 
 import numpy as np
-from jaxtyping import Shaped
+from jaxtyping import Int, Shaped
 
 
 def evenly_spread(rows: Shaped[np.ndarray, "n *rest"], most: int) -> Shaped[np.ndarray, "m *rest"]:
@@ -17,3 +17,8 @@ def evenly_spread(rows: Shaped[np.ndarray, "n *rest"], most: int) -> Shaped[np.n
     if len(rows) <= most:
         return rows
     return rows[np.linspace(0, len(rows) - 1, most).round().astype(int)]
+
+
+def frame_step(frames: Int[np.ndarray, " frame"]) -> int:
+    """Return the median step between sorted frame numbers (F,); 1 for fewer than two."""
+    return max(1, int(np.median(np.diff(frames)))) if len(frames) > 1 else 1

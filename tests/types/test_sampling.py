@@ -1,7 +1,7 @@
 import numpy as np
 from hypothesis import given, strategies as st
 
-from catfree.types._sampling import evenly_spread
+from catfree.types._sampling import evenly_spread, frame_step
 
 
 @given(st.integers(0, 300), st.integers(1, 120))
@@ -21,3 +21,8 @@ def test_spread_rows_are_distinct_in_order_and_as_even_as_whole_steps_allow(coun
 def test_spread_rows_keep_their_columns():
     rows = np.arange(20).reshape(10, 2)
     np.testing.assert_array_equal(evenly_spread(rows, 4), rows[[0, 3, 6, 9]])
+
+
+def test_the_step_of_frames_is_their_usual_distance():
+    assert frame_step(np.array([0, 40, 80, 200, 240])) == 40
+    assert frame_step(np.array([7])) == frame_step(np.zeros(0, int)) == 1

@@ -21,6 +21,7 @@ from catfree.calibration.people.search._growth import accepted_candidates, best_
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Scene
+from catfree.types._sampling import frame_step
 
 
 def reconsider(
@@ -128,7 +129,7 @@ def offset_for(
     reach = min(maximum, grid.frame_count // 3)
     shifts = sorted(range(-reach, reach + 1), key=abs)
     _, shift = offset_of_unplaced(work, state, camera, shifts)
-    return shift * max(1, int(np.median(np.diff(grid.frames))))
+    return shift * frame_step(grid.frames)
 
 
 def confirm(

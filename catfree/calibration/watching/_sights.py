@@ -12,9 +12,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from catfree.geometry._buckets import in_blocks
+from catfree.geometry._person import visible_foot
 from catfree.geometry.camera import pixels_of_points, rays_of_pixels
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Scene, Tracks
+from catfree.types._sampling import frame_step
 
 BORDER = 0.005  # of the image side; a box that ends nearer to its border may be cut by it
 NEAREST = 0.2  # person heights in front of a camera, below which nobody is predicted
@@ -112,7 +114,7 @@ def sights(scene: Scene, detections: Detections, tracks: Tracks) -> Sights:
         tracks: of these boxes, whose `support` is known.
     """
     frames = np.unique(detections.frame)
-    step = max(1, int(np.median(np.diff(frames)))) if len(frames) > 1 else 1
+    step = frame_step(frames)
     first = int(frames[0])
     place = _places(scene)
     boxes = _boxes(scene, detections, first, step)
@@ -233,10 +235,9 @@ def predict(
     one, zero = jnp.ones((), state.dtype), jnp.zeros((), state.dtype)
     place = jnp.concatenate([place[:, :3], (place[:, 3] - place[:, :3] @ center)[:, None]], 1)
     station = -place[:, :2].T @ place[:, 3]
-    away = jnp.stack([x - station[0], y - station[1]])
-    nearer = FOOT_SHARE * state[2] / jnp.sqrt(jnp.maximum(away @ away, 1e-12))
+    foot_x, foot_y = visible_foot(station, jnp.stack([x, y, state[2]]), FOOT_SHARE * state[2])
     head = place @ jnp.stack([x, y, state[2], one])
-    foot = place @ jnp.stack([x - nearer * away[0], y - nearer * away[1], zero, one])
+    foot = place @ jnp.stack([foot_x, foot_y, zero, one])
 
     def angles(v: Float[Array, "3"]) -> tuple[Array, Array]:
         v = (v + jnp.cross(turn, v)) * jnp.stack([one, one, jnp.exp(-zoom)])

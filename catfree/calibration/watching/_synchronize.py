@@ -10,6 +10,7 @@ from catfree.calibration.watching._estimate_clocks import estimate_clocks
 from catfree.errors import InsufficientDataError
 from catfree.settings import Settings
 from catfree.types import Detections
+from catfree.types._sampling import frame_step
 
 FEWEST_CAMERAS = 3  # two cameras that disagree do not tell which of them is late
 ROUNDS = 6  # a rig hides a part of a lag, which shows after the rest is corrected
@@ -38,7 +39,7 @@ def synchronize(
     """
     settings = replace(settings, method="evidence")
     frames = np.unique(detections.frame)
-    step = max(1, int(np.median(np.diff(frames)))) if len(frames) > 1 else 1
+    step = frame_step(frames)
     kept = calibration, detections
     least_residual = (1 - FALL) * calibration.residual
     for _ in range(ROUNDS):

@@ -22,7 +22,7 @@ from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
 from catfree.types._annotations import Progress
-from catfree.types._sampling import evenly_spread
+from catfree.types._sampling import evenly_spread, frame_step
 
 TRIED_OFFSETS = 16  # offsets of an unplaced camera that are refined
 WIDE_TOLERANCE = 0.03  # fraction of the range, while people are matched at the wrong instant
@@ -59,7 +59,7 @@ def find_offsets(
         The corrected sequence, its rig, and (C,) offsets in frame numbers.
     """
     grid = work.grid
-    step = max(1, int(np.median(np.diff(grid.frames))))
+    step = frame_step(grid.frames)
     reach = min(maximum // step, grid.frame_count // 3)
     shifts = sorted(range(-reach, reach + 1), key=abs)
     offset = np.zeros(grid.camera_count, np.int64)
