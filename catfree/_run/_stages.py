@@ -22,12 +22,7 @@ from catfree.adapters.video._detect_videos import detect_videos, fit_to_cameras
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration import Calibration, calibrate
 from catfree.calibration._calibrate import begin_calibration, finish_calibration
-from catfree.calibration.people import (
-    Anchor,
-    anchored,
-    read_anchors as read_anchors,
-    resolve_anchors,
-)
+from catfree.calibration.people import Anchor, anchored, resolve_anchors
 from catfree.calibration.reconstructions._scene_from_videos import scene_from_videos
 from catfree.errors import CalibrationError, InvalidInputError
 from catfree.methods._localize import localize

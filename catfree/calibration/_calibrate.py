@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from catfree.calibration._evidence_loop import EvidenceLoop
 from catfree.calibration.people import (
     Anchor,
@@ -16,6 +14,7 @@ from catfree.calibration.people import (
     resolve_anchors,
     without_vague_cameras,
 )
+from catfree.calibration.people._register import camera_sizes
 from catfree.calibration.watching import synchronize
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings, Settings
@@ -72,8 +71,10 @@ def calibrate(
         InvalidInputError: if shapes do not match, or an anchor refers to no camera or no ground.
         ForkedProcessError: in a process forked after JAX was used.
     """
-    settings = Settings() if settings is None else settings
-    resolve_anchors(anchors, len(np.atleast_2d(image_size)), camera_names)
+    detections, settings = _confident(detections, settings)
+    if anchors:  # their mistakes are told before the long work
+        cameras = len(camera_sizes(detections, image_size))
+        resolve_anchors(anchors, cameras, camera_names)
     begun = begin_calibration(
         detections,
         image_size,
@@ -85,8 +86,7 @@ def calibrate(
     found = finish_calibration(
         begun, detections, settings, camera_names=camera_names, progress=progress
     )
-    rules = settings.calibration if isinstance(settings, Settings) else settings
-    return anchored(found, anchors, rules, camera_names=camera_names)
+    return anchored(found, anchors, settings.calibration, camera_names=camera_names)
 
 
 def begin_calibration(

@@ -120,7 +120,7 @@ def open_scene(
 
 def open_anchors(path: Path | None) -> tuple[Any, ...]:
     """Read what is known about the site."""
-    from catfree._run._stages import read_anchors
+    from catfree.calibration import read_anchors
 
     return () if path is None else read_anchors(path)
 

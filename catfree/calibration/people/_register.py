@@ -117,7 +117,7 @@ def register(
         CalibrationError: if fewer than two cameras can be trusted.
     """
     settings = CalibrationSettings() if settings is None else settings
-    size = _sizes(detections, image_size)
+    size = camera_sizes(detections, image_size)
     names = [str(c) for c in range(len(size))] if camera_names is None else list(camera_names)
     if len(names) != len(size):
         raise InvalidInputError(
@@ -222,7 +222,7 @@ def rig_with_lenses(
     return Rig(K, R, t, size, distortion if distortion.any() else None, registered)
 
 
-def _sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarray, "cam 2"]:
+def camera_sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarray, "cam 2"]:
     """Expand image sizes to (C, 2), one per camera, and check them."""
     size = np.asarray(image_size)
     count = int(detections.camera.max(initial=-1)) + 1

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from catfree.adapters.files._documents import read_json
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import GeoReference
+from catfree.types._validation import as_positive
 
 Pixel = tuple[float, float]
 LARGEST_COORDINATE = 1e5  # meters; float32 results resolve a centimeter up to there
@@ -44,7 +45,7 @@ class KnownDistance:
         if (pixels[0] == pixels[1]).all():
             raise InvalidInputError("The two pixels of a KnownDistance are the same point.")
         for name in ("meters", "sd", "pixel_sd"):
-            _positive(getattr(self, name), f"{name} of a KnownDistance")
+            as_positive(getattr(self, name), f"{name} of a KnownDistance")
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ class KnownCamera:
             )
         for name in ("height", "focal", "height_sd", "focal_sd", "position_sd", "rotation_sd"):
             if getattr(self, name) is not None:
-                _positive(getattr(self, name), f"{name} of a KnownCamera")
+                as_positive(getattr(self, name), f"{name} of a KnownCamera")
         if self.position is not None and np.shape(self.position) != (3,):
             _numbers(self.position, (2,), "position of a KnownCamera")
         _map_place(self.position, self.longitude, self.latitude, "KnownCamera")
@@ -134,7 +135,7 @@ class SurveyedPoint:
             _numbers(self.position, (2,), "position of a SurveyedPoint")
         _map_place(self.position, self.longitude, self.latitude, "SurveyedPoint", needed=True)
         for name in ("sd", "pixel_sd"):
-            _positive(getattr(self, name), f"{name} of a SurveyedPoint")
+            as_positive(getattr(self, name), f"{name} of a SurveyedPoint")
 
 
 Anchor = KnownDistance | KnownCamera | SurveyedPoint
@@ -241,6 +242,8 @@ def resolve_anchors(
         InvalidInputError: if a camera does not exist, or positions on the map are too few, mixed
             with longitudes and latitudes, or too far away.
     """
+    if isinstance(anchors, Anchor):
+        raise InvalidInputError("anchors must be a list; put the anchor into brackets.")
     index = []
     for anchor in anchors:
         if not isinstance(anchor, KnownDistance | KnownCamera | SurveyedPoint):
@@ -317,14 +320,9 @@ def _map_place(
 
 def _numbers(values: object, shape: tuple[int, ...], name: str) -> Float[np.ndarray, "..."]:
     try:
-        array = np.asarray(values, np.float64)
-    except (TypeError, ValueError):
-        array = np.full((), np.nan)
-    if array.shape != shape or not np.isfinite(array).all():
+        array = np.asarray(values)
+    except ValueError:  # lists of different lengths
+        array = np.array(None)
+    if array.dtype.kind not in "fiu" or array.shape != shape or not np.isfinite(array).all():
         raise InvalidInputError(f"{name} must be finite numbers of shape {shape}, got {values!r}.")
-    return array
-
-
-def _positive(value: object, name: str) -> None:
-    if not _numbers(value, (), name) > 0:
-        raise InvalidInputError(f"{name} is {value}; it must be positive.")
+    return array.astype(np.float64)

@@ -1,12 +1,13 @@
 """What anchors state: invalid ones are refused in one sentence, and files hold all of them."""
 
 import json
+import math
 
 import numpy as np
 import pytest
 
 import catfree as cf
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.errors import CalibrationError, FileFormatError, InvalidInputError
 
 ENDS = ((640.0, 500.0), (810.0, 505.0))
 
@@ -20,6 +21,7 @@ ENDS = ((640.0, 500.0), (810.0, 505.0))
         (cf.KnownDistance, {"pixels": ((np.nan, 1.0), ENDS[0]), "meters": 5.0}, "finite"),
         (cf.KnownCamera, {}, "states nothing"),
         (cf.KnownCamera, {"height": 0.0}, "positive"),
+        (cf.KnownCamera, {"height": math.inf}, "positive"),
         (cf.KnownCamera, {"longitude": 8.0}, "longitude and latitude, or neither"),
         (cf.KnownCamera, {"rotation": ((1.0, 0.0, 0.0),) * 3}, "rotation matrix"),
         (cf.SurveyedPoint, {"pixel": ENDS[0]}, "needs a position"),
@@ -68,3 +70,12 @@ def test_files_of_another_form_are_refused(tmp_path, document, error, sentence):
     path.write_text(json.dumps(document))
     with pytest.raises(error, match=sentence):
         cf.read_anchors(path)
+
+
+def test_one_image_size_serves_anchors_of_all_cameras():
+    boxes = cf.Detections([0, 0, 0], [0, 1, 2], [[10, 10, 40, 90]] * 3)
+    height = cf.KnownCamera(camera=2, height=3.0)
+    with pytest.raises(CalibrationError, match="needs 2 cameras"):  # too few boxes, right anchor
+        cf.calibrate(boxes, (640, 480), anchors=[height])
+    with pytest.raises(InvalidInputError, match="camera 3, but the cameras are 0 to 2"):
+        cf.calibrate(boxes, (640, 480), anchors=[cf.KnownCamera(camera=3, height=3.0)])
