@@ -132,10 +132,6 @@ def _missing_pictures(silent: Any, detections: Detections, scene: Scene) -> Int[
     rows = rows.reshape(0, 2) if rows.size == 0 else rows
     require_shape(rows, (None, 2), "silent")
     require_known_cameras(rows[:, 1], scene.rig.camera_count)
-    if (rows[:, 1] < 0).any():
-        raise InvalidInputError(
-            f"silent names camera {rows[:, 1].min()}; indices of cameras start at 0."
-        )
     boxes = np.unique(np.column_stack([detections.frame, detections.camera]), axis=0)
     both, count = np.unique(
         np.concatenate([boxes, np.unique(rows, axis=0)]), axis=0, return_counts=True

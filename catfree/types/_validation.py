@@ -114,6 +114,32 @@ def as_positive(value: Any, name: str) -> float:
     return float(number)
 
 
+def as_number(value: Any, name: str) -> float:
+    """Return a finite number as a float.
+
+    Raises:
+        InvalidInputError: if it is anything else.
+    """
+    number = np.asarray(value)
+    if number.shape != () or number.dtype.kind not in "fiu" or not np.isfinite(number):
+        raise InvalidInputError(f"{name} is {quoted(value)}; it must be a finite number.")
+    return float(number)
+
+
+def as_duration(value: Any, name: str) -> float:
+    """Return a finite number of seconds, 0 or more, as a float.
+
+    Raises:
+        InvalidInputError: if it is anything else.
+    """
+    number = np.asarray(value)
+    if number.shape != () or number.dtype.kind not in "fiu" or not 0 <= number < np.inf:
+        raise InvalidInputError(
+            f"{name} must be a number of seconds, 0 or more, got {quoted(value)}."
+        )
+    return float(number)
+
+
 def as_point(value: Any, name: str) -> np.ndarray:
     """Convert to one finite point in space, (3,) float64."""
     point = np.asarray(as_float(value), np.float64)
@@ -147,7 +173,10 @@ def require_shape(value: Any, shape: tuple[int | None, ...], name: str) -> None:
 
 
 def require_known_cameras(camera: np.ndarray, count: int) -> None:
-    """Raise at the first detection whose camera is not in a rig of `count` cameras."""
+    """Raise at the first camera that is not in a rig of `count` cameras."""
+    if (camera < 0).any():
+        at = int(np.argmax(camera < 0))
+        raise InvalidInputError(f"camera[{at}] is {camera[at]}; indices start at 0.")
     unknown = camera >= count
     if unknown.any():
         at = int(np.argmax(unknown))

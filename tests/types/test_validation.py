@@ -10,7 +10,14 @@ import pytest
 
 from catfree.errors import InvalidInputError
 from catfree.types import Detections
-from catfree.types._validation import as_boolean, as_float, as_integer, require_instance
+from catfree.types._validation import (
+    as_boolean,
+    as_duration,
+    as_float,
+    as_integer,
+    as_number,
+    require_instance,
+)
 
 # Without the import hook of these tests, which would object to the types first.
 SWAPPED = """
@@ -179,3 +186,16 @@ def test_empty_lists_are_detections_without_rows():
     assert nobody.keypoints.shape == (0, 17, 3)
     assert nobody.embedding is not None
     assert nobody.embedding.shape == (0, 0)
+
+
+@pytest.mark.parametrize("value", [None, "3", np.nan, np.inf, [1.0], True, 1j])
+def test_what_is_not_one_finite_number_is_refused(value):
+    for convert in (as_number, as_duration):
+        with pytest.raises(InvalidInputError, match="time"):
+            convert(value, "time")
+
+
+def test_a_duration_is_not_negative():
+    assert (as_number(np.int32(-2), "time"), as_duration(0, "lag")) == (-2.0, 0.0)
+    with pytest.raises(InvalidInputError, match="number of seconds, 0 or more, got -2"):
+        as_duration(-2, "lag")

@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
-
 from catfree._run._cache import content_hash
 from catfree.adapters.files._fingerprint import hash_parameters, hash_samples
 from catfree.adapters.tables._detections_table import (
@@ -21,7 +19,7 @@ from catfree.adapters.tables._detections_table import (
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import InvalidInputError
 from catfree.types import Clock, Detections
-from catfree.types._validation import as_positive
+from catfree.types._validation import as_duration, as_positive
 
 StrPath = str | os.PathLike[str]
 MOST_SHARDS = 1_000_000
@@ -119,7 +117,7 @@ def shards(
         InvalidInputError: if a file does not exist, there are no frames, no frame rate is known, or
             the overlap is not shorter than the shards.
     """
-    every, overlap = as_positive(every, "every"), _not_negative(overlap, "overlap")
+    every, overlap = as_positive(every, "every"), as_duration(overlap, "overlap")
     if overlap >= every:
         raise InvalidInputError(
             f"overlap is {overlap:g} s, but shards are {every:g} s long. Make the shards longer "
@@ -277,13 +275,6 @@ def replace_clock(detections: Detections, clock: Clock) -> Detections:
     """The same boxes with a clock."""
     columns = vars(detections) | {"clock": clock}
     return Detections(**columns)
-
-
-def _not_negative(value: float | int, name: str) -> float:
-    number = np.asarray(value)
-    if number.shape != () or number.dtype.kind not in "fiu" or not 0 <= number < np.inf:
-        raise InvalidInputError(f"{name} must be a number of seconds, 0 or more, got {value!r}.")
-    return float(number)
 
 
 def require_folder_name(value: str, name: str) -> None:

@@ -23,8 +23,7 @@ from catfree.calibration.watching._windows import Watched, watch
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
-from catfree.types._forks import require_own_process
-from catfree.types._validation import as_count, require_instance
+from catfree.types._validation import as_count
 
 HOURS_PER_ALARM = 200.0  # of one camera
 TESTS = 3  # of a camera in a window: turn, lag, loss
@@ -186,18 +185,14 @@ def check(
         InsufficientDataError: if there are no boxes of two registered cameras.
         ForkedProcessError: in a process forked after JAX was used.
     """
-    require_own_process()
-    require_instance(scene, Scene, "scene")
-    require_instance(detections, Detections, "detections")
-    settings = Settings() if settings is None else settings
-    require_instance(settings, Settings, "settings")
+    since = None if since is None else as_count(since, "since")
     watched = watch(
         scene,
         detections,
         settings,
         window=WINDOW,
         count=WINDOWS,
-        maximum_offset=as_count(maximum_offset, "maximum_offset"),
+        maximum_offset=maximum_offset,
         localization=localization,
         since=since,
         progress=progress,

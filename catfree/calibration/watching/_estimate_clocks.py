@@ -13,8 +13,7 @@ from catfree.calibration.watching._windows import watch
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
-from catfree.types._forks import require_own_process
-from catfree.types._validation import as_count, require_instance
+from catfree.types._sampling import frame_step
 
 WINDOWS = 12  # that a short recording is cut into
 WINDOW = (2.0, 10.0)  # seconds, the shortest and the longest; a clock drifts within
@@ -85,7 +84,7 @@ class Clocks:
             (n,) boxes in the same order.
         """
         frames = np.unique(detections.frame)
-        step = max(1, int(np.median(np.diff(frames)))) if len(frames) > 1 else 1
+        step = frame_step(frames)
         lag = self.lag(detections.frame)[np.arange(len(detections)), detections.camera]
         lag = np.where(np.isfinite(lag), lag, 0.0)
         moved = detections.frame - step * np.rint(lag / step).astype(np.int64)
@@ -130,18 +129,13 @@ def estimate_clocks(
         InsufficientDataError: if there are no boxes of two registered cameras.
         ForkedProcessError: in a process forked after JAX was used.
     """
-    require_own_process()
-    require_instance(scene, Scene, "scene")
-    require_instance(detections, Detections, "detections")
-    settings = Settings() if settings is None else settings
-    require_instance(settings, Settings, "settings")
     watched = watch(
         scene,
         detections,
         settings,
         window=WINDOW,
         count=WINDOWS,
-        maximum_offset=as_count(maximum_offset, "maximum_offset"),
+        maximum_offset=maximum_offset,
         localization=localization,
         progress=progress,
     )

@@ -10,11 +10,13 @@ from jaxtyping import Bool, Int
 from catfree.calibration.watching._agreement import Window, solve_window
 from catfree.calibration.watching._matching import Correction
 from catfree.calibration.watching._sights import Sights, sights
-from catfree.errors import InsufficientDataError
+from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.methods import localize
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress, no_progress
+from catfree.types._forks import require_own_process
+from catfree.types._validation import as_count, require_instance
 
 UNKNOWN_RATE = 25.0  # steps per second where no clock tells
 FEWEST_STEPS = 4  # of a window
@@ -40,7 +42,7 @@ class Watched:
 def watch(
     scene: Scene,
     detections: Detections,
-    settings: Settings,
+    settings: Settings | None,
     *,
     window: tuple[float, float],
     count: int,
@@ -54,7 +56,7 @@ def watch(
     Args:
         scene: cameras and ground.
         detections: (N,) boxes.
-        settings: of the localization.
+        settings: of the localization; the default method if None.
         window: shortest and longest length of a window in seconds.
         count: number of windows to aim at.
         maximum_offset: largest lag to look for, in frame numbers.
@@ -64,8 +66,16 @@ def watch(
 
     Raises:
         InsufficientDataError: if there are no boxes of registered cameras.
-        InvalidInputError: as `localize`.
+        InvalidInputError: as `localize`, or if `maximum_offset` is negative.
+        ForkedProcessError: in a process forked after JAX was used.
     """
+    require_own_process()
+    require_instance(scene, Scene, "scene")
+    require_instance(detections, Detections, "detections")
+    settings = Settings() if settings is None else settings
+    require_instance(settings, Settings, "settings")
+    if as_count(maximum_offset, "maximum_offset") < 0:
+        raise InvalidInputError(f"maximum_offset is {maximum_offset}; it must be 0 or more frames.")
     report = progress or no_progress
     if localization is None:
         localization = localize(detections, scene, settings, progress)

@@ -7,7 +7,13 @@ import numpy as np
 
 from catfree.errors import InvalidInputError
 from catfree.types import Detections
-from catfree.types._validation import as_count, as_positive, require_instance
+from catfree.types._validation import (
+    as_count,
+    as_duration,
+    as_number,
+    as_positive,
+    require_instance,
+)
 
 
 class DroppedFrame(NamedTuple):
@@ -84,10 +90,7 @@ class InstantAssembler:
         if self.camera_count < 1:
             raise InvalidInputError("camera_count is 0; an instant needs at least one camera.")
         self.frame_rate = as_positive(self.frame_rate, "frame_rate")
-        if not 0 <= self.timeout < np.inf:
-            raise InvalidInputError(
-                f"timeout is {self.timeout}; it must be a number of seconds, 0 or more."
-            )
+        self.timeout = as_duration(self.timeout, "timeout")
 
     def add(
         self, camera: int | np.integer, time: float | int, detections: Detections
@@ -103,14 +106,13 @@ class InstantAssembler:
             InvalidInputError: if there is no such camera, or the time is not finite.
         """
         require_instance(detections, Detections, "detections")
+        camera = as_count(camera, "camera")
         if not 0 <= camera < self.camera_count:
             raise InvalidInputError(
                 f"There is no camera {camera}; the assembler has cameras 0 to "
                 f"{self.camera_count - 1}."
             )
-        if not np.isfinite(time):
-            raise InvalidInputError(f"The time of a frame of camera {camera} is {time}.")
-        camera, time = int(camera), float(time)
+        time = as_number(time, f"The time of a frame of camera {camera}")
         number = self._number(time)
         if self._closed is not None and number <= self._closed:
             self._dropped.append(DroppedFrame(camera, time, "late"))

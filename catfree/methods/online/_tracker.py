@@ -32,9 +32,17 @@ from catfree.settings import Settings
 from catfree.types import Clock, Detections, Origin, Scene, Tracks
 from catfree.types._clock import ABSOLUTE
 from catfree.types._forks import require_own_process
-from catfree.types._validation import as_integer, require_instance, require_known_cameras
+from catfree.types._validation import (
+    as_duration,
+    as_integer,
+    as_number,
+    as_positive,
+    require_instance,
+    require_known_cameras,
+)
 
 MICROSECONDS = 1_000_000  # frame numbers per second
+Cameras = Iterable[int] | Int[np.ndarray, " cam"]
 
 
 class Tracker:
@@ -78,20 +86,14 @@ class Tracker:
                 f"Tracker uses the method 'evidence', not {quoted(settings.method)}. Pass "
                 "cf.Settings(), or call cf.localize."
             )
-        if not lag >= 0:
-            raise InvalidInputError(f"lag is {quoted(lag)}; it must be 0 seconds or more.")
-        if frame_rate is not None and not 0 < frame_rate < math.inf:
-            raise InvalidInputError(
-                f"frame_rate is {quoted(frame_rate)}; it must be a positive number."
-            )
         usable(no_boxes(), scene, settings)  # raises if there are too few cameras
         self.scene, self.settings = scene, settings
-        self.lag = float(lag)
-        self.frame_rate = None if frame_rate is None else float(frame_rate)
+        self.lag = math.inf if lag == math.inf else as_duration(lag, "lag")
+        self.frame_rate = None if frame_rate is None else as_positive(frame_rate, "frame_rate")
         self.reset()
 
     def update(
-        self, detections: Detections, time: float | int, cameras: Iterable[int] | None = None
+        self, detections: Detections, time: float | int, cameras: Cameras | None = None
     ) -> Update:
         """Add one instant.
 
@@ -115,12 +117,12 @@ class Tracker:
         state = self._state
         if state.finished:
             raise InvalidInputError("The tracker has finished; call reset before a new stream.")
-        if not (math.isfinite(time) and time > state.time):
+        time = as_number(time, "time")
+        if not time > state.time:
             raise InvalidInputError(
                 f"time is {quoted(time)}, after {state.time:g}: it must be a number of seconds "
                 "that increases. Leave out what comes too late."
             )
-        time = float(time)
         silent = self._silent(detections, cameras)
         own = np.flatnonzero(usable(detections, self.scene, self.settings))
         boxes = detections[own]
@@ -139,7 +141,7 @@ class Tracker:
                 support = np.where(now.support >= 0, _take(own, now.support), -1)
                 now = now._replace(support=support)
                 state = replace(state, window=(*state.window, now))
-            state = replace(state, count=np.asarray(state.count + 1), time=np.array(float(time)))
+            state = replace(state, count=np.asarray(state.count + 1), time=np.array(time))
             if self.lag == math.inf:
                 state = replace(state, window=())
                 state = self._record(state, detections, time, silent)
@@ -197,14 +199,12 @@ class Tracker:
             )
         self._state = state
 
-    def _silent(
-        self, detections: Detections, cameras: Iterable[int] | None
-    ) -> Int[np.ndarray, " k"]:
+    def _silent(self, detections: Detections, cameras: Cameras | None) -> Int[np.ndarray, " k"]:
         """(K,) cameras that delivered nothing."""
         count = self.scene.rig.camera_count
         if cameras is None:
             return np.zeros(0, np.int64)
-        given = np.unique(as_integer(list(cameras), "cameras")) if cameras else np.zeros(0, int)
+        given = np.unique(as_integer(list(cameras), "cameras"))
         require_known_cameras(given, count)
         silent = np.setdiff1d(np.arange(count), given)
         seen = detections.camera[np.isin(detections.camera, silent)]

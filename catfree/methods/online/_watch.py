@@ -39,6 +39,10 @@ def watch(
         frame_rate: instants per second.
         timeout: as for `InstantAssembler`.
 
+    Raises:
+        InvalidInputError: at the first record, if the number of names, the rate or the timeout is
+            invalid.
+
     Yields:
         Dictionaries that JSON can hold, told apart by `type`: "provisional" and "final" (`time`
         and `people`: `id`, `x`, `y`, `covariance`, `velocity` in scene units and seconds,
@@ -46,6 +50,11 @@ def watch(
         was replaced by a newer one) and "error" (`line`, counted from 1, and `message`: a line that
         could not be used; the next one is read).
     """
+    count = tracker.scene.rig.camera_count
+    if len(camera_names) != count:
+        raise InvalidInputError(
+            f"The tracker's scene has {count} cameras, but {len(camera_names)} are named."
+        )
     assembler = InstantAssembler(len(camera_names), frame_rate, timeout)
     for number, line in enumerate(lines, 1):
         if not line.strip():

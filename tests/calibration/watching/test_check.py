@@ -5,7 +5,7 @@ import pytest
 
 import catfree as cf
 from catfree.calibration import Verdict, check
-from catfree.errors import InsufficientDataError
+from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.synthetic import make_world
 from tests.calibration.watching.bumped import on_clock, renumber, turn_camera
 
@@ -96,3 +96,8 @@ def test_a_recording_without_boxes_is_refused(world):
     nobody = cf.Detections([], [], np.zeros((0, 4)))
     with pytest.raises(InsufficientDataError, match="boxes"):
         check(world.true_scene, nobody)
+
+
+def test_a_negative_lag_to_look_for_is_refused(world, quiet):
+    with pytest.raises(InvalidInputError, match="maximum_offset is -1"):
+        check(world.true_scene, quiet, maximum_offset=-1)

@@ -249,3 +249,13 @@ def test_what_makes_no_sense_is_refused(tmp_path):
     DETECTIONS.save(tmp_path / "boxes.npz")
     with pytest.raises(FileFormatError):
         cf.TrackerState.load(tmp_path / "boxes.npz")
+
+
+@pytest.mark.slow
+def test_cameras_may_come_in_an_array():
+    listed, array = (cf.Tracker(SCENE, lag=1.0, frame_rate=RATE) for _ in range(2))
+    expected = listed.update(boxes_of(0), 0.0, cameras=list(range(CAMERAS)))
+    found = array.update(boxes_of(0), np.float64(0), cameras=np.arange(CAMERAS))
+    assert same(found.provisional, expected.provisional)
+    with pytest.raises(InvalidInputError, match=r"camera\[0\] is -1; indices start at 0"):
+        array.update(DETECTIONS[:0], 1.0, cameras=[-1])

@@ -153,3 +153,9 @@ def test_dropped_frames_are_told():
     dropped, now = list(watch(text, tracker, "abcd", frame_rate=10))
     assert dropped == {"type": "dropped", "camera": "a", "time": 0.5, "reason": "replaced"}
     assert (now["type"], now["people"]) == ("provisional", [])
+
+
+def test_every_camera_of_the_scene_needs_a_name():
+    tracker = Tracker(make_world("ring4", frames=2, people=2).true_scene)
+    with pytest.raises(InvalidInputError, match="has 4 cameras, but 2 are named"):
+        list(watch([], tracker, ["a", "b"], frame_rate=5))
