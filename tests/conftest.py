@@ -12,6 +12,14 @@ from jaxtyping import install_import_hook
 
 install_import_hook("catfree", "beartype.beartype")
 
+# Tests compile thousands of small functions and run each a few times: compile fast, run slower.
+COMPILE_FAST = (
+    "--xla_backend_optimization_level=0",
+    "--xla_cpu_use_fusion_emitters=false",
+    "--xla_cpu_parallel_codegen_split_count=1",
+)
+os.environ.setdefault("XLA_FLAGS", " ".join(COMPILE_FAST))  # JAX reads it with the first array
+
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
@@ -26,11 +34,15 @@ settings.load_profile("catfree")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Share what JAX compiles with the other workers, the commands under test and the next run."""
+    """Share what JAX compiles with the other workers, the commands under test and the next run.
+
+    Files are handed to the workers in their order: few and long tests do not wait for the end.
+    """
+    config.option.loadscopereorder = False
     if not config.pluginmanager.hasplugin("cacheprovider"):
         return
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.cache.mkdir("compiled")))
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.02")
     jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
     seconds = float(os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"])
     jax.config.update("jax_persistent_cache_min_compile_time_secs", seconds)

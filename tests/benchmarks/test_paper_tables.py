@@ -20,8 +20,6 @@ from benchmarks.paper.variants import BF, BK, BS, BT, I, K, Q, changed
 from catfree.evaluation import Interval, detection_metrics
 from catfree.geometry._similarity import transform_scene
 
-# One worker compiles for all.
-pytestmark = pytest.mark.xdist_group("paper_tables")
 TINY = Options(seeds=(0,), frames=5)
 TWIN_COLUMNS = ["WildTrack twin", "MultiviewX twin", "GMVD twin"]
 

@@ -15,8 +15,6 @@ from tests.known_sequences import real_path
 
 DISTURBED = 1  # the camera whose frames are at other times
 
-pytestmark = pytest.mark.xdist_group("real_people")  # one worker makes what tests share
-
 
 def first_frames(sequence: MultiViewSequence) -> MultiViewSequence:
     """Half a minute, of which a rig is calibrated in half the time of all."""

@@ -15,8 +15,6 @@ from tests.calibration.ring_world import calibrated_ring, moved, ring_of_six
 SETTINGS = Settings()
 WRONG, MISSING = 2, 5
 
-pytestmark = pytest.mark.xdist_group("ring_of_six")  # one worker makes what all share
-
 
 @pytest.fixture(scope="module")
 def world():

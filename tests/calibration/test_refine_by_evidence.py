@@ -19,8 +19,6 @@ LOOKS = DetectorModel(embedding_size=16)
 DEGREE_OFF = RigError(1.0, 0.3, 0.02, 0.5, 0.05)
 RIGHT = RigError(0.0, 0.0, 0.0, 0.0, 0.0)
 
-pytestmark = pytest.mark.xdist_group("refine_by_evidence")  # one worker makes what all share
-
 
 def small_world(error: RigError) -> World:
     return make_world("ring5", 0, frames=30, people=8, rig_error=error, detector=LOOKS)

@@ -13,7 +13,7 @@ import catfree as cf
 EXAMPLES = Path(__file__).parents[2] / "examples"
 OPTIONS = ("--frames", "300", "--every", "20")
 
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("shards_on_engines")]
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

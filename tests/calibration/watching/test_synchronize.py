@@ -10,7 +10,7 @@ from catfree.settings import Settings
 from tests.calibration.ring_world import calibrated_ring, ring_of_six
 from tests.calibration.watching.bumped import renumber
 
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("ring_of_six")]
+pytestmark = pytest.mark.slow
 
 
 def refined(factor):

@@ -16,8 +16,6 @@ from catfree.settings import EvidenceSettings
 from catfree.synthetic import DetectorModel, make_world
 from catfree.types import Detections
 
-pytestmark = pytest.mark.xdist_group("run_shard")  # one worker makes what all share
-
 
 @pytest.fixture(scope="module")
 def world():
