@@ -11,21 +11,23 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from catfree._run._clocks import LONGEST, find_clock_offsets
 from catfree.adapters import SceneSource, read_scene
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.files._camera_names import is_numbered, positions_of
 from catfree.adapters.video import SynchronizedVideos
 from catfree.calibration import Calibration, remove_offsets
 from catfree.calibration.people import offset_for
-from catfree.errors import InvalidInputError
+from catfree.calibration.watching import WHOLE_FRAME, estimate_clocks
+from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.settings import CalibrationSettings, Settings
-from catfree.types import Detections, Scene
+from catfree.types import Detections, Localization, Scene
+from catfree.types._sampling import frame_step
 from catfree.types._validation import require_instance
 
 # What the cameras recorded; of both, the names and image sizes of the cameras are used.
 Recording = SynchronizedVideos | CameraBoxes
 
+LONGEST = 60  # instants: largest offset of a clock to look for
 WORTH_SAYING = 0.05  # share of the footage lost; recordings never end on the same frame
 # Rose criterion: a signal stands out from noise at five standard deviations.
 DEVIATIONS_TO_MEASURE = 5.0
@@ -211,15 +213,33 @@ def tiny_boxes(detections: Detections, settings: CalibrationSettings) -> str | N
     )
 
 
-def clock_warnings(detections: Detections, scene: Scene, videos: Recording) -> tuple[str, ...]:
+def clock_warnings(
+    localization: Localization,
+    detections: Detections,
+    scene: Scene,
+    videos: Recording,
+    settings: Settings,
+) -> tuple[str, ...]:
     """Warn about cameras whose clocks do not fit a known scene.
 
     Args:
+        localization: of the detections in the scene.
         detections: boxes of all cameras.
         scene: known cameras and ground.
         videos: the footage or boxes.
+        settings: of the run.
     """
-    offset = find_clock_offsets(detections, scene)
+    step = frame_step(np.unique(detections.frame))
+    known = localization
+    if settings.method == "paper":  # its tracks do not tell where people are between instants
+        known, settings = None, replace(settings, method="evidence")
+    try:
+        clocks = estimate_clocks(
+            scene, detections, settings=settings, maximum_offset=LONGEST * step, localization=known
+        )
+    except InsufficientDataError:
+        return ()
+    offset = clocks.whole_offsets(step, WHOLE_FRAME)
     return tuple(
         f"Camera {videos.camera_names[c]!r} seems to have {_started(int(offset[c]), videos)}: "
         f"with that shift its people match theirs best. Nothing was shifted. "

@@ -260,8 +260,6 @@ def run_stages(
         if calibration.frame_offset.any():
             videos, detections = without_offsets(videos, detections, calibration.frame_offset)
             so_far.videos, so_far.detections = videos, detections
-    if known:
-        so_far.warnings += clock_warnings(detections, scene, videos)
     if settings.method != "paper" and isinstance(detector, FittedToCamera):
         detections = detect_again(
             videos,
@@ -277,6 +275,8 @@ def run_stages(
     tiny = tiny_boxes(detections, settings.calibration)
     so_far.warnings += () if tiny is None else (tiny,)
     localization = localize_people(detections, scene, settings, cache=cache, progress=progress)
+    if known:
+        so_far.warnings += clock_warnings(localization, detections, scene, videos, settings)
     localization = replace(localization, warnings=(*so_far.warnings, *localization.warnings))
     return RunOutcome(
         localization,
@@ -332,7 +332,6 @@ def run_boxes(
                 f"The scene has {scene.rig.camera_count} cameras, but there are boxes of "
                 f"{len(boxes.camera_names)}. Leave out the boxes of the other cameras."
             )
-        said += clock_warnings(detections, scene, boxes)
     else:
         calibration = calibrate_cameras(
             boxes, None, detections, settings,
@@ -344,6 +343,8 @@ def run_boxes(
     tiny = tiny_boxes(detections, settings.calibration)
     said += () if tiny is None else (tiny,)
     found = localize_people(detections, scene, settings, cache=cache, progress=progress)
+    if calibration is None:
+        said += clock_warnings(found, detections, scene, boxes, settings)
     names = boxes.camera_names
     names += tuple(f"C{camera + 1}" for camera in range(len(names), scene.rig.camera_count))
     return RunOutcome(

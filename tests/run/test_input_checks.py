@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree._run._input_checks import (
+    clock_warnings,
     lost_footage,
     order_like,
     require_distinct_videos,
@@ -17,11 +18,13 @@ from catfree._run._input_checks import (
     without_offsets,
 )
 from catfree.adapters import SceneSource, SynchronizedVideos, write_scene_json
-from catfree.calibration import Refinement
+from catfree.adapters.datasets._detection_files import CameraBoxes
+from catfree.calibration import Refinement, remove_offsets
 from catfree.errors import InsufficientDataError, InvalidInputError
-from catfree.settings import CalibrationSettings
-from catfree.synthetic import make_layout
-from catfree.types import Detections
+from catfree.methods import localize
+from catfree.settings import CalibrationSettings, Settings
+from catfree.synthetic import make_layout, make_world
+from catfree.types import Clock, Detections
 
 
 def write_video(path, count, seed=0, fps=5.0):
@@ -134,6 +137,45 @@ def test_corrected_clocks_show_the_same_pictures(clips):
     np.testing.assert_array_equal(moved.frame, np.arange(6, 40, 2))
     with pytest.raises(InsufficientDataError, match="no instant is in all videos"):
         videos.without_offsets([0, -60])
+
+
+def clocks_said(detections, scene, settings):
+    boxes = CameraBoxes(detections, ("north", "east", "south", "west")[: scene.rig.camera_count])
+    found = localize(detections, scene, settings)
+    return clock_warnings(found, detections, scene, boxes, settings)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("method", "camera", "by"), [("evidence", 1, -10), ("evidence", 2, 8), ("paper", 1, -10)]
+)
+def test_a_late_camera_is_named_with_its_offset(method, camera, by):
+    world = make_world("ring4", 0, frames=80, people=10)
+    settings = Settings.paper() if method == "paper" else Settings()
+    offset = np.zeros(4, np.int64)
+    offset[camera] = -by
+    late = replace(remove_offsets(world.detections, offset), clock=Clock(5.0))
+    late = late[(late.frame >= max(0, by)) & (late.frame < 80 + min(0, by))]
+    (said,) = clocks_said(late, world.scene, settings)
+    name, when = ("north", "east", "south", "west")[camera], "before" if by > 0 else "after"
+    assert f"'{name}' seems to have started about {abs(by)} frames ({abs(by) / 5:.1f} s)" in said
+    assert f"{when} the others" in said
+    assert f"subtract from the frame numbers {by:+d} from those of '{name}'" in said
+    # Frame numbers may have any step.
+    sparse = replace(late, frame=5 * late.frame + 3)
+    assert f"about {5 * abs(by)} frames" in clocks_said(sparse, world.scene, settings)[0]
+
+
+@pytest.mark.slow
+def test_nothing_is_said_of_clocks_that_fit_or_cannot_be_judged():
+    world = make_world("ring4", 0, frames=60, people=10)
+    right = world.detections
+    first = right[right.frame == 0]
+    still = Detections(
+        np.repeat(np.arange(60), len(first)), np.tile(first.camera, 60), np.tile(first.box, (60, 1))
+    )
+    for boxes in (right, right[right.frame < 2], right[:0], still):
+        assert clocks_said(boxes, world.scene, Settings()) == ()
 
 
 def test_a_scene_comes_from_whatever_has_one(tmp_path):

@@ -11,4 +11,7 @@ from catfree.calibration.watching._estimate_clocks import (
     Clocks as Clocks,
     estimate_clocks as estimate_clocks,
 )
-from catfree.calibration.watching._synchronize import synchronize as synchronize
+from catfree.calibration.watching._synchronize import (
+    WHOLE_FRAME as WHOLE_FRAME,
+    synchronize as synchronize,
+)

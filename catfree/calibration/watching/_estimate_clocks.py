@@ -18,6 +18,7 @@ from catfree.types._sampling import frame_step
 WINDOWS = 12  # that a short recording is cut into
 WINDOW = (2.0, 10.0)  # seconds, the shortest and the longest; a clock drifts within
 CHANCE = 1e-5  # of a jump at one window, where there is none
+SURE = 4.0  # standard deviations by which an offset differs from 0
 
 
 class ClockJump(NamedTuple):
@@ -70,6 +71,26 @@ class Clocks:
         for jump in self.jumps:
             lag[:, jump.camera] += jump.frames * (at[:, 0] >= jump.frame)
         return lag
+
+    def whole_offsets(
+        self, step: int, least: Float[np.ndarray, "#cam"] | float
+    ) -> Int[np.ndarray, " cam"]:
+        """Round the lags in the middle of the recording that are surely not 0 to whole frames.
+
+        Args:
+            step: frame numbers from one frame to the next.
+            least: smallest lag in steps, more than half a step; for each camera or for all.
+
+        Returns:
+            (C,) frame numbers to subtract, as `remove_offsets` does; 0 where a lag is not sure.
+        """
+        middle = round(self.frame)
+        lag = np.nan_to_num(self.lag(np.array([middle]))[0])
+        variance = np.nan_to_num(self.offset_sd) ** 2
+        for jump in self.jumps:
+            variance[jump.camera] += jump.frames_sd**2 * (jump.frame <= middle)
+        sure = np.abs(lag) > np.maximum(least * step, SURE * np.sqrt(variance))
+        return step * np.rint(np.where(sure, lag, 0.0) / step).astype(np.int64)
 
     def correct(self, detections: Detections) -> Detections:
         """Number the frames of all cameras like the reference, to the nearest frame.

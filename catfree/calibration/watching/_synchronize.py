@@ -15,8 +15,7 @@ from catfree.types._sampling import frame_step
 FEWEST_CAMERAS = 3  # two cameras that disagree do not tell which of them is late
 ROUNDS = 6  # a rig hides a part of a lag, which shows after the rest is corrected
 # Of a frame: whole frames hardly correct less; and the same of a camera that was late before.
-FIRST, AGAIN = 0.75, 0.5
-SURE = 4.0  # standard deviations
+WHOLE_FRAME, AGAIN = 0.75, 0.5
 FALL = 0.01  # of the residual, that all corrections together must bring
 
 
@@ -49,12 +48,10 @@ def synchronize(
             clocks = estimate_clocks(calibration.scene, detections, settings=settings)
         except InsufficientDataError:
             break
-        share = np.where(calibration.frame_offset == 0, FIRST, AGAIN)
-        least = np.maximum(share * step, SURE * clocks.offset_sd)
-        late = np.nan_to_num(np.abs(clocks.offset)) > np.nan_to_num(least)
-        if not late.any():
+        least = np.where(calibration.frame_offset == 0, WHOLE_FRAME, AGAIN)
+        offset = clocks.whole_offsets(step, least)
+        if not offset.any():
             break
-        offset = step * np.rint(np.where(late, clocks.offset, 0) / step).astype(np.int64)
         moved = remove_offsets(detections, offset)
         refined = refine(moved, calibration)
         calibration = replace(refined, frame_offset=calibration.frame_offset + offset)

@@ -45,6 +45,22 @@ def test_offset_rate_and_jump(world):
     assert again.jumps == ()
 
 
+def test_whole_offsets_are_sure_and_large_enough():
+    offset = np.array([0.0, 7.4, -13.0, 40.0, np.nan])
+    offset_sd = np.array([0.1, 0.1, 0.1, 10.0, np.nan])
+    clocks = Clocks(offset, offset_sd, np.zeros(5), np.zeros(5), (), 0.0, 0)
+    np.testing.assert_array_equal(clocks.whole_offsets(5, 0.75), [0, 5, -15, 0, 0])
+    least = np.array([0.75, 1.5, 0.75, 0.75, 0.75])
+    np.testing.assert_array_equal(clocks.whole_offsets(5, least), [0, 0, -15, 0, 0])
+    # A jump counts from its frame on.
+    jumps = tuple(ClockJump(1, frame, 1.0, 20.0, 0.5) for frame in (99, 101))
+    jumped = Clocks(offset, offset_sd, np.zeros(5), np.zeros(5), jumps, 100.0, 0)
+    np.testing.assert_array_equal(jumped.whole_offsets(5, 0.75), [0, 25, -15, 0, 0])
+    unsure = (ClockJump(1, 99, 1.0, 20.0, 7.0),)
+    unsure = Clocks(offset, offset_sd, np.zeros(5), np.zeros(5), unsure, 100.0, 0)
+    np.testing.assert_array_equal(unsure.whole_offsets(5, 0.75), [0, 0, -15, 0, 0])
+
+
 def test_corrected_numbers_are_those_of_the_reference():
     clocks = Clocks(
         np.array([0.0, 4.0, np.nan]), np.zeros(3), np.array([0.0, 0.01, np.nan]), np.zeros(3),
