@@ -20,7 +20,7 @@ def ring_of_six() -> World:
 
 @cache
 def calibrated_ring() -> Calibration:
-    """Its rig from people alone; tests that share it share an xdist group."""
+    """Its rig from people alone; a minute of work per worker."""
     world = ring_of_six()
     found = register(world.detections, world.true_rig.image_size)
     assert found.scene.rig.registered.all()
