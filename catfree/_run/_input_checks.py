@@ -230,12 +230,13 @@ def clock_warnings(
         settings: of the run.
     """
     step = frame_step(np.unique(detections.frame))
-    known = localization
-    if settings.method == "paper":  # its tracks do not tell where people are between instants
-        known, settings = None, replace(settings, method="evidence")
     try:
         clocks = estimate_clocks(
-            scene, detections, settings=settings, maximum_offset=LONGEST * step, localization=known
+            scene,
+            detections,
+            settings=settings,
+            maximum_offset=LONGEST * step,
+            localization=localization,
         )
     except InsufficientDataError:
         return ()
