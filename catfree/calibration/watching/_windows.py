@@ -65,7 +65,7 @@ def watch(
         progress: called as `progress(stage, done, total)`.
 
     Raises:
-        InsufficientDataError: if there are no boxes of registered cameras.
+        InsufficientDataError: if there are no confident boxes of registered cameras.
         InvalidInputError: as `localize`, or if `maximum_offset` is negative.
         ForkedProcessError: in a process forked after JAX was used.
     """
@@ -80,15 +80,15 @@ def watch(
     if localization is None:
         localization = localize(detections, scene, settings, progress)
     localization.require_detections(detections)
-    if not np.asarray(scene.rig.registered)[detections.camera].any():
-        raise InsufficientDataError(
-            "Checking a rig needs boxes of its registered cameras, but there are none. Check that "
-            "the detections belong to the scene."
-        )
     confident = detections
     if detections.score is not None:
         keep = detections.score >= settings.confidence
         confident, localization = detections[keep], _of_rows(localization, keep)
+    if not np.asarray(scene.rig.registered)[confident.camera].any():
+        raise InsufficientDataError(
+            "Checking a rig needs confident boxes of its registered cameras, but there are none. "
+            "Check that the detections belong to the scene, and their scores."
+        )
     seen = sights(scene, confident, localization.tracks)
     rate = UNKNOWN_RATE if detections.clock is None else detections.clock.frame_rate / seen.step
     length = float(np.clip(seen.steps / count, window[0] * rate, window[1] * rate))

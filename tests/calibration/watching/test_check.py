@@ -96,6 +96,10 @@ def test_a_recording_without_boxes_is_refused(world):
     nobody = cf.Detections([], [], np.zeros((0, 4)))
     with pytest.raises(InsufficientDataError, match="boxes"):
         check(world.true_scene, nobody)
+    boxes = world.detections
+    unsure = cf.Detections(boxes.frame, boxes.camera, boxes.box, np.full(len(boxes), 0.01))
+    with pytest.raises(InsufficientDataError, match="confident boxes"):
+        check(world.true_scene, unsure)
 
 
 def test_a_negative_lag_to_look_for_is_refused(world, quiet):
