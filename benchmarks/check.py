@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation
 import catfree as cf
 from catfree.adapters import read_uniform_json
 from catfree.synthetic import RigError, World, detect, make_world
+from catfree.types._sampling import frame_step
 
 LAYOUTS = ("ring5", "ring4", "wildtrack", "ring6")
 DEGREES = (0.0, 0.5, 1.0, 2.0, 5.0)
@@ -67,7 +68,7 @@ def real(data: Path) -> Iterator[Recording]:
         sequence = read_uniform_json(data / "real" / f"{name}.json")
         assert sequence.scene is not None
         assert sequence.fps is not None
-        step = int(np.median(np.diff(sequence.frames)))
+        step = frame_step(sequence.frames)
         boxes = dataclasses.replace(sequence.detections, clock=cf.Clock(sequence.fps * step))
         hours = len(sequence.frames) / sequence.fps / 3600
         yield Recording(name, sequence.scene, boxes, hours)

@@ -108,10 +108,10 @@ def as_positive(value: Any, name: str) -> float:
     Raises:
         InvalidInputError: if it is anything else.
     """
-    number = np.asarray(value)
-    if number.shape != () or number.dtype.kind not in "fiu" or not 0 < number < np.inf:
+    number = _finite_number(value)
+    if number is None or not number > 0:
         raise InvalidInputError(f"{name} must be a positive number, got {quoted(value)}.")
-    return float(number)
+    return number
 
 
 def as_number(value: Any, name: str) -> float:
@@ -120,10 +120,10 @@ def as_number(value: Any, name: str) -> float:
     Raises:
         InvalidInputError: if it is anything else.
     """
-    number = np.asarray(value)
-    if number.shape != () or number.dtype.kind not in "fiu" or not np.isfinite(number):
+    number = _finite_number(value)
+    if number is None:
         raise InvalidInputError(f"{name} is {quoted(value)}; it must be a finite number.")
-    return float(number)
+    return number
 
 
 def as_duration(value: Any, name: str) -> float:
@@ -132,11 +132,19 @@ def as_duration(value: Any, name: str) -> float:
     Raises:
         InvalidInputError: if it is anything else.
     """
-    number = np.asarray(value)
-    if number.shape != () or number.dtype.kind not in "fiu" or not 0 <= number < np.inf:
+    number = _finite_number(value)
+    if number is None or number < 0:
         raise InvalidInputError(
             f"{name} must be a number of seconds, 0 or more, got {quoted(value)}."
         )
+    return number
+
+
+def _finite_number(value: Any) -> float | None:
+    """The value as a float, or None if it is not one finite number."""
+    number = _as_array(value)
+    if number.shape != () or number.dtype.kind not in "fiu" or not np.isfinite(number):
+        return None
     return float(number)
 
 
