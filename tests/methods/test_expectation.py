@@ -16,7 +16,7 @@ from catfree._run._report import describe_reliability
 from catfree.geometry import Similarity, transform_scene
 from catfree.methods._expectation import DOUBTED, FARTHEST, expect_moda
 from catfree.methods._expectation_fits import FITS, Fit, Term
-from catfree.methods.evidence._solve import probability_within
+from catfree.methods.evidence._gaussian import probability_within
 from catfree.synthetic import make_world
 from catfree.types import Localization, Reliability
 from catfree.types._archive import load_arrays, save_arrays

@@ -1,12 +1,13 @@
 """The evidence method: weigh every hypothesis by what the cameras saw and did not see.
 
-`observe` turns boxes into likelihoods of position and height, in an information form that adds over
-cameras (derived in `_gaussian`). `learn` estimates their noise from the sequence. `group` groups
-boxes that are more likely one person than several. `track` weighs each group against clutter and
-misses, links groups over time by motion, height and appearance, decides when each person is
-present, and suppresses overlapping tracks. `report` selects the working area and adds the errors
-of uneven ground and of the cameras' poses. `docs/evidence_constants.md` lists and explains every
-constant.
+`_solve` lists the `passes`. Each is a function from an `EvidenceState`, which is everything known
+so far, to the next, and calls one or two rooms. `observe` turns boxes into likelihoods of position
+and height, in an information form that adds over cameras (derived in `_gaussian`). `learn`
+estimates their noise from the sequence. `group` groups boxes that are more likely one person than
+several. `track` weighs each group against clutter and misses, links groups over time by motion,
+height and appearance, decides when each person is present, and suppresses overlapping tracks.
+`report` selects the working area and adds the errors of uneven ground and of the cameras' poses.
+`docs/evidence_constants.md` lists and explains every constant.
 """
 
 from catfree.methods.evidence._localize_by_evidence import (
@@ -15,5 +16,6 @@ from catfree.methods.evidence._localize_by_evidence import (
     describe as describe,
     localize_by_evidence as localize_by_evidence,
 )
-from catfree.methods.evidence._solve import EvidenceSolution as EvidenceSolution, solve as solve
+from catfree.methods.evidence._solve import solve as solve
+from catfree.methods.evidence._state import EvidenceState as EvidenceState
 from catfree.settings import EvidenceSettings as EvidenceSettings

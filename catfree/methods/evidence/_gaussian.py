@@ -133,3 +133,15 @@ def mean_and_covariance(info: Information, spread: Any) -> tuple[Any, Any]:
     full = with_height_prior(info, spread)
     covariance = inverse(full.matrix)
     return (covariance * full.vector[..., None, :]).sum(-1), covariance
+
+
+def probability_within(
+    covariance: Float[np.ndarray, "n 2 2"], radius: float
+) -> Float[np.ndarray, " n"]:
+    """Probability that a Gaussian error stays within a radius of the same unit."""
+    values = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 1e-12))
+    # Integrate over the disc in polar coordinates of the whitened plane: radially in closed form,
+    # numerically over the angle.
+    angle = (np.arange(64) + 0.5) * (2 * np.pi / 64)
+    stretch = (values[:, :1] * np.cos(angle)) ** 2 + (values[:, 1:] * np.sin(angle)) ** 2
+    return (1 - np.exp(-0.5 * radius**2 / stretch)).mean(1)

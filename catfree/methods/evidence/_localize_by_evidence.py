@@ -8,7 +8,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import expit
 
-from catfree.methods.evidence._solve import EvidenceSolution, probability_within, solve, usual_step
+from catfree.methods.evidence._gaussian import probability_within
+from catfree.methods.evidence._solve import solve
+from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.report._lens_pattern import lens_bends, lens_warnings
 from catfree.methods.evidence.report._ray_diagnostics import ray_diagnostics
 from catfree.methods.evidence.report._residual_patterns import residual_patterns
@@ -96,7 +98,7 @@ def localize_by_evidence(
 
 
 def describe(
-    solution: EvidenceSolution,
+    solution: EvidenceState,
     scene: Scene,
     settings: EvidenceSettings | None = None,
     *,
@@ -123,7 +125,7 @@ def describe(
     support = np.where(is_detected[:, None], members[trails.group], -1)
     covariance = s.position_covariance[rows] * unit**2
     xy = trails.mean[:, :2] * unit + s.views.origin
-    pace = unit / usual_step(s.boxes.frames)
+    pace = unit / s.boxes.step
     tracks = Tracks(
         frame=s.boxes.frames[trails.frame],
         track_id=s.identity[rows],
@@ -151,7 +153,7 @@ def describe(
         )
     candidates = Candidates(
         frame=s.boxes.frames[s.groups.frame],
-        position=on_plane(s.state[:, :2] * unit + s.views.origin, scene),
+        position=on_plane(s.place[:, :2] * unit + s.views.origin, scene),
         sigma=rays.sigma * unit,
         ground_distance=np.abs(rays.height) * unit,
         rms_angle=rays.rms_angle,
@@ -210,7 +212,7 @@ def ground_warnings(height: float, person_height: float, scene: Scene) -> tuple[
 
 
 def _expected_rates(
-    solution: EvidenceSolution, rows: np.ndarray, fate: np.ndarray, radius: float
+    solution: EvidenceState, rows: np.ndarray, fate: np.ndarray, radius: float
 ) -> tuple[float, float]:
     """Expected precision and recall by the probabilities of reported and rejected candidates.
 
@@ -228,7 +230,7 @@ def _expected_rates(
     )
 
 
-def clusters_of(solution: EvidenceSolution) -> Clusters:
+def clusters_of(solution: EvidenceState) -> Clusters:
     """Convert the groups of a solution to correspondences between cameras.
 
     Args:
@@ -249,8 +251,8 @@ def clusters_of(solution: EvidenceSolution) -> Clusters:
     return Clusters(
         frame=s.boxes.frames[s.groups.frame],
         member=np.where(is_member, s.boxes.row[s.groups.member], -1),
-        ground_xy=s.state[:, :2] * unit + s.views.origin,
-        height=s.state[:, 2] * unit,
+        ground_xy=s.place[:, :2] * unit + s.views.origin,
+        height=s.place[:, 2] * unit,
         log_odds=s.existence.log_odds,
         track=track,
         kept=track >= 0,

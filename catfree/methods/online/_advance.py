@@ -7,11 +7,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import expit
 
-from catfree.methods.evidence._gaussian import mean_and_covariance
-from catfree.methods.evidence._solve import SURE_LOG_ODDS, VAGUEST_PRIOR, probability_within
+from catfree.methods.evidence._gaussian import mean_and_covariance, probability_within
 from catfree.methods.evidence.group._appearance import PairRatios, compare_frames, looks_of
 from catfree.methods.evidence.group._group import appearance_log_odds, group, group_by_looks
-from catfree.methods.evidence.group._groups import Priors
+from catfree.methods.evidence.group._groups import Priors, priors_of
 from catfree.methods.evidence.learn._self_calibration import foot_cover
 from catfree.methods.evidence.observe._boxes import prepare_boxes
 from catfree.methods.evidence.observe._measurement import measure_boxes
@@ -39,6 +38,7 @@ from catfree.methods.evidence.track._tracking import (
     motion_of,
     mutual_steps,
     predict,
+    sure_groups,
 )
 from catfree.methods.online._learn import forgetting, likeness_of
 from catfree.methods.online._tracker_state import Instant, Learned, TrackerState, with_looks
@@ -107,7 +107,7 @@ def advance(
     rate = rate_of_counts(learned.heights, learned.trials, learned.hits, settings)
     pictured = rate(seen)
     pictured = pictured * delivered(pictured, groups.member, groups.frame, boxes)[groups.frame]
-    agreement = appearance_log_odds(groups, likeness, appearance, settings)
+    agreement = appearance_log_odds(groups, ratios)
     base = log_odds_without_clutter(groups.gain + agreement, groups.member, pictured, settings)
     g, c = np.nonzero(groups.member >= 0)
     cell = clutter_cells(np.asarray(measured.state)[groups.member[g, c]], c, views)
@@ -158,9 +158,8 @@ def advance(
 
     learned = forgetting(learned)
     trials, hits = count_detections(seen, groups.member, learned.heights)
-    is_member = groups.member >= 0
-    active = learned.active | is_member.any(0)
-    sure = (is_member.sum(1) >= min(3, active.sum())) & (log_odds > SURE_LOG_ODDS)
+    active = learned.active | (groups.member >= 0).any(0)
+    sure = sure_groups(groups.member, log_odds, int(active.sum()))
     steps = learned.steps
     if 0 < step < 1.5:
         squares = np.minimum(mutual_steps(state.sure, place[sure, :2]) ** 2, SPEED_RANGE[1] ** 2)
@@ -193,10 +192,9 @@ def _priors(state: TrackerState, heads: Heads, settings: EvidenceSettings) -> Pr
     )
     if len(keep) == 0:
         return None
-    values, axes = np.linalg.eigh(np.linalg.inv(covariance[keep]))
-    values = np.maximum(values, VAGUEST_PRIOR)
-    covariance = np.einsum("nij,nj,nkj->nik", axes, 1 / values, axes)
-    return Priors(np.zeros(len(keep), np.int64), mean[keep], covariance)
+    precision = np.linalg.inv(covariance[keep])
+    vector = np.einsum("nij,nj->ni", precision, mean[keep])
+    return priors_of(np.zeros(len(keep), np.int64), precision, vector)
 
 
 def one_per_place(

@@ -8,7 +8,12 @@ from scipy.special import expit
 
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.methods.evidence._gaussian import mean_and_covariance
-from catfree.methods.evidence.group._appearance import Likeness, compare_frames, learn_ratio
+from catfree.methods.evidence.group._appearance import (
+    Likeness,
+    PairRatios,
+    compare_frames,
+    learn_ratio,
+)
 from catfree.methods.evidence.group._group import appearance_log_odds, group
 from catfree.methods.evidence.learn._self_calibration import (
     foot_cover,
@@ -110,12 +115,13 @@ def learn_noise_and_unit(
     groups = group(boxes, measured, noise)
     heights = usual_heights(boxes.size[:n], boxes.camera[:n], scene.rig.camera_count)
     appearance = compare_frames(boxes) if settings.use_appearance else None
-    likeness = None
+    ratios = None
+    known = learned.likeness
     if appearance is not None:
         likeness = learn_ratio(appearance, groups, settings)
-    known = learned.likeness
-    if likeness is not None:
-        known = np.array([*likeness.same, *likeness.other, likeness.limit])
+        if likeness is not None:
+            ratios = PairRatios(appearance, likeness, settings.appearance_weight)
+            known = np.array([*likeness.same, *likeness.other, likeness.limit])
     trials, hits, clutter = learned.trials, learned.hits, learned.clutter
     if state.count <= SETTLED:
         # Count all instants so far again: they were seen with less settled noise.
@@ -123,7 +129,7 @@ def learn_noise_and_unit(
         seen = predict_views(place, groups.frame, groups.member, boxes, views)
         trials, hits = count_detections(seen, groups.member, heights)
         rate = rate_of_counts(heights, trials, hits, settings)
-        agreement = appearance_log_odds(groups, likeness, appearance, settings)
+        agreement = appearance_log_odds(groups, ratios)
         found = judge_groups(groups, agreement, measured, boxes, views, rate(seen), settings)
         g, c = np.nonzero(groups.member >= 0)
         cell = clutter_cells(np.asarray(measured.state)[groups.member[g, c]], c, views)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from catfree.methods.evidence._solve import probability_within
+from catfree.methods.evidence._gaussian import probability_within
 from catfree.methods.evidence.observe._boxes import undistort
 from catfree.methods.evidence.observe._visibility import COLUMNS, covered_share
 from catfree.methods.evidence.track._presence import presence

@@ -3,20 +3,15 @@
 import equinox as eqx
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from catfree.geometry._buckets import fine_length
 from catfree.methods.evidence._gaussian import Information
-from catfree.methods.evidence.group._appearance import (
-    Appearance,
-    Likeness,
-    PairRatios,
-    group_agreement,
-)
+from catfree.methods.evidence.group._appearance import PairRatios, group_agreement
 from catfree.methods.evidence.group._groups import Groups, Priors
 from catfree.methods.evidence.group._merge import associate
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise
-from catfree.settings import EvidenceSettings
 
 
 def group(
@@ -83,16 +78,11 @@ def group_by_looks(
     return jax.tree.map(lambda *values: np.concatenate(values), *parts)
 
 
-def appearance_log_odds(
-    groups: Groups,
-    likeness: Likeness | None,
-    appearance: Appearance | None,
-    settings: EvidenceSettings,
-) -> np.ndarray:
-    """(H,) appearance log-odds of each group: the mean pairwise ratio times the k - 1 new boxes."""
-    if likeness is None or appearance is None:
+def appearance_log_odds(groups: Groups, ratios: PairRatios | None) -> Float[np.ndarray, " group"]:
+    """Appearance log-odds of each group: the mean pairwise ratio times the k - 1 new boxes."""
+    if ratios is None:
         return np.zeros(len(groups))
     count = (groups.member >= 0).sum(1)
     pairs = np.maximum(count * (count - 1) / 2, 1)
-    mean = group_agreement(likeness, appearance, groups.member) / pairs
-    return settings.appearance_weight * (count - 1) * mean
+    mean = group_agreement(ratios.likeness, ratios.appearance, groups.member) / pairs
+    return ratios.weight * (count - 1) * mean

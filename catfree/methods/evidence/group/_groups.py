@@ -2,9 +2,11 @@
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from catfree.methods.evidence._gaussian import Information, log_evidence
+
+VAGUEST_PRIOR = 0.05  # per H0²: a tracked person is within a few meters
 
 
 class Groups(eqx.Module):
@@ -42,6 +44,18 @@ class Priors(eqx.Module):
     frame: Int[np.ndarray, " prior"]
     mean: np.ndarray
     covariance: np.ndarray
+
+
+def priors_of(
+    frame: Int[np.ndarray, " prior"],
+    precision: Float[np.ndarray, "prior 3 3"],
+    vector: Float[np.ndarray, "prior 3"],
+) -> Priors:
+    """Priors from their information, at least as precise as a tracked person is known."""
+    values, axes = np.linalg.eigh(precision)
+    values = np.maximum(values, VAGUEST_PRIOR)
+    covariance = np.einsum("nij,nj,nkj->nik", axes, 1 / values, axes)
+    return Priors(frame, np.einsum("nij,nj->ni", covariance, vector), covariance)
 
 
 def prior_information(priors: Priors, density: float, spread: float) -> Information:

@@ -57,6 +57,17 @@ class Boxes(eqx.Module):
     first: Int[np.ndarray, " bounds"]
     silent: Bool[np.ndarray, "frame cam"]
 
+    @property
+    def step(self) -> float:
+        """The usual step between frame numbers: their median; 1 for fewer than two."""
+        return float(np.median(np.diff(self.frames))) if len(self.frames) > 1 else 1.0
+
+    @property
+    def time(self) -> Float[np.ndarray, " frame"]:
+        """Time of each frame in usual steps."""
+        # Subtract as integers: frame numbers may be nanoseconds since 1970.
+        return (self.frames - self.frames[:1]).astype(float) / self.step
+
 
 def undistort(
     rig: Rig, camera: Int[np.ndarray, " n"], pixel: Float[np.ndarray, "n 2"]

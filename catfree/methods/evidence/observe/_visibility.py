@@ -192,6 +192,14 @@ def usual_heights(size: np.ndarray, camera: np.ndarray, cameras: int) -> Float[n
     return heights
 
 
+def rate_before_counting(
+    heights: Float[np.ndarray, "cam 2"], settings: EvidenceSettings
+) -> DetectionRate:
+    """The detection rate that is assumed of every camera as long as nobody was counted."""
+    nobody = np.zeros((len(heights), 3, 5))
+    return rate_of_counts(heights, nobody, nobody, settings)
+
+
 def count_detections(
     seen: Views, member: np.ndarray, heights: Float[np.ndarray, "cam 2"]
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
 
@@ -30,6 +30,7 @@ SPEED_RANGE = (
 )  # H0 per frame: standing at video rate, walking fast at 2 frames per second
 CONSECUTIVE = 1.5  # usual steps: frames farther apart are not used for the speed
 LINKS_AT_A_TIME = 1 << 18  # pairs of a track and a group: 100 MB
+SURE_LOG_ODDS = 3.0  # of the groups from which the speed of people is learned
 FEWEST_STEPS = 10  # below which USUAL_SPEED is assumed
 
 
@@ -91,6 +92,19 @@ def estimate_motion(position: np.ndarray, frame: np.ndarray, time: np.ndarray) -
     return motion_of(float(np.minimum(step**2, SPEED_RANGE[1] ** 2).sum()), float(step.size))
 
 
+def sure_groups(
+    member: Int[np.ndarray, "group cam"], log_odds: Float[np.ndarray, " group"], cameras: int
+) -> Bool[np.ndarray, " group"]:
+    """Which groups are surely a person: seen by three cameras, or by all if there are fewer.
+
+    Args:
+        member: boxes of each group, -1 for none.
+        log_odds: of existence.
+        cameras: that see anybody.
+    """
+    return ((member >= 0).sum(1) >= min(3, cameras)) & (log_odds > SURE_LOG_ODDS)
+
+
 def mutual_steps(
     a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "m 2"]
 ) -> Float[np.ndarray, "k 2"]:
@@ -103,10 +117,15 @@ def mutual_steps(
     return (b[ab] - a)[mutual]
 
 
+def usual_motion() -> Motion:
+    """How people walk, where too little is known of them."""
+    return Motion(USUAL_SPEED, MEMORY)
+
+
 def motion_of(squares: float, count: float) -> Motion:
     """Motion from the sum of squares of displacements along an axis, each limited, and how many."""
     if count < 2 * FEWEST_STEPS:
-        return Motion(USUAL_SPEED, MEMORY)
+        return usual_motion()
     return Motion(float(np.clip(np.sqrt(squares / count), *SPEED_RANGE)), MEMORY)
 
 

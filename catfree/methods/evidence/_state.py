@@ -1,0 +1,106 @@
+"""`EvidenceState`: everything that the passes of the evidence method know about a sequence."""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from catfree.methods.evidence._gaussian import Information
+from catfree.methods.evidence.group._appearance import Looks, PairRatios
+from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.observe._boxes import Boxes
+from catfree.methods.evidence.observe._measurement import Measurements, Noise
+from catfree.methods.evidence.observe._views import GroundViews
+from catfree.methods.evidence.observe._visibility import (
+    DetectionRate,
+    rate_before_counting,
+    usual_heights,
+)
+from catfree.methods.evidence.track._existence import Existence
+from catfree.methods.evidence.track._tracking import Motion, Trails, usual_motion
+from catfree.settings import EvidenceSettings
+
+
+class EvidenceState(eqx.Module):
+    """What the passes know so far, in units of H0 on the plane (see `GroundViews`).
+
+    A state is complete at any time: before the passes that fill them in, its groups, tracks and
+    rows are empty, and what is learned from them has its value before learning.
+
+    Attributes:
+        boxes, views, noise, measurements: the boxes, their cameras, noise and likelihoods.
+        ratios: compares the embeddings of boxes; None if they do not tell people apart.
+        groups: boxes of one person in one frame.
+        place: (H, 3) position and height of each group; `place_covariance`: (H, 3, 3).
+        rate: how often each camera detects a person in view.
+        existence: the evidence for each group.
+        motion: how people walk.
+        looks: the embeddings of each group; None if tracks are not linked by them.
+        trails: the tracks; `evidence`: (M,) log-odds of each of their rows.
+        probability: (M,) that the person was present.
+        position_covariance: (M, 2, 2) with sway, uneven ground and pose errors, as reported.
+        suppressed: (M,) whether a better supported person is in the same place.
+        outside: (M,) whether the position is outside the working area of the rig.
+        kept: (M,) whether the row is reported.
+        identity: (M,) who it is, of reported rows; -1 of others.
+    """
+
+    boxes: Boxes
+    views: GroundViews
+    noise: Noise
+    measurements: Measurements
+    ratios: PairRatios | None
+    groups: Groups
+    place: Float[np.ndarray, "group 3"]
+    place_covariance: Float[np.ndarray, "group 3 3"]
+    rate: DetectionRate
+    existence: Existence
+    motion: Motion
+    looks: Looks | None
+    trails: Trails
+    evidence: Float[np.ndarray, " node"]
+    probability: Float[np.ndarray, " node"]
+    position_covariance: Float[np.ndarray, "node 2 2"]
+    suppressed: Bool[np.ndarray, " node"]
+    outside: Bool[np.ndarray, " node"]
+    kept: Bool[np.ndarray, " node"]
+    identity: Int[np.ndarray, " node"]
+
+
+def first_state(
+    boxes: Boxes,
+    views: GroundViews,
+    noise: Noise,
+    measurements: Measurements,
+    settings: EvidenceSettings,
+) -> EvidenceState:
+    """What is known of boxes before any pass: there are no groups and no tracks yet."""
+    cameras = boxes.table.shape[1]
+    n = len(boxes.row)
+    rows, numbers, flags = np.zeros(0, np.int64), np.zeros(0), np.zeros(0, bool)
+    nothing = Information(np.zeros((0, 3, 3)), np.zeros((0, 3)), numbers)
+    return EvidenceState(
+        boxes=boxes,
+        views=views,
+        noise=noise,
+        measurements=measurements,
+        ratios=None,
+        groups=Groups(rows, np.zeros((0, cameras), np.int64), rows, nothing, nothing, numbers),
+        place=np.zeros((0, 3)),
+        place_covariance=np.zeros((0, 3, 3)),
+        rate=rate_before_counting(
+            usual_heights(boxes.size[:n], boxes.camera[:n], cameras), settings
+        ),
+        existence=Existence(
+            numbers, np.zeros((0, cameras)), np.full(len(boxes.frame), settings.clutter_start)
+        ),
+        motion=usual_motion(),
+        looks=None,
+        trails=Trails(rows, rows, rows, np.zeros((0, 5)), np.zeros((0, 5, 5))),
+        evidence=numbers,
+        probability=numbers,
+        position_covariance=np.zeros((0, 2, 2)),
+        suppressed=flags,
+        outside=flags,
+        kept=flags,
+        identity=rows,
+    )

@@ -1,0 +1,21 @@
+"""Add the error of the whole map to the reported covariances."""
+
+from dataclasses import replace
+
+from catfree.methods.evidence._state import EvidenceState
+from catfree.methods.evidence.report._shared_error import shared_covariance
+from catfree.settings import EvidenceSettings
+
+
+def add_pose_errors(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
+    """Widen the covariances by what errors of the cameras' poses do to the whole map.
+
+    Such an error does not change relative positions, so it does not affect which are reported.
+    """
+    if not settings.pose_errors:
+        return state
+    shared = shared_covariance(
+        state.trails, state.kept, state.groups, state.measurements, state.boxes, state.views,
+        state.noise, settings,
+    )  # fmt: skip
+    return replace(state, position_covariance=state.position_covariance + shared)

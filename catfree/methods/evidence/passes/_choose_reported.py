@@ -1,0 +1,43 @@
+"""Choose the positions to report: sharp, one person per place, inside the working area."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from catfree.methods.evidence._gaussian import probability_within
+from catfree.methods.evidence._state import EvidenceState
+from catfree.methods.evidence.report._uneven_ground import ground_shift, with_uneven_ground
+from catfree.methods.evidence.report._working_area import in_working_area
+from catfree.methods.evidence.track._existence import predict_views
+from catfree.methods.evidence.track._suppress_overlapping import suppress_overlapping_tracks
+from catfree.settings import EvidenceSettings
+
+
+def choose_reported(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
+    """Keep the rows that are more likely than not a person at the right place."""
+    trails, boxes, views = state.trails, state.boxes, state.views
+    covariance = trails.covariance[:, :2, :2] + settings.sway**2 * np.eye(2)
+    if settings.uneven_ground:
+        shift = ground_shift(
+            trails, state.groups, state.measurements, boxes.view, views, state.noise, settings
+        )
+        covariance = with_uneven_ground(covariance, shift, settings.unevenness)
+    within = probability_within(covariance, settings.report_radius)
+    sharp = (state.probability > 0.5) & (within > 0.5)
+    alone = suppress_overlapping_tracks(trails, state.evidence, sharp, settings.personal_space)
+    kept = alone.copy()
+    if settings.working_area:
+        rows = np.flatnonzero(kept)
+        place, frame = trails.mean[rows, :3], trails.frame[rows]
+        member = np.full((len(rows), boxes.table.shape[1]), -1)
+        seen = predict_views(place, frame, member, boxes, views)
+        cameras = len(np.unique(boxes.camera[: len(boxes.row)]))
+        kept[rows] = in_working_area(place, seen, views, state.noise, cameras, settings)
+    return replace(
+        state,
+        position_covariance=covariance,
+        suppressed=sharp & ~alone,
+        outside=alone & ~kept,
+        kept=kept,
+        identity=np.where(kept, trails.track, -1),
+    )

@@ -1,0 +1,58 @@
+"""Link groups over time into tracks, and decide when the person of each track was present."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import expit
+
+from catfree.methods.evidence._state import EvidenceState
+from catfree.methods.evidence.group._appearance import looks_of
+from catfree.methods.evidence.track._existence import misses, predict_views, with_pictures
+from catfree.methods.evidence.track._presence import presence
+from catfree.methods.evidence.track._tracking import (
+    Trails,
+    estimate_motion,
+    follow,
+    sure_groups,
+    unlinked,
+)
+from catfree.settings import EvidenceSettings
+
+
+def follow_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
+    """Track all groups anew; without time or tracking, every group is judged on its own."""
+    groups, log_odds, time = state.groups, state.existence.log_odds, state.boxes.time
+    if not settings.track or len(time) < 2:
+        trails = unlinked(groups.frame, state.place, state.place_covariance)
+        return replace(state, trails=trails, evidence=log_odds, probability=expit(log_odds))
+    cameras = int((groups.member >= 0).any(0).sum())
+    sure = sure_groups(groups.member, log_odds, cameras)
+    motion = estimate_motion(state.place[sure, :2], groups.frame[sure], time)
+    looks = None
+    if state.ratios is not None and settings.link_by_looks:
+        looks = looks_of(state.ratios, groups.member)
+    noise = state.noise
+    trails = follow(
+        groups, log_odds, time, motion, float(noise.density), float(noise.spread), settings, looks
+    )
+    evidence = evidence_of_rows(trails, state, settings)
+    probability = presence(trails, evidence, settings.appear_evidence, settings.leave_evidence)
+    return replace(
+        state, motion=motion, looks=looks, trails=trails, evidence=evidence, probability=probability
+    )
+
+
+def evidence_of_rows(
+    trails: Trails, state: EvidenceState, settings: EvidenceSettings
+) -> np.ndarray:
+    """(M,) log-odds of each track row; in a gap, that all cameras missed the person."""
+    evidence = np.zeros(len(trails))
+    is_detected = trails.group >= 0
+    evidence[is_detected] = state.existence.log_odds[trails.group[is_detected]]
+    gaps = np.flatnonzero(~is_detected)
+    if len(gaps):
+        frame = trails.frame[gaps]
+        member = np.full((len(gaps), state.boxes.table.shape[1]), -1)
+        seen = predict_views(trails.mean[gaps, :3], frame, member, state.boxes, state.views)
+        evidence[gaps] = misses(state.rate(with_pictures(seen, frame, state.boxes)), member)
+    return np.clip(evidence, -settings.evidence_limit, settings.evidence_limit)

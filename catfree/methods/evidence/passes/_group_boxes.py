@@ -1,0 +1,39 @@
+"""Group the boxes of each frame into people, with the tracks so far as priors."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from catfree.methods.evidence._gaussian import mean_and_covariance
+from catfree.methods.evidence._state import EvidenceState
+from catfree.methods.evidence.group._group import group, group_by_looks
+from catfree.methods.evidence.group._groups import Groups, Priors, priors_of
+from catfree.methods.evidence.track._suppress_overlapping import suppress_overlapping_tracks
+from catfree.methods.evidence.track._tracking import Trails
+from catfree.settings import EvidenceSettings
+
+
+def group_boxes(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
+    """Group all boxes anew; where tracks exist, people are expected where these are."""
+    priors = None
+    if len(state.trails):
+        alone = suppress_overlapping_tracks(
+            state.trails, state.evidence, state.probability > 0.5, settings.personal_space
+        )
+        priors = track_priors(state.trails[alone], state.groups)
+    seen = state.boxes, state.measurements, state.noise, priors
+    groups = group(*seen) if state.ratios is None else group_by_looks(*seen, state.ratios)
+    place, covariance = mean_and_covariance(groups.info, float(state.noise.spread))
+    return replace(state, groups=groups, place=place, place_covariance=covariance)
+
+
+def track_priors(trails: Trails, groups: Groups) -> Priors:
+    """Smoothed positions of tracks, without the measurements of the frame itself."""
+    precision = np.linalg.inv(trails.covariance[:, :3, :3])
+    vector = np.einsum("nij,nj->ni", precision, trails.mean[:, :3])
+    is_detected = trails.group >= 0
+    group_info = groups.info[trails.group[is_detected]]
+    precision[is_detected] -= group_info.matrix
+    vector[is_detected] -= group_info.vector
+    order = np.lexsort((trails.track, trails.frame))
+    return priors_of(trails.frame[order], precision[order], vector[order])

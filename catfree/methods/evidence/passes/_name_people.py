@@ -1,0 +1,20 @@
+"""Decide who is who among the reported positions."""
+
+from dataclasses import replace
+
+from catfree.methods.evidence._state import EvidenceState
+from catfree.methods.evidence.track._identify import Population, identify
+from catfree.settings import EvidenceSettings
+
+
+def name_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
+    """Match the past and the future of every instant; without tracks, nothing has a past."""
+    if not settings.track or len(state.boxes.frames) < 2:
+        return state
+    error = state.position_covariance - state.trails.covariance[:, :2, :2]
+    population = Population(
+        state.boxes.time, state.motion, float(state.noise.density), float(state.noise.spread),
+        settings.foot_outlier, state.looks,
+    )  # fmt: skip
+    identity = identify(state.trails, state.kept, error, state.groups, population)
+    return replace(state, identity=identity)

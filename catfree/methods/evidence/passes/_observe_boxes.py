@@ -1,0 +1,39 @@
+"""First pass: learn the noise of a sequence and turn each of its boxes into a likelihood."""
+
+import numpy as np
+from jaxtyping import Int
+
+from catfree.methods.evidence._state import EvidenceState, first_state
+from catfree.methods.evidence.learn._self_calibration import foot_cover, self_calibrate
+from catfree.methods.evidence.observe._boxes import prepare_boxes
+from catfree.methods.evidence.observe._measurement import measure_boxes
+from catfree.methods.evidence.observe._views import ground_views
+from catfree.settings import EvidenceSettings
+from catfree.types import Detections, Scene
+
+
+def observe_boxes(
+    detections: Detections,
+    scene: Scene,
+    settings: EvidenceSettings,
+    silent: Int[np.ndarray, "k 2"] | None = None,
+) -> EvidenceState:
+    """Learn unit and noise, and measure every box.
+
+    Args:
+        detections: boxes of all cameras and frames, in any order.
+        scene: rig and ground.
+        settings: constants and switches.
+        silent: (K, 2) frame and camera of pictures that do not exist.
+
+    Returns:
+        A state without groups and tracks.
+
+    Raises:
+        InsufficientDataError: if no box of a registered camera stands on the ground.
+    """
+    unit, noise = self_calibrate(detections, scene, settings)
+    boxes = prepare_boxes(detections, scene.rig, settings, silent)
+    views = ground_views(scene, unit, boxes)
+    measured = measure_boxes(boxes, foot_cover(boxes), views, noise, settings)
+    return first_state(boxes, views, noise, measured, settings)

@@ -1,0 +1,22 @@
+"""Weigh each group against clutter and against the cameras that should see it and do not."""
+
+from dataclasses import replace
+
+from catfree.methods.evidence._state import EvidenceState
+from catfree.methods.evidence.group._group import appearance_log_odds
+from catfree.methods.evidence.observe._visibility import learn_detection_rate
+from catfree.methods.evidence.track._existence import judge_groups, predict_views, with_pictures
+from catfree.settings import EvidenceSettings
+
+
+def weigh_groups(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
+    """Learn how often each camera detects people, then the log-odds that each group is one."""
+    boxes, groups, n = state.boxes, state.groups, len(state.boxes.row)
+    seen = predict_views(state.place, groups.frame, groups.member, boxes, state.views)
+    seen = with_pictures(seen, groups.frame, boxes)
+    rate = learn_detection_rate(seen, groups.member, boxes.size[:n], boxes.camera[:n], settings)
+    existence = judge_groups(
+        groups, appearance_log_odds(groups, state.ratios), state.measurements, boxes, state.views,
+        rate(seen), settings,
+    )  # fmt: skip
+    return replace(state, rate=rate, existence=existence)
