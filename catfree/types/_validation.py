@@ -3,7 +3,7 @@
 import dataclasses
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
@@ -13,6 +13,8 @@ import numpy as np
 from jaxtyping import AbstractArray, jaxtyped
 
 from catfree.errors import InvalidInputError, quoted
+
+FEWEST_TWINS = 10  # boxes of a camera: fewer may be alike in two cameras by chance
 
 
 def is_traced(*values: Any) -> bool:
@@ -192,6 +194,35 @@ def require_known_cameras(camera: np.ndarray, count: int) -> None:
             f"camera[{at}] is {camera[at]}, but the rig has {count} cameras, "
             f"0 to {count - 1}. Pass the rig that the detections were made with."
         )
+
+
+def require_different_cameras(
+    frame: np.ndarray, camera: np.ndarray, box: np.ndarray, names: Sequence[str] | None = None
+) -> None:
+    """Raise if two cameras have the same boxes in all frames: one video under two names.
+
+    Such cameras agree in everything, so that no residual shows that one of them does not exist.
+
+    Args:
+        frame: (N,) frame numbers.
+        camera: (N,) camera indices.
+        box: (N, 4) boxes; cameras with fewer than `FEWEST_TWINS` are not compared.
+        names: of the cameras, for the message.
+    """
+    first: dict[bytes, int] = {}
+    for one in np.unique(camera):
+        rows = np.column_stack([frame, box]).astype(float)[camera == one]
+        if len(rows) < FEWEST_TWINS:
+            continue
+        key = rows[np.lexsort(rows.T)].tobytes()
+        if key in first:
+            cameras = (first[key], int(one))
+            name, other = (repr(names[c]) if names else f"{c}" for c in cameras)
+            raise InvalidInputError(
+                f"Cameras {name} and {other} have the same {len(rows)} boxes: one video was "
+                "read twice. Pass each camera once."
+            )
+        first[key] = int(one)
 
 
 def require_finite(value: Any, name: str, where: np.ndarray | None = None) -> None:

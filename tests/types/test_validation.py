@@ -7,6 +7,7 @@ import cv2
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given, strategies as st
 
 from catfree.errors import InvalidInputError
 from catfree.types import Detections
@@ -16,6 +17,7 @@ from catfree.types._validation import (
     as_float,
     as_integer,
     as_number,
+    require_different_cameras,
     require_instance,
 )
 
@@ -199,3 +201,28 @@ def test_a_duration_is_not_negative():
     assert (as_number(np.int32(-2), "time"), as_duration(0, "lag")) == (-2.0, 0.0)
     with pytest.raises(InvalidInputError, match="number of seconds, 0 or more, got -2"):
         as_duration(-2, "lag")
+
+
+def boxes_of(rng, count):
+    return np.arange(count) // 2, rng.uniform(0, 500, (count, 4))
+
+
+@given(st.integers(0, 10**6), st.integers(10, 30), st.permutations(range(3)))
+def test_a_camera_given_twice_is_named_whatever_the_order_of_its_boxes(seed, count, order):
+    rng = np.random.default_rng(seed)
+    frame, box = boxes_of(rng, count)
+    other = boxes_of(rng, count)[1]
+    mixed = rng.permutation(count)
+    frames, cameras = np.concatenate([frame, frame, frame[mixed]]), np.repeat(order, count)
+    boxes = np.concatenate([box, other, box[mixed]])
+    low, high = sorted((order[0], order[2]))
+    with pytest.raises(
+        InvalidInputError, match=f"Cameras {low} and {high} have the same {count} boxes"
+    ):
+        require_different_cameras(frames, cameras, boxes)
+    with pytest.raises(InvalidInputError, match=f"'{'abc'[low]}' and '{'abc'[high]}'"):
+        require_different_cameras(frames, cameras, boxes, ["a", "b", "c"])
+    # A pixel is enough to tell two videos apart, and few boxes are alike by chance.
+    boxes[-1, 0] += 1
+    require_different_cameras(frames, cameras, boxes)
+    require_different_cameras(np.zeros(18, int), np.repeat([0, 1], 9), np.zeros((18, 4)))

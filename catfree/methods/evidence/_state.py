@@ -1,10 +1,12 @@
 """`EvidenceState`: everything that the passes of the evidence method know about a sequence."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from catfree.methods.evidence._gaussian import Information
+from catfree.methods.evidence._gaussian import Information, mean_and_covariance
 from catfree.methods.evidence.group._appearance import Looks, PairRatios
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
@@ -23,8 +25,8 @@ from catfree.settings import EvidenceSettings
 class EvidenceState(eqx.Module):
     """What the passes know so far, in units of H0 on the plane (see `GroundViews`).
 
-    A state is complete at any time: before the passes that fill them in, its groups, tracks and
-    rows are empty, and what is learned from them has its value before learning.
+    A state is complete at any time: before the passes that fill them in, there are no groups, no
+    tracks and no reported rows, and what is learned from them has its value before learning.
 
     Attributes:
         boxes, views, noise, measurements: the boxes, their cameras, noise and likelihoods.
@@ -74,8 +76,8 @@ def first_state(
     settings: EvidenceSettings,
 ) -> EvidenceState:
     """What is known of boxes before any pass: there are no groups and no tracks yet."""
-    cameras = boxes.table.shape[1]
-    n = len(boxes.row)
+    cameras, n = boxes.table.shape[1], len(boxes.row)
+    heights = usual_heights(boxes.size[:n], boxes.camera[:n], cameras)
     rows, numbers, flags = np.zeros(0, np.int64), np.zeros(0), np.zeros(0, bool)
     nothing = Information(np.zeros((0, 3, 3)), np.zeros((0, 3)), numbers)
     return EvidenceState(
@@ -87,9 +89,7 @@ def first_state(
         groups=Groups(rows, np.zeros((0, cameras), np.int64), rows, nothing, nothing, numbers),
         place=np.zeros((0, 3)),
         place_covariance=np.zeros((0, 3, 3)),
-        rate=rate_before_counting(
-            usual_heights(boxes.size[:n], boxes.camera[:n], cameras), settings
-        ),
+        rate=rate_before_counting(heights, settings),
         existence=Existence(
             numbers, np.zeros((0, cameras)), np.full(len(boxes.frame), settings.clutter_start)
         ),
@@ -103,4 +103,40 @@ def first_state(
         outside=flags,
         kept=flags,
         identity=rows,
+    )
+
+
+def with_groups(state: EvidenceState, groups: Groups, settings: EvidenceSettings) -> EvidenceState:
+    """The state with other groups: nothing is known of them, and the tracks of the old ones go."""
+    fresh = first_state(state.boxes, state.views, state.noise, state.measurements, settings)
+    place, covariance = mean_and_covariance(groups.info, float(state.noise.spread))
+    unknown = np.zeros(groups.member.shape)
+    return replace(
+        fresh,
+        ratios=state.ratios,
+        groups=groups,
+        place=place,
+        place_covariance=covariance,
+        existence=Existence(unknown[:, 0], unknown, fresh.existence.clutter),
+    )
+
+
+def with_tracks(
+    state: EvidenceState,
+    trails: Trails,
+    evidence: Float[np.ndarray, " node"],
+    probability: Float[np.ndarray, " node"],
+) -> EvidenceState:
+    """The state with other tracks, none of which is reported."""
+    none = np.zeros(len(trails), bool)
+    return replace(
+        state,
+        trails=trails,
+        evidence=evidence,
+        probability=probability,
+        position_covariance=trails.covariance[:, :2, :2],
+        suppressed=none,
+        outside=none,
+        kept=none,
+        identity=np.full(len(trails), -1),
     )

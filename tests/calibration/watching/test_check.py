@@ -105,3 +105,18 @@ def test_a_recording_without_boxes_is_refused(world):
 def test_a_negative_lag_to_look_for_is_refused(world, quiet):
     with pytest.raises(InvalidInputError, match="maximum_offset is -1"):
         check(world.true_scene, quiet, maximum_offset=-1)
+
+
+def test_a_video_read_twice_is_refused_before_any_work(world, quiet):
+    kept = quiet[quiet.camera != 3]
+    copy = quiet[quiet.camera == 0]
+    columns = {
+        name: np.concatenate([getattr(kept, name), getattr(copy, name)])
+        for name in ("frame", "camera", "box")
+    }
+    columns["camera"][len(kept) :] = 3
+    twice = cf.Detections(**columns)
+    with pytest.raises(InvalidInputError, match="Cameras 0 and 3 have the same"):
+        check(world.true_scene, twice)
+    with pytest.raises(InvalidInputError, match="Cameras 'a' and 'd' have the same"):
+        cf.calibrate(twice, (1920, 1080), camera_names=list("abcde"))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import expit
 
-from catfree.methods.evidence._state import EvidenceState
+from catfree.methods.evidence._state import EvidenceState, with_tracks
 from catfree.methods.evidence.group._appearance import looks_of
 from catfree.methods.evidence.track._existence import misses, predict_views, with_pictures
 from catfree.methods.evidence.track._presence import presence
@@ -24,7 +24,7 @@ def follow_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceS
     groups, log_odds, time = state.groups, state.existence.log_odds, state.boxes.time
     if not settings.track or len(time) < 2:
         trails = unlinked(groups.frame, state.place, state.place_covariance)
-        return replace(state, trails=trails, evidence=log_odds, probability=expit(log_odds))
+        return with_tracks(state, trails, log_odds, expit(log_odds))
     cameras = int((groups.member >= 0).any(0).sum())
     sure = sure_groups(groups.member, log_odds, cameras)
     motion = estimate_motion(state.place[sure, :2], groups.frame[sure], time)
@@ -37,9 +37,8 @@ def follow_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceS
     )
     evidence = evidence_of_rows(trails, state, settings)
     probability = presence(trails, evidence, settings.appear_evidence, settings.leave_evidence)
-    return replace(
-        state, motion=motion, looks=looks, trails=trails, evidence=evidence, probability=probability
-    )
+    state = replace(state, motion=motion, looks=looks)
+    return with_tracks(state, trails, evidence, probability)
 
 
 def evidence_of_rows(

@@ -1,11 +1,8 @@
 """Group the boxes of each frame into people, with the tracks so far as priors."""
 
-from dataclasses import replace
-
 import numpy as np
 
-from catfree.methods.evidence._gaussian import mean_and_covariance
-from catfree.methods.evidence._state import EvidenceState
+from catfree.methods.evidence._state import EvidenceState, with_groups
 from catfree.methods.evidence.group._group import group, group_by_looks
 from catfree.methods.evidence.group._groups import Groups, Priors, priors_of
 from catfree.methods.evidence.track._suppress_overlapping import suppress_overlapping_tracks
@@ -23,8 +20,7 @@ def group_boxes(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSta
         priors = track_priors(state.trails[alone], state.groups)
     seen = state.boxes, state.measurements, state.noise, priors
     groups = group(*seen) if state.ratios is None else group_by_looks(*seen, state.ratios)
-    place, covariance = mean_and_covariance(groups.info, float(state.noise.spread))
-    return replace(state, groups=groups, place=place, place_covariance=covariance)
+    return with_groups(state, groups, settings)
 
 
 def track_priors(trails: Trails, groups: Groups) -> Priors:

@@ -1,0 +1,122 @@
+"""Each pass takes a complete state to a complete state, and touches what it decides only."""
+
+import dataclasses
+from functools import cache
+
+import jax
+import numpy as np
+import pytest
+
+from catfree.errors import InsufficientDataError
+from catfree.methods.evidence import solve
+from catfree.methods.evidence.passes._add_pose_errors import add_pose_errors
+from catfree.methods.evidence.passes._choose_reported import choose_reported
+from catfree.methods.evidence.passes._follow_people import follow_people
+from catfree.methods.evidence.passes._group_boxes import group_boxes
+from catfree.methods.evidence.passes._learn_looks import learn_looks
+from catfree.methods.evidence.passes._name_people import name_people
+from catfree.methods.evidence.passes._observe_boxes import observe_boxes
+from catfree.methods.evidence.passes._weigh_groups import weigh_groups
+from catfree.settings import EvidenceSettings
+from tests.methods.evidence.evidence_worlds import make_rig, make_scene, walk
+
+RULES = EvidenceSettings()
+ROUND = (group_boxes, weigh_groups, follow_people)
+ALL = (learn_looks, *ROUND * RULES.passes, choose_reported, name_people, add_pose_errors)
+PEOPLE, FRAMES = 6, 12
+OBSERVED = {"boxes", "views", "noise", "measurements", "ratios"}
+CHANGED = {
+    learn_looks: {"ratios"},
+    weigh_groups: {"rate", "existence"},
+    choose_reported: {"position_covariance", "suppressed", "outside", "kept", "identity"},
+    name_people: {"identity"},
+    add_pose_errors: {"position_covariance"},
+}
+
+pytestmark = pytest.mark.usefixtures("x64")
+
+
+@cache
+def states():
+    """The state before and after each pass."""
+    _, detections, scene = walk(PEOPLE, FRAMES)
+    found = [observe_boxes(detections, scene, RULES)]
+    for run in ALL:
+        found.append(run(found[-1], RULES))
+    return found
+
+
+def differs(one, two):
+    if one is two:
+        return False
+    first, second = jax.tree.leaves(one), jax.tree.leaves(two)
+    return len(first) != len(second) or any(
+        np.shape(a) != np.shape(b) or not np.array_equal(a, b, equal_nan=True)
+        for a, b in zip(first, second, strict=True)
+    )
+
+
+def test_solve_runs_the_passes_in_their_order():
+    _, detections, scene = walk(PEOPLE, FRAMES)
+    assert not differs(solve(detections, scene), states()[-1])
+
+
+def test_each_pass_changes_what_it_decides_and_nothing_else():
+    for run, before, after in zip(ALL, states(), states()[1:], strict=False):
+        names = {f.name for f in dataclasses.fields(before)}
+        changed = {n for n in names if differs(getattr(before, n), getattr(after, n))}
+        assert changed <= CHANGED.get(run, names - OBSERVED), run
+
+
+def test_a_pass_run_twice_changes_nothing_more():
+    state = states()[1 + len(ROUND) * RULES.passes]
+    for run in (choose_reported, name_people):
+        state = run(state, RULES)
+        assert not differs(run(state, RULES), state), run
+
+
+def test_new_groups_have_no_evidence_and_no_tracks_and_new_tracks_are_not_reported():
+    grouped, followed = states()[2], states()[4]
+    assert len(grouped.groups) >= PEOPLE
+    assert len(grouped.existence.log_odds) == len(grouped.place) == len(grouped.groups)
+    assert (grouped.existence.log_odds == 0).all()
+    assert len(grouped.trails) == 0
+    assert len(followed.trails) >= PEOPLE * FRAMES * 0.9
+    assert not followed.kept.any()
+    assert (followed.identity == -1).all()
+
+
+def test_everybody_who_walked_is_reported_and_has_one_identity():
+    last = states()[-1]
+    kept = last.kept
+    assert kept.sum() == PEOPLE * FRAMES
+    assert set(last.identity[kept]) == set(range(PEOPLE))
+    assert (last.identity[~kept] == -1).all()
+    assert not (kept & (last.suppressed | last.outside)).any()
+
+
+def test_errors_of_poses_widen_ellipses_and_never_narrow_them():
+    before, after = states()[-2:]
+    added = after.position_covariance[after.kept] - before.position_covariance[after.kept]
+    assert np.linalg.eigvalsh(added).min() > -1e-12
+    alone = add_pose_errors(before, dataclasses.replace(RULES, pose_errors=False))
+    assert not differs(alone, before)
+
+
+def test_a_single_instant_has_groups_that_are_judged_on_their_own():
+    _, detections, scene = walk(PEOPLE, FRAMES)
+    state = observe_boxes(detections[detections.frame == 0], scene, RULES)
+    for run in ROUND:
+        state = run(state, RULES)
+    assert len(state.trails) == len(state.groups)
+    np.testing.assert_array_equal(state.evidence, state.existence.log_odds)
+    named = name_people(choose_reported(state, RULES), RULES)
+    assert named.kept.sum() == PEOPLE
+    assert len(set(named.identity[named.kept])) == PEOPLE
+
+
+def test_boxes_of_nobody_on_the_ground_are_refused():
+    _, detections, _ = walk(PEOPLE, 2)
+    none = detections[detections.camera < 0]
+    with pytest.raises(InsufficientDataError, match="whole person"):
+        observe_boxes(none, make_scene(make_rig()), RULES)
