@@ -210,14 +210,16 @@ def require_different_cameras(
         names: of the cameras, for the message.
     """
     first: dict[bytes, int] = {}
+    table = np.column_stack([frame, box])
     for one in np.unique(camera):
-        rows = np.column_stack([frame, box]).astype(float)[camera == one]
+        rows = table[camera == one]
         if len(rows) < FEWEST_TWINS:
             continue
         key = rows[np.lexsort(rows.T)].tobytes()
         if key in first:
             cameras = (first[key], int(one))
-            name, other = (repr(names[c]) if names else f"{c}" for c in cameras)
+            shown = dict(enumerate(map(repr, () if names is None else names)))
+            name, other = (shown.get(c, c) for c in cameras)
             raise InvalidInputError(
                 f"Cameras {name} and {other} have the same {len(rows)} boxes: one video was "
                 "read twice. Pass each camera once."

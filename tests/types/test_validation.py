@@ -222,6 +222,8 @@ def test_a_camera_given_twice_is_named_whatever_the_order_of_its_boxes(seed, cou
         require_different_cameras(frames, cameras, boxes)
     with pytest.raises(InvalidInputError, match=f"'{'abc'[low]}' and '{'abc'[high]}'"):
         require_different_cameras(frames, cameras, boxes, ["a", "b", "c"])
+    with pytest.raises(InvalidInputError, match=f"and {high} have"):  # too few names
+        require_different_cameras(frames, cameras, boxes, ["a"])
     # A pixel is enough to tell two videos apart, and few boxes are alike by chance.
     boxes[-1, 0] += 1
     require_different_cameras(frames, cameras, boxes)

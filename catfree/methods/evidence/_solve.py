@@ -53,8 +53,8 @@ def solve(
     with jax.enable_x64(True):
         report("self-calibration", 0, 1)
         state = observe_boxes(detections, scene, settings, silent)
-        # With the tracks of one round as the priors of the next; a single instant has none.
-        rounds = settings.passes if settings.track and len(state.boxes.frames) > 1 else 1
+        # The tracks of one round are the priors of the next.
+        rounds = settings.passes if state.is_tracked(settings) else 1
         passes = (learn_looks, *(ASSOCIATE * rounds), *REPORT)
         for index, run in enumerate(passes):
             report("association", index, len(passes))

@@ -18,7 +18,7 @@ from catfree.methods.evidence.observe._visibility import (
     usual_heights,
 )
 from catfree.methods.evidence.track._existence import Existence
-from catfree.methods.evidence.track._tracking import Motion, Trails, usual_motion
+from catfree.methods.evidence.track._tracking import Motion, Trails, unlinked, usual_motion
 from catfree.settings import EvidenceSettings
 
 
@@ -67,6 +67,10 @@ class EvidenceState(eqx.Module):
     kept: Bool[np.ndarray, " node"]
     identity: Int[np.ndarray, " node"]
 
+    def is_tracked(self, settings: EvidenceSettings) -> bool:
+        """Whether people are followed over time; those of a single instant are not."""
+        return settings.track and settings.passes > 0 and len(self.boxes.frames) > 1
+
 
 def first_state(
     boxes: Boxes,
@@ -106,18 +110,18 @@ def first_state(
     )
 
 
-def with_groups(state: EvidenceState, groups: Groups, settings: EvidenceSettings) -> EvidenceState:
+def with_groups(state: EvidenceState, groups: Groups) -> EvidenceState:
     """The state with other groups: nothing is known of them, and the tracks of the old ones go."""
-    fresh = first_state(state.boxes, state.views, state.noise, state.measurements, settings)
+    nobody = unlinked(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)))
     place, covariance = mean_and_covariance(groups.info, float(state.noise.spread))
     unknown = np.zeros(groups.member.shape)
     return replace(
-        fresh,
-        ratios=state.ratios,
+        with_tracks(state, nobody, np.zeros(0), np.zeros(0)),
         groups=groups,
         place=place,
         place_covariance=covariance,
-        existence=Existence(unknown[:, 0], unknown, fresh.existence.clutter),
+        existence=Existence(unknown[:, 0], unknown, state.existence.clutter),
+        looks=None,
     )
 
 

@@ -22,7 +22,7 @@ from catfree.settings import EvidenceSettings
 def follow_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
     """Track all groups anew; without time or tracking, every group is judged on its own."""
     groups, log_odds, time = state.groups, state.existence.log_odds, state.boxes.time
-    if not settings.track or len(time) < 2:
+    if not state.is_tracked(settings):
         trails = unlinked(groups.frame, state.place, state.place_covariance)
         return with_tracks(state, trails, log_odds, expit(log_odds))
     cameras = int((groups.member >= 0).any(0).sum())

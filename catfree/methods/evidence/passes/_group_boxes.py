@@ -20,7 +20,7 @@ def group_boxes(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSta
         priors = track_priors(state.trails[alone], state.groups)
     seen = state.boxes, state.measurements, state.noise, priors
     groups = group(*seen) if state.ratios is None else group_by_looks(*seen, state.ratios)
-    return with_groups(state, groups, settings)
+    return with_groups(state, groups)
 
 
 def track_priors(trails: Trails, groups: Groups) -> Priors:

@@ -9,7 +9,7 @@ from catfree.settings import EvidenceSettings
 
 def name_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
     """Match the past and the future of every instant; without tracks, nothing has a past."""
-    if not settings.track or len(state.boxes.frames) < 2:
+    if not state.is_tracked(settings):
         return state
     error = state.position_covariance - state.trails.covariance[:, :2, :2]
     population = Population(

@@ -115,6 +115,13 @@ def test_a_single_instant_has_groups_that_are_judged_on_their_own():
     assert len(set(named.identity[named.kept])) == PEOPLE
 
 
+def test_without_passes_of_tracking_every_group_is_judged_on_its_own():
+    _, detections, scene = walk(PEOPLE, FRAMES)
+    none = solve(detections, scene, EvidenceSettings(passes=0))
+    assert not differs(none, solve(detections, scene, EvidenceSettings(track=False)))
+    assert none.kept.sum() == PEOPLE * FRAMES
+
+
 def test_boxes_of_nobody_on_the_ground_are_refused():
     _, detections, _ = walk(PEOPLE, 2)
     none = detections[detections.camera < 0]
