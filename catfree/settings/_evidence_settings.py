@@ -1,17 +1,28 @@
 """The settings of the evidence method; their defaults are the same for all data.
 
-`docs/evidence_constants.md` lists them, and the constants of its modules, with their reasons.
+`docs/evidence_constants.md` is made of the reasons given here; it adds what each constant changes.
 
 Lengths are in units of H0, the median person height of the sequence, so that the method does not
-depend on the scale of the scene; pixels are shares of the box height or of the focal length.
+depend on the scale of the scene; pixels are shares of the box height or of the focal length;
+log-odds use the natural logarithm.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal, TypeVar
+
+T = TypeVar("T")
+
+
+def constant(
+    value: T, kind: Literal["physical", "start", "decision", "numerical"], reason: str
+) -> T:
+    """A field with its kind (see `docs/evidence_constants.md`) and the reason for its value."""
+    return field(default=value, metadata={"kind": kind, "reason": reason})
 
 
 @dataclass(frozen=True)
 class EvidenceSettings:
-    """The evidence method: measure, self-calibrate, associate, existence, track, output.
+    """The evidence method: learn, observe, group, weigh, follow, report.
 
     The first block switches the ingredients on or off, for ablations.
 
@@ -20,7 +31,8 @@ class EvidenceSettings:
         self_calibrate: estimate the noise of each camera's box edges and the people's height.
         residual_field: estimate a smooth offset of each camera's box edges, a small bundle
             adjustment.
-        local_clutter: estimate the clutter ratio per camera and place; otherwise `clutter_start`.
+        local_clutter: estimate the clutter ratio per camera and place; otherwise a box is as likely
+            false as true.
         use_height: use the top edge and the height prior, not only the foot.
         track: link over time, smooth, and associate again with the tracks as priors.
         use_appearance: use embeddings if present.
@@ -29,65 +41,77 @@ class EvidenceSettings:
         uneven_ground: let people stand off the plane by `unevenness`.
         pose_errors: include the error of the whole map in the ellipses; positions do not change.
 
-        edge_noise: initial noise of center, top and bottom in box heights: a detector places an
-            edge to a few percent, and people sway and step by as much.
-        angular_noise: initial calibration error in radians, common to boxes of all sizes.
+        edge_noise: initial noise of center, top and bottom in box heights.
+        angular_noise: usual calibration error in radians, common to boxes of all sizes.
+        far_more_evidence: ratio of evidence above which learning from twice the largest calibration
+            error is preferred to learning from the usual one.
         ankle_factor: noise factor of a bottom edge unless both ankles are seen.
-        cover_slope: hidden feet: bottom noise x (1 + slope x hidden share beyond `cover_free`).
-        cover_free: share of the lower box that may be hidden without effect.
-        cover_limit: a hidden share beyond this adds no more noise.
+        lower_body: share of a box that holds the legs from the knees down.
+        cover_ramp: hidden shares of the lower body between which its bottom edge gets less precise.
+        cover_slope: noise that the bottom edge gains per hidden share within `cover_ramp`.
         border_margin: share of the image width within which an edge counts as cut.
-        side_cut_noise: center noise of a box cut at the side, half a body's width.
+        side_cut_noise: center noise of a box cut at the side.
+        joined_top: noise factor of the top of a box that is too tall and whose foot is doubted.
         foot_outlier: share of bottom edges that are not at the feet at all, so that neither place
             nor height can be relied upon.
-        newton_steps: Gauss-Newton steps of a single box; it converges in three or four.
         largest_sigma: a single view with a larger uncertainty, in H0, carries no information.
 
-        calibration_rounds: rounds of self-calibration; the third changes little.
-        calibration_frames: largest number of frames, evenly spread; enough for all parameters.
+        calibration_frames: largest number of frames, evenly spread, to learn from.
+        fewest_samples: people, steps or residuals from which anything is learned, and sightings
+            that the detection rate of all classes is worth against those of one.
+        fewest_residuals: of a camera's edge, from which its noise is learned.
+        fewest_pairs: pairs of one person, and of two, from which it is learned who looks alike.
         noise_factor_range: bounds of the edge noise relative to its initial value.
         angular_noise_range: bounds of the calibration error in radians.
         field_prior: prior standard deviation of the offset's coefficients (focal, column, row,
-            box height): one percent of the focal length is a badly calibrated camera.
-        height_spread: initial spread of heights; adults differ by 5 to 7 % of their median.
-        height_spread_range: bounds of the spread of heights.
-        density_start: initial density of people per H0²: one in ten square meters.
+            box height).
+        height_spread_range: bounds of the spread of heights; learning starts at their geometric
+            mean.
+        density_start: initial density of people per H0².
 
-        appearance_weight: discount of the ratios between boxes of one person, which are not
-            independent.
-        appearance_limit: largest ratio of one pair.
+        appearance_weight: discount of the ratios between boxes of one person.
+        appearance_limit: largest log-likelihood ratio of one pair.
+        gate: largest squared Mahalanobis distance of two boxes of one person, and of a link.
 
-        detection_rate_pseudo_counts: strength of the prior of a detection rate.
-        detection_rate_start: prior detection rate.
-        smallest_detection_rate: lower bound of the detection rate in a camera that saw the person.
-        clutter_start: initial number of clutter detections per detection of a person.
-        clutter_rounds: rounds of expectation maximization.
-        clutter_pseudo_counts: strength of a camera's overall ratio as the prior at each place.
-        clutter_range: bounds of the ratio; below the lower bound it would reinforce itself.
+        witnesses: other cameras that must see a person for its detection to be counted, cameras
+            that must see a person from whom noise, speed and appearance are learned, and whole
+            views of a place that `missing_views` never excludes.
+        body_ramp: share of the body inside the image between "cut off" and "in view".
+        cover_edges: boundaries between classes of hidden share, each with its own detection rate;
+            the share of a body inside an image that counts as whole is the last.
+        height_quantiles: of a camera's boxes, between small, usual and large people.
+        detection_rate_start: detection rate of all cameras before counting.
+        detection_rate_range: bounds of what the detection rate of a class is before counting.
+        smallest_detection_rate: lower bound of the rate in a camera that did see the person.
+        clutter_pseudo_counts: boxes that the ratio of a camera is worth against those of one place.
+        clutter_range: bounds of the ratio of clutter to people.
+        outage_expected: expected detections in an empty picture above which there was no picture.
 
         passes: passes of association and tracking, each with the tracks of the previous pass as
             priors.
+        position_jitter: H0 per frame that no velocity explains.
+        height_jitter: H0 per frame.
+        fastest: H0 per frame and axis; longer steps are errors, and half of it is assumed until
+            enough steps were seen.
+        memory: correlation of the velocity over one frame, until it has been estimated.
+        sudden: factor by which identities forget velocities faster than people do on average.
         gap: frames for which a track may be unseen.
         gap_penalty: log-odds for each of these frames.
-        gate: largest squared Mahalanobis distance of a link.
-        evidence_limit: bound of one frame's log-odds: consecutive frames are not independent.
-        appear_evidence: summed log-odds that a track must reach.
-        leave_evidence: log-odds against vanishing and coming back within a track.
+        evidence_limit: bound of one frame's log-odds; half of it makes a group sure, or hopeless.
+        change_evidence: summed log-odds that a track must reach to appear, and to vanish and come
+            back.
 
-        personal_space: tracks closer than this in a frame, the depth of a body, are one person, and
-            the better supported one is kept; 0 switches it off.
+        personal_space: tracks closer than this in a frame are one person, and the better supported
+            one is kept; 0 switches it off.
+        sway: how far the body's center strays from the point called its position; common to all
+            cameras and therefore invisible in the residuals between them.
+        unevenness: how far off the plane people stand.
         report_radius: a position is reported if it is more likely than not to be correct within
-            this many H0 (half a meter for adults).
+            this many H0.
         working_sigma: largest predicted uncertainty, relative to well-seen people.
         missing_views: a place is outside the working area if the whole body is in fewer images
             there than for the typical person, by at least this share of the cameras that see
             anybody. If the typical person is in fewer images than that, no place is excluded.
-        enough_views: a place with the whole body in this many images is never excluded by
-            `missing_views`: two cameras make a position of any two boxes, a third can contradict.
-        unevenness: how far off the plane people stand: paving, slopes and curbs are level to about
-            ten centimeters over a square, and walking feet are lifted by as much.
-        sway: how far the body's center strays from the point called its position; it is common to
-            all cameras and therefore invisible in the residuals between them.
     """
 
     use_misses: bool = True
@@ -102,50 +126,202 @@ class EvidenceSettings:
     uneven_ground: bool = True
     pose_errors: bool = True
 
-    edge_noise: tuple[float, float, float] = (0.05, 0.04, 0.05)
-    angular_noise: float = 0.003
-    ankle_factor: float = 1.7
-    cover_slope: float = 4.0
-    cover_free: float = 0.2
-    cover_limit: float = 0.6
-    border_margin: float = 0.004
-    side_cut_noise: float = 0.3
-    foot_outlier: float = 0.1
-    newton_steps: int = 6
-    largest_sigma: float = 2.5
+    # Observe: one box as a likelihood.
+    edge_noise: tuple[float, float, float] = constant(
+        (0.05, 0.04, 0.05),
+        "start",
+        "detectors place an edge to a few per cent, and people sway and step by as much; learned "
+        "per camera and edge",
+    )
+    angular_noise: float = constant(
+        0.003,
+        "start",
+        "a sixth of a degree is typical of a checkerboard calibration or a good bundle adjustment; "
+        "learned. Also counts as one degree of freedom in the error of the whole map",
+    )
+    far_more_evidence: float = constant(
+        1.05,
+        "decision",
+        "if the cameras agree, both attempts reach the same evidence to within 2 %; if they split "
+        "into subsets that disagree, the difference is tens of per cent",
+    )
+    ankle_factor: float = constant(
+        1.7,
+        "physical",
+        "feet hidden behind a shin or a curb are about 8 % of the height off, against 5 % in the "
+        "open",
+    )
+    lower_body: float = constant(0.3, "physical", "the legs from the knees down")
+    cover_ramp: tuple[float, float] = constant(
+        (0.2, 0.8),
+        "physical",
+        "with a fifth of the legs hidden a foot is still visible; with four fifths hidden "
+        "detectors draw the box that they expect, and the noise does not grow further",
+    )
+    cover_slope: float = constant(
+        4.0,
+        "physical",
+        "the box ends anywhere in the hidden part, so its noise grows in proportion, up to 3.4 "
+        "times the usual",
+    )
+    border_margin: float = constant(
+        0.004,
+        "physical",
+        "8 pixels of 1920: boxes of cut people end up to this far inside the image",
+    )
+    side_cut_noise: float = constant(
+        0.3, "physical", "half of a body's width is 0.2 to 0.4 of its height"
+    )
+    joined_top: float = constant(
+        3.0,
+        "physical",
+        "such a box may hold two people; its top is then off by the distance between their heads",
+    )
+    foot_outlier: float = constant(
+        0.1,
+        "physical",
+        "one bottom edge in ten is not a foot (bags, furniture, reflections); the share of the "
+        "uniform part of the mixture, and of the times when heights say nothing about who "
+        "somebody is",
+    )
+    largest_sigma: float = constant(
+        2.5, "decision", "a view less precise than a room carries no information"
+    )
 
-    calibration_rounds: int = 3
-    calibration_frames: int = 60
-    noise_factor_range: tuple[float, float] = (0.7, 3.0)
-    angular_noise_range: tuple[float, float] = (0.001, 0.012)
-    field_prior: tuple[float, float, float, float] = (0.01, 0.01, 0.01, 0.05)
-    height_spread: float = 0.06
-    height_spread_range: tuple[float, float] = (0.03, 0.12)
-    density_start: float = 0.3
+    # Learn: noise, offsets and people of the sequence.
+    calibration_frames: int = constant(
+        60, "numerical", "ten parameters per camera from hundreds of boxes"
+    )
+    fewest_samples: int = constant(10, "decision", "a mean is then known to a third of a deviation")
+    fewest_residuals: int = constant(30, "decision", "a spread is then known to a fifth")
+    fewest_pairs: int = constant(50, "decision", "both spreads are then known to a sixth")
+    noise_factor_range: tuple[float, float] = constant(
+        (0.7, 3.0),
+        "physical",
+        "no detector is better than 0.7 of the usual edges on moving people; lower estimates are "
+        "due to groups selected for agreement. At three times the usual a detector is unusable",
+    )
+    angular_noise_range: tuple[float, float] = constant(
+        (0.001, 0.012),
+        "physical",
+        "from 1 mrad, a pixel of 1920, to 12 mrad, 0.7 degrees; worse rigs are refused",
+    )
+    field_prior: tuple[float, float, float, float] = constant(
+        (0.01, 0.01, 0.01, 0.05),
+        "physical",
+        "one per cent of the focal length (10 pixels) is a poorly known principal point or pitch; "
+        "5 % of the box height is a detector that draws loose boxes",
+    )
+    height_spread_range: tuple[float, float] = constant(
+        (0.03, 0.12),
+        "physical",
+        "3 %: children of one age; 12 %: adults with children. Adults differ by 5 to 7 % of their "
+        "median height; learned",
+    )
+    density_start: float = constant(
+        0.3, "start", "one per ten square meters, as on a sidewalk; learned"
+    )
 
-    appearance_weight: float = 0.5
-    appearance_limit: float = 4.0
+    # Group: boxes of one person.
+    appearance_weight: float = constant(
+        0.5,
+        "decision",
+        "pairwise ratios of one person are not independent: of the six pairs of four views three "
+        "are independent, which is half; the boxes of a track's next group count as independent",
+    )
+    appearance_limit: float = constant(
+        4.0, "decision", "one pair of images never claims less than one error in fifty (exp 4)"
+    )
+    gate: float = constant(
+        16.0,
+        "decision",
+        "99.97 % in two dimensions: it finds candidates only, and evidence decides",
+    )
 
-    detection_rate_pseudo_counts: float = 10.0
-    detection_rate_start: float = 0.8
-    smallest_detection_rate: float = 0.2
-    clutter_start: float = 1.0
-    clutter_rounds: int = 6
-    clutter_pseudo_counts: float = 20.0
-    clutter_range: tuple[float, float] = (0.4, 10.0)
+    # Weigh: misses and clutter.
+    witnesses: int = constant(3, "decision", "two cameras may agree on a ghost, three do not")
+    body_ramp: tuple[float, float] = constant(
+        (0.3, 0.7), "physical", "detectors miss most people of whom they see the legs or the head"
+    )
+    cover_edges: tuple[float, float, float, float] = constant(
+        (0.15, 0.4, 0.7, 0.95),
+        "decision",
+        "nothing, an arm, half, nearly all, all of the body but a hand or a hat",
+    )
+    height_quantiles: tuple[float, float] = constant(
+        (0.15, 0.5), "decision", "people far away are missed more often than others"
+    )
+    detection_rate_start: float = constant(0.8, "start", "of a standing, unhidden person; learned")
+    detection_rate_range: tuple[float, float] = constant(
+        (0.02, 0.98),
+        "decision",
+        "nothing is certain or impossible before counting",
+    )
+    smallest_detection_rate: float = constant(
+        0.2, "decision", "a person who was detected was visible at least this much"
+    )
+    clutter_pseudo_counts: float = constant(
+        20.0, "decision", "with fewer than twenty boxes, a place follows its camera"
+    )
+    clutter_range: tuple[float, float] = constant(
+        (0.4, 10.0),
+        "decision",
+        "below 0.4 the ratio would reinforce itself, because expectation maximization exaggerates "
+        "it; above ten a place shows no people anyway",
+    )
+    outage_expected: float = constant(
+        3.0, "decision", "an empty picture of three expected people is 5 % chance, or an outage"
+    )
 
-    passes: int = 3
-    gap: int = 4
-    gap_penalty: float = 0.7
-    gate: float = 16.0
-    evidence_limit: float = 6.0
-    appear_evidence: float = 8.0
-    leave_evidence: float = 8.0
+    # Follow: tracks and presence.
+    passes: int = constant(3, "numerical", "the third changes little")
+    position_jitter: float = constant(0.03, "physical", "steps and sway")
+    height_jitter: float = constant(0.005, "physical", "people bend and straighten")
+    fastest: float = constant(1.0, "physical", "walking fast at 2 frames per second")
+    memory: float = constant(0.85, "start", "people turn within a few steps; learned")
+    sudden: float = constant(
+        2.0,
+        "physical",
+        "people keep their velocity and then turn or stop within a step: a filter that forgets "
+        "twice as fast follows them",
+    )
+    gap: int = constant(
+        4,
+        "physical",
+        "two seconds at the usual 2 frames per second: behind a pillar or a group",
+    )
+    gap_penalty: float = constant(
+        0.7, "physical", "in each frame half of those who disappeared do not return"
+    )
+    evidence_limit: float = constant(
+        6.0,
+        "decision",
+        "one frame never claims less than one error in 400 (exp 6): errors of consecutive frames "
+        "are correlated",
+    )
+    change_evidence: float = constant(
+        8.0,
+        "decision",
+        "two frames at the limit, or four with moderate evidence: chance groups last one frame",
+    )
 
-    personal_space: float = 0.15
-    report_radius: float = 0.3
-    working_sigma: float = 3.0
-    missing_views: float = 0.5
-    enough_views: int = 3
-    unevenness: float = 0.07
-    sway: float = 0.04
+    # Report: positions, their covariances, the working area.
+    personal_space: float = constant(
+        0.15, "physical", "a quarter of a meter is the depth of a body"
+    )
+    sway: float = constant(
+        0.04,
+        "physical",
+        "7 cm: the sideways sway of the trunk in a step and the difference between the middle of "
+        "the body and of the feet",
+    )
+    unevenness: float = constant(
+        0.07, "physical", "12 cm: paving, slopes and curbs over a square, and lifted feet"
+    )
+    report_radius: float = constant(
+        0.3, "physical", "half a meter for adults, the usual criterion for a correct position"
+    )
+    working_sigma: float = constant(
+        3.0, "decision", "three times the typical design uncertainty: a ninth of the information"
+    )
+    missing_views: float = constant(0.5, "decision", "half of the cameras that see anybody")

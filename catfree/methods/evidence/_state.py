@@ -81,7 +81,7 @@ def first_state(
 ) -> EvidenceState:
     """What is known of boxes before any pass: there are no groups and no tracks yet."""
     cameras, n = boxes.table.shape[1], len(boxes.row)
-    heights = usual_heights(boxes.size[:n], boxes.camera[:n], cameras)
+    heights = usual_heights(boxes.size[:n], boxes.camera[:n], cameras, settings)
     rows, numbers, flags = np.zeros(0, np.int64), np.zeros(0), np.zeros(0, bool)
     nothing = Information(np.zeros((0, 3, 3)), np.zeros((0, 3)), numbers)
     return EvidenceState(
@@ -94,10 +94,8 @@ def first_state(
         place=np.zeros((0, 3)),
         place_covariance=np.zeros((0, 3, 3)),
         rate=rate_before_counting(heights, settings),
-        existence=Existence(
-            numbers, np.zeros((0, cameras)), np.full(len(boxes.frame), settings.clutter_start)
-        ),
-        motion=usual_motion(),
+        existence=Existence(numbers, np.zeros((0, cameras)), np.ones(len(boxes.frame))),
+        motion=usual_motion(settings),
         looks=None,
         trails=Trails(rows, rows, rows, np.zeros((0, 5)), np.zeros((0, 5, 5))),
         evidence=numbers,

@@ -30,7 +30,6 @@ from catfree.methods.evidence.track._existence import (
 )
 from catfree.methods.evidence.track._presence import step_forward
 from catfree.methods.evidence.track._tracking import (
-    SPEED_RANGE,
     Heads,
     Linker,
     Motion,
@@ -47,9 +46,10 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 
 
-def motion_learned(learned: Learned) -> Motion:
+def motion_learned(learned: Learned, settings: EvidenceSettings) -> Motion:
     """How people move from instant to instant."""
-    return motion_of(*learned.steps.tolist())
+    squares, count = learned.steps.tolist()
+    return motion_of(squares, count, settings)
 
 
 def usual_steps(learned: Learned, earlier: float, time: float) -> float:
@@ -85,7 +85,7 @@ def advance(
     pictures = np.column_stack([np.zeros(len(silent), np.int64), silent])
     boxes = prepare_boxes(detections, scene.rig, settings, pictures, np.zeros(1, np.int64))
     views = ground_views(scene, unit, boxes)
-    measured = measure_boxes(boxes, foot_cover(boxes), views, noise, settings)
+    measured = measure_boxes(boxes, foot_cover(boxes, settings), views, noise, settings)
     likeness = likeness_of(learned) if settings.use_appearance else None
     appearance = compare_frames(boxes) if likeness is not None else None
     ratios = None
@@ -93,25 +93,25 @@ def advance(
         ratios = PairRatios(appearance, likeness, settings.appearance_weight)
         state = with_looks(state, appearance.embedding.shape[1])
 
-    motion = motion_learned(learned)
+    motion = motion_learned(learned, settings)
     step = usual_steps(learned, float(state.time), time)
     priors = _priors(state, predict(state.heads, motion, step), settings)
     if ratios is None:
-        groups = group(boxes, measured, noise, priors)
+        groups = group(boxes, measured, noise, settings.gate, priors)
     else:
-        groups = group_by_looks(boxes, measured, noise, priors, ratios)
+        groups = group_by_looks(boxes, measured, noise, settings.gate, priors, ratios)
     place, _ = mean_and_covariance(groups.info, spread)
-    seen = with_pictures(
-        predict_views(place, groups.frame, groups.member, boxes, views), groups.frame, boxes
-    )
+    seen = predict_views(place, groups.frame, groups.member, boxes, views, settings)
+    seen = with_pictures(seen, groups.frame, boxes)
     rate = rate_of_counts(learned.heights, learned.trials, learned.hits, settings)
     pictured = rate(seen)
-    pictured = pictured * delivered(pictured, groups.member, groups.frame, boxes)[groups.frame]
+    arrived = delivered(pictured, groups.member, groups.frame, boxes, settings)
+    pictured = pictured * arrived[groups.frame]
     agreement = appearance_log_odds(groups, ratios)
     base = log_odds_without_clutter(groups.gain + agreement, groups.member, pictured, settings)
     g, c = np.nonzero(groups.member >= 0)
     cell = clutter_cells(np.asarray(measured.state)[groups.member[g, c]], c, views)
-    clutter = np.full(len(g), settings.clutter_start)
+    clutter = np.ones(len(g))
     if settings.local_clutter:
         clutter = clutter_at(cell, learned.clutter, settings)
     log_odds = base - np.bincount(g, np.log(clutter), len(base))
@@ -124,7 +124,7 @@ def advance(
     own = node.group[hit]
     member = np.full((len(hit), len(learned.active)), -1)
     instant = np.zeros(len(hit), np.int64)
-    around = predict_views(node.mean[:, :3], instant, member, boxes, views)
+    around = predict_views(node.mean[:, :3], instant, member, boxes, views, settings)
     evidence = misses(rate(with_pictures(around, instant, boxes)), member)
     evidence[hit] = log_odds[own]
     evidence = np.clip(evidence, -settings.evidence_limit, settings.evidence_limit)
@@ -149,7 +149,7 @@ def advance(
         weight=weight,
         shift=shift,
         place=np.column_stack(
-            [design_sigma(node.mean[:, :3], around, views, noise), whole_views(around)]
+            [design_sigma(node.mean[:, :3], around, views, noise), whole_views(around, settings)]
         ),
         support=np.where(member >= 0, boxes.row[member], -1) if len(boxes.row) else member,
         look=look,
@@ -157,12 +157,12 @@ def advance(
     )
 
     learned = forgetting(learned)
-    trials, hits = count_detections(seen, groups.member, learned.heights)
+    trials, hits = count_detections(seen, groups.member, learned.heights, settings)
     active = learned.active | (groups.member >= 0).any(0)
-    sure = sure_groups(groups.member, log_odds, int(active.sum()))
+    sure = sure_groups(groups.member, log_odds, int(active.sum()), settings)
     steps = learned.steps
     if 0 < step < 1.5:
-        squares = np.minimum(mutual_steps(state.sure, place[sure, :2]) ** 2, SPEED_RANGE[1] ** 2)
+        squares = np.minimum(mutual_steps(state.sure, place[sure, :2]) ** 2, settings.fastest**2)
         steps = steps + np.array([squares.sum(), squares.size])
     learned = replace(
         learned,
@@ -224,7 +224,7 @@ def _carry(
     new = len(track) - len(state.weight)
     on = np.append(state.forward[:, 0], np.full(new, -np.inf))
     off = np.append(state.forward[:, 1], np.zeros(new))
-    on, off = step_forward(on, off, evidence, settings.appear_evidence, settings.leave_evidence)
+    on, off = step_forward(on, off, evidence, settings.change_evidence)
     weight = np.append(state.weight, np.zeros(new)) + np.where(on > off, evidence, 0.0)
     return np.column_stack([on, off]), weight
 

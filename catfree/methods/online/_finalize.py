@@ -13,17 +13,17 @@ from catfree.methods.evidence.group._appearance import Looks
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.track._identify import (
     HORIZON,
-    SUDDEN,
     Habits,
     Population,
     extend,
     futures_of,
     later,
+    link_gains,
     match,
     nodes_of,
 )
 from catfree.methods.evidence.track._presence import later_frames
-from catfree.methods.evidence.track._tracking import Motion, Trails, smooth, transition
+from catfree.methods.evidence.track._tracking import Trails, smooth, transition
 from catfree.methods.online._advance import (
     Reportable,
     motion_learned,
@@ -124,7 +124,7 @@ def finalize(
     if ready == 0:
         return state, [], []
     window, learned = state.window, state.learned
-    motion, noise = motion_learned(learned), learned.noise
+    motion, noise = motion_learned(learned, settings), learned.noise
     spread = float(noise.spread)
     time = np.array([usual_steps(learned, float(window[0].time), float(i.time)) for i in window])
     first = np.cumsum([0] + [len(i.matrix) for i in window])
@@ -144,8 +144,7 @@ def finalize(
         return np.concatenate([getattr(i, name) for i in window])[row]
 
     evidence, forward, weight = column("evidence"), column("forward"), column("weight")
-    entry, leave = settings.appear_evidence, settings.leave_evidence
-    on, off = (forward + later_frames(trails, evidence, entry, leave)).T
+    on, off = (forward + later_frames(trails, evidence, settings.change_evidence)).T
     probability = expit(on - evidence - off)
     last = np.r_[np.diff(trails.track) != 0, True]
     weight = weight[last][np.cumsum(np.r_[0, last[:-1]])]
@@ -175,8 +174,8 @@ def finalize(
         chosen.append(found)
         extra[here] = found.covariance - trails.covariance[here, :2, :2]
         reported[here] = found.kept
-    walk = Motion(motion.speed, motion.memory**SUDDEN)
-    population = Population(time, walk, float(noise.density), spread, settings.foot_outlier, looks)
+    walk = replace(motion, memory=motion.memory**settings.sudden)
+    population = Population(time, walk, float(noise.density), spread, settings, looks)
     out, events = [], []
     for t in range(ready):
         here = by_frame[first[t] : first[t + 1]]
@@ -235,7 +234,7 @@ def _identify(
     habits = _habits(learned.habits)
     k = future.chain
     past_of = np.full(len(track), -1)
-    past_of[k] = match(pasts, future, look[k], boxes[k], seen[k], habits, population)
+    past_of[k] = match(link_gains(pasts, future, look[k], boxes[k], seen[k], habits, population))
     here = at[0]
     linked = past_of[chain[here]]
     numbers = track[chain[here]]

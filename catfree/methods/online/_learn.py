@@ -111,9 +111,9 @@ def learn_noise_and_unit(
     boxes = prepare_boxes(sample, scene.rig, settings)
     n = len(boxes.row)
     views = ground_views(scene, unit, boxes)
-    measured = measure_boxes(boxes, foot_cover(boxes), views, noise, settings)
-    groups = group(boxes, measured, noise)
-    heights = usual_heights(boxes.size[:n], boxes.camera[:n], scene.rig.camera_count)
+    measured = measure_boxes(boxes, foot_cover(boxes, settings), views, noise, settings)
+    groups = group(boxes, measured, noise, settings.gate)
+    heights = usual_heights(boxes.size[:n], boxes.camera[:n], scene.rig.camera_count, settings)
     appearance = compare_frames(boxes) if settings.use_appearance else None
     ratios = None
     known = learned.likeness
@@ -126,8 +126,8 @@ def learn_noise_and_unit(
     if state.count <= SETTLED:
         # Count all instants so far again: they were seen with less settled noise.
         place, _ = mean_and_covariance(groups.info, float(noise.spread))
-        seen = predict_views(place, groups.frame, groups.member, boxes, views)
-        trials, hits = count_detections(seen, groups.member, heights)
+        seen = predict_views(place, groups.frame, groups.member, boxes, views, settings)
+        trials, hits = count_detections(seen, groups.member, heights, settings)
         rate = rate_of_counts(heights, trials, hits, settings)
         agreement = appearance_log_odds(groups, ratios)
         found = judge_groups(groups, agreement, measured, boxes, views, rate(seen), settings)

@@ -1,49 +1,49 @@
-"""The table of constants says what the code does, of every constant."""
+"""The page of constants is what the settings say, and the method has no others that decide."""
 
 import dataclasses
-import importlib
-import pkgutil
-import re
+import importlib.util
+import json
 from pathlib import Path
 
-import pytest
-
-from catfree.methods import evidence
 from catfree.settings import EvidenceSettings
 
-TABLE = Path(__file__).parents[3] / "docs" / "evidence_constants.md"
-ROW = re.compile(r"^\| `([\w.]+)` \| (.+?) \| (\w+) \| (.+) \|$", re.MULTILINE)
+HOOK = Path(__file__).parents[3] / "docs" / "hooks" / "constants_page.py"
 KINDS = {"physical", "start", "decision", "numerical"}
+MOST = 50
 
 
-def constants() -> dict[str, object]:
-    """Fields of the settings that are no switches, and the capitals of the modules."""
-    fields = dataclasses.asdict(EvidenceSettings())
-    found = {name: value for name, value in fields.items() if not isinstance(value, bool)}
-    for module in pkgutil.walk_packages(evidence.__path__, "catfree.methods.evidence."):
-        code = importlib.import_module(module.name)
-        assert code.__file__ is not None
-        short = module.name.rpartition(".")[2].removeprefix("_")
-        names = re.findall(r"^([A-Z][A-Z_]*) = ", Path(code.__file__).read_text("utf-8"), re.M)
-        found |= {f"{short}.{name}": getattr(code, name) for name in names}
-    return found
+def hook():
+    spec = importlib.util.spec_from_file_location("constants_page", HOOK)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
-def numbers(value: object) -> list[float]:
-    """All numbers in a value, however they are nested."""
-    if isinstance(value, tuple):
-        return [number for part in value for number in numbers(part)]
-    assert isinstance(value, int | float)
-    return [float(value)]
+def constants() -> list[dataclasses.Field]:
+    """Fields that are no switches."""
+    fields = dataclasses.fields(EvidenceSettings)
+    return [field for field in fields if not isinstance(field.default, bool)]
 
 
-def test_every_constant_is_in_the_table_with_its_value_and_a_reason():
-    rows = {name: rest for name, *rest in ROW.findall(TABLE.read_text("utf-8"))}
-    known = constants()
-    assert rows.keys() == known.keys()
-    for name, (shown, kind, reason) in rows.items():
-        assert [float(n) for n in shown.split(", ")] == pytest.approx(
-            numbers(known[name]), rel=1e-3
-        )
-        assert kind in KINDS
-        assert len(reason.split()) > 1 or kind == "numerical", name
+def test_there_are_at_most_fifty_each_with_its_kind_and_a_reason():
+    assert len(constants()) <= MOST
+    for field in constants():
+        assert field.metadata["kind"] in KINDS
+        assert len(field.metadata["reason"].split()) > 2, field.name
+
+
+def test_every_constant_is_described_in_the_docstring():
+    text = EvidenceSettings.__doc__ or ""
+    for field in dataclasses.fields(EvidenceSettings):
+        assert f"        {field.name}: " in text, field.name
+
+
+def test_the_page_is_made_of_the_settings_and_of_measured_effects():
+    module = hook()
+    assert module.PAGE.read_text("utf-8") == module.page()
+    measured = json.loads(module.EFFECTS.read_text("utf-8"))["moda"]
+    assert measured.keys() == {field.name for field in constants()}
+    # A working area of a quarter of the size is felt; so the effects are real ones.
+    assert min(measured["working_sigma"]) < -1

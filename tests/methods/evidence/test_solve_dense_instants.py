@@ -17,6 +17,8 @@ from catfree.methods.evidence.track import _tracking as tracking
 from catfree.methods.evidence.track._tracking import Motion, follow
 from catfree.settings import EvidenceSettings
 
+GATE = EvidenceSettings().gate
+
 # Ten thousand boxes of any size and place in one instant of six cameras.
 RANDOM_BOXES = """
 import resource, sys, time
@@ -79,7 +81,7 @@ def test_pairs_looked_at_grow_with_the_boxes_and_not_with_their_square(searches)
     total = []
     for count in (500, 8000):
         searches.clear()
-        association.candidate_pairs(*crowd(count))
+        association.candidate_pairs(*crowd(count), GATE)
         total.append(sum(searches))
     # At the rim of a small crowd there are fewer neighbors.
     assert total[0] < total[1] < 2 * 16 * total[0]
@@ -87,7 +89,7 @@ def test_pairs_looked_at_grow_with_the_boxes_and_not_with_their_square(searches)
 
 def test_no_search_holds_more_than_fits(searches, monkeypatch):
     monkeypatch.setattr(association, "PAIRS_AT_A_TIME", 2000)
-    association.candidate_pairs(*crowd(1000, vagueness=10.0))
+    association.candidate_pairs(*crowd(1000, vagueness=10.0), GATE)
     assert len(searches) > 100
     assert max(searches) <= 2000
 
@@ -95,10 +97,10 @@ def test_no_search_holds_more_than_fits(searches, monkeypatch):
 @given(st.integers(0, 10**6), st.integers(2, 60), st.integers(1, 200))
 def test_searches_of_any_size_find_the_same_pairs(seed, count, at_a_time):
     boxes = crowd(count, seed)
-    whole = association.candidate_pairs(*boxes)
+    whole = association.candidate_pairs(*boxes, GATE)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(association, "PAIRS_AT_A_TIME", at_a_time)
-        np.testing.assert_array_equal(association.candidate_pairs(*boxes), whole)
+        np.testing.assert_array_equal(association.candidate_pairs(*boxes, GATE), whole)
 
 
 def test_hidden_shares_take_no_more_memory_than_a_few_boxes_against_their_image():
@@ -108,6 +110,7 @@ def test_hidden_shares_take_no_more_memory_than_a_few_boxes_against_their_image(
         shape((boxes,), jnp.int32),
         shape((boxes,), jnp.int32),
         shape((1, 1, boxes), jnp.int32),
+        shape((), jnp.float32),
     ).compile()
     # All against all would be 256 MB for each number that is kept of a pair.
     assert program.memory_analysis().temp_size_in_bytes < 64 * 2**20
@@ -121,9 +124,9 @@ def test_hidden_shares_are_the_same_a_few_boxes_at_a_time(monkeypatch, at_a_time
     box = jnp.asarray(np.hstack([corner, corner + rng.uniform(5, 40, (24, 2))]))
     table = np.arange(24).reshape(3, 2, 4)
     frame, camera = np.repeat(np.arange(3), 8), np.tile(np.repeat([0, 1], 4), 3)
-    whole = visibility.covered_feet(box, frame, camera, table)
+    whole = visibility.covered_feet(box, frame, camera, table, 0.3)
     monkeypatch.setattr(visibility, "ENTRIES", at_a_time)
-    parts = visibility.covered_feet.__wrapped__(box, frame, camera, table)
+    parts = visibility.covered_feet.__wrapped__(box, frame, camera, table, 0.3)
     assert np.ptp(whole) > 0.1
     np.testing.assert_allclose(parts, whole, rtol=1e-6)
 
@@ -142,7 +145,7 @@ def test_tracks_linked_a_few_at_a_time_are_the_same(monkeypatch):
 
     def tracks():
         return follow(
-            groups, np.full(100, 3.0), np.arange(5.0), Motion(0.2, 0.85), 0.1, 0.05,
+            groups, np.full(100, 3.0), np.arange(5.0), Motion(0.2, 0.85, 0.03, 0.005), 0.1, 0.05,
             EvidenceSettings(),
         )  # fmt: skip
 

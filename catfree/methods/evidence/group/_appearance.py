@@ -13,7 +13,6 @@ from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.settings import EvidenceSettings
 from catfree.types._sampling import evenly_spread
 
-SMALLEST_SAMPLE = 50  # pairs below which nothing is learned
 SMALLEST_SPREAD = 0.01  # cosine distance: narrower samples are copies
 TABLE_ENTRIES = 1 << 24  # of pairwise ratios computed at a time: 64 MB
 ENTRIES = 1 << 20  # of pairwise distances turned into ratios at a time
@@ -94,14 +93,16 @@ class Likeness(eqx.Module):
 def learn_ratio(
     appearance: Appearance, groups: Groups, settings: EvidenceSettings
 ) -> Likeness | None:
-    """Learn the log-likelihood ratio from groups of at least three views.
+    """Learn the log-likelihood ratio from groups with enough views.
 
     Fits Gaussians (median and MAD) to the distances within and between groups, in as many evenly
     spread frames as self-calibration uses. Returns None if there are too few pairs or if distances
     do not discriminate people.
     """
     frames = evenly_spread(np.arange(len(appearance.first) - 1), settings.calibration_frames)
-    strong = np.flatnonzero(((groups.member >= 0).sum(1) >= 3) & np.isin(groups.frame, frames))
+    strong = np.flatnonzero(
+        ((groups.member >= 0).sum(1) >= settings.witnesses) & np.isin(groups.frame, frames)
+    )
     g, camera = np.nonzero(groups.member[strong] >= 0)
     label = strong[g]
     looks = appearance.embedding[groups.member[strong][g, camera]]
@@ -115,7 +116,7 @@ def learn_ratio(
         within.append(distance[once & same])
         between.append(distance[once & ~same])
     samples = [np.concatenate(values or [np.zeros(0)]) for values in (within, between)]
-    if min(map(len, samples)) < SMALLEST_SAMPLE:
+    if min(map(len, samples)) < settings.fewest_pairs:
         return None
     one, two = (_robust(values) for values in samples)
     return Likeness(one, two, settings.appearance_limit) if one[0] < two[0] else None

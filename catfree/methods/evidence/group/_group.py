@@ -15,7 +15,11 @@ from catfree.methods.evidence.observe._measurement import Measurements, Noise
 
 
 def group(
-    boxes: Boxes, measured: Measurements, noise: Noise, priors: Priors | None = None
+    boxes: Boxes,
+    measured: Measurements,
+    noise: Noise,
+    gate: float,
+    priors: Priors | None = None,
 ) -> Groups:
     """Run `associate` by position and height only."""
     return associate(
@@ -28,6 +32,7 @@ def group(
         boxes.table.shape[1],
         float(noise.density),
         float(noise.spread),
+        gate,
         priors=priors,
     )
 
@@ -36,6 +41,7 @@ def group_by_looks(
     boxes: Boxes,
     measured: Measurements,
     noise: Noise,
+    gate: float,
     priors: Priors | None,
     ratios: PairRatios,
 ) -> Groups:
@@ -69,6 +75,7 @@ def group_by_looks(
             boxes.table.shape[1],
             float(noise.density),
             float(noise.spread),
+            gate,
             ratios[index],
             slot,
             block_priors,

@@ -6,7 +6,7 @@ from jaxtyping import Float, Int
 
 from catfree.methods.evidence._gaussian import Information, log_evidence
 
-VAGUEST_PRIOR = 0.05  # per H0²: a tracked person is within a few meters
+VAGUE = 1e-6  # per H0²: a kilometer, which is no prior at all
 
 
 class Groups(eqx.Module):
@@ -51,9 +51,9 @@ def priors_of(
     precision: Float[np.ndarray, "prior 3 3"],
     vector: Float[np.ndarray, "prior 3"],
 ) -> Priors:
-    """Priors from their information, at least as precise as a tracked person is known."""
+    """Priors from their information; what is left of nothing after rounding is vague."""
     values, axes = np.linalg.eigh(precision)
-    values = np.maximum(values, VAGUEST_PRIOR)
+    values = np.maximum(values, VAGUE)
     covariance = np.einsum("nij,nj,nkj->nik", axes, 1 / values, axes)
     return Priors(frame, np.einsum("nij,nj->ni", covariance, vector), covariance)
 

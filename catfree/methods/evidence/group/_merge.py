@@ -22,7 +22,6 @@ PAIR_BLOCK = 2**14  # pairs computed at a time: fits a cache
 FEWEST_PAIRS = 2**11  # of a single instant; for fewer, another compilation does not pay
 BITS = 31  # cameras per word, with or without 64-bit integers
 PAIRS_AT_A_TIME = 1 << 18  # neighbors processed together: fits a cache
-PAIR_GATE = 16.0  # squared Mahalanobis distance of two boxes that may start or join a group
 
 
 def candidate_pairs(
@@ -31,6 +30,7 @@ def candidate_pairs(
     frame: np.ndarray,
     camera: np.ndarray,
     items: np.ndarray,
+    gate: float,
 ) -> np.ndarray:
     """Find pairs of items of one frame and different cameras within the gate.
 
@@ -40,6 +40,7 @@ def candidate_pairs(
         frame: (N,) frame index.
         camera: (N,) camera index.
         items: (n,) the rows to pair.
+        gate: largest squared Mahalanobis distance.
 
     Returns:
         (P, 2) rows, the lower first, sorted.
@@ -53,7 +54,7 @@ def candidate_pairs(
     )  # each pair is found once, from its less certain member
     items, xx, xy, yy, widest = (values[order] for values in (items, xx, xy, yy, widest))
     (x, y), instant, view = position[items].T, frame[items], camera[items]
-    reach = np.sqrt(2 * PAIR_GATE * widest)
+    reach = np.sqrt(2 * gate * widest)
     far = 4 * (np.abs(position[items]).max() + reach[-1]) + 1  # separates frames
     place = np.column_stack([x, y, instant * far])
     tree = KDTree(place)
@@ -66,16 +67,14 @@ def candidate_pairs(
         # Bounds on the squared distance, from cheap to exact.
         keep = np.flatnonzero(j < i)
         i, j, apart = i[keep], j[keep], apart[keep]
-        keep = np.flatnonzero(
-            (apart**2 <= PAIR_GATE * (widest[i] + widest[j])) & (view[i] != view[j])
-        )
+        keep = np.flatnonzero((apart**2 <= gate * (widest[i] + widest[j])) & (view[i] != view[j]))
         i, j = i[keep], j[keep]
         dx, dy, a, c = x[i] - x[j], y[i] - y[j], xx[i] + xx[j], yy[i] + yy[j]
-        keep = np.flatnonzero((dx**2 <= PAIR_GATE * a) & (dy**2 <= PAIR_GATE * c))
+        keep = np.flatnonzero((dx**2 <= gate * a) & (dy**2 <= gate * c))
         i, j, dx, dy, a, c = (values[keep] for values in (i, j, dx, dy, a, c))
         b = xy[i] + xy[j]
         m2 = (c * dx**2 - 2 * b * dx * dy + a * dy**2) / (a * c - b**2)
-        close = m2 < PAIR_GATE
+        close = m2 < gate
         found.append((items[i[close]], items[j[close]]))
     one, two = (np.concatenate(side) for side in zip(*found, strict=True))
     total = int(items.max()) + 1
@@ -208,6 +207,7 @@ def associate(
     cameras: int,
     density: float,
     spread: float,
+    gate: float,
     looks: np.ndarray | None = None,
     slot: np.ndarray | None = None,
     priors: Priors | None = None,
@@ -224,6 +224,7 @@ def associate(
         cameras: C.
         density: people per H0².
         spread: of heights in H0.
+        gate: largest squared Mahalanobis distance of two boxes that may start or join a group.
         looks: (F, D, D) weighted appearance log-likelihood ratios, or None.
         slot: (N, 2) frame and place in `looks` of each box.
         priors: predictions of the tracks.
@@ -252,7 +253,7 @@ def associate(
             slot = extend(slot, np.zeros((len(priors.frame), 2), np.int64))
     total = len(frame)
     items = np.flatnonzero(valid)
-    pairs = candidate_pairs(position, covariance, frame, camera, items)
+    pairs = candidate_pairs(position, covariance, frame, camera, items, gate)
     padded = np.zeros((coarse_length(len(pairs), FEWEST_PAIRS, 8), 2), np.int64)
     padded[: len(pairs)] = pairs
     members = np.full((total, cameras), -1)

@@ -17,14 +17,10 @@ from catfree.methods.evidence.observe._measurement import Measurements, Noise, f
 from catfree.methods.evidence.observe._views import GroundViews
 from catfree.settings import EvidenceSettings
 
-ENOUGH = 30  # residuals below which the noise of a camera is not updated
-ENOUGH_FOR_FIELD = 10  # the same for its offset: four coefficients with a prior
-FEWEST_GROUPS = 10  # groups below which nothing is learned
 HUBER = 1.5  # standard deviations beyond which the loss is linear (Huber 1981)
 LARGEST_CHANGE = 2.0  # factor of noise per round: groups were made with the old noise
 STEP = 2 / np.pi**0.5  # H0: 4 H0² of ground around each person are in use
 SPACING = STEP / 6  # of the lattice that measures this area: a few percent error for one person
-DENSITY_RANGE = (0.003, 1.0)  # people per H0²: one in a big square, shoulder to shoulder
 BLOCK = 2048  # block size: residuals computed together
 
 
@@ -119,7 +115,7 @@ def learn_noise(
     views: GroundViews,
     settings: EvidenceSettings,
 ) -> tuple[Noise, float]:
-    """Learn once from groups of at least three cameras, or two if there are too few groups.
+    """Learn once from groups with enough cameras, or two if there are too few such groups.
 
     Args:
         noise: the current noise.
@@ -134,12 +130,12 @@ def learn_noise(
     """
     is_member = groups.member >= 0
     cameras, C = is_member.sum(1), groups.member.shape[1]
-    strong, share = np.flatnonzero(cameras >= 3), 1.0
-    if len(strong) < FEWEST_GROUPS:
+    strong, share = np.flatnonzero(cameras >= settings.witnesses), 1.0
+    if len(strong) < settings.fewest_samples:
         # Pairs are selected for agreement, which underestimates the noise; not learning is worse.
         # The residuals of both cameras equal their whole disagreement, so each takes half of it.
         strong, share = np.flatnonzero(cameras >= 2), 0.5
-    if len(strong) < FEWEST_GROUPS:
+    if len(strong) < settings.fewest_samples:
         return noise, 1.0
     state, covariance = mean_and_covariance(groups.info[strong], noise.spread)
     heights = state[:, 2]
@@ -159,7 +155,7 @@ def learn_noise(
         for camera in range(C):
             for k in range(3):
                 of_edge = used[:, k] & (c == camera)
-                if of_edge.sum() >= ENOUGH_FOR_FIELD:
+                if of_edge.sum() >= settings.fewest_samples:
                     learned = _robust_ridge(
                         features[of_edge, k], residual[of_edge, k], sd[of_edge, k],
                         np.array(settings.field_prior), k,
@@ -171,20 +167,15 @@ def learn_noise(
     for camera in range(C):
         for k in range(3):
             of_edge = used[:, k] & (c == camera)
-            if of_edge.sum() >= ENOUGH:
+            if of_edge.sum() >= settings.fewest_residuals:
                 factor = MEDIAN_TO_DEVIATION * float(np.median(np.abs(z[of_edge, k])))
                 pool.append(factor)
-                start = settings.edge_noise[k]
-                edge[camera, k] = np.clip(
-                    edge[camera, k] * np.clip(factor, 1 / LARGEST_CHANGE, LARGEST_CHANGE),
-                    settings.noise_factor_range[0] * start,
-                    settings.noise_factor_range[1] * start,
-                )
+                change = np.clip(factor, 1 / LARGEST_CHANGE, LARGEST_CHANGE)
+                low, high = settings.edge_noise[k] * np.array(settings.noise_factor_range)
+                edge[camera, k] = np.clip(edge[camera, k] * change, low, high)
     if pool:
-        angular = np.clip(
-            angular * np.clip(np.median(pool), 1 / LARGEST_CHANGE, LARGEST_CHANGE),
-            *settings.angular_noise_range,
-        )
+        change = np.clip(np.median(pool), 1 / LARGEST_CHANGE, LARGEST_CHANGE)
+        angular = np.clip(angular * change, *settings.angular_noise_range)
     return (
         Noise(edge, np.asarray(angular), field, np.asarray(spread), np.asarray(density)),
         center,
@@ -211,7 +202,7 @@ def crowding(position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"]) -
     used = np.hypot(*np.moveaxis(point + 0.5 - place[:, None], -1, 0)) <= reach
     area = len(np.unique(point[used] @ np.array([1.0, 1j]))) * SPACING**2
     people = len(position) / max(len(np.unique(frame)), 1)
-    return float(np.clip(people / area, *DENSITY_RANGE))
+    return people / area
 
 
 def _robust_ridge(X, y, sd, prior, component) -> np.ndarray:

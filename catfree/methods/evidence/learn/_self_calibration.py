@@ -23,12 +23,8 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 from catfree.types._sampling import evenly_spread
 
-# Factor of the initial angular noise (8 times the usual is 1.4 degrees), and number of rounds, each
-# of which can at most halve it.
-START_SEARCHES = ((1.0, 2), (8.0, 4))
-# If the cameras agree, the two starts reach the same evidence to within 2 %. If they split into
-# inconsistent subsets, the difference is tens of percent.
-FAR_MORE_EVIDENCE = 1.05
+ROUNDS = 3  # the third changes the noise by a few percent
+START_ROUNDS = (2, 4)  # of the low and the high start: each round can at most halve the noise
 START_BOXES = 1000  # boxes used to choose the start; scenes with few people also need frames
 FEWEST_START_FRAMES = 5
 
@@ -53,8 +49,11 @@ def self_calibrate(
     sample = boxes if few is detections else prepare_boxes(few, scene.rig, settings)
     search, done = _likeliest_start(sample, scene, start, settings)
     if few is not detections:
-        search, done = _Search(boxes, foot_cover(boxes), scene, search.after(done), settings), 0
-    learned = search.after(done + settings.calibration_rounds)
+        search, done = (
+            _Search(boxes, foot_cover(boxes, settings), scene, search.after(done), settings),
+            0,
+        )
+    learned = search.after(done + ROUNDS)
     return learned.unit, learned.noise
 
 
@@ -64,7 +63,7 @@ def learn_once_more(
     """One more round of `self_calibrate`, from what was learned before."""
     detections = _subset(detections, settings.calibration_frames)
     boxes = prepare_boxes(detections, scene.rig, settings)
-    search = _Search(boxes, foot_cover(boxes), scene, _Learned(unit, noise), settings)
+    search = _Search(boxes, foot_cover(boxes, settings), scene, _Learned(unit, noise), settings)
     return search.after(1)
 
 
@@ -128,7 +127,9 @@ class _Search:
             measured = measure_boxes(
                 self._boxes, self._covered, views, learned.noise, self._settings
             )
-            grouped = _Grouped(views, measured, group(self._boxes, measured, learned.noise))
+            grouped = _Grouped(
+                views, measured, group(self._boxes, measured, learned.noise, self._settings.gate)
+            )
             self._last = rounds, grouped
         return self._last[1]
 
@@ -146,20 +147,21 @@ def _likeliest_start(
     Returns:
         The search, and the number of its rounds to start from.
     """
-    covered = foot_cover(boxes)
+    covered = foot_cover(boxes, settings)
     searches, evidence = [], []
-    for widening, rounds in START_SEARCHES:
-        angular = np.asarray(start.noise.angular * widening)
+    starts = (settings.angular_noise, 2 * settings.angular_noise_range[1])
+    for angular, rounds in zip(map(np.asarray, starts), START_ROUNDS, strict=True):
         begin = start._replace(noise=eqx.tree_at(lambda n: n.angular, start.noise, angular))
         searches.append(_Search(boxes, covered, scene, begin, settings))
         evidence.append(searches[-1].evidence(rounds))
-    vague = evidence[1] > FAR_MORE_EVIDENCE * evidence[0]
-    return (searches[1], START_SEARCHES[1][1]) if vague else (searches[0], 0)
+    vague = evidence[1] > settings.far_more_evidence * evidence[0]
+    return (searches[1], START_ROUNDS[1]) if vague else (searches[0], 0)
 
 
-def foot_cover(boxes: Boxes) -> Float[np.ndarray, " box"]:
+def foot_cover(boxes: Boxes, settings: EvidenceSettings) -> Float[np.ndarray, " box"]:
     """Fraction of the lower part of each box that is hidden by boxes in front of it."""
-    return np.asarray(covered_feet(boxes.box, boxes.frame, boxes.camera, boxes.table))
+    legs = settings.lower_body
+    return np.asarray(covered_feet(boxes.box, boxes.frame, boxes.camera, boxes.table, legs))
 
 
 def _subset(detections: Detections, limit: int) -> Detections:

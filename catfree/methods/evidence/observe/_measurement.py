@@ -1,6 +1,5 @@
 """One box as a measurement of (ground position, height)."""
 
-from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -71,9 +70,9 @@ class BoxConstants(NamedTuple):
 
     ankle_factor: float
     cover_slope: float
-    cover_free: float
-    cover_limit: float
+    cover_ramp: tuple[float, float]
     side_cut_noise: float
+    joined_top: float
     foot_outlier: float
     largest_sigma: float
     use_height: bool
@@ -85,13 +84,12 @@ class BoxConstants(NamedTuple):
 
 
 BLOCKS = (256, 2048)  # block sizes: boxes measured together
-EXPLAINED = 6.0  # standard deviations; larger residuals are not Gaussian noise
+NEWTON_STEPS = 6  # Gauss-Newton steps of a box: it converges in three or four
+EXPLAINED = 6.0  # standard deviations; beyond, the Gauss-Newton steps went astray
 FOOT_ROUNDS = 2  # iterations of the foot column: the second changes it by the roll squared
 HEIGHT_BOUNDS = (0.1, 4.0)  # H0; bounds of the height while the foot column is estimated
 LARGEST_LEAN = 0.5  # box heights; largest change of the foot column per round
 LEAST_TRUST = 1e-4  # in a bottom edge: 100 times the usual noise carries no information
-DOUBTFUL = 0.5  # trust below which a bottom edge is more likely wrong than right
-JOINED_TOP = 3.0  # factor of the top's noise in a box taller than people: it may hold two
 
 
 def start_noise(cameras: int, settings: EvidenceSettings) -> Noise:
@@ -100,7 +98,7 @@ def start_noise(cameras: int, settings: EvidenceSettings) -> Noise:
         edge=np.tile(np.array(settings.edge_noise), (cameras, 1)),
         angular=np.array(settings.angular_noise),
         field=np.zeros((cameras, 3, 4)),
-        spread=np.array(settings.height_spread),
+        spread=np.array(np.sqrt(np.prod(settings.height_spread_range))),
         density=np.array(settings.density_start),
     )
 
@@ -145,7 +143,6 @@ def measure(
     field,
     spread,
     constants: BoxConstants,
-    steps: int,
 ):
     """Compute the likelihood of one box.
 
@@ -165,7 +162,6 @@ def measure(
         field: (3, 4) offsets of the edges.
         spread: () standard deviation of heights in H0.
         constants: see `EvidenceSettings`.
-        steps: number of Gauss-Newton steps.
 
     Returns:
         Information (matrix (3, 3), vector (3,), constant ()) on (x, y, height) in H0; the state
@@ -175,9 +171,8 @@ def measure(
     dtype = edges.dtype
     edges = edges - (field_features(edges, size, focal, center) * field).sum(-1)
     share = edge_noise.at[0].set(jnp.where(cut[0], constants.side_cut_noise, edge_noise[0]))
-    hidden = 1 + constants.cover_slope * jnp.clip(
-        covered - constants.cover_free, 0, constants.cover_limit
-    )
+    free, full = constants.cover_ramp
+    hidden = 1 + constants.cover_slope * (jnp.clip(covered, free, full) - free)
     share = share.at[2].multiply(jnp.where(ankles, 1.0, constants.ankle_factor) * hidden)
 
     position, height = implied_person(matrix, ground_inverse, edges)
@@ -190,14 +185,15 @@ def measure(
     whole = ~cut[1] & ~cut[2]
     trust = jnp.where(whole & constants.use_height, jnp.clip(trust, LEAST_TRUST, 1.0), 1.0)
     share = share.at[2].multiply(1 / jnp.sqrt(trust))
-    share = share.at[1].multiply(jnp.where((trust < DOUBTFUL) & (height > 1), JOINED_TOP, 1.0))
+    joined = (trust < 0.5) & (height > 1)
+    share = share.at[1].multiply(jnp.where(joined, constants.joined_top, 1.0))
     noise = edge_deviation(size, share, angular * focal)
 
     used = jnp.stack([jnp.ones((), bool), ~cut[1] & constants.use_height, ~cut[2]])
     precision = jnp.where(used, 1 / noise**2, 0.0)
 
     head = drop_to_height(head_inverse, edges[:2])
-    by_head = (cut[2] | (trust < DOUBTFUL)) & ~cut[1]
+    by_head = (cut[2] | (trust < 0.5)) & ~cut[1]
     start = jnp.append(jnp.where(by_head, head, position), jnp.ones((), dtype))
     prior = jnp.array([0.0, 0.0, 1.0], dtype) / spread**2
 
@@ -209,7 +205,7 @@ def measure(
         normal = normal + 1e-9 * jnp.trace(normal) * jnp.eye(3, dtype=dtype)
         return state + jnp.linalg.solve(normal, gradient), None
 
-    state, _ = jax.lax.scan(step, start, None, length=steps)
+    state, _ = jax.lax.scan(step, start, None, length=NEWTON_STEPS)
     predicted, slopes = edges_and_slopes(matrix, None, state)
     residual = edges - predicted + slopes @ state
     weighted = slopes * precision[:, None]
@@ -223,7 +219,7 @@ def measure(
     return info, state, noise, edges, used, valid
 
 
-@partial(jax.jit, static_argnames="steps")
+@jax.jit
 def measure_all(
     edges,
     size,
@@ -236,7 +232,6 @@ def measure_all(
     views: GroundViews,
     noise: Noise,
     constants: BoxConstants,
-    steps: int,
 ) -> Measurements:
     """Apply `measure` to every box; boxes less precise than `largest_sigma` are not valid."""
 
@@ -246,7 +241,7 @@ def measure_all(
             edges, size, cut, ankles, covered, take(views.matrix), take(views.ground_inverse),
             take(views.head_inverse), take(views.focal), take(views.center),
             jnp.asarray(noise.edge)[c], jnp.asarray(noise.angular), jnp.asarray(noise.field)[c],
-            jnp.asarray(noise.spread), constants, steps,
+            jnp.asarray(noise.spread), constants,
         )  # fmt: skip
 
     info, state, sd, corrected, used, valid = jax.vmap(one)(
@@ -271,7 +266,7 @@ def measure_boxes(
         boxes.valid,
     )  # fmt: skip
     return in_blocks(
-        lambda *part: measure_all(*part, views, noise, constants, settings.newton_steps),
+        lambda *part: measure_all(*part, views, noise, constants),
         rows,
         *BLOCKS,
     )

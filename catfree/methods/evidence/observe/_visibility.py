@@ -12,19 +12,6 @@ from catfree.settings import EvidenceSettings
 
 ENTRIES = 1 << 17  # boxes compared with regions at a time: fits a cache
 COLUMNS = 8  # sampled columns of a box; rows are integrated exactly
-COVER_EDGES = (
-    0.15,
-    0.4,
-    0.7,
-    0.95,
-)  # boundaries between classes of hidden share, each with its own rate
-HEIGHT_QUANTILES = (0.15, 0.5)  # of a camera's boxes, between small, usual and large people
-WITNESSES = 3  # other cameras that must see a person for a miss to count
-LOWER_BODY = 0.3  # share of a box that holds the legs from the knees down
-WHOLE = 0.99  # least weight inside the image for learning the detection rate
-PRIOR_RANGE = (0.02, 0.98)  # of the rate towards which detection rates are shrunk
-RATE_RANGE = (0.01, 0.99)  # of a detection rate: nothing is impossible or certain
-BODY_RAMP = (0.3, 0.7)  # shares of the body inside the image between "cut off" and "in view"
 
 
 def covered_share(region: Array, floor: Array, others: Array, active: Array) -> Float[Array, ""]:
@@ -52,7 +39,7 @@ def covered_share(region: Array, floor: Array, others: Array, active: Array) -> 
 
 
 @jax.jit
-def covered_feet(box, frame, camera, table) -> Float[Array, " box"]:
+def covered_feet(box, frame, camera, table, lower_body) -> Float[Array, " box"]:
     """Share of the lower part of each box that is hidden by boxes in front of it."""
     rows = jnp.arange(box.shape[0])
 
@@ -60,7 +47,7 @@ def covered_feet(box, frame, camera, table) -> Float[Array, " box"]:
         row, box_, f, c = row_of_box
         others = jnp.asarray(table)[jnp.minimum(f, table.shape[0] - 1), c]
         active = (others >= 0) & (others != row) & (f < table.shape[0])
-        low = jnp.stack([box_[0], box_[3] - LOWER_BODY * (box_[3] - box_[1]), box_[2], box_[3]])
+        low = jnp.stack([box_[0], box_[3] - lower_body * (box_[3] - box_[1]), box_[2], box_[3]])
         return covered_share(low, box_[3], box[jnp.maximum(others, 0)], active)
 
     batch = max(1, ENTRIES // table.shape[2])
@@ -90,6 +77,7 @@ def expected_views(
     box: Float[np.ndarray, "box 4"],
     table: Int[np.ndarray, "frame cam slot"],
     views: GroundViews,
+    settings: EvidenceSettings,
 ) -> Views:
     """Predict the box of every person in every camera.
 
@@ -100,17 +88,21 @@ def expected_views(
         box: (N, 4) all boxes in pixels.
         table: (F, C, B) rows of each frame and camera.
         views: the cameras.
+        settings: for the share of the body that must be in view.
 
     Returns:
         (H, C) arrays.
     """
     edges, imaged = people_in_cameras(state, views)
-    return _expected_views(edges, imaged, frame, member, box, table, views.image_size)
+    return _expected_views(
+        edges, imaged, frame, member, box, table, views.image_size, settings.body_ramp
+    )
 
 
 @jax.jit
-def _expected_views(edges, imaged, frame, member, box, table, image_size) -> Views:
+def _expected_views(edges, imaged, frame, member, box, table, image_size, ramp) -> Views:
     table, box = jnp.asarray(table), jnp.asarray(box)
+    low, high = ramp
 
     def one(edges, front, f, detection, size, c):
         u, top, bottom = edges
@@ -119,7 +111,7 @@ def _expected_views(edges, imaged, frame, member, box, table, image_size) -> Vie
         wide = jnp.clip(jnp.minimum(u + half, size[0]) - jnp.maximum(u - half, 0.0), 0)
         tall = jnp.clip(jnp.minimum(bottom, size[1]) - jnp.maximum(top, 0.0), 0)
         share = wide * tall / (2 * half * height)
-        inside = jnp.clip((share - BODY_RAMP[0]) / (BODY_RAMP[1] - BODY_RAMP[0]), 0, 1)
+        inside = jnp.clip((share - low) / (high - low), 0, 1)
         others = table[f, c]
         active = (others >= 0) & (others != detection)
         region = jnp.stack(
@@ -145,20 +137,23 @@ class DetectionRate(eqx.Module):
 
     Attributes:
         heights: (C, 2) box heights that separate the bins, in pixels.
+        covers: (4,) hidden shares that separate the bins.
         rate: (C, 3, 5) by camera, height and cover.
     """
 
     heights: Float[np.ndarray, "cam 2"]
+    covers: Float[np.ndarray, "4"]
     rate: Float[np.ndarray, "cam 3 5"]
 
     def __call__(self, seen: Views) -> np.ndarray:
         """(H, C) detection probability, including the inside weight."""
         camera = np.arange(self.rate.shape[0])[None, :]
-        return np.asarray(seen.inside) * self.rate[camera, *self._bins(seen)]
+        return np.asarray(seen.inside) * self.rate[camera, *self.bins(seen)]
 
-    def _bins(self, seen: Views) -> tuple[np.ndarray, np.ndarray]:
+    def bins(self, seen: Views) -> tuple[np.ndarray, np.ndarray]:
+        """The class of height and that of cover of each person in each camera (H, C)."""
         height = (np.asarray(seen.height)[..., None] > self.heights[None]).sum(-1)
-        cover = np.searchsorted(np.array(COVER_EDGES), np.asarray(seen.cover))
+        cover = np.searchsorted(self.covers, np.asarray(seen.cover))
         return height, cover
 
 
@@ -169,7 +164,7 @@ def learn_detection_rate(
     camera: np.ndarray,
     settings: EvidenceSettings,
 ) -> DetectionRate:
-    """Learn detection rates from people confirmed by at least three other cameras.
+    """Learn detection rates from people confirmed by enough other cameras.
 
     Args:
         seen: (H, C) predicted views.
@@ -178,17 +173,20 @@ def learn_detection_rate(
         camera: (n,) their cameras.
         settings: constants.
     """
-    heights = usual_heights(size, camera, member.shape[1])
-    return rate_of_counts(heights, *count_detections(seen, member, heights), settings)
+    heights = usual_heights(size, camera, member.shape[1], settings)
+    counts = count_detections(seen, member, heights, settings)
+    return rate_of_counts(heights, *counts, settings)
 
 
-def usual_heights(size: np.ndarray, camera: np.ndarray, cameras: int) -> Float[np.ndarray, "cam 2"]:
+def usual_heights(
+    size: np.ndarray, camera: np.ndarray, cameras: int, settings: EvidenceSettings
+) -> Float[np.ndarray, "cam 2"]:
     """Box heights (C, 2) that separate small, usual and large people, of boxes (n,)."""
     heights = np.zeros((cameras, 2))
     for c in range(cameras):
         camera_sizes = size[camera == c]
         if len(camera_sizes):
-            heights[c] = np.quantile(camera_sizes, HEIGHT_QUANTILES)
+            heights[c] = np.quantile(camera_sizes, settings.height_quantiles)
     return heights
 
 
@@ -201,14 +199,17 @@ def rate_before_counting(
 
 
 def count_detections(
-    seen: Views, member: np.ndarray, heights: Float[np.ndarray, "cam 2"]
+    seen: Views,
+    member: np.ndarray,
+    heights: Float[np.ndarray, "cam 2"],
+    settings: EvidenceSettings,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Trials and hits (C, 3, 5) of people in view whom at least three other cameras confirm."""
+    """Trials and hits (C, 3, 5) of people wholly in view whom other cameras confirm."""
     C = member.shape[1]
-    height, cover = DetectionRate(heights, np.ones((C, 3, 5)))._bins(seen)
+    height, cover = rate_before_counting(heights, settings).bins(seen)
     hit = member >= 0
     others = hit.sum(1, keepdims=True) - hit
-    trial = (others >= WITNESSES) & (seen.inside > WHOLE)
+    trial = (others >= settings.witnesses) & (seen.inside == 1)
     w = trial.astype(float)
     index = (np.broadcast_to(np.arange(C), w.shape), height, cover)
     trials, hits = np.zeros((C, 3, 5)), np.zeros((C, 3, 5))
@@ -224,11 +225,12 @@ def rate_of_counts(
     settings: EvidenceSettings,
 ) -> DetectionRate:
     """Detection rates from trials and hits (C, 3, 5)."""
-    pseudo = settings.detection_rate_pseudo_counts
+    pseudo = settings.fewest_samples
     # Shrink towards the product of camera and cover rates, and those towards the overall rate.
     overall = (hits.sum() + pseudo * settings.detection_rate_start) / (trials.sum() + pseudo)
     by_cover = (hits.sum((0, 1)) + pseudo * overall) / (trials.sum((0, 1)) + pseudo)
     by_camera = (hits.sum((1, 2)) + pseudo * overall) / (trials.sum((1, 2)) + pseudo)
-    prior = np.clip(by_camera[:, None, None] * (by_cover / overall)[None, None], *PRIOR_RANGE)
+    prior = by_camera[:, None, None] * (by_cover / overall)[None, None]
+    prior = np.clip(prior, *settings.detection_rate_range)
     shrunk = (hits + pseudo * prior) / (trials + pseudo)
-    return DetectionRate(heights, np.clip(shrunk, *RATE_RANGE))
+    return DetectionRate(heights, np.array(settings.cover_edges), shrunk)

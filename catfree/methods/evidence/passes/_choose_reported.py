@@ -30,7 +30,7 @@ def choose_reported(state: EvidenceState, settings: EvidenceSettings) -> Evidenc
         rows = np.flatnonzero(kept)
         place, frame = trails.mean[rows, :3], trails.frame[rows]
         member = np.full((len(rows), boxes.table.shape[1]), -1)
-        seen = predict_views(place, frame, member, boxes, views)
+        seen = predict_views(place, frame, member, boxes, views, settings)
         cameras = len(np.unique(boxes.camera[: len(boxes.row)]))
         kept[rows] = in_working_area(place, seen, views, state.noise, cameras, settings)
     return replace(

@@ -26,8 +26,8 @@ def follow_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceS
         trails = unlinked(groups.frame, state.place, state.place_covariance)
         return with_tracks(state, trails, log_odds, expit(log_odds))
     cameras = int((groups.member >= 0).any(0).sum())
-    sure = sure_groups(groups.member, log_odds, cameras)
-    motion = estimate_motion(state.place[sure, :2], groups.frame[sure], time)
+    sure = sure_groups(groups.member, log_odds, cameras, settings)
+    motion = estimate_motion(state.place[sure, :2], groups.frame[sure], time, settings)
     looks = None
     if state.ratios is not None and settings.link_by_looks:
         looks = looks_of(state.ratios, groups.member)
@@ -36,7 +36,7 @@ def follow_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceS
         groups, log_odds, time, motion, float(noise.density), float(noise.spread), settings, looks
     )
     evidence = evidence_of_rows(trails, state, settings)
-    probability = presence(trails, evidence, settings.appear_evidence, settings.leave_evidence)
+    probability = presence(trails, evidence, settings.change_evidence)
     state = replace(state, motion=motion, looks=looks)
     return with_tracks(state, trails, evidence, probability)
 
@@ -52,6 +52,7 @@ def evidence_of_rows(
     if len(gaps):
         frame = trails.frame[gaps]
         member = np.full((len(gaps), state.boxes.table.shape[1]), -1)
-        seen = predict_views(trails.mean[gaps, :3], frame, member, state.boxes, state.views)
+        place = trails.mean[gaps, :3]
+        seen = predict_views(place, frame, member, state.boxes, state.views, settings)
         evidence[gaps] = misses(state.rate(with_pictures(seen, frame, state.boxes)), member)
     return np.clip(evidence, -settings.evidence_limit, settings.evidence_limit)

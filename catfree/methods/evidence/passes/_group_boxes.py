@@ -18,7 +18,7 @@ def group_boxes(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSta
             state.trails, state.evidence, state.probability > 0.5, settings.personal_space
         )
         priors = track_priors(state.trails[alone], state.groups)
-    seen = state.boxes, state.measurements, state.noise, priors
+    seen = state.boxes, state.measurements, state.noise, settings.gate, priors
     groups = group(*seen) if state.ratios is None else group_by_looks(*seen, state.ratios)
     return with_groups(state, groups)
 

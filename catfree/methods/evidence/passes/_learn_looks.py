@@ -13,9 +13,8 @@ def learn_looks(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSta
     appearance = compare_frames(state.boxes) if settings.use_appearance else None
     if appearance is None:
         return state
-    likeness = learn_ratio(
-        appearance, group(state.boxes, state.measurements, state.noise), settings
-    )
+    groups = group(state.boxes, state.measurements, state.noise, settings.gate)
+    likeness = learn_ratio(appearance, groups, settings)
     if likeness is None:
         return state
     return replace(state, ratios=PairRatios(appearance, likeness, settings.appearance_weight))

@@ -14,7 +14,7 @@ def name_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSta
     error = state.position_covariance - state.trails.covariance[:, :2, :2]
     population = Population(
         state.boxes.time, state.motion, float(state.noise.density), float(state.noise.spread),
-        settings.foot_outlier, state.looks,
+        settings, state.looks,
     )  # fmt: skip
     identity = identify(state.trails, state.kept, error, state.groups, population)
     return replace(state, identity=identity)

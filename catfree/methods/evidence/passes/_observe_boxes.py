@@ -35,5 +35,5 @@ def observe_boxes(
     unit, noise = self_calibrate(detections, scene, settings)
     boxes = prepare_boxes(detections, scene.rig, settings, silent)
     views = ground_views(scene, unit, boxes)
-    measured = measure_boxes(boxes, foot_cover(boxes), views, noise, settings)
+    measured = measure_boxes(boxes, foot_cover(boxes, settings), views, noise, settings)
     return first_state(boxes, views, noise, measured, settings)

@@ -12,7 +12,7 @@ from catfree.settings import EvidenceSettings
 def weigh_groups(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
     """Learn how often each camera detects people, then the log-odds that each group is one."""
     boxes, groups, n = state.boxes, state.groups, len(state.boxes.row)
-    seen = predict_views(state.place, groups.frame, groups.member, boxes, state.views)
+    seen = predict_views(state.place, groups.frame, groups.member, boxes, state.views, settings)
     seen = with_pictures(seen, groups.frame, boxes)
     rate = learn_detection_rate(seen, groups.member, boxes.size[:n], boxes.camera[:n], settings)
     existence = judge_groups(

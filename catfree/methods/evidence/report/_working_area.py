@@ -21,7 +21,6 @@ from catfree.methods.evidence.observe._views import (
 from catfree.methods.evidence.observe._visibility import Views
 from catfree.settings import EvidenceSettings
 
-WHOLE_BODY = 0.95  # fraction of the body inside an image: a hand or a hat may be outside
 SAMPLE_BLOCK = 4096  # positions are padded to this times a power of four
 
 _log_otsu = jax.jit(log_otsu)
@@ -70,7 +69,7 @@ def in_working_area(
 
     Two criteria must hold. The design uncertainty is not far above that of well-seen people (the
     lower class of a log-Otsu split). The number of images with the whole body is less than half of
-    the rig (`missing_views`) below the median, or it is at least `enough_views`, with which the
+    the rig (`missing_views`) below the median, or it is at least `witnesses`, with which the
     cameras check each other anywhere.
 
     Args:
@@ -86,13 +85,13 @@ def in_working_area(
     """
     if len(state) == 0:
         return np.zeros(0, bool)
-    sigma, whole = design_sigma(state, seen, views, noise), whole_views(seen)
+    sigma, whole = design_sigma(state, seen, views, noise), whole_views(seen, settings)
     return usual_place(sigma, whole).holds(sigma, whole, cameras, settings)
 
 
-def whole_views(seen: Views) -> Int[np.ndarray, " person"]:
+def whole_views(seen: Views, settings: EvidenceSettings) -> Int[np.ndarray, " person"]:
     """Number of images with the whole body of each person."""
-    return (np.asarray(seen.share) >= WHOLE_BODY).sum(1)
+    return (np.asarray(seen.share) >= settings.cover_edges[-1]).sum(1)
 
 
 class UsualPlace(NamedTuple):
@@ -115,7 +114,7 @@ class UsualPlace(NamedTuple):
     ) -> Bool[np.ndarray, " person"]:
         """(n,) whether places with this uncertainty and so many images are in the area."""
         enough = self.whole - whole < settings.missing_views * cameras
-        enough |= whole >= settings.enough_views
+        enough |= whole >= settings.witnesses
         return (np.log(sigma) <= np.log(self.sigma) + np.log(settings.working_sigma)) & enough
 
 

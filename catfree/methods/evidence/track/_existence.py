@@ -17,8 +17,7 @@ from catfree.settings import EvidenceSettings
 
 CELLS = 128  # side of each camera's clutter map, in H0
 BEHIND = 8  # cells behind the camera, where rig errors may place a person
-SUREST = 0.99  # largest detection probability: a miss never excludes a person
-OUTAGE_EXPECTED = 3.0  # expected detections in an empty frame above which it is an outage
+CLUTTER_ROUNDS = 6  # of expectation maximization: it converges to a few percent in five
 
 
 class Existence(eqx.Module):
@@ -36,12 +35,17 @@ class Existence(eqx.Module):
 
 
 def predict_views(
-    state: np.ndarray, frame: np.ndarray, member: np.ndarray, boxes: Boxes, views: GroundViews
+    state: np.ndarray,
+    frame: np.ndarray,
+    member: np.ndarray,
+    boxes: Boxes,
+    views: GroundViews,
+    settings: EvidenceSettings,
 ) -> Views:
     """Compute `expected_views` on the host."""
     return in_blocks(
         lambda state, frame, member: expected_views(
-            state, frame, member, boxes.box, boxes.table, views
+            state, frame, member, boxes.box, boxes.table, views, settings
         ),
         (state, frame, member),
         *PEOPLE_BLOCKS,
@@ -53,19 +57,25 @@ def with_pictures(seen: Views, frame: Int[np.ndarray, " person"], boxes: Boxes) 
     return replace(seen, inside=np.where(boxes.silent[frame], 0.0, seen.inside))
 
 
-def delivered(rate: np.ndarray, member: np.ndarray, frame: np.ndarray, boxes: Boxes) -> np.ndarray:
+def delivered(
+    rate: np.ndarray,
+    member: np.ndarray,
+    frame: np.ndarray,
+    boxes: Boxes,
+    settings: EvidenceSettings,
+) -> np.ndarray:
     """(F, C) whether a camera delivered a frame; not if it detects none of many expected people."""
     F, C = len(boxes.frames), member.shape[1]
     expected = np.zeros((F, C))
     strong = (member >= 0).sum(1) >= 2
     np.add.at(expected, frame[strong], rate[strong])
     empty = (boxes.table[:F] >= 0).sum(-1) == 0
-    return ~(empty & (expected > OUTAGE_EXPECTED))
+    return ~(empty & (expected > settings.outage_expected))
 
 
 def misses(rate: np.ndarray, member: np.ndarray) -> np.ndarray:
     """(H,) sum of log(1 - Pd) over the cameras without a detection."""
-    return np.where(member < 0, np.log1p(-np.minimum(rate, SUREST)), 0.0).sum(1)
+    return np.where(member < 0, np.log1p(-rate), 0.0).sum(1)
 
 
 def clutter_cells(state: np.ndarray, camera: np.ndarray, views: GroundViews) -> np.ndarray:
@@ -101,19 +111,20 @@ def judge_groups(
     """
     member = groups.member
     C = member.shape[1]
-    probability = probability * delivered(probability, member, groups.frame, boxes)[groups.frame]
+    pictured = delivered(probability, member, groups.frame, boxes, settings)
+    probability = probability * pictured[groups.frame]
     base = log_odds_without_clutter(groups.gain + agreement, member, probability, settings)
     g, c = np.nonzero(member >= 0)
     box = member[g, c]
     cell = clutter_cells(np.asarray(measurements.state)[box], c, views)
-    clutter = np.full(len(g), settings.clutter_start)
+    clutter = np.ones(len(g))  # before learning, a box is as likely false as true
     log_odds = base
-    for round_ in range(settings.clutter_rounds + 1):
+    for round_ in range(CLUTTER_ROUNDS + 1):
         log_odds = base - np.bincount(g, np.log(clutter), len(member))
-        if round_ == settings.clutter_rounds or not settings.local_clutter:
+        if round_ == CLUTTER_ROUNDS or not settings.local_clutter:
             break
         clutter = clutter_at(cell, count_clutter(cell, expit(log_odds)[g], C), settings)
-    per_box = np.full(len(boxes.frame), settings.clutter_start)
+    per_box = np.ones(len(boxes.frame))
     per_box[box] = clutter
     return Existence(log_odds, probability, per_box)
 

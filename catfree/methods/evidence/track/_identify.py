@@ -10,6 +10,7 @@ the rates at which people leave and hide are estimated from the chains.
 Positions are not changed.
 """
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -21,20 +22,19 @@ from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence.group._appearance import Looks
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.track._tracking import (
-    FEWEST_STEPS,
-    SPEED_RANGE,
     Motion,
     Trails,
     distances,
     transition,
+    within_bounds,
 )
+from catfree.settings import EvidenceSettings
 
 SWEEPS = 4  # at most; two usually suffice
 HORIZON = 40  # frames between a past and a future that are compared
 HOPELESS = -10.0  # log evidence of the places alone below which they are not
 LAGS = 3  # of each of the two groups of lags from which the memory is estimated
-MEMORY_RANGE = (0.3, 0.99)  # a turn at every step; straight on for a hundred steps
-SUDDEN = 2.0  # people turn and stop at once: a filter follows if it forgets twice as fast
+LONGEST_MEMORY = 0.99  # straight on for a hundred steps
 
 
 class Habits(NamedTuple):
@@ -86,7 +86,7 @@ class Population(NamedTuple):
         motion: how people walk.
         density: people per H0².
         spread: of heights in H0.
-        misled: probability that the heights of one person do not agree.
+        settings: constants.
         looks: compares embeddings, or None.
     """
 
@@ -94,7 +94,7 @@ class Population(NamedTuple):
     motion: Motion
     density: float
     spread: float
-    misled: float
+    settings: EvidenceSettings
     looks: Looks | None = None
 
 
@@ -127,7 +127,7 @@ def identify(
     position[group >= 0] = seen[:, :2]
     nodes = nodes_of(trails, rows, error, groups, population.looks)
     chain = np.unique(trails.track[rows], return_inverse=True)[1]
-    motion = estimate_walk(position, nodes.frame, chain, population.time, population.motion)
+    motion = estimate_walk(position, nodes.frame, chain, population)
     population = population._replace(motion=motion)
     for _ in range(SWEEPS):
         habits = estimate_habits(nodes.frame, chain, len(population.time))
@@ -195,26 +195,26 @@ def estimate_walk(
     position: Float[np.ndarray, "n 2"],
     frame: Int[np.ndarray, " n"],
     chain: Int[np.ndarray, " n"],
-    time: Float[np.ndarray, " frame"],
-    usual: Motion,
+    population: Population,
 ) -> Motion:
     """Estimate speed and memory from products of the steps of one chain, a few frames apart.
 
     The error of a position only enters neighboring steps, so products of steps further apart are
-    those of the velocity: speed² memory^lag. The memory is returned to the power of SUDDEN.
+    those of the velocity: speed² memory^lag. The memory is returned to the power of `sudden`.
 
     Args:
         position: (N, 2) in H0.
         frame: (N,) sorted frame indices.
         chain: (N,) identities.
-        time: (F,) time of each frame in usual steps.
-        usual: the result if there are too few steps, or if they do not persist.
+        population: its `motion` is the result if there are too few steps, or if they do not
+            persist.
     """
+    time, usual, settings = population.time, population.motion, population.settings
     order = np.argsort(chain, kind="stable")
     x, f = position[order], frame[order]
     new = (np.diff(chain[order]) != 0) | (np.diff(f) != 1)
     new |= np.abs(np.diff(time[f]) - 1) > 0.5
-    step = np.clip(np.diff(x, axis=0), -SPEED_RANGE[1], SPEED_RANGE[1])
+    step = np.clip(np.diff(x, axis=0), -settings.fastest, settings.fastest)
     run = np.where(new, -1, np.cumsum(new))
     product, count = np.zeros(2), np.zeros(2)
     for lag in range(2, 2 + 2 * LAGS):
@@ -222,12 +222,14 @@ def estimate_walk(
         late = int(lag >= 2 + LAGS)
         product[late] += (step[lag:] * step[:-lag])[together].sum()
         count[late] += 2 * together.sum()
-    if count.min() < FEWEST_STEPS or product.min() <= 0:
+    if count.min() < settings.fewest_samples or product.min() <= 0:
         return usual
     early, late = product / count
-    memory = float(np.clip((late / early) ** (1 / LAGS), *MEMORY_RANGE))
+    memory = min(float((late / early) ** (1 / LAGS)), LONGEST_MEMORY)
     speed = np.sqrt(early / np.mean(memory ** np.arange(2, 2 + LAGS)))
-    return Motion(float(np.clip(speed, *SPEED_RANGE)), memory**SUDDEN)
+    return replace(
+        usual, speed=within_bounds(float(speed), settings), memory=memory**settings.sudden
+    )
 
 
 class Futures(NamedTuple):
@@ -328,7 +330,9 @@ def sweep(
         if t:
             pasts = later(pasts, *steps[t - 1])
         name = future.chain
-        past = match(pasts, future, look[name], boxes[name], seen[name], habits, population)
+        past = match(
+            link_gains(pasts, future, look[name], boxes[name], seen[name], habits, population)
+        )
         here = at[t]
         place[name] = np.arange(len(name))
         linked = past[place[chain[here]]]
@@ -380,7 +384,7 @@ def _new_person(population: Population) -> tuple[np.ndarray, np.ndarray]:
     return matrix, np.array([0.0, 0.0, spread**-2, 0.0, 0.0])
 
 
-def match(
+def link_gains(
     pasts: Pasts,
     future: Futures,
     look: Float[np.ndarray, "k dim"],
@@ -388,8 +392,8 @@ def match(
     seen: Int[np.ndarray, " k"],
     habits: Habits,
     population: Population,
-) -> Int[np.ndarray, " k"]:
-    """Assign pasts to futures.
+) -> Float[np.ndarray, "t k"]:
+    """Log evidence that each future continues each past rather than being a new person.
 
     Args:
         pasts: the chains up to the frame before, predicted for this one.
@@ -401,12 +405,12 @@ def match(
         population: what is the same for all chains.
 
     Returns:
-        (K,) row of the past that each continues, or -1.
+        (T, K), 0 for pairs that are too far apart to compare.
     """
     _, matrix, vector, wait = future
-    past = np.full(len(matrix), -1)
-    if len(past) == 0 or len(pasts.name) == 0:
-        return past
+    gain = np.zeros((len(pasts.name), len(matrix)))
+    if gain.size == 0:
+        return gain
     density, spread, speed = population.density, population.spread, population.motion.speed
     prior, pull = _new_person(population)
     # Of the prior of a new person, and of leaving and coming instead of staying.
@@ -423,14 +427,20 @@ def match(
     hope = -0.5 * (m2 + np.log(area)) - cost
     i, j = np.nonzero((hope > HOPELESS) & (hidden < HORIZON))
     P, p = _of_known_and_any_height(mean, cov, spread)
+    misled = population.settings.foot_outlier  # the heights of one person do not agree
     same = _form(P[:, i] + matrix[j], p[:, i] + vector[j]) - _form(P, p)[:, i]
-    same += np.log([[1 - population.misled], [population.misled]])
-    gain = np.zeros(hope.shape)
+    same += np.log([[1 - misled], [misled]])
     gain[i, j] = np.logaddexp(*same) - value[j] - habits.surprise(hidden[i, j])
     if population.looks is not None:
         # A whole future counts like one usual position of it: its errors are common.
         each = boxes / np.maximum(seen, 1)
         gain[i, j] += population.looks.compare(pasts.look, pasts.boxes, look, boxes, each)[i, j]
+    return gain
+
+
+def match(gain: Float[np.ndarray, "t k"]) -> Int[np.ndarray, " k"]:
+    """The past that each future continues, or -1, by the gains of all pairs."""
+    past = np.full(gain.shape[1], -1)
     rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
     good = gain[rows, columns] > 0
     past[columns[good]] = rows[good]

@@ -7,17 +7,16 @@ from scipy.special import expit
 from catfree.methods.evidence.track._tracking import Trails
 
 
-def presence(trails: Trails, evidence: np.ndarray, entry: float, leave: float) -> np.ndarray:
+def presence(trails: Trails, evidence: np.ndarray, change: float) -> np.ndarray:
     """Posterior probability that the person of each row is present, from a two-state chain.
 
-    In the on state, a frame adds its evidence; switching on costs `entry` and switching off costs
-    `leave` (both log-odds). A track with less total evidence than the entry cost is never on.
+    In the on state, a frame adds its evidence; switching on or off costs `change` (log-odds), and
+    the track may end in the on state. A track with less total evidence than that is never on.
 
     Args:
         trails: rows sorted by track and frame.
         evidence: (M,) log-odds of each row.
-        entry: cost of appearing.
-        leave: cost of disappearing before the track ends.
+        change: cost of appearing, and of disappearing before the track ends.
 
     Returns:
         (M,) probability.
@@ -25,16 +24,15 @@ def presence(trails: Trails, evidence: np.ndarray, entry: float, leave: float) -
     if len(trails) == 0:
         return np.zeros(0)
     table, real, place = _by_track(trails, evidence)
-    forward = _chain(table, real, entry, leave)
-    # Backward in time, switching on means leaving, so the two costs are exchanged.
-    backward = _chain(table[:, ::-1], real[:, ::-1], leave, entry, last=True)[:, ::-1]
+    forward = _chain(table, real, change)
+    backward = _chain(table[:, ::-1], real[:, ::-1], change, last=True)[:, ::-1]
     on = forward[..., 0] + backward[..., 0] - table
     off = forward[..., 1] + backward[..., 1]
     return expit(on - off)[place]
 
 
 def step_forward(
-    on: np.ndarray, off: np.ndarray, evidence: np.ndarray, entry: float, leave: float
+    on: np.ndarray, off: np.ndarray, evidence: np.ndarray, change: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Log weights of being present or not, one frame later; only their difference counts.
 
@@ -42,29 +40,27 @@ def step_forward(
         on: (T,) of all histories so far that end present; minus infinity before the first frame.
         off: (T,) of those that do not; 0 before the first frame.
         evidence: (T,) log-odds of the frame.
-        entry: cost of appearing.
-        leave: cost of disappearing.
+        change: cost of appearing, and of disappearing.
     """
-    on, off = np.logaddexp(on, off - entry) + evidence, np.logaddexp(off, on - leave)
+    on, off = np.logaddexp(on, off - change) + evidence, np.logaddexp(off, on - change)
     most = np.maximum(on, off)
     return on - most, off - most
 
 
 def later_frames(
-    trails: Trails, evidence: np.ndarray, entry: float, leave: float
+    trails: Trails, evidence: np.ndarray, change: float
 ) -> Float[np.ndarray, "node 2"]:
     """Log weights of being present or not in each row, given its own evidence and later rows.
 
     Args:
         trails: rows sorted by track and frame.
         evidence: (M,) log-odds of each row.
-        entry: cost of appearing.
-        leave: cost of disappearing.
+        change: cost of appearing, and of disappearing.
     """
     if len(trails) == 0:
         return np.zeros((0, 2))
     table, real, place = _by_track(trails, evidence)
-    return _chain(table[:, ::-1], real[:, ::-1], leave, entry, last=True)[:, ::-1][place]
+    return _chain(table[:, ::-1], real[:, ::-1], change, last=True)[:, ::-1][place]
 
 
 def _by_track(
@@ -80,20 +76,20 @@ def _by_track(
     return table, real, (track, column)
 
 
-def _chain(table, real, enter, leave, last=False):
+def _chain(table, real, change, last=False):
     """Log weights (on, off) of all histories up to each column; rows may start late.
 
-    A track starts off and may end on: at its first row, the on state costs `enter`, but nothing in
+    A track starts off and may end on: at its first row, the on state costs `change`, but nothing in
     the backward pass (`last`).
     """
     out = np.zeros((*table.shape, 2))
-    on = np.full(len(table), 0.0 if last else -enter)
+    on = np.full(len(table), 0.0 if last else -change)
     off = np.zeros(len(table))
     begun = np.zeros(len(table), bool)
     for i in range(table.shape[1]):
         is_real = real[:, i]
-        stay_on = np.where(begun, np.logaddexp(on, off - enter), on)
-        stay_off = np.where(begun, np.logaddexp(off, on - leave), off)
+        stay_on = np.where(begun, np.logaddexp(on, off - change), on)
+        stay_off = np.where(begun, np.logaddexp(off, on - change), off)
         on = np.where(is_real, stay_on + table[:, i], on)
         off = np.where(is_real, stay_off, off)
         begun |= is_real

@@ -20,18 +20,8 @@ from catfree.methods.evidence.group._appearance import Looks
 from catfree.methods.evidence.group._groups import Groups
 from catfree.settings import EvidenceSettings
 
-JITTER = 0.03  # H0 per frame: steps and sway not explained by a velocity
-HEIGHT_JITTER = 0.005  # H0 per frame: people bend and straighten
-USUAL_SPEED = 0.4  # H0 per frame and axis, without enough data: strolling at 2 frames per second
-MEMORY = 0.85  # correlation of the velocity over one frame: people turn within a few steps
-SPEED_RANGE = (
-    0.05,
-    1.0,
-)  # H0 per frame: standing at video rate, walking fast at 2 frames per second
 CONSECUTIVE = 1.5  # usual steps: frames farther apart are not used for the speed
 LINKS_AT_A_TIME = 1 << 18  # pairs of a track and a group: 100 MB
-SURE_LOG_ODDS = 3.0  # of the groups from which the speed of people is learned
-FEWEST_STEPS = 10  # below which USUAL_SPEED is assumed
 
 
 class Motion(eqx.Module):
@@ -40,10 +30,14 @@ class Motion(eqx.Module):
     Attributes:
         speed: () standard deviation of a velocity component, H0 per frame.
         memory: () correlation of the velocity over one frame.
+        jitter: () standard deviation of a step that no velocity explains, H0 per frame.
+        height_jitter: () the same of the height.
     """
 
     speed: float
     memory: float
+    jitter: float
+    height_jitter: float
 
 
 class Trails(eqx.Module):
@@ -73,13 +67,16 @@ class Trails(eqx.Module):
         )  # fmt: skip
 
 
-def estimate_motion(position: np.ndarray, frame: np.ndarray, time: np.ndarray) -> Motion:
+def estimate_motion(
+    position: np.ndarray, frame: np.ndarray, time: np.ndarray, settings: EvidenceSettings
+) -> Motion:
     """Estimate the speed from mutual nearest neighbors in consecutive frames.
 
     Args:
         position: (H, 2) trusted positions in H0.
         frame: (H,) frame index, sorted.
         time: (F,) time of each frame in usual steps.
+        settings: constants.
     """
     steps = []
     bounds = np.searchsorted(frame, np.arange(len(time) + 1))
@@ -89,20 +86,26 @@ def estimate_motion(position: np.ndarray, frame: np.ndarray, time: np.ndarray) -
             continue
         steps.append(mutual_steps(a, b))
     step = np.concatenate(steps) if steps else np.zeros((0, 2))
-    return motion_of(float(np.minimum(step**2, SPEED_RANGE[1] ** 2).sum()), float(step.size))
+    squares = np.minimum(step**2, settings.fastest**2)
+    return motion_of(float(squares.sum()), float(step.size), settings)
 
 
 def sure_groups(
-    member: Int[np.ndarray, "group cam"], log_odds: Float[np.ndarray, " group"], cameras: int
+    member: Int[np.ndarray, "group cam"],
+    log_odds: Float[np.ndarray, " group"],
+    cameras: int,
+    settings: EvidenceSettings,
 ) -> Bool[np.ndarray, " group"]:
-    """Which groups are surely a person: seen by three cameras, or by all if there are fewer.
+    """Which groups are surely a person: seen by enough cameras, or by all if there are fewer.
 
     Args:
         member: boxes of each group, -1 for none.
         log_odds: of existence.
         cameras: that see anybody.
+        settings: constants.
     """
-    return ((member >= 0).sum(1) >= min(3, cameras)) & (log_odds > SURE_LOG_ODDS)
+    enough = (member >= 0).sum(1) >= min(settings.witnesses, cameras)
+    return enough & (log_odds > settings.evidence_limit / 2)
 
 
 def mutual_steps(
@@ -117,16 +120,24 @@ def mutual_steps(
     return (b[ab] - a)[mutual]
 
 
-def usual_motion() -> Motion:
+def usual_motion(settings: EvidenceSettings) -> Motion:
     """How people walk, where too little is known of them."""
-    return Motion(USUAL_SPEED, MEMORY)
+    return Motion(
+        settings.fastest / 2, settings.memory, settings.position_jitter, settings.height_jitter
+    )
 
 
-def motion_of(squares: float, count: float) -> Motion:
+def motion_of(squares: float, count: float, settings: EvidenceSettings) -> Motion:
     """Motion from the sum of squares of displacements along an axis, each limited, and how many."""
-    if count < 2 * FEWEST_STEPS:
-        return usual_motion()
-    return Motion(float(np.clip(np.sqrt(squares / count), *SPEED_RANGE)), MEMORY)
+    usual = usual_motion(settings)
+    if count < 2 * settings.fewest_samples:
+        return usual
+    return replace(usual, speed=within_bounds(float(np.sqrt(squares / count)), settings))
+
+
+def within_bounds(speed: float, settings: EvidenceSettings) -> float:
+    """A speed at which steps can be told from jitter, and at which people walk."""
+    return float(np.clip(speed, settings.position_jitter, settings.fastest))
 
 
 def transition(motion: Motion, dt: float) -> tuple[np.ndarray, np.ndarray]:
@@ -136,7 +147,7 @@ def transition(motion: Motion, dt: float) -> tuple[np.ndarray, np.ndarray]:
     A[0, 3] = A[1, 4] = dt
     A[3, 3] = A[4, 4] = decay
     q = (1 - decay**2) * motion.speed**2
-    Q = np.diag([JITTER**2 * dt] * 2 + [HEIGHT_JITTER**2 * dt] + [q] * 2)
+    Q = np.diag([motion.jitter**2 * dt] * 2 + [motion.height_jitter**2 * dt] + [q] * 2)
     for i in (0, 1):
         Q[i, i] += q * dt**2 / 3
         Q[i, i + 3] = Q[i + 3, i] = q * dt / 2

@@ -64,8 +64,8 @@ def who(places, looks_of_group, deviation=0.1):
     frame, member = np.repeat(np.arange(T), 2), np.arange(2 * T)[:, None]
     groups = Groups(frame, member, np.full(2 * T, -1), info, info, np.zeros(2 * T))
     trails = follow(
-        groups, np.full(2 * T, 5.0), np.arange(T, dtype=float), Motion(0.15, 0.85), 0.01, 0.06,
-        EvidenceSettings(), looks_of_group,
+        groups, np.full(2 * T, 5.0), np.arange(T, dtype=float),
+        Motion(0.15, 0.85, 0.03, 0.005), 0.01, 0.06, EvidenceSettings(), looks_of_group,
     )  # fmt: skip
     track = np.full(2 * T, -1)
     track[trails.group[trails.group >= 0]] = trails.track[trails.group >= 0]

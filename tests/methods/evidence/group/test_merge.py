@@ -7,12 +7,11 @@ from catfree.methods.evidence._gaussian import Information, log_evidence
 from catfree.methods.evidence.group._groups import Priors
 from catfree.methods.evidence.group._merge import (
     PAIR_BLOCK,
-    PAIR_GATE,
     associate,
     candidate_pairs,
 )
 
-DENSITY, SPREAD = 0.2, 0.05
+DENSITY, SPREAD, GATE = 0.2, 0.05, 16.0
 
 
 def boxes_near(seed, people, cameras, noise):
@@ -73,7 +72,7 @@ def test_merging_in_rounds_equals_one_best_pair_at_a_time(seed, people, noise):
     info, position, covariance, camera, valid = boxes_near(seed, people, 3, noise)
     with jax.enable_x64(True):
         groups = associate(
-            info, position, covariance, np.zeros(64, int), camera, valid, 3, DENSITY, SPREAD
+            info, position, covariance, np.zeros(64, int), camera, valid, 3, DENSITY, SPREAD, GATE
         )
     got = sorted(sorted(int(i) for i in row if i >= 0) for row in groups.member)
     assert got == greedy(info, camera, valid)
@@ -88,12 +87,16 @@ def test_frames_merged_together_give_the_groups_of_each_alone():
         np.concatenate([a[k] for a in alone]) for k in range(1, 5)
     )
     frame = np.repeat(np.arange(frames), rows)
-    pairs = candidate_pairs(position, covariance, frame, camera, np.flatnonzero(valid))
+    pairs = candidate_pairs(position, covariance, frame, camera, np.flatnonzero(valid), GATE)
     assert len(pairs) > PAIR_BLOCK  # else they are merged in one block
     with jax.enable_x64(True):
-        groups = associate(info, position, covariance, frame, camera, valid, 3, DENSITY, SPREAD)
+        groups = associate(
+            info, position, covariance, frame, camera, valid, 3, DENSITY, SPREAD, GATE
+        )
         for k in (0, 3, frames // 2, frames - 1):
-            one = associate(*alone[k][:3], np.zeros(rows, int), *alone[k][3:], 3, DENSITY, SPREAD)
+            one = associate(
+                *alone[k][:3], np.zeros(rows, int), *alone[k][3:], 3, DENSITY, SPREAD, GATE
+            )
             here = groups.member[groups.frame == k]
             assert (np.where(here >= 0, here - rows * k, -1) == one.member).all()
 
@@ -105,7 +108,7 @@ def test_every_box_is_in_exactly_one_group_and_cameras_exclude_themselves(seed, 
     info, position, covariance, camera, valid = boxes_near(seed, people, 4, 0.1)
     with jax.enable_x64(True):
         groups = associate(
-            info, position, covariance, np.zeros(64, int), camera, valid, 4, DENSITY, SPREAD
+            info, position, covariance, np.zeros(64, int), camera, valid, 4, DENSITY, SPREAD, GATE
         )
     rows = groups.member[groups.member >= 0]
     assert sorted(rows) == list(np.flatnonzero(valid))
@@ -129,8 +132,8 @@ def test_close_pairs_are_those_of_all_pairs(seed, count, spread):
     apart = position[i] - position[j]
     total = np.linalg.inv(covariance[i] + covariance[j])
     m2 = np.einsum("ni,nij,nj->n", apart, total, apart)
-    close = (i < j) & (frame[i] == frame[j]) & (camera[i] != camera[j]) & (m2 < PAIR_GATE)
-    found = candidate_pairs(position, covariance, frame, camera, items)
+    close = (i < j) & (frame[i] == frame[j]) & (camera[i] != camera[j]) & (m2 < GATE)
+    found = candidate_pairs(position, covariance, frame, camera, items, GATE)
     np.testing.assert_array_equal(found, np.column_stack([i[close], j[close]]))
 
 
@@ -152,7 +155,7 @@ def test_padding_holds_priors_and_changes_no_group(seed, people, tracks):
         with jax.enable_x64(True):
             return associate(
                 padded, pad(position), pad(covariance), pad(np.zeros(64, int)), pad(camera),
-                pad(valid), 4, DENSITY, SPREAD, priors=priors,
+                pad(valid), 4, DENSITY, SPREAD, GATE, priors=priors,
             )  # fmt: skip
 
     tight, wide = groups(0), groups(192)

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from catfree.methods.evidence._gaussian import Information, log_evidence
 from catfree.methods.evidence.group._merge import associate
 
-DENSITY, SPREAD = 0.2, 0.05
+DENSITY, SPREAD, GATE = 0.2, 0.05, 16.0
 MOST = 7  # boxes: 877 partitions
 ROWS = 64  # to which they are padded
 
@@ -36,7 +36,7 @@ def greedy(info, camera, cameras):
     with jax.enable_x64(True):
         groups = associate(
             info, position, covariance, np.zeros(ROWS, int), np.pad(camera, (0, ROWS - n)),
-            np.arange(ROWS) < n, cameras, DENSITY, SPREAD,
+            np.arange(ROWS) < n, cameras, DENSITY, SPREAD, GATE,
         )  # fmt: skip
     return sorted(sorted(row[row >= 0].tolist()) for row in groups.member)
 

@@ -55,7 +55,7 @@ class Rows:
         noise = start_noise(CAMERAS, rules) if noise is None else noise
         found = measure_all(
             self.edges, self.size, self.cut, self.ankles, self.covered, self.camera, self.camera,
-            self.present, VIEWS, noise, BoxConstants.of(rules), rules.newton_steps,
+            self.present, VIEWS, noise, BoxConstants.of(rules),
         )  # fmt: skip
         return jax.tree.map(np.asarray, found)
 
@@ -128,7 +128,7 @@ def test_the_likelihood_is_that_of_the_edges_about_the_state(seed):
 @given(seeds)
 def test_the_state_is_the_most_likely_one(seed):
     found = disturbed(seed).measured()
-    spread = RULES.height_spread
+    spread = np.sqrt(np.prod(RULES.height_spread_range))
     full = found.info.matrix + np.diag([0, 0, spread**-2])
     pull = found.info.vector + np.array([0, 0, spread**-2])
     best = np.linalg.solve(full, pull[..., None])[..., 0]

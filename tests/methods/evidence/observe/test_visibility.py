@@ -10,9 +10,7 @@ from catfree.geometry._person import box_edges
 from catfree.methods.evidence.observe._views import ground_views
 from catfree.methods.evidence.observe._visibility import (
     ASPECT,
-    BODY_RAMP,
     COLUMNS,
-    COVER_EDGES,
     Views,
     covered_feet,
     covered_share,
@@ -68,7 +66,7 @@ def seen(state, member=None, box=None, frame=None, table=None):
     table = np.full((1, CAMERAS, 1), -1) if table is None else table
     found = expected_views(
         np.asarray(state, float), np.zeros(H, int) if frame is None else frame,
-        np.full((H, CAMERAS), -1) if member is None else member, box, table, VIEWS,
+        np.full((H, CAMERAS), -1) if member is None else member, box, table, VIEWS, RULES,
     )  # fmt: skip
     return jax.tree.map(np.asarray, found)
 
@@ -135,7 +133,8 @@ def test_the_share_in_the_picture_is_that_of_the_clipped_box(x, y, height):
             for i in (0, 1)
         ]
         assert found.share[0, c] == pytest.approx(np.prod(inside), abs=1e-9)
-        ramp = (np.prod(inside) - BODY_RAMP[0]) / (BODY_RAMP[1] - BODY_RAMP[0])
+        low, high = RULES.body_ramp
+        ramp = (np.prod(inside) - low) / (high - low)
         assert found.inside[0, c] == pytest.approx(np.clip(ramp, 0, 1), abs=1e-9)
 
 
@@ -176,12 +175,12 @@ def test_only_boxes_that_stand_in_front_of_the_feet_hide_them():
     )
     camera, frame = np.array([0, 0, 0, 1, 0]), np.array([0, 0, 0, 0, 1])
     table = np.array([[[0, 1, 2], [3, -1, -1]], [[4, -1, -1], [-1, -1, -1]]])
-    found = np.asarray(covered_feet(box, frame, camera, table))
+    found = np.asarray(covered_feet(box, frame, camera, table, 0.3))
     assert found[0] == pytest.approx(1 / 3)
     assert found[1] == found[3] == found[4] == 0
     assert found[2] == 1  # by the first, which stands a pixel lower
     # A row of padding belongs to no frame.
-    assert np.asarray(covered_feet(box, frame + 2, camera, table)).max() == 0
+    assert np.asarray(covered_feet(box, frame + 2, camera, table, 0.3)).max() == 0
 
 
 @settings(max_examples=10)
@@ -200,7 +199,7 @@ def test_the_rate_of_a_camera_is_what_was_drawn_where_others_are_witnesses(seed,
     trials = ((hit.sum(1, keepdims=True) - hit) >= 3).sum(0)
     found = learn_detection_rate(views, member, size, camera, RULES)(views)
     # Four standard deviations of a share, beside the pull of the pseudo counts.
-    pull = RULES.detection_rate_pseudo_counts / (trials + RULES.detection_rate_pseudo_counts)
+    pull = RULES.fewest_samples / (trials + RULES.fewest_samples)
     limit = 4 * np.sqrt(drawn * (1 - drawn) / trials) + pull
     assert (np.abs(found[0] - drawn) < limit).all()
 
@@ -217,8 +216,8 @@ def test_rates_are_probabilities_by_what_hides_and_nothing_outside_is_missed(see
     found = learn_detection_rate(
         views, member, rng.uniform(20, 400, 50), rng.integers(0, C, 50), RULES
     )
-    assert ((found.rate >= 0.01) & (found.rate <= 0.99)).all()
-    assert found.rate.shape == (C, 3, len(COVER_EDGES) + 1)
+    assert ((found.rate > 0) & (found.rate < 1)).all()
+    assert found.rate.shape == (C, 3, len(RULES.cover_edges) + 1)
     np.testing.assert_array_equal(found(views)[np.asarray(views.inside) == 0], 0)
 
 

@@ -11,7 +11,7 @@ from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements
 from catfree.methods.evidence.observe._views import ground_views
-from catfree.methods.evidence.observe._visibility import DetectionRate, Views
+from catfree.methods.evidence.observe._visibility import DetectionRate, Views, rate_of_counts
 from catfree.methods.evidence.track._existence import (
     CELLS,
     clutter_cells,
@@ -27,7 +27,8 @@ CAMERAS = 4
 VIEWS = ground_views(make_scene(make_rig(CAMERAS)), HEIGHT)
 PLAIN = EvidenceSettings(local_clutter=False)
 
-rates = st.lists(st.floats(0, 1), min_size=CAMERAS, max_size=CAMERAS).map(np.array)
+# None that is learned is certain.
+rates = st.lists(st.floats(0, 0.99), min_size=CAMERAS, max_size=CAMERAS).map(np.array)
 
 
 class Scene:
@@ -83,10 +84,7 @@ seen_by = st.lists(st.booleans(), min_size=CAMERAS, max_size=CAMERAS).filter(any
 def test_log_odds_are_gain_and_finds_and_misses_written_out(seen, rate, gain):
     expected = gain
     for found, p in zip(seen, rate, strict=True):
-        if found:
-            expected += np.log(max(p, PLAIN.smallest_detection_rate) / PLAIN.clutter_start)
-        else:
-            expected += np.log(1 - min(p, 0.99))
+        expected += np.log(max(p, PLAIN.smallest_detection_rate) if found else 1 - p)
     assert one(seen, gain).judged(rate).log_odds[0] == pytest.approx(expected, abs=1e-9)
 
 
@@ -118,7 +116,11 @@ def test_saying_that_a_camera_has_no_picture_never_lowers_existence(seen, inside
     silent = np.zeros((1, CAMERAS), bool)
     silent[0, camera] = True
     views = Views(*(np.stack([x, x]) for x in (inside, np.full(CAMERAS, 90.0), cover, inside)))
-    rate = DetectionRate(np.tile([50.0, 100.0], (CAMERAS, 1)), np.full((CAMERAS, 3, 5), 0.8))
+    rate = DetectionRate(
+        np.tile([50.0, 100.0], (CAMERAS, 1)),
+        np.array(PLAIN.cover_edges),
+        np.full((CAMERAS, 3, 5), 0.8),
+    )
     boxes = replace(scene.boxes, silent=silent)
     told = with_pictures(views, scene.frame, boxes)
     assert (told.inside[:, camera] == 0).all()
@@ -135,13 +137,15 @@ def test_without_misses_only_finds_count(seen, rate):
     assert first == pytest.approx(one(seen).judged(blind).log_odds[0], abs=1e-9)
 
 
-@given(rates)
-def test_a_miss_is_bounded_however_sure_the_camera(rate):
-    member = np.array([[-1] * CAMERAS, [0] * CAMERAS])
-    against = misses(np.stack([rate, rate]), member)
-    assert np.isfinite(against).all()
-    assert against[0] <= 0 == against[1]
-    assert against[0] >= CAMERAS * np.log(0.01) - 1e-9
+@given(st.integers(0, 10**9))
+def test_a_miss_counts_as_much_as_people_were_seen_before_it(sightings):
+    counts = np.full((1, 3, 5), float(sightings))
+    learned = rate_of_counts(np.array([[50.0, 100.0]]), counts, counts, PLAIN).rate[0, :1, :1]
+    against = misses(np.tile(learned, (2, 1)), np.array([[-1], [0]]))
+    assert against[1] == 0
+    fewest = PLAIN.fewest_samples
+    floor = (1 - PLAIN.detection_rate_range[1]) * fewest / (sightings + fewest)
+    assert np.log(floor) - 1e-6 <= against[0] < 0
 
 
 def test_a_camera_without_a_picture_is_out_only_where_many_are_expected():
@@ -149,7 +153,7 @@ def test_a_camera_without_a_picture_is_out_only_where_many_are_expected():
     there[:, 2] = False
     scene = Scene(there, np.zeros((5, 2)), np.zeros(5))
     few, many = (
-        delivered(np.full((5, CAMERAS), rate), scene.member, scene.frame, scene.boxes)
+        delivered(np.full((5, CAMERAS), rate), scene.member, scene.frame, scene.boxes, PLAIN)
         for rate in (0.6, 0.61)  # of five people: three, and more than three
     )
     assert few.all()
@@ -164,7 +168,9 @@ def test_a_camera_that_saw_anybody_at_all_had_a_picture():
     there = np.ones((6, CAMERAS), bool)
     there[:5, 2] = False
     scene = Scene(there, np.zeros((6, 2)), np.zeros(6))
-    assert delivered(np.full((6, CAMERAS), 0.9), scene.member, scene.frame, scene.boxes).all()
+    assert delivered(
+        np.full((6, CAMERAS), 0.9), scene.member, scene.frame, scene.boxes, PLAIN
+    ).all()
 
 
 @given(st.integers(0, 10**6))

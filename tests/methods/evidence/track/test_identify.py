@@ -13,7 +13,6 @@ from catfree.methods.evidence.group._appearance import Likeness, Looks
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.track._identify import (
     HORIZON,
-    SUDDEN,
     SWEEPS,
     Habits,
     Nodes,
@@ -24,15 +23,17 @@ from catfree.methods.evidence.track._identify import (
     sweep,
 )
 from catfree.methods.evidence.track._tracking import Motion, Trails, transition
+from catfree.settings import EvidenceSettings
 
-MOTION = Motion(0.2, 0.85)
+MOTION = Motion(0.2, 0.85, 0.03, 0.005)
+RULES = EvidenceSettings()
 SPREAD, NOISE = 0.06, 0.05
 HABITS = Habits(0.02, 0.05, 0.5)
 
 
 def population(frames, **changes):
     time = np.arange(frames, dtype=float)
-    return Population(time, MOTION, 0.3, SPREAD, 0.1)._replace(**changes)
+    return Population(time, MOTION, 0.3, SPREAD, RULES)._replace(**changes)
 
 
 def nodes_at(frame, state, noise=NOISE):
@@ -99,7 +100,7 @@ def dense_evidence(nodes, chain, known, habits=HABITS):
 def test_a_sweep_never_lowers_the_evidence_of_the_chains(seed):
     person, nodes = crowd(seed, people=3, frames=7, room=1.0)
     rng = np.random.default_rng(seed)
-    known = population(7, misled=1e-12)
+    known = population(7, settings=EvidenceSettings(foot_outlier=1e-12))
     # People whose names are exchanged at random instants.
     chain = person.copy()
     for t in range(1, 7):
@@ -239,14 +240,13 @@ def test_the_walk_is_what_was_drawn_whatever_the_error_of_positions(seed, memory
         v = memory * v + np.sqrt(1 - memory**2) * speed * rng.standard_normal(v.shape)
     place = np.cumsum(steps, 0) + noise * rng.standard_normal((frames, people, 2))
     frame, chain = (a.ravel() for a in np.indices((frames, people)))
-    time = np.arange(frames, dtype=float)
-    found = estimate_walk(place.reshape(-1, 2), frame, chain, time, MOTION)
+    found = estimate_walk(place.reshape(-1, 2), frame, chain, population(frames))
     assert found.speed == pytest.approx(speed, rel=0.15)
-    assert found.memory ** (1 / SUDDEN) == pytest.approx(memory, abs=0.05)
+    assert found.memory ** (1 / RULES.sudden) == pytest.approx(memory, abs=0.05)
 
 
 def test_of_too_few_steps_the_usual_walk_is_taken():
-    few = estimate_walk(np.zeros((6, 2)), np.arange(6), np.zeros(6, int), np.arange(6.0), MOTION)
+    few = estimate_walk(np.zeros((6, 2)), np.arange(6), np.zeros(6, int), population(6))
     assert few == MOTION
 
 

@@ -18,7 +18,7 @@ from catfree.methods.evidence.track._tracking import (
 )
 from catfree.settings import EvidenceSettings
 
-MOTION = Motion(0.2, 0.85)
+MOTION = Motion(0.2, 0.85, 0.03, 0.005)
 # So few people, and so wide a gate, that no step of theirs is somebody new.
 DENSITY, SPREAD = 1e-6, 0.06
 RULES = EvidenceSettings(gate=40.0)
@@ -43,7 +43,7 @@ def tracked(groups, time, log_odds=3.0, rules=RULES):
 def test_a_step_is_that_of_a_velocity_that_fades_and_is_renewed(dt):
     # Van Loan's integral of dv = -rate v dt + noise, for a memory so long that the position takes
     # the velocity of the step's beginning along, as the filter does.
-    motion = Motion(0.2, 0.9999)
+    motion = dataclasses.replace(MOTION, memory=0.9999)
     rate = -np.log(motion.memory)
     F = np.array([[0.0, 1.0], [0.0, -rate]])
     G = np.diag([0.0, 2 * rate * motion.speed**2])
@@ -51,7 +51,7 @@ def test_a_step_is_that_of_a_velocity_that_fades_and_is_renewed(dt):
     exact_A = block[2:, 2:].T
     exact_Q = exact_A @ block[:2, 2:]
     A, Q = transition(motion, dt)
-    jitter = transition(Motion(0.0, motion.memory), dt)[1]
+    jitter = transition(dataclasses.replace(motion, speed=0.0), dt)[1]
     for axis in (0, 1):
         both = np.ix_([axis, axis + 3], [axis, axis + 3])
         np.testing.assert_allclose(A[both], exact_A, rtol=1e-3)
@@ -221,17 +221,17 @@ def test_the_speed_of_a_scattered_crowd_is_what_was_drawn(seed, speed):
     step = np.clip(speed * rng.standard_normal((frames, people, 2)), -1, 1)
     path = place + np.cumsum(step, 0)
     frame = np.repeat(np.arange(frames), people)
-    found = estimate_motion(path.reshape(-1, 2), frame, np.arange(frames).astype(float))
+    found = estimate_motion(path.reshape(-1, 2), frame, np.arange(frames).astype(float), RULES)
     # Of 2000 steps the deviation is known to a 60th; paths of 40 steps stay within their cells.
     assert found.speed == pytest.approx(np.sqrt((step[1:] ** 2).mean()), rel=0.1)
     assert found.speed == pytest.approx(speed, rel=0.12)
 
 
 def test_the_speed_over_a_pause_of_the_recording_says_nothing():
-    frame = np.repeat([0, 1], 12)
-    path = np.arange(24)[:, None] % 12 * np.array([[5.0, 0.0]]) + 0.3 * frame[:, None]
-    close = estimate_motion(path, frame, np.array([0.0, 1.0]))
+    frame = np.repeat([0, 1], 40)
+    path = np.arange(80)[:, None] % 40 * np.array([[5.0, 0.0]]) + 0.3 * frame[:, None]
+    close = estimate_motion(path, frame, np.array([0.0, 1.0]), RULES)
     assert close.speed == pytest.approx(0.3)
-    assert estimate_motion(path, frame, np.array([0.0, 9.0])) == estimate_motion(
-        path[:1], frame[:1], np.array([0.0])
+    assert estimate_motion(path, frame, np.array([0.0, 9.0]), RULES) == estimate_motion(
+        path[:1], frame[:1], np.array([0.0]), RULES
     )
