@@ -21,7 +21,11 @@ from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections
 from catfree.types._annotations import Progress, no_progress
 from catfree.types._forks import require_own_process
-from catfree.types._validation import require_different_cameras, require_instance
+from catfree.types._validation import (
+    require_different_cameras,
+    require_few_people,
+    require_instance,
+)
 
 
 def calibrate(
@@ -68,7 +72,8 @@ def calibrate(
     Raises:
         CalibrationError: if fewer than two cameras can be registered, or if they disagree; if only
             cameras that are not registered see the map.
-        InvalidInputError: if shapes do not match, two cameras have the same boxes, or an anchor
+        InvalidInputError: if shapes do not match, two cameras have the same boxes, a picture has
+            more than 1,000, or an anchor
             refers to no camera or no ground.
         ForkedProcessError: in a process forked after JAX was used.
     """
@@ -117,6 +122,7 @@ def begin_calibration(
         InvalidInputError: as `calibrate`.
     """
     detections, settings = _confident(detections, settings)
+    require_few_people(detections.frame, detections.camera, camera_names)
     require_different_cameras(detections.frame, detections.camera, detections.box, camera_names)
     return register(
         detections,

@@ -27,6 +27,7 @@ from catfree.types._annotations import Progress, no_progress
 from catfree.types._forks import require_own_process
 from catfree.types._validation import (
     as_integer,
+    require_few_people,
     require_instance,
     require_known_cameras,
     require_shape,
@@ -60,8 +61,9 @@ def localize(
         detections and frames has no effect.
 
     Raises:
-        InvalidInputError: if a detection or `silent` names a camera that the rig does not have, or
-            there is a box in a picture that does not exist.
+        InvalidInputError: if a detection or `silent` names a camera that the rig does not have,
+            there is a box in a picture that does not exist, or a picture has more than 1,000
+            boxes.
         InsufficientDataError: if fewer than two cameras are registered.
         ForkedProcessError: in a process forked after JAX was used.
 
@@ -198,7 +200,8 @@ def usable(detections: Detections, scene: Scene, settings: Settings) -> np.ndarr
     """(N,) whether each detection is confident enough and of a registered camera.
 
     Raises:
-        InvalidInputError: if a detection names a camera that the rig does not have.
+        InvalidInputError: if a detection names a camera that the rig does not have, or a picture
+            has more boxes than any picture has people.
         InsufficientDataError: if fewer than two cameras are registered.
     """
     rig = scene.rig
@@ -213,6 +216,7 @@ def usable(detections: Detections, scene: Scene, settings: Settings) -> np.ndarr
         keep = keep & (detections.score >= settings.confidence)
     if settings.rays.only_confirmed_ankles and detections.ankles_confirmed is not None:
         keep = keep & detections.ankles_confirmed
+    require_few_people(detections.frame[keep], detections.camera[keep])
     return keep
 
 

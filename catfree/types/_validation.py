@@ -15,6 +15,7 @@ from jaxtyping import AbstractArray, jaxtyped
 from catfree.errors import InvalidInputError, quoted
 
 FEWEST_TWINS = 10  # boxes of a camera: fewer may be alike in two cameras by chance
+MOST_PEOPLE = 1000  # in a picture: benchmarks of dense crowds have up to 250
 
 
 def is_traced(*values: Any) -> bool:
@@ -196,6 +197,37 @@ def require_known_cameras(camera: np.ndarray, count: int) -> None:
         )
 
 
+def require_few_people(
+    frame: np.ndarray, camera: np.ndarray, names: Sequence[str] | None = None
+) -> None:
+    """Raise if a picture has more boxes than there are people in any picture.
+
+    The frame numbers are then lost, or the boxes are all that a detector ever considered.
+
+    Args:
+        frame: (N,) frame numbers.
+        camera: (N,) camera indices.
+        names: of the cameras, for the message.
+    """
+    if len(frame) <= MOST_PEOPLE:
+        return
+    frames, instant = np.unique(frame, return_inverse=True)
+    count = np.bincount(instant * (camera.max() + 1) + camera)
+    most = int(np.argmax(count))
+    if count[most] > MOST_PEOPLE:
+        at, which = divmod(most, int(camera.max()) + 1)
+        raise InvalidInputError(
+            f"Camera {_shown(which, names)} has {count[most]} boxes in frame {frames[at]}; a "
+            f"picture shows at most {MOST_PEOPLE} people. Check that `frame` numbers the pictures, "
+            "and that the detector drops boxes of low score and several of one person."
+        )
+
+
+def _shown(camera: int, names: Sequence[str] | None) -> str:
+    """The name of a camera in a message, or its number if it has none."""
+    return str(camera) if names is None or camera >= len(names) else repr(names[camera])
+
+
 def require_different_cameras(
     frame: np.ndarray, camera: np.ndarray, box: np.ndarray, names: Sequence[str] | None = None
 ) -> None:
@@ -217,9 +249,7 @@ def require_different_cameras(
             continue
         key = rows[np.lexsort(rows.T)].tobytes()
         if key in first:
-            cameras = (first[key], int(one))
-            shown = dict(enumerate(map(repr, () if names is None else names)))
-            name, other = (shown.get(c, c) for c in cameras)
+            name, other = (_shown(c, names) for c in (first[key], int(one)))
             raise InvalidInputError(
                 f"Cameras {name} and {other} have the same {len(rows)} boxes: one video was "
                 "read twice. Pass each camera once."

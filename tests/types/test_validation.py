@@ -12,12 +12,14 @@ from hypothesis import given, strategies as st
 from catfree.errors import InvalidInputError
 from catfree.types import Detections
 from catfree.types._validation import (
+    MOST_PEOPLE,
     as_boolean,
     as_duration,
     as_float,
     as_integer,
     as_number,
     require_different_cameras,
+    require_few_people,
     require_instance,
 )
 
@@ -228,3 +230,19 @@ def test_a_camera_given_twice_is_named_whatever_the_order_of_its_boxes(seed, cou
     boxes[-1, 0] += 1
     require_different_cameras(frames, cameras, boxes)
     require_different_cameras(np.zeros(18, int), np.repeat([0, 1], 9), np.zeros((18, 4)))
+
+
+@given(st.integers(0, 2), st.integers(-(2**62), 2**62), st.integers(0, 10**6))
+def test_a_picture_of_more_people_than_any_is_named(crowded, number, seed):
+    rng = np.random.default_rng(seed)
+    camera = np.concatenate([np.full(MOST_PEOPLE, crowded), rng.integers(0, 3, 2000)])
+    frame = np.concatenate([np.full(MOST_PEOPLE, number), number + rng.permutation(2000) + 1])
+    order = rng.permutation(len(frame))
+    require_few_people(frame[order], camera[order])
+    require_few_people(frame[:0], camera[:0])
+    frame[MOST_PEOPLE] = number
+    camera[MOST_PEOPLE] = crowded
+    with pytest.raises(InvalidInputError, match=f"Camera {crowded} has 1001 .* frame {number};"):
+        require_few_people(frame[order], camera[order])
+    with pytest.raises(InvalidInputError, match=f"Camera '{'abc'[crowded]}' has 1001 boxes"):
+        require_few_people(frame[order], camera[order], ["a", "b", "c"])

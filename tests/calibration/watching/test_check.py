@@ -120,3 +120,13 @@ def test_a_video_read_twice_is_refused_before_any_work(world, quiet):
         check(world.true_scene, twice)
     with pytest.raises(InvalidInputError, match="Cameras 'a' and 'd' have the same"):
         cf.calibrate(twice, (1920, 1080), camera_names=list("abcde"))
+
+
+def test_boxes_without_frame_numbers_are_refused_before_any_work(world, quiet):
+    repeats = 1001 // int((quiet.camera == 2).sum()) + 1
+    rows = np.tile(np.flatnonzero(quiet.camera == 2), repeats)
+    everything = cf.Detections(np.zeros(len(rows), int), quiet.camera[rows], quiet.box[rows])
+    with pytest.raises(InvalidInputError, match=rf"Camera 2 has {len(rows)} boxes in frame 0"):
+        check(world.true_scene, everything)
+    with pytest.raises(InvalidInputError, match=rf"Camera 'c' has {len(rows)} boxes in frame 0"):
+        cf.calibrate(everything, (1920, 1080), camera_names=list("abcde"))
