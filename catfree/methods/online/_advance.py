@@ -9,7 +9,7 @@ from scipy.special import expit
 
 from catfree.methods.evidence._gaussian import mean_and_covariance, probability_within
 from catfree.methods.evidence.group._appearance import PairRatios, compare_frames, looks_of
-from catfree.methods.evidence.group._group import appearance_log_odds, group, group_by_looks
+from catfree.methods.evidence.group._group import appearance_log_odds, group
 from catfree.methods.evidence.group._groups import Priors, priors_of
 from catfree.methods.evidence.learn._self_calibration import foot_cover
 from catfree.methods.evidence.observe._boxes import prepare_boxes
@@ -96,10 +96,7 @@ def advance(
     motion = motion_learned(learned, settings)
     step = usual_steps(learned, float(state.time), time)
     priors = _priors(state, predict(state.heads, motion, step), settings)
-    if ratios is None:
-        groups = group(boxes, measured, noise, settings.gate, priors)
-    else:
-        groups = group_by_looks(boxes, measured, noise, settings.gate, priors, ratios)
+    groups = group(boxes, measured, noise, settings.gate, priors, ratios)
     place, _ = mean_and_covariance(groups.info, spread)
     seen = predict_views(place, groups.frame, groups.member, boxes, views, settings)
     seen = with_pictures(seen, groups.frame, boxes)

@@ -20,8 +20,11 @@ def group(
     noise: Noise,
     gate: float,
     priors: Priors | None = None,
+    ratios: PairRatios | None = None,
 ) -> Groups:
-    """Run `associate` by position and height only."""
+    """Run `associate` by position and height, and by looks if there are `ratios` of them."""
+    if ratios is not None:
+        return _group_by_looks(boxes, measured, noise, gate, priors, ratios)
     return associate(
         measured.info,
         np.asarray(measured.state)[:, :2],
@@ -37,7 +40,7 @@ def group(
     )
 
 
-def group_by_looks(
+def _group_by_looks(
     boxes: Boxes,
     measured: Measurements,
     noise: Noise,
@@ -45,7 +48,7 @@ def group_by_looks(
     priors: Priors | None,
     ratios: PairRatios,
 ) -> Groups:
-    """Run `associate` with appearance, block by block to limit the size of its tables."""
+    """Run `associate` block by block, which limits the size of its tables."""
     parts = []
     for index, (begin, end) in enumerate(ratios.blocks):
         low, high = int(boxes.first[begin]), int(boxes.first[end])

@@ -3,7 +3,7 @@
 import numpy as np
 
 from catfree.methods.evidence._state import EvidenceState, with_groups
-from catfree.methods.evidence.group._group import group, group_by_looks
+from catfree.methods.evidence.group._group import group
 from catfree.methods.evidence.group._groups import Groups, Priors, priors_of
 from catfree.methods.evidence.track._suppress_overlapping import suppress_overlapping_tracks
 from catfree.methods.evidence.track._tracking import Trails
@@ -18,9 +18,8 @@ def group_boxes(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSta
             state.trails, state.evidence, state.probability > 0.5, settings.personal_space
         )
         priors = track_priors(state.trails[alone], state.groups)
-    seen = state.boxes, state.measurements, state.noise, settings.gate, priors
-    groups = group(*seen) if state.ratios is None else group_by_looks(*seen, state.ratios)
-    return with_groups(state, groups)
+    seen = state.boxes, state.measurements, state.noise
+    return with_groups(state, group(*seen, settings.gate, priors, state.ratios))
 
 
 def track_priors(trails: Trails, groups: Groups) -> Priors:
