@@ -30,6 +30,7 @@ from catfree.methods.evidence.track._existence import (
 )
 from catfree.methods.evidence.track._presence import step_forward
 from catfree.methods.evidence.track._tracking import (
+    Alone,
     Heads,
     Linker,
     Motion,
@@ -115,8 +116,9 @@ def advance(
 
     looks = looks_of(ratios, groups.member) if ratios and settings.link_by_looks else None
     rows = np.flatnonzero(log_odds > -settings.evidence_limit / 2)
-    linker = Linker(motion, density, spread, settings, looks)
-    node, heads = linker.link(state.heads, groups.info[rows], rows, step)
+    info = groups.info[rows]
+    linker, alone = Linker(motion, settings, looks), Alone.of(info, density, spread)
+    node, heads = linker.link(state.heads, info, alone, rows, step)
     hit = node.group >= 0
     own = node.group[hit]
     member = np.full((len(hit), len(learned.active)), -1)

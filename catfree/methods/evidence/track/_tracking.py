@@ -169,11 +169,30 @@ def distances(
     return form / area, area
 
 
-def _link_gain(mean, covariance, info: Information, alone, center, around, gate):
-    """(T, K) log evidence that a group continues a track rather than being a new person.
+class Alone(NamedTuple):
+    """What groups say without a track: new people.
 
-    `alone` (K,), `center` (K, 3) and `around` (K, 3, 3) are what each group says without a track.
+    Attributes:
+        evidence: (K,) log evidence.
+        mean, covariance: (K, 3) and (K, 3, 3) of place and height.
     """
+
+    evidence: Float[np.ndarray, " k"]
+    mean: Float[np.ndarray, "k 3"]
+    covariance: Float[np.ndarray, "k 3 3"]
+
+    @classmethod
+    def of(cls, info: Information, density: float, spread: float) -> "Alone":
+        """New people of these boxes; `density` and `spread` as in `follow`."""
+        return cls(log_evidence(info, density, spread), *mean_and_covariance(info, spread))
+
+    def rows(self, rows: Int[np.ndarray, " n"]) -> "Alone":
+        """What some of the groups say."""
+        return Alone(self.evidence[rows], self.mean[rows], self.covariance[rows])
+
+
+def _link_gain(mean, covariance, info: Information, alone: Alone, gate):
+    """(T, K) log evidence that a group continues a track rather than being a new person."""
     precision = np.linalg.inv(covariance)
     pull = np.einsum("tij,tj->ti", precision, mean)
     matrix = precision[:, None] + info.matrix[None]
@@ -186,8 +205,9 @@ def _link_gain(mean, covariance, info: Information, alone, center, around, gate)
         - 0.5 * np.log(det)
         - 0.5 * (prior_form[:, None] + info.constant[None] - form)
     )
-    gain = value - alone[None]
-    m2, _ = distances(mean[:, :2], covariance[:, :2, :2], center[:, :2], around[:, :2, :2])
+    gain = value - alone.evidence[None]
+    center, around = alone.mean[:, :2], alone.covariance[:, :2, :2]
+    m2, _ = distances(mean[:, :2], covariance[:, :2, :2], center, around)
     return np.where(m2 < gate, gain, -np.inf)
 
 
@@ -217,14 +237,15 @@ def follow(
         All tracks, including gaps but not beyond their first and last group.
     """
     bounds = np.searchsorted(groups.frame, np.arange(len(time) + 1))
-    linker = Linker(motion, density, spread, settings, looks)
+    linker = Linker(motion, settings, looks)
+    alone = Alone.of(groups.info, density, spread)
     heads = no_heads(0 if looks is None else looks.total.shape[1])
     history = []
     for t in range(len(time)):
         rows = np.arange(bounds[t], bounds[t + 1])
         rows = rows[log_odds[rows] > -settings.evidence_limit / 2]
         step = float(time[t] - time[t - 1]) if t else 0.0
-        node, heads = linker.link(heads, groups.info[rows], rows, step)
+        node, heads = linker.link(heads, groups.info[rows], alone.rows(rows), rows, step)
         history.append(node)
     return smooth(history, time, motion)
 
@@ -247,12 +268,6 @@ class Heads(eqx.Module):
     look: Float[np.ndarray, "track dim"]
     boxes: Int[np.ndarray, " track"]
     count: Int[np.ndarray, ""]
-
-    def __getitem__(self, rows) -> "Heads":
-        return Heads(
-            self.track[rows], self.gap[rows], self.mean[rows], self.covariance[rows],
-            self.look[rows], self.boxes[rows], self.count,
-        )  # fmt: skip
 
 
 def no_heads(dim: int = 0) -> Heads:
@@ -293,19 +308,23 @@ class Linker(NamedTuple):
     """Links the groups of one frame to the tracks before it; attributes as in `follow`."""
 
     motion: Motion
-    density: float
-    spread: float
     settings: EvidenceSettings
     looks: Looks | None = None
 
     def link(
-        self, heads: Heads, info: Information, group: Int[np.ndarray, " k"], step: float
+        self,
+        heads: Heads,
+        info: Information,
+        alone: Alone,
+        group: Int[np.ndarray, " k"],
+        step: float,
     ) -> tuple[Node, Heads]:
         """Assign groups to tracks, update these, and begin new tracks with the other groups.
 
         Args:
             heads: the tracks.
             info: (K) of the groups of this frame.
+            alone: (K) the same groups without a track.
             group: (K,) their rows in `looks`, which `Node.group` names.
             step: time since the frame before, in usual steps; 0 for the first.
 
@@ -313,8 +332,6 @@ class Linker(NamedTuple):
             The tracks of this frame, and those of them to follow further.
         """
         settings, looks = self.settings, self.looks
-        alone = log_evidence(info, self.density, self.spread)
-        center, around = mean_and_covariance(info, self.spread)
         before = predict(heads, self.motion, step)
         mean, cov = before.mean, before.covariance
         assigned = np.full(len(before.track), -1)
@@ -322,8 +339,7 @@ class Linker(NamedTuple):
             block = max(1, LINKS_AT_A_TIME // len(group))
             gain = np.concatenate([
                 _link_gain(
-                    mean[i : i + block, :3], cov[i : i + block, :3, :3], info, alone, center,
-                    around, settings.gate,
+                    mean[i : i + block, :3], cov[i : i + block, :3, :3], info, alone, settings.gate
                 )
                 for i in range(0, len(assigned), block)
             ])  # fmt: skip
@@ -344,9 +360,10 @@ class Linker(NamedTuple):
             mean[hit] = np.einsum("tij,tj->ti", cov[hit], vector)
         gap = np.where(assigned >= 0, 0, before.gap + 1)
         fresh = np.setdiff1d(np.arange(len(group)), assigned)
-        new_mean = np.pad(center[fresh], ((0, 0), (0, 2)))
+        new_mean = np.zeros((len(fresh), 5))
+        new_mean[:, :3] = alone.mean[fresh]
         new_cov = np.zeros((len(fresh), 5, 5))
-        new_cov[:, :3, :3] = around[fresh]
+        new_cov[:, :3, :3] = alone.covariance[fresh]
         new_cov[:, 3, 3] = new_cov[:, 4, 4] = self.motion.speed**2
         look, boxes = before.look, before.boxes
         if looks is not None:
@@ -356,8 +373,8 @@ class Linker(NamedTuple):
             look = np.concatenate([look, looks.total[group[fresh]]])
             boxes = np.concatenate([boxes, looks.count[group[fresh]]])
         else:
-            look = np.pad(look, ((0, len(fresh)), (0, 0)))
-            boxes = np.pad(boxes, (0, len(fresh)))
+            look = np.concatenate([look, np.zeros((len(fresh), look.shape[1]))])
+            boxes = np.concatenate([boxes, np.zeros(len(fresh), int)])
         linked = np.full(len(assigned), -1)
         linked[hit] = group[assigned[hit]]
         node = Node(
@@ -369,16 +386,11 @@ class Linker(NamedTuple):
             predicted_covariance=np.concatenate([before.covariance, new_cov]),
         )
         gap = np.concatenate([gap, np.zeros(len(fresh), int)])
-        after = Heads(
-            node.track,
-            gap,
-            node.mean,
-            node.covariance,
-            look,
-            boxes,
-            np.asarray(before.count + len(fresh)),
-        )
-        return node, after[gap <= settings.gap]
+        kept = gap <= settings.gap
+        return node, Heads(
+            node.track[kept], gap[kept], node.mean[kept], node.covariance[kept], look[kept],
+            boxes[kept], np.asarray(before.count + len(fresh)),
+        )  # fmt: skip
 
 
 def smooth(
