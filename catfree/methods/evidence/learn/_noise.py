@@ -200,7 +200,8 @@ def crowding(position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"]) -
     # Points are half a step off the axes, so the sign of the axes makes no difference.
     point = np.floor(place)[:, None] + np.stack(np.meshgrid(near, near), -1).reshape(-1, 2)
     used = np.hypot(*np.moveaxis(point + 0.5 - place[:, None], -1, 0)) <= reach
-    area = len(np.unique(point[used] @ np.array([1.0, 1j]))) * SPACING**2
+    x, y = point[used].astype(np.int64).T
+    area = len(np.unique((x << 32) + y)) * SPACING**2
     people = len(position) / max(len(np.unique(frame)), 1)
     return people / area
 
