@@ -1,10 +1,12 @@
-"""The page of constants is what the settings say, and the method has no others that decide."""
+"""The page of constants is what the settings and the modules say, of every constant."""
 
 import dataclasses
 import importlib.util
 import json
+import re
 from pathlib import Path
 
+from catfree.methods import evidence
 from catfree.settings import EvidenceSettings
 
 HOOK = Path(__file__).parents[3] / "docs" / "hooks" / "constants_page.py"
@@ -47,3 +49,11 @@ def test_the_page_is_made_of_the_settings_and_of_measured_effects():
     assert measured.keys() == {field.name for field in constants()}
     # A working area of a quarter of the size is felt; so the effects are real ones.
     assert min(measured["working_sigma"]) < -1
+
+
+def test_the_page_has_every_constant_of_the_modules_with_what_it_is():
+    listed = re.findall(r"^\| `\w+\.(\w+)` \| .+ \| (.+) \|$", hook().page(), re.MULTILINE)
+    code = [path.read_text("utf-8") for path in Path(evidence.__path__[0]).rglob("*.py")]
+    capitals = [name for text in code for name in re.findall(r"^([A-Z][A-Z_]*) = ", text, re.M)]
+    assert sorted(name for name, _ in listed) == sorted(capitals)
+    assert all(len(what.split()) > 1 for _, what in listed)

@@ -26,7 +26,7 @@ from catfree.types._sampling import evenly_spread
 ROUNDS = 3  # the third changes the noise by a few percent
 START_ROUNDS = (2, 4)  # of the low and the high start: each round can at most halve the noise
 START_BOXES = 1000  # boxes used to choose the start; scenes with few people also need frames
-FEWEST_START_FRAMES = 5
+FEWEST_START_FRAMES = 5  # a minimum of frames for scenes with few people
 
 
 def self_calibrate(
