@@ -5,6 +5,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
 
 from catfree.filters._gates import select
 from catfree.filters._suppression import outside, suppress
@@ -166,11 +167,31 @@ def suppress_by_frame(
     Returns:
         (H,) bool, which positions are kept.
     """
-    keep = np.zeros(len(candidate), bool)
-    for grid in _frame_grids(frame_index, candidate):
+    rivals = candidate.copy()
+    rows = np.flatnonzero(candidate)
+    rivals[rows] = _has_neighbor(frame_index[rows], ground_xy[rows], radius)
+    keep = candidate & ~rivals
+    for grid in _frame_grids(frame_index, rivals):
         kept = _suppress_frames(ground_xy[grid], priority[grid], radius, grid >= 0)
         keep[grid[np.asarray(kept)]] = True
     return keep
+
+
+def _has_neighbor(
+    frame_index: Int[np.ndarray, " n"], ground_xy: Float[np.ndarray, "n 2"], radius: float
+) -> Bool[np.ndarray, " n"]:
+    """(N,) whether another position of the frame is within the radius; a few more may be true."""
+    found = np.ones(len(ground_xy), bool)
+    finite = np.flatnonzero(np.isfinite(ground_xy).all(1))
+    if len(finite) == 0:
+        return found
+    xy = ground_xy[finite].astype(np.float64)
+    # Positions may be rounded to single precision later.
+    reach = 1.001 * float(radius) + 1e-6 * float(np.abs(xy).max()) + np.finfo(float).tiny
+    apart = np.column_stack([xy / reach, 4.0 * frame_index[finite]])
+    nearest, _ = KDTree(apart).query(apart, 2, distance_upper_bound=1.0)
+    found[finite] = np.isfinite(nearest[:, 1])
+    return found
 
 
 def outside_by_frame(

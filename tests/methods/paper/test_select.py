@@ -212,21 +212,21 @@ PLACE = st.tuples(
 
 
 @pytest.mark.slow
-@given(st.lists(PLACE, max_size=30))
-def test_suppression_by_frame_is_greedy(places):
+@given(st.lists(PLACE, max_size=30), st.sampled_from([0.0, 5.0, 5.5]))
+def test_suppression_by_frame_is_greedy(places, radius):
     frame, x, y, weight, candidate = np.array(places, int).reshape(-1, 5).T
     xy, candidate = np.column_stack([x, y]).astype(float), candidate.astype(bool)
     priority = np.column_stack([weight, np.zeros(len(x))]).astype(float)
-    keep = suppress_by_frame(frame, xy, priority, candidate, 5.5)
+    keep = suppress_by_frame(frame, xy, priority, candidate, radius)
     kept: list[int] = []
     for i in np.argsort(-weight, kind="stable"):
-        near = [j for j in kept if frame[j] == frame[i] and np.hypot(*(xy[i] - xy[j])) <= 5.5]
+        near = [j for j in kept if frame[j] == frame[i] and np.hypot(*(xy[i] - xy[j])) <= radius]
         if candidate[i] and not near:
             kept.append(int(i))
     assert np.flatnonzero(keep).tolist() == sorted(kept)
-    free = outside_by_frame(frame, xy, keep, np.ones(len(x), bool), 5.5)
+    free = outside_by_frame(frame, xy, keep, np.ones(len(x), bool), radius)
     for i in range(len(x)):
-        near = [j for j in kept if frame[j] == frame[i] and np.hypot(*(xy[i] - xy[j])) <= 5.5]
+        near = [j for j in kept if frame[j] == frame[i] and np.hypot(*(xy[i] - xy[j])) <= radius]
         assert free[i] == (not near)
 
 
@@ -251,3 +251,13 @@ def test_suppression_compares_so_many_pairs_at_a_time_and_keeps_the_same(monkeyp
     assert max(pairs) <= max(selection.PAIRS_BLOCK, places**2)
     monkeypatch.setattr(selection, "PAIRS_BLOCK", 1)
     np.testing.assert_array_equal(suppress_by_frame(frame, place, rank, present, 0.05), kept)
+
+
+def test_positions_without_a_rival_are_kept_without_comparing_pairs(monkeypatch):
+    monkeypatch.delattr(selection, "_suppress_frames")
+    place = np.array([[0.0, 0], [1, 0], [0, 0], [5, 5]])
+    frame, rank = np.array([0, 0, 2**62, 0]), np.zeros((4, 1))
+    candidate = np.array([True, True, True, False])
+    kept = suppress_by_frame(frame, place, rank, candidate, 0.9)
+    np.testing.assert_array_equal(kept, candidate)
+    assert not suppress_by_frame(frame[:0], place[:0], rank[:0], candidate[:0], 0.9).size
