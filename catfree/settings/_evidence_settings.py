@@ -81,7 +81,8 @@ class EvidenceSettings:
             the share of a body inside an image that counts as whole is the last.
         height_quantiles: of a camera's boxes, between small, usual and large people.
         detection_rate_start: detection rate of all cameras before counting.
-        detection_rate_range: bounds of what the detection rate of a class is before counting.
+        detection_rate_range: bounds of the detection rate of a class before counting, which may
+            halve the distance to certainty.
         smallest_detection_rate: lower bound of the rate in a camera that did see the person.
         clutter_pseudo_counts: boxes that the ratio of a camera is worth against those of one place.
         clutter_range: bounds of the ratio of clutter to people.
@@ -255,7 +256,8 @@ class EvidenceSettings:
     detection_rate_range: tuple[float, float] = constant(
         (0.02, 0.98),
         "decision",
-        "nothing is certain or impossible before counting",
+        "nothing is certain or impossible; after counting, a miss is never evidence of more than a "
+        "hundred to one",
     )
     smallest_detection_rate: float = constant(
         0.2, "decision", "a person who was detected was visible at least this much"

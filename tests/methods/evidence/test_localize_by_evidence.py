@@ -4,7 +4,6 @@ from functools import cache
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 import catfree as cf
@@ -152,7 +151,7 @@ def test_clusters_are_right_correspondences():
 @cache
 def poorly_seen():
     """Nearly every third box is missing, and almost half of the others show nobody."""
-    _, detections, scene = walk(frames=6, seed=4, recall=0.7, clutter=3.0)
+    _, detections, scene = walk(frames=6, seed=12, recall=0.7, clutter=3.0)
     return detections, scene, localize_by_evidence(detections, scene)
 
 
@@ -200,21 +199,14 @@ def in_place(tracks):
 
 def changes(plain, other):
     """What differs by more than a hundredth: of the usual deviation, or of certainty."""
-    there = [(plain.frame == f, other.frame == f) for f in np.union1d(plain.frame, other.frame)]
-    found = {"who"} if any(one.sum() != two.sum() for one, two in there) else set()
-    pairs = np.zeros((0, 2), int)  # of the same people in both, as far as there are such
-    for one, two in there:
-        i, j = np.flatnonzero(one), np.flatnonzero(two)
-        apart = np.linalg.norm(plain.ground_xy[i, None] - other.ground_xy[j], axis=-1)
-        rows, columns = linear_sum_assignment(apart)
-        pairs = np.concatenate([pairs, np.column_stack([i[rows], j[columns]])])
+    if len(plain) != len(other) or (plain.frame != other.frame).any():
+        return {"who"}
     sigma = np.median(plain.sigma)
     sizes = {"position": sigma, "covariance": sigma**2, "existence": 1.0}
-    one, two = pairs.T
-    return found | {
+    return {
         name
         for name, size in sizes.items()
-        if np.abs(getattr(plain, name)[one] - getattr(other, name)[two]).max() > 0.01 * size
+        if np.abs(getattr(plain, name) - getattr(other, name)).max() > 0.01 * size
     }
 
 

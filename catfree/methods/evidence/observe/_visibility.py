@@ -231,6 +231,9 @@ def rate_of_counts(
     by_cover = (hits.sum((0, 1)) + pseudo * overall) / (trials.sum((0, 1)) + pseudo)
     by_camera = (hits.sum((1, 2)) + pseudo * overall) / (trials.sum((1, 2)) + pseudo)
     prior = by_camera[:, None, None] * (by_cover / overall)[None, None]
-    prior = np.clip(prior, *settings.detection_rate_range)
+    low, high = settings.detection_rate_range
+    prior = np.clip(prior, low, high)
     shrunk = (hits + pseudo * prior) / (trials + pseudo)
-    return DetectionRate(heights, np.array(settings.cover_edges), shrunk)
+    # Counting may halve the distance to certainty and no more, however long it goes on.
+    rate = np.clip(shrunk, low / 2, (1 + high) / 2)
+    return DetectionRate(heights, np.array(settings.cover_edges), rate)
