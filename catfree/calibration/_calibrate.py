@@ -73,8 +73,7 @@ def calibrate(
         CalibrationError: if fewer than two cameras can be registered, or if they disagree; if only
             cameras that are not registered see the map.
         InvalidInputError: if shapes do not match, two cameras have the same boxes, a picture has
-            more than 1,000, or an anchor
-            refers to no camera or no ground.
+            more than 1,000 boxes, or an anchor refers to no camera or no ground.
         ForkedProcessError: in a process forked after JAX was used.
     """
     detections, settings = _confident(detections, settings)

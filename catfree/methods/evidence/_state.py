@@ -97,7 +97,7 @@ def first_state(
         existence=Existence(numbers, np.zeros((0, cameras)), np.ones(len(boxes.frame))),
         motion=usual_motion(settings),
         looks=None,
-        trails=Trails(rows, rows, rows, np.zeros((0, 5)), np.zeros((0, 5, 5))),
+        trails=_nobody(),
         evidence=numbers,
         probability=numbers,
         position_covariance=np.zeros((0, 2, 2)),
@@ -108,13 +108,17 @@ def first_state(
     )
 
 
+def _nobody() -> Trails:
+    """No tracks."""
+    return unlinked(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)))
+
+
 def with_groups(state: EvidenceState, groups: Groups) -> EvidenceState:
     """The state with other groups: nothing is known of them, and the tracks of the old ones go."""
-    nobody = unlinked(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)))
     place, covariance = mean_and_covariance(groups.info, float(state.noise.spread))
     unknown = np.zeros(groups.member.shape)
     return replace(
-        with_tracks(state, nobody, np.zeros(0), np.zeros(0)),
+        with_tracks(state, _nobody(), np.zeros(0), np.zeros(0)),
         groups=groups,
         place=place,
         place_covariance=covariance,

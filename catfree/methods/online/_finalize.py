@@ -18,7 +18,6 @@ from catfree.methods.evidence.track._identify import (
     extend,
     futures_of,
     later,
-    link_gains,
     match,
     nodes_of,
 )
@@ -234,7 +233,7 @@ def _identify(
     habits = _habits(learned.habits)
     k = future.chain
     past_of = np.full(len(track), -1)
-    past_of[k] = match(link_gains(pasts, future, look[k], boxes[k], seen[k], habits, population))
+    past_of[k] = match(pasts, future, look[k], boxes[k], seen[k], habits, population)
     here = at[0]
     linked = past_of[chain[here]]
     numbers = track[chain[here]]

@@ -49,10 +49,8 @@ def self_calibrate(
     sample = boxes if few is detections else prepare_boxes(few, scene.rig, settings)
     search, done = _likeliest_start(sample, scene, start, settings)
     if few is not detections:
-        search, done = (
-            _Search(boxes, foot_cover(boxes, settings), scene, search.after(done), settings),
-            0,
-        )
+        covered = foot_cover(boxes, settings)
+        search, done = _Search(boxes, covered, scene, search.after(done), settings), 0
     learned = search.after(done + ROUNDS)
     return learned.unit, learned.noise
 

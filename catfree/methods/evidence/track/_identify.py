@@ -330,9 +330,7 @@ def sweep(
         if t:
             pasts = later(pasts, *steps[t - 1])
         name = future.chain
-        past = match(
-            link_gains(pasts, future, look[name], boxes[name], seen[name], habits, population)
-        )
+        past = match(pasts, future, look[name], boxes[name], seen[name], habits, population)
         here = at[t]
         place[name] = np.arange(len(name))
         linked = past[place[chain[here]]]
@@ -384,7 +382,7 @@ def _new_person(population: Population) -> tuple[np.ndarray, np.ndarray]:
     return matrix, np.array([0.0, 0.0, spread**-2, 0.0, 0.0])
 
 
-def link_gains(
+def match(
     pasts: Pasts,
     future: Futures,
     look: Float[np.ndarray, "k dim"],
@@ -392,8 +390,8 @@ def link_gains(
     seen: Int[np.ndarray, " k"],
     habits: Habits,
     population: Population,
-) -> Float[np.ndarray, "t k"]:
-    """Log evidence that each future continues each past rather than being a new person.
+) -> Int[np.ndarray, " k"]:
+    """Assign pasts to futures.
 
     Args:
         pasts: the chains up to the frame before, predicted for this one.
@@ -405,12 +403,12 @@ def link_gains(
         population: what is the same for all chains.
 
     Returns:
-        (T, K), 0 for pairs that are too far apart to compare.
+        (K,) row of the past that each continues, or -1.
     """
     _, matrix, vector, wait = future
-    gain = np.zeros((len(pasts.name), len(matrix)))
-    if gain.size == 0:
-        return gain
+    past = np.full(len(matrix), -1)
+    if len(past) == 0 or len(pasts.name) == 0:
+        return past
     density, spread, speed = population.density, population.spread, population.motion.speed
     prior, pull = _new_person(population)
     # Of the prior of a new person, and of leaving and coming instead of staying.
@@ -430,17 +428,12 @@ def link_gains(
     misled = population.settings.foot_outlier  # the heights of one person do not agree
     same = _form(P[:, i] + matrix[j], p[:, i] + vector[j]) - _form(P, p)[:, i]
     same += np.log([[1 - misled], [misled]])
+    gain = np.zeros(hope.shape)
     gain[i, j] = np.logaddexp(*same) - value[j] - habits.surprise(hidden[i, j])
     if population.looks is not None:
         # A whole future counts like one usual position of it: its errors are common.
         each = boxes / np.maximum(seen, 1)
         gain[i, j] += population.looks.compare(pasts.look, pasts.boxes, look, boxes, each)[i, j]
-    return gain
-
-
-def match(gain: Float[np.ndarray, "t k"]) -> Int[np.ndarray, " k"]:
-    """The past that each future continues, or -1, by the gains of all pairs."""
-    past = np.full(gain.shape[1], -1)
     rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
     good = gain[rows, columns] > 0
     past[columns[good]] = rows[good]
