@@ -15,7 +15,6 @@ from catfree.calibration.people.cameras._camera_model import (
     to_matrices,
 )
 from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
-from catfree.calibration.people.matching._mutual_nearest import mutual_nearest, squared_distances
 from catfree.calibration.people.matching._placement import Placement, align_rigidly, turn, vote
 from catfree.geometry._person import height_at
 from tests.calibration.people.boxes_of_rows import boxes_of_rows
@@ -131,17 +130,6 @@ def test_a_placed_camera_sees_placed_people_the_same(camera, angle, x, y):
     before = one_box(camera, xy, 1.7, 0.12)
     after = one_box(placement.place(camera), turn(xy, angle) + placement.translation, 1.7, 0.12)
     np.testing.assert_allclose(after, before, rtol=1e-6, atol=1e-6)
-
-
-def test_matches_are_mutual_and_within_the_gate():
-    people = walkers(3)
-    time, slot, partner = mutual_nearest(*squared_distances(people, people), 9.0)
-    assert len(time) == people.valid.sum()
-    assert (slot == partner).all()
-    far = GroundMap(
-        people.xy + 50, people.covariance, people.height, people.height_sd, people.valid
-    )
-    assert not len(mutual_nearest(*squared_distances(people, far), 9.0)[0])
 
 
 RIG = np.array(

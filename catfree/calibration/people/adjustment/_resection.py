@@ -16,7 +16,7 @@ from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.adjustment._people_bundle import CAUCHY, CONVERGED, camera_prior
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, X, Z, projection
 from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
-from catfree.calibration.people.matching._mutual_nearest import mutual_nearest, squared_distances
+from catfree.calibration.people.matching._mutual_nearest import mutual_nearest
 from catfree.geometry._buckets import coarse_length, padded
 from catfree.geometry._least_squares import (
     Residuals,
@@ -73,9 +73,7 @@ def resect(
                 foot_offset=foot_offset,
                 range_tolerance=tolerance,
             )
-            time, slot, partner = mutual_nearest(
-                *squared_distances(own_map, people), settings.match_gate
-            )
+            time, slot, partner, *_ = mutual_nearest(own_map, people, settings.match_gate)
             if len(time) < FEWEST_MATCHES:
                 return None
             measured = np.stack(

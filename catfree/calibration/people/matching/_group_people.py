@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground, visible
-from catfree.calibration.people.matching._mutual_nearest import mutual_nearest, squared_distances
+from catfree.calibration.people.matching._mutual_nearest import mutual_nearest
 from catfree.settings import CalibrationSettings
 
 
@@ -131,7 +131,7 @@ def _merge(
     gate: float,
 ) -> tuple[GroundMap, Int[np.ndarray, "frame merged cam"]]:
     """Merge one camera's people into a map."""
-    time, slot, partner = mutual_nearest(*squared_distances(people, added), gate)
+    time, slot, partner, *_ = mutual_nearest(people, added, gate)
     members = members.copy()
     members[time, slot, camera] = partner
     xy, covariance = people.xy.copy(), people.covariance.copy()

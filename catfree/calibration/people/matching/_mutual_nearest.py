@@ -1,6 +1,7 @@
 """Match mutually nearest people of two ground maps and compare the matches with chance."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
@@ -8,56 +9,84 @@ from scipy.ndimage import gaussian_filter
 
 from catfree.calibration.people.cameras._ground_map import GroundMap
 
-
-def squared_distances(
-    one: GroundMap, other: GroundMap
-) -> tuple[
-    Float[np.ndarray, "frame slot partner"],
-    Float[np.ndarray, "frame slot partner"],
-]:
-    """Squared Mahalanobis distances and log determinants (T, N, M) between people of a frame."""
-    x, y = (_pair_sums(one.xy[..., i], -other.xy[..., i]) for i in (0, 1))
-    a, b, d = (
-        _pair_sums(one.covariance[..., i, j], other.covariance[..., i, j])
-        for i, j in ((0, 0), (0, 1), (1, 1))
-    )
-    determinant = a * d - b * b
-    distance = (d * x * x - 2 * b * x * y + a * y * y) / determinant
-    both = one.valid[:, :, None] & other.valid[:, None, :]
-    return np.where(both, distance, np.inf), np.log(determinant)
+ROUNDING = 1.01  # single precision may shorten a distance by less
 
 
-def _pair_sums(
-    one: Float[np.ndarray, "frame slot"], other: Float[np.ndarray, "frame partner"]
-) -> Float32[np.ndarray, "frame slot partner"]:
-    """(T, N, M) sums of all pairs; single precision resolves a millimeter in a kilometer."""
-    return one.astype(np.float32)[:, :, None] + other.astype(np.float32)[:, None, :]
+class Matches(NamedTuple):
+    """People of two maps who are each other's best match.
+
+    Attributes:
+        frame: (K,) ascending.
+        slot: (K,) of the person in the first map.
+        partner: (K,) slot of the person in the second map.
+        distance: (K,) squared Mahalanobis distance of their positions.
+        log_determinant: (K,) of the covariance of the difference of their positions.
+    """
+
+    frame: Int[np.ndarray, " match"]
+    slot: Int[np.ndarray, " match"]
+    partner: Int[np.ndarray, " match"]
+    distance: Float32[np.ndarray, " match"]
+    log_determinant: Float32[np.ndarray, " match"]
 
 
-def mutual_nearest(
-    distance: Float[np.ndarray, "frame slot partner"],
-    log_determinant: Float[np.ndarray, "frame slot partner"],
-    gate: float,
-) -> tuple[Int[np.ndarray, " match"], Int[np.ndarray, " match"], Int[np.ndarray, " match"]]:
+def mutual_nearest(one: GroundMap, other: GroundMap, gate: float) -> Matches:
     """Find pairs of people within the gate that are each other's best match.
 
-    Args:
-        distance: (T, N, M) squared Mahalanobis distances of the people of two maps.
-        log_determinant: (T, N, M) log determinants of the covariances of their differences.
-        gate: largest squared Mahalanobis distance of a pair.
+    Only pairs that their distance in meters allows are compared by their covariances: a squared
+    Mahalanobis distance is at least the squared distance over the trace of the covariance.
 
-    Returns:
-        Frame, slot in the first map and slot in the second, each (pairs,).
+    Args:
+        one: (T, N) people.
+        other: (T, M) people in the same frames.
+        gate: largest squared Mahalanobis distance of a pair.
     """
+    (frames, slots), partners = one.valid.shape, other.valid.shape[1]
+    x, y, a, b, d, reach = _components(one, gate)
+    to_x, to_y, to_a, to_b, to_d, to_reach = _components(other, gate)
+    apart = x[:, :, None] - to_x[:, None, :]
+    apart *= apart
+    sideways = y[:, :, None] - to_y[:, None, :]
+    sideways *= sideways
+    apart += sideways
+    near = np.flatnonzero(apart < reach[:, :, None] + to_reach[:, None, :])
+    row, partner = np.divmod(near, max(partners, 1))
+    frame, slot = np.divmod(row, max(slots, 1))
+    column = frame * partners + partner
+    x, y = (p.ravel()[row] - q.ravel()[column] for p, q in ((x, to_x), (y, to_y)))
+    a, b, d = (p.ravel()[row] + q.ravel()[column] for p, q in ((a, to_a), (b, to_b), (d, to_d)))
+    determinant = a * d - b * b
+    distance = (d * x * x - 2 * b * x * y + a * y * y) / determinant
+    log_determinant = np.log(determinant)
+    pairs = Matches(frame, slot, partner, distance, log_determinant)
     cost = np.where(distance < gate, distance + log_determinant, np.inf)
-    if cost.shape[1] == 0 or cost.shape[2] == 0:
-        none = np.zeros(0, np.int64)
-        return none, none, none
-    forth, back = cost.argmin(2), cost.argmin(1)
-    time, slot = np.nonzero(np.isfinite(cost.min(2)))
-    partner = forth[time, slot]
-    mutual = back[time, partner] == slot
-    return time[mutual], slot[mutual], partner[mutual]
+    best = _first_lowest(cost, row, frames * slots)
+    best &= _first_lowest(cost, column, frames * partners)
+    return Matches(*(values[best] for values in pairs))
+
+
+def _components(people: GroundMap, gate: float) -> tuple[Float32[np.ndarray, "frame slot"], ...]:
+    """Return x, y, the covariance and the squared distance that it allows, -inf for nobody.
+
+    Single precision resolves a millimeter in a kilometer.
+    """
+    a, d = people.covariance[..., 0, 0], people.covariance[..., 1, 1]
+    reach = np.where(people.valid, ROUNDING * gate * (a + d), -np.inf)
+    b = people.covariance[..., 0, 1]
+    values = (people.xy[..., 0], people.xy[..., 1], a, b, d, reach)
+    return tuple(np.ascontiguousarray(value, np.float32) for value in values)
+
+
+def _first_lowest(
+    cost: Float32[np.ndarray, " pair"], group: Int[np.ndarray, " pair"], count: int
+) -> Bool[np.ndarray, " pair"]:
+    """Mark the first pair with the lowest finite cost of each group."""
+    lowest = np.full(count, np.inf, cost.dtype)
+    np.minimum.at(lowest, group, cost)
+    at = np.flatnonzero((cost == lowest[group]) & np.isfinite(cost))
+    marked = np.zeros(len(group), bool)
+    marked[at[np.unique(group[at], return_index=True)[1]]] = True
+    return marked
 
 
 @dataclass(frozen=True)
@@ -147,9 +176,7 @@ def judge(
     Returns:
         The judgment; missing people reduce the evidence.
     """
-    distance, log_determinant = squared_distances(own, others)
-    time, slot, partner = mutual_nearest(distance, log_determinant, gate)
-    at = (time, slot, partner)
+    time, slot, partner, distance, log_determinant = mutual_nearest(own, others, gate)
     own_matched = np.zeros(own.valid.shape, bool)
     own_matched[time, slot] = True
     others_matched = np.zeros(others.valid.shape, bool)
@@ -164,11 +191,7 @@ def judge(
     miss = np.log(1 - rate)
     chance = density(own.xy[time, slot])
     log_ratio = (
-        np.log(rate)
-        - distance[at] / 2
-        - log_determinant[at] / 2
-        - np.log(2 * np.pi)
-        - np.log(chance)
+        np.log(rate) - distance / 2 - log_determinant / 2 - np.log(2 * np.pi) - np.log(chance)
     )
     # A match less likely than two separate people counts as two separate people.
     evidence = float(np.maximum(log_ratio, 2 * miss).sum() + miss * (missed + unmatched))

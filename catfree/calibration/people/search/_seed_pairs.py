@@ -9,11 +9,7 @@ from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
 from catfree.calibration.people.cameras._ground_map import visible
 from catfree.calibration.people.matching._group_people import RigState
-from catfree.calibration.people.matching._mutual_nearest import (
-    Judgment,
-    mutual_nearest,
-    squared_distances,
-)
+from catfree.calibration.people.matching._mutual_nearest import Judgment, mutual_nearest
 from catfree.calibration.people.matching._placement import Placement, align_rigidly, moved_map, vote
 from catfree.calibration.people.matching._verdict import judge_with_chance
 from catfree.calibration.people.matching._workspace import Workspace
@@ -99,8 +95,7 @@ def _settle(
     source = work.local_map(grid, two, q, work.settings.range_tolerance)
     for _ in range(3):
         moved = moved_map(source, placement)
-        pairs = squared_distances(target, moved)
-        time, slot, partner = mutual_nearest(*pairs, work.settings.match_gate)
+        time, slot, partner, *_ = mutual_nearest(target, moved, work.settings.match_gate)
         if len(time) < 4:
             return placement
         spread = target.covariance[time, slot] + moved.covariance[time, partner]
