@@ -1,6 +1,7 @@
 """Map the people seen by one camera on the metric ground."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -35,6 +36,14 @@ class GroundMap:
     height: Float[np.ndarray, "frame slot"]
     height_sd: Float[np.ndarray, "frame slot"]
     valid: Bool[np.ndarray, "frame slot"]
+
+    def rolled(self, frames: int) -> "GroundMap":
+        """Show everybody a number of frames later, circularly."""
+        if frames == 0:
+            return self
+        shift = partial(np.roll, shift=frames, axis=0)
+        moved = (self.xy, self.covariance, self.height, self.height_sd, self.valid)
+        return GroundMap(*map(shift, moved))
 
 
 def _ground_range(

@@ -8,7 +8,7 @@ person seen by both cameras; chance votes are spread thinly.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from catfree.calibration.people.cameras._camera_model import PAN, X, Z
 from catfree.calibration.people.cameras._ground_map import GroundMap
@@ -75,14 +75,15 @@ def vote(
     """
     target, source = _nearest(target), _nearest(source)
     bins = max(8, round(2 * np.pi / settings.voting_angle))
-    half = len(source.xy) // 2
-    votes = _count(target, source, np.arange(len(source.xy)), bins, settings)
-    chance = _count(target, source, np.roll(np.arange(len(source.xy)), half), bins, settings)
-    gain = votes - settings.chance_weight * chance
+    radius, half = _reach(target, source, settings), len(source.xy) // 2
+    votes = _count(target, source, bins, radius, settings.voting_cell)
+    chance = _count(target, source.rolled(half), bins, radius, settings.voting_cell)
     # Far corners have no chance votes; the mean level bounds the ratio there.
-    level = np.sqrt(np.maximum(chance, chance.mean()) + 1.0)
-    score = gain / level
-    radius = _reach(target, source, settings)
+    level = np.maximum(chance, chance.mean())
+    level += 1.0
+    chance *= settings.chance_weight
+    votes -= chance
+    score = np.divide(votes, np.sqrt(level, out=level), out=votes)
     placements: list[Placement] = []
     best = np.flatnonzero(score > 0.4 * max(score.max(), 1e-9))
     for index in best[np.argsort(-score.flat[best], kind="stable")[: 50 * count]]:
@@ -128,39 +129,44 @@ def _nearest(people: GroundMap) -> GroundMap:
 
 
 def _count(
-    target: GroundMap,
-    source: GroundMap,
-    source_frames: Int[np.ndarray, " frame"],
-    bins: int,
-    settings: CalibrationSettings,
+    target: GroundMap, source: GroundMap, bins: int, radius: float, cell: float
 ) -> Float[np.ndarray, "{bins} x y"]:
-    """Count votes (angle, x, y) of all pairs of target and given source frames, blurred."""
-    both = target.valid[:, :, None] & source.valid[source_frames][:, None, :]
-    time, slot, other = np.nonzero(both)
-    p = target.xy[time, slot].astype(np.float32)
-    q = source.xy[source_frames[time], other].astype(np.float32)
-    spread = target.covariance[time, slot].trace(axis1=1, axis2=2) + source.covariance[
-        source_frames[time], other
-    ].trace(axis1=1, axis2=2)
-    weight = 1 / np.sqrt(np.maximum(spread, settings.voting_cell**2))
-    radius, cell = _reach(target, source, settings), settings.voting_cell
+    """Count votes (angle, x, y) of all pairs of people of a frame, blurred.
+
+    Args:
+        target: (T, N) people of the fixed map.
+        source: (T, M) people of the moving map.
+        bins: number of headings.
+        radius: largest coordinate of a translation in meters.
+        cell: side of a bin in meters.
+    """
+    frame, slot, other = np.nonzero(target.valid[:, :, None] & source.valid[:, None, :])
+    spread = target.covariance[frame, slot].trace(axis1=1, axis2=2)
+    spread += source.covariance[frame, other].trace(axis1=1, axis2=2)
+    weight = 1 / np.sqrt(np.maximum(spread, cell**2))
+    p = (target.xy[frame, slot].astype(np.float32).T + np.float32(radius)) / np.float32(cell)
+    q = source.xy[frame, other].astype(np.float32).T / np.float32(cell)
     side = int(2 * radius / cell)
-    votes = np.empty((bins, side, side))
-    p = (p + np.float32(radius)) / np.float32(cell)
-    q = q / np.float32(cell)
-    for index in range(bins):
+
+    def layer(index: int) -> Float[np.ndarray, "x y"]:
         angle = np.float32(index * 2 * np.pi / bins)
         c, s = np.cos(angle), np.sin(angle)
-        x = (p[:, 0] - (c * q[:, 0] - s * q[:, 1])).astype(np.int32)
-        y = (p[:, 1] - (s * q[:, 0] + c * q[:, 1])).astype(np.int32)
-        inside = (x > 0) & (x < side) & (y > 0) & (y < side)
-        flat = np.where(inside, x * side + y, 0)
-        layer = np.bincount(flat, weights=weight, minlength=side * side)
-        layer[0] = 0
-        votes[index] = layer.reshape(side, side)
-    votes = votes + np.roll(votes, -1, axis=0)
-    votes[:, :-1] += votes[:, 1:]
-    votes[:, :, :-1] += votes[:, :, 1:]
+        x = (p[0] - (c * q[0] - s * q[1])).astype(np.int32)
+        y = (p[1] - (s * q[0] + c * q[1])).astype(np.int32)
+        # Those out of range are counted in the first and in an additional row or column.
+        x, y = x.clip(0, side), y.clip(0, side)
+        count = np.bincount(x * (side + 1) + y, weight, (side + 1) ** 2)
+        count = count.reshape(side + 1, side + 1)[:side, :side]
+        count[0] = count[:, 0] = 0
+        return count
+
+    votes = np.empty((bins, side, side))
+    following = layer(0)
+    for index in range(bins):
+        present, following = following, layer((index + 1) % bins)
+        blurred = np.add(present, following, out=votes[index])
+        blurred[:-1] += blurred[1:]
+        blurred[:, :-1] += blurred[:, 1:]
     return votes
 
 

@@ -71,9 +71,8 @@ def judge_with_chance(
     density = chance_density(own)
 
     def at_shift(shift: int) -> Judgment:
-        rolled = own if shift == 0 else _rolled(own, shift)
         return judge(
-            rolled,
+            own.rolled(shift),
             others,
             density,
             others_expected,
@@ -87,16 +86,6 @@ def judge_with_chance(
     steps = sorted({round(share * frames) % frames for share in shifts} - {0})
     chance = max((at_shift(step).evidence for step in steps), default=np.inf)
     return judgment, judgment.evidence - chance
-
-
-def _rolled(people: GroundMap, shift: int) -> GroundMap:
-    """Roll the frames of a map circularly."""
-    return GroundMap(
-        *(
-            np.roll(getattr(people, name), shift, axis=0)
-            for name in ("xy", "covariance", "height", "height_sd", "valid")
-        )
-    )
 
 
 def judge_camera(

@@ -1,6 +1,5 @@
 """Register all cameras: pairs, seeds, growth, and shared or separate focal lengths."""
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
@@ -18,7 +17,6 @@ from catfree.calibration.people.search._seed_pairs import PairHypothesis, search
 from catfree.errors import CalibrationError
 from catfree.types._annotations import Progress
 
-THREADS = 2  # array operations release the interpreter lock only partly
 GROWN_SEEDS = 2  # minimum; more only while cameras are missing
 FINAL_TOLERANCES = (0.03, 0.02, 0.01)  # range tolerances of the last adjustment
 FINAL_PEOPLE = 4000
@@ -87,12 +85,11 @@ def _search_pairs(work: Workspace, report: Progress) -> list[PairHypothesis]:
     """Find the best hypothesis of every pair of cameras, sorted by decreasing margin."""
     couples = list(combinations(range(work.grid.camera_count), 2))
     hypotheses = []
-    with ThreadPoolExecutor(THREADS) as pool:
-        searched = pool.map(lambda couple: search_pair(work, *couple), couples)
-        for done, pair in enumerate(searched):
-            if pair is not None:
-                hypotheses.append(pair)
-            report("pairs", done + 1, len(couples))
+    for done, couple in enumerate(couples, start=1):
+        pair = search_pair(work, *couple)
+        if pair is not None:
+            hypotheses.append(pair)
+        report("pairs", done, len(couples))
     return sorted(hypotheses, key=lambda pair: -pair.margin)
 
 

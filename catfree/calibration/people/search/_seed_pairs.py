@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
-from catfree.calibration.people.cameras._ground_map import visible
+from catfree.calibration.people.cameras._ground_map import GroundMap, visible
 from catfree.calibration.people.matching._group_people import RigState
 from catfree.calibration.people.matching._mutual_nearest import Judgment, mutual_nearest
 from catfree.calibration.people.matching._placement import Placement, align_rigidly, moved_map, vote
@@ -50,52 +50,57 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
     """
     settings = work.settings
     longest = work.grid.size.max(1)
+    maps = _Maps(work)
     placements: list[tuple[Placement, np.ndarray, np.ndarray]] = []
     for share in settings.focal_shares:
         sides = [work.planes(c, float(np.log(share * longest[c]))) for c in (one, two)]
-        maps = [
-            [work.local_map(work.voting, c, p, settings.range_tolerance) for p in planes]
-            for c, planes in zip((one, two), sides, strict=True)
-        ]
-        for p, target in zip(sides[0], maps[0], strict=True):
-            for q, source in zip(sides[1], maps[1], strict=True):
+        for p in sides[0]:
+            for q in sides[1]:
+                target, source = maps(work.voting, one, p), maps(work.voting, two, q)
                 placements += [
                     (v, p, q) for v in vote(target, source, settings, PLACEMENTS_PER_VOTE)
                 ]
     placements.sort(key=lambda item: -item[0].score)
     scored = []
     for placement, p, q in placements[:SHORTLIST]:
-        placement = _settle(work, work.quick, one, two, p, q, placement)
-        _, margin = _judge_pair(work, work.quick, one, two, p, placement.place(q), (0.5,))
+        target, source = maps(work.quick, one, p), maps(work.quick, two, q)
+        placement = _settle(target, source, placement, settings.match_gate)
+        moved = placement.place(q)
+        _, margin = _judge_pair(work, work.quick, one, two, p, moved, target, (0.5,))
         scored.append((margin, placement, p, q))
     scored.sort(key=lambda item: -item[0])
     best = None
     for _, placement, p, q in scored[:FINALISTS]:
-        placement = _settle(work, work.scoring, one, two, p, q, placement)
+        target, source = maps(work.scoring, one, p), maps(work.scoring, two, q)
+        placement = _settle(target, source, placement, settings.match_gate)
         moved = placement.place(q)
-        judgment, margin = _judge_pair(
-            work, work.scoring, one, two, p, moved, settings.chance_shifts[1::2]
-        )
+        shifts = settings.chance_shifts[1::2]
+        judgment, margin = _judge_pair(work, work.scoring, one, two, p, moved, target, shifts)
         if best is None or margin > best.margin:
             best = PairHypothesis((one, two), np.stack([p, moved]), judgment, margin)
     return best
 
 
-def _settle(
-    work: Workspace,
-    grid: BoxGrid,
-    one: int,
-    two: int,
-    p: Float[np.ndarray, "7"],
-    q: Float[np.ndarray, "7"],
-    placement: Placement,
-) -> Placement:
+class _Maps:
+    """Maps of the people of two cameras over their planes, each made once."""
+
+    def __init__(self, work: Workspace) -> None:
+        self._work = work
+        self._known: dict[tuple[int, int, bytes], GroundMap] = {}
+
+    def __call__(self, grid: BoxGrid, camera: int, plane: Float[np.ndarray, "7"]) -> GroundMap:
+        key = id(grid), camera, plane.tobytes()
+        if key not in self._known:
+            tolerance = self._work.settings.range_tolerance
+            self._known[key] = self._work.local_map(grid, camera, plane, tolerance)
+        return self._known[key]
+
+
+def _settle(target: GroundMap, source: GroundMap, placement: Placement, gate: float) -> Placement:
     """Align the second map to the first by iterated closest people."""
-    target = work.local_map(grid, one, p, work.settings.range_tolerance)
-    source = work.local_map(grid, two, q, work.settings.range_tolerance)
     for _ in range(3):
         moved = moved_map(source, placement)
-        time, slot, partner, *_ = mutual_nearest(target, moved, work.settings.match_gate)
+        time, slot, partner, *_ = mutual_nearest(target, moved, gate)
         if len(time) < 4:
             return placement
         spread = target.covariance[time, slot] + moved.covariance[time, partner]
@@ -112,11 +117,11 @@ def _judge_pair(
     two: int,
     p: Float[np.ndarray, "7"],
     q: Float[np.ndarray, "7"],
+    a: GroundMap,
     shifts: tuple[float, ...],
 ) -> tuple[Judgment, float]:
     """Judge whether two placed cameras see the same people; also return the margin over chance."""
     settings = work.settings
-    a = work.local_map(grid, one, p, settings.range_tolerance)
     b = work.local_map(grid, two, q, settings.range_tolerance)
     size, smallest, offset = grid.size, work.smallest, settings.foot_offset
     return judge_with_chance(
