@@ -1,8 +1,8 @@
 """`EvidenceState`: everything that the passes of the evidence method know about a sequence."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -22,7 +22,9 @@ from catfree.methods.evidence.track._tracking import Motion, Trails, unlinked, u
 from catfree.settings import EvidenceSettings
 
 
-class EvidenceState(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class EvidenceState:
     """What the passes know so far, in units of H0 on the plane (see `GroundViews`).
 
     A state is complete at any time: before the passes that fill them in, there are no groups, no

@@ -1,10 +1,9 @@
 """All that a `Tracker` remembers."""
 
 import os
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -19,7 +18,9 @@ from catfree.types import Detections
 from catfree.types._archive import load_arrays, save_arrays
 
 
-class Learned(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Learned:
     """What the boxes so far say about cameras and people; old instants count less and less.
 
     Attributes:
@@ -82,7 +83,9 @@ class Instant(NamedTuple):
     boxes: Int[np.ndarray, " t"]
 
 
-class TrackerState(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class TrackerState:
     """All that a `Tracker` remembers: a pytree of arrays whose size does not grow with time.
 
     Only with an infinite lag it does, because then all boxes are needed at the end.

@@ -1,8 +1,9 @@
 """Appearance similarity of boxes as a log-likelihood ratio learned from the sequence."""
 
+from dataclasses import dataclass
 from itertools import pairwise
 
-import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -19,7 +20,9 @@ ENTRIES = 1 << 20  # of pairwise distances turned into ratios at a time
 KEPT_ENTRIES = 1 << 26  # of pairwise ratios kept from pass to pass: 256 MB
 
 
-class Appearance(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Appearance:
     """Embeddings of all boxes, and their rows in the pair table of their frame.
 
     Attributes:
@@ -69,7 +72,9 @@ def compare_frames(boxes: Boxes) -> Appearance | None:
     return Appearance(boxes.embedding.astype(np.float32), slot, boxes.first, width)
 
 
-class Likeness(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Likeness:
     """Gaussians of the cosine distance between boxes of one person and of two people.
 
     Attributes:
@@ -168,7 +173,9 @@ def group_agreement(
     return total
 
 
-class Looks(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Looks:
     """Appearance of each group, to be compared with that of the tracks so far.
 
     The mean distance between two sets of boxes follows from the sums of their embeddings.

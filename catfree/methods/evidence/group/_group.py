@@ -1,6 +1,7 @@
 """Group the boxes of one instant into people by position and height, and optionally appearance."""
 
-import equinox as eqx
+from dataclasses import replace
+
 import jax
 import numpy as np
 from jaxtyping import Float
@@ -84,7 +85,7 @@ def _group_by_looks(
             block_priors,
         )
         member = np.where(part.member >= 0, part.member + low, -1)
-        parts.append(eqx.tree_at(lambda groups: groups.member, part, member))
+        parts.append(replace(part, member=member))
     return jax.tree.map(lambda *values: np.concatenate(values), *parts)
 
 

@@ -1,6 +1,8 @@
 """Groups of boxes that show one person in one frame, and priors from tracks."""
 
-import equinox as eqx
+from dataclasses import dataclass
+
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -9,7 +11,9 @@ from catfree.methods.evidence._gaussian import Information, log_evidence
 VAGUE = 1e-6  # per H0²: a kilometer, which is no prior at all
 
 
-class Groups(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Groups:
     """Groups of boxes that show one person in one frame.
 
     Attributes:
@@ -32,7 +36,9 @@ class Groups(eqx.Module):
         return len(self.frame)
 
 
-class Priors(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Priors:
     """Predicted positions of tracked people, one row per track and frame.
 
     Attributes:

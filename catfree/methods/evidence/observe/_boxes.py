@@ -1,6 +1,7 @@
 """Detections as padded arrays in canonical order, with a table per frame and camera."""
 
-import equinox as eqx
+from dataclasses import dataclass
+
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,7 +15,9 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Lens, Rig
 
 
-class Boxes(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Boxes:
     """Boxes sorted by frame, camera and edges, padded to N rows.
 
     Attributes:

@@ -1,8 +1,8 @@
 """Log-odds that a group is a person, from the cameras that see it and those that should."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import expit
@@ -20,7 +20,9 @@ BEHIND = 8  # cells behind the camera, where rig errors may place a person
 CLUTTER_ROUNDS = 6  # of expectation maximization: it converges to a few percent in five
 
 
-class Existence(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Existence:
     """Evidence for and against each group.
 
     Attributes:

@@ -1,10 +1,10 @@
 """Link groups over time: Kalman filter, assignment by evidence, smoothing."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
@@ -24,7 +24,9 @@ CONSECUTIVE = 1.5  # usual steps: frames farther apart are not used for the spee
 LINKS_AT_A_TIME = 1 << 18  # pairs of a track and a group: 100 MB
 
 
-class Motion(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Motion:
     """Motion model of the people of a sequence.
 
     Attributes:
@@ -40,7 +42,9 @@ class Motion(eqx.Module):
     height_jitter: float
 
 
-class Trails(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Trails:
     """Tracks as rows sorted by track, then frame; frames of a track are consecutive.
 
     Attributes:
@@ -250,7 +254,9 @@ def follow(
     return smooth(history, time, motion)
 
 
-class Heads(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Heads:
     """The tracks that are being followed, in the order of their numbers.
 
     Attributes:
