@@ -243,30 +243,32 @@ class Reportable(NamedTuple):
 
 
 def reportable(
-    instant: Instant,
+    shift: Float[np.ndarray, "t 2"],
+    place: Float[np.ndarray, "t 2"],
     covariance: Float[np.ndarray, "t 5 5"],
     probability: Float[np.ndarray, " t"],
     learned: Learned,
     settings: EvidenceSettings,
 ) -> Reportable:
-    """Choose the rows of an instant to report, if nobody else is in the same place.
+    """Choose the rows to report, if nobody else is in the same place.
 
     Args:
-        instant: its tracks.
-        covariance: of their states, filtered or smoothed.
+        shift: of each row as in `Instant`.
+        place: of each row as in `Instant`.
+        covariance: of the states, filtered or smoothed.
         probability: (T,) that the person is present.
         learned: for the working area.
         settings: constants and switches.
     """
     spread = covariance[:, :2, :2] + settings.sway**2 * np.eye(2)
     if settings.uneven_ground:
-        spread = with_uneven_ground(spread, instant.shift, settings.unevenness)
+        spread = with_uneven_ground(spread, shift, settings.unevenness)
     within = probability_within(spread, settings.report_radius)
     sharp = (probability > 0.5) & (within > 0.5)
     kept = sharp
     if settings.working_area and np.isfinite(learned.usual).all():
         usual = UsualPlace(*learned.usual.tolist())
         cameras = int(learned.active.sum())
-        sigma, whole = instant.place[:, 0], instant.place[:, 1].astype(np.int64)
+        sigma, whole = place[:, 0], place[:, 1].astype(np.int64)
         kept = sharp & usual.holds(sigma, whole, cameras, settings)
     return Reportable(spread, sharp, kept)

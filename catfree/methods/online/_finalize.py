@@ -24,7 +24,6 @@ from catfree.methods.evidence.track._identify import (
 from catfree.methods.evidence.track._presence import later_frames
 from catfree.methods.evidence.track._tracking import Trails, smooth, transition
 from catfree.methods.online._advance import (
-    Reportable,
     motion_learned,
     one_per_place,
     reportable,
@@ -68,7 +67,9 @@ def provisional(
     """Report an instant as it looks now, with the identities that the tracks have now."""
     node = instant.node
     probability = expit(instant.forward[:, 0] - instant.forward[:, 1])
-    found = reportable(instant, node.covariance, probability, state.learned, settings)
+    found = reportable(
+        instant.shift, instant.place, node.covariance, probability, state.learned, settings
+    )
     alone = one_per_place(
         node.group >= 0, instant.weight, node.mean, node.covariance, found.sharp, settings
     )
@@ -159,20 +160,18 @@ def finalize(
     looks = None
     if likeness is not None:
         looks = Looks(look, boxes, likeness, settings.appearance_weight)
-    chosen: list[Reportable] = []
-    extra, reported = np.zeros((len(trails), 2, 2)), np.zeros(len(trails), bool)
-    for t, instant in enumerate(window):
+    found = reportable(
+        column("shift"), column("place"), trails.covariance, probability, learned, settings
+    )
+    sharp, reported = found.sharp.copy(), found.kept.copy()
+    for t, instant in enumerate(window[:ready]):
         here = by_frame[first[t] : first[t + 1]]
-        found = reportable(instant, trails.covariance[here], probability[here], learned, settings)
-        if t < ready:
-            alone = one_per_place(
-                instant.node.group >= 0, weight[here], trails.mean[here], trails.covariance[here],
-                found.sharp, settings,
-            )  # fmt: skip
-            found = found._replace(sharp=alone, kept=found.kept & alone)
-        chosen.append(found)
-        extra[here] = found.covariance - trails.covariance[here, :2, :2]
-        reported[here] = found.kept
+        sharp[here] = one_per_place(
+            instant.node.group >= 0, weight[here], trails.mean[here], trails.covariance[here],
+            sharp[here], settings,
+        )  # fmt: skip
+        reported[here] &= sharp[here]
+    extra = found.covariance - trails.covariance[:, :2, :2]
     walk = replace(motion, memory=motion.memory**settings.sudden)
     population = Population(time, walk, float(noise.density), spread, settings, looks)
     out, events = [], []
@@ -184,14 +183,12 @@ def finalize(
         )
         events += merged
         place = window[t].place[np.searchsorted(window[t].node.track, trails.track[here])]
-        sharp = chosen[t].sharp
         fully = len(learned.places) < FEW_PLACES or int(state.count) % PLACES_INTERVAL == 0
-        learned = learn_places(state.learned, place[sharp], fully)
+        learned = learn_places(state.learned, place[sharp[here]], fully)
         state = replace(state, learned=learned, final_time=window[t].time)
         out.append(Reported(
             float(window[t].time), names, trails.mean[rows], trails.covariance[rows],
-            chosen[t].covariance[reported[here]], probability[rows],
-            window[t].support[reported[here]],
+            found.covariance[rows], probability[rows], window[t].support[reported[here]],
         ))  # fmt: skip
     return replace(state, window=window[ready:]), out, events
 
