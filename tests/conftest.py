@@ -46,6 +46,11 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", seconds)
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """One worker more than processors: some tests wait for other processes, files and brokers."""
+    return (os.cpu_count() or 1) + 1
+
+
 # Linux grants a process 65,530 memory mappings; each compiled function takes about ten of them.
 MOST_MAPPINGS = 30_000
 TESTS_BETWEEN = 20  # counting tens of thousands of mappings takes a few hundredths of a second
