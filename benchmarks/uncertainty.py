@@ -10,10 +10,9 @@ reported ones have a probability near 1.
 """
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-import equinox as eqx
 import numpy as np
 
 import catfree as cf
@@ -97,7 +96,7 @@ def judge_considered(sequence: Sequence) -> tuple[Honesty, Honesty]:
     if boxes.score is not None:
         boxes = boxes[boxes.score >= cf.Settings().confidence]
     solution = solve(boxes, sequence.scene)
-    considered = eqx.tree_at(lambda s: s.kept, solution, np.ones_like(solution.kept))
+    considered = replace(solution, kept=np.ones_like(solution.kept))
     reported, all_of_them = (
         judge(
             describe(found, sequence.scene, detection_count=len(boxes)).tracks,
