@@ -52,7 +52,7 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 # Linux grants a process 65,530 memory mappings; each compiled function takes about ten of them.
-MOST_MAPPINGS = 30_000
+MOST_MAPPINGS = 15_000
 TESTS_BETWEEN = 20  # counting tens of thousands of mappings takes a few hundredths of a second
 
 _tests = itertools.count(1)
