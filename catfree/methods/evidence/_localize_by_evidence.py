@@ -1,7 +1,8 @@
 """`localize_by_evidence`: convert the solution to result types in scene units."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -32,9 +33,7 @@ from catfree.types._annotations import Progress
 GROUND_TOLERANCE = 0.15  # of a person's height, by which feet may be off the ground unmentioned
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, eq=False)
-class Clusters:
+class Clusters(eqx.Module):
     """Groups of boxes of one person in one frame: correspondences for bundle adjustment.
 
     Attributes:

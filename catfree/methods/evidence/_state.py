@@ -1,8 +1,8 @@
 """`EvidenceState`: everything that the passes of the evidence method know about a sequence."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-import jax
+import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -22,9 +22,7 @@ from catfree.methods.evidence.track._tracking import Motion, Trails, unlinked, u
 from catfree.settings import EvidenceSettings
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, eq=False)
-class EvidenceState:
+class EvidenceState(eqx.Module):
     """What the passes know so far, in units of H0 on the plane (see `GroundViews`).
 
     A state is complete at any time: before the passes that fill them in, there are no groups, no

@@ -4,6 +4,7 @@ import os
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -83,9 +84,7 @@ class Instant(NamedTuple):
     boxes: Int[np.ndarray, " t"]
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, eq=False)
-class TrackerState:
+class TrackerState(eqx.Module):
     """All that a `Tracker` remembers: a pytree of arrays whose size does not grow with time.
 
     Only with an infinite lag it does, because then all boxes are needed at the end.

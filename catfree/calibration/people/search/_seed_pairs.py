@@ -117,18 +117,18 @@ def _judge_pair(
     two: int,
     p: Float[np.ndarray, "7"],
     q: Float[np.ndarray, "7"],
-    a: GroundMap,
+    target: GroundMap,
     shifts: tuple[float, ...],
 ) -> tuple[Judgment, float]:
     """Judge whether two placed cameras see the same people; also return the margin over chance."""
     settings = work.settings
-    b = work.local_map(grid, two, q, settings.range_tolerance)
+    moved = work.local_map(grid, two, q, settings.range_tolerance)
     size, smallest, offset = grid.size, work.smallest, settings.foot_offset
     return judge_with_chance(
-        b,
-        a,
-        visible(q, size[two], smallest[two], a.xy, a.height, offset),
-        visible(p, size[one], smallest[one], b.xy, b.height, offset),
+        moved,
+        target,
+        visible(q, size[two], smallest[two], target.xy, target.height, offset),
+        visible(p, size[one], smallest[one], moved.xy, moved.height, offset),
         settings,
         shifts,
     )
