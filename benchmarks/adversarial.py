@@ -165,6 +165,39 @@ def _drifting(given: Input, rng: np.random.Generator) -> Input:
     return _at_times(given, int(_some(given, rng, 1)[0]), times)
 
 
+def _portrait(given: Input, rng: np.random.Generator) -> Input:
+    """Every camera shows the upright middle of its picture."""
+    boxes, size = given.boxes, given.size.copy()
+    size[:, 0] = np.minimum(size[:, 0], size[:, 1] * 9 // 16)
+    left = ((given.size - size)[:, 0] // 2)[boxes.camera]
+    box = np.array(boxes.box)
+    box[:, ::2] = np.clip(box[:, ::2] - left[:, None], 0, size[boxes.camera, :1] - 1)
+    whole = (box[:, 2] - box[:, 0]) > 0.5 * (boxes.box[:, 2] - boxes.box[:, 0])
+    given = given.with_boxes(dataclasses.replace(boxes[whole], box=box[whole]))
+    return dataclasses.replace(given, size=size)
+
+
+def _standing(given: Input, rng: np.random.Generator) -> Input:
+    """Everybody stands, and walks to another place at most once."""
+    frames = len(given.world.walkers.position)
+    half, parts, truth = frames // 2, [], []
+    for frame in range(frames):
+        begun = frame // half * half
+        now = given.boxes[given.boxes.frame == begun]
+        shake = rng.normal(scale=1.0, size=now.box.shape)
+        parts.append(dataclasses.replace(now, frame=now.frame * 0 + frame, box=now.box + shake))
+        rows = given.truth[given.truth[:, 0] == begun].copy()
+        rows[:, 0] = frame
+        truth.append(rows)
+    frame, camera, box = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("frame", "camera", "box")
+    )
+    return dataclasses.replace(
+        given, boxes=cf.Detections(frame, camera, box), truth=np.concatenate(truth)
+    )
+
+
 def _unspoiled(given: Input, rng: np.random.Generator) -> Input:
     return given
 
@@ -184,6 +217,9 @@ SPOILERS: dict[str, tuple[Spoiler, int | None]] = {
     "drifting": (_drifting, None),
     "shuffled": (_shuffled, None),
     "mirrored": (_mirrored, None),
+    "portrait": (_portrait, None),
+    "standing crowd": (_standing, None),
+    "one person": (_unspoiled, 1),
     "two people": (_unspoiled, 2),
     "unspoiled": (_unspoiled, None),
 }
