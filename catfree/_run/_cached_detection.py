@@ -95,7 +95,7 @@ def detect_with_cache(
             detectors = fit_with_cache(videos, detector, cache, progress)
         shared = detector if isinstance(detector, BatchDetector) else None
         describe = None if embedder is None else Describer(embedder)
-        stream = videos.instants_from(span[0].first)
+        stream = videos.pictures_from(span[0].first)
         for piece in span:
             instants = islice(stream, piece.count)
             if piece.complete:
@@ -191,11 +191,11 @@ def _pieces(
 
 
 def _counted(
-    instants: Iterator[tuple[int, list[Image]]],
+    instants: Iterator[tuple[int, dict[int, Image]]],
     first: int,
     total: int,
     progress: Progress | None,
-) -> Iterator[tuple[int, list[Image]]]:
+) -> Iterator[tuple[int, dict[int, Image]]]:
     for done, instant in enumerate(instants, start=first + 1):
         yield instant
         if progress is not None:
@@ -204,7 +204,7 @@ def _counted(
 
 def _complete(
     piece: _Piece,
-    instants: Iterator[tuple[int, list[Image]]],
+    instants: Iterator[tuple[int, dict[int, Image]]],
     detectors: Sequence[Detector],
     shared: BatchDetector | None,
     describe: Describer | None,
@@ -214,18 +214,18 @@ def _complete(
     cached_boxes = piece.boxes
     frame, camera, found, embedding = [], [], [], []
     instant_count = 0
-    for tick, images in instants:
+    for tick, pictures in instants:
         instant_count += 1
         if cached_boxes is None:
-            instant = detect_instant(images, detectors, shared, tick)
+            instant = detect_instant(pictures, detectors, shared, tick)
         else:
-            instant = [_stored(cached_boxes, tick, index) for index in range(len(images))]
-        for index, (image, people) in enumerate(zip(images, instant, strict=True)):
+            instant = {index: _stored(cached_boxes, tick, index) for index in pictures}
+        for index, people in instant.items():
             frame.append(np.full(len(people), tick))
             camera.append(np.full(len(people), index))
             found.append(people)
             if describe is not None:
-                embedding.append(describe(image, people.box, index, tick))
+                embedding.append(describe(pictures[index], people.box, index, tick))
     if not found:
         return
     is_whole = instant_count == piece.count

@@ -118,16 +118,37 @@ def order_like(
 
 
 def footage_warnings(videos: SynchronizedVideos) -> tuple[str, ...]:
-    """Warn about footage that is not used, and about times that are not known.
+    """Warn about footage that is missing or not used, and about times that are not known.
 
     Args:
         videos: on their common clock.
     """
-    return lost_footage(videos) + dropped_instants(videos) + unknown_times(videos)
+    need_all = videos.fewest_cameras == videos.camera_count
+    gaps = dropped_instants(videos) if need_all else missing_pictures(videos)
+    return lost_footage(videos) + gaps + unknown_times(videos)
+
+
+def missing_pictures(videos: SynchronizedVideos) -> tuple[str, ...]:
+    """Warn about cameras that lack pictures of some instants, which the others show.
+
+    Args:
+        videos: on their common clock.
+
+    Returns:
+        One sentence per camera that dropped frames or was not recording for long.
+    """
+    total = len(videos)
+    return tuple(
+        f"Camera {one.name!r} has no picture of {total - one.pictures} of {total} instants: it "
+        "dropped frames, or recorded later or for a shorter time. There the other cameras locate "
+        "people alone."
+        for one in videos.footage
+        if one.dropped or total - one.pictures > WORTH_SAYING * total
+    )
 
 
 def dropped_instants(videos: SynchronizedVideos) -> tuple[str, ...]:
-    """Warn about cameras that have no frame near some instants.
+    """Warn about cameras that have no frame near some instants, which are left out.
 
     Args:
         videos: on their common clock.
@@ -163,7 +184,7 @@ def unknown_times(videos: SynchronizedVideos) -> tuple[str, ...]:
 
 
 def lost_footage(videos: SynchronizedVideos) -> tuple[str, ...]:
-    """Warn about cameras that end long before the others.
+    """Warn about cameras after whose end too few others go on for long.
 
     Args:
         videos: on their common clock.
@@ -173,18 +194,19 @@ def lost_footage(videos: SynchronizedVideos) -> tuple[str, ...]:
     """
     footage, rate = videos.footage, videos.fps
     ends = [one.available.stop for one in footage]
-    longest = max(ends)
+    last, longest = sorted(ends)[-videos.fewest_cameras], max(ends)
     said = []
     for one, end in zip(footage, ends, strict=True):
         unused = len(range(end, longest, one.available.step))
-        if end > min(ends) or unused <= WORTH_SAYING * (len(videos) + unused):
+        if end != last or unused <= WORTH_SAYING * (len(videos) + unused):
             continue
         going_on = sum(other > end for other in ends)
         lasted = f"{unused} instants" + (f" ({unused / rate:.1f} s)" if rate else "")
         others = "1 other camera shows" if going_on == 1 else f"{going_on} other cameras show"
         said.append(
             f"Camera {one.name!r} ends early: {lasted} after it, which {others}, are not used, "
-            f"and {len(videos)} are. Leave the camera out to use them."
+            f"and {len(videos)} are."
+            + (" Leave the camera out to use them." if going_on > 1 else "")
         )
     return tuple(said)
 

@@ -160,7 +160,7 @@ def footage_table(videos: SynchronizedVideos) -> Table:
         rate = "" if one.fps is None else f"{one.fps:.4g}"
         seconds = "" if one.seconds is None else f"{one.seconds:.1f}"
         size = f"{one.image_size[0]} x {one.image_size[1]}"
-        unused = str(one.frame_count - len(videos))
+        unused = str(one.frame_count - one.pictures)
         row = (one.name, str(one.frame_count), rate, seconds, size, unused, str(one.dropped))
         rows.append(row)
     header = ("camera", "frames", "frames per second", "seconds", "size (px)", "frames not used")

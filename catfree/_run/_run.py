@@ -115,7 +115,8 @@ def run(
 
     Args:
         videos: one video file or image folder per camera, or `SynchronizedVideos` to specify
-            clocks, frame rates or the part to use.
+            clocks, frame rates or the part to use. Of files, the instants that at least two cameras
+            show are used; nothing is concluded from pictures that a camera lacks.
         detector: finds people in an image; None for `BackgroundDetector`, which needs no weights.
         embedder: computes appearance embeddings; None for `ColorEmbedder` with a
             `BackgroundDetector`, and for no appearance with other detectors.
@@ -223,7 +224,7 @@ def run_stages(
             raise InvalidInputError(
                 f"videos must list one video file or image folder per camera, got {videos!r}."
             )
-        videos = SynchronizedVideos(videos)
+        videos = SynchronizedVideos(videos, fewest_cameras=min(len(videos), 2))
     so_far = Unfinished() if unfinished is None else unfinished
     so_far.videos, so_far.warnings = videos, footage_warnings(videos)
     require_distinct_videos(videos)
@@ -274,7 +275,9 @@ def run_stages(
         )
     tiny = tiny_boxes(detections, settings.calibration)
     so_far.warnings += () if tiny is None else (tiny,)
-    localization = localize_people(detections, scene, settings, cache=cache, progress=progress)
+    localization = localize_people(
+        detections, scene, settings, videos.silent, cache=cache, progress=progress
+    )
     if known:
         so_far.warnings += clock_warnings(localization, detections, scene, videos, settings)
     localization = replace(localization, warnings=(*so_far.warnings, *localization.warnings))

@@ -115,9 +115,10 @@ def look_again(
         known = first.embedding
         describe = Describer(embedder, known.shape[1] if known is not None and len(known) else None)
     with ThreadPoolExecutor(min(len(detectors), os.cpu_count() or 1)) as pool:
-        for done, (tick, images) in enumerate(videos, start=1):
+        for done, (tick, pictures) in enumerate(videos.pictures_from(), start=1):
             look = partial(_look, tick, detectors, describe, expected, first)
-            for index, (people, vectors) in enumerate(pool.map(look, enumerate(images))):
+            seen = pool.map(look, pictures.items())
+            for index, (people, vectors) in zip(pictures, seen, strict=True):
                 frame.append(np.full(len(people), tick))
                 camera.append(np.full(len(people), index))
                 found.append(people)

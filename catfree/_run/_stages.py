@@ -1,8 +1,12 @@
 """The stages of a run, each loaded from the cache if an earlier run finished it."""
 
 import dataclasses
+import hashlib
 from collections.abc import Callable, Sequence
 from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Int
 
 from catfree._run._cache import StageCache, code_hash, content_hash
 from catfree._run._cached_detection import detect_with_cache, fingerprint_of, fit_with_cache
@@ -62,10 +66,12 @@ def calibrate_cameras(
     """Second stage without a known scene: calibrate cameras and ground from confident boxes.
 
     Args:
-        videos: the footage or boxes; only their image sizes and camera names are used.
+        videos: the footage or boxes; only their image sizes, camera names and missing pictures are
+            used.
         detector: the source of the boxes, or None; its `box_slack`, if any, replaces the default.
         detections: boxes of all cameras; those with a score below
-            `settings.calibration_confidence` are ignored.
+            `settings.calibration_confidence`, and of instants that some cameras did not show, are
+            ignored.
         settings: of the run; only `calibration`, `evidence` and the confidences are used.
         maximum_offset: largest clock offset of a single camera to search, in frames.
         anchors: as `calibrate`.
@@ -92,6 +98,8 @@ def calibrate_cameras(
             "To find the cameras from boxes, the sizes of the images are needed: pass image_size, "
             "or a scene."
         )
+    if isinstance(videos, SynchronizedVideos):
+        detections = detections[~np.isin(detections.frame, videos.silent[:, 0])]
     resolve_anchors(anchors, len(size), names)
     options = {"camera_names": names, "progress": progress}
 
@@ -192,7 +200,7 @@ def detect_again(
         guided = [one for one in cameras if isinstance(one, GuidedDetector)]
         if len(guided) < len(cameras):
             return detections
-        first = _localize(detections, scene, settings, progress)
+        first = _localize(detections, scene, settings, videos.silent, progress)
         expected = expected_people(first, detections, scene)
         return look_again(videos, guided, embedder, expected, detections, progress)
 
@@ -208,6 +216,7 @@ def localize_people(
     detections: Detections,
     scene: Scene,
     settings: Settings,
+    silent: Int[np.ndarray, "k 2"] | None = None,
     *,
     cache: StageCache | None = None,
     progress: Progress | None = None,
@@ -218,6 +227,7 @@ def localize_people(
         detections: boxes of all cameras.
         scene: cameras and ground.
         settings: of the localization.
+        silent: frame and camera of pictures that do not exist, as `localize` takes them.
         cache: holds a finished localization.
         progress: called as `progress(stage, done, total)`.
     """
@@ -225,16 +235,21 @@ def localize_people(
         cache,
         "localization",
         Localization,
-        lambda: _localize(detections, scene, settings, progress),
+        lambda: _localize(detections, scene, settings, silent, progress),
         (content_hash(detections), content_hash(scene)),
         settings,
+        silent=None if silent is None else hashlib.sha256(silent.tobytes()).hexdigest(),
     )
 
 
 def _localize(
-    detections: Detections, scene: Scene, settings: Settings, progress: Progress | None
+    detections: Detections,
+    scene: Scene,
+    settings: Settings,
+    silent: Int[np.ndarray, "k 2"] | None,
+    progress: Progress | None,
 ) -> Localization:
-    localization = localize(detections, scene, settings, progress)
+    localization = localize(detections, scene, settings, progress, silent=silent)
     if settings.method == "paper":
         return localization
     return stitch_tracks(localization, detections)

@@ -73,7 +73,7 @@ def open_videos(paths: tuple[Path, ...], **options: Any) -> Any:
     from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 
     _require_two(paths)
-    return SynchronizedVideos(paths, **options)
+    return SynchronizedVideos(paths, fewest_cameras=2, **options)
 
 
 def open_detector(path: Path | None) -> Any:

@@ -135,7 +135,7 @@ def test_corrected_clocks_show_the_same_pictures(clips):
     same, moved = without_offsets(videos, boxes, np.array([0, -6]))
     assert same.fingerprint == corrected.fingerprint
     np.testing.assert_array_equal(moved.frame, np.arange(6, 40, 2))
-    with pytest.raises(InsufficientDataError, match="no instant is in all videos"):
+    with pytest.raises(InsufficientDataError, match="no instant is in all 2 videos"):
         videos.without_offsets([0, -60])
 
 

@@ -70,14 +70,14 @@ class Unused:
         raise AssertionError("called")
 
 
-def write_pictures(folder, world, frames=FRAMES):
+def write_pictures(folder, world, frames=FRAMES, size=SIZE):
     """Noise whose first pixel holds frame and camera, in red and green."""
     rng = np.random.default_rng(0)
     for camera in range(CAMERAS):
         (folder / f"camera {camera}").mkdir(parents=True)
         for frame in range(frames):
-            image = rng.integers(0, 255, (SIZE[1] // 8, SIZE[0] // 8, 3), np.uint8)
-            image = cv2.resize(image, SIZE)
+            image = rng.integers(0, 255, (size[1] // 8, size[0] // 8, 3), np.uint8)
+            image = cv2.resize(image, size)
             image[0, 0] = (0, camera, frame)  # blue, green, red
             cv2.imwrite(str(folder / f"camera {camera}/{frame:03d}.png"), image)
     return [folder / f"camera {camera}" for camera in range(CAMERAS)]
@@ -119,6 +119,51 @@ def test_run_is_detection_and_localization_with_a_known_scene(pictures, tmp_path
     found = run(pictures, again, scene=world.scene, settings=Settings.paper(), cache_dir=tmp_path)
     assert same_content(found, outcome.localization)
     assert again.calls == 0
+
+
+@pytest.mark.slow
+def test_a_camera_that_fails_halfway_takes_nobody_with_it(tmp_path):
+    """Nothing is concluded from pictures that do not exist."""
+    frames, half, size = 60, 30, (640, 360)
+    world = make_world(ring(CAMERAS, image_size=size, people=4), frames=frames, people=4)
+    folders = write_pictures(tmp_path, world, frames, size)
+    for late in sorted(folders[1].glob("*.png"))[half:]:
+        late.unlink()
+    detector = ReadsItsPicture(world.detections)
+    outcome = run_stages(folders, detector, scene=world.scene)
+    assert detector.calls == 2 * frames + half
+    silent = [[frame, 1] for frame in range(half, frames)]
+    assert outcome.videos.silent.tolist() == silent
+    tracks = outcome.localization.tracks
+    alone = localize(outcome.detections, world.scene, silent=silent).tracks
+    np.testing.assert_array_equal(tracks.position, alone.position)
+    assert (tracks.frame >= half).sum() > 0.9 * (tracks.frame < half).sum()
+    (said,) = [text for text in outcome.warnings if "'camera 1' has no picture of" in text]
+    assert f"has no picture of {frames - half} of {frames} instants" in said
+    for _ in range(2):
+        cached = run(folders, detector, scene=world.scene, cache_dir=tmp_path / "cache")
+        assert same_content(cached, outcome.localization)
+    # Videos that the caller opened deliver the instants that they were opened with.
+    complete = run(SynchronizedVideos(folders), detector, scene=world.scene)
+    assert complete.tracks.frame.max() < half
+
+
+@pytest.mark.slow
+def test_cameras_are_calibrated_from_instants_that_all_show(tmp_path, monkeypatch):
+    world = small_world()
+    folders = write_pictures(tmp_path, world)
+    for late in sorted(folders[1].glob("*.png"))[FRAMES // 2 :]:
+        late.unlink()
+    given = []
+
+    def note(detections, *args, **options):
+        given.append(detections)
+        raise CalibrationError("that is enough")
+
+    monkeypatch.setattr(stages_module, "calibrate", note)
+    with pytest.raises(CalibrationError, match="that is enough"):
+        run(folders, ReadsItsPicture(world.detections))
+    assert given[0].frame.max() < FRAMES // 2
 
 
 @pytest.mark.slow
@@ -457,9 +502,11 @@ def test_clock_offsets_are_removed_and_stated(pictures, monkeypatch):
         pictures, ReadsItsPicture(world.detections), settings=settings, maximum_offset=12
     )
     assert asked == [12]
-    np.testing.assert_array_equal(outcome.frames, np.arange(10, FRAMES))
+    # Before the late camera began, the others locate people alone.
+    np.testing.assert_array_equal(outcome.frames, np.arange(FRAMES))
+    assert outcome.videos.silent.tolist() == [[frame, 1] for frame in range(10)]
     moved = remove_offsets(world.detections, np.array([0, -10, 0]))
-    moved = moved[(moved.frame >= 10) & (moved.frame < FRAMES)]
+    moved = moved[moved.frame < FRAMES]
     assert len(outcome.detections) == len(moved)
     alone = localize(outcome.detections, world.scene, settings)
     np.testing.assert_array_equal(outcome.localization.tracks.position, alone.tracks.position)
@@ -468,7 +515,7 @@ def test_clock_offsets_are_removed_and_stated(pictures, monkeypatch):
         "was corrected by that.",
     )
     # The pictures of the outcome are those that its boxes were found in.
-    frame, images = next(iter(outcome.videos))
+    frame, images = next(outcome.videos.instants_from(10))
     assert [frame, *(image[0, 0, 0] for image in images)] == [10, 10, 0, 10]
 
 

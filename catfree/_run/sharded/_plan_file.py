@@ -110,5 +110,9 @@ def _shard(row: dict[str, Any]) -> Shard:
     values["videos"] = tuple(map(str, values["videos"]))
     offsets = values["offsets"]
     values["offsets"] = None if offsets is None else tuple(map(int, offsets))
+    silent = [tuple(map(int, stretch)) for stretch in values.get("silent", ())]
+    if any(len(stretch) != 3 for stretch in silent):
+        raise InvalidInputError("silent must hold camera, first frame and the frame after the last")
+    values["silent"] = tuple(silent)
     require_declared_types(Shard, values)
     return Shard(**values)

@@ -27,7 +27,7 @@ from catfree._run.sharded._receipt import (
     recording_folder,
     write_receipt,
 )
-from catfree._run.sharded._shard import Shard, StrPath, boxes_of, open_videos
+from catfree._run.sharded._shard import Shard, StrPath, boxes_of, open_videos, silent_pictures
 from catfree.adapters.calibration_files._rig_json import scene_text
 from catfree.adapters.files._camera_names import names_of_files
 from catfree.adapters.files._documents import write_text_atomically
@@ -111,7 +111,7 @@ def run_shard(
         detections, localization = _from_videos(shard, scene, settings, detector, embedder)
     else:
         detections = boxes_of(shard)
-        localization = localize_people(detections, scene, settings)
+        localization = localize_people(detections, scene, settings, silent_pictures(shard))
     verdicts, said = _verdicts(detections, localization, scene, settings)
     localization = dataclasses.replace(localization, warnings=(*localization.warnings, *said))
     seconds = time.perf_counter() - begin

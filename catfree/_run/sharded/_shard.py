@@ -7,6 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
 
 from catfree._run._cache import content_hash
 from catfree.adapters.files._fingerprint import hash_parameters, hash_samples
@@ -19,7 +23,7 @@ from catfree.adapters.tables._detections_table import (
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import InvalidInputError
 from catfree.types import Clock, Detections
-from catfree.types._validation import as_duration, as_positive
+from catfree.types._validation import as_duration, as_integer, as_positive, require_shape
 
 StrPath = str | os.PathLike[str]
 MOST_SHARDS = 1_000_000
@@ -44,6 +48,8 @@ class Shard:
             Parquet table; None if the shard comes from videos.
         site: name of the site, empty if there is only one.
         date: of the recording, empty if there is only one.
+        silent: camera, first frame and the frame after the last of each stretch of frames of which
+            boxes say nothing, because there are no pictures.
     """
 
     index: int
@@ -59,6 +65,7 @@ class Shard:
     detections: Detections | str | None = None
     site: str = ""
     date: str = ""
+    silent: tuple[tuple[int, int, int], ...] = ()
 
     @property
     def name(self) -> str:
@@ -76,6 +83,7 @@ class Shard:
             frames=[self.first, self.stop, self.first_seen, self.stop_seen],
             clock=[self.clock.frame_rate, self.clock.start, self.clock.utc],
             offsets=self.offsets,
+            silent=self.silent,
         )
 
 
@@ -86,6 +94,7 @@ def shards(
     frame_rate: float | int | None = None,
     *,
     offsets: Sequence[int] | None = None,
+    silent: Any = None,
     site: str = "",
     date: str = "",
 ) -> tuple[Shard, ...]:
@@ -106,6 +115,8 @@ def shards(
             identities are matched there.
         frame_rate: frames per second; None for that of the videos or of the detections' clock.
         offsets: as `SynchronizedVideos`, for videos.
+        silent: (K, 2) frame and camera of pictures that do not exist, as `localize` takes them, for
+            boxes; of videos it is known.
         site: name of the site if the plan holds shards of several.
         date: of the recording if the plan holds shards of several.
 
@@ -126,6 +137,7 @@ def shards(
     for name, value in (("site", site), ("date", date)):
         require_folder_name(value, name)
     whole = _whole(recording, frame_rate, offsets)
+    missing = _missing_pictures(silent, whole)
     rate = whole.clock.frame_rate
     length = max(1, round(every * rate))
     margin = math.ceil(overlap * rate / 2)
@@ -141,13 +153,14 @@ def shards(
     for index, (first, stop) in enumerate(itertools.pairwise(cuts)):
         # At the ends of the recording there is nothing to look at beyond it.
         seen = (max(first - margin, whole.first), min(stop + margin, whole.stop))
+        rows = missing[(missing[:, 0] >= seen[0]) & (missing[:, 0] < seen[1])]
         boxes = whole.detections
         if isinstance(boxes, Detections):
             boxes = boxes[(boxes.frame >= seen[0]) & (boxes.frame < seen[1])]
         plan.append(
             replace(
                 whole, index=index, count=count, first=first, stop=stop, first_seen=seen[0],
-                stop_seen=seen[1], detections=boxes, site=site, date=date,
+                stop_seen=seen[1], detections=boxes, site=site, date=date, silent=_stretches(rows),
             )
         )  # fmt: skip
     return tuple(plan)
@@ -165,7 +178,7 @@ def _whole(
                 "offsets belong to videos; correct boxes with cf.calibration.remove_offsets."
             )
         return _boxes_as_one(recording, frame_rate)
-    videos = SynchronizedVideos(recording, frame_rate=frame_rate, offsets=offsets)
+    videos = _open_recording(recording, frame_rate, offsets)
     clock = videos.clock
     if clock is None:
         raise InvalidInputError(
@@ -231,13 +244,51 @@ def boxes_of(shard: Shard) -> Detections:
     return replace_clock(boxes, shard.clock)
 
 
+def silent_pictures(shard: Shard) -> Int[np.ndarray, "k 2"]:
+    """(K, 2) frame and camera of pictures that the boxes of a shard lack."""
+    rows = [
+        np.column_stack([np.arange(first, stop), np.full(stop - first, camera)])
+        for camera, first, stop in shard.silent
+    ]
+    return np.concatenate([np.zeros((0, 2), np.int64), *rows])
+
+
+def _missing_pictures(silent: Any, whole: Shard) -> Int[np.ndarray, "k 2"]:
+    """(K, 2) frame and camera, without repetitions.
+
+    Raises:
+        InvalidInputError: if the rows are not pairs of integers, or the recording consists of
+            videos.
+    """
+    if silent is None:
+        return np.zeros((0, 2), np.int64)
+    if whole.videos:
+        raise InvalidInputError(
+            "silent belongs to boxes; which pictures videos lack is known from their frames."
+        )
+    rows = as_integer(silent, "silent")
+    rows = rows.reshape(0, 2) if rows.size == 0 else rows
+    require_shape(rows, (None, 2), "silent")
+    return np.unique(rows, axis=0)
+
+
+def _stretches(rows: Int[np.ndarray, "k 2"]) -> tuple[tuple[int, int, int], ...]:
+    """Camera, first frame and frame after the last of consecutive frames."""
+    found = []
+    for camera in np.unique(rows[:, 1]).tolist():
+        frames = np.sort(rows[rows[:, 1] == camera, 0])
+        parts = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+        found += [(camera, int(part[0]), int(part[-1]) + 1) for part in parts]
+    return tuple(found)
+
+
 def open_videos(shard: Shard) -> SynchronizedVideos:
     """Open the instants of its videos that a shard looks at.
 
     Raises:
         InvalidInputError: if a file does not exist or has changed since the plan was made.
         FileFormatError: if a file cannot be decoded.
-        InsufficientDataError: if no instant is in all videos.
+        InsufficientDataError: if no instant is in two videos.
     """
     require_unchanged(shard)
     whole = _open(shard.videos, shard.offsets, shard.clock.frame_rate, shard.source)
@@ -249,7 +300,15 @@ def _open(
     paths: tuple[str, ...], offsets: tuple[int, ...] | None, frame_rate: float, source: str
 ) -> SynchronizedVideos:
     """Open the videos of a recording once per process: this reads the times of all frames."""
-    return SynchronizedVideos(paths, offsets=offsets, frame_rate=frame_rate)
+    return _open_recording(paths, frame_rate, offsets)
+
+
+def _open_recording(
+    paths: Sequence[StrPath], frame_rate: float | int | None, offsets: Sequence[int] | None
+) -> SynchronizedVideos:
+    """The instants that at least two cameras show."""
+    fewest = min(len(paths), 2)
+    return SynchronizedVideos(paths, offsets=offsets, frame_rate=frame_rate, fewest_cameras=fewest)
 
 
 def require_unchanged(shard: Shard) -> None:

@@ -7,6 +7,7 @@ from itertools import count
 from threading import Lock
 
 import numpy as np
+from jaxtyping import Float
 
 from catfree.adapters.protocols import (
     BatchDetector,
@@ -41,6 +42,7 @@ def detect_videos(
 
     A detector that must see a camera's footage first (`FittedToCamera`) is fitted to each camera,
     which decodes the videos once more. Only two instants and the detections are kept in memory.
+    Pictures that do not exist (`videos.silent`) are not asked for: pass them on to `localize`.
 
     Args:
         videos: the cameras' pictures, instant by instant.
@@ -67,14 +69,14 @@ def detect_videos(
     shared = detector if isinstance(detector, BatchDetector) else None
     describe = None if embedder is None else Describer(embedder)
     frame, camera, people_of_pictures, embedding = [], [], [], []
-    for done, (tick, images) in enumerate(videos, start=1):
-        instant = detect_instant(images, detectors, shared, tick)
-        for index, (image, people) in enumerate(zip(images, instant, strict=True)):
+    for done, (tick, pictures) in enumerate(videos.pictures_from(), start=1):
+        instant = detect_instant(pictures, detectors, shared, tick)
+        for index, people in instant.items():
             frame.append(np.full(len(people), tick))
             camera.append(np.full(len(people), index))
             people_of_pictures.append(people)
             if describe is not None:
-                embedding.append(describe(image, people.box, index, tick))
+                embedding.append(describe(pictures[index], people.box, index, tick))
         if progress is not None:
             progress("detect", done, videos.frame_count)
     if not people_of_pictures:
@@ -93,7 +95,8 @@ def fit_to_cameras(
 ) -> list[Detector]:
     """Return each camera's detector, fitted to its footage if it must be, else the same for all.
 
-    Cameras are fitted in threads, several at a time.
+    Cameras are fitted in threads, several at a time. A camera that lacks pictures of some instants,
+    and has too few for the fit, finds nobody.
 
     Args:
         videos: the cameras' pictures.
@@ -108,7 +111,8 @@ def fit_to_cameras(
     if not isinstance(detector, FittedToCamera):
         return [detector] * videos.camera_count
     before = {} if known is None else known
-    total = (videos.camera_count - len(before)) * videos.frame_count
+    counts = [one.pictures for one in videos.footage]
+    total = sum(count for camera, count in enumerate(counts) if camera not in before)
     numbers, lock = count(1), Lock()
 
     def pictures(camera: int) -> Iterator[Image]:
@@ -124,6 +128,8 @@ def fit_to_cameras(
         try:
             fitted = detector.fit(pictures(camera))
         except (InsufficientDataError, InvalidInputError) as error:
+            if isinstance(error, InsufficientDataError) and counts[camera] < videos.frame_count:
+                return Blind()
             name = f"Camera {camera} ({videos.camera_names[camera]!r})"
             raise type(error)(f"{name}: {error}") from error
         if learnt is not None:
@@ -134,42 +140,62 @@ def fit_to_cameras(
         return list(pool.map(fit, range(videos.camera_count)))
 
 
+class Blind:
+    """The detector of a camera with too few pictures: it finds nobody."""
+
+    fingerprint = "blind"
+
+    def __call__(self, image: Image) -> FrameDetections:
+        """Return no people."""
+        return FrameDetections(np.zeros((0, 4)), np.zeros(0))
+
+    def look_again(self, image: Image, places: Float[np.ndarray, "n 3"]) -> FrameDetections:
+        """Return no people, wherever they are expected."""
+        return self(image)
+
+
 def detect_instant(
-    images: Sequence[Image],
+    pictures: Mapping[int, Image],
     detectors: Sequence[Detector],
     shared: BatchDetector | None,
     frame: int,
-) -> list[FrameDetections]:
+) -> dict[int, FrameDetections]:
     """Detect the people in each camera's picture of one instant.
 
     Args:
-        images: one picture per camera.
+        pictures: by camera; those that exist.
         detectors: one detector per camera.
         shared: the common detector that processes all pictures at once, or None.
         frame: the frame of the instant, for messages.
+
+    Returns:
+        The people by camera.
 
     Raises:
         InvalidInputError: naming camera and frame, if a detector returns anything but
             `FrameDetections`.
     """
     if shared is not None:
-        answers = shared.detect_batch(images)
-        if not isinstance(answers, list | tuple) or len(answers) != len(images):
+        answers = shared.detect_batch(list(pictures.values()))
+        if not isinstance(answers, list | tuple) or len(answers) != len(pictures):
             raise InvalidInputError(
-                f"{type(shared).__name__}.detect_batch, called for {len(images)} pictures of "
-                f"frame {frame}, must return {len(images)} FrameDetections in a list."
+                f"{type(shared).__name__}.detect_batch, called for {len(pictures)} pictures of "
+                f"frame {frame}, must return {len(pictures)} FrameDetections in a list."
             )
-        return [require_people(people, shared, c, frame) for c, people in enumerate(answers)]
+        return {
+            camera: require_people(people, shared, camera, frame)
+            for camera, people in zip(pictures, answers, strict=True)
+        }
 
     def ask(camera: int) -> FrameDetections:
         detector = detectors[camera]
-        return ask_for_people(lambda: detector(images[camera]), detector, camera, frame)
+        return ask_for_people(lambda: detector(pictures[camera]), detector, camera, frame)
 
-    if len({id(detect) for detect in detectors}) == len(images) > 1:
+    if len({id(detectors[camera]) for camera in pictures}) == len(pictures) > 1:
         # Detectors that were fitted to their cameras share nothing: one thread each.
-        with ThreadPoolExecutor(min(len(images), os.cpu_count() or 1)) as pool:
-            return list(pool.map(ask, range(len(images))))
-    return [ask(camera) for camera in range(len(images))]
+        with ThreadPoolExecutor(min(len(pictures), os.cpu_count() or 1)) as pool:
+            return dict(zip(pictures, pool.map(ask, pictures), strict=True))
+    return {camera: ask(camera) for camera in pictures}
 
 
 def collect_detections(

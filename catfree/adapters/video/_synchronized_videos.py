@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
 from catfree.adapters.files._camera_names import names_of_files
 from catfree.adapters.files._fingerprint import hash_parameters
@@ -50,7 +50,8 @@ class CameraFootage:
         seconds: from the first frame to the end of the last, or None if unknown.
         image_size: width and height in pixels.
         available: the ticks that this camera alone would deliver, up to those that it dropped.
-        dropped: instants that are not delivered because this camera has no frame near them.
+        dropped: instants between its first and last frame near which it has none.
+        pictures: delivered instants that it shows.
     """
 
     name: str
@@ -61,14 +62,16 @@ class CameraFootage:
     image_size: tuple[int, int]
     available: range
     dropped: int
+    pictures: int
 
 
 class SynchronizedVideos:
     """Videos of static cameras as a sequence of instants; only two instants are in memory.
 
     A common clock ticks at `frame_rate`, by default the lowest rate among the cameras. Iteration
-    delivers the ticks at which every camera has a frame, from `start` to before `end`, every
-    `stride`-th. A tick shows each camera's frame that is nearest in time:
+    delivers the ticks at which every camera has a frame (or as many as `fewest_cameras` says), from
+    `start` to before `end`, every `stride`-th. A tick shows each camera's frame that is nearest in
+    time:
 
     - Frames have the times of a table: `NAME.timestamps.csv` beside a video `NAME.mp4`, or
       `timestamps.csv` in an image folder, with the columns `frame_id,timestamp_s` and one line per
@@ -80,8 +83,8 @@ class SynchronizedVideos:
       equal.
     - Images without a table have no times: there is one image per tick.
 
-    A tick farther than 0.6 ticks from every frame of a camera is not delivered (`footage` counts
-    them): the camera dropped it, or its frame rate varies.
+    A camera has no frame at a tick farther than 0.6 ticks from all its frames: it dropped one
+    (`footage` counts them), its frame rate varies, or its footage ended.
 
     Iterate as often as needed; each iteration decodes again, one instant ahead in a thread:
 
@@ -99,14 +102,15 @@ class SynchronizedVideos:
         offsets: Sequence[int] | None = None,
         frame_rate: float | int | None = None,
         on_error: Literal["raise", "keep"] = "raise",
+        fewest_cameras: int | None = None,
     ) -> None:
         """Open every source once to learn its size, rate and length.
 
         Args:
             paths: one video file or image folder per camera.
             stride: deliver every `stride`-th tick.
-            start: first tick; None for the first that every camera has.
-            end: tick to stop before; None for after the last that every camera has.
+            start: first tick; None for the first that enough cameras have.
+            end: tick to stop before; None for after the last that enough cameras have.
             offsets: (C,) the frame of each camera, in its own frames, that shows tick 0; negative
                 for a camera that was started later. None for the files' own times, or all 0.
             frame_rate: ticks per second; None for the lowest rate among the cameras.
@@ -114,13 +118,15 @@ class SynchronizedVideos:
                 before it and stop there (`interruption` then holds the error). Formats without time
                 stamps (AVI) may lose damaged frames before decoding stops, so that frames after the
                 damage come too early; "raise" refuses such a file.
+            fewest_cameras: deliver the ticks at which so many cameras have a frame; None for all.
+                The picture of a camera that has none is black, and `silent` lists it.
 
         Raises:
             InvalidInputError: if a path does not exist or is given twice, a parameter is invalid,
                 or only some cameras have absolute times.
             FileFormatError: if a file cannot be decoded at all, or a table of times is malformed
                 (naming its line).
-            InsufficientDataError: if the cameras share no tick.
+            InsufficientDataError: if no tick has enough cameras.
         """
         if isinstance(paths, str | os.PathLike) or not isinstance(paths, Sequence | None):
             raise InvalidInputError(f"paths must list one video per camera, got only {paths!s}.")
@@ -131,6 +137,13 @@ class SynchronizedVideos:
         end = None if end is None else as_count(end, "end")
         if stride < 1:
             raise InvalidInputError(f"stride must be at least 1, got {stride}.")
+        count = len(paths)
+        fewest = as_count(count if fewest_cameras is None else fewest_cameras, "fewest_cameras")
+        if not 1 <= fewest <= count:
+            raise InvalidInputError(
+                f"fewest_cameras must be between 1 and the number of videos ({count}), got "
+                f"{fewest_cameras}."
+            )
         if on_error not in ("raise", "keep"):
             raise InvalidInputError(f"on_error must be 'raise' or 'keep', got {on_error!r}.")
         listed = np.zeros(len(paths)) if offsets is None else offsets
@@ -142,7 +155,7 @@ class SynchronizedVideos:
         # Reading the times of all frames is a pass over each file.
         with ThreadPoolExecutor(min(len(paths), os.cpu_count() or 1)) as pool:
             self._sources = list(pool.map(_open_camera, range(len(paths)), paths))
-        self._offsets, self._keep = shifts, on_error == "keep"
+        self._offsets, self._keep, self._fewest = shifts, on_error == "keep", fewest
         self.camera_names: list[str] = names_of_files([s.path for s in self._sources])
         self._rate = self._common_rate(frame_rate)
         self._start, self._utc = self._common_start()
@@ -150,6 +163,11 @@ class SynchronizedVideos:
         self._limits, self._stride = (start, end), stride
         self._ticks, self._dropped = self._complete(self._shared_ticks(start, end, stride))
         self.interruption: CatFreeError | None = None
+
+    @property
+    def fewest_cameras(self) -> int:
+        """How many cameras must have a frame at an instant."""
+        return self._fewest
 
     @property
     def camera_count(self) -> int:
@@ -199,6 +217,16 @@ class SynchronizedVideos:
         """(C,) whether nothing tells the times of a camera's frames, so that they are assumed."""
         return tuple(source.timeless for source in self._sources)
 
+    @functools.cached_property
+    def silent(self) -> Int[np.ndarray, "k 2"]:
+        """(K, 2) frame and camera of each picture that does not exist, as `localize` takes them."""
+        rows = [np.zeros((0, 2), np.int64)]
+        for first in range(0, self.frame_count, _BLOCK):
+            tick = np.array(self._ticks[first : first + _BLOCK], np.int64)
+            at, camera = np.nonzero(~self._has_frame(tick))
+            rows.append(np.column_stack([tick[at], camera]))
+        return np.concatenate(rows)
+
     @property
     def image_size(self) -> Int[np.ndarray, "cam 2"]:
         """(C, 2) width and height of each camera's pictures in pixels."""
@@ -214,6 +242,7 @@ class SynchronizedVideos:
             offsets=self._offsets,
             rate=self._rate,
             keep=self._keep,
+            fewest=self._fewest,
             clock=[self._start, self._utc, self._origins],
             times=[_hash_of(source.times) for source in self._sources],
         )
@@ -227,6 +256,7 @@ class SynchronizedVideos:
     def footage(self) -> tuple[CameraFootage, ...]:
         """(C,) footage of each camera, whether it is used or not."""
         start, end = self._limits
+        lacking = np.bincount(self.silent[:, 1], minlength=self.camera_count).tolist()
         footage = []
         for camera, source in enumerate(self._sources):
             first, last = self._span(camera)
@@ -242,12 +272,13 @@ class SynchronizedVideos:
                     source.image_size,
                     range(begin, max(begin, stop), self._stride),
                     self._dropped[camera],
+                    self.frame_count - lacking[camera],
                 )
             )
         return tuple(footage)
 
     def without_offsets(self, frame_offset: Sequence[int]) -> "SynchronizedVideos":
-        """Return the same footage on corrected clocks, with the instants that are still complete.
+        """Return the same footage on corrected clocks, with the instants still to be delivered.
 
         `catfree.calibration.remove_offsets` does the same to detections.
 
@@ -255,23 +286,22 @@ class SynchronizedVideos:
             frame_offset: (C,) ticks by which each camera's ticks are too high.
 
         Raises:
-            InsufficientDataError: if no instant is left that all cameras show.
+            InsufficientDataError: if no instant is left that enough cameras show.
         """
         shifts = [
             round(ticks * self._frames_per_tick(camera))
             for camera, ticks in enumerate(frame_offset)
         ]
-        corrected = copy.copy(self)
+        corrected = self._copy()
         corrected._offsets = [o + shift for o, shift in zip(self._offsets, shifts, strict=True)]
         if self._rate is not None:
             late = [ticks / self._rate for ticks in frame_offset]
             corrected._origins = [o + s for o, s in zip(self._origins, late, strict=True)]
-        shared = [corrected._span(camera) for camera in range(self.camera_count)]
-        first, last = max(first for first, _ in shared), min(last for _, last in shared)
+        first, last = corrected._range_of_enough()
         if not corrected._keep_ticks(first, last + 1):
             raise InsufficientDataError(
                 f"With the clocks corrected by {', '.join(map(str, frame_offset))} frames, no "
-                "instant is in all videos. Record longer."
+                f"instant is in {self._enough} videos. Record longer."
             )
         return corrected
 
@@ -281,10 +311,12 @@ class SynchronizedVideos:
         Raises:
             InsufficientDataError: if there are none.
         """
-        part = copy.copy(self)
+        part = self._copy()
         part._limits = (start, end)
         if not part._keep_ticks(start, end):
-            raise InsufficientDataError(f"No instant from tick {start} to {end} is in all videos.")
+            raise InsufficientDataError(
+                f"No instant from tick {start} to {end} is in {self._enough} videos."
+            )
         return part
 
     def __iter__(self) -> Iterator[tuple[int, list[Image]]]:
@@ -294,7 +326,7 @@ class SynchronizedVideos:
             FileFormatError: naming camera and frame, if a frame cannot be decoded or its size
                 changes, unless `on_error` is "keep".
         """
-        yield from self._instants(range(self.camera_count))
+        yield from self.instants_from(0)
 
     def instants_from(self, first: int) -> Iterator[tuple[int, list[Image]]]:
         """Iterate over the instants from position `first`; earlier ones give no pictures.
@@ -306,12 +338,26 @@ class SynchronizedVideos:
             InvalidInputError: if the position is negative.
             FileFormatError: as iterating over all instants does.
         """
+        black = [np.zeros((height, width, 3), np.uint8) for width, height in self.image_size]
+        for tick, pictures in self.pictures_from(first):
+            yield tick, [pictures.get(camera, black[camera]) for camera in range(len(black))]
+
+    def pictures_from(self, first: int = 0) -> Iterator[tuple[int, dict[int, Image]]]:
+        """Iterate over the pictures that exist, by camera, of the instants from a position on.
+
+        Args:
+            first: as `instants_from`.
+
+        Raises:
+            InvalidInputError: if the position is negative.
+            FileFormatError: as iterating over all instants does.
+        """
         if first < 0:
             raise InvalidInputError(f"first is {first}; positions among the instants start at 0.")
         yield from self._instants(range(self.camera_count), first)
 
     def pictures_of(self, camera: int) -> Iterator[Image]:
-        """Iterate over one camera's picture of each instant, without decoding the others.
+        """Iterate over one camera's pictures of the instants, without decoding the others.
 
         Args:
             camera: its index, 0-based.
@@ -325,12 +371,12 @@ class SynchronizedVideos:
                 f"There is no camera {camera}; the videos belong to cameras 0 to "
                 f"{self.camera_count - 1}."
             )
-        for _, images in self._instants([camera]):
-            yield images[0]
+        for _, pictures in self._instants([camera]):
+            yield from pictures.values()
 
     def _instants(
         self, cameras: Sequence[int], first: int = 0
-    ) -> Iterator[tuple[int, list[Image]]]:
+    ) -> Iterator[tuple[int, dict[int, Image]]]:
         self.interruption = None
         with contextlib.ExitStack() as stack:
             readers: dict[int, FrameReader] = {}
@@ -338,9 +384,14 @@ class SynchronizedVideos:
                 readers[camera] = self._sources[camera].open()
                 stack.callback(readers[camera].close)
 
-            def read(done: int) -> list[Image]:
+            def read(done: int) -> dict[int, Image]:
                 tick = int(self._ticks[done])
-                return [self._read(c, reader, tick, done) for c, reader in readers.items()]
+                (has,) = self._has_frame(np.array([tick]))
+                return {
+                    camera: self._read(camera, reader, tick, done)
+                    for camera, reader in readers.items()
+                    if has[camera]
+                }
 
             # The next instant is decoded while this one is looked at.
             pool = stack.enter_context(ThreadPoolExecutor(1))
@@ -348,7 +399,7 @@ class SynchronizedVideos:
             ahead = deque(pool.submit(read, done) for done in range(first, min(first + 1, count)))
             for done in range(first, count):
                 try:
-                    images = ahead.popleft().result()
+                    pictures = ahead.popleft().result()
                 except FileFormatError as error:
                     if not self._keep:
                         raise
@@ -356,7 +407,7 @@ class SynchronizedVideos:
                     return
                 if done + 1 < count:
                     ahead.append(pool.submit(read, done + 1))
-                yield int(self._ticks[done]), images
+                yield int(self._ticks[done]), pictures
 
     def _read(self, camera: int, reader: FrameReader, tick: int, done: int) -> Image:
         source = self._sources[camera]
@@ -428,29 +479,50 @@ class SynchronizedVideos:
         return True
 
     def _complete(self, span: range) -> tuple[Ticks, tuple[int, ...]]:
-        """Leave out ticks that a camera dropped, and count them for each camera."""
-        lost = np.zeros(len(span), bool)
-        dropped = [0] * self.camera_count
-        for camera, source in enumerate(self._sources):
-            if source.times is None:
-                continue
-            for first in range(0, len(span), _BLOCK):
-                tick = np.array(span[first : first + _BLOCK], np.int64)
-                seconds = self._origins[camera] + tick / (self._rate or 1.0)
-                away = source.times[nearest_frame(source.times, seconds)] - seconds
-                missed = np.abs(away) * (self._rate or 1.0) > REACH
-                dropped[camera] += int(missed.sum())
-                lost[first : first + _BLOCK] |= missed
-        if not lost.any():
-            return span, tuple(dropped)
-        if lost.all():
+        """Leave out ticks that too few cameras have, and count those that each camera dropped."""
+        enough = np.zeros(len(span), bool)
+        dropped = np.zeros(self.camera_count, np.int64)
+        first, last = np.array([self._span(camera) for camera in range(self.camera_count)]).T
+        for begun in range(0, len(span), _BLOCK):
+            tick = np.array(span[begun : begun + _BLOCK], np.int64)
+            has = self._has_frame(tick)
+            enough[begun : begun + _BLOCK] = has.sum(1) >= self._fewest
+            inside = (tick[:, None] >= first) & (tick[:, None] <= last)
+            dropped += (inside & ~has).sum(0)
+        if enough.all():
+            return span, tuple(dropped.tolist())
+        if not enough.any():
             camera = int(np.argmax(dropped))
             raise InsufficientDataError(
-                f"No instant is in all {self.camera_count} videos: camera "
-                f"{self.camera_names[camera]!r} has no frame near any of the {len(span)} ticks. "
-                "Check the times of its frames."
+                f"No instant is in {self._enough} videos: camera {self.camera_names[camera]!r} has "
+                f"no frame near {dropped[camera]} of the {len(span)} ticks. Check the times of its "
+                "frames."
             )
-        return np.array(span, np.int64)[~lost], tuple(dropped)
+        return np.array(span, np.int64)[enough], tuple(dropped.tolist())
+
+    def _has_frame(self, tick: Int[np.ndarray, " t"]) -> Bool[np.ndarray, "t cam"]:
+        """Whether each camera has a frame at ticks."""
+        has = np.ones((len(tick), self.camera_count), bool)
+        for camera, source in enumerate(self._sources):
+            first, last = self._span(camera)
+            has[:, camera] = (tick >= first) & (tick <= last)
+            if source.times is not None:
+                seconds = self._origins[camera] + tick / (self._rate or 1.0)
+                away = source.times[nearest_frame(source.times, seconds)] - seconds
+                has[:, camera] &= np.abs(away) * (self._rate or 1.0) <= REACH
+        return has
+
+    @property
+    def _enough(self) -> str:
+        """How many cameras an instant needs, for messages."""
+        everyone = self._fewest == self.camera_count
+        return f"all {self.camera_count}" if everyone else f"at least {self._fewest}"
+
+    def _copy(self) -> "SynchronizedVideos":
+        """A copy whose ticks may be changed."""
+        copied = copy.copy(self)
+        copied.__dict__.pop("silent", None)
+        return copied
 
     def _frames_per_tick(self, camera: int) -> float:
         fps = self._sources[camera].fps
@@ -478,22 +550,28 @@ class SynchronizedVideos:
         count = self._sources[camera].frame_count
         return max(first, 0), math.ceil((count - offset - 0.5) / step - 1e-9) - 1
 
-    def _shared_ticks(self, start: int | None, end: int | None, stride: int) -> range:
+    def _range_of_enough(self) -> tuple[int, int]:
+        """First and last tick that lie within the footage of enough cameras."""
         firsts, lasts = zip(*map(self._span, range(self.camera_count)), strict=True)
-        begin = max(firsts) if start is None else start
-        stop = min(lasts) + 1 if end is None else min(end, min(lasts) + 1)
-        if begin < max(firsts):
-            camera = firsts.index(max(firsts))
+        return sorted(firsts)[self._fewest - 1], sorted(lasts)[-self._fewest]
+
+    def _shared_ticks(self, start: int | None, end: int | None, stride: int) -> range:
+        first, last = self._range_of_enough()
+        begin = first if start is None else start
+        stop = last + 1 if end is None else min(end, last + 1)
+        spans = [self._span(camera) for camera in range(self.camera_count)]
+        if begin < first:
+            camera = [span[0] for span in spans].index(first)
             raise InvalidInputError(
                 f"start is {begin}, but camera {self.camera_names[camera]!r} has its first picture "
-                f"at tick {firsts[camera]}."
+                f"at tick {first}."
             )
         if begin >= stop:
-            camera = lasts.index(min(lasts))
+            camera = [span[1] for span in spans].index(last)
             raise InsufficientDataError(
-                f"No instant is in all {len(lasts)} videos from tick {begin} to before "
+                f"No instant is in {self._enough} videos from tick {begin} to before "
                 f"{'the end' if end is None else end}: camera {self.camera_names[camera]!r} ends "
-                f"after tick {lasts[camera]}. Check start, end and offsets."
+                f"after tick {last}. Check start, end and offsets."
             )
         return range(begin, stop, stride)
 

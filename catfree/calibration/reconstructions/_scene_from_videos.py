@@ -6,6 +6,7 @@ from catfree.adapters.protocols import Reconstructor
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration.reconstructions._aggregate import aggregate
 from catfree.calibration.reconstructions._ground import find_ground
+from catfree.errors import InsufficientDataError
 from catfree.types import Detections, Scene
 from catfree.types._annotations import Progress, no_progress
 
@@ -21,7 +22,7 @@ def scene_from_videos(
     instants: int = INSTANTS,
     seed: int = 0,
 ) -> Scene:
-    """Reconstruct cameras and ground from evenly spread instants of videos.
+    """Reconstruct cameras and ground from evenly spread instants that all cameras show.
 
     Args:
         videos: the cameras' videos.
@@ -35,13 +36,16 @@ def scene_from_videos(
         The scene, in meters if the reconstructor's units are.
 
     Raises:
-        InsufficientDataError: if no instant has two registered cameras.
+        InsufficientDataError: if no instant is in all videos or has two registered cameras.
         GroundRejectedError: if no plane of the scene can be the ground.
     """
     report = progress or no_progress
-    count = min(instants, videos.frame_count)
+    complete = np.flatnonzero(~np.isin(videos.frames, videos.silent[:, 0]))
+    if not len(complete):
+        raise InsufficientDataError(f"No instant is in all {videos.camera_count} videos.")
+    count = min(instants, len(complete))
     # The centers of equal parts, since the first and last instants are often unusable.
-    chosen = ((np.arange(count) + 0.5) * videos.frame_count / count).astype(int)
+    chosen = complete[((np.arange(count) + 0.5) * len(complete) / count).astype(int)]
     reconstructions = []
     for done, position in enumerate(chosen):
         report("reconstruction", done, count)

@@ -99,6 +99,26 @@ def test_a_background_detector_is_fitted_to_each_camera(tmp_path):
         detect_videos(short, detector)
 
 
+@pytest.mark.slow
+def test_a_camera_with_too_few_pictures_finds_nobody_and_stops_no_other(tmp_path):
+    videos = write_folders(tmp_path, cameras=3, frames=24)
+    whole = detect_videos(videos, BackgroundDetector())
+    for late in sorted((tmp_path / "c1").glob("*.png"))[4:]:
+        late.unlink()
+    with pytest.raises(InsufficientDataError, match="at least 8"):
+        detect_videos(
+            SynchronizedVideos([one.path for one in videos.footage]), BackgroundDetector()
+        )
+    short = SynchronizedVideos([one.path for one in videos.footage], fewest_cameras=2)
+    calls = []
+    found = detect_videos(short, BackgroundDetector(), progress=lambda *call: calls.append(call))
+    assert set(found.camera.tolist()) == {0, 2}
+    others = whole[whole.camera != 1]
+    np.testing.assert_array_equal(found.frame, others.frame)
+    np.testing.assert_array_equal(found.box, others.box)
+    assert [call for call in calls if call[0] == "fit"][-1] == ("fit", 52, 52)
+
+
 class Answers:
     """A detector and embedder that answers well until it sees the bright block."""
 

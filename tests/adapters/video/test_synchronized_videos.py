@@ -104,6 +104,27 @@ def test_different_lengths_end_with_the_shortest(tmp_path):
     assert len(SynchronizedVideos(paths)) == 6
 
 
+def test_pictures_that_do_not_exist_are_black_and_listed(tmp_path):
+    paths = [write_video(tmp_path / f"{n}.avi", n) for n in (9, 6, 14)]
+    videos = SynchronizedVideos(paths, fewest_cameras=2)
+    np.testing.assert_array_equal(videos.frames, np.arange(9))
+    assert videos.silent.tolist() == [[6, 1], [7, 1], [8, 1]]
+    assert [one.pictures for one in videos.footage] == [9, 6, 9]
+    for (tick, images), (same, pictures) in zip(videos, videos.pictures_from(), strict=True):
+        assert tick == same
+        assert list(pictures) == ([0, 1, 2] if tick < 6 else [0, 2])
+        for camera, image in enumerate(images):
+            known = pictures.get(camera, np.zeros_like(image))
+            np.testing.assert_array_equal(image, known)
+    assert sum(1 for _ in videos.pictures_of(1)) == 6
+    # The middle one is late by four ticks: it ends at tick 2 of the corrected clock.
+    assert videos.without_offsets([0, 4, 0]).silent.tolist() == [[t, 1] for t in range(2, 9)]
+    assert videos.between(5, 8).silent.tolist() == [[6, 1], [7, 1]]
+    assert videos.fingerprint != SynchronizedVideos(paths, end=6).fingerprint
+    with pytest.raises(InvalidInputError, match="between 1 and the number of videos"):
+        SynchronizedVideos(paths, fewest_cameras=4)
+
+
 def test_offsets_shift_each_camera_by_its_own_frames(tmp_path):
     paths = [write_video(tmp_path / "a.avi", 20), write_video(tmp_path / "b.avi", 40, fps=20)]
     videos = SynchronizedVideos(paths, offsets=[3, 5])
@@ -135,7 +156,7 @@ def test_every_delivered_tick_exists_in_every_camera_and_no_other(cameras, offse
     videos = object.__new__(SynchronizedVideos)
     videos._sources = [FakeSource(count, fps) for count, fps in cameras]
     videos._offsets, videos.camera_names = offsets, [str(i) for i in range(3)]
-    videos._rate = min(fps for _, fps in cameras)
+    videos._rate, videos._fewest = min(fps for _, fps in cameras), len(cameras)
     expected = [
         tick
         for tick in range(60)

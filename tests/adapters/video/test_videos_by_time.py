@@ -133,6 +133,47 @@ def test_a_tick_shows_the_frames_nearest_in_time_or_is_not_delivered(times, stri
     assert videos.clock == Clock(rate, start)
 
 
+@given(
+    st.lists(st.one_of(timelines(), st.integers(1, 40)), min_size=1, max_size=4),
+    st.integers(1, 4),
+    st.integers(1, 3),
+)
+def test_instants_of_enough_cameras_are_delivered_and_what_they_lack_is_listed(
+    footage, fewest, stride
+):
+    """Against all ticks; a number stands for so many even frames, 10 per second."""
+    fewest = min(fewest, len(footage))
+    times = [np.arange(one) / 10 if isinstance(one, int) else one - one[0] for one in footage]
+    rates = [10.0 if isinstance(one, int) else rate_of(one) for one in footage]
+    sources = [
+        FakeSource(f"{c}", len(own), fps, None if isinstance(one, int) else own)
+        for c, (one, own, fps) in enumerate(zip(footage, times, rates, strict=True))
+    ]
+    rate = min(rates)
+    tick = np.arange(int(max(own[-1] for own in times) * rate) + 3)
+    reach = [0.5 * rate / 10 if isinstance(one, int) else REACH for one in footage]
+    if any(isinstance(one, int) for one in footage) and abs(rate / 10 - 1) > 1e-9:
+        return  # even frames are counted, which differs at their ends
+    near = np.stack([np.abs(own - tick[:, None] / rate).min(1) * rate for own in times], -1)
+    if (np.abs(near - reach) < 1e-6).any():
+        return  # a matter of rounding
+    has = near <= reach
+    begin = np.sort(has.argmax(0))[fewest - 1]
+    expected = np.array([t for t in tick[begin::stride] if has[t].sum() >= fewest], int)
+    try:
+        videos = fake_videos(sources, fewest_cameras=fewest, stride=stride)
+    except InsufficientDataError:
+        assert not len(expected)
+        return
+    np.testing.assert_array_equal(videos.frames, expected)
+    lacking = [(t, c) for t in expected for c in np.flatnonzero(~has[t])]
+    np.testing.assert_array_equal(videos.silent, np.array(lacking, int).reshape(-1, 2))
+    shown = has[expected].sum(0)
+    assert [one.pictures for one in videos.footage] == shown.tolist()
+    if fewest == len(footage):
+        assert len(videos.silent) == 0
+
+
 @given(st.integers(5, 60), st.integers(5, 60), st.floats(-0.2, 0.2))
 def test_even_times_and_no_times_are_the_same(one, two, jitter):
     """Two ways to say that a camera is even, wherever the nearest frame is clear."""
@@ -346,7 +387,7 @@ def test_cameras_that_never_meet(tmp_path):
     with pytest.raises(InsufficientDataError, match="camera '0' ends after tick 2"):
         fake_videos(apart)
     holes = with_times(np.array([0.0, 0.1, 0.2, 50, 50.1, 50.2]), "0")
-    with pytest.raises(InsufficientDataError, match="'0' has no frame near any of the"):
+    with pytest.raises(InsufficientDataError, match="'0' has no frame near 30 of the 30"):
         fake_videos([holes, with_times(10 + np.arange(30.0) / 10, "1")])
 
 

@@ -30,13 +30,15 @@ texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
     offsets=st.none() | st.lists(st.integers(-9, 9), min_size=2, max_size=3).map(tuple),
     clock=st.tuples(st.floats(0.1, 100), st.floats(-1e9, 1e9), st.booleans()),
     site=texts,
+    silent=st.lists(st.tuples(*[st.integers(0, 99)] * 3), max_size=3).map(tuple),
     method=st.sampled_from(METHODS),
     paths=st.tuples(texts, texts, texts, texts),
 )
 def test_a_plan_is_read_as_it_was_written(
-    tmp_path_factory, detections, videos, offsets, clock, site, method, paths
+    tmp_path_factory, detections, videos, offsets, clock, site, silent, method, paths
 ):
     change = {"detections": detections, "videos": videos, "offsets": offsets, "site": site}
+    change["silent"] = silent
     parts = [dataclasses.replace(shard, clock=Clock(*clock), **change) for shard in SHARDS]
     plan = PlanFile(tuple(parts), *paths[:2], method, *paths[2:])
     path = write_plan(tmp_path_factory.mktemp("plan") / "plan.json", plan)

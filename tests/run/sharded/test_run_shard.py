@@ -140,6 +140,19 @@ class Named:
 
 
 @pytest.mark.slow
+def test_a_camera_that_failed_takes_nobody_with_it(world, tmp_path):
+    """Its missing pictures say nothing, in a shard as in `localize`."""
+    boxes = world.detections
+    failed = boxes[(boxes.camera != 0) | (boxes.frame < 80)]
+    silent = [[frame, 0] for frame in range(80, 160)]
+    (shard,) = cf.shards(failed, every=100, overlap=8, frame_rate=5, silent=silent)
+    cf.run_shard(shard, scene=world.true_scene, out=tmp_path, settings=EVERYWHERE)
+    alone = cf.localize(failed, world.true_scene, EVERYWHERE, silent=silent).tracks
+    np.testing.assert_allclose(cf.join(tmp_path).position, alone.position, atol=1e-6)
+    assert len(alone) > len(cf.localize(failed, world.true_scene, EVERYWHERE).tracks)
+
+
+@pytest.mark.slow
 def test_boxes_need_no_detector(world, plan, tmp_path):
     detector = cf.adapters.BackgroundDetector()
     with pytest.raises(InvalidInputError, match="consists of boxes"):

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import catfree as cf
-from catfree._run.sharded._shard import boxes_of
+from catfree._run.sharded._shard import boxes_of, silent_pictures
 from catfree.adapters.tables._detections_table import write_detections_parquet
 from catfree.errors import InvalidInputError
 from catfree.types import Clock, Detections
@@ -48,6 +48,27 @@ def test_every_frame_is_reported_once_and_seen_by_neighbors(frames, every, share
         within = [f for f in frames if shard.first_seen <= f < shard.stop_seen]
         assert sorted(seen.frame) == sorted(within)
         assert seen.clock == shard.clock == Clock(rate)
+
+
+@given(st.lists(st.tuples(st.integers(-9, 70), st.integers(0, 2)), max_size=40), st.integers(0, 9))
+@settings(max_examples=40, deadline=None)
+def test_each_shard_knows_which_of_its_pictures_do_not_exist(silent, overlap):
+    plan = cf.shards(boxes(range(60)), every=10, overlap=overlap, frame_rate=2, silent=silent)
+    for shard in plan:
+        within = {row for row in silent if shard.first_seen <= row[0] < shard.stop_seen}
+        found = [tuple(row) for row in silent_pictures(shard).tolist()]
+        assert set(found) == within
+        assert len(found) == len(within)
+        assert (shard.silent == ()) == (not within)
+    plain = cf.shards(boxes(range(60)), every=10, overlap=overlap, frame_rate=2)
+    for shard, other in zip(plan, plain, strict=True):
+        assert (shard.fingerprint == other.fingerprint) == (shard.silent == ())
+
+
+@pytest.mark.parametrize("silent", [[[1]], [1, 2], [[0.5, 1]], "none"])
+def test_missing_pictures_are_pairs_of_integers(silent):
+    with pytest.raises(InvalidInputError, match="silent"):
+        cf.shards(boxes(range(9)), frame_rate=2, silent=silent)
 
 
 @pytest.mark.parametrize("suffix", ["npz", "parquet", "folder"])
