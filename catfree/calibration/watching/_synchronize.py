@@ -16,7 +16,7 @@ FEWEST_CAMERAS = 3  # two cameras that disagree do not tell which of them is lat
 ROUNDS = 6  # a rig hides a part of a lag, which shows after the rest is corrected
 # Of a frame: whole frames hardly correct less; and the same of a camera that was late before.
 WHOLE_FRAME, AGAIN = 0.75, 0.5
-FALL = 0.01  # of the residual, that all corrections together must bring
+GAIN = 0.02  # in `_information`, that all corrections together must bring
 
 
 def synchronize(
@@ -25,7 +25,7 @@ def synchronize(
     settings: Settings,
     refine: Callable[[Detections, Calibration], Calibration],
 ) -> tuple[Calibration, Detections]:
-    """Correct the frame numbers of late cameras by whole frames as long as the rig fits better.
+    """Correct the frame numbers of late cameras by whole frames as long as more boxes fit better.
 
     Args:
         calibration: the settled rig.
@@ -40,7 +40,7 @@ def synchronize(
     frames = np.unique(detections.frame)
     step = frame_step(frames)
     kept = calibration, detections
-    least_residual = (1 - FALL) * calibration.residual
+    least = (1 + GAIN) * _information(calibration)
     for _ in range(ROUNDS):
         if calibration.scene.rig.registered.sum() < FEWEST_CAMERAS:
             break
@@ -48,14 +48,22 @@ def synchronize(
             clocks = estimate_clocks(calibration.scene, detections, settings=settings)
         except InsufficientDataError:
             break
-        least = np.where(calibration.frame_offset == 0, WHOLE_FRAME, AGAIN)
-        offset = clocks.whole_offsets(step, least)
+        smallest = np.where(calibration.frame_offset == 0, WHOLE_FRAME, AGAIN)
+        offset = clocks.whole_offsets(step, smallest)
         if not offset.any():
             break
         moved = remove_offsets(detections, offset)
         refined = refine(moved, calibration)
         calibration = replace(refined, frame_offset=calibration.frame_offset + offset)
         detections = moved
-        if refined.residual <= least_residual:
-            kept, least_residual = (calibration, detections), refined.residual
+        if _information(refined) >= least:
+            kept, least = (calibration, detections), _information(refined)
     return kept
+
+
+def _information(calibration: Calibration) -> float:
+    """Return what the boxes tell of the rig: how many fit, over their mean squared residual.
+
+    The residual alone would favor a rig in which a late camera lost most of its boxes.
+    """
+    return float(calibration.sightings.sum() / max(calibration.residual, 1e-9) ** 2)
