@@ -249,6 +249,7 @@ def transform_scene(similarity: Similarity, scene: Scene, *, metric: bool | None
         xp.asarray(scale * scene.extent),
         scene.metric if metric is None else metric,
         _moved_georeference(similarity, scene, ground),
+        None if scene.rig_sd is None else scale * scene.rig_sd,
     )
 
 

@@ -16,7 +16,9 @@ It is valid for
   is too high) shifts all positions and cannot be detected without labels.
 
 Where the residuals of a camera have a pattern that a wrong lens, a clock or a move of the camera
-leaves, or two cameras do not see the same people, at most half is expected, with a note.
+leaves, two cameras do not see the same people, or the cameras were found from people with a
+deviation that reaches the radius within which a position counts, at most half is expected, with a
+note.
 
 Slightly outside the fitted range of a number the function is extrapolated, and the interval widened
 by the change due to the extrapolation. Far outside the result is NaN. Both cases add a note.
@@ -33,6 +35,7 @@ from catfree.settings import Settings
 from catfree.types import Localization, Reliability
 
 DOUBTED = 50.0  # percent: the most that is expected of cameras that the boxes contradict
+SURE = 2.0  # standard deviations of the cameras that must fit into the radius
 FARTHEST = 0.5  # share of a fitted range by which a number may exceed it
 
 
@@ -97,21 +100,28 @@ def expect_moda(
     middle = min(total, 100.0)
     low = min(total - fit.below - widening, middle)
     high = min(total + fit.above + widening, 100.0)
-    if _is_contradicted(reliability):
-        middle, low = min(middle, DOUBTED), min(low, 0.0)
-        note = "The boxes contradict the cameras; the warnings of the result say how."
+    doubt = _doubt(reliability)
+    if doubt is not None:
+        middle, low, note = min(middle, DOUBTED), min(low, 0.0), doubt
     return _with_moda(reliability, middle, low, high, note)
 
 
-def _is_contradicted(reliability: Reliability) -> bool:
-    """Whether the boxes have patterns that no cameras in order leave."""
+def _doubt(reliability: Reliability) -> str | None:
+    """Say why the cameras may be wrong: patterns that no cameras in order leave, or few people."""
     bend, share = reliability.lens_bend, reliability.pattern_share
-    together = reliability.least_together
-    return (
+    together, deviation = reliability.least_together, reliability.rig_sd_over_radius
+    if (
         (bend is not None and bend > NOTICEABLE)
         or (share is not None and share > LARGEST_SHARE)
         or (together is not None and together < LEAST_TOGETHER)
-    )
+    ):
+        return "The boxes contradict the cameras; the warnings of the result say how."
+    if deviation is not None and SURE * deviation > 1:
+        return (
+            "Too few people were seen to find the cameras surely: their deviation is "
+            f"{deviation:.2g} times the radius within which a position is right. Record longer."
+        )
+    return None
 
 
 def _with_moda(

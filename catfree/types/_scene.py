@@ -99,6 +99,8 @@ class Scene(eqx.Module):
             from their mean (`Scene.from_rig`), unless the source of the scene says otherwise.
         metric: whether scene units are meters.
         georeference: where the ground is on Earth, or None.
+        rig_sd: standard deviation of the camera centers in scene units, root mean square over the
+            cameras after the best similarity; None if it is not known, as of given cameras.
     """
 
     rig: Rig
@@ -106,6 +108,7 @@ class Scene(eqx.Module):
     extent: Float[HostOrDevice, ""]
     metric: bool = eqx.field(static=True)
     georeference: GeoReference | None = eqx.field(static=True)
+    rig_sd: float | None
 
     def __init__(
         self,
@@ -114,12 +117,13 @@ class Scene(eqx.Module):
         extent: Any,
         metric: bool = False,
         georeference: GeoReference | None = None,
+        rig_sd: float | None = None,
     ) -> None:
         """Validate and store.
 
         Raises:
             InvalidInputError: if rig, ground or georeference is something else, the extent is not
-                positive, or the cameras are below the ground.
+                positive, `rig_sd` is negative, or the cameras are below the ground.
         """
         require_instance(rig, Rig, "rig")
         require_instance(ground, Plane, "ground")
@@ -128,11 +132,14 @@ class Scene(eqx.Module):
         self.georeference = georeference
         self.rig, self.ground, self.extent = rig, ground, as_float(extent)
         self.metric = bool(metric)
+        self.rig_sd = rig_sd if rig_sd is None or is_traced(rig_sd) else float(rig_sd)
         require_shape(self.extent, (), "extent")
         if is_traced(self.extent, rig.R, rig.t, ground.normal, ground.offset):
             return
         if not (np.isfinite(self.extent) and self.extent > 0):
             raise InvalidInputError(f"extent is {self.extent}; it must be a positive length.")
+        if self.rig_sd is not None and not 0 <= self.rig_sd < np.inf:
+            raise InvalidInputError(f"rig_sd is {self.rig_sd}; it must be a length, or None.")
         height = np.asarray(ground.signed_distance(np.asarray(rig.centers)))[rig.registered]
         if height.size and np.median(height) < 0:
             raise InvalidInputError(
@@ -178,6 +185,7 @@ class Scene(eqx.Module):
             {f"rig_{name}": value for name, value in vars(self.rig).items()}
             | {"normal": self.ground.normal, "offset": self.ground.offset}
             | {"extent": self.extent, "metric": self.metric}
+            | {"deviation": None if self.rig_sd is None else np.asarray(self.rig_sd)}
             | {"georeference": None if self.georeference is None else self.georeference.to_array()},
         )
 
@@ -191,7 +199,7 @@ class Scene(eqx.Module):
         """
         always, optional = ([f"rig_{name}" for name in names] for names in RIG_FIELDS)
         required = [*always, "normal", "offset", "extent", "metric"]
-        optional.append("georeference")
+        optional += ["georeference", "deviation"]
         arrays = load_arrays(path, "Scene", required=required, optional=optional)
         of_rig = {k.removeprefix("rig_"): v for k, v in arrays.items() if k.startswith("rig_")}
 
@@ -201,7 +209,10 @@ class Scene(eqx.Module):
             ground = Plane(arrays["normal"], arrays["offset"])
             earth = arrays.get("georeference")
             earth = None if earth is None else GeoReference.of_array(earth)
-            scene = cls(Rig(**of_rig), ground, arrays["extent"], bool(metric), earth)
+            sd = arrays.get("deviation")
+            if sd is not None:
+                require_shape(sd, (), "deviation")
+            scene = cls(Rig(**of_rig), ground, arrays["extent"], bool(metric), earth, sd)
             return require_plausible_heights(scene)
 
         return naming_file(path, build)

@@ -145,6 +145,17 @@ def test_little_is_expected_of_cameras_that_the_boxes_contradict(
         assert found.expectation_note == plain.expectation_note
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("deviation", "doubted"), [(None, False), (0.4, False), (0.6, True)])
+def test_little_is_expected_of_cameras_that_few_people_showed(deviation, doubted):
+    plain = expect_moda(SUMMARY, cf.Settings.paper())
+    summary = dataclasses.replace(SUMMARY, rig_sd_over_radius=deviation)
+    found = expect_moda(summary, cf.Settings.paper())
+    assert (found.expected_moda <= DOUBTED < plain.expected_moda) == doubted
+    assert found.moda_high == plain.moda_high
+    assert ("Record longer" in (found.expectation_note or "")) == doubted
+
+
 def test_no_position_is_a_moda_of_zero():
     found = expect_moda(SUMMARY, PAPER, positions=0)
     assert (found.expected_moda, found.moda_low, found.moda_high) == (0, 0, 0)

@@ -81,6 +81,8 @@ def scene_text(scene: Scene, names: Sequence[str] | None = None) -> str:
     ground = {"normal": _list(scene.ground.normal), "offset": float(scene.ground.offset)}
     document = _rig_document(scene.rig, names, scene.metric)
     document |= {"ground": ground, "extent": float(scene.extent)}
+    if scene.rig_sd is not None:
+        document["rig_sd"] = float(scene.rig_sd)
     if scene.georeference is not None:
         document["georeference"] = dataclasses.asdict(scene.georeference)
     return _text(document)
@@ -124,6 +126,8 @@ def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
     offset = numbers(entry(ground, "offset", source, "ground"), (), source, "the offset")
     extent = numbers(entry(document, "extent", source, "the file"), (), source, "the extent")
     metric = document["units"] == _UNITS[True]
+    sd = document.get("rig_sd")
+    sd = None if sd is None else float(numbers(sd, (), source, "rig_sd"))
     earth = document.get("georeference")
     if earth is not None:
         names = [field.name for field in dataclasses.fields(GeoReference)]
@@ -132,7 +136,7 @@ def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
 
     def build() -> Scene:
         place = None if earth is None else GeoReference.of_array(earth)
-        scene = Scene(named.rig, Plane(normal, offset), extent, metric, place)
+        scene = Scene(named.rig, Plane(normal, offset), extent, metric, place, sd)
         return require_plausible_heights(scene)
 
     return naming_file(source, build), named.names

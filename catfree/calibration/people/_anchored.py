@@ -43,7 +43,7 @@ from catfree.calibration.people.cameras._camera_model import (
     from_matrices,
     to_matrices,
 )
-from catfree.calibration.people.cameras._scale_deviation import scale_variance
+from catfree.calibration.people.cameras._rig_deviation import scale_variance, shape_deviation
 from catfree.errors import CalibrationError, InvalidInputError
 from catfree.methods.evidence.observe._boxes import undistort
 from catfree.settings import CalibrationSettings
@@ -589,7 +589,9 @@ def _described(
     relative = np.sqrt(fit.covariance[-4, -4])
     return replace(
         calibration,
-        scene=replace(scene, georeference=earth),
+        scene=replace(
+            scene, georeference=earth, rig_sd=shape_deviation(cameras, covariance, known)
+        ),
         focal_sd=np.where(known, focal * np.sqrt(own[:, LOG_FOCAL, LOG_FOCAL]), np.nan),
         center_covariance=np.where(known[:, None, None], own[:, X:, X:], np.nan),
         camera_covariance=covariance,

@@ -13,6 +13,7 @@ import numpy as np
 from catfree.calibration.people._radial_lens import RadialLenses
 from catfree.calibration.people._register import Calibration, prepare, rig_with_lenses
 from catfree.calibration.people.cameras._camera_model import from_matrices, to_matrices
+from catfree.calibration.people.cameras._rig_deviation import shape_deviation
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._verdict import Verdict, judge_camera, judge_cameras
 from catfree.calibration.people.matching._workspace import Workspace
@@ -234,13 +235,17 @@ def _with_cameras(
     pairs = np.logical_and.outer(kept, kept)[:, None, :, None]
     present = np.logical_and.outer(state.placed, state.placed)[:, None, :, None]
     joint = np.where(pairs, calibration.camera_covariance, np.where(present, np.nan, 0.0))
+    scene = Scene.from_rig(
+        rig_with_lenses(K, R, t, size, state.placed, RadialLenses.of(calibration.scene.rig).k1),
+        calibration.scene.ground,
+        metric=True,
+    )
+    rig_sd = calibration.scene.rig_sd
+    if anew or (state.placed != calibration.scene.rig.registered).any():
+        rig_sd = shape_deviation(state.parameters, joint, state.placed)
     return replace(
         calibration,
-        scene=Scene.from_rig(
-            rig_with_lenses(K, R, t, size, state.placed, RadialLenses.of(calibration.scene.rig).k1),
-            calibration.scene.ground,
-            metric=True,
-        ),
+        scene=replace(scene, rig_sd=rig_sd),
         association_rate=association,
         log_likelihood_ratio=evidence,
         focal_sd=np.where(kept, calibration.focal_sd, np.nan),

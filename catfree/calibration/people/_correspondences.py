@@ -19,7 +19,11 @@ from catfree.calibration.people.adjustment._people_bundle import (
 )
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, from_matrices, to_matrices
 from catfree.calibration.people.cameras._ground_map import map_ground
-from catfree.calibration.people.cameras._scale_deviation import crowd_deviation, scale_variance
+from catfree.calibration.people.cameras._rig_deviation import (
+    crowd_deviation,
+    scale_variance,
+    shape_deviation,
+)
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
@@ -138,10 +142,11 @@ def refine_with_correspondences(
     instants = len(np.unique(np.asarray(detections.frame)[row]))
     crowd_sd = crowd_deviation(len(members) / instants, settings)
     known, covariance = registered & adjusted, result.camera_covariance()
+    rig_sd = shape_deviation(result.parameters, result.camera_covariance(repeats), known)
     scale_sd = np.sqrt(scale_variance(result.parameters, covariance, known))
     return replace(
         calibration,
-        scene=scene,
+        scene=replace(scene, rig_sd=rig_sd),
         shared_focal=shared_focal,
         distortion_sd=np.where(adjusted, ALIKE * result.k1_sd, calibration.distortion_sd),
         focal_sd=np.where(adjusted, K[:, 0, 0] * result.focal_deviation, calibration.focal_sd),

@@ -10,7 +10,7 @@ from catfree.calibration.people._box_grid import grid_boxes
 from catfree.calibration.people._radial_lens import RadialLenses
 from catfree.calibration.people.adjustment._anchors import AnchorCheck
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, to_matrices
-from catfree.calibration.people.cameras._scale_deviation import crowd_deviation, scale_variance
+from catfree.calibration.people.cameras._rig_deviation import crowd_deviation, scale_variance
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._register_cameras import RegisteredRig, register_cameras
 from catfree.errors import CalibrationError, InvalidInputError

@@ -182,6 +182,7 @@ def describe(
         lens_bend=float(bend.max(initial=0.0)),
         pattern_share=patterns.largest_share if patterns else None,
         least_together=patterns.least_together if patterns else None,
+        rig_sd_over_radius=None if scene.rig_sd is None else scene.rig_sd / radius,
     )
     thresholds = Thresholds(
         median_box_height=float(np.median(s.boxes.size[: len(s.boxes.row)])),

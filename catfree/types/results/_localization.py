@@ -131,6 +131,8 @@ class Reliability(eqx.Module):
         least_together: how often two cameras see a walking person together, over how often they
             would if each missed people on its own; smallest of all pairs, NaN or None if it is not
             known.
+        rig_sd_over_radius: `Scene.rig_sd` divided by the same radius as sigma; None if it is not
+            known.
     """
 
     median_sigma: float
@@ -149,6 +151,7 @@ class Reliability(eqx.Module):
     lens_bend: float | None = None
     pattern_share: float | None = None
     least_together: float | None = None
+    rig_sd_over_radius: float | None = None
 
 
 class Localization(eqx.Module):

@@ -1,4 +1,4 @@
-"""Uncertainty of the metric scale of a rig registered from pedestrians."""
+"""Uncertainty of the shape and the metric scale of a rig registered from pedestrians."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -24,6 +24,40 @@ def scale_variance(
     slope = np.zeros(parameters.shape)
     slope[cameras, X:] = spread / max(float((spread**2).sum()), 1e-12)
     return max(float(np.einsum("ci,cidj,dj->", slope, covariance, slope)), 0.0)
+
+
+def shape_deviation(
+    parameters: Float[np.ndarray, "cam 7"],
+    covariance: Float[np.ndarray, "cam 7 cam 7"],
+    known: Bool[np.ndarray, " cam"],
+) -> float | None:
+    """Root mean square deviation of camera centers after the similarity that fits them best.
+
+    Args:
+        parameters: (C, 7) cameras as in `_camera_model`.
+        covariance: (C, 7, C, 7) of the cameras.
+        known: (C,) cameras to use, at least two.
+
+    Returns:
+        Meters; None if a covariance is not known (NaN).
+    """
+    centers = parameters[known, X:]
+    covariance = covariance[known][:, X:, known][..., X:]
+    count = len(centers)
+    if not np.isfinite(covariance).all():
+        return None
+    offset = centers - centers.mean(0)
+    turns = np.cross(np.eye(3)[None], offset[:, None])  # by small angles about the three axes
+    moves = np.concatenate(
+        [np.broadcast_to(np.eye(3), (count, 3, 3)), turns, offset[:, None]], axis=1
+    )
+    basis, length, _ = np.linalg.svd(
+        np.moveaxis(moves, 1, 2).reshape(3 * count, -1), full_matrices=False
+    )
+    basis = basis[:, length > 1e-9 * length[0]]
+    total = covariance.reshape(3 * count, 3 * count)
+    variance = np.trace(total) - np.trace(basis.T @ total @ basis)
+    return float(np.sqrt(max(variance, 0.0) / count))
 
 
 def crowd_deviation(people_at_a_time: float, settings: CalibrationSettings) -> float:

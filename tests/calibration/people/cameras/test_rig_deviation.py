@@ -1,4 +1,4 @@
-"""What is known of the metric scale of a rig from people."""
+"""What is known of the shape and the metric scale of a rig from people."""
 
 from dataclasses import replace
 
@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from catfree.calibration.people.cameras._scale_deviation import crowd_deviation, scale_variance
+from catfree.calibration.people.cameras._rig_deviation import (
+    crowd_deviation,
+    scale_variance,
+    shape_deviation,
+)
+from catfree.geometry import fit_similarity
 from catfree.settings import CalibrationSettings
 
 RULES = CalibrationSettings()
@@ -27,6 +32,43 @@ def test_a_rig_that_swells_by_some_percent_is_that_uncertain(
     covariance = sd**2 * np.einsum("ci,dj->cidj", direction, direction)
     found = scale_variance(parameters, covariance, np.ones(cameras, bool))
     assert found == pytest.approx(sd**2, abs=1e-9)
+
+
+@given(seed=st.integers(0, 1000), cameras=st.integers(3, 6), scale=st.floats(1e-3, 1e3))
+@settings(deadline=None, max_examples=15)
+def test_the_deviation_of_the_shape_is_what_a_similarity_leaves(
+    seed: int, cameras: int, scale: float
+) -> None:
+    """Against similarities fitted to many drawn rigs; it has the unit of the centers."""
+    rng = np.random.default_rng(seed)
+    parameters = rig(seed, cameras + 1)
+    known = np.arange(cameras + 1) > 0
+    half = rng.normal(size=(7 * (cameras + 1), 7)) * 1e-3
+    covariance = (half @ half.T).reshape(cameras + 1, 7, cameras + 1, 7)
+    found = shape_deviation(parameters, covariance, known)
+    left = []
+    for draw in rng.normal(size=(400, 7)):
+        moved = parameters + (half @ draw).reshape(-1, 7)
+        centers = parameters[known, 4:]
+        fitted = fit_similarity(moved[known, 4:], centers)
+        left.append(((np.asarray(fitted(moved[known, 4:])) - centers) ** 2).sum(-1).mean())
+    assert found == pytest.approx(np.sqrt(np.mean(left)), rel=0.25)
+    larger = shape_deviation(parameters * scale, covariance * scale**2, known)
+    assert larger == pytest.approx(scale * found, rel=1e-6)
+
+
+def test_a_rig_that_moves_as_a_whole_has_a_sure_shape() -> None:
+    parameters, known = rig(1, 5), np.ones(5, bool)
+    moves = np.zeros((5, 7, 7))
+    moves[:, 4:, :3] = np.eye(3)
+    moves[:, 4:, 3:6] = np.cross(np.eye(3)[None], parameters[:, None, 4:]).swapaxes(1, 2)
+    moves[:, 4:, 6] = parameters[:, 4:]
+    covariance = np.einsum("cik,djk->cidj", moves, moves)
+    assert shape_deviation(parameters, covariance, known) == pytest.approx(0, abs=1e-5)
+    covariance[2, 4] = np.nan
+    assert shape_deviation(parameters, covariance, known) is None
+    known[2] = False
+    assert shape_deviation(parameters, covariance, known) is not None
 
 
 @given(seed=st.integers(0, 1000), people=st.floats(1, 50))
