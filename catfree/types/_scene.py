@@ -212,6 +212,7 @@ class Scene(eqx.Module):
             sd = arrays.get("deviation")
             if sd is not None:
                 require_shape(sd, (), "deviation")
+                sd = float(sd)
             scene = cls(Rig(**of_rig), ground, arrays["extent"], bool(metric), earth, sd)
             return require_plausible_heights(scene)
 

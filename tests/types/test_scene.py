@@ -1,5 +1,7 @@
 """`Plane`, `Scene`: what they refuse, their geometry, and the files of rigs and scenes."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +11,7 @@ from hypothesis import assume, given, strategies as st
 from catfree import Plane, Rig, Scene
 from catfree.adapters import NamedRig, read_scene_json, write_scene_json
 from catfree.errors import InvalidInputError
+from catfree.geometry import Similarity, transform_scene
 from catfree.synthetic import make_layout
 from tests.types.camera_parameters import K, parameters
 
@@ -162,3 +165,24 @@ def test_a_rig_with_names_is_taken_for_its_rig():
     assert Scene.from_rig(NamedRig(rig, ("a", "b")), plane).rig is rig
     with pytest.raises(InvalidInputError, match="rig must be a Rig, got str"):
         Scene.from_rig("rig.json", plane)
+
+
+@given(st.none() | st.floats(0, 1e3), st.floats(1e-3, 1e3))
+def test_the_deviation_of_the_rig_is_kept_and_scales(tmp_path_factory, deviation, scale):
+    known = dataclasses.replace(make_layout("ring4").scene, rig_sd=deviation)
+    folder = tmp_path_factory.mktemp("scene")
+    known.save(folder / "scene.npz")
+    assert Scene.load(folder / "scene.npz").rig_sd == deviation
+    write_scene_json(folder / "scene.json", known)
+    assert read_scene_json(folder / "scene.json")[0].rig_sd == deviation
+    larger = transform_scene(Similarity(scale, np.eye(3), np.zeros(3)), known)
+    if deviation is None:
+        assert larger.rig_sd is None
+    else:
+        assert larger.rig_sd == pytest.approx(scale * deviation)
+
+
+@pytest.mark.parametrize("deviation", [-1.0, np.nan, np.inf])
+def test_a_deviation_that_is_none_is_refused(deviation):
+    with pytest.raises(InvalidInputError, match="rig_sd"):
+        dataclasses.replace(make_layout("ring4").scene, rig_sd=deviation)
