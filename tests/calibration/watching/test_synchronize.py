@@ -13,9 +13,13 @@ from tests.calibration.watching.bumped import renumber
 pytestmark = pytest.mark.slow
 
 
-def refined(factor):
-    """A refinement that changes nothing but the residual."""
-    return lambda boxes, calibration: replace(calibration, residual=factor * calibration.residual)
+def refined(factor, share=1.0):
+    """A refinement that changes nothing but the residual and the number of boxes that fit."""
+    return lambda boxes, calibration: replace(
+        calibration,
+        residual=factor * calibration.residual,
+        sightings=np.rint(share * calibration.sightings).astype(int),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +38,13 @@ def test_nothing_is_corrected_if_the_rig_fits_no_better(late):
     found, boxes = synchronize(calibrated_ring(), late, Settings(), refined(1.0))
     assert not found.frame_offset.any()
     assert (boxes.frame == late.frame).all()
+
+
+@pytest.mark.parametrize(("factor", "share", "kept"), [(1.02, 1.4, True), (0.9, 0.7, False)])
+def test_boxes_that_fit_count_as_well_as_how_well_they_fit(late, factor, share, kept):
+    """A late camera that lost most of its people may fit those that are left."""
+    found, _ = synchronize(calibrated_ring(), late, Settings(), refined(factor, share))
+    assert found.frame_offset.any() == kept
 
 
 def test_right_clocks_stay(late):
