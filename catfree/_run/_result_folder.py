@@ -152,7 +152,7 @@ def write_folder(
             )
         shown = videos if pictures is not False else None
         if shown is not None:
-            drawn.append(draw_views(root / "pictures", shown, outcome, blur=blur))
+            drawn += draw_views(root / "pictures", shown, outcome, blur=blur)
         player, instants = _write_player(root, outcome, shown, covered, blur=blur)
         files += drawn
         listed = [*files, root / INSTANTS] if instants else files
@@ -351,8 +351,8 @@ def draw_views(
     outcome: RunOutcome,
     *,
     blur: bool = False,
-) -> Path:
-    """Draw boxes and tracks on all cameras' images in the middle of the footage.
+) -> list[Path]:
+    """Draw tracks, and a grid of the ground, on all cameras' images amid the footage.
 
     Args:
         folder: created if it does not exist.
@@ -361,9 +361,12 @@ def draw_views(
         blur: make people unrecognizable.
 
     Returns:
-        `views.jpg`: the cameras' pictures side by side.
+        `views.jpg`, and `ground_grid.jpg` of rigs with two cameras or more: the cameras' pictures
+        side by side.
     """
     from catfree.viz._person_height import person_height
+    from catfree.viz.footage._blur import blur_regions, people_regions
+    from catfree.viz.footage._ground_grid import draw_ground_grids
     from catfree.viz.footage._overlay import draw_frame
 
     root = Path(folder)
@@ -378,7 +381,16 @@ def draw_views(
         draw_frame(image, camera, frame, *results, person_height=height, blur=blur)
         for camera, image in enumerate(images)
     ]
-    return write_sheet(root / "views.jpg", drawn)
+    files = [write_sheet(root / "views.jpg", drawn)]
+    if outcome.scene.rig.registered.sum() < 2:
+        return files
+    if blur:
+        images = [
+            blur_regions(image, people_regions(camera, frame, *results, height))
+            for camera, image in enumerate(images)
+        ]
+    grids = draw_ground_grids(images, outcome.scene)
+    return [*files, write_sheet(root / "ground_grid.jpg", grids)]
 
 
 def write_overlay(

@@ -8,8 +8,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 import catfree
-from catfree.cli._inputs import open_boxes, open_scene
+from catfree.cli._inputs import open_boxes, open_scene, open_videos
 from catfree.cli._terminal import print_table, print_text, progress_bars, warn
+
+PAPER = 90  # gray level of a camera without a picture
 
 
 def check_command(tyro: Any) -> Callable[..., None]:
@@ -20,6 +22,7 @@ def check_command(tyro: Any) -> Callable[..., None]:
         boxes: Annotated[tuple[Path, ...], positional],
         scene: Path,
         out: Path | None = None,
+        videos: tuple[Path, ...] = (),
         unit: Literal["m", "cm", "mm", "ft", "arbitrary"] = "m",
         since: int | None = None,
         image_size: tuple[int, int] | None = None,
@@ -34,6 +37,9 @@ def check_command(tyro: Any) -> Callable[..., None]:
                 Parquet, uniform JSON or .npz file with the boxes of all cameras.
             scene: the cameras and ground to check, as for `localize`.
             out: folder for a page with the verdicts; none is written if not given.
+            videos: video files or image folders, one per camera of the scene, in its order: the
+                page shows a grid of the ground on their last pictures. Without them it shows the
+                grid on the last boxes.
             unit: length of one unit of a scene whose file does not state it.
             since: frame number before which the cameras are known to fit.
             image_size: width and height of the images in pixels, where boxes do not state them.
@@ -45,6 +51,7 @@ def check_command(tyro: Any) -> Callable[..., None]:
 
         found = open_boxes(boxes, frame_rate, image_size)
         known, names = open_scene(scene, unit, image_size)
+        footage = open_videos(videos) if videos and out is not None else None
         with progress_bars() as progress:
             outcome = run_boxes(found, known, cache_dir=cache, progress=progress, scene_names=names)
             result = catfree.check(
@@ -58,7 +65,7 @@ def check_command(tyro: Any) -> Callable[..., None]:
         warn(outcome.warnings)
         print_table(check_table(result, outcome.camera_names))
         if out is not None:
-            print_text(f"The page is {write_check_page(out, result, outcome)}.")
+            print_text(f"The page is {write_check_page(out, result, outcome, footage)}.")
 
     return check
 
@@ -88,18 +95,20 @@ def check_table(result: Any, camera_names: tuple[str, ...]) -> Any:
     return Table(header, tuple(rows))
 
 
-def write_check_page(out: Path, result: Any, outcome: Any) -> Path:
-    """Write verdicts, coverage and expected accuracy as `report.md` and `report.html`.
+def write_check_page(out: Path, result: Any, outcome: Any, footage: Any = None) -> Path:
+    """Write verdicts, a grid of the ground, coverage and expected accuracy as a page.
 
     Args:
         out: folder, made if there is none.
         result: a `Check`.
         outcome: the `RunOutcome` of the same boxes.
+        footage: `SynchronizedVideos` of the cameras, or None.
 
     Returns:
-        The HTML file.
+        The HTML file `report.html`; `report.md` says the same.
 
     Raises:
+        InvalidInputError: if the footage does not fit the scene.
         WriteError: if the disk is full or not writable.
     """
     from catfree._run._report import describe_acceptance
@@ -131,6 +140,8 @@ def write_check_page(out: Path, result: Any, outcome: Any) -> Path:
         verdicts,
         check_table(result, outcome.camera_names),
     ]
+    grid = _draw_grid(folder, outcome, footage)
+    blocks.append(Picture(grid.name, "the ground as the scene has it, in units of the scene"))
     try:
         covered = catfree.coverage(outcome.scene)
     except CatFreeError:  # as when the cameras see no common ground
@@ -147,3 +158,28 @@ def write_check_page(out: Path, result: Any, outcome: Any) -> Path:
         figure.savefig(folder / "coverage.png")
         blocks.append(Picture("coverage.png", "expected uncertainty over the ground"))
     return write_blocks(folder, blocks)[1]
+
+
+def _draw_grid(folder: Path, outcome: Any, footage: Any) -> Path:
+    """Draw the grid on the last pictures, or on the boxes of a full instant near the end."""
+    from catfree.errors import InvalidInputError
+    from catfree.viz.footage._contact_sheet import draw_boxes, write_sheet
+    from catfree.viz.footage._ground_grid import draw_ground_grids
+
+    scene, boxes = outcome.scene, outcome.detections
+    if footage is not None:
+        if footage.camera_count != scene.rig.camera_count:
+            raise InvalidInputError(
+                f"There are {footage.camera_count} videos for {scene.rig.camera_count} cameras. "
+                "Pass one per camera of the scene, in its order."
+            )
+        _, images = next(footage.instants_from(footage.frame_count - 1))
+    else:
+        late = boxes[boxes.frame >= np.quantile(boxes.frame, 0.9)]
+        frame, count = np.unique(late.frame, return_counts=True)
+        now = late[late.frame == frame[count.argmax()]]
+        images = [
+            draw_boxes(np.full((height, width, 3), PAPER, np.uint8), now[now.camera == camera])
+            for camera, (width, height) in enumerate(np.asarray(scene.rig.image_size))
+        ]
+    return write_sheet(folder / "ground_grid.jpg", draw_ground_grids(images, scene))

@@ -1,5 +1,6 @@
 """`check` on files of boxes: a table, and a page."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -29,6 +30,24 @@ def test_a_turned_camera_is_named_in_the_table_and_on_the_page(tmp_path, capsys)
     assert "MODA is expected" in page
     assert (out / "report.html").is_file()
     assert (out / "coverage.png").is_file()
+    assert "(ground_grid.jpg)" in page
+    assert cv2.imread(str(out / "ground_grid.jpg")).std() > 5
+
+    # With videos the grid lies on their pictures.
+    folders = []
+    for camera, (width, height) in enumerate(world.true_rig.image_size.tolist()):
+        folders.append(tmp_path / f"video {camera}")
+        folders[-1].mkdir()
+        for frame in range(3):
+            picture = np.full((height, width, 3), (0, 0, 200), np.uint8)
+            cv2.imwrite(str(folders[-1] / f"{frame}.png"), picture)
+    few = [*words, "--out", str(out), "--videos", *map(str, folders)]
+    assert cli.main(few) == 0
+    blue, green, red = cv2.imread(str(out / "ground_grid.jpg")).reshape(-1, 3).T
+    assert np.median(red) > 150 > 60 > np.median(blue)
+    assert (green > 150).any()
+    assert cli.main(few[:-1]) == 1
+    assert "There are 3 videos for 4 cameras" in capsys.readouterr().err
 
 
 def test_a_missing_scene_is_one_sentence(tmp_path, capsys):

@@ -113,6 +113,25 @@ def draw_ground_grid(
     return canvas
 
 
+def draw_ground_grids(images: Sequence[Image], scene: Scene) -> list[Image]:
+    """Draw the same grid on the pictures of all cameras, as `draw_ground_grid` does on one.
+
+    Args:
+        images: (H, W, 3) uint8 RGB of each camera; of those that are not registered the picture
+            stays as it is.
+        scene: the scene.
+
+    Raises:
+        InvalidInputError: as `draw_ground_grid`.
+        InsufficientDataError: if fewer than two cameras are registered.
+    """
+    area = visible_area(scene)
+    return [
+        draw_ground_grid(image, scene, camera, area=area) if scene.rig.registered[camera] else image
+        for camera, image in enumerate(images)
+    ]
+
+
 def require_camera_picture(image: Image, scene: Scene, camera: int) -> None:
     """Raise unless the camera is registered and the image has its size.
 
