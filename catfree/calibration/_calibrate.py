@@ -22,6 +22,7 @@ from catfree.types import Detections
 from catfree.types._annotations import Progress, no_progress
 from catfree.types._forks import require_own_process
 from catfree.types._validation import (
+    require_boxes_in_images,
     require_different_cameras,
     require_few_people,
     require_instance,
@@ -72,8 +73,9 @@ def calibrate(
     Raises:
         CalibrationError: if fewer than two cameras can be registered, or if they disagree; if only
             cameras that are not registered see the map.
-        InvalidInputError: if shapes do not match, two cameras have the same boxes, a picture has
-            more than 1,000 boxes, or an anchor refers to no camera or no ground.
+        InvalidInputError: if shapes do not match, two cameras have the same boxes, many boxes of a
+            camera are outside its image, a picture has more than 1,000 boxes, or an anchor refers
+            to no camera or no ground.
         ForkedProcessError: in a process forked after JAX was used.
     """
     detections, settings = _confident(detections, settings)
@@ -123,6 +125,8 @@ def begin_calibration(
     detections, settings = _confident(detections, settings)
     require_few_people(detections.frame, detections.camera, camera_names)
     require_different_cameras(detections.frame, detections.camera, detections.box, camera_names)
+    size = camera_sizes(detections, image_size)
+    require_boxes_in_images(detections.camera, detections.box, size, camera_names)
     return register(
         detections,
         image_size,

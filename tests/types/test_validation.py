@@ -18,6 +18,7 @@ from catfree.types._validation import (
     as_float,
     as_integer,
     as_number,
+    require_boxes_in_images,
     require_different_cameras,
     require_few_people,
     require_instance,
@@ -230,6 +231,27 @@ def test_a_camera_given_twice_is_named_whatever_the_order_of_its_boxes(seed, cou
     boxes[-1, 0] += 1
     require_different_cameras(frames, cameras, boxes)
     require_different_cameras(np.zeros(18, int), np.repeat([0, 1], 9), np.zeros((18, 4)))
+
+
+@given(st.integers(0, 40), st.integers(0, 1), st.sampled_from([0, 1]), st.booleans())
+def test_boxes_beyond_the_image_tell_its_size_is_wrong(outside, camera, axis, before):
+    """Which camera, which side and how many: a quarter may be people at the border."""
+    count, size = 40, np.array([[100, 80], [60, 90]])
+    center = np.tile(size[camera] / 2.0, (count, 1))
+    center[:outside, axis] = -1.0 if before else size[camera, axis] + 1.0
+    box = np.concatenate([center - 3, center + 3], axis=1)
+    cameras = np.full(count, camera)
+    if outside > count / 4:
+        share = f"{outside / count:.0%} of the boxes of camera {camera} have"
+        with pytest.raises(InvalidInputError, match=share):
+            require_boxes_in_images(cameras, box, size)
+        with pytest.raises(
+            InvalidInputError, match=f"camera '{'ab'[camera]}' .*{size[camera, 0]} x"
+        ):
+            require_boxes_in_images(cameras, box, size, ["a", "b"])
+    else:
+        require_boxes_in_images(cameras, box, size)
+    require_boxes_in_images(cameras[:9], box[:9], size)
 
 
 @given(st.integers(0, 2), st.integers(-(2**62), 2**62), st.integers(0, 10**6))

@@ -23,7 +23,13 @@ from catfree.calibration.watching._windows import Watched, watch
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
-from catfree.types._validation import as_count, require_different_cameras, require_instance
+from catfree.types._validation import (
+    as_count,
+    require_boxes_in_images,
+    require_different_cameras,
+    require_instance,
+    require_known_cameras,
+)
 
 HOURS_PER_ALARM = 200.0  # of one camera
 TESTS = 3  # of a camera in a window: turn, lag, loss
@@ -181,14 +187,16 @@ def check(
         A verdict on each camera with what to do.
 
     Raises:
-        InvalidInputError: if the arguments do not fit each other, or two cameras have the same
-            boxes.
+        InvalidInputError: if the arguments do not fit each other, two cameras have the same boxes,
+            or many boxes of a camera are outside its image.
         InsufficientDataError: if there are no boxes of two registered cameras.
         ForkedProcessError: in a process forked after JAX was used.
     """
     since = None if since is None else as_count(since, "since")
     require_instance(detections, Detections, "detections")
     require_different_cameras(detections.frame, detections.camera, detections.box)
+    require_known_cameras(detections.camera, scene.rig.camera_count)
+    require_boxes_in_images(detections.camera, detections.box, np.asarray(scene.rig.image_size))
     watched = watch(
         scene,
         detections,
