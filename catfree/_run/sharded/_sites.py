@@ -38,7 +38,8 @@ from catfree.adapters.files._camera_names import names_of_files
 from catfree.adapters.files._documents import read_text
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
-from catfree.calibration import calibrate
+from catfree.calibration import calibrate, read_anchors
+from catfree.calibration.people import Anchor
 from catfree.errors import (
     CalibrationError,
     CatFreeError,
@@ -69,6 +70,8 @@ class Site:
         image_size: (C, 2) width and height of each camera's images in pixels; needed to find the
             cameras from saved boxes.
         frame_rate: frames per second of saved boxes, or of images without times.
+        anchors: what is known about the site when its cameras are found from the people, as
+            `calibrate` takes it, or a JSON file that `read_anchors` reads.
     """
 
     name: str
@@ -77,6 +80,7 @@ class Site:
     scene: Scene | str | None = None
     image_size: tuple[tuple[int, int], ...] | None = None
     frame_rate: float | int | None = None
+    anchors: tuple[Anchor, ...] | str = ()
 
 
 def run_sites(
@@ -114,7 +118,7 @@ def run_sites(
         ShardError: after everything else has finished, naming each site that failed and why; its
             attribute `finished` holds the other tables.
         InvalidInputError: if two recordings have the same name and date, or one site has two
-            scenes, or as `run_shards`.
+            scenes or two lists of anchors, or as `run_shards`.
     """
     names = [(site.name, site.date) for site in sites]
     for name in names:
@@ -126,10 +130,16 @@ def run_sites(
         require_folder_name(name[1], "date")
     if not sites:
         raise InvalidInputError("There are no sites to run.")
-    given = _scene_of_each(sites)
+    given = _one_of_each(sites, "scene", "scenes")
+    anchors = _one_of_each(sites, "anchors", "lists of anchors")
     # Workers may be in another folder.
     sites = [
-        dataclasses.replace(site, recording=_absolute(site.recording), scene=given.get(site.name))
+        dataclasses.replace(
+            site,
+            recording=_absolute(site.recording),
+            scene=given.get(site.name),
+            anchors=_resolved(anchors.get(site.name, ())),
+        )
         for site in sites
     ]
     failed: dict[str, CatFreeError] = {}
@@ -172,20 +182,25 @@ def run_sites(
     return finished
 
 
-def _scene_of_each(sites: Sequence[Site]) -> dict[str, Scene | str]:
-    """The scene that is given for each site, if any, for all of its dates."""
-    given: dict[str, Scene | str] = {}
+def _one_of_each(sites: Sequence[Site], field: str, kind: str) -> dict[str, Any]:
+    """What is given in a field for each site, if anything, for all of its dates."""
+    given: dict[str, Any] = {}
     for site in sites:
-        if site.scene is None:
+        value = getattr(site, field)
+        if value is None or value == ():
             continue
-        first = given.setdefault(site.name, site.scene)
-        same = first == site.scene if isinstance(first, str) else first is site.scene
+        first = given.setdefault(site.name, value)
+        same = first is value if isinstance(value, Scene) else first == value
         if not same:
             raise InvalidInputError(
-                f"Site {site.name!r} has two scenes. Give all its dates the same one, or its "
+                f"Site {site.name!r} has two {kind}. Give all its dates the same one, or its "
                 "cameras another name after they were moved."
             )
     return given
+
+
+def _resolved(anchors: tuple[Anchor, ...] | str) -> tuple[Anchor, ...] | str:
+    return os.path.abspath(anchors) if isinstance(anchors, str) else anchors
 
 
 def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
@@ -201,8 +216,8 @@ def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
 
     Args:
         path: the file. Each `[[site]]` has a `name`, either `videos` or `detections` (a file of
-            saved boxes) and optionally `date`, `scene`, `image_size` and `frame_rate` as in
-            `Site`; paths are relative to the file. The options `every`, `overlap`, `method`,
+            saved boxes) and optionally `date`, `scene`, `image_size`, `frame_rate` and `anchors` as
+            in `Site`; paths are relative to the file. The options `every`, `overlap`, `method`,
             `detector` and `embedder` (ONNX files) hold for all sites.
 
     Returns:
@@ -243,7 +258,7 @@ def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
 def _site(row: Any, source: Path, where: str) -> Site:
     kinds: dict[str, type | tuple[type, ...]] = {
         "name": str, "date": (str, date), "videos": list, "detections": str, "scene": str,
-        "image_size": list, "frame_rate": (int, float),
+        "image_size": list, "frame_rate": (int, float), "anchors": str,
     }  # fmt: skip
     _require_keys(row, kinds, source, where)
     if "name" not in row or ("videos" in row) == ("detections" in row):
@@ -269,6 +284,7 @@ def _site(row: Any, source: Path, where: str) -> Site:
         scene=str(source.parent / row["scene"]) if "scene" in row else None,
         image_size=size,
         frame_rate=None if rate is None else _number(rate, source, f"frame_rate of {where}"),
+        anchors=str(source.parent / row["anchors"]) if "anchors" in row else (),
     )
 
 
@@ -376,10 +392,12 @@ def calibrate_site(
     """
     settings = Settings() if settings is None else settings
     finder = BackgroundDetector() if detector is None else detector
+    anchors = read_anchors(site.anchors) if isinstance(site.anchors, str) else site.anchors
     plan = shards(site.recording, CALIBRATION_SECONDS, 0.0, site.frame_rate)
     key = hash_parameters(
         "calibration", plan[0].source, fingerprint_of(finder, "detector"), code_hash(),
         settings=dataclasses.asdict(settings), image_size=site.image_size,
+        anchors=[(type(one).__name__, dataclasses.asdict(one)) for one in anchors],
     )  # fmt: skip
     folder = make_folder(recording_folder(out, site.name, "") / "_calibration")
     path = folder / f"{key[:40]}.json"
@@ -388,7 +406,7 @@ def calibrate_site(
     reason: CatFreeError | None = None
     for shard in _spread(plan)[:MOST_TRIES]:
         try:
-            scene = _calibrate_stretch(shard, site, settings, finder)
+            scene = _calibrate_stretch(shard, site, settings, finder, anchors)
         except (CalibrationError, InsufficientDataError) as error:
             reason = error
             continue
@@ -400,18 +418,23 @@ def calibrate_site(
 
 
 def _calibrate_stretch(
-    shard: Shard, site: Site, settings: Settings, detector: Detector | FittedToCamera
+    shard: Shard,
+    site: Site,
+    settings: Settings,
+    detector: Detector | FittedToCamera,
+    anchors: tuple[Anchor, ...],
 ) -> Scene:
     if shard.videos:
         videos = open_videos(shard)
         boxes = detect(videos, detector)
-        return calibrate_cameras(videos, detector, boxes, settings).scene
+        return calibrate_cameras(videos, detector, boxes, settings, anchors=anchors).scene
     if site.image_size is None:
         raise InvalidInputError(
             f"The cameras of {site.name!r} are to be found from saved boxes: give image_size, or a "
             "scene."
         )
-    return calibrate(boxes_of(shard), np.array(site.image_size), settings).scene
+    size = np.array(site.image_size)
+    return calibrate(boxes_of(shard), size, settings, anchors=anchors).scene
 
 
 def _spread(plan: Sequence[Shard]) -> list[Shard]:

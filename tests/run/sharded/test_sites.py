@@ -27,7 +27,7 @@ recordings = st.lists(texts, max_size=3).map(lambda v: {"videos": v}) | texts.ma
 )
 options = {
     "date": st.dates(date(1900, 1, 1)) | texts, "scene": texts, "image_size": sizes,
-    "frame_rate": rates,
+    "frame_rate": rates, "anchors": texts,
 }  # fmt: skip
 rows = st.builds(
     lambda name, recording, more: {"name": name} | recording | more,
@@ -265,6 +265,37 @@ def test_a_site_is_calibrated_once(folder, executor, tmp_path, calibrations):
     other = cf.Settings(calibration_confidence=0.6)
     run_sites([days[0]], out=tmp_path / "other", settings=other, executor=executor, **CUT)
     assert len(calibrations) == 2
+
+
+@pytest.mark.slow
+def test_anchors_of_a_site_are_used_once_for_all_its_dates(folder, tmp_path, monkeypatch):
+    """Whether a file or in memory; other anchors are another calibration."""
+    given = []
+
+    def answer(boxes, size, settings, *, anchors):
+        given.append(anchors)
+        raise CalibrationError("that is enough")
+
+    monkeypatch.setattr(_sites, "calibrate", answer)
+    site = site_in(folder, scene=None)
+    boxes = dataclasses.replace(
+        site, recording=str(folder / "boxes.npz"), image_size=((9, 9),), frame_rate=5
+    )
+    make_world("ring4", 0, frames=20, people=2).detections.save(folder / "boxes.npz")
+    (folder / "anchors.json").write_text('{"cameras": [{"camera": 0, "height": 4.1}]}')
+    known = (cf.KnownCamera(0, height=4.1),)
+    for anchors, expected in (
+        ((), ()), (known, known), (str(folder / "anchors.json"), known),
+    ):  # fmt: skip
+        with pytest.raises(CalibrationError, match="that is enough"):
+            _sites.calibrate_site(dataclasses.replace(boxes, anchors=anchors), tmp_path)
+        assert given[-1] == expected
+    days = [
+        dataclasses.replace(boxes, anchors=anchors, date=date)
+        for anchors, date in ((known, "monday"), ((cf.KnownCamera(0, height=3.0),), "tuesday"))
+    ]
+    with pytest.raises(InvalidInputError, match="has two lists of anchors"):
+        run_sites(days, out=tmp_path)
 
 
 def test_other_stretches_are_tried_until_one_suffices(folder, tmp_path, world, monkeypatch):
