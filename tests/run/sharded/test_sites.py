@@ -246,7 +246,7 @@ def calibrations(world, monkeypatch):
     """The stretches that were calibrated; the answer is the true scene."""
     tried = []
 
-    def answer(shard, site, settings, detector):
+    def answer(shard, site, settings, detector, anchors):
         tried.append((site.name, shard.index))
         return world.scene
 
@@ -302,7 +302,7 @@ def test_other_stretches_are_tried_until_one_suffices(folder, tmp_path, world, m
     monkeypatch.setattr(_sites, "CALIBRATION_SECONDS", 2.0)
     tried = []
 
-    def answer(shard, site, settings, detector):
+    def answer(shard, site, settings, detector, anchors):
         tried.append(shard.index)
         if len(tried) < 3:
             raise CalibrationError("Nobody is there.")
