@@ -36,15 +36,16 @@ def shape_deviation(
     Args:
         parameters: (C, 7) cameras as in `_camera_model`.
         covariance: (C, 7, C, 7) of the cameras.
-        known: (C,) cameras to use, at least two.
+        known: (C,) cameras to use.
 
     Returns:
-        Meters; None if a covariance is not known (NaN).
+        Meters; None if a covariance is not known (NaN), or with two cameras, on whose centers some
+        similarity maps those of any other two.
     """
     centers = parameters[known, X:]
     covariance = covariance[known][:, X:, known][..., X:]
     count = len(centers)
-    if not np.isfinite(covariance).all():
+    if count < 3 or not np.isfinite(covariance).all():
         return None
     offset = centers - centers.mean(0)
     turns = np.cross(np.eye(3)[None], offset[:, None])  # by small angles about the three axes

@@ -69,6 +69,8 @@ def test_a_rig_that_moves_as_a_whole_has_a_sure_shape() -> None:
     assert shape_deviation(parameters, covariance, known) is None
     known[2] = False
     assert shape_deviation(parameters, covariance, known) is not None
+    known[:2] = False
+    assert shape_deviation(parameters, covariance, known) is None
 
 
 @given(seed=st.integers(0, 1000), people=st.floats(1, 50))
