@@ -13,6 +13,8 @@ from catfree.methods import evidence
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 
+PLACE = 0.2  # body heights, the width of a body: the side of a place
+
 
 class ConfidentPeople(NamedTuple):
     """Groups of boxes that almost certainly show one person in one frame.
@@ -23,12 +25,15 @@ class ConfidentPeople(NamedTuple):
             detection; NaN for detections without a group.
         height: median height of people in scene units.
         repeats: mean number of groups per track.
+        stays: mean number of groups of a track at one place. The errors of boxes of somebody who
+            stays are the same, not new ones.
     """
 
     member: Int[np.ndarray, "person cam"]
     box_sd: Float[np.ndarray, "n 3"]
     height: float
     repeats: float
+    stays: float
 
 
 def confident_people(
@@ -55,7 +60,10 @@ def confident_people(
     deviation = np.full((len(detections), 3), np.nan)
     present = member >= 0
     deviation[member[present]] = sigma[present]
-    tracks = len(np.unique(clusters.track[is_confident]))
+    unit, track = float(solution.views.unit), clusters.track[is_confident]
+    place = np.floor(clusters.ground_xy[is_confident] / (PLACE * unit)).astype(np.int64)
+    tracks = len(np.unique(track))
+    places = len(np.unique(np.column_stack([track, place]), axis=0))
     return ConfidentPeople(
-        member, deviation, float(solution.views.unit), len(member) / max(tracks, 1)
+        member, deviation, unit, len(member) / max(tracks, 1), len(member) / max(places, 1)
     )

@@ -125,7 +125,7 @@ class EvidenceLoop:
                 people.member,
                 self.settings.calibration,
                 box_sd=people.box_sd,
-                repeats=max(people.repeats, 1.0),
+                repeats=max(people.repeats * people.stays, 1.0),
             )
         except InsufficientDataError:
             return None

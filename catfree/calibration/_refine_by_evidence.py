@@ -179,6 +179,7 @@ def _people_of_paper(
         np.repeat(sd[:, None], 3, axis=1),
         judged.people.height,
         judged.people.repeats,
+        judged.people.stays,
     )
 
 

@@ -58,7 +58,7 @@ def refine_with_correspondences(
         settings: constants.
         box_sd: (N, 3) standard deviations in pixels of horizontal center, top and bottom; if
             None, those of the settings. NaN or infinity marks an edge without information.
-        repeats: mean number of groups that show the same person.
+        repeats: mean number of groups that show the same person, times that at one place.
         iterations: maximum number of steps.
 
     Returns:
