@@ -184,7 +184,7 @@ def unknown_times(videos: SynchronizedVideos) -> tuple[str, ...]:
 
 
 def lost_footage(videos: SynchronizedVideos) -> tuple[str, ...]:
-    """Warn about cameras after whose end too few others go on for long.
+    """Warn about cameras that end long before the others, and leave too few to locate people.
 
     Args:
         videos: on their common clock.

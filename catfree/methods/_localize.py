@@ -26,11 +26,10 @@ from catfree.types import Detections, Localization, Scene, Thresholds
 from catfree.types._annotations import Progress, no_progress
 from catfree.types._forks import require_own_process
 from catfree.types._validation import (
-    as_integer,
+    as_pictures,
     require_few_people,
     require_instance,
     require_known_cameras,
-    require_shape,
 )
 
 
@@ -128,11 +127,7 @@ def _missing_pictures(silent: Any, detections: Detections, scene: Scene) -> Int[
     Raises:
         InvalidInputError: if there is no such camera, or a box in one of these pictures.
     """
-    if silent is None:
-        return np.zeros((0, 2), np.int64)
-    rows = as_integer(silent, "silent")
-    rows = rows.reshape(0, 2) if rows.size == 0 else rows
-    require_shape(rows, (None, 2), "silent")
+    rows = as_pictures(silent, "silent")
     require_known_cameras(rows[:, 1], scene.rig.camera_count)
     boxes = np.unique(np.column_stack([detections.frame, detections.camera]), axis=0)
     both, count = np.unique(

@@ -258,6 +258,20 @@ def require_different_cameras(
         first[key] = int(one)
 
 
+def as_pictures(value: Any, name: str) -> np.ndarray:
+    """Return (K, 2) integers, frame and camera of each picture that is listed; none for None.
+
+    Raises:
+        InvalidInputError: naming the argument, if the rows are not pairs of integers.
+    """
+    if value is None:
+        return np.zeros((0, 2), np.int64)
+    rows = as_integer(value, name)
+    rows = rows.reshape(0, 2) if rows.size == 0 else rows
+    require_shape(rows, (None, 2), name)
+    return rows
+
+
 def require_boxes_in_images(
     camera: np.ndarray,
     box: np.ndarray,

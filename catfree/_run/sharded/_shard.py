@@ -23,7 +23,7 @@ from catfree.adapters.tables._detections_table import (
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import InvalidInputError
 from catfree.types import Clock, Detections
-from catfree.types._validation import as_duration, as_integer, as_positive, require_shape
+from catfree.types._validation import as_duration, as_pictures, as_positive
 
 StrPath = str | os.PathLike[str]
 MOST_SHARDS = 1_000_000
@@ -260,16 +260,11 @@ def _missing_pictures(silent: Any, whole: Shard) -> Int[np.ndarray, "k 2"]:
         InvalidInputError: if the rows are not pairs of integers, or the recording consists of
             videos.
     """
-    if silent is None:
-        return np.zeros((0, 2), np.int64)
-    if whole.videos:
+    if silent is not None and whole.videos:
         raise InvalidInputError(
             "silent belongs to boxes; which pictures videos lack is known from their frames."
         )
-    rows = as_integer(silent, "silent")
-    rows = rows.reshape(0, 2) if rows.size == 0 else rows
-    require_shape(rows, (None, 2), "silent")
-    return np.unique(rows, axis=0)
+    return np.unique(as_pictures(silent, "silent"), axis=0)
 
 
 def _stretches(rows: Int[np.ndarray, "k 2"]) -> tuple[tuple[int, int, int], ...]:

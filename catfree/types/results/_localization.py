@@ -132,7 +132,7 @@ class Reliability(eqx.Module):
             would if each missed people on its own; smallest of all pairs, NaN or None if it is not
             known.
         rig_sd_over_radius: `Scene.rig_sd` divided by the same radius as sigma; None if it is not
-            known.
+            known, or the method gives none.
     """
 
     median_sigma: float
