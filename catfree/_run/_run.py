@@ -324,7 +324,7 @@ def run_boxes(
     settings = Settings() if settings is None else settings
     cache = None if cache_dir is None else StageCache(cache_dir)
     scene, scene_names = scene_of(scene, scene_names)
-    detections, calibration = boxes.detections, None
+    detections, silent, calibration = boxes.detections, boxes.silent, None
     said: tuple[str, ...] = ()
     if anchors and scene is not None:
         raise InvalidInputError(_ONLY_FROM_PEOPLE)
@@ -343,9 +343,10 @@ def run_boxes(
         scene = calibration.scene
         said += calibration_warnings(calibration, detections, boxes, settings)
         detections = remove_offsets(detections, calibration.frame_offset)
+        silent = silent - np.pad(calibration.frame_offset[silent[:, 1], None], ((0, 0), (0, 1)))
     tiny = tiny_boxes(detections, settings.calibration)
     said += () if tiny is None else (tiny,)
-    found = localize_people(detections, scene, settings, cache=cache, progress=progress)
+    found = localize_people(detections, scene, settings, silent, cache=cache, progress=progress)
     if calibration is None:
         said += clock_warnings(found, detections, scene, boxes, settings)
     names = boxes.camera_names

@@ -98,8 +98,7 @@ def calibrate_cameras(
             "To find the cameras from boxes, the sizes of the images are needed: pass image_size, "
             "or a scene."
         )
-    if isinstance(videos, SynchronizedVideos):
-        detections = detections[~np.isin(detections.frame, videos.silent[:, 0])]
+    detections = detections[~np.isin(detections.frame, videos.silent[:, 0])]
     resolve_anchors(anchors, len(size), names)
     options = {"camera_names": names, "progress": progress}
 

@@ -267,6 +267,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         method: Literal["default", "paper", "evidence"] = "default",
         image_size: tuple[int, int] | None = None,
         frame_rate: float | None = None,
+        silent: Path | None = None,
         cache: Path | None = None,
         max_offset: int = 0,
         anchors: Path | None = None,
@@ -285,6 +286,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             image_size: width and height of the images in pixels, where neither boxes nor scene
                 state them.
             frame_rate: frames per second, for times and velocities in the results.
+            silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
+                not exist; nothing is concluded from them.
             cache: folder for finished stages; `cache` in the results folder if not given.
             max_offset: largest clock offset of a single camera, in frames, to search and correct
                 when the cameras are found from people.
@@ -296,7 +299,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree._run._run import run_boxes
 
         settings, known_anchors = settings_of(method), open_anchors(anchors)
-        found = open_boxes(boxes, frame_rate, image_size)
+        found = open_boxes(boxes, frame_rate, image_size, silent)
         known, names = open_scene(scene, unit, image_size)
         print_table(_box_table(found), aside=True)
         with progress_bars() as progress:

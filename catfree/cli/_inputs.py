@@ -129,6 +129,7 @@ def open_boxes(
     paths: tuple[Path, ...],
     frame_rate: float | int | None = None,
     image_size: tuple[int, int] | None = None,
+    silent: Path | None = None,
 ) -> Any:
     """Read the boxes of all cameras, with the names of these and the sizes of their images.
 
@@ -136,12 +137,15 @@ def open_boxes(
         paths: files of boxes, or one folder.
         frame_rate: frames per second, if known.
         image_size: width and height in pixels of all images, if known.
+        silent: table of the pictures that do not exist, if some do not.
     """
     from dataclasses import replace
 
-    from catfree.adapters.datasets._detection_files import read_camera_boxes
+    from catfree.adapters.datasets._detection_files import read_camera_boxes, read_missing_pictures
 
     boxes = read_camera_boxes(paths, frame_rate=frame_rate)
+    if silent is not None:
+        boxes = replace(boxes, silent=read_missing_pictures(silent, boxes.camera_names))
     if image_size is None:
         return boxes
     return replace(boxes, image_size=np.tile(image_size, (len(boxes.camera_names), 1)))

@@ -32,6 +32,7 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
         overlap: float = 20.0,
         frame_rate: float | None = None,
         offsets: tuple[int, ...] | None = None,
+        silent: Path | None = None,
         detector: Path | None = None,
         embedder: Path | None = None,
         method: Literal["default", "paper", "evidence"] = "default",
@@ -47,6 +48,8 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
             overlap: seconds that neighboring shards share.
             frame_rate: frames per second; that of the videos or of the saved boxes if not given.
             offsets: the frame of each camera that shows the first common instant.
+            silent: CSV or Parquet table, with the columns frame and camera, of the pictures that do
+                not exist, for boxes; of videos it is known.
             detector: ONNX file of a person detector, or a name of `catfree weights list`; without
                 it people are found by background subtraction.
             embedder: ONNX file of a re-identification network, or a name of that list.
@@ -67,7 +70,12 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
             )
         warn(_scene_for(scene, () if boxes is not None else recording)[1])  # before shards fail
         parts = shards(
-            recording if boxes is None else boxes, every, overlap, frame_rate, offsets=offsets
+            recording if boxes is None else boxes,
+            every,
+            overlap,
+            frame_rate,
+            offsets=offsets,
+            silent=None if silent is None else _missing_pictures(silent, scene),
         )
         # Beside the other working files, which readers of Parquet folders leave out.
         folder = make_folder(out / WORK_FOLDER)
@@ -176,6 +184,14 @@ def _scene_for(path: Path, videos: Sequence[Path]) -> tuple[Any, tuple[str, ...]
 
     scene, names = open_scene(path)
     return order_like(scene, names, names_of_files(videos)) if videos else (scene, ())
+
+
+def _missing_pictures(path: Path, scene: Path) -> Any:
+    """Read which pictures do not exist, by the names that the scene gives its cameras."""
+    from catfree.adapters.datasets import read_missing_pictures
+
+    known, names = open_scene(scene)
+    return read_missing_pictures(path, names or [str(c) for c in range(known.rig.camera_count)])
 
 
 def _path(text: str) -> Path | None:

@@ -5,11 +5,13 @@ import json
 import numpy as np
 import pytest
 
+import catfree as cf
 from catfree.adapters import (
     read_scene,
     read_tracks,
     write_anipose_toml,
     write_mot_boxes,
+    write_scene_json,
     write_tracks_csv,
 )
 from catfree.cli import _commands as cli
@@ -70,6 +72,25 @@ def test_boxes_in_another_order_than_the_scene(world, boxes, tmp_path, capsys):
     assert cli.main(["evaluate", str(out), str(tmp_path / "truth.csv")]) == 0
     moda = next(line for line in capsys.readouterr().out.splitlines() if "MODA" in line)
     assert float(moda.split("│")[2]) > 80
+
+
+@pytest.mark.slow
+def test_nothing_is_concluded_from_missing_pictures(world, boxes, tmp_path):
+    missing = np.array([[frame, 1] for frame in range(30, 45)])
+    seen = world.detections
+    seen = seen[~((seen.camera == 1) & np.isin(seen.frame, missing[:, 0]))]
+    seen.save(tmp_path / "boxes.npz")
+    write_scene_json(tmp_path / "scene.json", world.scene)
+    (tmp_path / "missing.csv").write_text(
+        "frame,camera\n" + "".join(f"{frame},{camera}\n" for frame, camera in missing)
+    )
+    words = ["localize", str(tmp_path / "boxes.npz"), "--scene", str(tmp_path / "scene.json")]
+    words += ["--frame-rate", "5", "--no-pictures", "--out", str(tmp_path / "out")]
+    assert cli.main([*words, "--silent", str(tmp_path / "missing.csv")]) == 0
+    found = read_tracks(tmp_path / "out")
+    expected = cf.localize(seen, world.scene, silent=missing).tracks
+    np.testing.assert_array_equal(found.existence, expected.existence)
+    assert not np.array_equal(cf.localize(seen, world.scene).tracks.existence, expected.existence)
 
 
 @pytest.mark.slow

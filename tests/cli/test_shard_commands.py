@@ -102,6 +102,15 @@ def test_a_plan_can_be_run_from_any_folder(files, tmp_path, monkeypatch):
     assert {row["detections"] for row in document["shards"]} == {str(files / "boxes.parquet")}
 
 
+def test_a_plan_knows_which_pictures_are_missing(files, tmp_path, monkeypatch):
+    monkeypatch.chdir(files)
+    (tmp_path / "missing.csv").write_text("frame,camera\n7,1\n8,1\n50,0\n")
+    words = ["boxes.parquet", "--scene", "scene.json", "--silent", str(tmp_path / "missing.csv")]
+    assert cli.main(["plan", *words, *CUT, "--out", str(tmp_path)]) == 0
+    document = json.loads((tmp_path / "_shards" / "plan.json").read_text())
+    assert [row["silent"] for row in document["shards"]] == [[[1, 7, 9]], [[0, 50, 51]]]
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [

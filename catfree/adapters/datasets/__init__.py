@@ -2,6 +2,7 @@
 
 from catfree.adapters.datasets._detection_files import (
     read_detections as read_detections,
+    read_missing_pictures as read_missing_pictures,
 )
 from catfree.adapters.datasets._ground_truth import (
     GroundTruth as GroundTruth,

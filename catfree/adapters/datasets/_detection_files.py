@@ -4,7 +4,7 @@ import csv
 import io
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ from catfree.adapters.tables._motchallenge import read_mot
 from catfree.adapters.tables._parquet import read_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Clock, Detections
+from catfree.types._validation import as_integer
 
 SUFFIXES = (".txt", ".csv", ".parquet", ".json", ".npz")
 
@@ -55,11 +56,13 @@ class CameraBoxes:
         detections: of all cameras.
         camera_names: (C,) names; `detections.camera` indexes them.
         image_size: (C, 2) width and height in pixels, or None if the files do not state them.
+        silent: (K, 2) frame and camera of pictures that do not exist.
     """
 
     detections: Detections
     camera_names: tuple[str, ...]
     image_size: Int[np.ndarray, "cam 2"] | None = None
+    silent: Int[np.ndarray, "k 2"] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +142,49 @@ def read_camera_boxes(
         return found
     columns = vars(found.detections) | {"clock": Clock(frame_rate)}
     return CameraBoxes(Detections(**columns), found.camera_names, found.image_size)
+
+
+def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.ndarray, "k 2"]:
+    """Read which pictures do not exist, for `silent` of `localize` and `shards`.
+
+    Args:
+        path: a CSV or Parquet table with the columns frame and camera.
+        camera_names: (C,) names of the cameras; the column holds names, or numbers from 0.
+
+    Returns:
+        (K, 2) frame and camera.
+
+    Raises:
+        InvalidInputError: if there is no such file.
+        FileFormatError: if it is no such table, or names a camera that does not exist.
+    """
+    source = Path(path)
+    if not source.is_file():
+        raise InvalidInputError(f"There is no file {source} of missing pictures.")
+    if source.suffix.lower() == ".parquet":
+        columns = read_parquet(source, "missing pictures")
+        table: dict[str, Any] | None = {n: columns[n].to_numpy() for n in columns.column_names}
+    else:
+        table = _table_of(source)
+    plain = {} if table is None else {name.lower(): name for name in table}
+    frame, camera = _first(_FRAME, plain), _first(_CAMERA, plain)
+    if table is None or frame is None or camera is None:
+        raise FileFormatError(
+            f"{source} is not a table of missing pictures: it has no columns frame and camera."
+        )
+    number = {str(index): index for index in range(len(camera_names))}
+    number |= {name: index for index, name in enumerate(camera_names)}
+    words = [str(word).strip() for word in table[plain[camera]]]
+    for row, word in enumerate(words):
+        if word not in number:
+            raise FileFormatError(
+                f"{source}, row {row}: there is no camera {quoted(word)} among "
+                f"{shortened(', '.join(camera_names))}."
+            )
+    frames = naming_file(
+        source, lambda: as_integer(_numbers(table[plain[frame]], plain[frame], source), "frame")
+    )
+    return np.column_stack([frames, np.array([number[word] for word in words], np.int64)])
 
 
 def holds_boxes(path: StrPath) -> bool:

@@ -110,6 +110,45 @@ def test_every_format_gives_the_same_boxes(boxes, tmp_path):
         assert names in (NAMES, ("C1", "C2", "C3"))
 
 
+@given(
+    st.lists(st.tuples(st.integers(-5, 99), st.integers(0, 2)), max_size=8),
+    st.sampled_from(["csv", "parquet"]),
+    st.booleans(),
+)
+def test_missing_pictures_name_or_number_their_cameras(tmp_path_factory, rows, suffix, named):
+    table = {
+        "frame": [frame for frame, _ in rows],
+        "camera": [NAMES[camera] if named else camera for _, camera in rows],
+    }
+    path = tmp_path_factory.mktemp("missing") / f"missing.{suffix}"
+    if suffix == "csv":
+        write_csv(path, table)
+    else:
+        arrow, parquet = (pytest.importorskip(name) for name in ("pyarrow", "pyarrow.parquet"))
+        parquet.write_table(arrow.table(table), path)
+    found = cf.adapters.datasets.read_missing_pictures(path, NAMES)
+    np.testing.assert_array_equal(found, np.array(rows, np.int64).reshape(-1, 2))
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("frame,camera\n3,C7\n", "row 0: there is no camera 'C7' among C1, C2, C10"),
+        ("frame,camera\n3,C1\n4,3\n", "row 1: there is no camera '3'"),
+        ("frame,camera\n3.5,C1\n", "frame"),
+        ("frame,camera\nx,C1\n", "column 'frame' holds a value that is not a number"),
+        ("frame\n3\n", "no columns frame and camera"),
+        ("3,1\n", "no columns frame and camera"),
+        ("", "no columns frame and camera"),
+    ],
+)
+def test_a_damaged_table_of_missing_pictures_is_named(text, sentence, tmp_path):
+    (tmp_path / "missing.csv").write_text(text)
+    with pytest.raises((FileFormatError, InvalidInputError), match=sentence) as error:
+        cf.adapters.datasets.read_missing_pictures(tmp_path / "missing.csv", NAMES)
+    assert "missing.csv" in str(error.value)
+
+
 def test_tables_of_other_programs(boxes, tmp_path):
     pandas = pytest.importorskip("pandas")
     pytest.importorskip("pyarrow")
