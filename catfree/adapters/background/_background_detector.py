@@ -38,7 +38,7 @@ UNSPLIT_SCORE = 0.4
 EDGE_REACH = 0.12  # of the expected height, around the expected crown and soles
 # Hair, in expected heights: it may differ less from the background than face and shoulders do.
 CROWN = 0.05
-_VERSION = 4
+_VERSION = 5
 
 
 class BackgroundDetector:

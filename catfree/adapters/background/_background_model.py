@@ -120,8 +120,9 @@ class BackgroundModel:
                 f"background is {self.noise.shape[1]} x {self.noise.shape[0]}: use one detector "
                 "per camera."
             )
-        observed, expected, difference, weak = self._differ(picture)
-        lit = weak & ~self._shadow(observed, expected, weak)
+        gain = self._gain(picture)
+        difference, weak = self._differ(picture, gain)
+        lit = weak & ~self._shadow(picture, gain, weak)
         mask = np.asarray(cv2.medianBlur(lit.view(np.uint8), 3), np.uint8)
         sure = _touching(mask, (difference > STRONG_DEVIATIONS * self.noise) & (mask > 0))
         return Foreground(sure, difference * sure)
@@ -131,72 +132,81 @@ class BackgroundModel:
         edges = np.linspace(DARKEST_SHADOW, 0, LEVELS + 1)
         counts = np.zeros(LEVELS, np.int64)
         for picture in pictures:
-            observed, expected, _, weak = self._differ(picture)
-            shadow = self._shadow(observed, expected, weak) > 0
-            light = _mean(np.log((observed[:, shadow] + 1) / (expected[:, shadow] + 1)))
+            gain = self._gain(picture)
+            shadow = self._shadow(picture, gain, self._differ(picture, gain)[1])
+            light = _mean(self._log_light(picture, gain, np.flatnonzero(shadow)))
             counts += np.histogram(light, edges)[0]
         if not counts.any():
             return DARKEST_SHADOW
         common = np.flatnonzero(counts >= COMMON_LEVEL * counts.max())
         return max(float(edges[common[0]]) - LEVEL_MARGIN, DARKEST_SHADOW)
 
-    def _differ(
-        self, picture: Image
-    ) -> tuple[
-        Float[np.ndarray, "3 h w"],
-        Float[np.ndarray, "3 h w"],
-        Float[np.ndarray, "h w"],
-        UInt8[np.ndarray, "h w"],
-    ]:
-        """Return the picture, the scene at its exposure, their difference and where it counts."""
-        observed = np.moveaxis(picture, 2, 0).astype(np.float32, order="C")
-        expected = self.scene * self._exposure(observed)[:, None, None]
-        difference = np.abs(observed - expected).max(axis=0)
-        weak = (difference > WEAK_DEVIATIONS * self.noise).astype(np.uint8)
-        return observed, expected, difference, weak
-
-    def _exposure(self, observed: Float[np.ndarray, "3 h w"]) -> Float[np.ndarray, "3"]:
+    def _gain(self, picture: Image) -> Float[np.ndarray, "3"]:
         """Estimate the change of gain and white balance as the median ratio of each channel."""
-        ratio = (observed[:, ::8, ::8] + 1) / (self.scene[:, ::8, ::8] + 1)
+        observed = np.moveaxis(picture[::8, ::8], 2, 0).astype(np.float32)
+        ratio = (observed + 1) / (self.scene[:, ::8, ::8] + 1)
         return np.median(ratio.reshape(3, -1), axis=1).astype(np.float32)
 
-    def _shadow(
-        self,
-        observed: Float[np.ndarray, "3 h w"],
-        expected: Float[np.ndarray, "3 h w"],
-        weak: UInt8[np.ndarray, "h w"],
-    ) -> UInt8[np.ndarray, "h w"]:
-        """Mark with 1 where the picture is the background under less light."""
+    def _differ(
+        self, picture: Image, gain: Float[np.ndarray, "3"]
+    ) -> tuple[Float[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]]:
+        """Return the largest difference of a channel, and 1 where it counts."""
         import cv2
 
-        x, y, width, height = cv2.boundingRect(weak)
-        shadow = np.zeros_like(weak)
-        if width == 0:
-            return shadow
-        part = np.s_[y : y + height, x : x + width]
-        inside = (slice(None), *part)
-        ratio = np.log((observed[inside] + 1) / (expected[inside] + 1))
-        color = np.empty_like(ratio)
-        for channel, blurred in zip(ratio, color, strict=True):
-            cv2.blur(channel, (3, 3), dst=blurred)
+        difference = np.zeros(self.noise.shape, np.float32)
+        for observed, scene, factor in zip(cv2.split(picture), self.scene, gain, strict=True):
+            away = cv2.absdiff(observed.astype(np.float32), scene * factor)
+            cv2.max(difference, away, dst=difference)
+        return difference, (difference > WEAK_DEVIATIONS * self.noise).astype(np.uint8)
+
+    def _log_light(
+        self, picture: Image, gain: Float[np.ndarray, "3"], at: Int[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "3 n"]:
+        """Compute the logarithm of the share of the light that is left at some pixels."""
+        observed = picture.reshape(-1, 3).take(at, axis=0).T.astype(np.float32, order="C")
+        expected = self.scene.reshape(3, -1).take(at, axis=1) * gain[:, None]
+        return np.log((observed + 1) / (expected + 1))
+
+    def _shadow(
+        self, picture: Image, gain: Float[np.ndarray, "3"], weak: UInt8[np.ndarray, "h w"]
+    ) -> UInt8[np.ndarray, "h w"]:
+        """Mark with 1 where the picture is the background under less light.
+
+        Few pixels of a picture differ from the background, so only those are looked at.
+        """
+        import cv2
+
+        def averaged(
+            values: Float[np.ndarray, " n"], place: Int[np.ndarray, " n"], window: int
+        ) -> Float[np.ndarray, " m"]:
+            """Average over windows around the pixels `at`; elsewhere than at `place` it is dark."""
+            plane = np.zeros(weak.shape, np.float32)
+            plane.ravel()[place] = values
+            return cv2.blur(plane, (window, window)).ravel().take(at)
+
+        at = np.flatnonzero(weak.view(bool))  # a view, because NumPy is slow at finding bytes
+        near = np.flatnonzero(cv2.dilate(weak, np.ones((3, 3), np.uint8)).view(bool))
+        ratio = self._log_light(picture, gain, near)
+        color = np.stack([averaged(channel, near, 3) for channel in ratio])
         light = _mean(color)
-        neutral = np.abs(color - light).max(axis=0) < SHADOW_COLOR
-        candidate = weak[part] * (neutral & (light < 0) & (light > self.darkest))
+        dimmed = np.abs(color - light).max(axis=0, initial=0) < SHADOW_COLOR
+        dimmed &= (light < 0) & (light > self.darkest)
+        at = at[dimmed]
         # Spread over the dimmed pixels only: the lit ground and the shoe beside a shadow are not
         # part of it.
-        dimmed = candidate.astype(np.float32)
-        window = (SHADOW_WINDOW, SHADOW_WINDOW)
-        share = np.maximum(cv2.blur(dimmed, window), 1e-6)
-        gray = _mean(ratio)
-        mean = cv2.blur(gray * dimmed, window) / share
-        variance = cv2.blur(gray * gray * dimmed, window) / share - mean * mean
-        of_noise = (self.noise[part] / (_mean(observed[inside]) + 1)) ** 2
-        core = candidate * (variance < SHADOW_TEXTURE**2 + of_noise)
+        gray = _mean(ratio.take(np.searchsorted(near, at), axis=1))
+        share = averaged(np.ones(len(at), np.float32), at, SHADOW_WINDOW)
+        mean = averaged(gray, at, SHADOW_WINDOW) / share
+        variance = averaged(gray * gray, at, SHADOW_WINDOW) / share - mean * mean
+        observed = _mean(picture.reshape(-1, 3).take(at, axis=0).T.astype(np.float32))
+        of_noise = (self.noise.ravel().take(at) / (observed + 1)) ** 2
+        candidate, core = np.zeros_like(weak), np.zeros_like(weak)
+        candidate.ravel()[at] = 1
+        core.ravel()[at[variance < SHADOW_TEXTURE**2 + of_noise]] = 1
         edge = np.ones((2 * SHADOW_EDGE + 1, 2 * SHADOW_EDGE + 1), np.uint8)
-        likely = candidate * cv2.dilate(core, edge)
+        likely = candidate & cv2.dilate(core, edge)
         # The rim of a shadow is also dimmed ground, not a body that the shadow could rest on.
-        shadow[part] = likely & ~_resting_on(likely, weak[part] & ~candidate)
-        return shadow
+        return likely & ~_resting_on(likely, weak & ~candidate)
 
 
 def _mean(color: Float[np.ndarray, "3 *pixel"]) -> Float[np.ndarray, "*pixel"]:
