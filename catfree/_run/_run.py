@@ -43,7 +43,7 @@ from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
 from catfree.types._forks import require_own_process
-from catfree.types._validation import require_instance
+from catfree.types._validation import require_instance, require_no_boxes
 
 _ONLY_FROM_PEOPLE = "Anchors are for cameras found from people; leave out scene and reconstructor."
 
@@ -325,6 +325,7 @@ def run_boxes(
     cache = None if cache_dir is None else StageCache(cache_dir)
     scene, scene_names = scene_of(scene, scene_names)
     detections, silent, calibration = boxes.detections, boxes.silent, None
+    require_no_boxes(silent, detections.frame, detections.camera)  # told before the long work
     said: tuple[str, ...] = ()
     if anchors and scene is not None:
         raise InvalidInputError(_ONLY_FROM_PEOPLE)

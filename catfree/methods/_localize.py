@@ -7,7 +7,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Int
 
-from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.errors import InsufficientDataError
 from catfree.geometry import CanonicalFrame
 from catfree.methods import evidence
 from catfree.methods._expectation import with_expectation
@@ -30,6 +30,7 @@ from catfree.types._validation import (
     require_few_people,
     require_instance,
     require_known_cameras,
+    require_no_boxes,
 )
 
 
@@ -129,16 +130,7 @@ def _missing_pictures(silent: Any, detections: Detections, scene: Scene) -> Int[
     """
     rows = as_pictures(silent, "silent")
     require_known_cameras(rows[:, 1], scene.rig.camera_count)
-    boxes = np.unique(np.column_stack([detections.frame, detections.camera]), axis=0)
-    both, count = np.unique(
-        np.concatenate([boxes, np.unique(rows, axis=0)]), axis=0, return_counts=True
-    )
-    if (count > 1).any():
-        frame, camera = both[count > 1][0]
-        raise InvalidInputError(
-            f"silent says that camera {camera} has no picture of frame {frame}, but there is a box "
-            "in it. Leave one of the two out."
-        )
+    require_no_boxes(rows, detections.frame, detections.camera)
     return rows
 
 

@@ -272,6 +272,26 @@ def as_pictures(value: Any, name: str) -> np.ndarray:
     return rows
 
 
+def require_no_boxes(silent: np.ndarray, frame: np.ndarray, camera: np.ndarray) -> None:
+    """Raise at the first of the pictures that do not exist in which there is a box.
+
+    Args:
+        silent: (K, 2) frame and camera of these pictures.
+        frame: (N,) of the boxes.
+        camera: (N,) of the boxes.
+    """
+    boxes = np.unique(np.column_stack([frame, camera]), axis=0)
+    both, count = np.unique(
+        np.concatenate([boxes, np.unique(silent, axis=0)]), axis=0, return_counts=True
+    )
+    if (count > 1).any():
+        at, of = both[count > 1][0]
+        raise InvalidInputError(
+            f"silent says that camera {of} has no picture of frame {at}, but there is a box in "
+            "it. Leave one of the two out."
+        )
+
+
 def require_boxes_in_images(
     camera: np.ndarray,
     box: np.ndarray,

@@ -93,6 +93,14 @@ def test_nothing_is_concluded_from_missing_pictures(world, boxes, tmp_path):
     assert not np.array_equal(cf.localize(seen, world.scene).tracks.existence, expected.existence)
 
 
+def test_a_box_in_a_missing_picture_is_told_before_the_cameras_are_found(boxes, tmp_path, capsys):
+    (tmp_path / "missing.csv").write_text("frame,camera\n3,west\n")
+    words = ["localize", str(boxes), "--image-size", *map(str, SIZE), "--out", str(tmp_path / "o")]
+    assert cli.main([*words, "--silent", str(tmp_path / "missing.csv")]) == 1
+    assert "has no picture of frame 3, but there is a box" in sentence_after_table(capsys)
+    assert not (tmp_path / "o").exists() or not list((tmp_path / "o").rglob("*.npz"))
+
+
 @pytest.mark.slow
 def test_cameras_from_boxes(world, boxes, tmp_path, capsys):
     out = tmp_path / "rig"
