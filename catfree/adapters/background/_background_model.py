@@ -163,7 +163,7 @@ class BackgroundModel:
         self, picture: Image, gain: Float[np.ndarray, "3"], at: Int[np.ndarray, " n"]
     ) -> Float[np.ndarray, "3 n"]:
         """Compute the logarithm of the share of the light that is left at some pixels."""
-        observed = picture.reshape(-1, 3).take(at, axis=0).T.astype(np.float32, order="C")
+        observed = _colors(picture, at)
         expected = self.scene.reshape(3, -1).take(at, axis=1) * gain[:, None]
         return np.log((observed + 1) / (expected + 1))
 
@@ -176,30 +176,24 @@ class BackgroundModel:
         """
         import cv2
 
-        def averaged(
-            values: Float[np.ndarray, " n"], place: Int[np.ndarray, " n"], window: int
-        ) -> Float[np.ndarray, " m"]:
-            """Average over windows around the pixels `at`; elsewhere than at `place` it is dark."""
-            plane = np.zeros(weak.shape, np.float32)
-            plane.ravel()[place] = values
-            return cv2.blur(plane, (window, window)).ravel().take(at)
-
         at = np.flatnonzero(weak.view(bool))  # a view, because NumPy is slow at finding bytes
         near = np.flatnonzero(cv2.dilate(weak, np.ones((3, 3), np.uint8)).view(bool))
         ratio = self._log_light(picture, gain, near)
-        color = np.stack([averaged(channel, near, 3) for channel in ratio])
+        color = np.stack([_averages(channel, near, weak.shape, 3).take(at) for channel in ratio])
         light = _mean(color)
-        dimmed = np.abs(color - light).max(axis=0, initial=0) < SHADOW_COLOR
+        dimmed = np.abs(color - light).max(axis=0) < SHADOW_COLOR
         dimmed &= (light < 0) & (light > self.darkest)
         at = at[dimmed]
         # Spread over the dimmed pixels only: the lit ground and the shoe beside a shadow are not
         # part of it.
         gray = _mean(ratio.take(np.searchsorted(near, at), axis=1))
-        share = averaged(np.ones(len(at), np.float32), at, SHADOW_WINDOW)
-        mean = averaged(gray, at, SHADOW_WINDOW) / share
-        variance = averaged(gray * gray, at, SHADOW_WINDOW) / share - mean * mean
-        observed = _mean(picture.reshape(-1, 3).take(at, axis=0).T.astype(np.float32))
-        of_noise = (self.noise.ravel().take(at) / (observed + 1)) ** 2
+        share, mean, square = (
+            _averages(values, at, weak.shape, SHADOW_WINDOW).take(at)
+            for values in (np.ones_like(gray), gray, gray * gray)
+        )
+        mean /= share
+        variance = square / share - mean * mean
+        of_noise = (self.noise.ravel().take(at) / (_mean(_colors(picture, at)) + 1)) ** 2
         candidate, core = np.zeros_like(weak), np.zeros_like(weak)
         candidate.ravel()[at] = 1
         core.ravel()[at[variance < SHADOW_TEXTURE**2 + of_noise]] = 1
@@ -207,6 +201,22 @@ class BackgroundModel:
         likely = candidate & cv2.dilate(core, edge)
         # The rim of a shadow is also dimmed ground, not a body that the shadow could rest on.
         return likely & ~_resting_on(likely, weak & ~candidate)
+
+
+def _colors(picture: Image, at: Int[np.ndarray, " n"]) -> Float[np.ndarray, "3 n"]:
+    """Return the colors of some pixels."""
+    return picture.reshape(-1, 3).take(at, axis=0).T.astype(np.float32, order="C")
+
+
+def _averages(
+    values: Float[np.ndarray, " n"], at: Int[np.ndarray, " n"], shape: tuple[int, ...], window: int
+) -> Float[np.ndarray, " pixel"]:
+    """Average over the window around every pixel of a picture that is 0 except at some pixels."""
+    import cv2
+
+    plane = np.zeros(shape, np.float32)
+    plane.ravel()[at] = values
+    return cv2.blur(plane, (window, window)).ravel()
 
 
 def _mean(color: Float[np.ndarray, "3 *pixel"]) -> Float[np.ndarray, "*pixel"]:
