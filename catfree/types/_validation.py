@@ -280,6 +280,8 @@ def require_no_boxes(silent: np.ndarray, frame: np.ndarray, camera: np.ndarray) 
         frame: (N,) of the boxes.
         camera: (N,) of the boxes.
     """
+    if not len(silent):
+        return
     boxes = np.unique(np.column_stack([frame, camera]), axis=0)
     both, count = np.unique(
         np.concatenate([boxes, np.unique(silent, axis=0)]), axis=0, return_counts=True
