@@ -156,7 +156,7 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
 
     Raises:
         InvalidInputError: if there is no such file.
-        FileFormatError: if it is no such table, or names a camera that does not exist.
+        FileFormatError: if it is not such a table, or names a camera that does not exist.
     """
     source = Path(path)
     if not source.is_file():
