@@ -142,11 +142,15 @@ def turns(recordings: Iterator[Recording], rng: np.random.Generator) -> None:
 def late_world(
     world: World, camera: int, lag: Callable[[Float[np.ndarray, " t"]], Float[np.ndarray, " t"]]
 ) -> cf.Detections:
-    """The detections of a world whose camera shows earlier instants, between frames."""
+    """The detections of a world whose camera shows earlier instants, between frames.
+
+    Frames that would show instants before the first or after the last one are missing.
+    """
     walkers = world.walkers
     count = len(walkers.present)
     frame = np.arange(count, dtype=float)
-    at = np.clip(frame - lag(frame), 0, count - 1)
+    shown = frame - lag(frame)
+    at = np.clip(shown, 0, count - 1)
     low = np.minimum(at.astype(int), count - 2)
     part = at - low
 
@@ -168,7 +172,7 @@ def late_world(
         present=walkers.present[near],
     )
     seen, _ = detect(other, world.true_rig.select([camera]), seed=world.seed)
-    seen = dataclasses.replace(seen, camera=np.full(len(seen), camera))
+    seen = dataclasses.replace(seen, camera=np.full(len(seen), camera))[(shown == at)[seen.frame]]
     rest = world.detections[world.detections.camera != camera]
     clock = cf.Clock(world.layout.fps)
     return dataclasses.replace(cf.Detections.concatenate([rest, seen]), clock=clock)

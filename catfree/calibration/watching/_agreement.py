@@ -30,7 +30,7 @@ REWEIGHTED = 2  # solutions per round
 CAUCHY = 2.0  # deviations; a residual of that size has half of the weight
 FLOOR = 0.001  # radians; noise of an edge besides its share of the box height
 HEIGHT_SD = 0.1  # of a person's height around that of its track
-TURN_SD, LAG_SD = np.deg2rad(20.0), 30.0  # weak priors, which decide what no person tells
+TURN_SD, LAG_SD = np.deg2rad(20.0), 30.0  # weak priors, of what no person tells
 CENTER_SD, FOCAL_SD = 0.15, 0.03  # of a rig from people or reconstructions
 LARGEST_STEP = np.deg2rad(5.0)  # of a turn in one solution
 FARTHEST = 1.0  # person heights by which a place may be corrected at a time
@@ -72,7 +72,7 @@ def solve_window(
     stop: int,
     start: Sequence[Correction],
     noise: Float[np.ndarray, "3"],
-    shifts: Int[np.ndarray, " s"],
+    shifts: Int[np.ndarray, " s"] | None = None,
 ) -> tuple[Window, list[Correction]]:
     """Match everybody of a window, and sum what it says of the cameras.
 
@@ -82,7 +82,7 @@ def solve_window(
         stop: step after the last one.
         start: (C,) errors of the cameras to begin with.
         noise: of the edges of a box, as a share of its height.
-        shifts: lags to look for, in steps; none to trust `start`.
+        shifts: lags to look for, in steps; None to trust `start`.
     """
     people, count = sights.people, len(sights.place)
     low, high = map(int, np.searchsorted(people.frame, [begin, stop]))
@@ -90,20 +90,21 @@ def solve_window(
     now = list(start)
     seen = people.support[person] >= 0
     registered = np.flatnonzero(np.asarray(sights.scene.rig.registered))
-    if len(shifts):
-        for camera in registered:
+    present = (sights.boxes.frame >= begin) & (sights.boxes.frame < stop)
+    boxes = np.bincount(sights.boxes.camera[present], minlength=count)
+    if shifts is not None:
+        for camera in registered[boxes[registered] > 0]:
             others = seen.sum(-1) - seen[:, camera] >= 2
             tried = candidates(sights, int(camera), person[others], shifts)
             now[camera] = best(sights, int(camera), person[others], now[camera], tried)
     state = people.state[person].copy()
+    begun = _parameters(now)
     solved = _Solved.empty(count)
     found: dict[int, Matches] = {}
     for _ in range(ROUNDS):
         found = {int(c): match(sights, int(c), person, state, now[c]) for c in registered}
-        solved = _solve(sights, person - low, low, state, found, now, noise)
+        solved = _solve(sights, person - low, low, state, found, now, begun, noise)
         now, state = solved.corrections, solved.state
-    boxes = sights.boxes
-    present = (boxes.frame >= begin) & (boxes.frame < stop)
     blank = np.zeros(count, np.int64)
     matched, expected, distinct = blank.copy(), blank.copy(), blank.copy()
     for camera, matches in found.items():
@@ -113,11 +114,13 @@ def solve_window(
         expected[camera] = others.sum()
         matched[camera] = np.isin(matches.person, matches.expected[others]).sum()
         distinct[camera] = len(np.unique(people.track[matches.expected[others]]))
-    window = Window(
-        begin, stop, solved.matrix, solved.vector, matched, expected, distinct,
-        np.bincount(boxes.camera[present], minlength=count),
-    )  # fmt: skip
+    window = Window(begin, stop, solved.matrix, solved.vector, matched, expected, distinct, boxes)
     return window, now
+
+
+def _parameters(corrections: Sequence[Correction]) -> Float[np.ndarray, " p"]:
+    """Errors of all cameras, of which centers and focal lengths have none."""
+    return np.concatenate([[*one.turn, one.lag, 0.0, 0.0, 0.0, 0.0] for one in corrections])
 
 
 class _Solved(NamedTuple):
@@ -139,9 +142,13 @@ def _solve(
     state: Float[np.ndarray, "m 3"],
     found: dict[int, Matches],
     now: list[Correction],
+    begun: Float[np.ndarray, " p"],
     noise: Float[np.ndarray, "3"],
 ) -> _Solved:
-    """Linearize around the present errors and places, solve with robust weights."""
+    """Linearize around the present errors and places, solve with robust weights.
+
+    Errors of which no person tells stay as they were when the window was `begun`.
+    """
     people, boxes, count = sights.people, sights.boxes, len(sights.place)
     m, p = len(index), PARAMETERS * count
     own, quick = slice(0, PARAMETERS), np.flatnonzero(np.arange(p) % PARAMETERS < 4)
@@ -166,7 +173,7 @@ def _solve(
     precision *= used[:, None, None]
     tall = people.state[index + low, 2]
     held = (HEIGHT_SD * tall) ** -2.0
-    theta = np.concatenate([[*one.turn, one.lag, 0.0, 0.0, 0.0, 0.0] for one in now])
+    theta = _parameters(now)
     weight = np.ones_like(residual)
     matrix, vector = np.zeros((m, p, p)), np.zeros((m, p))
     step, shift = np.zeros(p), np.zeros((m, 3))
@@ -188,7 +195,7 @@ def _solve(
         # A window alone tells turns and lags only; matches need no more.
         total = matrix.sum(0) + prior(count)
         step = np.zeros(p)
-        needed = (vector.sum(0) - prior(count) @ theta)[quick]
+        needed = (vector.sum(0) - prior(count) @ (theta - begun))[quick]
         step[quick] = np.linalg.solve(total[np.ix_(quick, quick)], needed)
         shift = solution[..., p] - np.einsum("mip,p->mi", solution[..., :p], step)
         rest = residual - np.einsum(

@@ -14,11 +14,10 @@ from catfree.calibration.watching._changes import (
     TURN,
     Course,
     as_turns,
-    fit_course,
     lost_since,
 )
 from catfree.calibration.watching._sights import linear
-from catfree.calibration.watching._time_of_change import time_of_change
+from catfree.calibration.watching._time_of_change import follow_changes, time_of_change
 from catfree.calibration.watching._windows import Watched, watch
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
@@ -209,14 +208,9 @@ def check(
         progress=progress,
     )
     alpha = watched.seconds / 3600 / HOURS_PER_ALARM / TESTS
-    first = 1
-    if since is not None:
-        step = (since - watched.sights.first) // watched.sights.step
-        first = next((i for i, w in enumerate(watched.windows) if w.begin >= step), 1)
-    course = fit_course(watched.windows, alpha, rates=True, first=first)
-    judge = _Judge(
-        watched, course, as_turns(course, watched.windows), alpha, None if since is None else first
-    )
+    watched, course = follow_changes(watched, alpha, since=since)
+    turns = as_turns(course, watched.windows)
+    judge = _Judge(watched, course, turns, alpha, since is not None)
     cameras = tuple(judge.camera(c) for c in range(scene.rig.camera_count))
     seen = watched.sights
     last = seen.first + (seen.steps - 1) * seen.step
@@ -241,14 +235,14 @@ class _Judge:
         course: errors over time.
         turns: the same, of cameras that only turn.
         alpha: probability of a false alarm per window and test.
-        reference: first window that is compared with those before it, or None.
+        fitted_before: whether the cameras are known to fit in the beginning.
     """
 
     watched: Watched
     course: Course
     turns: Course
     alpha: float
-    reference: int | None
+    fitted_before: bool
 
     def camera(self, camera: int) -> CameraCheck:
         """Judge one camera."""
@@ -262,9 +256,9 @@ class _Judge:
         turned, late = (self._last_change(camera, kind) for kind in (TURN, LAG))
         if turned is not None:
             turn, turn_covariance = self.course.of_change(turned)
-        elif self.reference is not None:
+        elif self.fitted_before:
             turn = np.zeros(3)
-        if self.reference is not None and late is None:
+        if self.fitted_before and late is None:
             lag = 0.0
         angle, angle_sd = _angle(turn, turn_covariance)
         pixels, ground = self._displacement(camera, turn)

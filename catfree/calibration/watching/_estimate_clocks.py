@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.calibration.watching._agreement import PARAMETERS
-from catfree.calibration.watching._changes import LAG, fit_course
-from catfree.calibration.watching._time_of_change import time_of_change
+from catfree.calibration.watching._changes import LAG
+from catfree.calibration.watching._time_of_change import follow_changes, time_of_change
 from catfree.calibration.watching._windows import watch
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
@@ -160,7 +160,7 @@ def estimate_clocks(
         localization=localization,
         progress=progress,
     )
-    course = fit_course(watched.windows, CHANCE, rates=True, kinds=[LAG])
+    watched, course = follow_changes(watched, CHANCE, kinds=[LAG])
     step, registered = watched.sights.step, np.asarray(scene.rig.registered)
     constant, covariance = course.constant()
     rate, rate_covariance = course.rates()

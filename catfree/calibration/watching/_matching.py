@@ -43,7 +43,7 @@ class Matches(NamedTuple):
         box: (k,) index of the box.
         angle: (k, 3) predicted angles.
         score: number of matches, each less the closer it is to the gate.
-        expected: (e,) people who should be in the image.
+        expected: (e,) people who should be in an image of the recording.
     """
 
     person: Int[np.ndarray, " k"]
@@ -51,6 +51,11 @@ class Matches(NamedTuple):
     angle: Float[np.ndarray, "k 3"]
     score: float
     expected: Int[np.ndarray, " e"]
+
+    @property
+    def share(self) -> float:
+        """`score` per person who should be in an image."""
+        return self.score / max(len(self.expected), 1)
 
 
 def turned(place: Float[np.ndarray, "3 4"], turn: Float[np.ndarray, "3"]) -> np.ndarray:
@@ -91,7 +96,8 @@ def match(
     place = turned(sights.place[camera], at.turn)
     rest = at.lag - at.shift
     moved = np.column_stack([state[:, :2] - rest * velocity, state[:, 2]])
-    inside = sights.imaged(camera, moved)
+    shown = people.frame[person] + at.shift
+    inside = sights.imaged(camera, moved) & (shown >= 0) & (shown < sights.steps)
     person, moved, velocity = person[inside], moved[inside], velocity[inside]
     angle = predicted(moved, velocity, np.broadcast_to(place, (len(moved), 3, 4)))
     a, b = pairs(people.frame[person] + at.shift, boxes.frame[begin:end])
@@ -181,8 +187,12 @@ def best(
 ) -> Correction:
     """The correction with most matches; the present one unless another is clearly better."""
     state = sights.people.state[person]
-    now = match(sights, camera, person, state, present).score
-    scores = [match(sights, camera, person, state, one).score for one in tried]
-    if not scores or max(scores) < max(BETTER * now, now + FEWEST):
-        return present
-    return tried[int(np.argmax(scores))]
+    now = match(sights, camera, person, state, present)
+    least = max(BETTER * now.score, now.score + FEWEST)
+    found = [match(sights, camera, person, state, one) for one in tried]
+    better = [
+        (other.score, -index)
+        for index, other in enumerate(found)
+        if other.score >= least and other.share > now.share
+    ]
+    return tried[-max(better)[1]] if better else present

@@ -1,16 +1,58 @@
-"""When exactly an error changed: the frame that divides the boxes best."""
+"""When exactly errors changed: the frames that divide the boxes best."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.calibration.watching._changes import Course
+from catfree.calibration.watching._changes import KINDS, Course, fit_course
 from catfree.calibration.watching._matching import GATE, SPREAD, Correction, match
 from catfree.calibration.watching._sights import Sights
-from catfree.calibration.watching._windows import Watched
+from catfree.calibration.watching._windows import Watched, divided
 
 ELBOW = 4.0  # fall of twice the log likelihood within two standard deviations
 NEARBY = 3  # windows before and after, from which the errors there are taken
 SHARPER = 0.5  # boxes are more exact than matches demand
+
+
+def follow_changes(
+    watched: Watched,
+    alpha: float,
+    *,
+    kinds: Sequence[slice] = KINDS,
+    since: int | None = None,
+) -> tuple[Watched, Course]:
+    """Fit the errors of all cameras, whose clocks may run at different rates.
+
+    A window in which an error changed fits neither what was before nor what came after: it is
+    divided where the boxes say.
+
+    Args:
+        watched: the recording.
+        alpha: probability at which a change at one given window may be found though there is none.
+        kinds: what may change.
+        since: frame number before which nothing changes.
+
+    Returns:
+        The recording with the divided windows, and its errors.
+    """
+    course = fit_course(
+        watched.windows, alpha, rates=True, kinds=kinds, first=_first(watched, since)
+    )
+    frames = [time_of_change(watched, course, i)[0] for i in range(len(course.changes))]
+    parts = divided(watched, frames)
+    if len(parts.windows) == len(watched.windows):
+        return watched, course
+    first = _first(parts, since)
+    return parts, fit_course(parts.windows, alpha, rates=True, kinds=kinds, first=first)
+
+
+def _first(watched: Watched, since: int | None) -> int:
+    """The first window that begins at a frame number or later; at least 1."""
+    if since is None:
+        return 1
+    step = (since - watched.sights.first) // watched.sights.step
+    return next((i for i, w in enumerate(watched.windows) if i and w.begin >= step), 1)
 
 
 def time_of_change(watched: Watched, course: Course, index: int) -> tuple[int, float]:

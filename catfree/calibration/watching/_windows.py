@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
+from scipy.stats import theilslopes
 
 from catfree.calibration.watching._agreement import Window, solve_window
-from catfree.calibration.watching._matching import Correction
+from catfree.calibration.watching._matching import CELL, Correction, best
 from catfree.calibration.watching._sights import Sights, sights
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.methods import localize
@@ -20,6 +21,8 @@ from catfree.types._validation import as_count, require_instance
 
 UNKNOWN_RATE = 25.0  # steps per second where no clock tells
 FEWEST_STEPS = 4  # of a window
+FEWEST_TO_COMPARE = 3  # windows, of which one may be wrong
+SWEEPS = 3  # in which windows learn from their neighbors
 
 
 @dataclass(frozen=True)
@@ -31,12 +34,14 @@ class Watched:
         windows: in order.
         corrections: (W, C) error of each camera in each window, from that window alone.
         seconds: length of a window.
+        noise: of the edges of a box, as a share of its height.
     """
 
     sights: Sights
     windows: tuple[Window, ...]
     corrections: tuple[tuple[Correction, ...], ...]
     seconds: float
+    noise: Float[np.ndarray, "3"]
 
 
 def watch(
@@ -105,8 +110,108 @@ def watch(
         found, now = solve_window(seen, begin, stop, now, noise, shifts)
         windows.append(found)
         corrections.append(tuple(now))
+    known = np.flatnonzero(scene.rig.registered).tolist()
+    for _ in range(SWEEPS):
+        corrections = [_relative(found, known) for found in corrections]
+        again = _likelier_starts(seen, windows, corrections, known)
+        for index, start in again.items():
+            begin, stop = windows[index].begin, windows[index].stop
+            windows[index], now = solve_window(seen, begin, stop, start, noise)
+            corrections[index] = tuple(now)
+        if not again:
+            break
     report("windows", len(begins), len(begins))
-    return Watched(seen, tuple(windows), tuple(corrections), steps / rate)
+    return Watched(seen, tuple(windows), tuple(corrections), steps / rate, noise)
+
+
+def divided(watched: Watched, frames: Sequence[int]) -> Watched:
+    """Divide windows at frame numbers where an error changed within them.
+
+    Args:
+        watched: the recording.
+        frames: first frame numbers after the changes.
+    """
+    sights, windows, corrections = watched.sights, list(watched.windows), list(watched.corrections)
+    for cut in sorted({-(-(frame - sights.first) // sights.step) for frame in frames}):
+        index = next((i for i, w in enumerate(windows) if w.begin < cut < w.stop), None)
+        if index is None:
+            continue
+        begin, stop = windows[index].begin, windows[index].stop
+        before, after = (
+            corrections[max(index - 1, 0)],
+            corrections[min(index + 1, len(windows) - 1)],
+        )
+        parts = [
+            solve_window(sights, low, high, start, watched.noise)
+            for low, high, start in ((begin, cut, before), (cut, stop, after))
+        ]
+        windows[index : index + 1] = [window for window, _ in parts]
+        corrections[index : index + 1] = [tuple(found) for _, found in parts]
+    return replace(watched, windows=tuple(windows), corrections=tuple(corrections))
+
+
+def _relative(found: Sequence[Correction], cameras: Sequence[int]) -> tuple[Correction, ...]:
+    """The same errors with lags that count from the middle camera."""
+    middle = float(np.median([found[camera].lag for camera in cameras]))
+    return tuple(one._replace(lag=one.lag - middle) for one in found)
+
+
+def _likelier_starts(
+    seen: Sights,
+    windows: Sequence[Window],
+    corrections: Sequence[Sequence[Correction]],
+    cameras: Sequence[int],
+) -> dict[int, list[Correction]]:
+    """The windows that should be solved again, and from which errors of all cameras.
+
+    Few people who walk straight fit several turns and lags. Those of a window are believed if far
+    more boxes meet people than with what most windows say, and no fewer than with what the
+    neighboring windows say.
+    """
+    starts = {}
+    for index, usual in enumerate(_usual(windows, corrections, cameras)):
+        window, start = windows[index], list(corrections[index])
+        low, high = map(int, np.searchsorted(seen.people.frame, [window.begin, window.stop]))
+        person = np.arange(low, high)
+        support = seen.people.support[person] >= 0
+        nearby = [at for at in (index, index - 1, index + 1) if 0 <= at < len(windows)]
+        for camera in np.flatnonzero(window.boxes).tolist():
+            tried = [corrections[at][camera] for at in nearby]
+            if all(_is_near(start[camera], one) for one in (usual[camera], *tried)):
+                continue
+            others = person[support.sum(-1) - support[:, camera] >= 2]
+            likely = best(seen, camera, others, usual[camera], tried)
+            if not _is_near(start[camera], likely):
+                start[camera] = likely
+                starts[index] = start
+    return starts
+
+
+def _is_near(one: Correction, other: Correction) -> bool:
+    """Whether a window solved from one would end up at the other."""
+    turn = np.linalg.norm(one.turn - other.turn)
+    return abs(one.lag - other.lag) <= 1 and bool(turn <= CELL)
+
+
+def _usual(
+    windows: Sequence[Window], corrections: Sequence[Sequence[Correction]], cameras: Sequence[int]
+) -> list[list[Correction]]:
+    """The errors of all cameras in each window that most windows suggest.
+
+    The middle turn of each camera, and the line through the middle of its lags (Theil and Sen).
+    """
+    time = np.array([(w.begin + w.stop) / 2 for w in windows])
+    usual = [list(found) for found in corrections]
+    for camera in cameras:
+        told = [i for i, w in enumerate(windows) if w.matched[camera] > 0]
+        if len(told) < FEWEST_TO_COMPARE:
+            continue
+        turn = np.median([corrections[w][camera].turn for w in told], axis=0)
+        lag = [corrections[w][camera].lag for w in told]
+        slope, at_zero, *_ = theilslopes(lag, time[told])
+        for window in range(len(windows)):
+            usual[window][camera] = Correction(turn, float(at_zero + slope * time[window]))
+    return usual
 
 
 def _begins(seen: Sights, steps: int, since: int | None) -> list[tuple[int, int]]:
