@@ -19,8 +19,8 @@ from catfree.calibration.watching._matching import (
     Matches,
     best,
     candidates,
+    corrected_place,
     match,
-    turned,
 )
 from catfree.calibration.watching._sights import Sights, linear
 
@@ -119,8 +119,8 @@ def solve_window(
 
 
 def _parameters(corrections: Sequence[Correction]) -> Float[np.ndarray, " p"]:
-    """Errors of all cameras, of which centers and focal lengths have none."""
-    return np.concatenate([[*one.turn, one.lag, 0.0, 0.0, 0.0, 0.0] for one in corrections])
+    """Errors of all cameras."""
+    return np.concatenate([[*one.turn, one.lag, *one.center, one.zoom] for one in corrections])
 
 
 class _Solved(NamedTuple):
@@ -162,7 +162,7 @@ def _solve(
         velocity, rest = people.velocity[matches.person], at.lag - at.shift
         moved = state[row].copy()
         moved[:, :2] -= rest * velocity
-        place = np.broadcast_to(turned(sights.place[camera], at.turn), (len(row), 3, 4))
+        place = np.broadcast_to(corrected_place(sights, camera, at), (len(row), 3, 4))
         value, slopes = linear(moved, velocity, place)
         sd = noise * boxes.size[matches.box, None] + FLOOR
         residual[row, camera] = boxes.angle[matches.box] - value
@@ -206,7 +206,8 @@ def _solve(
     step = step.reshape(count, PARAMETERS)
     step[:, :3] = np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
     corrections = [
-        Correction(one.turn + step[c, :3], float(one.lag + step[c, 3])) for c, one in enumerate(now)
+        one._replace(turn=one.turn + step[c, :3], lag=float(one.lag + step[c, 3]))
+        for c, one in enumerate(now)
     ]
     reach = FARTHEST * sights.unit
     vector = vector + np.einsum("mij,j->mi", matrix, theta)

@@ -2,8 +2,7 @@
 
 The windows' costs are quadratic, so that errors that are constant, that grow with time or that
 begin at a window are one linear model, and the evidence for one more change has a closed form.
-People stand at other places in every window, and each is off by a bias of their own: how far
-windows differ from their neighbors tells the true noise.
+Every person is off by a bias of their own: how far people differ tells the true noise.
 """
 
 from collections.abc import Sequence
@@ -19,11 +18,9 @@ from catfree.calibration.watching._agreement import PARAMETERS, Window, prior
 TURN, LAG = slice(0, 3), slice(3, 4)
 KINDS = (TURN, LAG)
 REPEATS = (3, 1, PARAMETERS - 4)  # parameters of the turn, the lag and the rest
-POOLED = 8.0  # neighbors of all cameras that count as much as those of the camera itself
-TRIMMED = 0.1  # share of the largest differences of neighbors that changes may have caused
-TRIM_GAIN = 1.25  # what trimming takes from a mean of squared normal variables
+POOLED = 8.0  # people of all cameras that count as much as those of the camera itself
 HELD = 1e8  # times the information of the prior on centers and focal lengths
-FEWEST_WINDOWS = 4  # below which neighbors tell nothing of the noise
+FEWEST_WINDOWS = 4  # below which nothing is said to change
 # Errors that no number of people averages out: of places where the map is bent, of gait.
 TURN_FLOOR, LAG_FLOOR = np.deg2rad(0.05), 0.03
 MOST_CHANGES = 3  # of one camera and kind
@@ -79,6 +76,14 @@ class Course:
         cameras = len(self.noise)
         return _design(cameras, self.time[window], window, self.changes, rates=self.drifting)
 
+    def errors(self, window: int, *, changed: bool = True) -> Float[np.ndarray, "cam 8"]:
+        """Errors of all cameras in a window, or those if nothing had changed."""
+        cameras = len(self.noise)
+        design = self.design(window)
+        if not changed:
+            design[:, PARAMETERS * cameras + self.drifting * cameras :] = 0
+        return self._errors(design)[0].reshape(cameras, PARAMETERS)
+
     def at(self, window: int) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
         """Errors of all cameras in a window, and their covariance with the factor `noise`."""
         return self._errors(self.design(window))
@@ -113,12 +118,22 @@ class Course:
 
     def of_change(self, index: int) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
         """By how much a change changed its parameters, with the covariance."""
-        change = self.changes[index]
-        begin = len(self.value) - sum(c.kind.stop - c.kind.start for c in self.changes[index:])
-        own = slice(begin, begin + change.kind.stop - change.kind.start)
-        kind = KINDS.index(change.kind)
-        floor = (TURN_FLOOR, LAG_FLOOR)[kind] ** 2 * np.eye(own.stop - own.start)
-        return self.value[own], self.noise[change.camera, kind] * self.covariance[own, own] + floor
+        return self.of_changes([index])
+
+    def of_changes(
+        self, indices: Sequence[int]
+    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
+        """By how much some changes of one camera and kind changed it together."""
+        camera, kind, _ = self.changes[indices[0]]
+        size, which = kind.stop - kind.start, KINDS.index(kind)
+        sizes = [change.kind.stop - change.kind.start for change in self.changes]
+        begins = len(self.value) - np.cumsum(sizes[::-1])[::-1]
+        design = np.zeros((size, len(self.value)))
+        for index in indices:
+            design[:, begins[index] : begins[index] + size] = np.eye(size)
+        floor = (TURN_FLOOR, LAG_FLOOR)[which] ** 2 * np.eye(size)
+        covariance = self.noise[camera, which] * design @ self.covariance @ design.T
+        return design @ self.value, covariance + floor
 
 
 def _design(
@@ -149,18 +164,16 @@ def fit_course(
         kinds: `TURN`, `LAG` or both: what may change.
         first: first window at which a change may begin.
     """
-    matrix = np.array([w.matrix.sum(0) for w in windows])
-    vector = np.array([w.vector.sum(0) for w in windows])
     middle = np.array([(w.begin + w.stop) / 2 for w in windows])
-    cameras = matrix.shape[1] // PARAMETERS
+    cameras = windows[0].matrix.shape[1] // PARAMETERS
     course = Course(
         middle - middle.mean(), (), np.zeros(0), np.zeros((0, 0)), rates, 0,
         np.ones((cameras, 2)), np.ones((cameras, 2)),
     )  # fmt: skip
-    course = _fitted(course, matrix, vector)
+    course = _fitted(course, windows)
     while len(course.changes) < MOST_CHANGES * cameras:
         found = [
-            _strongest(course, matrix, vector, camera, kind, first)
+            _strongest(course, windows, camera, kind, first)
             for camera in range(cameras)
             for kind in kinds
             if sum(c.camera == camera and c.kind == kind for c in course.changes) < MOST_CHANGES
@@ -168,7 +181,7 @@ def fit_course(
         chance, change = min(found, default=(1.0, None), key=lambda item: item[0])
         if change is None or chance > alpha:
             break
-        course = _fitted(replace(course, changes=(*course.changes, change)), matrix, vector)
+        course = _fitted(replace(course, changes=(*course.changes, change)), windows)
     return course
 
 
@@ -181,19 +194,13 @@ def as_turns(course: Course, windows: Sequence[Window]) -> Course:
         course: the result of `fit_course`.
         windows: those it was fitted to.
     """
+    return _fitted(course, windows, held=True)
+
+
+def _fitted(course: Course, windows: Sequence[Window], *, held: bool = False) -> Course:
+    """Solve for the values of a model, and learn the noise."""
     matrix = np.array([w.matrix.sum(0) for w in windows])
     vector = np.array([w.vector.sum(0) for w in windows])
-    return _fitted(course, matrix, vector, held=True)
-
-
-def _fitted(
-    course: Course,
-    matrix: Float[np.ndarray, "w p p"],
-    vector: Float[np.ndarray, "w p"],
-    *,
-    held: bool = False,
-) -> Course:
-    """Solve for the values of a model, and learn the noise."""
     cameras = len(course.noise)
     designs = [course.design(w) for w in range(len(matrix))]
     weak = np.zeros((designs[0].shape[1],) * 2)
@@ -213,94 +220,76 @@ def _fitted(
     right = sum(X.T @ b for X, b in zip(designs, vector, strict=True))
     covariance = np.linalg.inv(total)
     course = replace(course, value=covariance @ right, covariance=covariance)
-    noise, freedom = _noise(course, matrix, vector)
+    noise, freedom = _noise(course, windows)
     seen = np.flatnonzero(matrix.sum(0).diagonal()[3::PARAMETERS] > 0)
     lags = (course.design(len(matrix) // 2) @ course.value)[3::PARAMETERS]
     reference = int(seen[np.argsort(lags[seen])[(len(seen) - 1) // 2]]) if len(seen) else 0
     return replace(course, reference=reference, noise=noise, freedom=freedom)
 
 
-def _scores(
-    course: Course,
-    matrix: Float[np.ndarray, "w p p"],
-    vector: Float[np.ndarray, "w p"],
-    camera: int,
-    kind: slice,
-) -> tuple[Float[np.ndarray, "w k"], Float[np.ndarray, "w k k"]]:
-    """Gradient and information of an extra error of one camera in each window."""
-    own = Change(camera, kind, 0).columns
-    rest = [
-        b - A @ (course.design(w) @ course.value)
-        for w, (A, b) in enumerate(zip(matrix, vector, strict=True))
-    ]
-    return np.array(rest)[:, own], matrix[:, own, own]
-
-
 def _noise(
-    course: Course, matrix: Float[np.ndarray, "w p p"], vector: Float[np.ndarray, "w p"]
+    course: Course, windows: Sequence[Window]
 ) -> tuple[Float[np.ndarray, "cam 2"], Float[np.ndarray, "cam 2"]]:
-    """How much more neighboring windows differ than box noise explains, with its freedom."""
+    """How much more the people of a window differ than box noise explains, with its freedom.
+
+    Every person is off by a bias of their own, in all of their boxes.
+    """
     cameras = len(course.noise)
-    noise, freedom = np.ones((cameras, 2)), np.full((cameras, 2), 1.0)
-    for which, kind in enumerate(KINDS):
-        size = kind.stop - kind.start
-        every = [
-            _differences(*_scores(course, matrix, vector, c, kind), course.changes, c, kind)
-            for c in range(cameras)
-        ]
-        pool = np.concatenate(every) if every else np.zeros(0)
-        if not len(pool):
-            continue
-        shared = _trimmed(pool)
-        for camera, own in enumerate(every):
-            count = len(own)
-            mean = _trimmed(own) if count else shared
-            weight = min(POOLED, len(pool))
-            noise[camera, which] = max(1.0, (count * mean + weight * shared) / (count + weight))
-            freedom[camera, which] = size * (count + weight)
-    return noise, freedom
+    squared, expected = np.zeros((2, cameras, len(KINDS)))
+    for index, window in enumerate(windows):
+        errors = course.design(index) @ course.value
+        rest = window.vector - window.matrix @ errors
+        for camera in range(cameras):
+            for which, kind in enumerate(KINDS):
+                own = Change(camera, kind, 0).columns
+                found = _scatter(rest[:, own], window.matrix[:, own, own])
+                squared[camera, which] += found[0]
+                expected[camera, which] += found[1]
+    pooled = squared.sum(0) / np.maximum(expected.sum(0), 1e-9)
+    freedom = expected + np.minimum(POOLED, expected.sum(0))
+    noise = (squared + np.minimum(POOLED, expected.sum(0)) * pooled) / np.maximum(freedom, 1e-9)
+    return np.maximum(noise, 1.0), np.maximum(freedom, 1.0)
 
 
-def _trimmed(values: Float[np.ndarray, " n"]) -> float:
-    kept = np.sort(values)[: max(1, len(values) - 1 - int(TRIMMED * len(values)))]
-    return TRIM_GAIN * float(kept.mean())
+def _scatter(
+    score: Float[np.ndarray, "group k"], information: Float[np.ndarray, "group k k"]
+) -> tuple[float, float]:
+    """Squared differences of people from their mean, and what box noise alone would bring.
 
-
-def _differences(
-    score: Float[np.ndarray, "w k"],
-    information: Float[np.ndarray, "w k k"],
-    changes: Sequence[Change],
-    camera: int,
-    kind: slice,
-) -> Float[np.ndarray, " n"]:
-    """Mean squared differences of neighboring windows, in variances of box noise."""
-    size = score.shape[1]
-    known = np.array([np.linalg.cond(A) < 1e8 and A.trace() > 0 for A in information], bool)
-    score, information = score[known], information[known]
-    if len(score) < FEWEST_WINDOWS:
-        return np.zeros(0)
-    inverse = np.linalg.inv(information)
-    value = np.einsum("wij,wj->wi", inverse, score)
-    step = np.diff(value, axis=0)
-    spread = inverse[1:] + inverse[:-1]
-    return np.einsum("wi,wij,wj->w", step, np.linalg.inv(spread), step) / size
+    Args:
+        score: gradient of each person's cost by an error of a camera.
+        information: its curvature.
+    """
+    total = information.sum(0)
+    if not total.trace() > 0 or np.linalg.cond(total) > 1e8:
+        return 0.0, 0.0
+    share = np.linalg.solve(total, information)
+    mean = np.linalg.solve(total, score.sum(0))
+    rest = score - information @ mean
+    squared = np.einsum("gi,ij,gj->", rest, np.linalg.inv(total), rest)
+    return float(squared), float(len(total) - np.einsum("gij,gji->", share, share))
 
 
 def _strongest(
     course: Course,
-    matrix: Float[np.ndarray, "w p p"],
-    vector: Float[np.ndarray, "w p"],
+    windows: Sequence[Window],
     camera: int,
     kind: slice,
     first: int,
 ) -> tuple[float, Change | None]:
     """The most likely further change of one camera, and the chance of its evidence."""
     best: tuple[float, Change | None] = (1.0, None)
-    if len(matrix) < FEWEST_WINDOWS:
+    if len(windows) < FEWEST_WINDOWS:
         return best
+    matrix = np.array([w.matrix.sum(0) for w in windows])
+    vector = np.array([w.vector.sum(0) for w in windows])
     own = Change(camera, kind, 0).columns
     size, which = own.stop - own.start, KINDS.index(kind)
-    score, information = _scores(course, matrix, vector, camera, kind)
+    rest = [
+        b - A @ (course.design(w) @ course.value)
+        for w, (A, b) in enumerate(zip(matrix, vector, strict=True))
+    ]
+    score, information = np.array(rest)[:, own], matrix[:, own, own]
     floor = (TURN_FLOOR, LAG_FLOOR)[which] ** 2 * np.eye(size)
     noise, freedom = course.noise[camera, which], course.freedom[camera, which]
     # Information that a change shares with what is already in the model.

@@ -91,7 +91,7 @@ class CameraCheck:
         since: first frame number of that state, or None if it was so from the beginning.
         since_sd: standard deviation of `since` in frame numbers, or None.
         turn: (3,) rotation vector in the camera's axes from where the scene says (from where it
-            looked before `since`, if it moved within the recording), in radians.
+            looked before it first moved, if it moved within the recording), in radians.
         turn_covariance: (3, 3) of it.
         degrees: angle of the turn.
         degrees_sd: its standard deviation.
@@ -169,8 +169,8 @@ def check(
 
     The recording is cut into windows of up to a minute. In each, the people whom at least two
     cameras see tell by how much every camera is turned and late. A camera moved if these errors
-    change by more than chance and the errors of neighboring windows explain. Whatever the
-    recording, a rig that does nothing raises one false alarm in 200 hours of one camera or fewer.
+    change by more than chance and the differences between people explain. By chance, a camera that
+    does nothing raises one false alarm in 200 hours, whatever the recording.
 
     Args:
         scene: cameras and ground.
@@ -253,12 +253,12 @@ class _Judge:
         lag = float(value[3])
         constant, constant_covariance = self.turns.at(len(self.watched.windows) - 1)
         turn, turn_covariance = constant[own][:3], constant_covariance[own, own][:3, :3]
-        turned, late = (self._last_change(camera, kind) for kind in (TURN, LAG))
-        if turned is not None:
-            turn, turn_covariance = self.course.of_change(turned)
+        turns, jumps = (self._changes(camera, kind) for kind in (TURN, LAG))
+        if turns:
+            turn, turn_covariance = self.course.of_changes(turns)
         elif self.fitted_before:
             turn = np.zeros(3)
-        if self.fitted_before and late is None:
+        if self.fitted_before and not jumps:
             lag = 0.0
         angle, angle_sd = _angle(turn, turn_covariance)
         pixels, ground = self._displacement(camera, turn)
@@ -269,7 +269,7 @@ class _Judge:
             chance = float(norm.isf(self.alpha / 2))
             off = ground / sights.unit if angle > chance * angle_sd else 0.0
             is_late = abs(lag) > max(LATE, chance * lag_sd)
-            found = self._from_errors(turned, late, off, is_late=is_late)
+            found = self._from_errors(turns, jumps, off, is_late=is_late)
         matched, expected = (self._counts(camera, name) for name in ("matched", "expected"))
         result = CameraCheck(
             camera=camera,
@@ -315,22 +315,22 @@ class _Judge:
         return None
 
     def _from_errors(
-        self, turned: int | None, late: int | None, off: float, *, is_late: bool
+        self, turns: list[int], jumps: list[int], off: float, *, is_late: bool
     ) -> _Found:
         """The verdict on a camera whose errors are known, as of the end of the recording.
 
         Args:
-            turned: the last change of its turn, or None.
-            late: the last change of its lag, or None.
+            turns: changes of its turn.
+            jumps: changes of its lag.
             off: displacement of people on the ground in their heights, 0 if it may be chance.
             is_late: whether its lag matters and is not chance.
         """
-        for index, verdict, advice in (
-            (turned, Verdict.MOVED, MOVED_SINCE),
-            (late, Verdict.LATE, LATE_SINCE),
+        for changes, verdict, advice in (
+            (turns, Verdict.MOVED, MOVED_SINCE),
+            (jumps, Verdict.LATE, LATE_SINCE),
         ):
-            if index is not None:
-                since, deviation = time_of_change(self.watched, self.course, index)
+            if changes:
+                since, deviation = time_of_change(self.watched, self.course, changes[-1])
                 return _Found(verdict, since, deviation, advice)
         if off > MOVED:
             return _Found(Verdict.MOVED, None, None, MOVED_ALWAYS)
@@ -340,13 +340,11 @@ class _Judge:
             return _Found(Verdict.DOUBTFUL, None, None, OFF)
         return _Found(Verdict.FITS, None, None, "Nothing to do.")
 
-    def _last_change(self, camera: int, kind: slice) -> int | None:
-        found = [
-            i
-            for i, change in enumerate(self.course.changes)
-            if change.camera == camera and change.kind == kind
-        ]
-        return max(found, key=lambda i: self.course.changes[i].window, default=None)
+    def _changes(self, camera: int, kind: slice) -> list[int]:
+        """Indices of the changes of one camera and kind, in order of time."""
+        changes = self.course.changes
+        mine = [i for i, one in enumerate(changes) if one.camera == camera and one.kind == kind]
+        return sorted(mine, key=lambda i: changes[i].window)
 
     def _frame(self, step: int) -> int:
         return self.watched.sights.first + step * self.watched.sights.step

@@ -24,10 +24,14 @@ class Correction(NamedTuple):
     Attributes:
         turn: (3,) rotation vector in the camera's axes, radians.
         lag: steps by which it shows an earlier instant than its frame numbers say.
+        center: (3,) displacement along the ground's axes and upward, in person heights.
+        zoom: natural log by which its focal length is longer.
     """
 
     turn: Float[np.ndarray, "3"]
     lag: float
+    center: Float[np.ndarray, "3"] = np.zeros(3)
+    zoom: float = 0.0
 
     @property
     def shift(self) -> int:
@@ -58,9 +62,12 @@ class Matches(NamedTuple):
         return self.score / max(len(self.expected), 1)
 
 
-def turned(place: Float[np.ndarray, "3 4"], turn: Float[np.ndarray, "3"]) -> np.ndarray:
-    """The map to the axes of a camera that turned by a rotation vector."""
-    return Rotation.from_rotvec(turn).as_matrix() @ place
+def corrected_place(sights: Sights, camera: int, at: Correction) -> Float[np.ndarray, "3 4"]:
+    """The map to the axes of a camera with an error; depth is scaled for its focal length."""
+    place = sights.place[camera].copy()
+    place[:, 3] -= place[:, :3] @ (sights.unit * at.center)
+    turn = Rotation.from_rotvec(at.turn).as_matrix()
+    return np.array([[1.0], [1.0], [np.exp(-at.zoom)]]) * (turn @ place)
 
 
 def pairs(
@@ -93,7 +100,7 @@ def match(
     boxes, people = sights.boxes, sights.people
     begin, end = np.searchsorted(boxes.camera, [camera, camera + 1])
     velocity = people.velocity[person]
-    place = turned(sights.place[camera], at.turn)
+    place = corrected_place(sights, camera, at)
     rest = at.lag - at.shift
     moved = np.column_stack([state[:, :2] - rest * velocity, state[:, 2]])
     shown = people.frame[person] + at.shift

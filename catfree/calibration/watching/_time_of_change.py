@@ -1,14 +1,17 @@
 """When exactly errors changed: the frames that divide the boxes best."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from catfree.calibration.watching._agreement import solve_window
 from catfree.calibration.watching._changes import KINDS, Course, fit_course
-from catfree.calibration.watching._matching import GATE, SPREAD, Correction, match
+from catfree.calibration.watching._matching import GATE, SPREAD, Correction, best, match
 from catfree.calibration.watching._sights import Sights
-from catfree.calibration.watching._windows import Watched, divided
+from catfree.calibration.watching._windows import Watched
 
 ELBOW = 4.0  # fall of twice the log likelihood within two standard deviations
 NEARBY = 3  # windows before and after, from which the errors there are taken
@@ -24,8 +27,9 @@ def follow_changes(
 ) -> tuple[Watched, Course]:
     """Fit the errors of all cameras, whose clocks may run at different rates.
 
-    A window in which an error changed fits neither what was before nor what came after: it is
-    divided where the boxes say.
+    What the whole recording tells of the cameras lets more boxes meet people. A window in which an
+    error changed fits neither what was before nor what came after: it is divided where the boxes
+    say. So everything is matched and fitted twice.
 
     Args:
         watched: the recording.
@@ -36,23 +40,51 @@ def follow_changes(
     Returns:
         The recording with the divided windows, and its errors.
     """
-    course = fit_course(
-        watched.windows, alpha, rates=True, kinds=kinds, first=_first(watched, since)
-    )
+
+    def fitted(watched: Watched) -> Course:
+        step = -1 if since is None else (since - watched.sights.first) // watched.sights.step
+        later = (i for i, w in enumerate(watched.windows) if i and w.begin >= step)
+        return fit_course(watched.windows, alpha, rates=True, kinds=kinds, first=next(later, 1))
+
+    again = _matched_again(watched, fitted(watched))
+    return again, fitted(again)
+
+
+def _matched_again(watched: Watched, course: Course) -> Watched:
+    """Match everybody with the errors of a course; divide windows within which one changed."""
+    sights, windows, corrections = watched.sights, [], []
     frames = [time_of_change(watched, course, i)[0] for i in range(len(course.changes))]
-    parts = divided(watched, frames)
-    if len(parts.windows) == len(watched.windows):
-        return watched, course
-    first = _first(parts, since)
-    return parts, fit_course(parts.windows, alpha, rates=True, kinds=kinds, first=first)
+    cuts = sorted({-(-(frame - sights.first) // sights.step) for frame in frames})
+    for index, window in enumerate(watched.windows):
+        inside = [cut for cut in cuts if window.begin < cut < window.stop]
+        for begin, stop in pairwise([window.begin, *inside, window.stop]):
+            start = _start(watched, course, index, begin, stop)
+            solved, found = solve_window(sights, begin, stop, start, watched.noise)
+            windows.append(solved)
+            corrections.append(tuple(found))
+    return replace(watched, windows=tuple(windows), corrections=tuple(corrections))
 
 
-def _first(watched: Watched, since: int | None) -> int:
-    """The first window that begins at a frame number or later; at least 1."""
-    if since is None:
-        return 1
-    step = (since - watched.sights.first) // watched.sights.step
-    return next((i for i, w in enumerate(watched.windows) if i and w.begin >= step), 1)
+def _start(watched: Watched, course: Course, index: int, begin: int, stop: int) -> list[Correction]:
+    """Errors that a course says of a window or a part of it.
+
+    A change is believed if far more boxes meet people than without any.
+    """
+    nearby = [at for at in (index, index - 1, index + 1) if 0 <= at < len(watched.windows)]
+    start = _corrections(course.errors(index, changed=False))
+    tried = [_corrections(course.errors(at)) for at in nearby]
+    people = watched.sights.people
+    person = np.arange(*np.searchsorted(people.frame, [begin, stop]))
+    support = people.support[person] >= 0
+    for camera in {change.camera for change in course.changes}:
+        others = person[support.sum(-1) - support[:, camera] >= 2]
+        changed = [found[camera] for found in tried]
+        start[camera] = best(watched.sights, camera, others, start[camera], changed)
+    return start
+
+
+def _corrections(errors: Float[np.ndarray, "cam 8"]) -> list[Correction]:
+    return [Correction(one[:3], float(one[3]), one[4:7], float(one[7])) for one in errors]
 
 
 def time_of_change(watched: Watched, course: Course, index: int) -> tuple[int, float]:
@@ -105,6 +137,5 @@ def _usual(watched: Watched, camera: int, reference: int, windows: range) -> Cor
     """The middle error of a camera in some windows, each found from that window alone."""
     found = [watched.corrections[window] for window in windows]
     turn = np.median([one[camera].turn for one in found], axis=0)
-    return Correction(
-        turn, float(np.median([one[camera].lag - one[reference].lag for one in found]))
-    )
+    lag = float(np.median([one[camera].lag - one[reference].lag for one in found]))
+    return found[0][camera]._replace(turn=turn, lag=lag)

@@ -124,32 +124,6 @@ def watch(
     return Watched(seen, tuple(windows), tuple(corrections), steps / rate, noise)
 
 
-def divided(watched: Watched, frames: Sequence[int]) -> Watched:
-    """Divide windows at frame numbers where an error changed within them.
-
-    Args:
-        watched: the recording.
-        frames: first frame numbers after the changes.
-    """
-    sights, windows, corrections = watched.sights, list(watched.windows), list(watched.corrections)
-    for cut in sorted({-(-(frame - sights.first) // sights.step) for frame in frames}):
-        index = next((i for i, w in enumerate(windows) if w.begin < cut < w.stop), None)
-        if index is None:
-            continue
-        begin, stop = windows[index].begin, windows[index].stop
-        before, after = (
-            corrections[max(index - 1, 0)],
-            corrections[min(index + 1, len(windows) - 1)],
-        )
-        parts = [
-            solve_window(sights, low, high, start, watched.noise)
-            for low, high, start in ((begin, cut, before), (cut, stop, after))
-        ]
-        windows[index : index + 1] = [window for window, _ in parts]
-        corrections[index : index + 1] = [tuple(found) for _, found in parts]
-    return replace(watched, windows=tuple(windows), corrections=tuple(corrections))
-
-
 def _relative(found: Sequence[Correction], cameras: Sequence[int]) -> tuple[Correction, ...]:
     """The same errors with lags that count from the middle camera."""
     middle = float(np.median([found[camera].lag for camera in cameras]))

@@ -54,6 +54,28 @@ def test_a_change_is_found_in_its_camera_at_its_window(camera, kind, size):
     assert abs(value[at] - size) < 3 * np.sqrt(covariance[at, at])
 
 
+def test_changes_of_one_camera_add_up():
+    errors = np.zeros((WINDOWS, 8 * CAMERAS))
+    errors[7:, 8] = 0.02
+    errors[14:, 8] += 0.01
+    course = fit_course(windows(errors, 3), 1e-5)
+    assert [(c.camera, c.kind) for c in course.changes] == [(1, TURN)] * 2
+    total, covariance = course.of_changes([0, 1])
+    each = [course.of_change(i)[0] for i in (0, 1)]
+    np.testing.assert_allclose(total, np.sum(each, axis=0), rtol=1e-12)
+    assert abs(total[0] - 0.03) < 3 * np.sqrt(covariance[0, 0])
+    last, none = course.errors(WINDOWS - 1), course.errors(WINDOWS - 1, changed=False)
+    np.testing.assert_allclose((last - none)[1, :3], total, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose((last - none)[[0, 2]], 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("noise", [2.0, 6.0])
+def test_people_tell_the_noise(noise):
+    errors = np.zeros((WINDOWS, 8 * CAMERAS))
+    courses = [fit_course(windows(errors, seed, noise=noise), 0.0) for seed in range(5)]
+    assert np.mean([course.noise for course in courses]) == pytest.approx(noise, rel=0.15)
+
+
 def test_rates_are_within_their_deviations():
     within, total = 0, 0
     time = 10 * np.arange(WINDOWS) + 5

@@ -56,6 +56,15 @@ def test_a_turned_camera_is_found_with_angle_and_time(world, quiet, degrees):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [45, 53])
+def test_cameras_that_are_off_all_the_time_do_not_seem_to_move(seed):
+    world = make_world("wildtrack", seed, frames=150, people=8)
+    boxes = on_clock(world.detections, world.layout.fps)
+    result = check(world.scene, boxes)
+    assert [one.since for one in result.cameras] == [None] * 7
+
+
+@pytest.mark.slow
 def test_a_similarity_of_the_scene_changes_no_verdict(world, quiet):
     boxes = turn_camera(quiet, world.true_rig, 1, np.deg2rad([0, 2, 0]), BUMP)
     similarity = cf.geometry.Similarity(

@@ -45,6 +45,20 @@ def test_offset_rate_and_jump(world):
     assert again.jumps == ()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
+def test_three_people_tell_of_a_camera_that_is_late_by_many_frames(seed):
+    world = make_world("ring5", seed, frames=300, people=3)
+    boxes = renumber(on_clock(world.detections, 5.0), 1, lambda frame: 20.0 + 0 * frame)
+    boxes = boxes[boxes.frame < 300]
+    clocks = estimate_clocks(world.true_scene, boxes)
+    assert clocks.jumps == ()
+    expected = np.array([0.0, 20.0, 0.0, 0.0, 0.0])
+    expected -= expected[clocks.reference]
+    assert np.abs(clocks.offset - expected).max() < 0.4
+    assert (np.abs(clocks.offset - expected) <= 4 * clocks.offset_sd + 1e-9).all()
+
+
 def test_whole_offsets_are_sure_and_large_enough():
     offset = np.array([0.0, 7.4, -13.0, 40.0, np.nan])
     offset_sd = np.array([0.1, 0.1, 0.1, 10.0, np.nan])
