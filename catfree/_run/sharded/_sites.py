@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
 from catfree._run._cache import code_hash
 from catfree._run._cached_detection import fingerprint_of
@@ -26,6 +27,7 @@ from catfree._run.sharded._shard import (
     open_videos,
     require_folder_name,
     shards,
+    silent_pictures,
 )
 from catfree._run.sharded._stored_tracks import StoredTracks
 from catfree.adapters.background._background_detector import BackgroundDetector
@@ -33,7 +35,7 @@ from catfree.adapters.calibration_files._rig_json import (
     read_scene_json,
     write_scene_json,
 )
-from catfree.adapters.datasets import read_scene
+from catfree.adapters.datasets import read_missing_pictures, read_scene
 from catfree.adapters.files._camera_names import names_of_files
 from catfree.adapters.files._documents import read_text
 from catfree.adapters.files._fingerprint import hash_parameters
@@ -52,6 +54,7 @@ from catfree.errors import (
 from catfree.settings import Settings
 from catfree.types import Scene
 from catfree.types._annotations import Progress, no_progress
+from catfree.types._validation import as_pictures
 from catfree.types._writing import make_folder
 
 MOST_TRIES = 4  # stretches of a recording from which its cameras may be found
@@ -72,6 +75,8 @@ class Site:
         frame_rate: frames per second of saved boxes, or of images without times.
         anchors: what is known about the site when its cameras are found from the people, as
             `calibrate` takes it, or a JSON file that `read_anchors` reads.
+        silent: frame and camera number of pictures that do not exist, where the recording is saved
+            boxes, or a CSV or Parquet table with these columns.
     """
 
     name: str
@@ -81,6 +86,7 @@ class Site:
     image_size: tuple[tuple[int, int], ...] | None = None
     frame_rate: float | int | None = None
     anchors: tuple[Anchor, ...] | str = ()
+    silent: tuple[tuple[int, int], ...] | str = ()
 
 
 def run_sites(
@@ -138,7 +144,8 @@ def run_sites(
             site,
             recording=_absolute(site.recording),
             scene=given.get(site.name),
-            anchors=_resolved(anchors.get(site.name, ())),
+            anchors=_absolute_if_file(anchors.get(site.name, ())),
+            silent=_absolute_if_file(site.silent),
         )
         for site in sites
     ]
@@ -152,9 +159,11 @@ def run_sites(
             if site.name in failed:
                 continue
             try:
+                silent = _missing_pictures(site, scenes[site.name].rig.camera_count)
                 plan += shards(
-                    site.recording, every, overlap, site.frame_rate, site=site.name, date=site.date
-                )
+                    site.recording, every, overlap, site.frame_rate, silent=silent,
+                    site=site.name, date=site.date,
+                )  # fmt: skip
             except CatFreeError as error:
                 reasons.append(f"{site.name} {site.date}".strip() + f": {error}")
         finished: tuple[StoredTracks, ...] = ()
@@ -199,8 +208,15 @@ def _one_of_each(sites: Sequence[Site], field: str, kind: str) -> dict[str, Any]
     return given
 
 
-def _resolved(anchors: tuple[Anchor, ...] | str) -> tuple[Anchor, ...] | str:
-    return os.path.abspath(anchors) if isinstance(anchors, str) else anchors
+def _absolute_if_file(value: Any) -> Any:
+    return os.path.abspath(value) if isinstance(value, str) else value
+
+
+def _missing_pictures(site: Site, cameras: int) -> Int[np.ndarray, "k 2"] | None:
+    """(K, 2) frame and camera of the pictures that a site lacks; None if it states none."""
+    if not isinstance(site.silent, str):
+        return as_pictures(site.silent, f"silent of {site.name!r}") if len(site.silent) else None
+    return read_missing_pictures(site.silent, [str(camera) for camera in range(cameras)])
 
 
 def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
@@ -216,9 +232,9 @@ def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
 
     Args:
         path: the file. Each `[[site]]` has a `name`, either `videos` or `detections` (a file of
-            saved boxes) and optionally `date`, `scene`, `image_size`, `frame_rate` and `anchors` as
-            in `Site`; paths are relative to the file. The options `every`, `overlap`, `method`,
-            `detector` and `embedder` (ONNX files) hold for all sites.
+            saved boxes) and optionally `date`, `scene`, `image_size`, `frame_rate`, `anchors` and
+            `silent` (files) as in `Site`; paths are relative to the file. The options `every`,
+            `overlap`, `method`, `detector` and `embedder` (ONNX files) hold for all sites.
 
     Returns:
         The sites, and the options that the file gives.
@@ -259,6 +275,7 @@ def _site(row: Any, source: Path, where: str) -> Site:
     kinds: dict[str, type | tuple[type, ...]] = {
         "name": str, "date": (str, date), "videos": list, "detections": str, "scene": str,
         "image_size": list, "frame_rate": (int, float), "anchors": str,
+        "silent": str,
     }  # fmt: skip
     _require_keys(row, kinds, source, where)
     if "name" not in row or ("videos" in row) == ("detections" in row):
@@ -285,6 +302,7 @@ def _site(row: Any, source: Path, where: str) -> Site:
         image_size=size,
         frame_rate=None if rate is None else _number(rate, source, f"frame_rate of {where}"),
         anchors=str(source.parent / row["anchors"]) if "anchors" in row else (),
+        silent=str(source.parent / row["silent"]) if "silent" in row else (),
     )
 
 
@@ -393,10 +411,17 @@ def calibrate_site(
     settings = Settings() if settings is None else settings
     finder = BackgroundDetector() if detector is None else detector
     anchors = read_anchors(site.anchors) if isinstance(site.anchors, str) else site.anchors
-    plan = shards(site.recording, CALIBRATION_SECONDS, 0.0, site.frame_rate)
+    if isinstance(site.recording, str) and site.image_size is None:
+        raise InvalidInputError(
+            f"The cameras of {site.name!r} are to be found from saved boxes: give image_size, or a "
+            "scene."
+        )
+    silent = _missing_pictures(site, len(site.image_size or ()))
+    plan = shards(site.recording, CALIBRATION_SECONDS, 0.0, site.frame_rate, silent=silent)
     key = hash_parameters(
         "calibration", plan[0].source, fingerprint_of(finder, "detector"), code_hash(),
         settings=dataclasses.asdict(settings), image_size=site.image_size,
+        silent=[] if silent is None else silent.tolist(),
         anchors=[(type(one).__name__, dataclasses.asdict(one)) for one in anchors],
     )  # fmt: skip
     folder = make_folder(recording_folder(out, site.name, "") / "_calibration")
@@ -428,13 +453,9 @@ def _calibrate_stretch(
         videos = open_videos(shard)
         boxes = detect(videos, detector)
         return calibrate_cameras(videos, detector, boxes, settings, anchors=anchors).scene
-    if site.image_size is None:
-        raise InvalidInputError(
-            f"The cameras of {site.name!r} are to be found from saved boxes: give image_size, or a "
-            "scene."
-        )
-    size = np.array(site.image_size)
-    return calibrate(boxes_of(shard), size, settings, anchors=anchors).scene
+    boxes = boxes_of(shard)
+    boxes = boxes[~np.isin(boxes.frame, silent_pictures(shard)[:, 0])]
+    return calibrate(boxes, np.array(site.image_size), settings, anchors=anchors).scene
 
 
 def _spread(plan: Sequence[Shard]) -> list[Shard]:

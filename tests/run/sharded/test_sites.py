@@ -28,6 +28,7 @@ recordings = st.lists(texts, max_size=3).map(lambda v: {"videos": v}) | texts.ma
 options = {
     "date": st.dates(date(1900, 1, 1)) | texts, "scene": texts, "image_size": sizes,
     "frame_rate": rates, "anchors": texts,
+    "silent": texts,
 }  # fmt: skip
 rows = st.builds(
     lambda name, recording, more: {"name": name} | recording | more,
@@ -76,6 +77,7 @@ def test_a_list_is_read_as_it_stands(tmp_path_factory, head, sites):
         assert site.date == str(row.get("date", ""))
         assert site.frame_rate == row.get("frame_rate")
         assert site.scene == (str(folder / row["scene"]) if "scene" in row else None)
+        assert site.silent == (str(folder / row["silent"]) if "silent" in row else ())
         if "videos" in row:
             assert site.recording == tuple(str(folder / video) for video in row["videos"])
         else:
@@ -256,7 +258,10 @@ def calibrations(world, monkeypatch):
 
 @pytest.mark.slow
 def test_a_site_is_calibrated_once(folder, executor, tmp_path, calibrations):
-    days = [site_in(folder, scene=None, date=day) for day in ("2026-11-20", "2026-11-21")]
+    days = [
+        site_in(folder, scene=None, image_size=((1920, 1080),) * 4, date=day)
+        for day in ("2026-11-20", "2026-11-21")
+    ]
     first = run_sites(days, out=tmp_path, executor=executor, **CUT)
     assert calibrations == [("north", 0)]
     again = run_sites(days, out=tmp_path, executor=executor, **CUT)
@@ -298,6 +303,45 @@ def test_anchors_of_a_site_are_used_once_for_all_its_dates(folder, tmp_path, mon
         run_sites(days, out=tmp_path)
 
 
+def test_missing_pictures_of_a_site(folder, tmp_path, monkeypatch):
+    """Cameras are found from instants that all show; the shards know what is missing."""
+    given, plans = [], []
+
+    def find(boxes, size, settings, *, anchors):
+        given.append(set(boxes.frame))
+        return make_world("ring4", 0, frames=2, people=2)
+
+    def run(plan, **_):
+        plans.append(plan)
+        return ()
+
+    monkeypatch.setattr(_sites, "calibrate", find)
+    monkeypatch.setattr(_sites, "run_shards", run)
+    detections = make_world("ring4", 0, frames=20, people=4).detections
+    missing = ((7, 1), (8, 1), (15, 3))
+    gone = np.isin(detections.frame, [7, 8]) & (detections.camera == 1)
+    gone |= (detections.frame == 15) & (detections.camera == 3)
+    detections[~gone].save(folder / "lacking.npz")
+    (folder / "missing.csv").write_text("frame,camera\n7,1\n8,1\n15,3\n")
+    site = cf.Site(
+        "south", str(folder / "lacking.npz"), image_size=((1920, 1080),) * 4, frame_rate=5
+    )
+    for silent in (missing, str(folder / "missing.csv"), ()):
+        one = dataclasses.replace(site, silent=silent)
+        run_sites([one], out=tmp_path / str(len(given)), executor=ThreadPoolExecutor(1))
+        expected = {7, 8, 15} if silent else set()
+        assert given[-1] == set(range(20)) - expected
+        pictures = [tuple(row) for shard in plans[-1] for row in _sites.silent_pictures(shard)]
+        assert sorted(pictures) == sorted(missing if silent else ())
+    (folder / "other.csv").write_text("frame,camera\n7,9\n")
+    with pytest.raises(ShardError, match=r"south: .*other\.csv"):
+        run_sites(
+            [dataclasses.replace(site, silent=str(folder / "other.csv"))],
+            out=tmp_path / "bad",
+            executor=ThreadPoolExecutor(1),
+        )
+
+
 def test_other_stretches_are_tried_until_one_suffices(folder, tmp_path, world, monkeypatch):
     monkeypatch.setattr(_sites, "CALIBRATION_SECONDS", 2.0)
     tried = []
@@ -309,7 +353,7 @@ def test_other_stretches_are_tried_until_one_suffices(folder, tmp_path, world, m
         return world.scene
 
     monkeypatch.setattr(_sites, "_calibrate_stretch", answer)
-    site = site_in(folder, scene=None)
+    site = site_in(folder, scene=None, image_size=((1920, 1080),) * 4)
     found = _sites.calibrate_site(site, tmp_path)
     assert (found.rig.image_size == world.scene.rig.image_size).all()
     assert tried == [3, 1, 4]
