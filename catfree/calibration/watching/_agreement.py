@@ -88,15 +88,14 @@ def solve_window(
     low, high = map(int, np.searchsorted(people.frame, [begin, stop]))
     person = np.arange(low, high)
     now = list(start)
-    seen = people.support[person] >= 0
     registered = np.flatnonzero(np.asarray(sights.scene.rig.registered))
     present = (sights.boxes.frame >= begin) & (sights.boxes.frame < stop)
     boxes = np.bincount(sights.boxes.camera[present], minlength=count)
     if shifts is not None:
         for camera in registered[boxes[registered] > 0]:
-            others = seen.sum(-1) - seen[:, camera] >= 2
-            tried = candidates(sights, int(camera), person[others], shifts)
-            now[camera] = best(sights, int(camera), person[others], now[camera], tried)
+            others = sights.seen_by_others(int(camera), begin, stop)
+            tried = candidates(sights, int(camera), others, shifts)
+            now[camera] = best(sights, int(camera), others, now[camera], tried)
     state = people.state[person].copy()
     begun = _parameters(now)
     solved = _Solved.empty(count)

@@ -92,6 +92,12 @@ class Sights:
     step: int
     steps: int
 
+    def seen_by_others(self, camera: int, begin: int, stop: int) -> Int[np.ndarray, " m"]:
+        """(m,) people from step `begin` to before `stop` whom two or more other cameras see."""
+        low, high = np.searchsorted(self.people.frame, [begin, stop])
+        seen = self.people.support[low:high] >= 0
+        return low + np.flatnonzero(seen.sum(-1) - seen[:, camera] >= 2)
+
     def imaged(self, camera: int, state: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """(n,) whether the middle of each person lies in the image of a camera."""
         ground = self.scene.ground

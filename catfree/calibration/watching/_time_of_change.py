@@ -73,11 +73,8 @@ def _start(watched: Watched, course: Course, index: int, begin: int, stop: int) 
     nearby = [at for at in (index, index - 1, index + 1) if 0 <= at < len(watched.windows)]
     start = _corrections(course.errors(index, changed=False))
     tried = [_corrections(course.errors(at)) for at in nearby]
-    people = watched.sights.people
-    person = np.arange(*np.searchsorted(people.frame, [begin, stop]))
-    support = people.support[person] >= 0
     for camera in {change.camera for change in course.changes}:
-        others = person[support.sum(-1) - support[:, camera] >= 2]
+        others = watched.sights.seen_by_others(camera, begin, stop)
         changed = [found[camera] for found in tried]
         start[camera] = best(watched.sights, camera, others, start[camera], changed)
     return start

@@ -145,15 +145,12 @@ def _likelier_starts(
     starts = {}
     for index, usual in enumerate(_usual(windows, corrections, cameras)):
         window, start = windows[index], list(corrections[index])
-        low, high = map(int, np.searchsorted(seen.people.frame, [window.begin, window.stop]))
-        person = np.arange(low, high)
-        support = seen.people.support[person] >= 0
         nearby = [at for at in (index, index - 1, index + 1) if 0 <= at < len(windows)]
         for camera in np.flatnonzero(window.boxes).tolist():
             tried = [corrections[at][camera] for at in nearby]
             if all(_is_near(start[camera], one) for one in (usual[camera], *tried)):
                 continue
-            others = person[support.sum(-1) - support[:, camera] >= 2]
+            others = seen.seen_by_others(camera, window.begin, window.stop)
             likely = best(seen, camera, others, usual[camera], tried)
             if not _is_near(start[camera], likely):
                 start[camera] = likely
