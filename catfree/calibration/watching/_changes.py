@@ -18,7 +18,7 @@ from catfree.calibration.watching._agreement import PARAMETERS, Window, prior
 TURN, LAG = slice(0, 3), slice(3, 4)
 KINDS = (TURN, LAG)
 REPEATS = (3, 1, PARAMETERS - 4)  # parameters of the turn, the lag and the rest
-POOLED = 8.0  # people of all cameras that count as much as those of the camera itself
+POOLED = 8.0  # degrees of freedom of what is known before a camera's people tell its noise
 HELD = 1e8  # times the information of the prior on centers and focal lengths
 FEWEST_WINDOWS = 4  # below which nothing is said to change
 # Errors that no number of people averages out: of places where the map is bent, of gait.
@@ -232,7 +232,8 @@ def _noise(
 ) -> tuple[Float[np.ndarray, "cam 2"], Float[np.ndarray, "cam 2"]]:
     """How much more the people of a window differ than box noise explains, with its freedom.
 
-    Every person is off by a bias of their own, in all of their boxes.
+    Every person is off by a bias of their own, in all of their boxes. A camera whose people tell
+    little of this counts as the others, and if those tell little, as box noise says.
     """
     cameras = len(course.noise)
     squared, expected = np.zeros((2, cameras, len(KINDS)))
@@ -245,10 +246,9 @@ def _noise(
                 found = _scatter(rest[:, own], window.matrix[:, own, own])
                 squared[camera, which] += found[0]
                 expected[camera, which] += found[1]
-    pooled = squared.sum(0) / np.maximum(expected.sum(0), 1e-9)
-    freedom = expected + np.minimum(POOLED, expected.sum(0))
-    noise = (squared + np.minimum(POOLED, expected.sum(0)) * pooled) / np.maximum(freedom, 1e-9)
-    return np.maximum(noise, 1.0), np.maximum(freedom, 1.0)
+    pooled = (squared.sum(0) + POOLED) / (expected.sum(0) + POOLED)
+    freedom = expected + POOLED
+    return np.maximum((squared + POOLED * pooled) / freedom, 1.0), freedom
 
 
 def _scatter(
