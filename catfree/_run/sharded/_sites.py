@@ -159,7 +159,7 @@ def run_sites(
             if site.name in failed:
                 continue
             try:
-                silent = _missing_pictures(site, scenes[site.name].rig.camera_count)
+                silent = _silent(site, scenes[site.name].rig.camera_count)
                 plan += shards(
                     site.recording, every, overlap, site.frame_rate, silent=silent,
                     site=site.name, date=site.date,
@@ -212,11 +212,11 @@ def _absolute_if_file(value: Any) -> Any:
     return os.path.abspath(value) if isinstance(value, str) else value
 
 
-def _missing_pictures(site: Site, cameras: int) -> Int[np.ndarray, "k 2"] | None:
+def _silent(site: Site, cameras: int) -> Int[np.ndarray, "k 2"] | None:
     """(K, 2) frame and camera of the pictures that a site lacks; None if it states none."""
-    if not isinstance(site.silent, str):
-        return as_pictures(site.silent, f"silent of {site.name!r}") if len(site.silent) else None
-    return read_missing_pictures(site.silent, [str(camera) for camera in range(cameras)])
+    if isinstance(site.silent, str):
+        return read_missing_pictures(site.silent, [str(camera) for camera in range(cameras)])
+    return as_pictures(site.silent, "silent") if site.silent else None
 
 
 def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
@@ -416,7 +416,7 @@ def calibrate_site(
             f"The cameras of {site.name!r} are to be found from saved boxes: give image_size, or a "
             "scene."
         )
-    silent = _missing_pictures(site, len(site.image_size or ()))
+    silent = _silent(site, len(site.image_size or ()))
     plan = shards(site.recording, CALIBRATION_SECONDS, 0.0, site.frame_rate, silent=silent)
     key = hash_parameters(
         "calibration", plan[0].source, fingerprint_of(finder, "detector"), code_hash(),

@@ -76,17 +76,19 @@ class Course:
         cameras = len(self.noise)
         return _design(cameras, self.time[window], window, self.changes, rates=self.drifting)
 
-    def errors(self, window: int, *, changed: bool = True) -> Float[np.ndarray, "cam 8"]:
-        """Errors of all cameras in a window, or those if nothing had changed."""
-        cameras = len(self.noise)
+    def at(
+        self, window: int, *, changed: bool = True
+    ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
+        """Errors of all cameras in a window, and their covariance with the factor `noise`.
+
+        Args:
+            window: its index.
+            changed: whether to count the changes, or what the errors would be without any.
+        """
         design = self.design(window)
         if not changed:
-            design[:, PARAMETERS * cameras + self.drifting * cameras :] = 0
-        return self._errors(design)[0].reshape(cameras, PARAMETERS)
-
-    def at(self, window: int) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
-        """Errors of all cameras in a window, and their covariance with the factor `noise`."""
-        return self._errors(self.design(window))
+            design[:, (PARAMETERS + self.drifting) * len(self.noise) :] = 0
+        return self._errors(design)
 
     def rates(self) -> tuple[Float[np.ndarray, " cam"], Float[np.ndarray, "cam cam"]]:
         """Steps per step by which each clock lags more and more, and their covariance."""
@@ -116,14 +118,10 @@ class Course:
             covariance = covariance + np.diag(floors)
         return design @ self.value, covariance
 
-    def of_change(self, index: int) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
-        """By how much a change changed its parameters, with the covariance."""
-        return self.of_changes([index])
-
     def of_changes(
         self, indices: Sequence[int]
     ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
-        """By how much some changes of one camera and kind changed it together."""
+        """By how much changes of one camera and kind changed it together, with the covariance."""
         camera, kind, _ = self.changes[indices[0]]
         size, which = kind.stop - kind.start, KINDS.index(kind)
         sizes = [change.kind.stop - change.kind.start for change in self.changes]
@@ -171,9 +169,10 @@ def fit_course(
         np.ones((cameras, 2)), np.ones((cameras, 2)),
     )  # fmt: skip
     course = _fitted(course, windows)
+    matrix, vector = _sums(windows)
     while len(course.changes) < MOST_CHANGES * cameras:
         found = [
-            _strongest(course, windows, camera, kind, first)
+            _strongest(course, matrix, vector, camera, kind, first)
             for camera in range(cameras)
             for kind in kinds
             if sum(c.camera == camera and c.kind == kind for c in course.changes) < MOST_CHANGES
@@ -199,8 +198,7 @@ def as_turns(course: Course, windows: Sequence[Window]) -> Course:
 
 def _fitted(course: Course, windows: Sequence[Window], *, held: bool = False) -> Course:
     """Solve for the values of a model, and learn the noise."""
-    matrix = np.array([w.matrix.sum(0) for w in windows])
-    vector = np.array([w.vector.sum(0) for w in windows])
+    matrix, vector = _sums(windows)
     cameras = len(course.noise)
     designs = [course.design(w) for w in range(len(matrix))]
     weak = np.zeros((designs[0].shape[1],) * 2)
@@ -225,6 +223,16 @@ def _fitted(course: Course, windows: Sequence[Window], *, held: bool = False) ->
     lags = (course.design(len(matrix) // 2) @ course.value)[3::PARAMETERS]
     reference = int(seen[np.argsort(lags[seen])[(len(seen) - 1) // 2]]) if len(seen) else 0
     return replace(course, reference=reference, noise=noise, freedom=freedom)
+
+
+def _sums(
+    windows: Sequence[Window],
+) -> tuple[Float[np.ndarray, "w p p"], Float[np.ndarray, "w p"]]:
+    """What all people of each window say together."""
+    return (
+        np.array([window.matrix.sum(0) for window in windows]),
+        np.array([window.vector.sum(0) for window in windows]),
+    )
 
 
 def _noise(
@@ -272,17 +280,16 @@ def _scatter(
 
 def _strongest(
     course: Course,
-    windows: Sequence[Window],
+    matrix: Float[np.ndarray, "w p p"],
+    vector: Float[np.ndarray, "w p"],
     camera: int,
     kind: slice,
     first: int,
 ) -> tuple[float, Change | None]:
     """The most likely further change of one camera, and the chance of its evidence."""
     best: tuple[float, Change | None] = (1.0, None)
-    if len(windows) < FEWEST_WINDOWS:
+    if len(matrix) < FEWEST_WINDOWS:
         return best
-    matrix = np.array([w.matrix.sum(0) for w in windows])
-    vector = np.array([w.vector.sum(0) for w in windows])
     own = Change(camera, kind, 0).columns
     size, which = own.stop - own.start, KINDS.index(kind)
     rest = [

@@ -171,7 +171,7 @@ def estimate_clocks(
     jumps = []
     for index, change in enumerate(course.changes):
         frame, frame_sd = time_of_change(watched, course, index)
-        by, by_covariance = course.of_change(index)
+        by, by_covariance = course.of_changes([index])
         size = float(np.sqrt(by_covariance[0, 0]))
         jumps.append(ClockJump(change.camera, frame, frame_sd, float(by[0]) * step, size * step))
     middle = np.mean([(w.begin + w.stop) / 2 for w in watched.windows])

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.calibration.watching._agreement import solve_window
+from catfree.calibration.watching._agreement import PARAMETERS, solve_window
 from catfree.calibration.watching._changes import KINDS, Course, fit_course
 from catfree.calibration.watching._matching import GATE, SPREAD, Correction, best, match
 from catfree.calibration.watching._sights import Sights
@@ -71,8 +71,8 @@ def _start(watched: Watched, course: Course, index: int, begin: int, stop: int) 
     A change is believed if far more boxes meet people than without any.
     """
     nearby = [at for at in (index, index - 1, index + 1) if 0 <= at < len(watched.windows)]
-    start = _corrections(course.errors(index, changed=False))
-    tried = [_corrections(course.errors(at)) for at in nearby]
+    start = _corrections(course.at(index, changed=False)[0])
+    tried = [_corrections(course.at(window)[0]) for window in nearby]
     for camera in {change.camera for change in course.changes}:
         others = watched.sights.seen_by_others(camera, begin, stop)
         changed = [found[camera] for found in tried]
@@ -80,8 +80,9 @@ def _start(watched: Watched, course: Course, index: int, begin: int, stop: int) 
     return start
 
 
-def _corrections(errors: Float[np.ndarray, "cam 8"]) -> list[Correction]:
-    return [Correction(one[:3], float(one[3]), one[4:7], float(one[7])) for one in errors]
+def _corrections(errors: Float[np.ndarray, " p"]) -> list[Correction]:
+    each = errors.reshape(-1, PARAMETERS)
+    return [Correction(one[:3], float(one[3]), one[4:7], float(one[7])) for one in each]
 
 
 def time_of_change(watched: Watched, course: Course, index: int) -> tuple[int, float]:

@@ -32,7 +32,7 @@ class Watched:
     Attributes:
         sights: the recording.
         windows: in order.
-        corrections: (W, C) error of each camera in each window, from that window alone.
+        corrections: (W, C) error of each camera in each window, from the boxes of that window.
         seconds: length of a window.
         noise: of the edges of a box, as a share of its height.
     """

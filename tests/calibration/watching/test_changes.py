@@ -49,7 +49,7 @@ def test_a_change_is_found_in_its_camera_at_its_window(camera, kind, size):
     change = course.changes[0]
     assert (change.camera, change.kind) == (camera, kind)
     assert change.window == 12
-    value, covariance = course.of_change(0)
+    value, covariance = course.of_changes([0])
     at = 1 if kind is TURN else 0
     assert abs(value[at] - size) < 3 * np.sqrt(covariance[at, at])
 
@@ -61,10 +61,12 @@ def test_changes_of_one_camera_add_up():
     course = fit_course(windows(errors, 3), 1e-5)
     assert [(c.camera, c.kind) for c in course.changes] == [(1, TURN)] * 2
     total, covariance = course.of_changes([0, 1])
-    each = [course.of_change(i)[0] for i in (0, 1)]
+    each = [course.of_changes([i])[0] for i in (0, 1)]
     np.testing.assert_allclose(total, np.sum(each, axis=0), rtol=1e-12)
     assert abs(total[0] - 0.03) < 3 * np.sqrt(covariance[0, 0])
-    last, none = course.errors(WINDOWS - 1), course.errors(WINDOWS - 1, changed=False)
+    last, none = (
+        course.at(WINDOWS - 1, changed=changed)[0].reshape(CAMERAS, 8) for changed in (True, False)
+    )
     np.testing.assert_allclose((last - none)[1, :3], total, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose((last - none)[[0, 2]], 0, atol=1e-12)
 
