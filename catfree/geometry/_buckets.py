@@ -66,14 +66,14 @@ def in_blocks(function: Callable[..., Any], rows: tuple[Any, ...], *blocks: int)
         function: maps arrays of `block` rows to arrays (or pytrees of them) of as many rows, each
             row independently.
         rows: arrays (n, ...) or pytrees of them.
-        blocks: rows per call, ascending; the shortest that holds all rows is used, else the
-            longest.
+        blocks: rows per call, ascending; the longest that the rows fill by a quarter is used, else
+            the shortest.
 
     Returns:
         The function's results for all n rows, on the host.
     """
     n = len(jax.tree.leaves(rows)[0])
-    block = next((length for length in blocks if length >= n), blocks[-1])
+    block = next((length for length in reversed(blocks) if 4 * n >= length), blocks[0])
     if n == 0:
         rows = jax.tree.map(lambda a: np.zeros((1, *a.shape[1:]), a.dtype), rows)
     parts = []
