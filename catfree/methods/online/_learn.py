@@ -1,6 +1,7 @@
 """Learn about cameras and people from the instants so far."""
 
 from dataclasses import replace
+from typing import Any
 
 import jax
 import numpy as np
@@ -44,6 +45,7 @@ INTERVAL = 512  # instants between later looks at noise, so that it follows slow
 WIDEST_SPACING = 32  # instants of the sample are at most so far apart: older ones are forgotten
 MEMORY = 2000.0  # instants after which a count weighs less by a factor of e
 PLACES = 4096  # reported people whose places are remembered
+SAMPLED = ("frame", "camera", "box", "ankles_confirmed", "embedding")  # columns remembered
 TIMES = 101  # instants whose usual distance is the usual step
 
 
@@ -58,7 +60,11 @@ def add_to_sample(
     number, spacing = int(state.count), int(state.spacing)
     if number % spacing or len(detections) == 0:
         return state
-    sample = detections if len(state.sample) == 0 else _joined(state.sample, detections)
+    columns: dict[str, Any] = {name: getattr(detections, name) for name in SAMPLED}
+    columns["frame"] = np.full(len(detections), number, np.int64)
+    if len(state.sample):
+        columns = _joined(state.sample, columns)
+    sample = Detections(**columns)
     frames = np.unique(sample.frame)
     if len(frames) > settings.calibration_frames:
         if spacing < WIDEST_SPACING:
@@ -69,11 +75,11 @@ def add_to_sample(
     return replace(state, sample=sample, spacing=np.array(spacing))
 
 
-def _joined(sample: Detections, new: Detections) -> Detections:
+def _joined(sample: Detections, new: dict[str, Any]) -> dict[str, Any]:
     """Concatenate the columns that both have."""
     columns = {}
-    for name in ("frame", "camera", "box", "ankles_confirmed", "embedding"):
-        pair = [getattr(part, name) for part in (sample, new)]
+    for name, values in new.items():
+        pair = [getattr(sample, name), values]
         known = not any(part is None for part in pair)
         if known and pair[0].shape[1:] != pair[1].shape[1:]:
             raise InvalidInputError(
@@ -81,7 +87,7 @@ def _joined(sample: Detections, new: Detections) -> Detections:
                 f"{pair[1].shape[1]}. Take all from one embedder, or call reset."
             )
         columns[name] = np.concatenate(pair) if known else None
-    return Detections(**columns)
+    return columns
 
 
 def is_due(count: int) -> bool:

@@ -126,11 +126,11 @@ class Tracker:
             )
         silent = self._silent(detections, cameras)
         own = np.flatnonzero(usable(detections, self.scene, self.settings))
-        boxes = detections[own]
+        boxes = _at(detections, own, 0)
         settings = self.settings.evidence
         with jax.enable_x64(True):
             state = learn_step(state, time, self.frame_rate)
-            state = add_to_sample(state, _at(boxes, int(state.count)), settings)
+            state = add_to_sample(state, boxes, settings)
             due = is_due(int(state.count) + 1) or np.isnan(state.learned.unit)
             if due:
                 state = learn_noise_and_unit(state, self.scene, settings)
@@ -138,7 +138,7 @@ class Tracker:
                 state = replace(state, learned=learned)
             now = None
             if not np.isnan(state.learned.unit):
-                state, now = advance(state, _at(boxes, 0), time, silent, self.scene, settings)
+                state, now = advance(state, boxes, time, silent, self.scene, settings)
                 support = np.where(now.support >= 0, _take(own, now.support), -1)
                 now = now._replace(support=support)
                 state = replace(state, window=(*state.window, now))
@@ -224,7 +224,7 @@ class Tracker:
         rows = np.column_stack([np.full(len(silent), frame), silent])
         return replace(
             state,
-            recording=(*state.recording, _at(detections, frame)),
+            recording=(*state.recording, _at(detections, np.arange(len(detections)), frame)),
             silent=np.concatenate([state.silent, rows]),
         )
 
@@ -252,34 +252,35 @@ class Tracker:
         def column(name: str, *shape: int) -> np.ndarray:
             return np.concatenate([getattr(p, name) for p in parts] or [np.zeros((0, *shape))])
 
+        rows = np.array([len(p.identity) for p in parts], np.int64)
+        frame = np.repeat(np.array([_frame(p.time) for p in parts], np.int64), rows)
+        name = column("identity").astype(np.int64)
+        order = np.lexsort((name, frame))
         unit = float(np.nan_to_num(learned.unit, nan=1.0))
         pace = unit / float(np.nan_to_num(learned.step, nan=1.0)) / MICROSECONDS
-        mean, spread = column("mean", 5), column("covariance", 5, 5)
-        covariance = column("position_covariance", 2, 2) * unit**2
-        support = column("support", cameras).astype(np.int64)
+        mean, spread = column("mean", 5)[order], column("covariance", 5, 5)[order]
+        covariance = column("position_covariance", 2, 2)[order] * unit**2
+        support = column("support", cameras)[order].astype(np.int64)
         registered = np.asarray(scene.rig.registered)
         basis = np.asarray(scene.ground.basis, np.float64)
         origin = (np.asarray(scene.rig.centers, np.float64)[registered] @ basis).mean(0)
         xy = mean[:, :2] * unit + origin
         detected = (support >= 0).any(1)
-        tracks = Tracks(
-            frame=np.concatenate(
-                [np.full(len(p.identity), _frame(p.time)) for p in parts] or [np.zeros(0, np.int64)]
-            ),
-            track_id=column("identity").astype(np.int64),
+        return Tracks(
+            frame=frame[order],
+            track_id=name[order],
             position=on_plane(xy, scene),
             ground_xy=xy,
             sigma=np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2),
             covariance=covariance,
             supporting_cameras=(support >= 0).sum(1),
             origin=np.where(detected, Origin.DETECTED, Origin.INTERPOLATED).astype(np.int64),
-            existence=column("existence"),
+            existence=column("existence")[order],
             support=support,
             velocity=mean[:, 3:] * pace,
             velocity_covariance=spread[:, 3:, 3:] * pace**2,
             clock=_clock(time),
         )
-        return tracks[np.lexsort((tracks.track_id, tracks.frame))]
 
 
 def _frame(time: float) -> int:
@@ -295,7 +296,11 @@ def _take(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return values[rows] if len(values) else rows
 
 
-def _at(detections: Detections, frame: int) -> Detections:
-    """The same boxes in one frame, without a clock."""
-    columns: dict[str, Any] = vars(detections) | {"clock": None}
-    return Detections(**columns | {"frame": np.full(len(detections), frame, np.int64)})
+def _at(detections: Detections, rows: Int[np.ndarray, " k"], frame: int) -> Detections:
+    """Some of the boxes, in one frame, without a clock."""
+    columns: dict[str, Any] = {
+        name: None if value is None else value[rows]
+        for name, value in vars(detections).items()
+        if name not in ("frame", "clock")
+    }
+    return Detections(frame=np.full(len(rows), frame, np.int64), **columns)

@@ -4,7 +4,6 @@ import os
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -84,7 +83,9 @@ class Instant(NamedTuple):
     boxes: Int[np.ndarray, " t"]
 
 
-class TrackerState(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class TrackerState:
     """All that a `Tracker` remembers: a pytree of arrays whose size does not grow with time.
 
     Only with an infinite lag it does, because then all boxes are needed at the end.
