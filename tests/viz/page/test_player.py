@@ -1,8 +1,9 @@
-"""The report page in a browser: it plays, from the disk alone, whatever the cameras are called."""
+"""The report page in browsers: it plays, from the disk alone, whatever the cameras are called."""
 
 import contextlib
 import dataclasses
 import shutil
+import socket
 
 import cv2
 import numpy as np
@@ -15,18 +16,25 @@ from catfree.viz import write_overlay_video
 
 NAMES = ("<script>document.title='broken'</script>", "</script>&amp;", "a'b\"c", "plain")
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+FIREFOX = ("firefox-esr", "firefox")
 FLAGS = (
     "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
     "--disable-component-update --disable-sync"
 )
 
 
+def installed(browsers):
+    """The first of some browsers that this machine has, or a skip that says why."""
+    found = next(filter(None, map(shutil.which, browsers)), None)
+    if found is None:
+        pytest.skip(f"none of {', '.join(browsers)} is installed: there is nothing to open pages")
+    return found
+
+
 @pytest.fixture(scope="module")
 def browser():
     driver = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    found = next(filter(None, map(shutil.which, CHROMIUM)), None)
-    if found is None:
-        pytest.skip(f"none of {', '.join(CHROMIUM)} is installed: there is nothing to open pages")
+    found = installed(CHROMIUM)
     with driver.sync_playwright() as started:
         opened = started.chromium.launch(executable_path=found, args=FLAGS.split())
         yield opened
@@ -220,3 +228,85 @@ def test_missing_pictures_are_told(browser, report, tmp_path):
         tab.wait_for_function("Number(document.getElementById('instant').value) >= 3", timeout=5000)
         assert errors == []
         assert copied.is_file()
+
+
+@pytest.fixture
+def firefox(report, tmp_path):
+    """The opened report in Firefox; any error of the page and any request elsewhere fails."""
+    driver = pytest.importorskip(
+        "marionette_driver.marionette", reason="marionette_driver is not installed"
+    )
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    client = driver.Marionette(
+        bin=installed(FIREFOX), headless=True, port=port, workspace=str(tmp_path),
+        gecko_log=str(tmp_path / "firefox.log"),
+    )  # fmt: skip
+    try:
+        client.start_session()
+        client.timeout.script = client.timeout.implicit = 10
+        client.navigate(report.as_uri())
+        yield client
+        folder = report.parent.as_uri()
+        fetched = client.execute_script(
+            "return performance.getEntriesByType('resource').map(entry => entry.name)"
+        )
+        assert [url for url in fetched if not url.startswith(folder)] == []
+        with client.using_context(client.CONTEXT_CHROME):
+            said = client.execute_script(
+                "return Services.console.getMessageArray().map(entry => entry.message)",
+                sandbox=None,
+            )
+        assert [line for line in said if folder in line] == []
+    finally:
+        client.cleanup()
+
+
+# The driver leaves a socket to the garbage collector whenever Firefox does not answer yet.
+leaves_sockets_open = pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning"
+)
+
+
+def eventually(firefox, condition):
+    """Whether an expression becomes true within some seconds."""
+    return firefox.execute_async_script(
+        f"""
+        const done = arguments[0], until = Date.now() + 9000;
+        const look = () => {condition} || Date.now() > until
+          ? done(Boolean({condition})) : setTimeout(look, 20);
+        look();
+        """
+    )
+
+
+@leaves_sockets_open
+@pytest.mark.slow
+def test_firefox_plays_the_page(firefox):
+    def value():
+        return int(firefox.execute_script("return document.getElementById('instant').value"))
+
+    body = firefox.find_element("tag name", "body")
+    assert value() == 0
+    body.send_keys(" ")
+    assert eventually(firefox, "Number(document.getElementById('instant').value) >= 2")
+    body.send_keys(" ")
+    stopped = value()
+    body.send_keys("\ue014")  # the right arrow
+    assert value() == min(stopped + 1, 11)
+    assert f"frame {value()} " in firefox.find_element("id", "readout").text
+    text = firefox.find_element("tag name", "body").text
+    assert all(name in text for name in NAMES[:2])
+
+
+@leaves_sockets_open
+@pytest.mark.slow
+def test_firefox_plays_the_overlay_video(firefox):
+    firefox.execute_script("document.querySelector('video').muted = true")
+    assert firefox.execute_async_script(
+        "document.querySelector('video').play().then(() => arguments[0]('plays'), arguments[0])"
+    ) == "plays"  # fmt: skip
+    assert eventually(firefox, "document.querySelector('video').currentTime > 0.5")
+    video = "(({ error, videoWidth }) => [error, videoWidth])(document.querySelector('video'))"
+    assert firefox.execute_script(f"return {video}") == [None, 640]
