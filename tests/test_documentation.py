@@ -142,13 +142,27 @@ def test_the_listing_has_every_class_and_escapes_what_it_shows():
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """The site, built with warnings as errors."""
-    for name in ("mkdocs", "material", "mkdocstrings_handlers.python"):
+    for name in ("mkdocs", "material", "mkdocstrings_handlers.python", "nbconvert"):
         pytest.importorskip(name, reason="pip install 'catfree[docs]'")
     out = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(out)]
     built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert built.returncode == 0, built.stderr
     return out
+
+
+@pytest.mark.slow
+def test_notebooks_are_pages_with_their_outputs(site):
+    listed = (site / "examples" / "index.html").read_text("utf-8")
+    notebooks = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
+    for path in notebooks:
+        assert f'href="{path.stem}.html"' in listed
+        page = (site / "examples" / f"{path.stem}.html").read_text("utf-8")
+        pictures = re.findall(r'<img[^>]* src="([^"]*)"', page)
+        stored = path.read_text("utf-8")
+        assert len(pictures) == len(re.findall(r'"image/(?:png|jpeg)": "', stored))
+        assert all((site / "examples" / picture).stat().st_size > 1000 for picture in pictures)
+    assert notebooks
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from pathlib import Path
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files, InclusionLevel
 from mkdocs.structure.pages import Page
+from nbconvert import MarkdownExporter
 
 ROOT = Path(__file__).parents[2]
 _PAGES = {"CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
@@ -19,6 +20,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for source, page in _PAGES.items():
         text = (ROOT / source).read_text("utf-8")
         files.append(File.generated(config, page, content=text))
+    notebooks = _add_notebooks(files, config)
     examples = [path for path in (ROOT / "examples").iterdir() if path.suffix in _LANGUAGES]
     rows = []
     for path in sorted(examples):
@@ -34,13 +36,26 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             )
         )
         rows.append(f"| [{path.name}]({path.stem}.md) | {_summary(path, code)} |")
-    text = (
-        "# Examples\n\nPrograms of the folder `examples/`, which tests run. Four notebooks, stored "
-        "with their outputs, are beside them in `examples/notebooks/`.\n\n"
-    )
-    listing = "\n".join(["| program | |", "|---|---|", *rows])
+    text = "# Examples\n\nPrograms and notebooks of the folder `examples/`, which tests run.\n\n"
+    listing = "\n".join(["| program | |", "|---|---|", *rows, *notebooks])
     files.append(File.generated(config, "examples/index.md", content=f"{text}{listing}\n"))
     return files
+
+
+def _add_notebooks(files: Files, config: MkDocsConfig) -> list[str]:
+    """Add a page for each notebook, with its stored outputs, and list them."""
+    rows = []
+    for path in sorted((ROOT / "examples" / "notebooks").glob("*.ipynb")):
+        exporter = MarkdownExporter()
+        text, made = exporter.from_filename(str(path), resources={"unique_key": path.stem})
+        page = f"examples/{path.stem}.md"
+        out = InclusionLevel.NOT_IN_NAV
+        files.append(File.generated(config, page, content=text, inclusion=out))
+        for name, content in made["outputs"].items():
+            files.append(File.generated(config, f"examples/{name}", content=content))
+        title = text.removeprefix("# ").split("\n", 1)[0]
+        rows.append(f"| [{path.name}]({path.stem}.md) | {title} |")
+    return rows
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
