@@ -2,8 +2,21 @@
 
 import os
 import sys
+from importlib.metadata import version
 
 from catfree._run.sharded._worker import ONE_THREAD
+
+# Compilation takes two thirds of the time without XLA's newer code generator, and its code is as
+# fast. XLA ends a process that names an option that it does not know, as a later one may not.
+QUICK_COMPILATION = "--xla_cpu_use_fusion_emitters=false"
+LAST_WITH_OPTION = (0, 10)  # of jaxlib
+# Workers of other engines are started without us, and all write the same bytes.
+OF_WORKERS = ("shard", "run-sites")
+
+
+def jaxlib_version() -> tuple[int, ...]:
+    """Major and minor version of jaxlib, without importing it."""
+    return tuple(map(int, version("jaxlib").split(".")[:2]))
 
 
 def main() -> int:
@@ -12,6 +25,8 @@ def main() -> int:
     os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet
+    if sys.argv[1:2] and sys.argv[1] not in OF_WORKERS and jaxlib_version() <= LAST_WITH_OPTION:
+        os.environ.setdefault("XLA_FLAGS", QUICK_COMPILATION)
     if sys.argv[1:2] == ["shard"]:
         os.environ.update(ONE_THREAD)  # as in the workers of other engines, to the byte
     # Workers import this module, too, and NumPy must not count the processors before they start.

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import catfree as cf
+from catfree.__main__ import LAST_WITH_OPTION, QUICK_COMPILATION, jaxlib_version
 
 ROOT = Path(cf.__file__).parent
 
@@ -196,6 +197,31 @@ def test_help_does_not_wait_for_numerical_libraries(arguments):
         "print(sorted({'jax', 'equinox', 'scipy', 'cv2'} & set(sys.modules)))"
     )
     assert fresh(code).splitlines()[-1] == "[]"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("command", "given", "flags"),
+    [
+        ("localize", None, QUICK_COMPILATION),
+        ("localize", "--xla_cpu_use_fusion_emitters=true", "--xla_cpu_use_fusion_emitters=true"),
+        ("shard", None, None),
+    ],
+)
+def test_a_command_compiles_quickly_unless_told_otherwise(command, given, flags):
+    environment = {} if given is None else {"XLA_FLAGS": given}
+    code = (
+        "import os, sys, contextlib\n"
+        "os.environ.pop('XLA_FLAGS', None)\n"
+        f"os.environ |= {environment}\n"
+        "from catfree.__main__ import main\n"
+        f"sys.argv = ['catfree', {command!r}, '--help']\n"
+        "with contextlib.suppress(SystemExit): main()\n"
+        "import jax\n"  # which ends the process if it does not know the option
+        "print(float(jax.jit(lambda x: x + 1)(1.0)), os.environ.get('XLA_FLAGS'))"
+    )
+    expected = flags if jaxlib_version() <= LAST_WITH_OPTION else given
+    assert fresh(code).splitlines()[-1] == f"2.0 {expected}"
 
 
 @pytest.mark.slow
