@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import jax
@@ -410,31 +411,28 @@ def smooth(
         motion: the motion model.
         ended: whether tracks end with their last group; otherwise with the last frame.
     """
-    last = {}
-    rows = []
-    later = None
-    for t in range(len(history) - 1, -1, -1):
-        track, group, mean, cov, _, _ = history[t]
-        mean, cov = mean.copy(), cov.copy()
-        if later is not None:
-            A, _ = transition(motion, float(time[t + 1] - time[t]))
-            next_track, next_mean, next_cov = later
-            _, rows_now, rows_next = np.intersect1d(track, next_track, return_indices=True)
-            if len(rows_now):
-                ntrack, _, _, _, pm, pc = history[t + 1]
-                at = np.searchsorted(ntrack, track[rows_now])
-                G = cov[rows_now] @ A.T @ np.linalg.inv(pc[at])
-                mean[rows_now] += np.einsum("tij,tj->ti", G, next_mean[rows_next] - pm[at])
-                cov[rows_now] += G @ (next_cov[rows_next] - pc[at]) @ G.transpose(0, 2, 1)
-        keep = (group >= 0) | (not ended)
-        for i in np.flatnonzero(keep):
-            last.setdefault(track[i], t)
-        keep |= np.array([last.get(k, -1) > t for k in track], bool)
-        rows.append((track[keep], np.full(keep.sum(), t), group[keep], mean[keep], cov[keep]))
-        later = (track[keep], mean[keep], cov[keep])
-    columns = [np.concatenate(x) for x in zip(*rows, strict=True)]
-    order = np.lexsort((columns[1], columns[0]))
-    return Trails(*(x[order] for x in columns))
+    frame = np.repeat(np.arange(len(history)), [len(node.track) for node in history])
+    track, group, mean, cov, predicted, around = map(np.concatenate, zip(*history, strict=True))
+    order = np.lexsort((frame, track))
+    if ended:
+        last_seen = np.full(track.max(initial=-1) + 1, -1)
+        np.maximum.at(last_seen, track[group >= 0], frame[group >= 0])
+        order = order[frame[order] <= last_seen[track[order]]]
+    trails = Trails(*(part[order] for part in (track, frame, group, mean, cov)))
+    predicted, around = predicted[order], around[order]
+    # Each row but the last of its track is smoothed with the next one.
+    early = np.flatnonzero(np.diff(trails.track) == 0)
+    early = early[np.argsort(trails.frame[early], kind="stable")]
+    steps = [transition(motion, float(dt))[0] for dt in np.diff(time)]
+    A = np.array(steps).reshape(-1, 5, 5)[trails.frame[early]]
+    gain = trails.covariance[early] @ A.transpose(0, 2, 1) @ np.linalg.inv(around[early + 1])
+    bounds = np.searchsorted(trails.frame[early], np.arange(len(history)))
+    for begin, end in list(pairwise(bounds))[::-1]:
+        now, later, G = early[begin:end], early[begin:end] + 1, gain[begin:end]
+        trails.mean[now] += np.einsum("tij,tj->ti", G, trails.mean[later] - predicted[later])
+        surprise = trails.covariance[later] - around[later]
+        trails.covariance[now] += G @ surprise @ G.transpose(0, 2, 1)
+    return trails
 
 
 def unlinked(frame: np.ndarray, state: np.ndarray, covariance: np.ndarray) -> Trails:
