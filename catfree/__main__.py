@@ -27,8 +27,9 @@ def main() -> int:
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet
     if sys.argv[1:2] and sys.argv[1] not in OF_WORKERS and jaxlib_version() <= LAST_WITH_OPTION:
         os.environ.setdefault("XLA_FLAGS", QUICK_COMPILATION)
-    if sys.argv[1:2] == ["shard"]:
-        os.environ.update(ONE_THREAD)  # as in the workers of other engines, to the byte
+    if sys.argv[1:2] in (["shard"], ["watch"]):
+        # A shard as in the workers of other engines, to the byte; instants are too short for more.
+        os.environ.update(ONE_THREAD)
     # Workers import this module, too, and NumPy must not count the processors before they start.
     from catfree.cli import main as command_line
 

@@ -38,6 +38,7 @@ STAGE_LABELS = {
     "offsets": "calibrating: clocks of cameras",
     "refinement": "refining the cameras",
     "windows": "checking the cameras",
+    "changes": "finding what changed",
     "second look": "looking again",
     "self-calibration": "learning the noise of boxes",
     "tracklets": "linking tracklets",

@@ -234,12 +234,19 @@ def test_a_missing_dask_is_named(files, tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_a_process_for_one_shard_uses_one_thread():
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["shard", "--plan", "none.json", "--index", "0"],
+        ["watch", "--scene", "none.json", "--frame-rate", "5"],
+    ],
+)
+def test_a_process_for_a_shard_or_for_instants_uses_one_thread(words):
     code = (
         "import os, sys\n"
         "from catfree.__main__ import main\n"
         "print('numpy' in sys.modules)\n"
-        "sys.argv = ['catfree', 'shard', '--plan', 'none.json', '--index', '0']\n"
+        f"sys.argv = ['catfree', *{words}]\n"
         f"print(main(), {{name: os.environ[name] for name in {list(ONE_THREAD)}}})"
     )
     command = [sys.executable, "-c", code]

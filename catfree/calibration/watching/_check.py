@@ -209,7 +209,7 @@ def check(
         progress=progress,
     )
     alpha = watched.seconds / 3600 / HOURS_PER_ALARM / TESTS
-    watched, course = follow_changes(watched, alpha, since=since)
+    watched, course = follow_changes(watched, alpha, since=since, progress=progress)
     turns = as_turns(course, watched.windows)
     judge = _Judge(watched, course, turns, alpha, since is not None)
     cameras = tuple(judge.camera(c) for c in range(scene.rig.camera_count))

@@ -160,7 +160,7 @@ def estimate_clocks(
         localization=localization,
         progress=progress,
     )
-    watched, course = follow_changes(watched, CHANCE, kinds=[LAG])
+    watched, course = follow_changes(watched, CHANCE, kinds=[LAG], progress=progress)
     step, registered = watched.sights.step, np.asarray(scene.rig.registered)
     constant, covariance = course.constant()
     rate, rate_covariance = course.rates()

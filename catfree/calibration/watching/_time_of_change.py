@@ -12,6 +12,7 @@ from catfree.calibration.watching._changes import KINDS, Course, fit_course
 from catfree.calibration.watching._matching import GATE, SPREAD, Correction, best, match
 from catfree.calibration.watching._sights import Sights
 from catfree.calibration.watching._windows import Watched
+from catfree.types._annotations import Progress, no_progress
 
 ELBOW = 4.0  # fall of twice the log likelihood within two standard deviations
 NEARBY = 3  # windows before and after, from which the errors there are taken
@@ -24,6 +25,7 @@ def follow_changes(
     *,
     kinds: Sequence[slice] = KINDS,
     since: int | None = None,
+    progress: Progress | None = None,
 ) -> tuple[Watched, Course]:
     """Fit the errors of all cameras, whose clocks may run at different rates.
 
@@ -36,6 +38,7 @@ def follow_changes(
         alpha: probability at which a change at one given window may be found though there is none.
         kinds: what may change.
         since: frame number before which nothing changes.
+        progress: called as `progress(stage, done, total)`.
 
     Returns:
         The recording with the divided windows, and its errors.
@@ -46,22 +49,24 @@ def follow_changes(
         later = (i for i, w in enumerate(watched.windows) if i and w.begin >= step)
         return fit_course(watched.windows, alpha, rates=True, kinds=kinds, first=next(later, 1))
 
-    again = _matched_again(watched, fitted(watched))
+    again = _matched_again(watched, fitted(watched), progress or no_progress)
     return again, fitted(again)
 
 
-def _matched_again(watched: Watched, course: Course) -> Watched:
+def _matched_again(watched: Watched, course: Course, report: Progress) -> Watched:
     """Match everybody with the errors of a course; divide windows within which one changed."""
     sights, windows, corrections = watched.sights, [], []
     frames = [time_of_change(watched, course, i)[0] for i in range(len(course.changes))]
     cuts = sorted({-(-(frame - sights.first) // sights.step) for frame in frames})
     for index, window in enumerate(watched.windows):
+        report("changes", index, len(watched.windows))
         inside = [cut for cut in cuts if window.begin < cut < window.stop]
         for begin, stop in pairwise([window.begin, *inside, window.stop]):
             start = _start(watched, course, index, begin, stop)
             solved, found = solve_window(sights, begin, stop, start, watched.noise)
             windows.append(solved)
             corrections.append(tuple(found))
+    report("changes", len(watched.windows), len(watched.windows))
     return replace(watched, windows=tuple(windows), corrections=tuple(corrections))
 
 
