@@ -175,7 +175,9 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
     number = {str(index): index for index in range(len(camera_names))}
     number |= {name: index for index, name in enumerate(camera_names)}
     words = [str(word).strip() for word in table[plain[camera]]]
-    for row, word in enumerate(words):
+    # The header of a CSV file is its row 1, as in what is said of boxes.
+    first = 0 if source.suffix.lower() == ".parquet" else 2
+    for row, word in enumerate(words, first):
         if word not in number:
             raise FileFormatError(
                 f"{source}, row {row}: there is no camera {quoted(word)} among "

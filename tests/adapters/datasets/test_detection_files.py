@@ -133,8 +133,8 @@ def test_missing_pictures_name_or_number_their_cameras(tmp_path_factory, rows, s
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("frame,camera\n3,C7\n", "row 0: there is no camera 'C7' among C1, C2, C10"),
-        ("frame,camera\n3,C1\n4,3\n", "row 1: there is no camera '3'"),
+        ("frame,camera\n3,C7\n", "row 2: there is no camera 'C7' among C1, C2, C10"),
+        ("frame,camera\n3,C1\n4,3\n", "row 3: there is no camera '3'"),
         ("frame,camera\n3.5,C1\n", "frame"),
         ("frame,camera\nx,C1\n", "column 'frame' holds a value that is not a number"),
         ("frame\n3\n", "no columns frame and camera"),
