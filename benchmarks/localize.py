@@ -15,6 +15,9 @@ import time
 
 import numpy as np
 
+from catfree.__main__ import QUICK_COMPILATION
+
+MATRICES = 200_000  # the yardstick: 3 x 3 matrices that NumPy inverts
 COLD = """
 import time
 start = time.perf_counter()
@@ -26,9 +29,6 @@ cf.localize(world.detections, world.scene, cf.Settings(method="{method}"))
 now = time.perf_counter()
 print(len(world.detections), now - begin, now - start)
 """
-
-
-MATRICES = 200_000  # the yardstick: 3 x 3 matrices that NumPy inverts
 
 
 def yardstick(repeats: int = 5) -> float:
@@ -102,8 +102,7 @@ def main() -> None:
     crowd = (options.people, options.background, options.method)
     count, first, total = cold(40, *crowd)
     print(f"cold process, 40 frames, {count} boxes: localize {first:.2f} s, all {total:.2f} s")
-    quick = os.environ.get("XLA_FLAGS", "") + " --xla_cpu_use_fusion_emitters=false"
-    _, first, total = cold(40, *crowd, XLA_FLAGS=quick)
+    _, first, total = cold(40, *crowd, XLA_FLAGS=QUICK_COMPILATION)
     print(f"as a command compiles it: localize {first:.2f} s, all {total:.2f} s")
     with tempfile.TemporaryDirectory() as folder:
         kept = {

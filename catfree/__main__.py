@@ -2,7 +2,6 @@
 
 import os
 import sys
-from importlib.metadata import version
 
 from catfree._run.sharded._worker import ONE_THREAD
 
@@ -16,6 +15,8 @@ OF_WORKERS = ("shard", "run-sites")
 
 def jaxlib_version() -> tuple[int, ...]:
     """Major and minor version of jaxlib, without importing it."""
+    from importlib.metadata import version  # not for workers, which import this module, too
+
     return tuple(map(int, version("jaxlib").split(".")[:2]))
 
 
@@ -25,9 +26,10 @@ def main() -> int:
     os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet
-    if sys.argv[1:2] and sys.argv[1] not in OF_WORKERS and jaxlib_version() <= LAST_WITH_OPTION:
+    command = "".join(sys.argv[1:2])
+    if command not in OF_WORKERS and jaxlib_version() <= LAST_WITH_OPTION:
         os.environ.setdefault("XLA_FLAGS", QUICK_COMPILATION)
-    if sys.argv[1:2] in (["shard"], ["watch"]):
+    if command in ("shard", "watch"):
         # A shard as in the workers of other engines, to the byte; instants are too short for more.
         os.environ.update(ONE_THREAD)
     # Workers import this module, too, and NumPy must not count the processors before they start.

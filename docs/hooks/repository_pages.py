@@ -26,16 +26,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for path in sorted(examples):
         code = path.read_text("utf-8")
         block = f"```{_LANGUAGES[path.suffix]}\n{code}```\n"
-        page = f"examples/{path.stem}.md"
-        files.append(
-            File.generated(
-                config,
-                page,
-                content=f"# {path.name}\n\n{block}",
-                inclusion=InclusionLevel.NOT_IN_NAV,
-            )
-        )
-        rows.append(f"| [{path.name}]({path.stem}.md) | {_summary(path, code)} |")
+        files.append(_page_of(path, f"# {path.name}\n\n{block}", config))
+        rows.append(_row_of(path, _summary(path, code)))
     text = "# Examples\n\nPrograms and notebooks of the folder `examples/`, which tests run.\n\n"
     listing = "\n".join(["| program | |", "|---|---|", *rows, *notebooks])
     files.append(File.generated(config, "examples/index.md", content=f"{text}{listing}\n"))
@@ -44,18 +36,25 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def _add_notebooks(files: Files, config: MkDocsConfig) -> list[str]:
     """Add a page for each notebook, with its stored outputs, and list them."""
-    rows = []
+    rows, exporter = [], MarkdownExporter()
     for path in sorted((ROOT / "examples" / "notebooks").glob("*.ipynb")):
-        exporter = MarkdownExporter()
         text, made = exporter.from_filename(str(path), resources={"unique_key": path.stem})
-        page = f"examples/{path.stem}.md"
-        out = InclusionLevel.NOT_IN_NAV
-        files.append(File.generated(config, page, content=text, inclusion=out))
+        files.append(_page_of(path, text, config))
         for name, content in made["outputs"].items():
             files.append(File.generated(config, f"examples/{name}", content=content))
-        title = text.removeprefix("# ").split("\n", 1)[0]
-        rows.append(f"| [{path.name}]({path.stem}.md) | {title} |")
+        rows.append(_row_of(path, text.removeprefix("# ").split("\n", 1)[0]))
     return rows
+
+
+def _page_of(path: Path, text: str, config: MkDocsConfig) -> File:
+    """The page of an example, which the list of examples links to."""
+    return File.generated(
+        config, f"examples/{path.stem}.md", content=text, inclusion=InclusionLevel.NOT_IN_NAV
+    )
+
+
+def _row_of(path: Path, summary: str) -> str:
+    return f"| [{path.name}]({path.stem}.md) | {summary} |"
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:

@@ -161,11 +161,12 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
     source = Path(path)
     if not source.is_file():
         raise InvalidInputError(f"There is no file {source} of missing pictures.")
+    first_row = 0
     if source.suffix.lower() == ".parquet":
         columns = read_parquet(source, "missing pictures")
         table: dict[str, Any] | None = {n: columns[n].to_numpy() for n in columns.column_names}
     else:
-        table = _table_of(source)
+        table, first_row = _table_of(source), 2  # the header is row 1, as in what it says of rows
     plain = {} if table is None else {name.lower(): name for name in table}
     frame, camera = _first(_FRAME, plain), _first(_CAMERA, plain)
     if table is None or frame is None or camera is None:
@@ -175,9 +176,7 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
     number = {str(index): index for index in range(len(camera_names))}
     number |= {name: index for index, name in enumerate(camera_names)}
     words = [str(word).strip() for word in table[plain[camera]]]
-    # The header of a CSV file is its row 1, as in what is said of boxes.
-    first = 0 if source.suffix.lower() == ".parquet" else 2
-    for row, word in enumerate(words, first):
+    for row, word in enumerate(words, first_row):
         if word not in number:
             raise FileFormatError(
                 f"{source}, row {row}: there is no camera {quoted(word)} among "

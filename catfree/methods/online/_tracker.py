@@ -249,18 +249,20 @@ class Tracker:
         scene, learned = self.scene, self._state.learned
         cameras = scene.rig.camera_count
 
-        def column(name: str, *shape: int) -> np.ndarray:
-            return np.concatenate([getattr(p, name) for p in parts] or [np.zeros((0, *shape))])
-
         rows = np.array([len(p.identity) for p in parts], np.int64)
         frame = np.repeat(np.array([_frame(p.time) for p in parts], np.int64), rows)
-        name = column("identity").astype(np.int64)
-        order = np.lexsort((name, frame))
+        identity = np.concatenate([np.zeros(0, np.int64), *(p.identity for p in parts)])
+        order = np.lexsort((identity, frame))
+
+        def column(name: str, *shape: int) -> np.ndarray:
+            values = [getattr(p, name) for p in parts] or [np.zeros((0, *shape))]
+            return np.concatenate(values)[order]
+
         unit = float(np.nan_to_num(learned.unit, nan=1.0))
         pace = unit / float(np.nan_to_num(learned.step, nan=1.0)) / MICROSECONDS
-        mean, spread = column("mean", 5)[order], column("covariance", 5, 5)[order]
-        covariance = column("position_covariance", 2, 2)[order] * unit**2
-        support = column("support", cameras)[order].astype(np.int64)
+        mean, spread = column("mean", 5), column("covariance", 5, 5)
+        covariance = column("position_covariance", 2, 2) * unit**2
+        support = column("support", cameras).astype(np.int64)
         registered = np.asarray(scene.rig.registered)
         basis = np.asarray(scene.ground.basis, np.float64)
         origin = (np.asarray(scene.rig.centers, np.float64)[registered] @ basis).mean(0)
@@ -268,14 +270,14 @@ class Tracker:
         detected = (support >= 0).any(1)
         return Tracks(
             frame=frame[order],
-            track_id=name[order],
+            track_id=identity[order],
             position=on_plane(xy, scene),
             ground_xy=xy,
             sigma=np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2),
             covariance=covariance,
             supporting_cameras=(support >= 0).sum(1),
             origin=np.where(detected, Origin.DETECTED, Origin.INTERPOLATED).astype(np.int64),
-            existence=column("existence")[order],
+            existence=column("existence"),
             support=support,
             velocity=mean[:, 3:] * pace,
             velocity_covariance=spread[:, 3:, 3:] * pace**2,
