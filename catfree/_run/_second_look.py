@@ -5,11 +5,8 @@ other cameras and moments tell the people apart. The detector still reports only
 shows.
 """
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -114,17 +111,17 @@ def look_again(
     if embedder is not None:
         known = first.embedding
         describe = Describer(embedder, known.shape[1] if known is not None and len(known) else None)
-    with ThreadPoolExecutor(min(len(detectors), os.cpu_count() or 1)) as pool:
-        for done, (tick, pictures) in enumerate(videos.pictures_from(), start=1):
-            look = partial(_look, tick, detectors, describe, expected, first)
-            seen = pool.map(look, pictures.items())
-            for index, (people, vectors) in zip(pictures, seen, strict=True):
-                frame.append(np.full(len(people), tick))
-                camera.append(np.full(len(people), index))
-                found.append(people)
-                embedding.append(vectors)
-            if progress is not None:
-                progress(STAGE, done, videos.frame_count)
+    for done, (tick, pictures) in enumerate(videos.pictures_from(), start=1):
+        for index, picture in pictures.items():
+            people, vectors = _look(
+                tick, index, picture, detectors[index], describe, expected, first
+            )
+            frame.append(np.full(len(people), tick))
+            camera.append(np.full(len(people), index))
+            found.append(people)
+            embedding.append(vectors)
+        if progress is not None:
+            progress(STAGE, done, videos.frame_count)
     if not found:
         raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
     vectors = embedding if embedder is not None else None
@@ -133,15 +130,15 @@ def look_again(
 
 def _look(
     frame: int,
-    detectors: Sequence[GuidedDetector],
+    camera: int,
+    image: Image,
+    detector: GuidedDetector,
     describe: Describer | None,
     expected: ExpectedPeople,
     first: Detections,
-    numbered: tuple[int, Image],
 ) -> tuple[FrameDetections, Float[np.ndarray, "n d"]]:
     """Detect the people of one camera at one instant and compute their embeddings."""
-    camera, image = numbered
-    detector, places = detectors[camera], expected.in_picture(frame, camera)
+    places = expected.in_picture(frame, camera)
     people = ask_for_people(lambda: detector.look_again(image, places), detector, camera, frame)
     if describe is None:
         return people, np.zeros((len(people), 0))

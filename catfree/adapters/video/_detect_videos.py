@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import count
 from threading import Lock
 
@@ -187,15 +188,12 @@ def detect_instant(
             for camera, people in zip(pictures, answers, strict=True)
         }
 
-    def ask(camera: int) -> FrameDetections:
+    people = {}
+    for camera, picture in pictures.items():
         detector = detectors[camera]
-        return ask_for_people(lambda: detector(pictures[camera]), detector, camera, frame)
-
-    if len({id(detectors[camera]) for camera in pictures}) == len(pictures) > 1:
-        # Detectors that were fitted to their cameras share nothing: one thread each.
-        with ThreadPoolExecutor(min(len(pictures), os.cpu_count() or 1)) as pool:
-            return dict(zip(pictures, pool.map(ask, pictures), strict=True))
-    return {camera: ask(camera) for camera in pictures}
+        call = partial(detector, picture)
+        people[camera] = ask_for_people(call, detector, camera, frame)
+    return people
 
 
 def collect_detections(
