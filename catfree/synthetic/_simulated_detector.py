@@ -6,8 +6,8 @@ No constant here was chosen to favor a method; each states what it imitates.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its signal processing, which takes long to import, where it is used
 from jaxtyping import Bool, Float, Int
-from scipy.signal import lfilter
 from scipy.special import expit, ndtr
 
 from catfree.synthetic._silhouettes import ROWS, Silhouettes, observe
@@ -137,7 +137,7 @@ def _draw_detected(
     frames, people = walkers.present.shape
     drive = rng.standard_normal((frames, people, cameras))
     drive[1:] *= np.sqrt(1 - memory**2)
-    luck = ndtr(lfilter([1.0], [1.0, -memory], drive, axis=0))
+    luck = ndtr(scipy.signal.lfilter([1.0], [1.0, -memory], drive, axis=0))
     return luck[bodies.frame, bodies.person, bodies.camera] < rate
 
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # its statistics, which take long to import, where they are used
 from jaxtyping import Bool, Float
-from scipy.stats import chi2
 
 from catfree.calibration.people._register import Calibration
 from catfree.calibration.people.adjustment._anchor_residuals import (
@@ -440,7 +440,7 @@ def _fit(
         inverse = np.where(checked, 1 / np.where(checked, share, 1), np.nan)
         white = axes.T @ root.T @ error[k]
         squared = np.nansum(inverse * white**2)
-        log_p.append(chi2.logsf(squared, checked.sum()) if checked.any() else 0.0)
+        log_p.append(scipy.stats.chi2.logsf(squared, checked.sum()) if checked.any() else 0.0)
         innovation.append(root @ axes @ (inverse * white))
         spread.append(root @ axes @ (inverse[:, None] * axes.T) @ root.T)
     return _Fit(at, place, joint, innovation, spread, np.array(log_p), float(off @ error))
@@ -457,7 +457,7 @@ def _unused(
     by_pixel = linear.by_pixel[0, :size]
     off = _turned(measurement.value - linear.value[0, :size], measurement.kind)
     spread = J @ fit.covariance @ J.T + _noise(measurement, by_pixel)
-    return off, spread, float(chi2.logsf(off @ np.linalg.solve(spread, off), size))
+    return off, spread, float(scipy.stats.chi2.logsf(off @ np.linalg.solve(spread, off), size))
 
 
 def _noise(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from catfree.calibration.watching._agreement import PARAMETERS, Window, prior
 
@@ -318,7 +318,7 @@ def _strongest(
         change = inverse @ score[window:].sum(0)
         covariance = noise * (inverse + 1e-12 * np.eye(size)) + floor
         squared = float(change @ np.linalg.solve(covariance, change))
-        chance = float(f_distribution.sf(squared / size, size, freedom))
+        chance = float(fdtrc(size, freedom, squared / size))
         if chance < best[0]:
             best = chance, Change(camera, kind, window)
     return best

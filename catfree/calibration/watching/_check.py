@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from catfree.calibration.watching._agreement import PARAMETERS
 from catfree.calibration.watching._changes import (
@@ -267,7 +267,7 @@ class _Judge:
         found = self._without_people(camera)
         measured = found is None
         if found is None:
-            chance = float(norm.isf(self.alpha / 2))
+            chance = float(-ndtri(self.alpha / 2))
             off = ground / sights.unit if angle > chance * angle_sd else 0.0
             is_late = abs(lag) > max(LATE, chance * lag_sd)
             found = self._from_errors(turns, jumps, off, is_late=is_late)

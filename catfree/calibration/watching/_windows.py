@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+import scipy  # its statistics, which take long to import, where they are used
 from jaxtyping import Bool, Float, Int
-from scipy.stats import theilslopes
 
 from catfree.calibration.watching._agreement import Window, solve_window
 from catfree.calibration.watching._matching import CELL, Correction, best
@@ -179,7 +179,7 @@ def _usual(
             continue
         turn = np.median([corrections[w][camera].turn for w in told], axis=0)
         lag = [corrections[w][camera].lag for w in told]
-        slope, at_zero, *_ = theilslopes(lag, time[told])
+        slope, at_zero, *_ = scipy.stats.theilslopes(lag, time[told])
         for window in range(len(windows)):
             usual[window][camera] = Correction(turn, float(at_zero + slope * time[window]))
     return usual
