@@ -18,8 +18,8 @@ from catfree.geometry._buckets import coarse_length, fine_length
 from catfree.methods.evidence._gaussian import Information, log_evidence
 from catfree.methods.evidence.group._groups import Groups, Priors, collect_groups, prior_information
 
-PAIR_BLOCK = 2**14  # pairs computed at a time: fits a cache
-FEWEST_PAIRS = 2**11  # of a single instant; for fewer, another compilation does not pay
+PAIR_BLOCK = 2**11  # pairs computed at a time: fits a cache
+FEWEST_PAIRS = 2**14  # to pad to: padding takes less time than another compilation
 BITS = 31  # cameras per word, with or without 64-bit integers
 PAIRS_AT_A_TIME = 1 << 18  # neighbors processed together: fits a cache
 
@@ -110,8 +110,7 @@ def merge_groups(
     Args:
         info: (N) information of each item.
         camera: (N,) camera of each item (C for a track prior); a group has each at most once.
-        pairs: (P, 2) candidate pairs, padded with (0, 0) to `FEWEST_PAIRS` or a multiple of
-            `PAIR_BLOCK`.
+        pairs: (P, 2) candidate pairs, padded with (0, 0) to a multiple of `PAIR_BLOCK`.
         count: of the pairs without padding; blocks of nothing but padding cost nothing.
         members: (N, C) the item's own index at its camera, -1 elsewhere.
         looks: (F, D, D) weighted appearance log-likelihood ratios, or (1, 1, 1).
@@ -126,11 +125,10 @@ def merge_groups(
     N = camera.shape[0]
     item_evidence = log_evidence(info, density, spread)
     rows = jnp.arange(N)
-    size = min(PAIR_BLOCK, len(pairs))
-    blocks = (count + size - 1) // size
+    blocks = (count + PAIR_BLOCK - 1) // PAIR_BLOCK
 
     def roots(root, block):
-        pair = root[jax.lax.dynamic_slice_in_dim(pairs, block * size, size)]
+        pair = root[jax.lax.dynamic_slice_in_dim(pairs, block * PAIR_BLOCK, PAIR_BLOCK)]
         return pair.min(1), pair.max(1)
 
     def gains(a, b, matrix, vector, constant, evidence, mask, members):
@@ -154,12 +152,12 @@ def merge_groups(
             gain, best = carry
             a, b = roots(root, block)
             here = gains(a, b, *groups)
-            gain = jax.lax.dynamic_update_slice_in_dim(gain, here, block * size, 0)
+            gain = jax.lax.dynamic_update_slice_in_dim(gain, here, block * PAIR_BLOCK, 0)
             return gain, best.at[a].max(here).at[b].max(here)
 
         def find_partner(block, partner):
             a, b = roots(root, block)
-            here = jax.lax.dynamic_slice_in_dim(gain, block * size, size)
+            here = jax.lax.dynamic_slice_in_dim(gain, block * PAIR_BLOCK, PAIR_BLOCK)
             hopeful = jnp.isfinite(here)
             return (
                 partner
