@@ -1,16 +1,44 @@
 """Strict JAX for every test: no silent promotion, shapes checked, both float widths available."""
 
+import functools
 import gc
 import itertools
 import os
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import jax
 import pytest
+from beartype import beartype
 from hypothesis import HealthCheck, settings
 from jaxtyping import install_import_hook
 
-install_import_hook("catfree", "beartype.beartype")
+# Checking every call of every function would take a quarter of the time of all tests. Each test
+# checks this many times per function: before a call its arguments, after it also its result.
+CHECKS = 20
+_checks: Counter[str] = Counter()
+
+
+def check_first_calls(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Let beartype check only the first calls of a function in each test."""
+    name = f"{function.__module__}.{function.__qualname__}"
+    if _checks[name] >= CHECKS:  # of a function within another one
+        return function
+    checked = beartype(function)
+
+    @functools.wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        if _checks[name] >= CHECKS:
+            return function(*args, **kwargs)
+        _checks[name] += 1
+        return checked(*args, **kwargs)
+
+    return call
+
+
+install_import_hook("catfree", f"{__name__}.check_first_calls")
 
 # Tests compile thousands of small functions, in half the time with these flags; results are equally
 # exact. (Level 0 of optimization is faster still, but jaxlib 0.10.2 computes wrong Hessians then.)
@@ -56,6 +84,11 @@ MOST_MAPPINGS = 15_000
 TESTS_BETWEEN = 20  # counting tens of thousands of mappings takes a few hundredths of a second
 
 _tests = itertools.count(1)
+
+
+def pytest_runtest_setup() -> None:
+    """Check the first calls of this test."""
+    _checks.clear()
 
 
 def pytest_runtest_teardown() -> None:
