@@ -19,6 +19,7 @@ from catfree.calibration import Calibration, remove_offsets
 from catfree.calibration.people import offset_for
 from catfree.calibration.watching import WHOLE_FRAME, estimate_clocks
 from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.geometry._person import edge_deviation
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._sampling import frame_step
@@ -225,7 +226,7 @@ def tiny_boxes(detections: Detections, settings: CalibrationSettings) -> str | N
         return None
     height = np.asarray(detections.height, np.float64)
     # The noise of a height is that of its two edges.
-    noise = np.sqrt(2) * settings.edge_deviation(height)
+    noise = np.sqrt(2) * edge_deviation(height, settings.relative_sd, settings.pixel_sd)
     if np.mean(height < DEVIATIONS_TO_MEASURE * noise) <= 0.5:
         return None
     return (

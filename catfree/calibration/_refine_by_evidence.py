@@ -20,6 +20,7 @@ from catfree.calibration.people.adjustment._box_measurements import BoxMeasureme
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, X, from_matrices, rotation
 from catfree.errors import InsufficientDataError
 from catfree.geometry import CanonicalFrame, Similarity, transform_scene
+from catfree.geometry._person import edge_deviation
 from catfree.methods.evidence.observe._boxes import undistort
 from catfree.methods.paper.association import (
     Observations,
@@ -173,7 +174,8 @@ def _people_of_paper(
     member = np.where(groups.member >= 0, observations.row[groups.member], -1)
     cameras = int((member >= 0).any(0).sum())
     fewest = max(fewest, -(-cameras // 2))
-    sd = settings.calibration.edge_deviation(detections.height)
+    rules = settings.calibration
+    sd = edge_deviation(detections.height, rules.relative_sd, rules.pixel_sd)
     return ConfidentPeople(
         member[(member >= 0).sum(1) >= fewest],
         np.repeat(sd[:, None], 3, axis=1),

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 
 @dataclass(frozen=True)
 class CalibrationSettings:
@@ -144,7 +142,3 @@ class CalibrationSettings:
     def apparent_height(self) -> float:
         """Mean height of boxes in meters, including the slack."""
         return self.person_height * (1 + self.box_slack)
-
-    def edge_deviation(self, height: np.ndarray) -> np.ndarray:
-        """Standard deviation in pixels of box edges, for box heights in pixels."""
-        return np.hypot(self.pixel_sd, self.relative_sd * height)

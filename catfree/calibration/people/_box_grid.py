@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.calibration.people._radial_lens import RadialLenses
-from catfree.geometry._person import cut_by_border
+from catfree.geometry._person import cut_by_border, edge_deviation
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
 from catfree.types._sampling import evenly_spread
@@ -114,13 +114,14 @@ def grid_boxes(
     edges = np.column_stack([middle, box[row, 1] - center[:, 1], box[row, 3] - center[:, 1]])
     if lenses is not None:
         edges = lenses.straightened(camera[row], edges)
+    sd = edge_deviation(edges[:, 2] - edges[:, 1], settings.relative_sd, settings.pixel_sd)
     row_grid = np.full(shape, -1)
     row_grid[at] = row
     return BoxGrid(
         u=spread(edges[:, 0]),
         top=spread(edges[:, 1]),
         bottom=spread(edges[:, 2]),
-        sd=np.where(row_grid >= 0, spread(settings.edge_deviation(edges[:, 2] - edges[:, 1])), 1.0),
+        sd=np.where(row_grid >= 0, spread(sd), 1.0),
         valid=row_grid >= 0,
         row=row_grid,
         size=size,

@@ -26,6 +26,7 @@ from catfree.calibration.people.cameras._rig_deviation import (
 )
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
+from catfree.geometry._person import edge_deviation
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Scene
 
@@ -99,7 +100,7 @@ def refine_with_correspondences(
         -1,
     )
     if box_sd is None:
-        sd = settings.edge_deviation(box[:, 2] - box[:, 1])
+        sd = edge_deviation(box[:, 2] - box[:, 1], settings.relative_sd, settings.pixel_sd)
         sd = np.repeat(sd[:, None], 3, axis=1)
     else:
         sd = np.asarray(box_sd, np.float64)[row]

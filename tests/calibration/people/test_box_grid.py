@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.calibration.people._box_grid import grid_boxes
+from catfree.geometry._person import edge_deviation
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections
 
@@ -57,7 +58,8 @@ def test_every_whole_box_is_in_one_slot_of_its_camera_and_frame(seed):
     np.testing.assert_allclose(grid.u[grid.valid], (left + right) / 2 - across)
     np.testing.assert_allclose(grid.top[grid.valid], top - down)
     np.testing.assert_allclose(grid.bottom[grid.valid], bottom - down)
-    np.testing.assert_allclose(grid.sd[grid.valid], RULES.edge_deviation(bottom - top))
+    sd = edge_deviation(bottom - top, RULES.relative_sd, RULES.pixel_sd)
+    np.testing.assert_allclose(grid.sd[grid.valid], sd)
     assert (grid.sd > 0).all()
 
 
