@@ -30,6 +30,7 @@ def write_failure(
     *,
     embeddings: bool = False,
     blur: bool = False,
+    pictures: bool = True,
 ) -> list[Path]:
     """Write the partial results of a failed run.
 
@@ -39,6 +40,7 @@ def write_failure(
         unfinished: the partial results; nothing is written before detection has finished.
         embeddings: write the boxes' appearance vectors, too.
         blur: make the people in the picture unrecognizable.
+        pictures: write the picture.
 
     Returns:
         The files: `boxes/CAMERA.txt`, `detections.npz`, `pictures/boxes.jpg`, `report.md` and
@@ -52,12 +54,17 @@ def write_failure(
     if videos is None or detections is None:
         return []
     root = Path(folder)
-    (root / "pictures").mkdir(parents=True, exist_ok=True)
     files = write_boxes(root / "boxes", detections, videos.camera_names, videos.frames)
     stored = detections if embeddings else replace(detections, embedding=None)
     stored.save(root / "detections.npz")
-    sheet = root / "pictures" / "boxes.jpg"
-    write_sheet(sheet, _fullest_instant(videos, detections, blur))
+    files.append(root / "detections.npz")
+    shown: list[Block] = []
+    if pictures:
+        sheet = root / "pictures" / "boxes.jpg"
+        sheet.parent.mkdir(exist_ok=True)
+        write_sheet(sheet, _fullest_instant(videos, detections, blur))
+        files.append(sheet)
+        shown.append(Picture("pictures/boxes.jpg", "the instant with the most boxes"))
     cameras = range(len(videos.camera_names))
     per_camera = [detections[detections.camera == camera] for camera in cameras]
     feet = [share_of_feet(per_camera[camera], videos.image_size[camera]) for camera in cameras]
@@ -66,11 +73,11 @@ def write_failure(
         Notice("Why this run failed", (str(error), *hidden_feet(videos.camera_names, feet))),
         *describe_warnings(unfinished.warnings),
         Heading("What the detector saw"),
-        Picture("pictures/boxes.jpg", "the instant with the most boxes"),
+        *shown,
         box_table(videos.camera_names, per_camera, feet),
         *describe_footage(videos),
     ]
-    return [*files, root / "detections.npz", sheet, *write_blocks(root, blocks)]
+    return [*files, *write_blocks(root, blocks)]
 
 
 def box_table(

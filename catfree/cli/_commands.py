@@ -72,7 +72,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 @contextlib.contextmanager
-def _report_of_failure(out: Path, *, embeddings: bool = False, blur: bool = False) -> Iterator[Any]:
+def _report_of_failure(
+    out: Path, *, embeddings: bool = False, blur: bool = False, pictures: bool = True
+) -> Iterator[Any]:
     """Yield the partial results of a run; if it fails, write them and name the report."""
     from catfree._run._failed_run import write_failure
     from catfree._run._run import Unfinished
@@ -82,12 +84,14 @@ def _report_of_failure(out: Path, *, embeddings: bool = False, blur: bool = Fals
         yield unfinished
     except CatFreeError as error:
         try:
-            files = write_failure(out, error, unfinished, embeddings=embeddings, blur=blur)
+            files = write_failure(
+                out, error, unfinished, embeddings=embeddings, blur=blur, pictures=pictures
+            )
         except (CatFreeError, OSError):  # report the first error
             files = []
         if not files:
             raise
-        message = f"{error} A picture of the detected boxes is in {out / 'report.html'}."
+        message = f"{error} What the detector saw is in {out / 'report.html'}."
         raise type(error)(message) from error
 
 
@@ -224,7 +228,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         networks = open_detector(detector), open_embedder(embedder)
         finder = open_reconstructor(reconstructor)
         print_table(footage_table(footage), aside=True)
-        on_failure = _report_of_failure(out, embeddings=embeddings, blur=blur)
+        on_failure = _report_of_failure(out, embeddings=embeddings, blur=blur, pictures=pictures)
         with on_failure as unfinished, progress_bars() as progress:
             outcome = run_stages(
                 footage,
@@ -375,6 +379,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         max_offset: int = 0,
         anchors: Path | None = None,
         image_size: tuple[int, int] | None = None,
+        pictures: bool = True,
+        blur: bool = False,
     ) -> None:
         """Find cameras and ground in meters from the people in videos, or from their boxes.
 
@@ -390,6 +396,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             max_offset: largest clock offset of a single camera, in frames, to search and correct.
             anchors: JSON file of known lengths, cameras and points.
             image_size: width and height of the images in pixels, where boxes do not state them.
+            pictures: if no cameras are found, write a picture of the boxes.
+            blur: make people unrecognizable in it.
         """
         known_anchors = open_anchors(anchors)
         if are_boxes(videos):
@@ -414,7 +422,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         print_table(footage_table(footage), aside=True)
         require_distinct_videos(footage)
         stages = StageCache(out / "cache" if cache is None else cache)
-        with _report_of_failure(out) as unfinished, progress_bars() as progress:
+        on_failure = _report_of_failure(out, blur=blur, pictures=pictures)
+        with on_failure as unfinished, progress_bars() as progress:
             unfinished.videos, unfinished.warnings = footage, footage_warnings(footage)
             boxes = detect(footage, finder, cache=stages, progress=progress)
             unfinished.detections = boxes
@@ -513,7 +522,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         """Draw the pictures of a finished run again.
 
         Args:
-            results: folder that `catfree run` or `catfree demo` wrote.
+            results: folder that `catfree run`, `catfree localize` or `catfree demo` wrote.
             out: folder for the pictures; `pictures` in the results folder if not given.
         """
         from catfree._run._result_folder import draw_pictures, read_results
@@ -532,7 +541,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         """Count positions per cell of the ground, without cells that few people visited.
 
         Args:
-            results: folder that `catfree run` or `catfree demo` wrote.
+            results: folder that `catfree run`, `catfree localize` or `catfree demo` wrote.
             out: CSV file; `heat_map.csv` in the results folder if not given. With matplotlib, a
                 picture is written beside it.
             cell: side of a cell in meters, or in scene units if the scale is unknown.

@@ -63,6 +63,19 @@ def test_what_the_detector_saw_is_written_with_the_reason(tmp_path):
     assert not (tmp_path / "none").exists()
 
 
+def test_no_picture_of_people_is_written_unless_wanted(tmp_path):
+    videos = SynchronizedVideos(write_noise(tmp_path))
+    boxes = Detections([3, 3], [0, 1], np.array([[10.0, 10, 20, 30], [40, 10, 50, 40]]))
+    unfinished = Unfinished(videos, boxes)
+    files = write_failure(tmp_path / "out", CalibrationError("No."), unfinished, pictures=False)
+    assert all(path.is_file() for path in files)
+    assert list((tmp_path / "out").rglob("*.jpg")) == []
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "What the detector saw" in page
+    assert "<img" not in page
+    assert "data:image" not in page
+
+
 def test_cameras_that_see_no_feet_are_named(tmp_path):
     videos = SynchronizedVideos(write_noise(tmp_path))
     cut, whole = [10.0, 40, 30, SIZE[1] - 1], [40.0, 10, 50, 40]
@@ -84,7 +97,8 @@ def test_cameras_that_see_no_feet_are_named(tmp_path):
 def test_a_failed_command_names_its_report(command, tmp_path, capsys):
     videos = [str(path) for path in write_noise(tmp_path)]
     out = tmp_path / "out"
-    assert cli.main([command, *videos, "--out", str(out)]) == 1
+    assert cli.main([command, *videos, "--out", str(out), "--no-pictures"]) == 1
+    assert list(out.rglob("*.jpg")) == []
     said = capsys.readouterr().err
     assert said.strip().splitlines()[-1].endswith(f"is in {out / 'report.html'}.")
     assert "seconds" in said  # the footage, before the work
