@@ -32,7 +32,7 @@ def main() -> None:
         cache_dir=f"{options.out}/cache",
         progress=lambda stage, done, total: print(f"\r{stage} {done}/{total}   ", end=""),
     )
-    write_results(options.out, outcome)
+    write_results(options.out, outcome, videos=outcome.videos)
     tracks = outcome.localization.tracks
     print(f"\n{len(set(tracks.track_id.tolist()))} tracks; see {options.out}/report.html")
 

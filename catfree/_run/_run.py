@@ -134,7 +134,8 @@ def run(
         scene_names: (C,) names of the scene's cameras, to match videos in another order by name;
             None takes those of the scene's file.
         maximum_offset: largest clock offset of a single camera, in frames, to search and correct
-            when the cameras are found from people; 0 trusts the frame numbers.
+            before the cameras are found from people; lags of a few frames are corrected in any
+            case.
         anchors: what is known about the site, when the cameras are found from people; see
             `calibrate`.
 

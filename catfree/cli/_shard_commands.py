@@ -42,7 +42,7 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
         Args:
             recording: one video file or image folder per camera, or a single file of saved boxes
                 (.npz or .parquet), or a folder of Parquet files.
-            scene: known cameras and ground (scene.json).
+            scene: known cameras and ground (scene.json, or any calibration format).
             out: folder for the results; the plan is `_shards/plan.json` in it.
             every: seconds per shard.
             overlap: seconds that neighboring shards share.

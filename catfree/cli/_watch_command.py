@@ -34,7 +34,7 @@ def watch_command() -> dict[str, Callable[..., None]]:
             frame_rate: instants per second.
             lag: seconds after which positions are final.
             timeout: seconds, by the times in the lines, to wait for missing cameras although a
-                newer instant began.
+                newer instant began; a newer one that is complete ends the wait.
             provisional: also write the positions of now, which later frames may correct.
         """
         from catfree.methods.online import Tracker

@@ -69,7 +69,8 @@ def run_shards(
     Raises:
         ShardError: after everything else has finished, naming each recording that failed and why;
             its attribute `finished` holds the other tables.
-        InvalidInputError: if the plan is empty, a site has no scene, or `executor` is no executor.
+        InvalidInputError: if the plan is empty, a site has no scene, or `executor` is not
+            an executor.
         ForkedProcessError: if the executor would fork its processes.
     """
     recordings = _by_recording(plan)

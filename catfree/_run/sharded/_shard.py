@@ -38,7 +38,7 @@ class Shard:
         count: number of shards of the recording.
         first: first frame whose positions the shard reports.
         stop: frame after the last one.
-        first_seen: first frame that it looks at, earlier than `first` by the overlap.
+        first_seen: first frame that it looks at, earlier than `first` by half the overlap.
         stop_seen: frame after the last one that it looks at.
         clock: time of the frames.
         source: fingerprint of the recording.

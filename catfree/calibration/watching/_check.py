@@ -96,7 +96,7 @@ class CameraCheck:
         degrees: angle of the turn.
         degrees_sd: its standard deviation.
         pixels: mean distance by which the turn displaces people in the image.
-        ground: mean distance by which it displaces them on the ground, in scene units.
+        ground: median distance by which it displaces them on the ground, in scene units.
         lag: frame numbers by which it shows an earlier instant than they say.
         lag_sd: its standard deviation.
         matched: share of the people whom other cameras see, and who should be in its image, that
