@@ -107,41 +107,6 @@ def _box_table(boxes: Any) -> Any:
     return Table(("camera", "boxes", "frames with boxes", "median height (px)"), tuple(rows))
 
 
-def _calibrate_from_boxes(
-    paths: tuple[Path, ...],
-    out: Path,
-    cache: Path | None,
-    max_offset: int,
-    known_anchors: tuple[Any, ...],
-    image_size: tuple[int, int] | None,
-) -> None:
-    """Do what `calibrate` does with files of boxes."""
-    from catfree._run._cache import StageCache
-    from catfree._run._input_checks import calibration_warnings
-    from catfree._run._report import camera_table
-    from catfree._run._result_folder import write_rig
-    from catfree._run._stages import calibrate_cameras
-    from catfree.settings import Settings
-
-    boxes = open_boxes(paths, image_size=image_size)
-    print_table(_box_table(boxes), aside=True)
-    with progress_bars() as progress:
-        found = calibrate_cameras(
-            boxes,
-            None,
-            boxes.detections,
-            maximum_offset=max_offset,
-            anchors=known_anchors,
-            cache=StageCache(out / "cache" if cache is None else cache),
-            progress=progress,
-        )
-        warnings = calibration_warnings(found, boxes.detections, boxes, Settings())
-    write_rig(out, found.scene, boxes.camera_names)
-    warn(warnings)
-    print_table(camera_table(found.scene, boxes.camera_names, found))
-    print_text(f"The rig is in {out}.")
-
-
 def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
     """Sub-commands by name, built here because their annotations need tyro."""
     positional = tyro.conf.Positional
@@ -399,11 +364,9 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             pictures: if no cameras are found, write a picture of the boxes.
             blur: make people unrecognizable in it.
         """
-        known_anchors = open_anchors(anchors)
-        if are_boxes(videos):
-            _calibrate_from_boxes(videos, out, cache, max_offset, known_anchors, image_size)
-            return
-        require_files(videos, detector=detector)
+        known_anchors, of_boxes = open_anchors(anchors), are_boxes(videos)
+        if not of_boxes:
+            require_files(videos, detector=detector)
         from catfree._run._cache import StageCache
         from catfree._run._input_checks import (
             calibration_warnings,
@@ -416,19 +379,27 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree.adapters.background._background_detector import BackgroundDetector
         from catfree.settings import Settings
 
-        on_error = "keep" if keep_before_damage else "raise"
-        footage = open_videos(videos, stride=stride, offsets=offsets, on_error=on_error)
-        finder = open_detector(detector) or BackgroundDetector()
-        print_table(footage_table(footage), aside=True)
-        require_distinct_videos(footage)
         stages = StageCache(out / "cache" if cache is None else cache)
+        source: Any
+        if of_boxes:
+            source, finder = open_boxes(videos, image_size=image_size), None
+            print_table(_box_table(source), aside=True)
+        else:
+            on_error = "keep" if keep_before_damage else "raise"
+            source = open_videos(videos, stride=stride, offsets=offsets, on_error=on_error)
+            finder = open_detector(detector) or BackgroundDetector()
+            print_table(footage_table(source), aside=True)
+            require_distinct_videos(source)
         on_failure = _report_of_failure(out, blur=blur, pictures=pictures)
         with on_failure as unfinished, progress_bars() as progress:
-            unfinished.videos, unfinished.warnings = footage, footage_warnings(footage)
-            boxes = detect(footage, finder, cache=stages, progress=progress)
-            unfinished.detections = boxes
+            if finder is None:
+                boxes = source.detections
+            else:
+                unfinished.videos, unfinished.warnings = source, footage_warnings(source)
+                boxes = detect(source, finder, cache=stages, progress=progress)
+                unfinished.detections = boxes
             calibration = calibrate_cameras(
-                footage,
+                source,
                 finder,
                 boxes,
                 maximum_offset=max_offset,
@@ -437,13 +408,13 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 progress=progress,
             )
             warnings = unfinished.warnings + calibration_warnings(
-                calibration, boxes, footage, Settings()
+                calibration, boxes, source, Settings()
             )
-        if footage.interruption is not None:
-            fail(f"Used only the footage before the damage: {footage.interruption}")
-        write_rig(out, calibration.scene, footage.camera_names)
+        if not of_boxes and source.interruption is not None:
+            fail(f"Used only the footage before the damage: {source.interruption}")
+        write_rig(out, calibration.scene, source.camera_names)
         warn(warnings)
-        print_table(camera_table(calibration.scene, footage.camera_names, calibration))
+        print_table(camera_table(calibration.scene, source.camera_names, calibration))
         print_text(f"The rig is in {out}.")
 
     def evaluate(
