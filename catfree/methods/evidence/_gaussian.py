@@ -43,20 +43,6 @@ class Information(eqx.Module):
     vector: Float[Array | np.ndarray, "*n 3"]
     constant: Float[Array | np.ndarray, "*n"]
 
-    def __add__(self, other: "Information") -> "Information":
-        return Information(
-            self.matrix + other.matrix,
-            self.vector + other.vector,
-            _array(self.constant + other.constant),
-        )
-
-    def __sub__(self, other: "Information") -> "Information":
-        return Information(
-            self.matrix - other.matrix,
-            self.vector - other.vector,
-            _array(self.constant - other.constant),
-        )
-
     def __getitem__(self, rows) -> "Information":
         return Information(self.matrix[rows], self.vector[rows], self.constant[rows])
 

@@ -90,7 +90,7 @@ def first_state(
         noise=noise,
         measurements=measurements,
         ratios=None,
-        groups=Groups(rows, np.zeros((0, cameras), np.int64), rows, nothing, nothing, numbers),
+        groups=Groups(rows, np.zeros((0, cameras), np.int64), nothing, numbers),
         place=np.zeros((0, 3)),
         place_covariance=np.zeros((0, 3, 3)),
         rate=rate_before_counting(heights, settings),

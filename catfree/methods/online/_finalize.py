@@ -155,7 +155,7 @@ def finalize(
     look, boxes = (np.concatenate([getattr(i, n) for i in window]) for n in ("look", "boxes"))
     empty = np.zeros(first[-1], np.int64)
     support = np.zeros((first[-1], len(learned.active)), np.int64)
-    groups = Groups(empty, support, empty, info, info, np.zeros(first[-1]))
+    groups = Groups(empty, support, info, np.zeros(first[-1]))
     likeness = likeness_of(learned) if settings.link_by_looks else None
     looks = None
     if likeness is not None:

@@ -38,6 +38,10 @@ def stack(items):
     )
 
 
+def together(one, other):
+    return jax.tree.map(lambda a, b: np.asarray(a + b), one, other)
+
+
 @given(informations())
 def test_written_out_algebra_equals_numpy(items):
     M, v = items[0].matrix + np.eye(3), items[0].vector
@@ -50,7 +54,7 @@ def test_written_out_algebra_equals_numpy(items):
 @given(informations(2), st.floats(0.01, 1.0), st.floats(0.03, 0.2))
 def test_evidence_is_the_integral_of_the_likelihoods(items, density, spread):
     """The height is integrated numerically, the plane in closed form."""
-    joint = items[0] + items[1]
+    joint = together(*items)
 
     def slice_at(h):
         M, b = joint.matrix, joint.vector
@@ -77,8 +81,8 @@ def test_evidence_is_the_integral_of_the_likelihoods(items, density, spread):
 @given(informations(3))
 def test_evidence_does_not_depend_on_the_order_of_the_cameras(items):
     a, b, c = items
-    left = stack([(a + b) + c])
-    right = stack([c + (b + a)])
+    left = stack([together(together(a, b), c)])
+    right = stack([together(c, together(b, a))])
     np.testing.assert_allclose(
         log_evidence(left, 0.1, 0.05), log_evidence(right, 0.1, 0.05), rtol=1e-9, atol=1e-9
     )

@@ -158,8 +158,7 @@ def test_tracks_linked_a_few_at_a_time_are_the_same(monkeypatch):
     info = Information(
         np.tile(np.eye(3) / 0.05**2, (100, 1, 1)), state / 0.05**2, (state**2).sum(1) / 0.05**2
     )
-    none = np.full(100, -1)
-    groups = Groups(frame, np.zeros((100, 1), int), none, info, info, np.zeros(100))
+    groups = Groups(frame, np.zeros((100, 1), int), info, np.zeros(100))
 
     def tracks():
         return follow(

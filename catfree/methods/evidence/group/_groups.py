@@ -19,17 +19,13 @@ class Groups:
     Attributes:
         frame: (H,) frame index.
         member: (H, C) row of `Boxes`, or -1.
-        prior: (H,) row of the joined track prior, among the rows after the boxes, or -1.
         info: (H) information of the boxes alone, without priors.
-        full: (H) the same with the track prior.
         gain: (H,) log evidence for one person minus that for separate ones, without appearance.
     """
 
     frame: Int[np.ndarray, " group"]
     member: Int[np.ndarray, "group cam"]
-    prior: Int[np.ndarray, " group"]
     info: Information
-    full: Information
     gain: np.ndarray
 
     def __len__(self) -> int:
@@ -112,24 +108,15 @@ def collect_groups(
     heads = heads[has_box]
     H = len(heads)
     member = np.full((H, cameras), -1)
-    prior = np.full(H, -1)
     group_of = np.full(len(root), -1)
     group_of[items] = index
     member[group_of[boxes], camera[boxes]] = boxes
-    tracks = items[camera[items] == cameras]
-    prior[group_of[tracks]] = tracks
     box_info = _sum(info, member)
-    parts = (box_info.matrix, box_info.vector, box_info.constant)
-    with_prior = Information(*(part.copy() for part in parts))
-    has_prior = prior >= 0
-    with_prior.matrix[has_prior] += info.matrix[prior[has_prior]]
-    with_prior.vector[has_prior] += info.vector[prior[has_prior]]
-    with_prior.constant[has_prior] += info.constant[prior[has_prior]]
     single = np.zeros(len(root))
     single[items] = log_evidence(info[items], density, spread)
     alone = np.where(member >= 0, single[np.maximum(member, 0)], 0.0).sum(1)
     gain = log_evidence(box_info, density, spread) - alone
-    return Groups(frame[heads], member, prior, box_info, with_prior, gain)
+    return Groups(frame[heads], member, box_info, gain)
 
 
 def _sum(info: Information, member: np.ndarray) -> Information:

@@ -236,12 +236,7 @@ def associate(
         count = begin + len(priors.frame)
         length = max(len(frame), fine_length(count))
         extend = partial(_extend, begin=begin, length=length)
-        added = prior_information(priors, density, spread)
-        info = Information(
-            extend(info.matrix, added.matrix),
-            extend(info.vector, added.vector),
-            extend(info.constant, added.constant),
-        )
+        info = jax.tree.map(extend, info, prior_information(priors, density, spread))
         position = extend(position, priors.mean[:, :2])
         covariance = extend(covariance, priors.covariance[:, :2, :2])
         camera = extend(camera, np.full(len(priors.frame), cameras))

@@ -66,10 +66,7 @@ class Trails:
         return len(self.track)
 
     def __getitem__(self, rows) -> "Trails":
-        return Trails(
-            self.track[rows], self.frame[rows], self.group[rows], self.mean[rows],
-            self.covariance[rows],
-        )  # fmt: skip
+        return jax.tree.map(lambda part: part[rows], self)
 
 
 def estimate_motion(

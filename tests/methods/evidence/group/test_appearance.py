@@ -62,7 +62,7 @@ def who(places, looks_of_group, deviation=0.1):
     precision = np.broadcast_to(np.eye(3) / deviation**2, (2 * T, 3, 3)).copy()
     info = Information(precision, state / deviation**2, (state**2).sum(1) / deviation**2)
     frame, member = np.repeat(np.arange(T), 2), np.arange(2 * T)[:, None]
-    groups = Groups(frame, member, np.full(2 * T, -1), info, info, np.zeros(2 * T))
+    groups = Groups(frame, member, info, np.zeros(2 * T))
     trails = follow(
         groups, np.full(2 * T, 5.0), np.arange(T, dtype=float),
         Motion(0.15, 0.85, 0.03, 0.005), 0.01, 0.06, EvidenceSettings(), looks_of_group,

@@ -71,7 +71,7 @@ class Crowd:
             )
             H = len(member)
             frame = np.arange(H)
-            groups = Groups(frame, member, np.full(H, -1), info, info, np.zeros(H))
+            groups = Groups(frame, member, info, np.zeros(H))
             noise, ratio = learn_noise(noise, groups, measured, boxes, self.views, rules)
         return noise, ratio
 

@@ -23,7 +23,7 @@ def shift_seen_by(cameras, rig, unit=HEIGHT):
         np.eye(5)[None],
     )  # fmt: skip
     empty = Information(np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros(1))
-    groups = Groups(np.zeros(1, int), member, np.full(1, -1), empty, empty, np.zeros(1))
+    groups = Groups(np.zeros(1, int), member, empty, np.zeros(1))
 
     n = len(cameras)
     measurements = Measurements(

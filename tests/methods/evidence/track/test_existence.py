@@ -43,9 +43,7 @@ class Scene:
         self.member = np.full(there.shape, -1)
         self.member[self.group, self.camera] = np.arange(n)
         empty = Information(np.zeros((H, 3, 3)), np.zeros((H, 3)), np.zeros(H))
-        self.groups = Groups(
-            self.frame, self.member, np.full(H, -1), empty, empty, np.asarray(gain, float)
-        )
+        self.groups = Groups(self.frame, self.member, empty, np.asarray(gain, float))
         state = np.column_stack([np.asarray(place)[self.group], np.ones(n)])
         flags = np.ones((n, 3), bool)
         self.measurements = Measurements(

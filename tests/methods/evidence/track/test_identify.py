@@ -255,9 +255,7 @@ def tracks(person, nodes):
     N = len(person)
     order = np.lexsort((nodes.frame, person))
     info = Information(nodes.matrix[order, :3, :3], nodes.vector[order, :3], np.zeros(N))
-    groups = Groups(
-        nodes.frame[order], np.zeros((N, 1), int), np.full(N, -1), info, info, np.zeros(N)
-    )
+    groups = Groups(nodes.frame[order], np.zeros((N, 1), int), info, np.zeros(N))
     mean = np.pad(nodes.vector[order, :3] * NOISE**2, ((0, 0), (0, 2)))
     cov = np.tile(NOISE**2 * np.eye(5), (N, 1, 1))
     return Trails(person[order], nodes.frame[order], np.arange(N), mean, cov), groups
@@ -272,10 +270,7 @@ def test_rows_that_are_not_reported_have_no_identity_and_do_not_matter():
     np.testing.assert_array_equal(names >= 0, reported)
     kept = np.flatnonzero(reported)
     alone = dataclasses.replace(trails[kept], group=np.arange(len(kept)))
-    fewer = dataclasses.replace(
-        groups, info=groups.info[kept], full=groups.full[kept],
-        **{n: getattr(groups, n)[kept] for n in ("frame", "member", "prior", "gain")},
-    )  # fmt: skip
+    fewer = Groups(*(getattr(groups, n)[kept] for n in ("frame", "member", "info", "gain")))
     same = identify(alone, np.ones(len(kept), bool), error[kept], fewer, population(12))
     np.testing.assert_array_equal(names[kept], same)
 

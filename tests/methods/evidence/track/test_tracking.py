@@ -31,7 +31,7 @@ def groups_at(frame, state, deviation):
     vector = state / deviation**2
     info = Information(precision, vector, (state**2).sum(1) / deviation**2)
     member = np.zeros((len(frame), 1), int)
-    return Groups(frame, member, np.full(len(frame), -1), info, info, np.zeros(len(frame)))
+    return Groups(frame, member, info, np.zeros(len(frame)))
 
 
 def tracked(groups, time, log_odds=3.0, rules=RULES):
@@ -162,9 +162,8 @@ def test_the_order_within_a_frame_renames_and_no_more(seed, random):
     random.shuffle(order)
     order = np.array(order)[np.argsort(groups.frame[order], kind="stable")]
     mixed = Groups(
-        groups.frame[order], groups.member[order], groups.prior[order], groups.info[order],
-        groups.full[order], groups.gain[order],
-    )  # fmt: skip
+        groups.frame[order], groups.member[order], groups.info[order], groups.gain[order]
+    )
     one, other = tracked(groups, np.arange(20)), tracked(mixed, np.arange(20))
 
     def chains(trails, name):
