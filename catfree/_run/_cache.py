@@ -53,10 +53,6 @@ class StageCache:
         """Path of the result of a stage with this content key, whether or not it exists."""
         return self.folder / f"{stage}-{key[:40]}.npz"
 
-    def has(self, stage: str, key: str) -> bool:
-        """Whether the result file exists."""
-        return self.path(stage, key).is_file()
-
     def load(self, stage: str, key: str, kind: type[T]) -> T | None:
         """Load a stored result, or return None if there is no readable one.
 

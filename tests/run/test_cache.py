@@ -201,7 +201,7 @@ def test_two_writers_of_one_result_never_mix(tmp_path):
         writer.start()
     cache, seen = StageCache(tmp_path), 0
     while any(writer.is_alive() for writer in writers):
-        if cache.has("stage", "same"):
+        if cache.path("stage", "same").is_file():
             value = cache.load("stage", "same", Inner)
             assert value is not None
             assert len(set(value.values)) == 1

@@ -241,7 +241,7 @@ def boxes_of(shard: Shard) -> Detections:
             boxes = boxes[is_seen]
         else:
             boxes = read_detections_parquet(boxes, shard.first_seen, shard.stop_seen)
-    return replace_clock(boxes, shard.clock)
+    return replace(boxes, clock=shard.clock)
 
 
 def silent_pictures(shard: Shard) -> Int[np.ndarray, "k 2"]:
@@ -323,12 +323,6 @@ def require_unchanged(shard: Shard) -> None:
         raise InvalidInputError(
             f"{name} changed after {shard.name} was planned. Make the plan again with cf.shards."
         )
-
-
-def replace_clock(detections: Detections, clock: Clock) -> Detections:
-    """The same boxes with a clock."""
-    columns = vars(detections) | {"clock": clock}
-    return Detections(**columns)
 
 
 def require_folder_name(value: str, name: str) -> None:

@@ -1,6 +1,7 @@
 """Person boxes as measurements, padded to a regular (camera, frame, slot) grid."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -61,6 +62,23 @@ class BoxGrid:
             value[camera] = np.roll(value[camera], shift, axis=0)
             rolled[name] = value
         return BoxGrid(**rolled, size=self.size, frames=self.frames)
+
+    def of_camera(
+        self, camera: int
+    ) -> tuple[
+        Float[np.ndarray, "frame slot"],
+        Float[np.ndarray, "frame slot"],
+        Float[np.ndarray, "frame slot"],
+        Float[np.ndarray, "frame slot"],
+        Bool[np.ndarray, "frame slot"],
+    ]:
+        """(T, N) u, top, bottom, standard deviations and validity of one camera's boxes."""
+        c = camera
+        return self.u[c], self.top[c], self.bottom[c], self.sd[c], self.valid[c]
+
+    def edges(self, at: tuple[Any, ...]) -> Float[np.ndarray, "n 3"]:
+        """(n, 3) u, top and bottom of the boxes at an index."""
+        return np.stack([self.u[at], self.top[at], self.bottom[at]], -1)
 
 
 _PER_BOX = ("u", "top", "bottom", "sd", "valid", "row")

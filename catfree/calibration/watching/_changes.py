@@ -73,8 +73,12 @@ class Course:
 
     def design(self, window: int) -> Float[np.ndarray, "p q"]:
         """Map from `value` to the errors of all cameras in a window."""
-        cameras = len(self.noise)
-        return _design(cameras, self.time[window], window, self.changes, rates=self.drifting)
+        p = PARAMETERS * len(self.noise)
+        parts = [np.eye(p)]
+        if self.drifting:
+            parts.append(self.time[window] * np.eye(p)[:, 3::PARAMETERS])
+        parts += [(window >= c.window) * np.eye(p)[:, c.columns] for c in self.changes]
+        return np.concatenate(parts, axis=1)
 
     def at(
         self, window: int, *, changed: bool = True
@@ -132,17 +136,6 @@ class Course:
         floor = (TURN_FLOOR, LAG_FLOOR)[which] ** 2 * np.eye(size)
         covariance = self.noise[camera, which] * design @ self.covariance @ design.T
         return design @ self.value, covariance + floor
-
-
-def _design(
-    cameras: int, time: float, window: int, changes: Sequence[Change], *, rates: bool
-) -> Float[np.ndarray, "p q"]:
-    p = PARAMETERS * cameras
-    parts = [np.eye(p)]
-    if rates:
-        parts.append(time * np.eye(p)[:, 3::PARAMETERS])
-    parts += [(window >= change.window) * np.eye(p)[:, change.columns] for change in changes]
-    return np.concatenate(parts, axis=1)
 
 
 def fit_course(

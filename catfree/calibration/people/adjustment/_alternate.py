@@ -49,7 +49,7 @@ def measure_people(
     members = people.members[time, slot]
     person, camera = np.nonzero(members >= 0)
     at = (camera, time[person], members[person, camera])
-    box = np.stack([grid.u[at], grid.top[at], grid.bottom[at]], -1)
+    box = grid.edges(at)
     sd = np.repeat(grid.sd[at][:, None], 3, axis=1)
     data = BoxMeasurements(person, camera, box, sd)
     return data, people.ground.xy[time, slot], people.ground.height[time, slot]

@@ -69,7 +69,6 @@ class BundleResult:
             more, so it is held and keeps its prior uncertainty.
         k1: (C,) radial distortion of each camera.
         k1_sd: (C,) its standard deviation, 0 where it is held.
-        box_residual: (n, 3) standardized residuals of the boxes.
     """
 
     parameters: Float[np.ndarray, "cam 7"]
@@ -82,7 +81,6 @@ class BundleResult:
     covariance: Float[np.ndarray, "common common"]
     k1: Float[np.ndarray, " cam"]
     k1_sd: Float[np.ndarray, " cam"]
-    box_residual: Float[np.ndarray, "n 3"]
 
     @property
     def focal_deviation(self) -> Float[np.ndarray, " cam"]:
@@ -283,7 +281,6 @@ def adjust(
         covariance[np.ix_(index, index)] * np.outer(kept, kept),
         np.where(used & free_lenses, view[:, K1], bent),
         np.where(used & free_lenses, k1_sd, 0.0),
-        residual,
     )
 
 

@@ -64,11 +64,7 @@ def resect(
         for _ in range(PASSES):
             own_map = map_ground(
                 parameters,
-                grid.u[camera],
-                grid.top[camera],
-                grid.bottom[camera],
-                grid.sd[camera],
-                grid.valid[camera],
+                *grid.of_camera(camera),
                 settings,
                 foot_offset=foot_offset,
                 range_tolerance=tolerance,
@@ -76,14 +72,7 @@ def resect(
             time, slot, partner, *_ = mutual_nearest(own_map, people, settings.match_gate)
             if len(time) < FEWEST_MATCHES:
                 return None
-            measured = np.stack(
-                [
-                    grid.u[camera, time, slot],
-                    grid.top[camera, time, slot],
-                    grid.bottom[camera, time, slot],
-                ],
-                -1,
-            )
+            measured = grid.edges((camera, time, slot))
             spread = np.zeros((len(time), 3, 3))
             spread[:, :2, :2] = people.covariance[time, partner]
             spread[:, 2, 2] = people.height_sd[time, partner] ** 2

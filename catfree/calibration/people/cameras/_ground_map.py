@@ -1,7 +1,6 @@
 """Map the people seen by one camera on the metric ground."""
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -41,9 +40,7 @@ class GroundMap:
         """Show everybody a number of frames later, circularly."""
         if frames == 0:
             return self
-        shift = partial(np.roll, shift=frames, axis=0)
-        moved = (self.xy, self.covariance, self.height, self.height_sd, self.valid)
-        return GroundMap(*map(shift, moved))
+        return GroundMap(*(np.roll(part, frames, axis=0) for part in vars(self).values()))
 
 
 def _ground_range(

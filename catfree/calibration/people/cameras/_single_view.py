@@ -58,9 +58,7 @@ def fit_planes(
         too few boxes or none fits.
     """
     valid = grid.valid[camera]
-    boxes = np.stack(
-        [grid.u[camera][valid], grid.top[camera][valid], grid.bottom[camera][valid]], -1
-    )
+    boxes = grid.edges((camera, valid))
     sd = grid.sd[camera][valid]
     # Repeated boxes of people who stand still count once.
     cells = np.round(boxes / 8).astype(np.int64)

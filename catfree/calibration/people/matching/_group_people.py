@@ -80,11 +80,7 @@ def camera_map(
     """
     return map_ground(
         state.parameters[camera],
-        grid.u[camera],
-        grid.top[camera],
-        grid.bottom[camera],
-        grid.sd[camera],
-        grid.valid[camera],
+        *grid.of_camera(camera),
         settings,
         foot_offset=state.foot_offset,
         range_tolerance=state.range_tolerance[camera],
@@ -97,7 +93,6 @@ def group_people(
     settings: CalibrationSettings,
     *,
     without: int | None = None,
-    gate: float | None = None,
 ) -> People:
     """Group the boxes of all placed cameras into people, frame by frame.
 
@@ -109,17 +104,15 @@ def group_people(
         state: the rig.
         settings: constants.
         without: a camera to omit.
-        gate: largest squared Mahalanobis distance; that of the settings if None.
     """
     cameras = [int(c) for c in np.flatnonzero(state.placed) if c != without]
     cameras.sort(key=lambda c: -int(grid.valid[c].sum()))
-    gate = settings.match_gate if gate is None else gate
     first, *others = (camera_map(grid, c, state, settings) for c in cameras)
     members = np.full((*first.valid.shape, grid.camera_count), -1)
     members[:, :, cameras[0]] = np.where(first.valid, np.arange(first.valid.shape[1]), -1)
     people = first
     for camera, camera_people in zip(cameras[1:], others, strict=True):
-        people, members = _merge(people, members, camera_people, camera, gate)
+        people, members = _merge(people, members, camera_people, camera, settings.match_gate)
     return People(people, members)
 
 

@@ -119,13 +119,7 @@ def _nearest(people: GroundMap) -> GroundMap:
     spread = np.where(people.valid, people.covariance.trace(axis1=2, axis2=3), np.inf)
     pick = np.argsort(spread, axis=1, kind="stable")[:, :NEAREST_PEOPLE]
     frames = np.arange(len(pick))[:, None]
-    return GroundMap(
-        people.xy[frames, pick],
-        people.covariance[frames, pick],
-        people.height[frames, pick],
-        people.height_sd[frames, pick],
-        people.valid[frames, pick],
-    )
+    return GroundMap(*(part[frames, pick] for part in vars(people).values()))
 
 
 def _count(

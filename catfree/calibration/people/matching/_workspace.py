@@ -65,11 +65,7 @@ class Workspace:
         """
         return map_ground(
             parameters,
-            grid.u[camera],
-            grid.top[camera],
-            grid.bottom[camera],
-            grid.sd[camera],
-            grid.valid[camera],
+            *grid.of_camera(camera),
             self.settings,
             foot_offset=self.settings.foot_offset,
             range_tolerance=tolerance,

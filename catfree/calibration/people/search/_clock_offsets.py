@@ -41,7 +41,7 @@ def remove_offsets(detections: Detections, frame_offset: ArrayInput) -> Detectio
         (N,) the same boxes with corrected frame numbers.
     """
     frame = detections.frame - np.asarray(frame_offset, np.int64)[detections.camera]
-    return Detections(**(vars(detections) | {"frame": frame}))
+    return replace(detections, frame=frame)
 
 
 def find_offsets(
