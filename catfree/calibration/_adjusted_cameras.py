@@ -45,16 +45,9 @@ class Cameras:
 
     def rig(self, like: Rig) -> Rig:
         """Rig of these cameras, with image sizes, lenses and unregistered cameras of `like`."""
-        registered = like.registered[:, None, None]
         K = self.K.copy()
         K[:, :2, :2] *= np.exp(self.log_scale)[:, None, None]
-        t = -np.einsum("cij,cj->ci", self.R, self.center)
-        return replace(
-            like,
-            K=np.where(registered, K, np.asarray(like.K, np.float64)),
-            R=np.where(registered, self.R, np.asarray(like.R, np.float64)),
-            t=np.where(registered[:, 0], t, np.asarray(like.t, np.float64)),
-        )
+        return with_registered(like, K, self.R, -np.einsum("cij,cj->ci", self.R, self.center))
 
     def project_directions(
         self, direction: Float[np.ndarray, "person cam 3"]
@@ -80,3 +73,19 @@ class Cameras:
         """(C, 7) the step from `start` to these cameras."""
         turn = Rotation.from_matrix(self.R @ start.R.transpose(0, 2, 1)).as_rotvec()
         return np.column_stack([turn, self.center - start.center, self.log_scale - start.log_scale])
+
+
+def with_registered(
+    like: Rig,
+    K: Float[np.ndarray, "cam 3 3"],
+    R: Float[np.ndarray, "cam 3 3"],
+    t: Float[np.ndarray, "cam 3"],
+) -> Rig:
+    """Replace the registered cameras of a rig; the others stay as they are."""
+    registered = like.registered[:, None, None]
+    return replace(
+        like,
+        K=np.where(registered, K, np.asarray(like.K, np.float64)),
+        R=np.where(registered, R, np.asarray(like.R, np.float64)),
+        t=np.where(registered[:, 0], t, np.asarray(like.t, np.float64)),
+    )

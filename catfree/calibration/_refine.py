@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from catfree.calibration._adjusted_cameras import Cameras
+from catfree.calibration._adjusted_cameras import Cameras, with_registered
 from catfree.calibration._bundle_adjustment import HUBER, Sightings, adjust
 from catfree.calibration._refine_by_evidence import refine_by_evidence
 from catfree.calibration._refinement import (
@@ -241,11 +241,9 @@ def _scene(
     """Transform the scene of a round to the world frame of the given scene."""
     rig = best.cameras.rig(given.rig)
     R = np.asarray(rig.R, np.float64) @ frame.axes.T
-    R = np.where(given.rig.registered[:, None, None], R, np.asarray(given.rig.R, np.float64))
     centers = frame.to_world(best.cameras.center)
     t = -np.einsum("cij,cj->ci", R, centers)
-    t = np.where(given.rig.registered[:, None], t, np.asarray(given.rig.t, np.float64))
-    refined = replace(rig, R=R, t=t)
+    refined = with_registered(given.rig, np.asarray(rig.K, np.float64), R, t)
     ground = given.ground
     if refinement.refit_ground:
         height, slope_x, slope_y = ground_under_people(

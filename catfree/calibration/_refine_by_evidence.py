@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
+from catfree.calibration._adjusted_cameras import with_registered
 from catfree.calibration._bundle_adjustment import CameraTie
 from catfree.calibration._confident_people import ConfidentPeople, confident_people
 from catfree.calibration._refinement import SAME_RESIDUAL, Refinement, RefinementSettings
@@ -225,7 +226,7 @@ def _adjusted(
     K[:, :2, :2] *= np.exp(moved[:, LOG_FOCAL] - start[:, LOG_FOCAL])[:, None, None]
     R = rotation(moved) @ frame.axes.T
     t = -np.einsum("cij,cj->ci", R, frame.to_world(moved[:, X:] / unit_in_meters))
-    return _aligned_to(given, _with_cameras(scene, K, R, t))
+    return _aligned_to(given, replace(scene, rig=with_registered(scene.rig, K, R, t)))
 
 
 def _parameters(
@@ -277,20 +278,4 @@ def _aligned_to(given: Scene, moved: Scene) -> Scene:
     moved = transform_scene(similarity, moved)
     rig = moved.rig
     K, R, t = (np.asarray(value, np.float64) for value in (rig.K, rig.R, rig.t))
-    placed = replace(given, rig=rig, ground=moved.ground)
-    return _with_cameras(placed, K, R, t, like=given.rig)
-
-
-def _with_cameras(
-    scene: Scene, K: np.ndarray, R: np.ndarray, t: np.ndarray, like: Rig | None = None
-) -> Scene:
-    """Replace the cameras of a scene; unregistered ones are copied from `like`."""
-    like = scene.rig if like is None else like
-    registered = like.registered[:, None, None]
-    rig = replace(
-        like,
-        K=np.where(registered, K, np.asarray(like.K, np.float64)),
-        R=np.where(registered, R, np.asarray(like.R, np.float64)),
-        t=np.where(registered[..., 0], t, np.asarray(like.t, np.float64)),
-    )
-    return replace(scene, rig=rig)
+    return replace(given, rig=with_registered(given.rig, K, R, t), ground=moved.ground)
