@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float
 from catfree.geometry import CanonicalFrame, ground_sigma, information
 from catfree.geometry._buckets import in_blocks
 from catfree.geometry._person import people_in_rig
+from catfree.geometry._plane import from_plan
 from catfree.types import Plane, Scene
 
 PLACES_BLOCK = 4096  # places evaluated together
@@ -37,10 +38,7 @@ def look(
     """
     frame = CanonicalFrame.of(scene)
     rig = frame.rig(scene.rig)
-    normal = np.asarray(scene.ground.normal, np.float64)
-    on_plane = -np.asarray(scene.ground.offset, np.float64) * normal
-    world = places @ np.asarray(scene.ground.basis, np.float64).T + on_plane
-    points = frame.to_canonical(world)
+    points = frame.to_canonical(from_plan(scene, places))
     points[:, 2] = 0
     people = points + np.array([0, 0, (person_height or 0) / frame.extent])
     visible = np.zeros((rig.camera_count, len(points)), bool)

@@ -15,6 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from catfree.types import Detections, Localization, Tracks
+from catfree.types._sampling import expand_ranges
 
 LEAST_PAIRS = 8  # of each kind of pair needed to use appearance
 EVIDENCE_LIMIT = 8.0  # log-odds: appearance never claims less than one error in three thousand
@@ -221,10 +222,8 @@ def link_pieces(pieces: Pieces, habits: Habits) -> Int[np.ndarray, " k"]:
     high = np.searchsorted(starts, pieces.last + reach, side="right")
     earlier, later, odds = [], [], []
     for block in _blocks(np.maximum(high - low, 0)):
-        count = np.maximum(high[block] - low[block], 0)
-        one = np.repeat(block, count)
-        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-        two = by_start[np.repeat(low[block], count) + within]
+        row, place = expand_ranges(low[block], high[block])
+        one, two = block[row], by_start[place]
         gap = pieces.first[two] - pieces.last[one]
         length = pieces.last - pieces.first + 1
         # Short overlaps occur where one fragment ends after the next has begun.

@@ -1,4 +1,4 @@
-"""Planes: distances to them, rays cut with them, and the plane that fits points."""
+"""Planes: distances, rays cut with them, coordinates on the ground, and the plane of points."""
 
 import functools
 
@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray, Real, UInt32
 
 from catfree.errors import InsufficientDataError
 from catfree.geometry._arrays import Scalar, epsilon, float_arrays
-from catfree.types import Plane
+from catfree.types import Plane, Scene
 from catfree.types._annotations import HostOrDevice
 
 # A ray whose slope to the plane is below this many epsilons is parallel to it.
@@ -238,3 +238,15 @@ def _random_triples(
     third = third + (third >= high).astype(third.dtype)
     triples = jnp.stack([first, second, third], axis=-1)
     return order[jnp.minimum(triples, jnp.maximum(count - 1, 0))]
+
+
+def to_plan(scene: Scene, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 2"]:
+    """Return ground coordinates (..., 2) of world points along the axes of `scene.ground.basis`."""
+    return np.asarray(points, np.float64) @ np.asarray(scene.ground.basis, np.float64)
+
+
+def from_plan(scene: Scene, xy: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 3"]:
+    """Return the world points (..., 3) on the ground with these ground coordinates (..., 2)."""
+    normal = np.asarray(scene.ground.normal, np.float64)
+    foot = -np.asarray(scene.ground.offset, np.float64) * normal
+    return np.asarray(xy, np.float64) @ np.asarray(scene.ground.basis, np.float64).T + foot

@@ -1,4 +1,4 @@
-"""Evenly spread subsets of rows, and the spacing of frames."""
+"""Evenly spread subsets of rows, pairs of rows, and the spacing of frames."""
 
 import numpy as np
 from jaxtyping import Int, Shaped
@@ -22,3 +22,29 @@ def evenly_spread(rows: Shaped[np.ndarray, "n *rest"], most: int) -> Shaped[np.n
 def frame_step(frames: Int[np.ndarray, " frame"]) -> int:
     """Return the median step between sorted frame numbers (F,); 1 for fewer than two."""
     return max(1, int(np.median(np.diff(frames)))) if len(frames) > 1 else 1
+
+
+def expand_ranges(
+    start: Int[np.ndarray, " n"], stop: Int[np.ndarray, " n"]
+) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+    """All (i, j) with start[i] <= j < stop[i], ordered by i, then j.
+
+    Returns:
+        (P,) i and (P,) j.
+    """
+    count = np.maximum(stop - start, 0)
+    first = np.repeat(np.arange(len(start)), count)
+    offset = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
+    return first, start[first] + offset
+
+
+def equal_pairs(
+    first: Int[np.ndarray, " a"], second: Int[np.ndarray, " b"]
+) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+    """All (i, j) with first[i] == second[j], ordered by i, then j; `second` is sorted.
+
+    Returns:
+        (P,) i and (P,) j.
+    """
+    start, stop = (np.searchsorted(second, first, side) for side in ("left", "right"))
+    return expand_ranges(start, stop)

@@ -6,22 +6,11 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.errors import InvalidInputError
+from catfree.geometry._plane import to_plan
 from catfree.geometry.camera import rays_of_pixels
 from catfree.types import Rig, Scene
 
 WEDGE_LENGTH = 0.08  # length of a camera's field of view on the plan, as a share of E
-
-
-def to_plan(scene: Scene, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 2"]:
-    """Ground coordinates (..., 2) of world points along the axes of `scene.ground.basis`."""
-    return np.asarray(points, np.float64) @ np.asarray(scene.ground.basis, np.float64)
-
-
-def from_plan(scene: Scene, xy: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 3"]:
-    """The world points (..., 3) on the ground with these ground coordinates (..., 2)."""
-    normal = np.asarray(scene.ground.normal, np.float64)
-    foot = -np.asarray(scene.ground.offset, np.float64) * normal
-    return np.asarray(xy, np.float64) @ np.asarray(scene.ground.basis, np.float64).T + foot
 
 
 def length_unit(scene: Scene) -> str:

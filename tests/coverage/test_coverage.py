@@ -18,9 +18,9 @@ from catfree._coverage import (
 from catfree.adapters import read_uniform_json
 from catfree.errors import DegenerateGeometryError, InsufficientDataError, InvalidInputError
 from catfree.geometry import Similarity, ground_sigma, information, transform_scene
+from catfree.geometry._plane import from_plan
 from catfree.synthetic import make_layout
 from catfree.types import Plane, Rig, Scene
-from catfree.viz._plan_view import from_plan
 
 AREA = (-6.0, 6.0, -5.0, 5.0)
 SEEDS = st.integers(0, 10_000)

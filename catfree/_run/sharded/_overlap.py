@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree._run._stitch import best_assignment
+from catfree.types._sampling import equal_pairs
 
 # Two positions of one person rest on the same boxes: they are closer than this in all but one of a
 # thousand frames.
@@ -50,10 +51,7 @@ def match_tracks(
     empty = np.zeros(0, np.int64)
     if not len(earlier) or not len(later):
         return empty, empty
-    low = np.searchsorted(later.frame, earlier.frame, side="left")
-    count = np.searchsorted(later.frame, earlier.frame, side="right") - low
-    i = np.repeat(np.arange(len(earlier)), count)
-    j = np.repeat(low, count) + np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    i, j = equal_pairs(earlier.frame, later.frame)
     if not len(i):
         return empty, empty
     offset = later.xy[j] - earlier.xy[i]

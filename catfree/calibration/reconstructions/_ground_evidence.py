@@ -14,9 +14,8 @@ from jaxtyping import Float
 from catfree.geometry import intersect_ray
 from catfree.geometry._person import implied_height
 from catfree.geometry.camera import rays_of_pixels
-from catfree.methods.paper.association._observe import expand_ranges
 from catfree.types import Detections, Plane, Rig
-from catfree.types._sampling import evenly_spread
+from catfree.types._sampling import equal_pairs, evenly_spread
 
 SAMPLED_DETECTIONS = 5_000
 FEWEST_DETECTIONS = 10  # fewer do not determine the vertical
@@ -166,9 +165,7 @@ def _measure(plane: Plane, people: People) -> tuple[float, float, float]:
 def _feet_apart(people: People, meets: np.ndarray, foot: np.ndarray) -> float:
     """Median distance to the nearest foot of another camera in the same frame."""
     frame, camera = people.frame[meets], people.camera[meets]
-    start = np.searchsorted(frame, frame, side="left")
-    stop = np.searchsorted(frame, frame, side="right")
-    first, second = expand_ranges(start, stop)
+    first, second = equal_pairs(frame, frame)
     other = camera[first] != camera[second]
     first, second = first[other], second[other]
     distance = np.linalg.norm(foot[first] - foot[second], axis=-1)

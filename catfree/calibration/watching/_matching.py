@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
 from catfree.calibration.watching._sights import Sights, predicted
+from catfree.types._sampling import equal_pairs
 
 SPREAD = 0.12  # of a box height; deviation of a box from a person that it may show
 GATE = 3.0  # deviations; the largest distance of a match
@@ -70,17 +71,6 @@ def corrected_place(sights: Sights, camera: int, at: Correction) -> Float[np.nda
     return np.array([[1.0], [1.0], [np.exp(-at.zoom)]]) * (turn @ place)
 
 
-def pairs(
-    first: Int[np.ndarray, " a"], second: Int[np.ndarray, " b"]
-) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
-    """All pairs of rows with equal frames; `second` is sorted."""
-    begin, end = (np.searchsorted(second, first, side) for side in ("left", "right"))
-    count = end - begin
-    a = np.repeat(np.arange(len(first)), count)
-    within = np.arange(len(a)) - np.repeat(np.cumsum(count) - count, count)
-    return a, np.repeat(begin, count) + within
-
-
 def match(
     sights: Sights,
     camera: int,
@@ -107,7 +97,7 @@ def match(
     inside = sights.imaged(camera, moved) & (shown >= 0) & (shown < sights.steps)
     person, moved, velocity = person[inside], moved[inside], velocity[inside]
     angle = predicted(moved, velocity, np.broadcast_to(place, (len(moved), 3, 4)))
-    a, b = pairs(people.frame[person] + at.shift, boxes.frame[begin:end])
+    a, b = equal_pairs(people.frame[person] + at.shift, boxes.frame[begin:end])
     b = b + begin
     off = (boxes.angle[b] - angle[a]) / (SPREAD * boxes.size[b, None])
     usable = boxes.whole[b, 0] & boxes.whole[b, 1:].any(-1)
@@ -153,7 +143,7 @@ def candidates(
     good: np.ndarray = np.asarray(boxes.whole[begin:end].all(-1))
     votes = []
     for shift in shifts:
-        a, b = pairs(people.frame[person] + int(shift), boxes.frame[begin:end])
+        a, b = equal_pairs(people.frame[person] + int(shift), boxes.frame[begin:end])
         with np.errstate(invalid="ignore", divide="ignore"):
             alike = good[b] & (size[a] > 0) & (np.abs(np.log(tall[b] / size[a])) < ALIKE)
         cell = np.round((seen[b] - middle[a])[alike] / CELL).astype(int) + REACH

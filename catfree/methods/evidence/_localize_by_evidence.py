@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import expit
 
+from catfree.geometry._plane import from_plan
 from catfree.methods.evidence._gaussian import probability_within
 from catfree.methods.evidence._solve import solve
 from catfree.methods.evidence._state import EvidenceState
@@ -129,7 +130,7 @@ def describe(
     tracks = Tracks(
         frame=s.boxes.frames[trails.frame],
         track_id=s.identity[rows],
-        position=on_plane(xy, scene),
+        position=from_plan(scene, xy),
         ground_xy=xy,
         sigma=np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2),
         covariance=covariance,
@@ -153,7 +154,7 @@ def describe(
         )
     candidates = Candidates(
         frame=s.boxes.frames[s.groups.frame],
-        position=on_plane(s.place[:, :2] * unit + s.views.origin, scene),
+        position=from_plan(scene, s.place[:, :2] * unit + s.views.origin),
         sigma=rays.sigma * unit,
         ground_distance=np.abs(rays.height) * unit,
         rms_angle=rays.rms_angle,
@@ -259,10 +260,3 @@ def clusters_of(solution: EvidenceState) -> Clusters:
         kept=track >= 0,
         sigma=np.where(is_member[..., None] & used, noise, np.nan),
     )
-
-
-def on_plane(xy: np.ndarray, scene: Scene) -> np.ndarray:
-    """(M, 3) scene points of plane coordinates (M, 2)."""
-    basis = np.asarray(scene.ground.basis, np.float64)
-    normal = np.asarray(scene.ground.normal, np.float64)
-    return xy @ basis.T - float(scene.ground.offset) * normal

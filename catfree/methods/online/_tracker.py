@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree.errors import InvalidInputError, quoted
+from catfree.geometry._plane import from_plan
 from catfree.methods._localize import localize, usable
-from catfree.methods.evidence._localize_by_evidence import on_plane
 from catfree.methods.online._advance import advance
 from catfree.methods.online._finalize import (
     Reported,
@@ -271,7 +271,7 @@ class Tracker:
         return Tracks(
             frame=frame[order],
             track_id=identity[order],
-            position=on_plane(xy, scene),
+            position=from_plan(scene, xy),
             ground_xy=xy,
             sigma=np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2),
             covariance=covariance,

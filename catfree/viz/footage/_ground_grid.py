@@ -7,11 +7,11 @@ from jaxtyping import Float
 
 from catfree._coverage import visible_area
 from catfree.errors import InvalidInputError
+from catfree.geometry._plane import from_plan
 from catfree.geometry.camera import pixels_of_points
 from catfree.types import Scene
 from catfree.viz._camera_view import visible_runs
 from catfree.viz._palette import Color
-from catfree.viz._plan_view import from_plan
 from catfree.viz.footage._drawing import (
     Image,
     default_stroke,

@@ -3,9 +3,10 @@
 import numpy as np
 from jaxtyping import Float, Int
 
+from catfree.geometry._plane import from_plan
 from catfree.geometry.camera import rays_of_pixels
 from catfree.types import Localization, Scene, Tracks
-from catfree.viz._plan_view import from_plan, view_area
+from catfree.viz._plan_view import view_area
 
 FRUSTUM_DEPTH = 0.06  # depth of a camera's pyramid, as a share of E
 TUBE_RADIUS = 0.003  # radius of a track, as a share of E: 7 cm on a square of usual size

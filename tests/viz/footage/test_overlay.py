@@ -6,13 +6,13 @@ from hypothesis import given, strategies as st
 import catfree as cf
 from catfree.errors import InvalidInputError
 from catfree.geometry import transform_scene
+from catfree.geometry._plane import from_plan
 from catfree.geometry.camera import pixels_of_points, rays_of_pixels
 from catfree.types import Rig, Scene
 from catfree.viz import draw_frame, draw_ground_grid, write_overlay_video
 from catfree.viz._camera_view import visible_runs
 from catfree.viz._palette import UNTRACKED, track_color
 from catfree.viz._person_height import person_height
-from catfree.viz._plan_view import from_plan
 from catfree.viz.footage._drawing import (
     draw_label,
     draw_polyline,

@@ -10,17 +10,11 @@ from matplotlib.patches import Ellipse
 
 import catfree as cf
 from catfree.errors import InvalidInputError, MissingDependencyError
+from catfree.geometry._plane import from_plan, to_plan
 from catfree.types import Fate, Localization, Origin, Tracks
 from catfree.viz import plot_bird_eye, plot_gates
 from catfree.viz._palette import FATE_COLORS, TRACK_COLORS, fraction, line_style, track_color
-from catfree.viz._plan_view import (
-    camera_wedge,
-    confidence_ellipse,
-    from_plan,
-    place_labels,
-    to_plan,
-    view_area,
-)
+from catfree.viz._plan_view import camera_wedge, confidence_ellipse, place_labels, view_area
 from catfree.viz.plots._axes import plain_label
 from catfree.viz.plots._threshold_plot import gate_samples
 

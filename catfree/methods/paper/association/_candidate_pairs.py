@@ -10,10 +10,10 @@ from jaxtyping import Array, Bool, Float, Int
 from catfree.methods.paper.association._observe import (
     Observations,
     appearance_distance,
-    expand_ranges,
 )
 from catfree.settings import AssociationSettings
 from catfree.types import Rays
+from catfree.types._sampling import expand_ranges
 
 PAIR_BLOCK = 65536  # pairs per call; fixed to avoid recompilation
 PAIRS_AT_ONCE = 1 << 20  # pairs held in memory, a bound for crowded frames

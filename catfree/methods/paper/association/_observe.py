@@ -116,20 +116,6 @@ def observe(detections: Detections, rig: Rig, *, keep: Bool[np.ndarray, " n"]) -
     )
 
 
-def expand_ranges(
-    start: Int[np.ndarray, " n"], stop: Int[np.ndarray, " n"]
-) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
-    """All (i, j) with start[i] <= j < stop[i], ordered by i, then j.
-
-    Returns:
-        (P,) i and (P,) j.
-    """
-    count = np.maximum(stop - start, 0)
-    first = np.repeat(np.arange(len(start)), count)
-    offset = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
-    return first, start[first] + offset
-
-
 def appearance_distance(
     appearance: Float[np.ndarray, "n d"],
     first: Int[np.ndarray, " p"],

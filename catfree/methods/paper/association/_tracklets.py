@@ -7,9 +7,9 @@ from catfree.methods.paper.association._match_edges import chain_labels, match_e
 from catfree.methods.paper.association._observe import (
     Observations,
     appearance_distance,
-    expand_ranges,
 )
 from catfree.settings import TrackletSettings
+from catfree.types._sampling import expand_ranges
 
 PAIR_BLOCK = 65536  # pairs compared together
 

@@ -9,10 +9,11 @@ from jaxtyping import Bool, Float, Int
 from catfree.filters import otsu
 from catfree.geometry._buckets import coarse_length
 from catfree.methods.paper._select import outside_by_frame, suppress_by_frame
-from catfree.methods.paper.association._observe import appearance_distance, expand_ranges
+from catfree.methods.paper.association._observe import appearance_distance
 from catfree.methods.paper.trajectories._link import Positions, position_appearance
 from catfree.settings import TrajectorySettings
 from catfree.types import Origin
+from catfree.types._sampling import equal_pairs
 
 SAMPLE_BLOCK = 16384  # distances are padded to this times a power of four
 
@@ -43,10 +44,7 @@ def appearance_threshold(positions: Positions, appearance: Float[np.ndarray, "n 
         Sec. "Trajectories".
     """
     track_looks = track_appearance(positions, appearance)
-    frame = positions.frame_index
-    start = np.searchsorted(frame, frame, side="left")
-    stop = np.searchsorted(frame, frame, side="right")
-    row, other = expand_ranges(start, stop)
+    row, other = equal_pairs(positions.frame_index, positions.frame_index)
     distance = _closest(track_looks, positions.track[other], appearance, positions.member[row])
     length = coarse_length(len(distance), SAMPLE_BLOCK)
     sample = np.pad(distance, (0, length - len(distance)), constant_values=np.inf)

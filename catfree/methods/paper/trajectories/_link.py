@@ -6,9 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.methods.paper.association._match_edges import chain_labels, match_edges
-from catfree.methods.paper.association._observe import appearance_distance, expand_ranges
+from catfree.methods.paper.association._observe import appearance_distance
 from catfree.settings import TrajectorySettings
 from catfree.types import Origin
+from catfree.types._sampling import expand_ranges
 
 
 class Positions(NamedTuple):

@@ -8,10 +8,10 @@ from catfree import Detections
 from catfree.methods.paper.association import observe
 from catfree.methods.paper.association._observe import (
     appearance_distance,
-    expand_ranges,
     time_steps,
 )
 from catfree.synthetic import make_layout
+from catfree.types._sampling import expand_ranges
 
 RIG = make_layout("ring4").rig
 
