@@ -212,7 +212,7 @@ def _complete(
 ) -> None:
     """Compute what the piece lacks; store it unless the videos ended inside the piece."""
     cached_boxes = piece.boxes
-    frame, camera, found, embedding = [], [], [], []
+    found, embedding = [], []
     instant_count = 0
     for tick, pictures in instants:
         instant_count += 1
@@ -221,16 +221,14 @@ def _complete(
         else:
             instant = {index: _stored(cached_boxes, tick, index) for index in pictures}
         for index, people in instant.items():
-            frame.append(np.full(len(people), tick))
-            camera.append(np.full(len(people), index))
-            found.append(people)
+            found.append((tick, index, people))
             if describe is not None:
                 embedding.append(describe(pictures[index], people.box, index, tick))
     if not found:
         return
     is_whole = instant_count == piece.count
     if cached_boxes is None:
-        piece.boxes = collect_detections(frame, camera, found, None)
+        piece.boxes = collect_detections(found, None)
         if is_whole:
             cache.store("boxes", piece.box_key, piece.boxes)
     if piece.look_key is not None:

@@ -106,7 +106,7 @@ def look_again(
         FileFormatError: as `detect_videos`.
         InsufficientDataError: as `detect_videos`.
     """
-    frame, camera, found, embedding = [], [], [], []
+    found, embedding = [], []
     describe = None
     if embedder is not None:
         known = first.embedding
@@ -116,16 +116,14 @@ def look_again(
             people, vectors = _look(
                 tick, index, picture, detectors[index], describe, expected, first
             )
-            frame.append(np.full(len(people), tick))
-            camera.append(np.full(len(people), index))
-            found.append(people)
+            found.append((tick, index, people))
             embedding.append(vectors)
         if progress is not None:
             progress(STAGE, done, videos.frame_count)
     if not found:
         raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
     vectors = embedding if embedder is not None else None
-    return collect_detections(frame, camera, found, vectors, clock=videos.clock)
+    return collect_detections(found, vectors, clock=videos.clock)
 
 
 def _look(

@@ -95,7 +95,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         yield stream
 
 
-def make_folder(path: str | os.PathLike[str], *, parents: bool = True) -> Path:
+def make_folder(path: str | os.PathLike[str]) -> Path:
     """Make a folder if it does not exist, and return its path.
 
     Raises:
@@ -103,7 +103,7 @@ def make_folder(path: str | os.PathLike[str], *, parents: bool = True) -> Path:
     """
     folder = Path(path)
     try:
-        folder.mkdir(parents=parents, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise cannot_write(folder, error, "make the folder") from error
     return folder

@@ -10,6 +10,7 @@ from catfree.geometry._plane import to_plan
 from catfree.geometry.camera import rays_of_pixels
 from catfree.types import Rig, Scene
 
+MARGIN = 0.05  # empty border of the plan, as a share of its larger side
 WEDGE_LENGTH = 0.08  # length of a camera's field of view on the plan, as a share of E
 
 
@@ -81,7 +82,6 @@ def view_area(
     scene: Scene,
     xy: Float[np.ndarray, "n 2"],
     area: Sequence[float | int] | np.ndarray | None = None,
-    margin: float = 0.05,
 ) -> tuple[float, float, float, float]:
     """Rectangle x_min, x_max, y_min, y_max that shows all cameras and nearly all positions.
 
@@ -90,7 +90,6 @@ def view_area(
         xy: (N, 2) positions in ground coordinates; the outermost 1 % along each axis may be
             outside.
         area: x_min, x_max, y_min, y_max of an area to include, or None.
-        margin: empty border as a share of the larger side.
     """
     registered = np.flatnonzero(scene.rig.registered)
     parts = [camera_wedge(scene, int(camera)) for camera in registered]
@@ -100,7 +99,7 @@ def view_area(
         parts.append(np.reshape(np.asarray(area, np.float64), (2, 2)).T)
     points = np.concatenate(parts) if parts else np.array([[-1.0, -1.0], [1.0, 1.0]])
     low, high = points.min(0), points.max(0)
-    border = margin * max(float((high - low).max()), 1e-3 * float(scene.extent))
+    border = MARGIN * max(float((high - low).max()), 1e-3 * float(scene.extent))
     return (
         float(low[0] - border),
         float(high[0] + border),

@@ -69,21 +69,19 @@ def detect_videos(
     # One common detector may process all cameras at once.
     shared = detector if isinstance(detector, BatchDetector) else None
     describe = None if embedder is None else Describer(embedder)
-    frame, camera, people_of_pictures, embedding = [], [], [], []
+    found, embedding = [], []
     for done, (tick, pictures) in enumerate(videos.pictures_from(), start=1):
         instant = detect_instant(pictures, detectors, shared, tick)
         for index, people in instant.items():
-            frame.append(np.full(len(people), tick))
-            camera.append(np.full(len(people), index))
-            people_of_pictures.append(people)
+            found.append((tick, index, people))
             if describe is not None:
                 embedding.append(describe(pictures[index], people.box, index, tick))
         if progress is not None:
             progress("detect", done, videos.frame_count)
-    if not people_of_pictures:
+    if not found:
         raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
     vectors = embedding if embedder is not None else None
-    return collect_detections(frame, camera, people_of_pictures, vectors, clock=videos.clock)
+    return collect_detections(found, vectors, clock=videos.clock)
 
 
 def fit_to_cameras(
@@ -197,9 +195,7 @@ def detect_instant(
 
 
 def collect_detections(
-    frame: list[np.ndarray],
-    camera: list[np.ndarray],
-    detected: list[FrameDetections],
+    found: Sequence[tuple[int, int, FrameDetections]],
     embedding: list[np.ndarray] | None,
     *,
     clock: Clock | None = None,
@@ -207,18 +203,18 @@ def collect_detections(
     """Join the rows of all pictures; keypoints only if every picture has them.
 
     Args:
-        frame: for each picture, its frame index once per row.
-        camera: for each picture, its camera once per row.
-        detected: for each picture, the people in it.
+        found: for each picture, its frame, its camera and the people in it.
         embedding: for each picture, (n, D) appearance vectors, or None.
         clock: of the frames.
     """
+    frame, camera, detected = zip(*found, strict=True)
+    rows = [len(people) for people in detected]
     optional_poses = [people.keypoints for people in detected]
     poses = [pose for pose in optional_poses if pose is not None]
     keypoints = np.concatenate(poses) if poses and len(poses) == len(detected) else None
     return Detections(
-        np.concatenate(frame),
-        np.concatenate(camera),
+        np.repeat(frame, rows),
+        np.repeat(camera, rows),
         np.concatenate([people.box for people in detected]),
         score=np.concatenate([people.score for people in detected]),
         ankles_confirmed=None if keypoints is None else ankles_confirmed(keypoints),

@@ -127,9 +127,7 @@ def grid_boxes(
         grid[at] = values
         return grid
 
-    center = ((size - 1) / 2)[camera[row]]
-    middle = (box[row, 0] + box[row, 2]) / 2 - center[:, 0]
-    edges = np.column_stack([middle, box[row, 1] - center[:, 1], box[row, 3] - center[:, 1]])
+    edges = edges_from_center(box[row], size[camera[row]])
     if lenses is not None:
         edges = lenses.straightened(camera[row], edges)
     sd = edge_deviation(edges[:, 2] - edges[:, 1], settings.relative_sd, settings.pixel_sd)
@@ -145,3 +143,17 @@ def grid_boxes(
         size=size,
         frames=frames,
     )
+
+
+def edges_from_center(
+    box: Float[np.ndarray, "n 4"], size: Int[np.ndarray, "n 2"]
+) -> Float[np.ndarray, "n 3"]:
+    """(n, 3) middle column, top and bottom of boxes, in pixels from the middle of their images.
+
+    Args:
+        box: (n, 4) x1, y1, x2, y2 in pixels.
+        size: (n, 2) width and height of each image in pixels.
+    """
+    across, down = ((size - 1) / 2).T
+    middle = (box[:, 0] + box[:, 2]) / 2
+    return np.column_stack([middle - across, box[:, 1] - down, box[:, 3] - down])

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from catfree.calibration.people._box_grid import edges_from_center
 from catfree.calibration.people._radial_lens import RadialLenses, radial_distortion
 from catfree.calibration.people._register import Calibration, rig_with_lenses
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
@@ -89,16 +90,7 @@ def refine_with_correspondences(
         )
     person, camera = np.nonzero(members >= 0)
     row = members[person, camera]
-    center = (rig.image_size[camera] - 1) / 2
-    edges = np.asarray(detections.box, np.float64)[row]
-    box = np.stack(
-        [
-            (edges[:, 0] + edges[:, 2]) / 2 - center[:, 0],
-            edges[:, 1] - center[:, 1],
-            edges[:, 3] - center[:, 1],
-        ],
-        -1,
-    )
+    box = edges_from_center(np.asarray(detections.box, np.float64)[row], rig.image_size[camera])
     if box_sd is None:
         sd = edge_deviation(box[:, 2] - box[:, 1], settings.relative_sd, settings.pixel_sd)
         sd = np.repeat(sd[:, None], 3, axis=1)

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LONGER_SIDE = 7.5  # inches
+LEGEND = 1.2  # inches for legend and labels, beside and below
 
 
 def require_pyplot() -> Any:
@@ -26,16 +27,13 @@ def require_pyplot() -> Any:
     return pyplot
 
 
-def axes_or_new(
-    ax: "Axes | None", view: tuple[float, float, float, float], *, legend: float = 1.2
-) -> "Axes":
+def axes_or_new(ax: "Axes | None", view: tuple[float, float, float, float]) -> "Axes":
     """The given axes, or those of a new figure.
 
     Args:
         ax: axes to draw on, or None.
         view: x_min, x_max, y_min, y_max to show with equal axis scales; sets the shape of a new
             figure.
-        legend: room in inches for legend and labels, beside and below.
     """
     pyplot = require_pyplot()
     if ax is not None:
@@ -43,7 +41,7 @@ def axes_or_new(
     width, height = view[1] - view[0], view[3] - view[2]
     scale = LONGER_SIDE / max(width, height)
     narrowest = 0.65 * LONGER_SIDE
-    size = (max(width * scale, narrowest) + legend, max(height * scale, 0.4 * LONGER_SIDE) + legend)
+    size = (max(width * scale, narrowest) + LEGEND, max(height * scale, 0.4 * LONGER_SIDE) + LEGEND)
     return pyplot.subplots(figsize=size, layout="constrained")[1]
 
 

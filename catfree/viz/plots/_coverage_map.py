@@ -64,12 +64,11 @@ def plot_coverage(
     return ax
 
 
-def iso_levels(sigma: np.ndarray, count: int = ISO_LINES) -> np.ndarray:
+def iso_levels(sigma: np.ndarray) -> np.ndarray:
     """Round numbers (1, 2, 3, 5 or 7 times a power of ten) that span the bulk of finite values.
 
     Args:
         sigma: any shape, may hold inf.
-        count: largest number of levels; if there are more, every k-th is kept.
     """
     finite = sigma[np.isfinite(sigma) & (sigma > 0)]
     if len(finite) == 0:
@@ -78,7 +77,7 @@ def iso_levels(sigma: np.ndarray, count: int = ISO_LINES) -> np.ndarray:
     decades = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     levels = np.sort(np.outer(10.0**decades, [1, 2, 3, 5, 7]).ravel())
     levels = levels[(levels > low) & (levels < high)]
-    return levels[:: max(int(np.ceil(len(levels) / count)), 1)]
+    return levels[:: max(int(np.ceil(len(levels) / ISO_LINES)), 1)]
 
 
 def _draw_sigma(ax: "Axes", coverage: Coverage, unit: str) -> None:
