@@ -15,9 +15,10 @@ from beartype import beartype
 from hypothesis import HealthCheck, settings
 from jaxtyping import install_import_hook
 
-# Checking every call of every function would take a quarter of the time of all tests. Each test
-# checks this many times per function: before a call its arguments, after it also its result.
-CHECKS = 20
+# Checking every call of a loop that runs thousands of times takes a quarter of the time of a test.
+# Each test checks this many times per function: before a call its arguments, after it also its
+# result. That is every example that hypothesis draws, with four calls in each.
+CHECKS = 200
 _checks: Counter[str] = Counter()
 
 

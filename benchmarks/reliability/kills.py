@@ -107,14 +107,10 @@ def compiled_in(folder: Path) -> dict[str, str]:
     """Environment of a process that keeps what it compiles in a folder of its own.
 
     Compiling again would take most of the time, and kills would seldom hit anything else. Nobody
-    else reads the folder, because a killed process may leave half of a file. What this process
-    keeps is copied there first.
+    else reads the folder, because a killed process may leave half of a file.
     """
-    compiled, known = folder / "compiled", os.environ.get("JAX_COMPILATION_CACHE_DIR")
-    if known is not None and not compiled.exists():
-        shutil.copytree(known, compiled)
     return {
-        "JAX_COMPILATION_CACHE_DIR": str(compiled),
+        "JAX_COMPILATION_CACHE_DIR": str(folder / "compiled"),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
         "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
     }
