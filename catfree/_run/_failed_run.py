@@ -43,8 +43,8 @@ def write_failure(
         pictures: write the picture.
 
     Returns:
-        The files: `boxes/CAMERA.txt`, `detections.npz`, `pictures/boxes.jpg`, `report.md` and
-        `report.html`.
+        The files: `boxes/CAMERA.txt`, `detections.npz`, with `pictures` also `pictures/boxes.jpg`,
+        `report.md` and `report.html`.
 
     Raises:
         CatFreeError: if a file cannot be written, or the footage cannot be read again.
@@ -55,9 +55,9 @@ def write_failure(
         return []
     root = Path(folder)
     files = write_boxes(root / "boxes", detections, videos.camera_names, videos.frames)
-    stored = detections if embeddings else replace(detections, embedding=None)
-    stored.save(root / "detections.npz")
     files.append(root / "detections.npz")
+    stored = detections if embeddings else replace(detections, embedding=None)
+    stored.save(files[-1])
     shown: list[Block] = []
     if pictures:
         sheet = root / "pictures" / "boxes.jpg"

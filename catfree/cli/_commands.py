@@ -379,8 +379,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree.adapters.background._background_detector import BackgroundDetector
         from catfree.settings import Settings
 
-        stages = StageCache(out / "cache" if cache is None else cache)
         source: Any
+        finder: Any
         if of_boxes:
             source, finder = open_boxes(videos, image_size=image_size), None
             print_table(_box_table(source), aside=True)
@@ -390,9 +390,10 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             finder = open_detector(detector) or BackgroundDetector()
             print_table(footage_table(source), aside=True)
             require_distinct_videos(source)
+        stages = StageCache(out / "cache" if cache is None else cache)
         on_failure = _report_of_failure(out, blur=blur, pictures=pictures)
         with on_failure as unfinished, progress_bars() as progress:
-            if finder is None:
+            if of_boxes:
                 boxes = source.detections
             else:
                 unfinished.videos, unfinished.warnings = source, footage_warnings(source)
