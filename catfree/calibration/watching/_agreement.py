@@ -134,6 +134,55 @@ class _Solved(NamedTuple):
         return cls(np.zeros((0, p, p)), np.zeros((0, p)), [], np.zeros((0, 3)))
 
 
+class _Equations(NamedTuple):
+    """Normal equations of each person: `own` of the cameras, and what eliminates the place.
+
+    Attributes:
+        own: (M, C, 8, 8) matrix of each camera's errors.
+        right: (M, C, 8) its right-hand side.
+        mixed: (M, 3, 8C) between place and height and the errors.
+        solution: (M, 3, 8C + 1) of the place's equations for `mixed` and its right-hand side.
+    """
+
+    own: Float[np.ndarray, "m cam 8 8"]
+    right: Float[np.ndarray, "m cam 8"]
+    mixed: Float[np.ndarray, "m 3 p"]
+    solution: Float[np.ndarray, "m 3 q"]
+
+    @classmethod
+    def of(
+        cls,
+        slope: Float[np.ndarray, "m cam 3 k"],
+        residual: Float[np.ndarray, "m cam 3"],
+        precision: Float[np.ndarray, "m cam 3"],
+        held: Float[np.ndarray, " m"],
+        pull: Float[np.ndarray, " m"],
+    ) -> "_Equations":
+        """Of residuals of boxes, and of heights that are `held` and pulled."""
+        m, count = residual.shape[:2]
+        own, place = slice(0, PARAMETERS), slice(PARAMETERS, None)
+        weighted = slope * precision[..., None]
+        normal = np.einsum("mcei,mcej->mcij", weighted, slope)
+        right = np.einsum("mcei,mce->mci", weighted, residual)
+        block = normal[..., place, place].sum(1) + 1e-9 * np.eye(3)
+        block[:, 2, 2] += held
+        aim = right[..., place].sum(1)
+        aim[:, 2] += pull
+        mixed = normal[..., place, own].swapaxes(1, 2).reshape(m, 3, PARAMETERS * count)
+        solution = np.linalg.solve(block, np.concatenate([mixed, aim[..., None]], 2))
+        return cls(normal[..., own, own], right[..., own], mixed, solution)
+
+    def sums(self, rows) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
+        """Information of some people on the errors, their places eliminated, and its product."""
+        mixed, solution = self.mixed[rows], self.solution[rows]
+        p, cameras = mixed.shape[-1], np.arange(self.own.shape[1])
+        matrix = -mixed.reshape(-1, p).T @ solution.reshape(-1, p + 1)
+        matrix[:, p] += self.right[rows].sum(0).ravel()
+        view = matrix[:, :p].reshape(len(cameras), PARAMETERS, len(cameras), PARAMETERS)
+        view[cameras, :, cameras] += self.own[rows].sum(0)
+        return matrix[:, :p], matrix[:, p]
+
+
 def _solve(
     sights: Sights,
     index: Int[np.ndarray, " m"],
@@ -173,35 +222,22 @@ def _solve(
     tall = people.state[index + low, 2]
     held = (HEIGHT_SD * tall) ** -2.0
     theta = _parameters(now)
-    weight = np.ones_like(residual)
-    matrix, vector = np.zeros((m, p, p)), np.zeros((m, p))
+    pull = held * (tall - state[:, 2])
+    equations = _Equations.of(slope, residual, precision, held, pull)
     step, shift = np.zeros(p), np.zeros((m, 3))
-    for _ in range(REWEIGHTED):
-        weighted = slope * (precision * weight)[..., None]
-        normal = np.einsum("mcei,mcej->mcij", weighted, slope)
-        right = np.einsum("mcei,mce->mci", weighted, residual)
-        block = normal[..., PARAMETERS:, PARAMETERS:].sum(1) + 1e-9 * np.eye(3)
-        block[:, 2, 2] += held
-        aim = right[..., PARAMETERS:].sum(1)
-        aim[:, 2] += held * (tall - state[:, 2])
-        mixed = normal[..., own, PARAMETERS:].reshape(m, p, 3)
-        solution = np.linalg.solve(block, np.concatenate([mixed.swapaxes(1, 2), aim[..., None]], 2))
-        matrix = -mixed @ solution[..., :p]
-        axis = np.arange(count)
-        view = matrix.reshape(m, count, PARAMETERS, count, PARAMETERS)
-        view[:, axis, :, axis] += normal[..., own, own].swapaxes(0, 1)
-        vector = right[..., own].reshape(m, p) - (mixed @ solution[..., p:])[..., 0]
+    for again in range(REWEIGHTED):
+        if again:
+            turned = np.einsum("mcei,ci->mce", slope[..., own], step.reshape(count, PARAMETERS))
+            moved = np.einsum("mcei,mi->mce", slope[..., PARAMETERS:], shift)
+            weight = 1 / (1 + (residual - turned - moved) ** 2 * precision / CAUCHY**2)
+            equations = _Equations.of(slope, residual, precision * weight, held, pull)
         # A window alone tells turns and lags only; matches need no more.
-        total = matrix.sum(0) + prior(count)
+        matrix, vector = equations.sums(slice(None))
+        total = matrix + prior(count)
         step = np.zeros(p)
-        needed = (vector.sum(0) - prior(count) @ (theta - begun))[quick]
+        needed = (vector - prior(count) @ (theta - begun))[quick]
         step[quick] = np.linalg.solve(total[np.ix_(quick, quick)], needed)
-        shift = solution[..., p] - np.einsum("mip,p->mi", solution[..., :p], step)
-        rest = residual - np.einsum(
-            "mcei,ci->mce", slope[..., own], step.reshape(count, PARAMETERS)
-        )
-        rest = rest - np.einsum("mcei,mi->mce", slope[..., PARAMETERS:], shift)
-        weight = 1 / (1 + rest**2 * precision / CAUCHY**2)
+        shift = equations.solution[..., p] - equations.solution[..., :p] @ step
     step = step.reshape(count, PARAMETERS)
     step[:, :3] = np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
     corrections = [
@@ -209,10 +245,13 @@ def _solve(
         for c, one in enumerate(now)
     ]
     reach = FARTHEST * sights.unit
-    vector = vector + np.einsum("mij,j->mi", matrix, theta)
     kept = np.flatnonzero(used)
-    track, group = np.unique(people.track[index[kept] + low], return_inverse=True)
-    of_group, to = np.zeros((len(track), p, p)), np.zeros((len(track), p))
-    np.add.at(of_group, group, matrix[kept])
-    np.add.at(to, group, vector[kept])
+    track = people.track[index[kept] + low]
+    by_track = np.argsort(track, kind="stable")
+    first = np.unique(track[by_track], return_index=True)[1]
+    groups = np.split(kept[by_track], first)[1:]
+    of_group, to = np.zeros((len(groups), p, p)), np.zeros((len(groups), p))
+    for g, rows in enumerate(groups):
+        of_group[g], to[g] = equations.sums(rows)
+    to += of_group @ theta
     return _Solved(of_group, to, corrections, state + np.clip(shift, -reach, reach))

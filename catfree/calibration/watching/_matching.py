@@ -139,25 +139,21 @@ def candidates(
     middle = np.column_stack([angle[:, 0], angle[:, 1:].mean(-1)])
     size = angle[:, 2] - angle[:, 1]
     seen = np.column_stack([boxes.angle[begin:end, 0], boxes.angle[begin:end, 1:].mean(-1)])
-    tall = boxes.size[begin:end]
     good: np.ndarray = np.asarray(boxes.whole[begin:end].all(-1))
+    # Logarithms of both sizes; NaN is not alike.
+    tall, high = (
+        np.log(x, where=x > 0, out=np.full(len(x), np.nan)) for x in (boxes.size[begin:end], size)
+    )
+    side = 2 * REACH + 1
     votes = []
     for shift in shifts:
         a, b = equal_pairs(people.frame[person] + int(shift), boxes.frame[begin:end])
-        with np.errstate(invalid="ignore", divide="ignore"):
-            alike = good[b] & (size[a] > 0) & (np.abs(np.log(tall[b] / size[a])) < ALIKE)
+        alike = good[b] & (np.abs(tall[b] - high[a]) < ALIKE)
         cell = np.round((seen[b] - middle[a])[alike] / CELL).astype(int) + REACH
-        cell = cell[((cell >= 0) & (cell <= 2 * REACH)).all(-1)]
-        grid = np.zeros((2 * REACH + 1, 2 * REACH + 1))
-        np.add.at(grid, tuple(cell.T), 1.0)
+        cell = cell[((cell >= 0) & (cell < side)).all(-1)]
+        grid = np.bincount(cell @ np.array([side, 1]), minlength=side**2).reshape(side, side)
         wide = np.pad(grid, 1)
-        votes.append(
-            sum(
-                wide[i : i + grid.shape[0], j : j + grid.shape[1]]
-                for i in range(3)
-                for j in range(3)
-            )
-        )
+        votes.append(sum(wide[i : i + side, j : j + side] for i in range(3) for j in range(3)))
     stack = np.array(votes)
     # What standing people and chance bring is the same at most lags.
     excess = stack - np.median(stack, axis=0)[None] * (len(shifts) > 4)

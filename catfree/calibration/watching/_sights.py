@@ -21,7 +21,7 @@ from catfree.types._sampling import frame_step
 BORDER = 0.005  # of the image side; a box that ends nearer to its border may be cut by it
 NEAREST = 0.2  # person heights in front of a camera, below which nobody is predicted
 HEIGHTS = (0.7, 1.3)  # of the median height; bounds of the height of one person
-BLOCKS = (256, 4096)  # sightings computed together
+BLOCKS = (256, 1024)  # sightings computed together
 FOOT_SHARE = CalibrationSettings.foot_offset / CalibrationSettings.person_height
 
 
