@@ -20,6 +20,7 @@ from catfree.methods.evidence.track._identify import (
     later,
     match,
     nodes_of,
+    strangers_of,
 )
 from catfree.methods.evidence.track._presence import later_frames
 from catfree.methods.evidence.track._tracking import Trails, smooth, transition
@@ -230,7 +231,8 @@ def _identify(
     habits = _habits(learned.habits)
     k = future.chain
     past_of = np.full(len(track), -1)
-    past_of[k] = match(pasts, future, look[k], boxes[k], seen[k], habits, population)
+    (stranger,) = strangers_of([future], population)
+    past_of[k] = match(pasts, future, stranger, look[k], boxes[k], seen[k], habits, population)
     here = at[0]
     linked = past_of[chain[here]]
     numbers = track[chain[here]]

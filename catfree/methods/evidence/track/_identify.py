@@ -241,6 +241,31 @@ class Futures(NamedTuple):
     wait: Int[np.ndarray, " k"]
 
 
+class Strangers(NamedTuple):
+    """Futures taken for people never seen before.
+
+    Attributes:
+        value: (K,) log evidence, without what is the same for all.
+        center: (K, 2) their places, and `around`: (K, 2, 2) covariance.
+    """
+
+    value: Float[np.ndarray, " k"]
+    center: Float[np.ndarray, "k 2"]
+    around: Float[np.ndarray, "k 2 2"]
+
+
+def strangers_of(futures: list[Futures], population: Population) -> list[Strangers]:
+    """The futures of each frame, each taken for somebody never seen before."""
+    prior, pull = _new_person(population)
+    alone = np.concatenate([future.matrix for future in futures]) + prior
+    start = np.concatenate([future.vector for future in futures]) + pull
+    around = np.linalg.inv(alone)
+    center = np.einsum("kij,kj->ki", around[:, :2], start)
+    cuts = np.cumsum([len(future.chain) for future in futures])[:-1]
+    parts = (np.split(part, cuts) for part in (_form(alone, start), center, around[:, :2, :2]))
+    return list(map(Strangers, *parts))
+
+
 def futures_of(
     at: list[np.ndarray], nodes: Nodes, chain: np.ndarray, steps: list[tuple]
 ) -> list[Futures]:
@@ -317,6 +342,7 @@ def sweep(
     kinds = {dt: transition(population.motion, dt) for dt in set(np.diff(population.time).tolist())}
     steps = [kinds[dt] for dt in np.diff(population.time).tolist()]
     futures = futures_of(at, nodes, chain, steps)
+    strangers = strangers_of(futures, population)
     pasts = no_pasts(nodes.look.shape[1])
     chains = chain.max() + 1
     # Of each chain's future.
@@ -326,11 +352,13 @@ def sweep(
     seen = np.bincount(chain, nodes.boxes > 0, chains).astype(int)
     names, count = np.zeros(len(chain), int), 0
     place = np.full(chains, -1)
-    for t, future in enumerate(futures):
+    for t, (future, stranger) in enumerate(zip(futures, strangers, strict=True)):
         if t:
             pasts = later(pasts, *steps[t - 1])
         name = future.chain
-        past = match(pasts, future, look[name], boxes[name], seen[name], habits, population)
+        past = match(
+            pasts, future, stranger, look[name], boxes[name], seen[name], habits, population
+        )
         here = at[t]
         place[name] = np.arange(len(name))
         linked = past[place[chain[here]]]
@@ -385,6 +413,7 @@ def _new_person(population: Population) -> tuple[np.ndarray, np.ndarray]:
 def match(
     pasts: Pasts,
     future: Futures,
+    stranger: Strangers,
     look: Float[np.ndarray, "k dim"],
     boxes: Int[np.ndarray, " k"],
     seen: Int[np.ndarray, " k"],
@@ -396,6 +425,7 @@ def match(
     Args:
         pasts: the chains up to the frame before, predicted for this one.
         future: (K) the chains from this frame on.
+        stranger: (K) the same, each taken for somebody never seen before.
         look: (K, D) sum of the embeddings of their boxes.
         boxes: (K,) number of these.
         seen: (K,) number of their positions with a box.
@@ -410,23 +440,21 @@ def match(
     if len(past) == 0 or len(pasts.name) == 0:
         return past
     density, spread, speed = population.density, population.spread, population.motion.speed
-    prior, pull = _new_person(population)
     # Of the prior of a new person, and of leaving and coming instead of staying.
     constant = np.log(2 * np.pi * density) - np.log(spread * speed**2)
     constant += 2 * np.log(habits.leave) - 0.5 / spread**2
+    value = constant + stranger.value
     mean, cov = pasts.mean, pasts.covariance
-    alone, around = matrix + prior, np.linalg.inv(matrix + prior)
-    start = vector + pull
-    value = constant + _form(alone, start)
-    center = np.einsum("kij,kj->ki", around[:, :2], start)
     hidden = pasts.gap[:, None] - 1 + wait[None]
-    m2, area = distances(mean[:, :2], cov[:, :2, :2], center, around[:, :2, :2])
+    m2, area = distances(mean[:, :2], cov[:, :2, :2], stranger.center, stranger.around)
     cost = habits.surprise(hidden) + np.log(2 * np.pi * density * habits.leave**2)
     hope = -0.5 * (m2 + np.log(area)) - cost
     i, j = np.nonzero((hope > HOPELESS) & (hidden < HORIZON))
     P, p = _of_known_and_any_height(mean, cov, spread)
     misled = population.settings.foot_outlier  # the heights of one person do not agree
-    same = _form(P[:, i] + matrix[j], p[:, i] + vector[j]) - _form(P, p)[:, i]
+    joint, joint_vector = P[:, i] + matrix[j], p[:, i] + vector[j]
+    form = _form(np.concatenate([P, joint], 1), np.concatenate([p, joint_vector], 1))
+    same = form[:, len(mean) :] - form[:, i]
     same += np.log([[1 - misled], [misled]])
     gain = np.zeros(hope.shape)
     gain[i, j] = np.logaddexp(*same) - value[j] - habits.surprise(hidden[i, j])

@@ -188,7 +188,7 @@ class Alone(NamedTuple):
         """New people of these boxes; `density` and `spread` as in `follow`."""
         return cls(log_evidence(info, density, spread), *mean_and_covariance(info, spread))
 
-    def rows(self, rows: Int[np.ndarray, " n"]) -> "Alone":
+    def rows(self, rows: Int[np.ndarray, " n"] | slice) -> "Alone":
         """What some of the groups say."""
         return Alone(self.evidence[rows], self.mean[rows], self.covariance[rows])
 
@@ -238,16 +238,17 @@ def follow(
     Returns:
         All tracks, including gaps but not beyond their first and last group.
     """
-    bounds = np.searchsorted(groups.frame, np.arange(len(time) + 1))
+    likely = np.flatnonzero(log_odds > -settings.evidence_limit / 2)
+    bounds = np.searchsorted(groups.frame[likely], np.arange(len(time) + 1))
     linker = Linker(motion, settings, looks)
-    alone = Alone.of(groups.info, density, spread)
+    info = groups.info[likely]
+    alone = Alone.of(info, density, spread)
     heads = no_heads(0 if looks is None else looks.total.shape[1])
     history = []
     for t in range(len(time)):
-        rows = np.arange(bounds[t], bounds[t + 1])
-        rows = rows[log_odds[rows] > -settings.evidence_limit / 2]
+        here = slice(bounds[t], bounds[t + 1])
         step = float(time[t] - time[t - 1]) if t else 0.0
-        node, heads = linker.link(heads, groups.info[rows], alone.rows(rows), rows, step)
+        node, heads = linker.link(heads, info[here], alone.rows(here), likely[here], step)
         history.append(node)
     return smooth(history, time, motion)
 
@@ -363,7 +364,9 @@ class Linker(NamedTuple):
             cov[hit] = np.linalg.inv(precision)
             mean[hit] = np.einsum("tij,tj->ti", cov[hit], vector)
         gap = np.where(assigned >= 0, 0, before.gap + 1)
-        fresh = np.setdiff1d(np.arange(len(group)), assigned)
+        is_new = np.ones(len(group), bool)
+        is_new[assigned[hit]] = False
+        fresh = np.flatnonzero(is_new)
         new_mean = np.zeros((len(fresh), 5))
         new_mean[:, :3] = alone.mean[fresh]
         new_cov = np.zeros((len(fresh), 5, 5))
