@@ -140,9 +140,15 @@ def main() -> None:
 
         with ProcessPoolExecutor(1, mp_context=context, initializer=start_worker) as pool:
             one = run("one", pool)
-        variables = {"distributed.nanny.pre-spawn-environ.PJRT_NPROC": 1}
+        # One thread per worker, which keeps freed memory, as in examples/shards_on_dask.py.
+        variables = {
+            "PJRT_NPROC": 1,
+            "MALLOC_TRIM_THRESHOLD_": 2**28,
+            "MALLOC_MMAP_THRESHOLD_": 2**25,
+        }
+        workers = {f"distributed.nanny.pre-spawn-environ.{k}": v for k, v in variables.items()}
         with (
-            config.set(variables),
+            config.set(workers),
             LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
             Client(cluster) as client,
         ):
