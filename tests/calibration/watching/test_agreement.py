@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, strategies as st
 
-from catfree.calibration.watching._agreement import PARAMETERS, solve_window
+from catfree.calibration.watching._agreement import PARAMETERS, _Equations, solve_window
 from catfree.calibration.watching._matching import Correction, corrected_place, match
 from catfree.calibration.watching._sights import sights
 from catfree.methods import localize
@@ -36,6 +37,39 @@ def test_a_window_tells_of_a_turn_that_it_starts_without(seen):
     _, found = solve_window(seen, 0, 20, [still[0], wrong, *still[2:]], NOISE)
     off = [np.linalg.norm(one.turn - found[0].turn) for one in found]
     assert max(off) < 0.5 * np.linalg.norm(turn)
+
+
+@given(st.integers(0, 5), st.integers(1, 4), st.integers(0, 2**32 - 1))
+def test_what_some_people_say_is_the_elimination_of_their_places(people, cameras, seed):
+    rng = np.random.default_rng(seed)
+    slope = rng.normal(size=(people, cameras, 3, PARAMETERS + 3))
+    residual = rng.normal(size=(people, cameras, 3))
+    precision = rng.uniform(0.5, 2, residual.shape)
+    held, pull = rng.uniform(1, 2, people), rng.normal(size=people)
+    rows = np.flatnonzero(rng.random(people) < 0.7)
+    matrix, vector = _Equations.of(slope, residual, precision, held, pull).sums(rows)
+
+    # All unknowns in one dense system: the errors of all cameras, then the place of each person.
+    errors = PARAMETERS * cameras
+    full, right = (np.zeros((errors + 3 * people,) * k) for k in (2, 1))
+    full[range(errors, len(full)), range(errors, len(full))] = 1e-9
+    for m in rows:
+        place = errors + 3 * m + np.arange(3)
+        full[place[2], place[2]] += held[m]
+        right[place[2]] += pull[m]
+        for camera in range(cameras):
+            at = np.append(PARAMETERS * camera + np.arange(PARAMETERS), place)
+            weighted = slope[m, camera] * precision[m, camera][:, None]
+            full[np.ix_(at, at)] += weighted.T @ slope[m, camera]
+            right[at] += weighted.T @ residual[m, camera]
+    block, mixed = full[errors:, errors:], full[errors:, :errors]
+    eliminated = np.linalg.solve(block, np.column_stack([mixed, right[errors:]]))
+    scale = 1 + np.abs(full).max(initial=0)
+    close = {"rtol": 1e-6, "atol": 1e-9 * scale}
+    np.testing.assert_allclose(
+        matrix, full[:errors, :errors] - mixed.T @ eliminated[:, :-1], **close
+    )
+    np.testing.assert_allclose(vector, right[:errors] - mixed.T @ eliminated[:, -1], **close)
 
 
 def test_the_center_and_the_zoom_of_a_camera_move_its_map(seen):
