@@ -158,7 +158,15 @@ class _Equations(NamedTuple):
         held: Float[np.ndarray, " m"],
         pull: Float[np.ndarray, " m"],
     ) -> "_Equations":
-        """Of residuals of boxes, and of heights that are `held` and pulled."""
+        """Build them from linearized boxes.
+
+        Args:
+            slope: of the angles of each box by its camera's errors, place and height.
+            residual: measured less predicted angles.
+            precision: of these, 0 where there is no box.
+            held: precision of the prior of each height.
+            pull: the same times how much taller the prior is.
+        """
         m, count = residual.shape[:2]
         own, place = slice(0, PARAMETERS), slice(PARAMETERS, None)
         weighted = slope * precision[..., None]
