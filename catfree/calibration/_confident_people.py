@@ -53,7 +53,7 @@ def confident_people(
     Raises:
         InsufficientDataError: if no box of a registered camera stands on the ground.
     """
-    solution = evidence.solve(detections, scene, settings, described=False)
+    solution = evidence.solve(detections, scene, settings, finish=False)
     clusters = evidence.clusters_of(solution)
     is_confident = clusters.strict() & ((clusters.member >= 0).sum(1) >= fewest_views)
     member, sigma = clusters.member[is_confident], clusters.sigma[is_confident]

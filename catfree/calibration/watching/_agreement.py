@@ -255,11 +255,9 @@ def _solve(
     reach = FARTHEST * sights.unit
     kept = np.flatnonzero(used)
     track = people.track[index[kept] + low]
-    by_track = np.argsort(track, kind="stable")
-    first = np.unique(track[by_track], return_index=True)[1]
-    groups = np.split(kept[by_track], first)[1:]
-    of_group, to = np.zeros((len(groups), p, p)), np.zeros((len(groups), p))
-    for g, rows in enumerate(groups):
-        of_group[g], to[g] = equations.sums(rows)
+    tracks = np.unique(track)
+    of_group, to = np.zeros((len(tracks), p, p)), np.zeros((len(tracks), p))
+    for g, one in enumerate(tracks):
+        of_group[g], to[g] = equations.sums(kept[track == one])
     to += of_group @ theta
     return _Solved(of_group, to, corrections, state + np.clip(shift, -reach, reach))

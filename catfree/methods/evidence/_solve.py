@@ -22,7 +22,7 @@ from catfree.types._annotations import Progress, no_progress
 Pass = Callable[[EvidenceState, EvidenceSettings], EvidenceState]
 
 ASSOCIATE: tuple[Pass, ...] = (group_boxes, weigh_groups, follow_people)
-DESCRIBE: tuple[Pass, ...] = (name_people, add_pose_errors)
+FINISH: tuple[Pass, ...] = (name_people, add_pose_errors)
 
 
 def solve(
@@ -32,7 +32,7 @@ def solve(
     *,
     silent: Int[np.ndarray, "k 2"] | None = None,
     progress: Progress | None = None,
-    described: bool = True,
+    finish: bool = True,
 ) -> EvidenceState:
     """Find the people of a sequence from the evidence of boxes and of missing boxes.
 
@@ -42,7 +42,7 @@ def solve(
         settings: constants and switches.
         silent: (K, 2) frame and camera of pictures that do not exist.
         progress: called as `progress(stage, done, total)`.
-        described: whether to mend identities over the whole sequence and to add the errors of poses
+        finish: whether to mend identities over the whole sequence and to add the errors of poses
             to the covariances. A bundle adjustment needs neither.
 
     Returns:
@@ -58,7 +58,7 @@ def solve(
         state = observe_boxes(detections, scene, settings, silent)
         # The tracks of one round are the priors of the next.
         rounds = settings.passes if state.is_tracked(settings) else 1
-        passes = (learn_looks, *(ASSOCIATE * rounds), choose_reported, *(DESCRIBE * described))
+        passes = (learn_looks, *(ASSOCIATE * rounds), choose_reported, *(FINISH * finish))
         for index, run in enumerate(passes):
             report("association", index, len(passes))
             state = run(state, settings)

@@ -61,10 +61,10 @@ def test_solve_runs_the_passes_in_their_order():
     assert not differs(solve(detections, scene), states()[-1])
 
 
-def test_without_description_solve_ends_with_what_is_reported():
+def test_an_unfinished_solve_ends_with_what_is_reported():
     _, detections, scene = walk(PEOPLE, FRAMES)
     chosen = states()[ALL.index(choose_reported) + 1]
-    assert not differs(solve(detections, scene, described=False), chosen)
+    assert not differs(solve(detections, scene, finish=False), chosen)
 
 
 def test_each_pass_changes_what_it_decides_and_nothing_else():
