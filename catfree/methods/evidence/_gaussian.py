@@ -14,9 +14,9 @@ three sums. With people at density rho on the plane and heights N(1, sH²) (leng
 where the starred sums include the height prior once.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -30,7 +30,9 @@ def _array(value: Any) -> Any:
     return value if isinstance(value, jax.Array) else np.asarray(value)
 
 
-class Information(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Information:
     """A Gaussian likelihood of (y1, y2, H), up to a factor; sums are joint likelihoods.
 
     Attributes:

@@ -30,6 +30,7 @@ from catfree.methods.evidence.track._existence import (
 )
 from catfree.methods.evidence.track._presence import step_forward
 from catfree.methods.evidence.track._tracking import (
+    CONSECUTIVE,
     Alone,
     Heads,
     Linker,
@@ -158,10 +159,12 @@ def advance(
     learned = forgetting(learned)
     trials, hits = count_detections(seen, groups.member, learned.heights, settings)
     active = learned.active | (groups.member >= 0).any(0)
-    sure = sure_groups(groups.member, log_odds, int(active.sum()), settings)
+    sure = place[sure_groups(groups.member, log_odds, int(active.sum()), settings), :2]
     steps = learned.steps
-    if 0 < step < 1.5:
-        squares = np.minimum(mutual_steps(state.sure, place[sure, :2]) ** 2, settings.fastest**2)
+    if 0 < step <= CONSECUTIVE:
+        instant = np.repeat([0, 1], [len(state.sure), len(sure)])
+        walked = mutual_steps(np.concatenate([state.sure, sure]), instant)
+        squares = np.minimum(walked**2, settings.fastest**2)
         steps = steps + np.array([squares.sum(), squares.size])
     learned = replace(
         learned,
@@ -178,7 +181,7 @@ def advance(
         heads=heads,
         forward=forward[followed],
         weight=weight[followed],
-        sure=place[sure, :2],
+        sure=sure,
     ), found
 
 

@@ -80,14 +80,9 @@ def estimate_motion(
         time: (F,) time of each frame in usual steps.
         settings: constants.
     """
-    steps = []
-    bounds = np.searchsorted(frame, np.arange(len(time) + 1))
-    for t in range(len(time) - 1):
-        a, b = position[bounds[t] : bounds[t + 1]], position[bounds[t + 1] : bounds[t + 2]]
-        if len(a) == 0 or len(b) == 0 or time[t + 1] - time[t] > CONSECUTIVE:
-            continue
-        steps.append(mutual_steps(a, b))
-    step = np.concatenate(steps) if steps else np.zeros((0, 2))
+    interrupted = np.diff(time, prepend=time[:1]) > CONSECUTIVE
+    number = np.arange(len(time)) + np.cumsum(interrupted)
+    step = mutual_steps(position, number[frame])
     squares = np.minimum(step**2, settings.fastest**2)
     return motion_of(float(squares.sum()), float(step.size), settings)
 
@@ -111,15 +106,18 @@ def sure_groups(
 
 
 def mutual_steps(
-    a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "m 2"]
+    position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, "k 2"]:
-    """Displacements between positions of two frames that are each other's nearest."""
-    if len(a) == 0 or len(b) == 0:
+    """Displacements from each frame to the next between positions that are each other's nearest."""
+    if len(frame) == 0:
         return np.zeros((0, 2))
-    _, ab = KDTree(b).query(a)
-    _, ba = KDTree(a).query(b)
-    mutual = np.asarray(ba)[ab] == np.arange(len(a))
-    return (b[ab] - a)[mutual]
+    # With time as the third axis: positions of another frame are farther away than any of this one.
+    away = 1 + float(np.ptp(position, axis=0).sum())
+    places = np.column_stack([position, away * frame])
+    tree, later = KDTree(places), np.array([0, 0, away])
+    after, before = (np.asarray(tree.query(places + side * later)[1]) for side in (1, -1))
+    first = np.flatnonzero((before[after] == np.arange(len(frame))) & (frame[after] - frame == 1))
+    return position[after[first]] - position[first]
 
 
 def usual_motion(settings: EvidenceSettings) -> Motion:

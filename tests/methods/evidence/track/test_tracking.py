@@ -13,6 +13,7 @@ from catfree.methods.evidence.track._tracking import (
     Motion,
     estimate_motion,
     follow,
+    mutual_steps,
     transition,
     unlinked,
 )
@@ -224,6 +225,27 @@ def test_the_speed_of_a_scattered_crowd_is_what_was_drawn(seed, speed):
     # Of 2000 steps the deviation is known to a 60th; paths of 40 steps stay within their cells.
     assert found.speed == pytest.approx(np.sqrt((step[1:] ** 2).mean()), rel=0.1)
     assert found.speed == pytest.approx(speed, rel=0.12)
+
+
+@given(
+    st.lists(st.integers(0, 4), min_size=1, max_size=8).map(np.cumsum),
+    st.integers(0, 10**6),
+    st.sampled_from([0.0, 1.0, 1e6]),
+)
+def test_steps_join_positions_that_are_each_others_nearest(counts, seed, distance):
+    """`counts` are running totals, so that some frames are empty."""
+    rng = np.random.default_rng(seed)
+    frame = np.repeat(np.arange(len(counts)), np.diff(counts, prepend=0)).astype(int)
+    position = distance + rng.standard_normal((len(frame), 2))
+    expected = []
+    for t in range(len(counts) - 1):
+        a, b = position[frame == t], position[frame == t + 1]
+        if len(a) and len(b):
+            apart = np.linalg.norm(a[:, None] - b[None], axis=-1)
+            near = (apart == apart.min(0)) & (apart == apart.min(1)[:, None])
+            expected.extend((b[None] - a[:, None])[near])
+    found = mutual_steps(position, frame)
+    np.testing.assert_array_equal(found, np.reshape(expected, (-1, 2)))
 
 
 def test_the_speed_over_a_pause_of_the_recording_says_nothing():
