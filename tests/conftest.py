@@ -2,44 +2,52 @@
 
 import functools
 import gc
+import inspect
 import itertools
 import os
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import jax
+import jaxtyping
 import pytest
-from beartype import beartype
 from hypothesis import HealthCheck, settings
 from jaxtyping import install_import_hook
 
 # Checking every call of a loop that runs thousands of times takes a quarter of the time of a test.
-# Each test checks this many times per function: before a call its arguments, after it also its
-# result. That is every example that hypothesis draws, with four calls in each.
-CHECKS = 200
-_checks: Counter[str] = Counter()
+# Each test checks this many calls per function: every example that hypothesis draws, with four
+# calls in each.
+CHECKS = 100
+_calls: Counter[str] = Counter()
+_jaxtyped = jaxtyping.jaxtyped
 
 
-def check_first_calls(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Let beartype check only the first calls of a function in each test."""
+def check_first_calls(function: Any = None, **checker: Any) -> Any:
+    """Let jaxtyping check the first calls of each function in each test; classes as usual."""
+    if function is None:
+        return functools.partial(check_first_calls, **checker)
+    if not inspect.isfunction(function):
+        return _jaxtyped(function, **checker)
     name = f"{function.__module__}.{function.__qualname__}"
-    if _checks[name] >= CHECKS:  # of a function within another one
+    if _calls[name] >= CHECKS:  # of a function within another one
         return function
-    checked = beartype(function)
+    checked = _jaxtyped(function, **checker)
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
-        if _checks[name] >= CHECKS:
+        if _calls[name] >= CHECKS:
             return function(*args, **kwargs)
-        _checks[name] += 1
+        _calls[name] += 1
         return checked(*args, **kwargs)
 
     return call
 
 
-install_import_hook("catfree", f"{__name__}.check_first_calls")
+# The hook decorates with this attribute; its own decorator also binds the arguments of calls that
+# it does not check.
+jaxtyping.jaxtyped = check_first_calls
+install_import_hook("catfree", "beartype.beartype")
 
 # Tests compile thousands of small functions, in half the time with these flags; results are equally
 # exact. (Level 0 of optimization is faster still, but jaxlib 0.10.2 computes wrong Hessians then.)
@@ -89,7 +97,7 @@ _tests = itertools.count(1)
 
 def pytest_runtest_setup() -> None:
     """Check the first calls of this test."""
-    _checks.clear()
+    _calls.clear()
 
 
 def pytest_runtest_teardown() -> None:
