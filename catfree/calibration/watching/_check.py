@@ -19,6 +19,7 @@ from catfree.calibration.watching._changes import (
 from catfree.calibration.watching._sights import linear
 from catfree.calibration.watching._time_of_change import follow_changes, time_of_change
 from catfree.calibration.watching._windows import Watched, watch
+from catfree.errors import InvalidInputError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
@@ -187,8 +188,8 @@ def check(
         A verdict on each camera with what to do.
 
     Raises:
-        InvalidInputError: if the arguments do not fit each other, two cameras have the same boxes,
-            or many boxes of a camera are outside its image.
+        InvalidInputError: if the arguments do not fit each other, `since` is after the last frame,
+            two cameras have the same boxes, or many boxes of a camera are outside its image.
         InsufficientDataError: if there are no boxes of two registered cameras.
         ForkedProcessError: in a process forked after JAX was used.
     """
@@ -197,6 +198,12 @@ def check(
     require_different_cameras(detections.frame, detections.camera, detections.box)
     require_known_cameras(detections.camera, scene.rig.camera_count)
     require_boxes_in_images(detections.camera, detections.box, np.asarray(scene.rig.image_size))
+    end = int(detections.frame.max(initial=-1))
+    if since is not None and since > end >= 0:
+        raise InvalidInputError(
+            f"since is frame {since}, but the last boxes are of frame {end}: nothing is left to "
+            "check. Give a frame number of the recording."
+        )
     watched = watch(
         scene,
         detections,

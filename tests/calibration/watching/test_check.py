@@ -116,6 +116,14 @@ def test_a_negative_lag_to_look_for_is_refused(world, quiet):
         check(world.true_scene, quiet, maximum_offset=-1)
 
 
+def test_a_trusted_frame_after_the_end_is_refused(world, quiet):
+    last = int(quiet.frame.max())
+    with pytest.raises(InvalidInputError, match=f"since is frame {last + 1}, .* frame {last}:"):
+        check(world.true_scene, quiet, since=last + 1)
+    with pytest.raises(InsufficientDataError, match="boxes"):
+        check(world.true_scene, cf.Detections([], [], np.zeros((0, 4))), since=1)
+
+
 def test_a_video_read_twice_is_refused_before_any_work(world, quiet):
     kept = quiet[quiet.camera != 3]
     copy = quiet[quiet.camera == 0]
