@@ -12,7 +12,7 @@ from catfree._coverage import Coverage
 from catfree._run._run import RunOutcome
 from catfree.adapters.video import SynchronizedVideos
 from catfree.calibration.people import Calibration
-from catfree.settings import CalibrationSettings, Settings
+from catfree.settings import Settings
 from catfree.types import Localization, Origin, Reliability, Scene
 from catfree.viz.page._blocks import (
     Block,
@@ -184,9 +184,7 @@ def describe_result(outcome: RunOutcome) -> list[Block]:
     return [Heading("Result"), Table(("", ""), rows)]
 
 
-def describe_cameras(
-    outcome: RunOutcome, person_height: float = CalibrationSettings.person_height
-) -> list[Block]:
+def describe_cameras(outcome: RunOutcome, person_height: float) -> list[Block]:
     """Describe the cameras and how well their poses are known.
 
     Args:

@@ -176,7 +176,7 @@ def prepare(
     size: Int[np.ndarray, "cam 2"],
     settings: CalibrationSettings,
     names: Sequence[str],
-    lenses: RadialLenses | None = None,
+    lenses: RadialLenses,
 ) -> Workspace:
     """Arrange the boxes on a grid and check that there are enough.
 
@@ -185,7 +185,7 @@ def prepare(
         size: (C, 2) image widths and heights in pixels.
         settings: constants.
         names: camera names for error messages.
-        lenses: lenses without which the boxes are arranged, ideal if None.
+        lenses: lenses without which the boxes are arranged.
 
     Raises:
         CalibrationError: if there are too few cameras, frames or boxes.
@@ -279,10 +279,9 @@ def describe(
     K, R, t = to_matrices(parameters, work.grid.size)
     K[~trusted] = np.nan
     crowd_sd = crowd_deviation(len(bundle.xy) / work.grid.frame_count, work.settings)
-    k1 = np.zeros(count)
-    if work.lenses is not None:  # the boxes were straightened for another focal length
-        ratio = np.exp(parameters[:, LOG_FOCAL]) / work.lenses.focal
-        k1 = work.lenses.k1 * np.nan_to_num(ratio) ** 2
+    # The boxes were straightened for another focal length.
+    ratio = np.exp(parameters[:, LOG_FOCAL]) / work.lenses.focal
+    k1 = work.lenses.k1 * np.nan_to_num(ratio) ** 2
     return Calibration(
         scene=Scene.from_rig(
             rig_with_lenses(K, R, t, work.grid.size, trusted, k1),

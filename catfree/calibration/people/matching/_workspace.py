@@ -20,12 +20,12 @@ class Workspace:
     Args:
         grid: all boxes.
         settings: constants.
-        lenses: lenses without which the boxes are on the grid, ideal if None.
+        lenses: lenses without which the boxes are on the grid.
 
     Attributes:
         grid: all boxes.
         settings: constants.
-        lenses: lenses without which the boxes are on the grid, ideal if None.
+        lenses: lenses without which the boxes are on the grid.
         useful: (C,) whether a camera has enough boxes to be placed.
         smallest: (C,) box height in pixels below which a camera hardly detects people.
         voting: frames used for voting on placements.
@@ -33,9 +33,7 @@ class Workspace:
         scoring: frames used to compare few placements.
     """
 
-    def __init__(
-        self, grid: BoxGrid, settings: CalibrationSettings, lenses: RadialLenses | None = None
-    ) -> None:
+    def __init__(self, grid: BoxGrid, settings: CalibrationSettings, lenses: RadialLenses) -> None:
         self.grid, self.settings, self.lenses = grid, settings, lenses
         self.useful = grid.valid.sum((1, 2)) > settings.minimum_matches
         self.smallest = smallest_boxes(grid)
