@@ -10,11 +10,15 @@ import numpy as np
 
 from catfree.adapters.calibration_files._distortion import (
     coefficients_of,
-    distortion_of,
     lens_coefficients,
     require_coefficients,
 )
-from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
+from catfree.adapters.calibration_files._named_rig import (
+    FileCamera,
+    NamedRig,
+    registered_cameras,
+    rig_of,
+)
 from catfree.adapters.calibration_files._rotation_vectors import (
     rotation_from_vector,
     rotation_to_vector,
@@ -79,35 +83,26 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
     cameras = {key: value for key, value in document.items() if _is_camera(value)}
     if not cameras:
         raise FileFormatError(f"{source} holds no camera (a table with a 'matrix').")
-    K, R, t, size, lens, kinds = [], [], [], [], [], []
+    found = []
     for key, camera in cameras.items():
         where = f"camera [{shortened(key)}]"
-        kinds.append(Lens.FISHEYE if camera.get("fisheye", False) else Lens.PINHOLE)
         part = {name: entry(camera, name, source, where) for name in ("matrix", "size")}
         part |= {name: entry(camera, name, source, where) for name in ("rotation", "translation")}
-        K.append(numbers(part["matrix"], (3, 3), source, f"matrix of {where}"))
-        size.append(numbers(part["size"], (2,), source, f"size of {where}"))
+        lens = Lens.FISHEYE if camera.get("fisheye", False) else Lens.PINHOLE
+        K = numbers(part["matrix"], (3, 3), source, f"matrix of {where}")
+        size = numbers(part["size"], (2,), source, f"size of {where}")
         vector = numbers(part["rotation"], (3,), source, f"rotation of {where}")
-        R.append(rotation_from_vector(vector))
-        t.append(numbers(part["translation"], (3,), source, f"translation of {where}"))
+        R = rotation_from_vector(vector)
+        t = numbers(part["translation"], (3,), source, f"translation of {where}")
         values = camera.get("distortions", [])
         coefficients = numbers(values, None, source, f"distortions of {where}")
-        lens.append(lens_coefficients(coefficients, source, where, kinds[-1]))
+        distortion = lens_coefficients(coefficients, source, where, lens)
+        found.append(FileCamera(K, R, t * metres_per_unit, size, distortion, lens))
     names = tuple(
         text_of(camera.get("name", key), source, f"the name of camera [{shortened(key)}]")
         for key, camera in cameras.items()
     )
-    rig = naming_file(
-        source,
-        lambda: Rig(
-            np.stack(K),
-            np.stack(R),
-            np.stack(t) * metres_per_unit,
-            np.stack(size),
-            distortion_of(lens),
-            lens=kinds,
-        ),
-    )
+    rig = rig_of(found, source)
     return naming_file(source, lambda: NamedRig(rig, names))
 
 

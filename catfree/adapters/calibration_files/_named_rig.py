@@ -2,14 +2,43 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Num
 
+from catfree.adapters.calibration_files._distortion import distortion_of
 from catfree.adapters.files._camera_names import is_text
-from catfree.adapters.files._documents import StrPath
+from catfree.adapters.files._documents import StrPath, naming_file
 from catfree.errors import InvalidInputError, shortened
-from catfree.types import Rig
+from catfree.types import Lens, Rig
+
+
+class FileCamera(NamedTuple):
+    """One camera of a calibration file, as the fields of `Rig`.
+
+    Attributes:
+        K: (3, 3).
+        R: (3, 3).
+        t: (3,).
+        image_size: (2,) width and height in pixels.
+        distortion: (8,) coefficients, zero where the file has fewer.
+        lens: their model.
+    """
+
+    K: Float[np.ndarray, "3 3"]
+    R: Float[np.ndarray, "3 3"]
+    t: Float[np.ndarray, "3"]
+    image_size: Num[np.ndarray, "2"]
+    distortion: Float[np.ndarray, "8"]
+    lens: Lens
+
+
+def rig_of(cameras: Sequence[FileCamera], source: StrPath) -> Rig:
+    """Join the cameras of a file to a rig; errors name the file."""
+    K, R, t, size, distortion, lens = zip(*cameras, strict=True)
+    K, R, t, size = (np.stack(part) for part in (K, R, t, size))
+    return naming_file(source, lambda: Rig(K, R, t, size, distortion_of(distortion), lens=lens))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

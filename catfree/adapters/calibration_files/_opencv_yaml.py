@@ -9,17 +9,20 @@ import numpy as np
 
 from catfree.adapters.calibration_files._distortion import (
     coefficients_of,
-    distortion_of,
     lens_coefficients,
     require_coefficients,
 )
-from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
+from catfree.adapters.calibration_files._named_rig import (
+    FileCamera,
+    NamedRig,
+    registered_cameras,
+    rig_of,
+)
 from catfree.adapters.calibration_files._opencv_storage import Storage, read_storage
 from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.files._camera_names import file_names, names_of_files
 from catfree.adapters.files._documents import (
     StrPath,
-    naming_file,
     numbers,
     write_text_atomically,
 )
@@ -84,33 +87,27 @@ def read_opencv_yaml(
     sources = [Path(path) for path in paths]
     if not sources:
         raise InvalidInputError("read_opencv_yaml needs at least one file.")
-    K, R, t, size, lens, kinds = [], [], [], [], [], []
+    cameras = []
     for source in sources:
         storage = read_storage(source, "calibration")
         values = storage.numbers
-        K.append(numbers(_first(values, _INTRINSICS, source, "intrinsics"), (3, 3), source, "K"))
         rotation = _first(values, _ROTATION, source, "rotation")
         if rotation.size == 3:
             vector = numbers(rotation, (3,), source, "the rotation")
             rotation = rotation_from_vector(vector)
-        R.append(numbers(rotation, (3, 3), source, "the rotation"))
         shift = _first(values, _TRANSLATION, source, "translation")
-        t.append(numbers(shift, (3,), source, "the translation") * metres_per_unit)
         coefficients = _first(values, _DISTORTION, source, None)
-        kinds.append(_lens(storage, coefficients, source))
-        lens.append(lens_coefficients(coefficients, source, "the camera", kinds[-1]))
-        size.append(_image_size(values, source, image_size))
-    rig = naming_file(
-        ", ".join(source.name for source in sources),
-        lambda: Rig(
-            np.stack(K),
-            np.stack(R),
-            np.stack(t),
-            np.stack(size),
-            distortion_of(lens),
-            lens=kinds,
-        ),
-    )
+        lens = _lens(storage, coefficients, source)
+        camera = FileCamera(
+            numbers(_first(values, _INTRINSICS, source, "intrinsics"), (3, 3), source, "K"),
+            numbers(rotation, (3, 3), source, "the rotation"),
+            numbers(shift, (3,), source, "the translation") * metres_per_unit,
+            _image_size(values, source, image_size),
+            lens_coefficients(coefficients, source, "the camera", lens),
+            lens,
+        )
+        cameras.append(camera)
+    rig = rig_of(cameras, ", ".join(source.name for source in sources))
     return NamedRig(rig, tuple(names_of_files(sources)))
 
 

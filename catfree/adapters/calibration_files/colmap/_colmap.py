@@ -8,10 +8,14 @@ from scipy.spatial.transform import Rotation
 
 from catfree.adapters.calibration_files._distortion import (
     coefficients_of,
-    distortion_of,
     require_coefficients,
 )
-from catfree.adapters.calibration_files._named_rig import NamedRig, registered_cameras
+from catfree.adapters.calibration_files._named_rig import (
+    FileCamera,
+    NamedRig,
+    registered_cameras,
+    rig_of,
+)
 from catfree.adapters.calibration_files.colmap._colmap_binary import (
     binary_cameras,
     binary_images,
@@ -71,7 +75,7 @@ def read_colmap(folder: StrPath) -> NamedRig:
     if not images:
         raise FileFormatError(f"{source} holds no images.")
     images = sorted(images, key=lambda image: image[0])
-    K, lens, kinds, R, t, size = [], [], [], [], [], []
+    found = []
     for name, camera_id, quaternion, translation in images:
         label = shortened(name)
         if camera_id not in cameras:
@@ -84,18 +88,10 @@ def read_colmap(folder: StrPath) -> NamedRig:
             norm = np.linalg.norm(quaternion)
         if not (np.isfinite(norm) and norm > 0):
             raise InvalidInputError(f"{source}: image {label} has no valid rotation quaternion.")
-        K.append(matrix)
-        lens.append(coefficients)
-        kinds.append(kind)
-        R.append(Rotation.from_quat(np.roll(quaternion, -1)).as_matrix())
-        t.append(translation)
-        size.append((width, height))
-    rig = naming_file(
-        root,
-        lambda: Rig(
-            np.stack(K), np.stack(R), np.stack(t), np.array(size), distortion_of(lens), lens=kinds
-        ),
-    )
+        R = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
+        size = np.array([width, height])
+        found.append(FileCamera(matrix, R, translation, size, coefficients, kind))
+    rig = rig_of(found, root)
     names = tuple(image[0] for image in images)
     return naming_file(source, lambda: NamedRig(rig, names, points))
 
