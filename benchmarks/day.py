@@ -7,19 +7,17 @@ without shards. `--dask` compares two Dask workers with one process on the same 
 """
 
 import argparse
-import multiprocessing
 import os
 import resource
 import shutil
 import time
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
 import catfree as cf
 from catfree._run._stages import localize_people
-from catfree._run.sharded._worker import start_worker
+from catfree._run.sharded._executors import spawned_workers
 from catfree.adapters import read_detections_parquet, write_detections_parquet
 from catfree.evaluation import crop, detection_metrics, tracking_metrics
 from catfree.evaluation._position_matching import matched_rows
@@ -92,9 +90,8 @@ def main() -> None:
     settings = cf.Settings(evidence=EvidenceSettings(working_area=not options.everywhere))
     for kind in ("boxes", "truth"):
         (options.folder / kind).mkdir(parents=True, exist_ok=True)
-    context = multiprocessing.get_context("spawn")
     begin = time.perf_counter()
-    with ProcessPoolExecutor(options.workers, mp_context=context, initializer=start_worker) as pool:
+    with spawned_workers(options.workers) as pool:
         stretches = range(-(-frames // STRETCH))
         tasks = [
             pool.submit(simulate, str(options.folder), s, frames, options.people, options.embedding)
@@ -112,7 +109,7 @@ def main() -> None:
         cf.run_shards(plan, scene=LAYOUT.scene, out=out, settings=settings, executor=executor)
         return time.perf_counter() - begin
 
-    with ProcessPoolExecutor(options.workers, mp_context=context, initializer=start_worker) as pool:
+    with spawned_workers(options.workers) as pool:
         seconds = run("day", pool)
         memory = dict(pool.map(peak_memory, range(2 * options.workers)))
     print(
@@ -138,7 +135,7 @@ def main() -> None:
         from dask import config
         from dask.distributed import Client, LocalCluster
 
-        with ProcessPoolExecutor(1, mp_context=context, initializer=start_worker) as pool:
+        with spawned_workers(1) as pool:
             one = run("one", pool)
         # One thread per worker, which keeps freed memory, as in examples/shards_on_dask.py.
         variables = {

@@ -18,7 +18,7 @@ from catfree._run.sharded._receipt import recording_folder
 from catfree._run.sharded._run_shard import run_shard
 from catfree._run.sharded._shard import Shard, StrPath
 from catfree._run.sharded._stored_tracks import StoredTracks
-from catfree._run.sharded._worker import start_worker
+from catfree._run.sharded._worker import one_thread_from_the_start, start_worker
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.errors import CatFreeError, ForkedProcessError, InvalidInputError, ShardError
 from catfree.settings import Settings
@@ -161,7 +161,10 @@ def spawned_workers(count: int | None = None) -> Iterator[Executor]:
         raise InvalidInputError(f"workers is {most}; it must be at least 1.")
     # Not fork, with which JAX deadlocks.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(most, mp_context=context, initializer=start_worker) as pool:
+    with (
+        one_thread_from_the_start(),
+        ProcessPoolExecutor(most, mp_context=context, initializer=start_worker) as pool,
+    ):
         try:
             yield pool
         except BaseException:

@@ -3,6 +3,8 @@
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 
@@ -166,6 +168,35 @@ def test_a_worker_that_dies_loses_no_finished_shard(tmp_path, monkeypatch):
     monkeypatch.undo()
     (table,) = cf.run_shards(plan, scene=SCENE, out=tmp_path)  # spawned processes of our own
     assert len(table.parts) == 2
+
+
+SCRIPT = """
+import os
+import numpy  # as most scripts do, before a worker's own code can run
+from catfree._run.sharded._executors import spawned_workers
+
+AT_IMPORT = os.environ.get("OPENBLAS_NUM_THREADS")
+
+def at_import():
+    return AT_IMPORT
+
+if __name__ == "__main__":
+    with spawned_workers(1) as pool:
+        print(pool.submit(at_import).result())
+    print(AT_IMPORT, os.environ.get("OPENBLAS_NUM_THREADS"))
+"""
+
+
+@pytest.mark.parametrize("own", [None, "2"])
+def test_workers_have_one_thread_before_they_import_the_script(tmp_path, own):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+    if own is not None:
+        environment["OPENBLAS_NUM_THREADS"] = own
+    command = [sys.executable, str(script)]
+    said = subprocess.run(command, capture_output=True, text=True, env=environment, check=True)
+    assert said.stdout.split() == ["1", str(own), str(own)]
 
 
 def test_workers_fit_the_machine():
