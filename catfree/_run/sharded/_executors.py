@@ -150,6 +150,9 @@ def executor_for(executor: Any) -> Iterator[Executor]:
 def spawned_workers(count: int | None = None) -> Iterator[Executor]:
     """Yield an executor whose processes are spawned, as tasks need them, with one thread each.
 
+    Until it is shut down, the environment of this process holds the variables that limit NumPy to
+    one thread; other processes started meanwhile inherit them.
+
     Args:
         count: most processes; None for as many as processors and memory allow.
 

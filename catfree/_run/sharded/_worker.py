@@ -20,10 +20,10 @@ OF_NUMPY = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 @contextlib.contextmanager
 def one_thread_from_the_start() -> Iterator[None]:
-    """Let processes that start meanwhile have one thread in NumPy.
+    """Give processes that start meanwhile one thread in NumPy, by this process's environment.
 
-    A spawned process imports the caller's script, and with it often NumPy, before `start_worker`.
-    The NumPy of this process has counted the processors before.
+    A spawned process imports the caller's script, and often NumPy with it, before `start_worker`
+    runs. This process has imported NumPy already, so the variables do not affect it.
     """
     before = {name: os.environ.get(name) for name in OF_NUMPY}
     os.environ.update({name: ONE_THREAD[name] for name in OF_NUMPY})
@@ -32,7 +32,7 @@ def one_thread_from_the_start() -> Iterator[None]:
     finally:
         for name, value in before.items():
             if value is None:
-                del os.environ[name]
+                os.environ.pop(name, None)
             else:
                 os.environ[name] = value
 
