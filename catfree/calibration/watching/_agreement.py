@@ -88,20 +88,21 @@ def solve_window(
     low, high = map(int, np.searchsorted(people.frame, [begin, stop]))
     person = np.arange(low, high)
     now = list(start)
-    registered = np.flatnonzero(np.asarray(sights.scene.rig.registered))
+    registered = np.flatnonzero(np.asarray(sights.scene.rig.registered)).tolist()
     present = (sights.boxes.frame >= begin) & (sights.boxes.frame < stop)
     boxes = np.bincount(sights.boxes.camera[present], minlength=count)
     if shifts is not None:
-        for camera in registered[boxes[registered] > 0]:
-            others = sights.seen_by_others(int(camera), begin, stop)
-            tried = candidates(sights, int(camera), others, shifts)
-            now[camera] = best(sights, int(camera), others, now[camera], tried)
+        for camera in np.flatnonzero(boxes).tolist():
+            others = sights.seen_by_others(camera, begin, stop)
+            tried = candidates(sights, camera, others, shifts)
+            now[camera] = best(sights, camera, others, now[camera], tried)
     state = people.state[person].copy()
     begun = _parameters(now)
     solved = _Solved.empty(count)
     found: dict[int, Matches] = {}
     for _ in range(ROUNDS):
-        found = {int(c): match(sights, int(c), person, state, now[c]) for c in registered}
+        matches = match(sights, person, state, [(c, now[c]) for c in registered])
+        found = dict(zip(registered, matches, strict=True))
         solved = _solve(sights, person - low, low, state, found, now, begun, noise)
         now, state = solved.corrections, solved.state
     blank = np.zeros(count, np.int64)
@@ -211,20 +212,20 @@ def _solve(
     residual = np.zeros((m, count, 3))
     slope = np.zeros((m, count, 3, PARAMETERS + 3))
     precision = np.zeros((m, count, 3))
-    for camera, matches in found.items():
-        if not len(matches.person):
-            continue
-        row, at = matches.person - low, now[camera]
-        velocity, rest = people.velocity[matches.person], at.lag - at.shift
-        moved = state[row].copy()
-        moved[:, :2] -= rest * velocity
-        place = np.broadcast_to(corrected_place(sights, camera, at), (len(row), 3, 4))
-        value, slopes = linear(moved, velocity, place)
-        sd = noise * boxes.size[matches.box, None] + FLOOR
-        residual[row, camera] = boxes.angle[matches.box] - value
-        slope[row, camera] = slopes
-        slope[row, camera, :, 4:7] *= sights.unit
-        precision[row, camera] = np.where(boxes.whole[matches.box], sd**-2.0, 0.0)
+    nobody = np.zeros(0, np.int64)
+    camera = np.concatenate([nobody, *(np.full(len(one.box), c) for c, one in found.items())])
+    row = np.concatenate([nobody, *(one.person for one in found.values())]) - low
+    box = np.concatenate([nobody, *(one.box for one in found.values())])
+    velocity = people.velocity[row + low]
+    rest = np.array([at.lag - at.shift for at in now])
+    moved = state[row]
+    moved[:, :2] -= rest[camera, None] * velocity
+    place = np.array([corrected_place(sights, c, at) for c, at in enumerate(now)])
+    value, slopes = linear(moved, velocity, place[camera])
+    slopes[..., 4:7] *= sights.unit
+    slope[row, camera], residual[row, camera] = slopes, boxes.angle[box] - value
+    sd = noise * boxes.size[box, None] + FLOOR
+    precision[row, camera] = np.where(boxes.whole[box], sd**-2.0, 0.0)
     used = (precision[..., 0] > 0).sum(-1) >= 2
     precision *= used[:, None, None]
     tall = people.state[index + low, 2]

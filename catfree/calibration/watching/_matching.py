@@ -1,12 +1,14 @@
 """Match the boxes of one camera with the people that the others saw, also if it turned or lags."""
 
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from catfree.calibration.watching._sights import Sights, predicted
+from catfree.calibration.watching._sights import Boxes, Sights, predicted
 from catfree.types._sampling import equal_pairs
 
 SPREAD = 0.12  # of a box height; deviation of a box from a person that it may show
@@ -73,31 +75,49 @@ def corrected_place(sights: Sights, camera: int, at: Correction) -> Float[np.nda
 
 def match(
     sights: Sights,
-    camera: int,
     person: Int[np.ndarray, " m"],
     state: Float[np.ndarray, "m 3"],
-    at: Correction,
-) -> Matches:
-    """Match people with the boxes of a camera: each is the nearest of the other.
+    errors: Sequence[tuple[int, Correction]],
+) -> list[Matches]:
+    """Match people with the boxes of cameras: each is the nearest of the other.
 
     Args:
         sights: the recording.
-        camera: its index.
         person: indices of the people to match.
         state: their states.
-        at: the camera's error.
+        errors: cameras, each with the error that it is assumed to have.
+
+    Returns:
+        The matches of each camera and error.
     """
-    boxes, people = sights.boxes, sights.people
+    m, camera = len(person), np.array([camera for camera, _ in errors], np.int64)
+    shift = np.array([at.shift for _, at in errors], np.int64)
+    rest = np.array([at.lag for _, at in errors]) - shift
+    frame, velocity = sights.people.frame[person], sights.people.velocity[person]
+    moved = np.repeat(state[None], len(errors), 0)
+    moved[..., :2] -= rest[:, None, None] * velocity
+    shown = frame + shift[:, None]
+    inside = sights.imaged(np.repeat(camera, m), moved.reshape(-1, 3)).reshape(shown.shape)
+    of, at = np.nonzero(inside & (shown >= 0) & (shown < sights.steps))
+    place = np.array([corrected_place(sights, *error) for error in errors]).reshape(-1, 3, 4)
+    angle = predicted(moved[of, at], velocity[at], place[of])
+    ends = np.searchsorted(of, np.arange(len(errors) + 1))
+    return [
+        _nearest(sights.boxes, one, person[at[low:high]], shown[of, at][low:high], angle[low:high])
+        for one, (low, high) in zip(camera.tolist(), pairwise(ends.tolist()), strict=True)
+    ]
+
+
+def _nearest(
+    boxes: Boxes,
+    camera: int,
+    person: Int[np.ndarray, " e"],
+    shown: Int[np.ndarray, " e"],
+    angle: Float[np.ndarray, "e 3"],
+) -> Matches:
+    """Match people, whom a camera should show in some steps at some angles, with its boxes."""
     begin, end = np.searchsorted(boxes.camera, [camera, camera + 1])
-    velocity = people.velocity[person]
-    place = corrected_place(sights, camera, at)
-    rest = at.lag - at.shift
-    moved = np.column_stack([state[:, :2] - rest * velocity, state[:, 2]])
-    shown = people.frame[person] + at.shift
-    inside = sights.imaged(camera, moved) & (shown >= 0) & (shown < sights.steps)
-    person, moved, velocity = person[inside], moved[inside], velocity[inside]
-    angle = predicted(moved, velocity, np.broadcast_to(place, (len(moved), 3, 4)))
-    a, b = equal_pairs(people.frame[person] + at.shift, boxes.frame[begin:end])
+    a, b = equal_pairs(shown, boxes.frame[begin:end])
     b = b + begin
     off = (boxes.angle[b] - angle[a]) / (SPREAD * boxes.size[b, None])
     usable = boxes.whole[b, 0] & boxes.whole[b, 1:].any(-1)
@@ -151,10 +171,10 @@ def candidates(
         alike = good[b] & (np.abs(tall[b] - high[a]) < ALIKE)
         cell = np.round((seen[b] - middle[a])[alike] / CELL).astype(int) + REACH
         cell = cell[((cell >= 0) & (cell < side)).all(-1)]
-        grid = np.bincount(cell @ np.array([side, 1]), minlength=side**2).reshape(side, side)
-        wide = np.pad(grid, 1)
-        votes.append(sum(wide[i : i + side, j : j + side] for i in range(3) for j in range(3)))
-    stack = np.array(votes)
+        votes.append(np.bincount(cell @ np.array([side, 1]), minlength=side**2))
+    wide = np.pad(np.array(votes).reshape(-1, side, side), ((0, 0), (1, 1), (1, 1)))
+    rows = np.sum([wide[:, i : i + side] for i in range(3)], axis=0)
+    stack = np.sum([rows[..., j : j + side] for j in range(3)], axis=0)
     # What standing people and chance bring is the same at most lags.
     excess = stack - np.median(stack, axis=0)[None] * (len(shifts) > 4)
     found = []
@@ -180,9 +200,8 @@ def best(
 ) -> Correction:
     """The correction with most matches; the present one unless another is clearly better."""
     state = sights.people.state[person]
-    now = match(sights, camera, person, state, present)
+    now, *found = match(sights, person, state, [(camera, one) for one in (present, *tried)])
     least = max(BETTER * now.score, now.score + FEWEST)
-    found = [match(sights, camera, person, state, one) for one in tried]
     better = [
         (other.score, -index)
         for index, other in enumerate(found)

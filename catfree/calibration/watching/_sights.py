@@ -98,7 +98,9 @@ class Sights:
         seen = self.people.support[low:high] >= 0
         return low + np.flatnonzero(seen.sum(-1) - seen[:, camera] >= 2)
 
-    def imaged(self, camera: int, state: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    def imaged(
+        self, camera: Int[np.ndarray, " n"], state: Float[np.ndarray, "n 3"]
+    ) -> Bool[np.ndarray, " n"]:
         """(n,) whether the middle of each person lies in the image of a camera."""
         ground = self.scene.ground
         basis, normal = (np.asarray(v, np.float64) for v in (ground.basis, ground.normal))

@@ -127,7 +127,7 @@ def _costs(
     sights: Sights, camera: int, person: Int[np.ndarray, " m"], at: Correction
 ) -> Float[np.ndarray, " m"]:
     """Squared distance of each person from the nearest box, in deviations."""
-    found = match(sights, camera, person, sights.people.state[person], at)
+    (found,) = match(sights, person, sights.people.state[person], [(camera, at)])
     boxes = sights.boxes
     deviation = SHARPER * SPREAD * boxes.size[found.box, None]
     off = np.where(boxes.whole[found.box], (boxes.angle[found.box] - found.angle) / deviation, 0.0)

@@ -83,7 +83,21 @@ def test_the_center_and_the_zoom_of_a_camera_move_its_map(seen):
 def test_nobody_is_expected_outside_the_recording(seen):
     person = np.arange(len(seen.people.frame))
     for lag in (0.0, 15.0, -15.0, 40.0):
-        found = match(seen, 1, person, seen.people.state, Correction(np.zeros(3), lag))
+        (found,) = match(seen, person, seen.people.state, [(1, Correction(np.zeros(3), lag))])
         shown = seen.people.frame[found.expected] + lag
         assert ((shown >= 0) & (shown < seen.steps)).all()
         assert found.share <= 1
+
+
+def test_cameras_matched_together_match_as_alone(seen):
+    person = np.arange(0, len(seen.people.frame), 3)
+    state = seen.people.state[person]
+    turned = Correction(np.array([0.0, 0.05, 0.0]), 2.3)
+    errors = [(2, turned), (0, Correction(np.zeros(3), 0.0)), (2, Correction(np.zeros(3), -1.0))]
+    together = match(seen, person, state, errors)
+    assert any(len(found.person) for found in together)
+    for found, error in zip(together, errors, strict=True):
+        (alone,) = match(seen, person, state, [error])
+        for one, other in zip(found, alone, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-9)
+    assert match(seen, person, state, []) == []

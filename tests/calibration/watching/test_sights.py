@@ -71,4 +71,4 @@ def test_angles_are_those_of_the_pixels_of_a_person():
     expected = predicted(state, np.zeros((1, 2)), seen.place[1:2])
     # The center of the box is a mean of pixels, that of the prediction a mean of angles.
     assert np.allclose(seen.boxes.angle, expected, atol=2e-4)
-    assert seen.imaged(1, state).all()
+    assert seen.imaged(np.ones(len(state), int), state).all()
