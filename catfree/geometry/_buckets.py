@@ -31,7 +31,7 @@ def coarse_length(count: int, block: int, factor: int = 4) -> int:
 
 
 def fine_length(count: int, minimum: int = 64) -> int:
-    """The smallest length that holds `count`: doubling up to `SHORT`, then four per octave.
+    """The smallest length that holds `count`: fourfold steps up to `SHORT`, then four per octave.
 
     For stages whose cost grows with the padding. Computing a padded short array is faster than
     compiling for another length; the padding of long arrays is at most a quarter.
@@ -46,7 +46,7 @@ def fine_length(count: int, minimum: int = 64) -> int:
     length = minimum
     while length < count:
         short = length < SHORT
-        length += length if short else 1 << max(length.bit_length() - 3, 0)
+        length = min(4 * length, SHORT) if short else length + (1 << length.bit_length() - 3)
     return length
 
 

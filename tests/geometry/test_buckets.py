@@ -26,15 +26,15 @@ def test_coarse_lengths_are_powers_times_the_block(count, block, factor):
 def test_fine_lengths_waste_at_most_a_quarter_of_long_arrays(count, minimum):
     length = fine_length(count, minimum)
     assert count <= length
-    assert length <= max(minimum, 2 * count, 1)
+    assert length <= max(minimum, 4 * count, 1)
     if count > 2 * SHORT:
         assert length <= 1.27 * count + 1
 
 
 @given(st.integers(1, SHORT), st.integers(0, 6))
-def test_short_lengths_double(count, power):
-    length = fine_length(count, 2**power)
-    assert length.bit_count() == 1
+def test_short_lengths_grow_fourfold(count, power):
+    length, minimum = fine_length(count, 2**power), 2**power
+    assert length == SHORT or length in {minimum * 4**steps for steps in range(8)}
 
 
 @given(counts, counts)

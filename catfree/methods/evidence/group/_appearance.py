@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
-from catfree.geometry._buckets import fine_length
+from catfree.geometry._buckets import coarse_length, fine_length
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.settings import EvidenceSettings
@@ -68,7 +68,7 @@ def compare_frames(boxes: Boxes) -> Appearance | None:
     slot = np.zeros((len(boxes.frame), 2), np.int64)
     slot[:n, 0] = boxes.frame[:n]
     slot[:n, 1] = np.arange(n) - boxes.first[boxes.frame[:n]]
-    width = fine_length(int(count.max(initial=1)), 8)
+    width = coarse_length(int(count.max(initial=1)), 8, 2)
     return Appearance(boxes.embedding.astype(np.float32), slot, boxes.first, width)
 
 

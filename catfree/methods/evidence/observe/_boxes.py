@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.geometry import back_project
-from catfree.geometry._buckets import fine_length
+from catfree.geometry._buckets import coarse_length, fine_length
 from catfree.geometry._person import cut_by_border, edges_of
 from catfree.geometry.camera import rays_of_pixels
 from catfree.methods.evidence.observe._local_pinholes import local_pinholes, project_rays
@@ -222,7 +222,7 @@ def _row_table(frame: np.ndarray, camera: np.ndarray, F: int, C: int) -> np.ndar
     key = frame * C + camera
     start = np.searchsorted(key, np.arange(F * C))
     slot = np.arange(len(key)) - start[key] if len(key) else np.zeros(0, int)
-    B = fine_length(int(slot.max()) + 1 if len(slot) else 1, 4)
+    B = coarse_length(int(slot.max()) + 1 if len(slot) else 1, 4, 2)
     table = np.full((fine_length(F, 8) * C, B), -1)
     table[key, slot] = np.arange(len(key))
     return table.reshape(-1, C, B)
