@@ -148,13 +148,15 @@ class DetectionRate(eqx.Module):
     def __call__(self, seen: Views) -> np.ndarray:
         """(H, C) detection probability, including the inside weight."""
         camera = np.arange(self.rate.shape[0])[None, :]
-        return np.asarray(seen.inside) * self.rate[camera, *self.bins(seen)]
+        return np.asarray(seen.inside) * self.rate[camera, *_bins(seen, self.heights, self.covers)]
 
-    def bins(self, seen: Views) -> tuple[np.ndarray, np.ndarray]:
-        """The class of height and that of cover of each person in each camera (H, C)."""
-        height = (np.asarray(seen.height)[..., None] > self.heights[None]).sum(-1)
-        cover = np.searchsorted(self.covers, np.asarray(seen.cover))
-        return height, cover
+
+def _bins(
+    seen: Views, heights: Float[np.ndarray, "cam 2"], covers: Float[np.ndarray, "4"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The class of height and that of cover of each person in each camera (H, C)."""
+    height = (np.asarray(seen.height)[..., None] > heights[None]).sum(-1)
+    return height, np.searchsorted(covers, np.asarray(seen.cover))
 
 
 def learn_detection_rate(
@@ -206,7 +208,7 @@ def count_detections(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trials and hits (C, 3, 5) of people wholly in view whom other cameras confirm."""
     C = member.shape[1]
-    height, cover = rate_before_counting(heights, settings).bins(seen)
+    height, cover = _bins(seen, heights, np.array(settings.cover_edges))
     hit = member >= 0
     others = hit.sum(1, keepdims=True) - hit
     trial = (others >= settings.witnesses) & (seen.inside == 1)
