@@ -24,7 +24,9 @@ from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.track._tracking import (
     Motion,
     Trails,
+    corrected_states,
     distances,
+    log_likelihood_of_states,
     transition,
     within_bounds,
 )
@@ -260,9 +262,10 @@ def strangers_of(futures: list[Futures], population: Population) -> list[Strange
     alone = np.concatenate([future.matrix for future in futures]) + prior
     start = np.concatenate([future.vector for future in futures]) + pull
     around = np.linalg.inv(alone)
-    center = np.einsum("kij,kj->ki", around[:, :2], start)
+    state = (around @ start[..., None])[..., 0]
+    value = 0.5 * ((start * state).sum(-1) - np.linalg.slogdet(alone)[1])
     cuts = np.cumsum([len(future.chain) for future in futures])[:-1]
-    parts = (np.split(part, cuts) for part in (_form(alone, start), center, around[:, :2, :2]))
+    parts = (np.split(part, cuts) for part in (value, state[:, :2], around[:, :2, :2]))
     return list(map(Strangers, *parts))
 
 
@@ -302,25 +305,13 @@ def futures_of(
 
 
 def _of_known_and_any_height(
-    mean: np.ndarray, cov: np.ndarray, spread: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Information (2, T, 5, 5) and (2, T, 5): as it is, and of people of unknown height."""
+    mean: Float[np.ndarray, "t 5"], cov: Float[np.ndarray, "t 5 5"], spread: float
+) -> tuple[Float[np.ndarray, "2 t 5"], Float[np.ndarray, "2 t 5 5"]]:
+    """States and covariances: as they are, and of people of unknown height."""
     mean, cov = np.stack([mean, mean]), np.stack([cov, cov])
     mean[1, :, 2], cov[1, :, 2], cov[1, :, :, 2] = 1.0, 0.0, 0.0
     cov[1, :, 2, 2] = spread**2
-    matrix = np.linalg.inv(cov)
-    return matrix, (matrix @ mean[..., None])[..., 0]
-
-
-def _form(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """(v' M⁻¹ v - log|M|) / 2."""
-    root = np.linalg.cholesky(matrix)
-    diagonal = np.diagonal(root, axis1=-2, axis2=-1)
-    white = np.zeros_like(vector)  # of the length that v has in the metric of the inverse
-    for k in range(vector.shape[-1]):
-        known = (root[..., k, :k] * white[..., :k]).sum(-1)
-        white[..., k] = (vector[..., k] - known) / diagonal[..., k]
-    return 0.5 * (white**2).sum(-1) - np.log(diagonal).sum(-1)
+    return mean, cov
 
 
 def sweep(
@@ -446,18 +437,17 @@ def match(
     value = constant + stranger.value
     mean, cov = pasts.mean, pasts.covariance
     hidden = pasts.gap[:, None] - 1 + wait[None]
+    surprise = habits.surprise(hidden)
     m2, area = distances(mean[:, :2], cov[:, :2, :2], stranger.center, stranger.around)
-    cost = habits.surprise(hidden) + np.log(2 * np.pi * density * habits.leave**2)
+    cost = surprise + np.log(2 * np.pi * density * habits.leave**2)
     hope = -0.5 * (m2 + np.log(area)) - cost
     i, j = np.nonzero((hope > HOPELESS) & (hidden < HORIZON))
-    P, p = _of_known_and_any_height(mean, cov, spread)
+    mean, cov = _of_known_and_any_height(mean[i], cov[i], spread)
+    same = log_likelihood_of_states(mean, cov, matrix[j], vector[j])
     misled = population.settings.foot_outlier  # the heights of one person do not agree
-    joint, joint_vector = P[:, i] + matrix[j], p[:, i] + vector[j]
-    form = _form(np.concatenate([P, joint], 1), np.concatenate([p, joint_vector], 1))
-    same = form[:, len(mean) :] - form[:, i]
     same += np.log([[1 - misled], [misled]])
     gain = np.zeros(hope.shape)
-    gain[i, j] = np.logaddexp(*same) - value[j] - habits.surprise(hidden[i, j])
+    gain[i, j] = np.logaddexp(*same) - value[j] - surprise[i, j]
     if population.looks is not None:
         # A whole future counts like one usual position of it: its errors are common.
         each = boxes / np.maximum(seen, 1)
@@ -484,25 +474,22 @@ def extend(
         nodes: (n) the positions.
         population: what is the same for all chains.
     """
-    prior, pull = _new_person(population)
     hit, new = linked >= 0, linked < 0
     old = linked[hit]
     mean, cov, gap = pasts.mean.copy(), pasts.covariance.copy(), pasts.gap.copy()
     look, boxes = pasts.look.copy(), pasts.boxes.copy()
-    P = np.linalg.inv(cov[old])
-    p = np.einsum("tij,tj->ti", P, mean[old]) + nodes.vector[hit]
-    cov[old] = np.linalg.inv(P + nodes.matrix[hit])
-    mean[old] = np.einsum("tij,tj->ti", cov[old], p)
+    mean[old], cov[old] = corrected_states(
+        mean[old], cov[old], nodes.matrix[hit], nodes.vector[hit]
+    )
     gap[old] = 0
     look[old] += nodes.look[hit]
     boxes[old] += nodes.boxes[hit]
+    longer = Pasts(pasts.name, gap, mean, cov, look, boxes)
+    if not new.any():
+        return longer
+    prior, pull = _new_person(population)
     first = np.linalg.inv(nodes.matrix[new] + prior)
-    start = np.einsum("tij,tj->ti", first, nodes.vector[new] + pull)
-    return Pasts(
-        np.concatenate([pasts.name, names[new]]),
-        np.concatenate([gap, np.zeros(new.sum(), int)]),
-        np.concatenate([mean, start]),
-        np.concatenate([cov, first]),
-        np.concatenate([look, nodes.look[new]]),
-        np.concatenate([boxes, nodes.boxes[new]]),
-    )
+    start = (first @ (nodes.vector[new] + pull)[..., None])[..., 0]
+    none = np.zeros(len(start), int)
+    begun = Pasts(names[new], none, start, first, nodes.look[new], nodes.boxes[new])
+    return Pasts(*map(np.concatenate, zip(longer, begun, strict=True)))

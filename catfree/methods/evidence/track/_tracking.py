@@ -7,22 +7,17 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
 
-from catfree.methods.evidence._gaussian import (
-    Information,
-    determinant_and_form,
-    log_evidence,
-    mean_and_covariance,
-)
+from catfree.methods.evidence._gaussian import Information, log_evidence, mean_and_covariance
 from catfree.methods.evidence.group._appearance import Looks
 from catfree.methods.evidence.group._groups import Groups
 from catfree.settings import EvidenceSettings
 
 CONSECUTIVE = 1.5  # usual steps: frames farther apart are not used for the speed
-LINKS_AT_A_TIME = 1 << 18  # pairs of a track and a group: 100 MB
+LINKS_AT_A_TIME = 1 << 20  # pairs of a track and a group: 100 MB
 
 
 @jax.tree_util.register_dataclass
@@ -191,24 +186,47 @@ class Alone(NamedTuple):
         return Alone(self.evidence[rows], self.mean[rows], self.covariance[rows])
 
 
+def log_likelihood_of_states(
+    mean: Float[np.ndarray, "*#t n"],
+    covariance: Float[np.ndarray, "*#t n n"],
+    matrix: Float[Array | np.ndarray, "*#t n n"],
+    vector: Float[Array | np.ndarray, "*#t n"],
+) -> Float[np.ndarray, "*#t"]:
+    """Log of the mean of exp(-(s' M s - 2 v' s) / 2) over uncertain states s."""
+    # With r = v - M m, of the density N(s; m, C): (C⁻¹ + M)⁻¹ r = C (1 + M C)⁻¹ r.
+    pull = (matrix @ mean[..., None])[..., 0]
+    rest = vector - pull
+    loss = np.eye(mean.shape[-1]) + matrix @ covariance
+    moved = (covariance @ np.linalg.solve(loss, rest[..., None]))[..., 0]
+    form = (rest * moved + (2 * vector - pull) * mean).sum(-1)
+    return 0.5 * (form - np.log(np.linalg.det(loss)))
+
+
+def corrected_states(
+    mean: Float[np.ndarray, "t n"],
+    covariance: Float[np.ndarray, "t n n"],
+    matrix: Float[Array | np.ndarray, "t d d"],
+    vector: Float[Array | np.ndarray, "t d"],
+) -> tuple[Float[np.ndarray, "t n"], Float[np.ndarray, "t n n"]]:
+    """Uncertain states after information (M, v) on their first d numbers."""
+    # (C⁻¹ + M)⁻¹ = (1 + C M)⁻¹ C; nothing is subtracted, so that it remains positive definite.
+    part = covariance[:, :, : vector.shape[-1]]
+    loss = np.tile(np.eye(mean.shape[-1]), (len(mean), 1, 1))
+    loss[:, :, : vector.shape[-1]] += part @ matrix
+    pulled = mean[..., None] + part @ vector[..., None]
+    after = np.linalg.solve(loss, np.concatenate([covariance, pulled], -1))
+    return after[..., -1], after[..., :-1]
+
+
 def _link_gain(mean, covariance, info: Information, alone: Alone, gate):
     """(T, K) log evidence that a group continues a track rather than being a new person."""
-    precision = np.linalg.inv(covariance)
-    pull = np.einsum("tij,tj->ti", precision, mean)
-    matrix = precision[:, None] + info.matrix[None]
-    vector = pull[:, None] + info.vector[None]
-    det, form = determinant_and_form(matrix, vector)
-    prior_det = np.linalg.det(precision)
-    prior_form = np.einsum("ti,ti->t", mean, pull)
-    value = (
-        0.5 * np.log(prior_det)[:, None]
-        - 0.5 * np.log(det)
-        - 0.5 * (prior_form[:, None] + info.constant[None] - form)
-    )
-    gain = value - alone.evidence[None]
     center, around = alone.mean[:, :2], alone.covariance[:, :2, :2]
     m2, _ = distances(mean[:, :2], covariance[:, :2, :2], center, around)
-    return np.where(m2 < gate, gain, -np.inf)
+    i, j = np.nonzero(m2 < gate)
+    together = log_likelihood_of_states(mean[i], covariance[i], info.matrix[j], info.vector[j])
+    gain = np.full(m2.shape, -np.inf)
+    gain[i, j] = together - 0.5 * info.constant[j] - alone.evidence[j]
+    return gain
 
 
 def follow(
@@ -354,13 +372,9 @@ class Linker(NamedTuple):
             assigned[rows[good]] = columns[good]
         hit = np.flatnonzero(assigned >= 0)
         if len(hit):
-            precision = np.linalg.inv(cov[hit])
-            vector = np.einsum("tij,tj->ti", precision, mean[hit])
-            precision[:, :3, :3] += info.matrix[assigned[hit]]
-            vector[:, :3] += info.vector[assigned[hit]]
+            known = info[assigned[hit]]
             mean, cov = mean.copy(), cov.copy()
-            cov[hit] = np.linalg.inv(precision)
-            mean[hit] = np.einsum("tij,tj->ti", cov[hit], vector)
+            mean[hit], cov[hit] = corrected_states(mean[hit], cov[hit], known.matrix, known.vector)
         gap = np.where(assigned >= 0, 0, before.gap + 1)
         is_new = np.ones(len(group), bool)
         is_new[assigned[hit]] = False

@@ -5,14 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.stats
 from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence._gaussian import Information, mean_and_covariance
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.track._tracking import (
     Motion,
+    corrected_states,
     estimate_motion,
     follow,
+    log_likelihood_of_states,
     mutual_steps,
     transition,
     unlinked,
@@ -256,3 +259,55 @@ def test_the_speed_over_a_pause_of_the_recording_says_nothing():
     assert estimate_motion(path, frame, np.array([0.0, 9.0]), RULES) == estimate_motion(
         path[:1], frame[:1], np.array([0.0]), RULES
     )
+
+
+def uncertain_states(seed, count=4):
+    """Means (n, 5) and covariances (n, 5, 5), and measurements of their first three numbers."""
+    rng = np.random.default_rng(seed)
+    mean, root = rng.standard_normal((count, 5)), rng.standard_normal((count, 5, 5))
+    covariance = root @ root.swapaxes(1, 2)
+    measured, root = rng.standard_normal((count, 3)), rng.standard_normal((count, 3, 3))
+    noise = 10 ** rng.uniform(-3, 1) * (root @ root.swapaxes(1, 2) + 0.1 * np.eye(3))
+    return mean, covariance, measured, noise
+
+
+@given(st.integers(0, 10**6))
+def test_states_are_corrected_as_by_the_gain_of_a_kalman_filter(seed):
+    mean, covariance, measured, noise = uncertain_states(seed)
+    precision = np.linalg.inv(noise)
+    vector = (precision @ measured[..., None])[..., 0]
+    after, around = corrected_states(mean, covariance, precision, vector)
+    for i, m in enumerate(mean):
+        gain = covariance[i][:, :3] @ np.linalg.inv(covariance[i][:3, :3] + noise[i])
+        np.testing.assert_allclose(after[i], m + gain @ (measured[i] - m[:3]), atol=1e-6)
+        kept = np.eye(5) - np.pad(gain, ((0, 0), (0, 2)))
+        expected = kept @ covariance[i] @ kept.T + gain @ noise[i] @ gain.T
+        np.testing.assert_allclose(around[i], expected, atol=1e-6 * covariance[i].max())
+
+
+@given(st.integers(0, 10**6))
+def test_states_are_as_likely_as_the_measurement_that_they_predict(seed):
+    mean, covariance, measured, noise = uncertain_states(seed)
+    precision = np.linalg.inv(noise)
+    vector = (precision @ measured[..., None])[..., 0]
+    found = log_likelihood_of_states(mean[:, :3], covariance[:, :3, :3], precision, vector)
+    for i, m in enumerate(mean):
+        predicted = scipy.stats.multivariate_normal(m[:3], covariance[i][:3, :3] + noise[i])
+        exact = scipy.stats.multivariate_normal(measured[i], noise[i]).logpdf(measured[i])
+        # What the form leaves out: the measurement's own square, and the height of its density.
+        rest = 0.5 * measured[i] @ vector[i]
+        np.testing.assert_allclose(
+            found[i] - rest, predicted.logpdf(measured[i]) - exact, rtol=1e-6, atol=1e-6
+        )
+
+
+def test_a_sure_measurement_of_an_unsure_state_leaves_a_covariance():
+    covariance = np.diag([1e8, 1e8, 1.0, 1.0, 1.0])[None]
+    covariance[0, 0, 3] = covariance[0, 3, 0] = 5e3
+    precise = np.diag([1e8, 1e8, 1e4])[None]
+    mean, around = np.zeros((1, 5)), covariance
+    for _ in range(50):
+        mean, around = corrected_states(mean, around, precise, np.ones((1, 3)))
+        assert (np.linalg.eigvalsh(around + around.swapaxes(1, 2)) > 0).all()
+        assert (np.diagonal(around, axis1=1, axis2=2) > 0).all()
+    np.testing.assert_allclose(around[0, 0, 0], 1e-8 / 50, rtol=1e-6)
