@@ -326,17 +326,17 @@ def squared_displacement(
     Returns:
         (L,) sums in scene units squared, and (L,) numbers of displacements; entry 0 is unused.
     """
-    total, count = np.zeros(len(tracks) + 2), np.zeros(len(tracks) + 2)
+    longer = len(tracks) + 2  # all lags from here on are counted together, and left out
+    total, count = np.zeros(longer + 1), np.zeros(longer + 1)
     for one in np.unique(tracks.track_id):
         is_member = tracks.track_id == one
-        frame, place = tracks.frame[is_member], tracks.ground_xy[is_member]
+        frame, (x, y) = tracks.frame[is_member], tracks.ground_xy[is_member].T.copy()
         for step in range(1, len(frame)):
-            lag = frame[step:] - frame[:-step]
-            square = ((place[step:] - place[:-step]) ** 2).mean(-1)
-            usable = lag < len(total)
-            np.add.at(total, lag[usable], square[usable])
-            np.add.at(count, lag[usable], 1)
-    return total, count
+            lag = np.minimum(frame[step:] - frame[:-step], longer)
+            square = (x[step:] - x[:-step]) ** 2 + (y[step:] - y[:-step]) ** 2
+            np.add.at(total, lag, square / 2)
+            np.add.at(count, lag, 1)
+    return total[:-1], count[:-1]
 
 
 def displacement_variance(habits: Habits) -> Float[np.ndarray, " lag"]:

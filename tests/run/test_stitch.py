@@ -1,5 +1,7 @@
 """Pieces of one person's track come together, and nobody else's."""
 
+from itertools import combinations
+
 import equinox as eqx
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from catfree._run._stitch import (
     displacement_variance,
     learn_habits,
     link_pieces,
+    squared_displacement,
     stitch_tracks,
 )
 from catfree.methods.paper._assemble import empty_localization
@@ -203,6 +206,33 @@ def test_squared_displacement_of_a_straight_walk(speed):
     lag = np.arange(1, len(spread))
     expected = np.maximum((speed * lag) ** 2 / 2, 1e-4)
     np.testing.assert_allclose(spread[1:], expected, rtol=1e-6)
+
+
+@given(st.lists(st.tuples(st.integers(0, 12), st.integers(0, 2)), unique=True, max_size=20))
+def test_displacements_are_those_of_all_pairs_of_one_identity(drawn):
+    # Sparse frames: some lags are longer than there are rows, which are left out.
+    frame, identity = np.array(sorted(drawn), int).reshape(-1, 2).T
+    rows = len(frame)
+    xy = np.random.default_rng(rows).normal(size=(rows, 2))
+    tracks = Tracks(
+        frame=5 * frame,
+        track_id=identity,
+        position=np.pad(xy, ((0, 0), (0, 1))),
+        ground_xy=xy,
+        sigma=np.ones(rows),
+        covariance=np.tile(np.eye(2), (rows, 1, 1)),
+        supporting_cameras=np.full(rows, 2),
+        origin=np.zeros(rows, int),
+    )
+    square, pairs = np.zeros(rows + 2), np.zeros(rows + 2)
+    for i, j in combinations(range(rows), 2):
+        lag = 5 * abs(frame[j] - frame[i])
+        if identity[i] == identity[j] and lag < rows + 2:
+            square[lag] += ((xy[j] - xy[i]) ** 2).mean()
+            pairs[lag] += 1
+    found = squared_displacement(tracks)
+    np.testing.assert_allclose(found[0], square, atol=1e-12)
+    np.testing.assert_array_equal(found[1], pairs)
 
 
 @given(
