@@ -171,14 +171,14 @@ class _Equations(NamedTuple):
         m, count = residual.shape[:2]
         own, place = slice(0, PARAMETERS), slice(PARAMETERS, None)
         weighted = slope * precision[..., None]
-        normal = np.einsum("mcei,mcej->mcij", weighted, slope)
+        normal = weighted.swapaxes(-1, -2) @ slope
         right = np.einsum("mcei,mce->mci", weighted, residual)
         block = normal[..., place, place].sum(1) + 1e-9 * np.eye(3)
         block[:, 2, 2] += held
         aim = right[..., place].sum(1)
         aim[:, 2] += pull
         mixed = normal[..., place, own].swapaxes(1, 2).reshape(m, 3, PARAMETERS * count)
-        solution = np.linalg.solve(block, np.concatenate([mixed, aim[..., None]], 2))
+        solution = np.linalg.inv(block) @ np.concatenate([mixed, aim[..., None]], 2)
         return cls(normal[..., own, own], right[..., own], mixed, solution)
 
     def sums(self, rows) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:

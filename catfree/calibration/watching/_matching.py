@@ -156,9 +156,9 @@ def candidates(
     state, velocity = people.state[person], people.velocity[person]
     place = np.broadcast_to(sights.place[camera], (len(person), 3, 4))
     angle = predicted(state, velocity, place)
-    middle = np.column_stack([angle[:, 0], angle[:, 1:].mean(-1)])
+    middle = angle[:, 0], angle[:, 1:].mean(-1)
     size = angle[:, 2] - angle[:, 1]
-    seen = np.column_stack([boxes.angle[begin:end, 0], boxes.angle[begin:end, 1:].mean(-1)])
+    seen = boxes.angle[begin:end, 0], boxes.angle[begin:end, 1:].mean(-1)
     good: np.ndarray = np.asarray(boxes.whole[begin:end].all(-1))
     # Logarithms of both sizes; NaN is not alike.
     tall, high = (
@@ -169,9 +169,10 @@ def candidates(
     for shift in shifts:
         a, b = equal_pairs(people.frame[person] + int(shift), boxes.frame[begin:end])
         alike = good[b] & (np.abs(tall[b] - high[a]) < ALIKE)
-        cell = np.round((seen[b] - middle[a])[alike] / CELL).astype(int) + REACH
-        cell = cell[((cell >= 0) & (cell < side)).all(-1)]
-        votes.append(np.bincount(cell @ np.array([side, 1]), minlength=side**2))
+        a, b = a[alike], b[alike]
+        i, j = (np.rint((seen[k][b] - middle[k][a]) / CELL).astype(int) + REACH for k in (0, 1))
+        near = (i >= 0) & (i < side) & (j >= 0) & (j < side)
+        votes.append(np.bincount((i * side + j)[near], minlength=side**2))
     wide = np.pad(np.array(votes).reshape(-1, side, side), ((0, 0), (1, 1), (1, 1)))
     rows = np.sum([wide[:, i : i + side] for i in range(3)], axis=0)
     stack = np.sum([rows[..., j : j + side] for j in range(3)], axis=0)
