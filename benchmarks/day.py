@@ -137,13 +137,13 @@ def main() -> None:
 
         with spawned_workers(1) as pool:
             one = run("one", pool)
-        # One thread per worker, which keeps freed memory, as in examples/shards_on_dask.py.
-        variables = {
-            "PJRT_NPROC": 1,
-            "MALLOC_TRIM_THRESHOLD_": 2**28,
-            "MALLOC_MMAP_THRESHOLD_": 2**25,
+        # As in examples/shards_on_dask.py.
+        workers = {
+            "distributed.nanny.pre-spawn-environ.PJRT_NPROC": 1,
+            "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 2**28,
+            "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 2**25,
+            "distributed.worker.profile.enabled": False,
         }
-        workers = {f"distributed.nanny.pre-spawn-environ.{k}": v for k, v in variables.items()}
         with (
             config.set(workers),
             LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,

@@ -17,14 +17,12 @@ import catfree as cf
 from catfree.synthetic import make_world
 
 # Dask limits the threads of other libraries itself. It also lets the C library return memory to the
-# system after each large array, which slows workers down by a sixth.
+# system after each large array, which slows workers down by a sixth, and samples what they do.
 WORKERS = {
-    f"distributed.nanny.pre-spawn-environ.{name}": value
-    for name, value in {
-        "PJRT_NPROC": 1,
-        "MALLOC_TRIM_THRESHOLD_": 2**28,
-        "MALLOC_MMAP_THRESHOLD_": 2**25,
-    }.items()
+    "distributed.nanny.pre-spawn-environ.PJRT_NPROC": 1,
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 2**28,
+    "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 2**25,
+    "distributed.worker.profile.enabled": False,
 }
 
 
