@@ -13,7 +13,6 @@ from catfree.geometry._triangulation._ray_distances import (
     Rays,
     batch_last,
     dot,
-    entries,
     gradient_of,
     hessian_of,
     norm,
@@ -33,10 +32,12 @@ BLOCK = 16384
 # Factor by which the damping falls after a step that gained as predicted. Any value between 3 and
 # 30 performs about the same.
 FALL = 10
-# Half the problems converge in 5 steps and four fifths in 6; the slowest of a block takes 13. So
-# the unconverged last quarter continues in a smaller array, repeatedly, down to this many problems,
-# where a step costs little more than its function calls.
+# Most problems converge in 5 steps; the slowest of a block takes 13. So the unconverged quarter
+# continues in a smaller array, repeatedly, down to this many problems, where a step costs little
+# more than its function calls.
 FEW = 64
+# XLA sums over rays one problem after the other, unless there are so many: fewer take longer.
+WIDE = 1024
 
 
 class Fit(NamedTuple):
@@ -68,6 +69,7 @@ def search_minimizer(
     shape, size = delta.shape, delta.size
     blocks = max(1, -(-size // BLOCK))
     length = -(-size // blocks)
+    length = max(length, WIDE) if length > FEW else length
 
     def cut(array: Array) -> Array:
         flat = array.reshape(*array.shape[: array.ndim - len(shape)], size)
@@ -90,12 +92,17 @@ def _search_block(
     rays, center = present_rays(origins, directions, weights)
     present = rays.weights > 0
 
+    def total(rays: Array) -> Array:
+        # XLA sums floats several times as fast as flags.
+        return jnp.sum(rays.astype(delta.dtype), 0)
+
     def search(start: _Start, _: None) -> tuple[_Start, tuple[Array, ...]]:
         kept = rays._replace(weights=jnp.where(start.kept, rays.weights, 0))
         position = _iterate(kept, delta, start)
         distances = norm(residuals_of(rays, position))
         inliers = present & (distances <= (factor * delta)[None])
-        again = refit & (jnp.sum(inliers, 0) >= 2) & jnp.any(present & ~inliers, 0)
+        remaining = total(inliers)
+        again = refit & (remaining >= 2) & (remaining < total(present))
         # Without rays the second search ends at once, so only problems that need it pay for it. The
         # loss is convex: starting at the first result only shortens the second search.
         again_from = _Start(inliers & again[None], position, full / FALL, jnp.ones((), jnp.int32))
@@ -119,10 +126,21 @@ class _Start(NamedTuple):
 
 
 class _State(NamedTuple):
-    """State of a search; `loss` is twice Huber's loss, infinite before the first step."""
+    """State of a search.
+
+    Attributes:
+        position: the best so far.
+        loss: twice Huber's loss, infinite before the first step.
+        length: of the last step; 0 if it was the first, which treats every ray as near, or did not
+            lower the loss.
+        damping: between Newton's method (0) and reweighted least squares (1).
+        converged: whether the search ended.
+        steps: taken by all problems.
+    """
 
     position: Vector
     loss: Array
+    length: Array
     damping: Array
     converged: Array
     steps: Array
@@ -138,12 +156,13 @@ class _Problem(NamedTuple):
 
 def _iterate(rays: Rays, delta: Array, start: _Start) -> Vector:
     """Minimize the loss from a start: step until all problems have converged."""
-    problem = _Problem(rays, delta, norm(entries(rays.origins)))
+    problem = _Problem(rays, delta, norm(rays.origins))
     state = _State(
         position=start.position,
         loss=jnp.full_like(delta, jnp.inf),
+        length=jnp.zeros_like(delta),
         damping=start.damping,
-        converged=~jnp.any(rays.weights > 0, 0),
+        converged=jnp.sum(rays.weights, 0) == 0,
         steps=start.steps,
     )
     return _take_all_steps(problem, state)
@@ -152,9 +171,9 @@ def _iterate(rays: Rays, delta: Array, start: _Start) -> Vector:
 def _take_all_steps(problem: _Problem, state: _State) -> Vector:
     """Step until all problems have converged, moving the last ones to ever smaller arrays."""
     width = len(state.converged)
-    if width <= 8 * FEW:
+    if width <= FEW:
         return _take_steps(problem, state, until=0).position
-    few = width // 4 if width >= 32 * FEW else FEW
+    few = width // 4 if width >= 4 * WIDE else FEW
     state = _take_steps(problem, state, until=few)
     (left,) = jnp.nonzero(~state.converged, size=few, fill_value=width)
     problem, remaining = jax.tree.map(
@@ -202,13 +221,13 @@ def _step(problem: _Problem, state: _State) -> _State:
     predicted = dot(gradient, move)
     # Rounding alone changes the loss by this much: distances are differences of lengths.
     error = 4 * unit * (reach + norm(state.position)[None])
-    rounding = jnp.sum(weights * error * (2 * distances + error), 0)
+    rounding = jnp.sum(weights * error * (distances + (distances + error)), 0)
 
     x, y, z = state.position
     proposal = (x - move[0], y - move[1], z - move[2])
     distances = norm(residuals_of(rays, proposal))
     linear = jnp.minimum(distances, delta[None])
-    loss = jnp.sum(rays.weights * linear * (2 * distances - linear), 0)
+    loss = jnp.sum(rays.weights * linear * (distances + (distances - linear)), 0)
     gain = state.loss - loss + rounding
     better = ~state.converged & (gain >= 0)
     damping = jnp.where(
@@ -217,14 +236,18 @@ def _step(problem: _Problem, state: _State) -> _State:
         jnp.where(gain >= 0.1 * predicted, state.damping, state.damping * 5),
     )
     resolution = 1e-2 * unit**0.5 * delta + 8 * unit * norm(state.position)
+    length = norm(move)
     converged = (
-        (norm(move) <= resolution)
+        (length <= resolution)
+        # If steps shrink by the same factor from here on, they sum to at most the resolution.
+        | (better & (length * length <= resolution * (state.length - length)))
         | (~better & (state.damping >= 1))  # only rounding stops a plain step
         | ((state.steps >= PATIENT_STEPS) & (predicted <= rounding))
     )
     return _State(
         position=jax.tree.map(partial(jnp.where, better), proposal, state.position),
         loss=jnp.where(better, loss, state.loss),
+        length=jnp.where(better & ~first, length, 0),
         # The floor keeps the matrix regular where the loss is flat (two far rays of equal
         # weight).
         damping=jnp.clip(damping, unit**0.5, 1),

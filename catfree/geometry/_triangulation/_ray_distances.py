@@ -17,10 +17,13 @@ from catfree.geometry._symmetric3 import Triangle, Vector
 
 
 class Rays(NamedTuple):
-    """Present rays in centered coordinates; absent rows hold finite values and weight 0."""
+    """Present rays in centered coordinates; absent rows hold finite values and weight 0.
 
-    origins: Float[Array, "3 cam *batch"]
-    directions: Float[Array, "3 cam *batch"]
+    Each coordinate is an array of its own, because slices of one array would be copied.
+    """
+
+    origins: Vector
+    directions: Vector
     weights: Float[Array, "cam *batch"]
 
 
@@ -32,12 +35,19 @@ def present_rays(
     """Rays in coordinates centered on the weighted mean of the present origins, and that mean."""
     present = weights > 0  # false for NaN too
     weights = jnp.where(present, weights, 0)
-    # Double where: NaN in absent rows must reach neither the value nor the gradient.
-    origins = jnp.where(present[None], jnp.swapaxes(origins, 0, 1), 0)
-    directions = jnp.where(present[None], jnp.swapaxes(directions, 0, 1), 0)
-    total = jnp.sum(weights, axis=0)[None]
-    center = jnp.sum(weights[None] * origins, axis=1) / jnp.where(total > 0, total, 1)
-    return Rays(origins - center[:, None], directions, weights), center
+
+    def coordinates(vectors: Array) -> Vector:
+        # Double where: NaN in absent rows must reach neither the value nor the gradient.
+        x, y, z = (jnp.where(present, vectors[:, axis], 0) for axis in range(3))
+        return x, y, z
+
+    from_world = coordinates(origins)
+    total = jnp.sum(weights, axis=0)
+    total = jnp.where(total > 0, total, 1)
+    cx, cy, cz = (jnp.sum(weights * each, axis=0) / total for each in from_world)
+    x, y, z = from_world
+    centered = x - cx[None], y - cy[None], z - cz[None]
+    return Rays(centered, coordinates(directions), weights), jnp.stack([cx, cy, cz])
 
 
 def batch_last(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -45,11 +55,13 @@ def batch_last(function: Callable[..., Any]) -> Callable[..., Any]:
     batched = jax.custom_batching.custom_vmap(function)
 
     @batched.def_vmap
-    def _(size: int, in_batch: list[bool], *arguments: Array) -> tuple[Any, Any]:
-        moved = [
-            jnp.moveaxis(a, 0, -1) if mapped else jnp.broadcast_to(a[..., None], (*a.shape, size))
-            for a, mapped in zip(arguments, in_batch, strict=True)
-        ]
+    def _(size: int, in_batch: list[Any], *arguments: Any) -> tuple[Any, Any]:
+        def last(a: Array, mapped: bool) -> Array:
+            if mapped:
+                return jnp.moveaxis(a, 0, -1)
+            return jnp.broadcast_to(a[..., None], (*a.shape, size))
+
+        moved = jax.tree.map(last, arguments, tuple(in_batch))
         results = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), batched(*moved))
         return results, jax.tree.map(lambda _: True, results)
 
@@ -80,7 +92,7 @@ def residuals_of(rays: Rays, position: Vector) -> Vector:
     distance times epsilon, which would dominate the depth information of nearly parallel rays.
     """
     x, y, z = (p[None] - o for p, o in zip(position, rays.origins, strict=True))
-    u, v, w = entries(rays.directions)
+    u, v, w = rays.directions
     for _ in range(2):
         along = x * u + y * v + z * w
         x, y, z = x - along * u, y - along * v, z - along * w
@@ -101,13 +113,13 @@ def gradient_of(weights: Array, residuals: Vector) -> Vector:
 
 def hessian_of(rays: Rays, weights: Array, bend: Array, residuals: Vector) -> Triangle:
     """Lower triangle of `sum_i weights_i (I - d_i d_iᵀ) - bend_i r_i r_iᵀ`."""
-    (u, v, w), (x, y, z) = entries(rays.directions), residuals
+    (u, v, w), (x, y, z) = rays.directions, residuals
     return (
         jnp.sum(weights * (1 - u * u) - bend * x * x, 0),
-        jnp.sum(-weights * v * u - bend * y * x, 0),
+        -jnp.sum(weights * v * u + bend * y * x, 0),
         jnp.sum(weights * (1 - v * v) - bend * y * y, 0),
-        jnp.sum(-weights * w * u - bend * z * x, 0),
-        jnp.sum(-weights * w * v - bend * z * y, 0),
+        -jnp.sum(weights * w * u + bend * z * x, 0),
+        -jnp.sum(weights * w * v + bend * z * y, 0),
         jnp.sum(weights * (1 - w * w) - bend * z * z, 0),
     )
 

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Real
 
 from catfree.geometry import _symmetric3 as symmetric3
 from catfree.geometry._arrays import Scalar, float_arrays
+from catfree.geometry._symmetric3 import Vector
 from catfree.geometry._triangulation._huber_search import Fit, search_minimizer
 from catfree.geometry._triangulation._ray_distances import (
     Rays,
@@ -141,7 +142,7 @@ def _triangulate_least_squares(origins: Array, directions: Array, weights: Array
 
 
 @batch_last
-def _least_squares(origins: Array, directions: Array, weights: Array) -> Array:
+def _least_squares(origins: Vector, directions: Vector, weights: Array) -> Array:
     """Weighted least squares, refined with residuals that are more accurate than the matrix."""
     rays = Rays(origins, directions, weights)
     zero = jnp.zeros_like(weights)
@@ -151,7 +152,7 @@ def _least_squares(origins: Array, directions: Array, weights: Array) -> Array:
         gradient = gradient_of(weights, residuals_of(rays, entries(position)))
         return position - jnp.stack(solve_regularized(matrix, gradient))
 
-    return jax.lax.fori_loop(0, 3, refine, jnp.zeros_like(origins[:, 0]))
+    return jax.lax.fori_loop(0, 3, refine, jnp.stack([jnp.zeros_like(weights[0])] * 3))
 
 
 def _attach_derivative(rays: Rays, position: Array, delta: Array | None) -> Array:
