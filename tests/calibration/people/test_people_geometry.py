@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 from catfree.calibration.people import CalibrationSettings
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
 from catfree.calibration.people.adjustment._people_bundle import adjust
-from catfree.calibration.people.adjustment._resection import fit_camera
+from catfree.calibration.people.adjustment._resection import MatchedPeople, fit_cameras
 from catfree.calibration.people.cameras._camera_model import (
     from_matrices,
     projection,
@@ -174,19 +174,32 @@ def test_bundle_adjustment_recovers_a_disturbed_rig():
     assert np.linalg.eigvalsh(found.covariance).min() > -1e-9
 
 
-def test_resection_is_exact_on_exact_people():
+def seen_by(camera, xy, height, data, count):
+    """The first people of `exact_boxes` in a camera."""
+    box = data.box[data.camera == camera][:count]
+    people = np.column_stack([xy, height])[:count]
+    covariance = np.broadcast_to(1e-6 * np.eye(3), (len(people), 3, 3))
+    return MatchedPeople(box, np.ones(len(box)), people, covariance)
+
+
+def test_resection_is_exact_on_exact_people_alone_or_with_other_fits():
     xy, height, data = exact_boxes(2)
-    mine = data.camera == 1
-    found = fit_camera(
-        RIG[1] + np.array([0.03, 0.02, 0.01, -0.03, 0.2, -0.2, 0.1]),
-        data.box[mine],
-        np.full(mine.sum(), 1.0),
-        xy,
-        height,
-        np.broadcast_to(1e-6 * np.eye(3), (len(xy), 3, 3)),
-        SETTINGS,
-        foot_offset=SETTINGS.foot_offset,
-        log_focal=(float(RIG[1, 0]), 0.5),
-        iterations=40,
-    )
-    np.testing.assert_allclose(found, RIG[1], atol=2e-3)
+    off = np.array([0.03, 0.02, 0.01, -0.03, 0.2, -0.2, 0.1])
+    starts = [RIG[1] + sign * off for sign in (1, -1, 0.5, -0.5, 0)]  # more than one padded block
+    matches = [seen_by(1, xy, height, data, count) for count in (len(xy), 50, 30, 20, 10)]
+
+    def fit(chosen):
+        return fit_cameras(
+            [starts[at] for at in chosen],
+            [matches[at] for at in chosen],
+            SETTINGS,
+            foot_offset=SETTINGS.foot_offset,
+            log_focal=(float(RIG[1, 0]), 0.5),
+            iterations=40,
+        )
+
+    together = fit(range(5))
+    np.testing.assert_allclose(together[0], RIG[1], atol=2e-3)
+    for at in range(5):
+        np.testing.assert_allclose(fit([at])[0], together[at], atol=1e-6)
+    assert fit([]).shape == (0, 7)

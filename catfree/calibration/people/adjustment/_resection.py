@@ -1,9 +1,11 @@
-"""Refine one camera against people with known positions.
+"""Refine placements of one camera against people with known positions.
 
 A placement from voting has the errors of a single view (a degree, a tenth of the range), which make
 correct placements look wrong. Every candidate is therefore refined before it is judged.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -33,35 +35,53 @@ TOLERANCES = (0.10, 0.06, 0.03)  # fraction of the range, decreasing as the came
 PASSES = 2
 FEWEST_MATCHES = 6
 MATCHES_BLOCK = 1024  # matches are padded to this number, or to a power of four times it
+FITS_BLOCK = 4  # fits are padded in the same way
+
+
+@dataclass(frozen=True)
+class MatchedPeople:
+    """Boxes of one camera and the people of a map whom they show.
+
+    Attributes:
+        box: (n, 3) box center, top row, bottom row in pixels from the image center.
+        sd: (n,) standard deviations of the edges in pixels.
+        people: (n, 3) ground position and height in meters.
+        covariance: (n, 3, 3) of the people in square meters.
+    """
+
+    box: Float[np.ndarray, "n 3"]
+    sd: Float[np.ndarray, " n"]
+    people: Float[np.ndarray, "n 3"]
+    covariance: Float[np.ndarray, "n 3 3"]
 
 
 def resect(
-    grid: BoxGrid,
     camera: int,
-    start: Float[np.ndarray, "7"],
+    placements: Sequence[tuple[BoxGrid, Float[np.ndarray, "7"]]],
     people: GroundMap,
     settings: CalibrationSettings,
     *,
     foot_offset: float,
     log_focal: tuple[float, float],
-) -> Float[np.ndarray, "7"] | None:
-    """Refine one camera against a fixed map of people.
+) -> list[Float[np.ndarray, "7"] | None]:
+    """Refine placements of one camera against a fixed map of people, all together.
 
     Args:
-        grid: all boxes.
         camera: index of the camera.
-        start: (7,) its initial parameters in world coordinates.
+        placements: all boxes and (7,) initial parameters in world coordinates, of each placement.
         people: map of the other cameras, same frames.
         settings: constants.
         foot_offset: meters by which the visible foot is closer to the camera.
         log_focal: mean and standard deviation of the prior on log focal length.
 
     Returns:
-        (7,) refined parameters, or None if it diverges or matches too few people.
+        (7,) refined parameters of each placement, or None if it diverges or matches too few people.
     """
-    parameters = start
-    for tolerance in TOLERANCES:
-        for _ in range(PASSES):
+    refined = {at: start for at, (_, start) in enumerate(placements)}
+    for tolerance in np.repeat(TOLERANCES, PASSES).tolist():
+        matches: dict[int, MatchedPeople] = {}
+        for at, parameters in refined.items():
+            grid = placements[at][0]
             own_map = map_ground(
                 parameters,
                 *grid.of_camera(camera),
@@ -69,76 +89,85 @@ def resect(
                 foot_offset=foot_offset,
                 range_tolerance=tolerance,
             )
-            time, slot, partner, *_ = mutual_nearest(own_map, people, settings.match_gate)
-            if len(time) < FEWEST_MATCHES:
-                return None
-            measured = grid.edges((camera, time, slot))
-            spread = np.zeros((len(time), 3, 3))
-            spread[:, :2, :2] = people.covariance[time, partner]
-            spread[:, 2, 2] = people.height_sd[time, partner] ** 2
-            parameters = fit_camera(
-                parameters,
-                measured,
-                grid.sd[camera, time, slot],
-                people.xy[time, partner],
-                people.height[time, partner],
-                spread,
-                settings,
-                foot_offset=foot_offset,
-                log_focal=log_focal,
-            )
-            if not (np.isfinite(parameters).all() and 0.5 < parameters[Z] < 60):
-                return None
-    return parameters
+            matched = _match(grid, camera, own_map, people, settings.match_gate)
+            if len(matched.sd) >= FEWEST_MATCHES:
+                matches[at] = matched
+        fitted = fit_cameras(
+            [refined[at] for at in matches],
+            list(matches.values()),
+            settings,
+            foot_offset=foot_offset,
+            log_focal=log_focal,
+        )
+        refined = {
+            at: parameters
+            for at, parameters in zip(matches, fitted, strict=True)
+            if np.isfinite(parameters).all() and 0.5 < parameters[Z] < 60
+        }
+    return [refined.get(at) for at in range(len(placements))]
 
 
-def fit_camera(
-    start: Float[np.ndarray, "7"],
-    measured: Float[np.ndarray, "n 3"],
-    sd: Float[np.ndarray, " n"],
-    xy: Float[np.ndarray, "n 2"],
-    height: Float[np.ndarray, " n"],
-    covariance: Float[np.ndarray, "n 3 3"],
+def _match(
+    grid: BoxGrid, camera: int, own_map: GroundMap, people: GroundMap, gate: float
+) -> MatchedPeople:
+    time, slot, partner, *_ = mutual_nearest(own_map, people, gate)
+    covariance = np.zeros((len(time), 3, 3))
+    covariance[:, :2, :2] = people.covariance[time, partner]
+    covariance[:, 2, 2] = people.height_sd[time, partner] ** 2
+    return MatchedPeople(
+        grid.edges((camera, time, slot)),
+        grid.sd[camera, time, slot],
+        np.column_stack([people.xy[time, partner], people.height[time, partner]]),
+        covariance,
+    )
+
+
+def fit_cameras(
+    starts: Sequence[Float[np.ndarray, "7"]],
+    matches: Sequence[MatchedPeople],
     settings: CalibrationSettings,
     *,
     foot_offset: float,
     log_focal: tuple[float, float],
     iterations: int = 8,
-) -> Float[np.ndarray, "7"]:
-    """Fit the seven parameters of a camera by Levenberg-Marquardt with a Cauchy loss.
+) -> Float[np.ndarray, "fit 7"]:
+    """Fit the seven parameters of cameras by Levenberg-Marquardt with a Cauchy loss.
 
     Args:
-        start: (7,) initial parameters.
-        measured: (n, 3) box center, top row, bottom row in pixels from the image center.
-        sd: (n,) standard deviations of the edges in pixels.
-        xy: (n, 2) people in meters.
-        height: (n,) their heights in meters.
-        covariance: (n, 3, 3) of (x, y, height) in square meters.
+        starts: (7,) initial parameters of each fit.
+        matches: boxes and people of each fit.
         settings: constants.
         foot_offset: meters by which the visible foot is closer to the camera.
         log_focal: mean and standard deviation of the prior on log focal length.
         iterations: maximum number of steps.
 
     Returns:
-        (7,) the parameters with the smallest cost.
+        (F, 7) the parameters with the smallest cost.
     """
-    n = coarse_length(len(xy), MATCHES_BLOCK)
+    if not matches:
+        return np.zeros((0, 7))
+    n = coarse_length(max(len(one.sd) for one in matches), MATCHES_BLOCK)
+    fits = coarse_length(len(matches), FITS_BLOCK)
     mean, precision = np.zeros((1, 7)), np.zeros((1, 7))
     mean[0, LOG_FOCAL] = log_focal[0]
     precision[0, LOG_FOCAL], precision[0, ROLL] = 1 / log_focal[1], 1 / settings.roll_sd
+
+    def stacked(rows: Sequence[np.ndarray]) -> Array:
+        return padded(np.stack([np.asarray(padded(each, n)) for each in rows]), fits)
+
     with jax.enable_x64(True):
-        fitted = _fit(
-            jnp.asarray(start[None]),
-            padded(np.column_stack([xy, height]), n),
-            padded(measured, n),
-            padded(1 / sd**2, n),
-            padded(covariance, n),
+        fitted = _fit_all(
+            padded(np.stack(starts)[:, None], fits),
+            stacked([one.people for one in matches]),
+            stacked([one.box for one in matches]),
+            stacked([1 / one.sd**2 for one in matches]),
+            stacked([one.covariance for one in matches]),
             jnp.asarray(foot_offset),
             jnp.asarray(mean),
             jnp.asarray(precision),
             jnp.asarray(iterations, jnp.int32),
         )
-        return np.asarray(fitted)[0]
+        return np.asarray(fitted)[: len(matches), 0]
 
 
 class _Matches(NamedTuple):
@@ -173,7 +202,6 @@ def _problem(
     return robust(residuals, partial(cauchy, width=CAUCHY))
 
 
-@jax.jit
 def _fit(
     start: Float[Array, "1 7"],
     people: Float[Array, "n 3"],
@@ -195,3 +223,6 @@ def _fit(
     args = jnp.zeros(0, start.dtype), matches
     solver = SchurLevenbergMarquardt(CONVERGED, 0.0, most_steps=most_steps)
     return minimize(_problem, unknowns, args, solver).value.view
+
+
+_fit_all = jax.jit(jax.vmap(_fit, (0,) * 5 + (None,) * 4))

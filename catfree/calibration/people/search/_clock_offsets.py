@@ -104,19 +104,18 @@ def _offset_of_placed(
     evidence: dict[int, float] = {}
     best = 0
     while True:
-        for shift in range(best - CLIMB, best + CLIMB + 1):
-            if shift in evidence or shift not in shifts:
-                continue
-            grid = work.grid.shifted(camera, -shift)
-            parameters = resect(
-                grid,
-                camera,
-                state.parameters[camera],
-                others,
-                work.settings,
-                foot_offset=state.foot_offset,
-                log_focal=(log_focal, KNOWN_FOCAL_SD),
-            )
+        near = range(best - CLIMB, best + CLIMB + 1)
+        untried = [shift for shift in near if shift in shifts and shift not in evidence]
+        grids = [work.grid.shifted(camera, -shift) for shift in untried]
+        refined = resect(
+            camera,
+            [(grid, state.parameters[camera]) for grid in grids],
+            others,
+            work.settings,
+            foot_offset=state.foot_offset,
+            log_focal=(log_focal, KNOWN_FOCAL_SD),
+        )
+        for shift, grid, parameters in zip(untried, grids, refined, strict=True):
             evidence[shift] = -np.inf
             if parameters is not None:
                 fitted = wide.with_camera(camera, parameters, WIDE_TOLERANCE)
@@ -155,18 +154,20 @@ def offset_of_unplaced(
                 for placement in vote(fused, camera_map, settings, 1)
             ]
     candidates.sort(key=lambda item: -item[0])
+    tried = [
+        (shift, work.grid.shifted(camera, -shift), start)
+        for _, shift, start in candidates[:TRIED_OFFSETS]
+    ]
+    refined = resect(
+        camera,
+        [(grid, start) for _, grid, start in tried],
+        people,
+        settings,
+        foot_offset=state.foot_offset,
+        log_focal=(middle, settings.focal_log_sd),
+    )
     best = (0.0, 0)
-    for _, shift, start in candidates[:TRIED_OFFSETS]:
-        grid = work.grid.shifted(camera, -shift)
-        parameters = resect(
-            grid,
-            camera,
-            start,
-            people,
-            settings,
-            foot_offset=state.foot_offset,
-            log_focal=(middle, settings.focal_log_sd),
-        )
+    for (shift, grid, _), parameters in zip(tried, refined, strict=True):
         if parameters is None:
             continue
         verdict = judge_camera(

@@ -162,17 +162,19 @@ def accepted_candidates(
     log_focals = state.parameters[state.placed, LOG_FOCAL]
     middle = float(np.median(log_focals))
     prior = (middle, 0.02 if shared_focal else settings.focal_log_sd)
+    refined = resect(
+        camera,
+        [
+            (scoring, start)
+            for start in _candidates(work, state, camera, pairs, middle, shared_focal)
+        ],
+        people,
+        settings,
+        foot_offset=state.foot_offset,
+        log_focal=prior,
+    )
     accepted = []
-    for start in _candidates(work, state, camera, pairs, middle, shared_focal):
-        parameters = resect(
-            scoring,
-            camera,
-            start,
-            people,
-            settings,
-            foot_offset=state.foot_offset,
-            log_focal=prior,
-        )
+    for parameters in refined:
         if parameters is None:
             continue
         verdict = judge_camera(
