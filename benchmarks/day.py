@@ -138,12 +138,9 @@ def main() -> None:
         with spawned_workers(1) as pool:
             one = run("one", pool)
         # As in examples/shards_on_dask.py.
-        workers = {
-            "distributed.nanny.pre-spawn-environ.PJRT_NPROC": 1,
-            "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 2**28,
-            "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 2**25,
-            "distributed.worker.profile.enabled": False,
-        }
+        start = "distributed.nanny.pre-spawn-environ."
+        workers = {start + name: value for name, value in cf.worker_environment().items()}
+        workers["distributed.worker.profile.enabled"] = False
         with (
             config.set(workers),
             LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,

@@ -26,6 +26,7 @@ from catfree._run.sharded._stored_tracks import (
     StoredTracks as StoredTracks,
     open_tracks as open_tracks,
 )
+from catfree._run.sharded._worker import worker_environment as worker_environment
 from catfree.adapters.datasets import (
     read_detections as read_detections,
     read_scene as read_scene,

@@ -17,8 +17,6 @@ import ray
 import catfree as cf
 from catfree.synthetic import make_world
 
-ONE_THREAD = {"PJRT_NPROC": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-
 
 class RayExecutor(Executor):
     """Run each call as a Ray task with one processor."""
@@ -42,7 +40,8 @@ def main() -> None:
     boxes = cf.adapters.write_detections_parquet(out / "_boxes.parquet", world.detections)
     plan = cf.shards(boxes, every=arguments.every, overlap=10, frame_rate=5)
 
-    ray.init(num_cpus=2, include_dashboard=False, runtime_env={"env_vars": ONE_THREAD})
+    environment = {"env_vars": cf.worker_environment()}
+    ray.init(num_cpus=2, include_dashboard=False, runtime_env=environment)
     try:
         (day,) = cf.run_shards(plan, scene=world.scene, out=out, executor=RayExecutor())
     finally:

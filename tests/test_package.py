@@ -12,7 +12,11 @@ from pathlib import Path
 import pytest
 
 import catfree as cf
-from catfree.__main__ import LAST_WITH_OPTION, QUICK_COMPILATION, jaxlib_version
+from catfree._run.sharded._worker import (
+    LAST_WITH_OPTION,
+    QUICK_COMPILATION,
+    jaxlib_version,
+)
 
 ROOT = Path(cf.__file__).parent
 
@@ -205,7 +209,7 @@ def test_help_does_not_wait_for_numerical_libraries(arguments):
     [
         ("localize", None, QUICK_COMPILATION),
         ("localize", "--xla_cpu_use_fusion_emitters=true", "--xla_cpu_use_fusion_emitters=true"),
-        ("shard", None, None),
+        ("shard", None, QUICK_COMPILATION),
     ],
 )
 def test_a_command_compiles_quickly_unless_told_otherwise(command, given, flags):

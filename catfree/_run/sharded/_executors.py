@@ -18,7 +18,7 @@ from catfree._run.sharded._receipt import recording_folder
 from catfree._run.sharded._run_shard import run_shard
 from catfree._run.sharded._shard import Shard, StrPath
 from catfree._run.sharded._stored_tracks import StoredTracks
-from catfree._run.sharded._worker import one_thread_from_the_start, start_worker
+from catfree._run.sharded._worker import inherited, start_worker, worker_environment
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.errors import CatFreeError, ForkedProcessError, InvalidInputError, ShardError
 from catfree.settings import Settings
@@ -148,10 +148,10 @@ def executor_for(executor: Any) -> Iterator[Executor]:
 
 @contextlib.contextmanager
 def spawned_workers(count: int | None = None) -> Iterator[Executor]:
-    """Yield an executor whose processes are spawned, as tasks need them, with one thread each.
+    """Yield an executor whose processes are spawned, as tasks need them.
 
-    Until it is shut down, the environment of this process holds the variables that limit NumPy to
-    one thread; other processes started meanwhile inherit them.
+    Until it is shut down, the environment of this process holds that of `worker_environment`
+    without the variables of JAX; other processes started meanwhile inherit it.
 
     Args:
         count: most processes; None for as many as processors and memory allow.
@@ -164,9 +164,12 @@ def spawned_workers(count: int | None = None) -> Iterator[Executor]:
         raise InvalidInputError(f"workers is {most}; it must be at least 1.")
     # Not fork, with which JAX deadlocks.
     context = multiprocessing.get_context("spawn")
+    environment = worker_environment()
     with (
-        one_thread_from_the_start(),
-        ProcessPoolExecutor(most, mp_context=context, initializer=start_worker) as pool,
+        inherited(environment),
+        ProcessPoolExecutor(
+            most, mp_context=context, initializer=start_worker, initargs=(environment,)
+        ) as pool,
     ):
         try:
             yield pool

@@ -1,10 +1,10 @@
-"""Start of a worker process, imported before NumPy and JAX count the processors."""
+"""The environment and the start of worker processes, set before NumPy and JAX read it."""
 
 import contextlib
 import multiprocessing
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 # Workers share the processors, so each library uses one thread.
 ONE_THREAD = {
@@ -14,19 +14,58 @@ ONE_THREAD = {
     "MKL_NUM_THREADS": "1",
     "OPENCV_FOR_THREADS_NUM": "1",
 }
-# Those that NumPy reads when it is imported.
-OF_NUMPY = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+# The C library keeps up to 256 MB for the next array; some engines have it return them at once.
+KEPT_MEMORY = {
+    "MALLOC_TRIM_THRESHOLD_": str(2**28),
+    "MALLOC_MMAP_THRESHOLD_": str(2**25),
+}
+# Of JAX, which reads them with the first array; its other processes need not compile alike.
+OF_JAX = ("PJRT_NPROC", "XLA_FLAGS")
+# Compilation takes two thirds of the time without XLA's newer code generator, and its code is as
+# fast. XLA ends a process that names an option that it does not know, as a later one may not.
+QUICK_COMPILATION = "--xla_cpu_use_fusion_emitters=false"
+LAST_WITH_OPTION = (0, 10)  # of jaxlib
+
+
+def jaxlib_version() -> tuple[int, ...]:
+    """Major and minor version of jaxlib, without importing it."""
+    from importlib.metadata import version  # not for workers, which import this module, too
+
+    return tuple(map(int, version("jaxlib").split(".")[:2]))
+
+
+def compilation_environment() -> dict[str, str]:
+    """Return the flags of XLA that this process has, or those that make it compile quickly."""
+    if "XLA_FLAGS" in os.environ:
+        return {"XLA_FLAGS": os.environ["XLA_FLAGS"]}
+    return {"XLA_FLAGS": QUICK_COMPILATION} if jaxlib_version() <= LAST_WITH_OPTION else {}
+
+
+def worker_environment() -> dict[str, str]:
+    """Return the environment that worker processes should start with.
+
+    Each library uses one thread, XLA compiles in two thirds of the time, and freed memory is kept
+    for the next array. Workers with this environment write the same bytes, whoever starts them, on
+    processors of one kind. `run_shards` and `catfree shard` set it themselves; other engines take
+    it as they take any environment, for instance
+    `ray.init(runtime_env={"env_vars": cf.worker_environment()})`.
+
+    Returns:
+        Values by name. If this process has `XLA_FLAGS`, workers get the same.
+    """
+    return {**ONE_THREAD, **KEPT_MEMORY, **compilation_environment()}
 
 
 @contextlib.contextmanager
-def one_thread_from_the_start() -> Iterator[None]:
-    """Give processes that start meanwhile one thread in NumPy, by this process's environment.
+def inherited(environment: Mapping[str, str]) -> Iterator[None]:
+    """Let processes that start meanwhile inherit variables, except those of JAX.
 
     A spawned process imports the caller's script, and often NumPy with it, before `start_worker`
     runs. This process has imported NumPy already, so the variables do not affect it.
     """
-    before = {name: os.environ.get(name) for name in OF_NUMPY}
-    os.environ.update({name: ONE_THREAD[name] for name in OF_NUMPY})
+    lent = {name: value for name, value in environment.items() if name not in OF_JAX}
+    before = {name: os.environ.get(name) for name in lent}
+    os.environ.update(lent)
     try:
         yield
     finally:
@@ -37,9 +76,9 @@ def one_thread_from_the_start() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def start_worker() -> None:
-    """Limit the threads of this process, and end it when its parent dies."""
-    os.environ.update(ONE_THREAD)
+def start_worker(environment: Mapping[str, str]) -> None:
+    """Set the environment of this process, and end it when its parent dies."""
+    os.environ.update(environment)
     parent = multiprocessing.parent_process()
     if parent is None:
         return

@@ -13,7 +13,13 @@ import pytest
 
 import catfree as cf
 from catfree._run.sharded import _executors as module
-from catfree._run.sharded._worker import start_worker
+from catfree._run.sharded._worker import (
+    LAST_WITH_OPTION,
+    QUICK_COMPILATION,
+    jaxlib_version,
+    start_worker,
+    worker_environment,
+)
 from catfree.errors import ForkedProcessError, InvalidInputError, ShardError
 from catfree.synthetic import make_layout, make_world
 from catfree.types import Detections
@@ -160,7 +166,9 @@ def test_a_worker_that_dies_loses_no_finished_shard(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "run_shard", kill_at)
     context = multiprocessing.get_context("spawn")
     with (
-        ProcessPoolExecutor(1, mp_context=context, initializer=start_worker) as pool,
+        ProcessPoolExecutor(
+            1, mp_context=context, initializer=start_worker, initargs=(worker_environment(),)
+        ) as pool,
         pytest.raises(ShardError, match=r"shard 1 of 2: its worker process died"),
     ):
         cf.run_shards(plan, scene=SCENE, out=tmp_path, executor=pool)
@@ -173,30 +181,45 @@ def test_a_worker_that_dies_loses_no_finished_shard(tmp_path, monkeypatch):
 SCRIPT = """
 import os
 import numpy  # as most scripts do, before a worker's own code can run
+import catfree as cf
 from catfree._run.sharded._executors import spawned_workers
 
-AT_IMPORT = os.environ.get("OPENBLAS_NUM_THREADS")
+NAMES = ("OPENBLAS_NUM_THREADS", "MALLOC_TRIM_THRESHOLD_", "PJRT_NPROC")
+AT_IMPORT = [os.environ.get(name) for name in NAMES]
 
 def at_import():
     return AT_IMPORT
 
+def has(environment):
+    return environment.items() <= os.environ.items()
+
 if __name__ == "__main__":
     with spawned_workers(1) as pool:
-        print(pool.submit(at_import).result())
-    print(AT_IMPORT, os.environ.get("OPENBLAS_NUM_THREADS"))
+        print(*pool.submit(at_import).result(), pool.submit(has, cf.worker_environment()).result())
+    print(*AT_IMPORT, AT_IMPORT == [os.environ.get(name) for name in NAMES])
 """
 
 
 @pytest.mark.parametrize("own", [None, "2"])
-def test_workers_have_one_thread_before_they_import_the_script(tmp_path, own):
+def test_workers_start_in_their_environment_and_this_process_keeps_its_own(tmp_path, own):
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
-    environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+    environment = {k: v for k, v in os.environ.items() if k not in worker_environment()}
     if own is not None:
         environment["OPENBLAS_NUM_THREADS"] = own
     command = [sys.executable, str(script)]
     said = subprocess.run(command, capture_output=True, text=True, env=environment, check=True)
-    assert said.stdout.split() == ["1", str(own), str(own)]
+    # JAX's variables are set when the worker runs: this process may use JAX for the first time.
+    kept = worker_environment()["MALLOC_TRIM_THRESHOLD_"]
+    assert said.stdout.split() == ["1", kept, "None", "True", str(own), "None", "None", "True"]
+
+
+def test_workers_get_the_flags_of_xla_that_this_process_has(monkeypatch):
+    monkeypatch.setenv("XLA_FLAGS", "--xla_dump_to=here")
+    assert worker_environment()["XLA_FLAGS"] == "--xla_dump_to=here"
+    monkeypatch.delenv("XLA_FLAGS")
+    quick = jaxlib_version() <= LAST_WITH_OPTION
+    assert worker_environment().get("XLA_FLAGS") == (QUICK_COMPILATION if quick else None)
 
 
 def test_workers_fit_the_machine():
