@@ -135,14 +135,12 @@ def main() -> None:
         from dask import config
         from dask.distributed import Client, LocalCluster
 
+        from examples.shards_on_dask import worker_settings
+
         with spawned_workers(1) as pool:
             one = run("one", pool)
-        # As in examples/shards_on_dask.py.
-        start = "distributed.nanny.pre-spawn-environ."
-        workers = {start + name: value for name, value in cf.worker_environment().items()}
-        workers["distributed.worker.profile.enabled"] = False
         with (
-            config.set(workers),
+            config.set(worker_settings()),
             LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
             Client(cluster) as client,
         ):
