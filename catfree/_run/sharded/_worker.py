@@ -19,7 +19,7 @@ KEPT_MEMORY = {
     "MALLOC_TRIM_THRESHOLD_": str(2**28),
     "MALLOC_MMAP_THRESHOLD_": str(2**25),
 }
-# Of JAX, which reads them with the first array; its other processes need not compile alike.
+# JAX reads these with the first array, which this process may not have made yet.
 OF_JAX = ("PJRT_NPROC", "XLA_FLAGS")
 # Compilation takes two thirds of the time without XLA's newer code generator, and its code is as
 # fast. XLA ends a process that names an option that it does not know, as a later one may not.

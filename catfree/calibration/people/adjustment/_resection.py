@@ -153,7 +153,10 @@ def fit_cameras(
     precision[0, LOG_FOCAL], precision[0, ROLL] = 1 / log_focal[1], 1 / settings.roll_sd
 
     def stacked(rows: Sequence[np.ndarray]) -> Array:
-        return padded(np.stack([np.asarray(padded(each, n)) for each in rows]), fits)
+        table = np.zeros((fits, n, *rows[0].shape[1:]))
+        for at, row in enumerate(rows):
+            table[at, : len(row)] = row
+        return jnp.asarray(table)
 
     with jax.enable_x64(True):
         fitted = _fit_all(
