@@ -22,7 +22,6 @@ from catfree.adapters import read_detections_parquet, write_detections_parquet
 from catfree.evaluation import crop, detection_metrics, tracking_metrics
 from catfree.evaluation._position_matching import matched_rows
 from catfree.evaluation._rows import read_sequence
-from catfree.settings import EvidenceSettings
 from catfree.synthetic import DetectorModel, make_layout, make_world
 from catfree.types import Detections
 
@@ -81,13 +80,9 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--folder", type=Path, default=Path("benchmark_day"))
     parser.add_argument("--whole", type=float, default=1.0, help="hours of the run without shards")
-    parser.add_argument(
-        "--everywhere", action="store_true", help="without the working area, learned per shard"
-    )
     parser.add_argument("--dask", action="store_true")
     options = parser.parse_args()
     frames = int(options.hours * 3600 * RATE)
-    settings = cf.Settings(evidence=EvidenceSettings(working_area=not options.everywhere))
     for kind in ("boxes", "truth"):
         (options.folder / kind).mkdir(parents=True, exist_ok=True)
     begin = time.perf_counter()
@@ -106,7 +101,7 @@ def main() -> None:
         out = options.folder / name
         shutil.rmtree(out, ignore_errors=True)
         begin = time.perf_counter()
-        cf.run_shards(plan, scene=LAYOUT.scene, out=out, settings=settings, executor=executor)
+        cf.run_shards(plan, scene=LAYOUT.scene, out=out, executor=executor)
         return time.perf_counter() - begin
 
     with spawned_workers(options.workers) as pool:
@@ -130,7 +125,7 @@ def main() -> None:
         crossing, kept = crossing + more[0], kept + more[1]
     print(f"{kept} of {crossing} people who cross shards keep one identity", flush=True)
     if options.whole:
-        compare(options.folder, min(options.whole, options.hours), settings, stored)
+        compare(options.folder, min(options.whole, options.hours), stored)
     if options.dask:
         from dask import config
         from dask.distributed import Client, LocalCluster
@@ -154,12 +149,12 @@ def main() -> None:
         print(f"the same table to the byte: {same}")
 
 
-def compare(folder: Path, hours: float, settings: cf.Settings, stored: cf.StoredTracks) -> None:
+def compare(folder: Path, hours: float, stored: cf.StoredTracks) -> None:
     """Print the scores of the first hours with and without shards."""
     stop = int(hours * 3600 * RATE)
     boxes = read_detections_parquet(folder / "boxes", 0, stop)
     begin = time.perf_counter()
-    whole = localize_people(boxes, LAYOUT.scene, settings).tracks
+    whole = localize_people(boxes, LAYOUT.scene, cf.Settings()).tracks
     seconds = time.perf_counter() - begin
     truth = np.concatenate([np.load(path) for path in sorted((folder / "truth").glob("*.npy"))])
     truth, frames = truth[truth[:, 0] < stop], np.arange(stop)

@@ -186,8 +186,7 @@ def detect_again(
         The result of `look_again`, or the unchanged detections if the detector takes no hints.
     """
     # Positions too uncertain to report are still good enough as hints.
-    unrestricted = dataclasses.replace(settings.evidence, working_area=False)
-    settings = dataclasses.replace(settings, evidence=unrestricted)
+    settings = everywhere(settings)
 
     def look() -> Detections:
         if fitted is not None:
@@ -209,6 +208,12 @@ def detect_again(
         names = (fingerprint_of(part, role) for role, part in parts.items() if part is not None)
         keys = (videos.fingerprint, *names, *keys)
     return _cached(cache, "second-look", Detections, look, keys, settings)
+
+
+def everywhere(settings: Settings) -> Settings:
+    """The same settings, to report people outside the working area, too."""
+    unrestricted = dataclasses.replace(settings.evidence, working_area=False)
+    return dataclasses.replace(settings, evidence=unrestricted)
 
 
 def localize_people(

@@ -1,11 +1,13 @@
 """`join`: one table of the whole recording from the tables of its shards."""
 
+import dataclasses
 import itertools
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 import catfree
 from catfree._run._cache import from_arrays
@@ -21,7 +23,7 @@ from catfree._run.sharded._receipt import (
     read_receipt,
     require_intact,
 )
-from catfree._run.sharded._run_shard import ShardSummary
+from catfree._run.sharded._run_shard import PLACES, ShardSummary
 from catfree._run.sharded._shard import StrPath
 from catfree._run.sharded._stored_tracks import StoredTracks, open_tracks
 from catfree.adapters.files._documents import (
@@ -31,9 +33,13 @@ from catfree.adapters.files._documents import (
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.tables._parquet import read_parquet, write_parquet
 from catfree.errors import FileFormatError, InvalidInputError
+from catfree.methods.evidence.report._working_area import UsualPlace, usual_place
+from catfree.settings import EvidenceSettings
 from catfree.types import Tracks
 from catfree.types._archive import load_arrays
 from catfree.types.results import require_pyarrow, symmetric
+
+INSTANTS = 20_000  # about an hour at five per second, from which the working area is learned
 
 
 def join(out: StrPath) -> Tracks:
@@ -83,7 +89,9 @@ def join_shards(out: StrPath) -> StoredTracks:
     identities = identify(
         [summary.pieces for summary in summaries], [s.habits for s in summaries], matched
     )
-    parts = [_write_joined(folder, receipt, identities) for receipt in receipts]
+    area = _learn_area(folder, receipts)
+    numbers = np.full(int(identities.identity.max(initial=-1)) + 1, -1)
+    parts = [_write_joined(folder, receipt, identities, area, numbers) for receipt in receipts]
     for stale in folder.glob("part-*.parquet"):
         if stale.name not in {part["file"] for part in parts}:
             stale.unlink()
@@ -96,7 +104,7 @@ def join_shards(out: StrPath) -> StoredTracks:
         "settings": first.settings,
         "scene_file": first.scene_file,
         "clock": first.clock,
-        "people": int(identities.identity.max(initial=-1)) + 1,
+        "people": int(numbers.max(initial=-1)) + 1,
         "parts": parts,
     }
     write_text_atomically(folder / MANIFEST, json.dumps(document, indent=1) + "\n")
@@ -164,15 +172,8 @@ def _match(folder: Path, earlier: Receipt, later: Receipt) -> Pairs:
 
 
 def _positions(folder: Path, receipt: Receipt, first: int, stop: int) -> Positions:
-    require_pyarrow()
-    import pyarrow.dataset
-
-    field = pyarrow.dataset.field("frame")
     names = ["frame", "track_id", "x", "y", "cov_xx", "cov_xy", "cov_yy"]
-    path = files_of(folder, receipt.index).part
-    opened = pyarrow.dataset.dataset([str(path)], format="parquet")
-    table = opened.to_table(columns=names, filter=(field >= first) & (field < stop))
-    column = {name: table[name].to_numpy() for name in names}
+    column = _columns(folder, receipt, names, first, stop)
     covariance = symmetric(*(column[f"cov_{axes}"] for axes in ("xx", "xy", "yy")))
     tracked = column["track_id"] >= 0
     return Positions(
@@ -183,19 +184,109 @@ def _positions(folder: Path, receipt: Receipt, first: int, stop: int) -> Positio
     )
 
 
-def _write_joined(folder: Path, receipt: Receipt, identities: Identities) -> dict[str, Any]:
-    """Write the reported positions of a shard with their identities in the recording."""
+def _columns(
+    folder: Path, receipt: Receipt, names: list[str], first: int, stop: int
+) -> dict[str, np.ndarray]:
+    """Read columns of a shard's table for the frames from `first` to before `stop`."""
+    require_pyarrow()
+    import pyarrow.dataset
+
+    field = pyarrow.dataset.field("frame")
+    path = files_of(folder, receipt.index).part
+    opened = pyarrow.dataset.dataset([str(path)], format="parquet")
+    table = opened.to_table(columns=names, filter=(field >= first) & (field < stop))
+    return {name: table[name].to_numpy() for name in names}
+
+
+@dataclasses.dataclass(frozen=True)
+class Area:
+    """The working area of a recording, relative to all its people.
+
+    Attributes:
+        usual: how well people are usually seen.
+        cameras: number of cameras that see any people.
+        settings: constants.
+    """
+
+    usual: UsualPlace
+    cameras: int
+    settings: EvidenceSettings
+
+    def holds(
+        self, sigma: Float[np.ndarray, " m"], whole: Float[np.ndarray, " m"]
+    ) -> Bool[np.ndarray, " m"]:
+        """(M,) whether positions are in the area; those of which nothing is known are."""
+        known = ~np.isnan(sigma)
+        held = np.ones(len(sigma), bool)
+        held[known] = self.usual.holds(
+            sigma[known], whole[known].astype(np.int64), self.cameras, self.settings
+        )
+        return held
+
+
+def _learn_area(folder: Path, receipts: list[Receipt]) -> Area | None:
+    """Learn the working area from people at instants all over the recording.
+
+    Returns:
+        None if it is switched off, or the method knows none.
+    """
+    rules = receipts[0].settings["evidence"]
+    constants: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in rules.items()
+    }
+    settings = EvidenceSettings(**constants)
+    if not settings.working_area:
+        return None
+    every = max(1, (receipts[-1].stop - receipts[0].first) // INSTANTS)
+    bits, places = np.uint64(0), []
+    for receipt in receipts:
+        names = ["frame", "cameras", *PLACES]
+        column = _columns(folder, receipt, names, receipt.first, receipt.stop)
+        chosen = (column["frame"] % every == 0) & ~np.isnan(column["design_sigma"])
+        places.append(np.stack([column[name][chosen] for name in PLACES]))
+        bits |= np.bitwise_or.reduce(column["cameras"][chosen].astype(np.uint64))
+    sigma, whole = np.concatenate(places, axis=1)
+    if len(sigma) == 0:
+        return None
+    usual = usual_place(sigma, whole.astype(np.int64))
+    return Area(usual, int(np.bitwise_count(bits)), settings)
+
+
+def _write_joined(
+    folder: Path, receipt: Receipt, identities: Identities, area: Area | None, numbers: np.ndarray
+) -> dict[str, Any]:
+    """Write the positions that a shard reports with their identities in the recording.
+
+    Args:
+        folder: of the recording.
+        receipt: of the shard, whose predecessors have been written.
+        identities: of all shards.
+        area: outside of which nobody is reported, or None.
+        numbers: (K,) number of each identity in the table, -1 before it appears; those that appear
+            in this shard are written to it.
+    """
     files = files_of(folder, receipt.index)
     table = read_parquet(files.part, "positions of a shard")
-    frame, local = table["frame"].to_numpy(), table["track_id"].to_numpy()
+    frame, local = (table[name].to_numpy() for name in ("frame", "track_id"))
     reported = (frame >= receipt.first) & (frame < receipt.stop)
-    table, frame, local = table.filter(reported), frame[reported], local[reported]
-    identity, stop = np.full(len(local), -1), np.full(len(local), np.iinfo(np.int64).max)
-    tracked = local >= 0
-    identity[tracked], stop[tracked] = identities.of(receipt.index, local[tracked])
+    if area is not None:
+        reported &= area.holds(*(table[name].to_numpy() for name in PLACES))
+    tracked = np.flatnonzero(reported & (local >= 0))
+    identity = np.full(len(local), -1)
+    identity[tracked], stop = identities.of(receipt.index, local[tracked])
+    reported[tracked] = frame[tracked] < stop
+    order = np.lexsort((identity, frame))
+    order = order[reported[order]]
+    table, identity = table.drop_columns(PLACES).take(order), identity[order]
+    known = identity >= 0
+    names, first = np.unique(identity[known], return_index=True)
+    new = names[np.argsort(first, kind="stable")]
+    new = new[numbers[new] < 0]
+    numbers[new] = numbers.max(initial=-1) + 1 + np.arange(len(new))
+    identity[known] = numbers[identity[known]]
     at = table.schema.get_field_index("track_id")
     table = table.set_column(at, table.schema.field(at), [identity])
-    table = table.filter(frame < stop).sort_by([("frame", "ascending"), ("track_id", "ascending")])
+    table = table.sort_by([("frame", "ascending"), ("track_id", "ascending")])
     path = write_parquet(folder / files.part.name, table, compression="zstd")
     return {
         "file": path.name,

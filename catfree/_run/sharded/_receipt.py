@@ -13,7 +13,7 @@ from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock
 from catfree.types._validation import require_declared_types
 
-SCHEMA = "catfree shards 1"
+SCHEMA = "catfree shards 2"
 WORK_FOLDER = "_shards"  # readers of Parquet folders leave out names that begin with an underscore
 SCENE_FILE, MANIFEST = f"{WORK_FOLDER}/scene.json", f"{WORK_FOLDER}/manifest.json"
 

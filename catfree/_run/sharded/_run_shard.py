@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Int
@@ -14,7 +14,7 @@ from jaxtyping import Int
 from catfree._run._cache import code_hash, content_hash, to_arrays
 from catfree._run._cached_detection import fingerprint_of
 from catfree._run._run import run_stages
-from catfree._run._stages import localize_people
+from catfree._run._stages import everywhere, localize_people
 from catfree._run._stitch import Habits, Pieces, collect_pieces, learn_habits
 from catfree._run.sharded._receipt import (
     SCENE_FILE,
@@ -33,15 +33,20 @@ from catfree.adapters.files._camera_names import names_of_files
 from catfree.adapters.files._documents import write_text_atomically
 from catfree.adapters.files._fingerprint import hash_file, hash_parameters
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
-from catfree.adapters.tables._tracks_table import write_tracks_parquet
+from catfree.adapters.tables._parquet import write_parquet
 from catfree.calibration import Verdict, check
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.settings import Settings
-from catfree.types import Detections, Localization, Scene
+from catfree.types import Detections, Localization, Scene, Tracks
 from catfree.types._archive import save_arrays
 from catfree.types._forks import require_own_process
 from catfree.types._validation import require_instance
 from catfree.types._writing import make_folder
+
+if TYPE_CHECKING:
+    import pyarrow
+
+PLACES = ("design_sigma", "whole_views")  # columns that the joined table does not have
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,11 +112,13 @@ def run_shard(
         return finished
     scene_file = _write_scene(folder, scene, shard.videos)
     begin = time.perf_counter()
+    # The working area is relative to the people of the whole recording, so joining decides on it.
+    wide = everywhere(settings)
     if shard.videos:
-        detections, localization = _from_videos(shard, scene, settings, detector, embedder)
+        detections, localization = _from_videos(shard, scene, wide, detector, embedder)
     else:
         detections = boxes_of(shard)
-        localization = localize_people(detections, scene, settings, silent_pictures(shard))
+        localization = localize_people(detections, scene, wide, silent_pictures(shard))
     verdicts, said = _verdicts(detections, localization, scene, settings)
     localization = dataclasses.replace(localization, warnings=(*localization.warnings, *said))
     seconds = time.perf_counter() - begin
@@ -151,7 +158,7 @@ def write_shard(
     """
     files.receipt.unlink(missing_ok=True)  # of an earlier run, whose files are replaced now
     tracks, reliability = localization.tracks, localization.reliability
-    write_tracks_parquet(files.part, tracks)
+    write_parquet(files.part, with_places(tracks))
     reported = tracks[(tracks.frame >= shard.first) & (tracks.frame < shard.stop)]
     pieces = collect_pieces(reported, detections, _within(localization, detections, shard))
     summary = ShardSummary(pieces, learn_habits(reported, pieces))
@@ -182,6 +189,20 @@ def write_shard(
     )
     write_receipt(files.receipt, receipt)
     return receipt
+
+
+def with_places(tracks: Tracks) -> "pyarrow.Table":
+    """The table of tracks, and how well the rig sees people at each position (`PLACES`)."""
+    import pyarrow
+
+    table = tracks.to_arrow()
+    for name in PLACES:
+        values = getattr(tracks, name)
+        unknown = pyarrow.nulls(len(tracks), pyarrow.float64())
+        table = table.append_column(
+            name, unknown if values is None else pyarrow.array(values.astype(np.float64))
+        )
+    return table
 
 
 def run_fingerprint(

@@ -140,6 +140,8 @@ def describe(
         support=support,
         velocity=trails.mean[:, 3:] * pace,
         velocity_covariance=trails.covariance[:, 3:, 3:] * pace**2,
+        design_sigma=s.design_sigma[rows] * unit,
+        whole_views=s.whole_views[rows],
     ).renumbered()
     fate = np.where(s.existence.log_odds > 0, Fate.TRACKING, Fate.EXISTENCE).astype(np.int64)
     likely = (s.probability > 0.5) & (s.trails.group >= 0)

@@ -41,6 +41,10 @@ class EvidenceState(eqx.Module):
         probability: (M,) that the person was present.
         position_covariance: (M, 2, 2) with sway, uneven ground and pose errors, as reported.
         suppressed: (M,) whether a better supported person is in the same place.
+        design_sigma: (M,) ground uncertainty without occlusion, of reported rows and those outside
+            the working area; NaN of others.
+        whole_views: (M,) number of images with the whole body without occlusion, of the same rows;
+            0 of others.
         outside: (M,) whether the position is outside the working area of the rig.
         kept: (M,) whether the row is reported.
         identity: (M,) who it is, of reported rows; -1 of others.
@@ -63,6 +67,8 @@ class EvidenceState(eqx.Module):
     probability: Float[np.ndarray, " node"]
     position_covariance: Float[np.ndarray, "node 2 2"]
     suppressed: Bool[np.ndarray, " node"]
+    design_sigma: Float[np.ndarray, " node"]
+    whole_views: Int[np.ndarray, " node"]
     outside: Bool[np.ndarray, " node"]
     kept: Bool[np.ndarray, " node"]
     identity: Int[np.ndarray, " node"]
@@ -102,6 +108,8 @@ def first_state(
         probability=numbers,
         position_covariance=np.zeros((0, 2, 2)),
         suppressed=flags,
+        design_sigma=numbers,
+        whole_views=rows,
         outside=flags,
         kept=flags,
         identity=rows,
@@ -142,6 +150,8 @@ def with_tracks(
         probability=probability,
         position_covariance=trails.covariance[:, :2, :2],
         suppressed=none,
+        design_sigma=np.full(len(trails), np.nan),
+        whole_views=np.zeros(len(trails), np.int64),
         outside=none,
         kept=none,
         identity=np.full(len(trails), -1),

@@ -73,6 +73,9 @@ class Tracks(eqx.Module):
         cameras: (M,) uint64 bit set of the cameras whose box supports the position, camera c being
             bit c, in tracks that were read from a table; None where `support` says it, or unknown.
         clock: gives the time of each frame, or None if unknown.
+        design_sigma: (M,) what `sigma` of one instant would be if nobody hid the person, in scene
+            units: how precisely the rig locates people there. None if the method does not know.
+        whole_views: (M,) number of images that would then show the whole body, or None.
     """
 
     frame: Int[np.ndarray, " m"]
@@ -89,6 +92,8 @@ class Tracks(eqx.Module):
     velocity_covariance: Float[np.ndarray, "m 2 2"]
     cameras: UInt64[np.ndarray, " m"] | None
     clock: Clock | None = eqx.field(static=True)
+    design_sigma: Float[np.ndarray, " m"] | None
+    whole_views: Int[np.ndarray, " m"] | None
 
     def __init__(
         self,
@@ -106,6 +111,8 @@ class Tracks(eqx.Module):
         velocity_covariance: Any = None,
         cameras: Any = None,
         clock: Any = None,
+        design_sigma: Any = None,
+        whole_views: Any = None,
     ) -> None:
         """Validate and store.
 
@@ -124,6 +131,8 @@ class Tracks(eqx.Module):
             velocity_covariance: None where it is not known.
             cameras: None where `support` is known, or nothing is.
             clock: of the frame numbers.
+            design_sigma: None where it is not known.
+            whole_views: None where it is not known.
 
         Raises:
             InvalidInputError: naming the first column whose shape does not fit the others, or the
@@ -143,6 +152,7 @@ class Tracks(eqx.Module):
         )
         self.cameras = None if cameras is None else np.asarray(cameras)
         self.clock = require_clock(clock)
+        self.design_sigma, self.whole_views = design_sigma, whole_views
         self._check(m)
 
     def _check(self, m: int) -> None:
@@ -151,14 +161,12 @@ class Tracks(eqx.Module):
             "sigma": (m,), "covariance": (m, 2, 2), "supporting_cameras": (m,), "origin": (m,),
             "support": (m, None), "velocity": (m, 2), "velocity_covariance": (m, 2, 2),
         }  # fmt: skip
-        if self.existence is not None:
-            shapes["existence"] = (m,)
-        if self.cameras is not None:
-            shapes["cameras"] = (m,)
-            if self.cameras.dtype != np.uint64:
-                raise InvalidInputError(
-                    f"cameras must be a bit set of type uint64, got {self.cameras.dtype}."
-                )
+        optional = ("existence", "cameras", "design_sigma", "whole_views")
+        shapes |= {name: (m,) for name in optional if getattr(self, name) is not None}
+        if self.cameras is not None and self.cameras.dtype != np.uint64:
+            raise InvalidInputError(
+                f"cameras must be a bit set of type uint64, got {self.cameras.dtype}."
+            )
         for name, shape in shapes.items():
             require_shape(getattr(self, name), shape, name)
         if (self.support < -1).any():
@@ -341,8 +349,11 @@ class Tracks(eqx.Module):
             InvalidInputError: if there is no such file, or a number in it is out of range.
             FileFormatError: if the file holds something else.
         """
-        # Files of version 0.1 lack support and velocity, those of version 0.2 the clock.
-        optional = ("existence", "support", "velocity", "velocity_covariance", "cameras", "clock")
+        # Files of version 0.1 lack support and velocity, and those of version 0.2 the clock.
+        optional = (
+            "existence", "support", "velocity", "velocity_covariance", "cameras", "clock",
+            "design_sigma", "whole_views",
+        )  # fmt: skip
         required = [name for name in cls.__annotations__ if name not in optional]
         arrays = load_arrays(path, "Tracks", required=required, optional=optional)
         clock = naming_file(path, lambda: clock_from_array(arrays.pop("clock", None)))
@@ -361,7 +372,7 @@ def require_sound_tracks(tracks: Tracks) -> None:
         InvalidInputError: naming the first column and row.
     """
     unknown = np.isposinf(tracks.sigma) & (tracks.supporting_cameras < 2)
-    for name in ("position", "ground_xy", "existence"):
+    for name in ("position", "ground_xy", "existence", "design_sigma"):
         if getattr(tracks, name) is not None:
             require_finite(getattr(tracks, name), name)
     for name in ("sigma", "covariance"):

@@ -1,5 +1,6 @@
 """The joined table is that of one run: whatever the cuts, the order and the repetitions."""
 
+import dataclasses
 import hashlib
 import json
 import shutil
@@ -12,6 +13,7 @@ import catfree as cf
 from catfree._run.sharded._join import join_shards
 from catfree._run.sharded._receipt import files_of
 from catfree.errors import FileFormatError, InvalidInputError
+from catfree.methods.evidence.report._working_area import in_working_area
 from tests.run.sharded.walks import NOISE, plan_of, seen_by, tracks_of, walks, write
 
 SLOW_DISK = settings(max_examples=25, deadline=None)
@@ -123,6 +125,35 @@ def test_a_track_in_the_overlap_only_is_not_reported(tmp_path):
     joined = cf.join(tmp_path)
     assert len(joined) == 100
     assert set(joined.track_id) == {0}
+
+
+@pytest.mark.slow
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**16), st.integers(20, 150), st.integers(0, 8))
+def test_the_working_area_is_that_of_the_whole_recording(tmp_path_factory, seed, length, known):
+    """Whatever the cuts; people of whom the rig's view is not known stay."""
+    rng, out = np.random.default_rng(seed), tmp_path_factory.mktemp("day")
+    whole = walks(rng, 4, 150)
+    sigma = np.exp(rng.normal(0, 2, len(whole)))
+    views = rng.integers(0, 5, len(whole))
+    whole = dataclasses.replace(
+        whole,
+        cameras=np.full(len(whole), 15, np.uint64),
+        support=np.zeros((len(whole), 0), np.int64),
+        design_sigma=np.where(rng.integers(0, 8, len(whole)) < known, sigma, np.nan),
+        whole_views=views,
+    )
+    for shard in plan_of(150, length, 10):
+        write(out, shard, seen_by(shard, whole, rng))
+    seen = ~np.isnan(whole.design_sigma)
+    inside = np.ones(len(whole), bool)
+    inside[seen] = in_working_area(sigma[seen], views[seen], 4, cf.Settings().evidence)
+    joined = cf.join(out)
+    one, two = in_place(whole[inside]), in_place(joined)
+    np.testing.assert_array_equal(one.frame, two.frame)
+    np.testing.assert_allclose(one.ground_xy, two.ground_xy, atol=NOISE)
+    assert set(joined.track_id) == set(range(cf.open_tracks(out).people))
+    assert joined.design_sigma is None
 
 
 def test_nobody_at_all(tmp_path):

@@ -7,7 +7,11 @@ import numpy as np
 from catfree.methods.evidence._gaussian import probability_within
 from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.report._uneven_ground import ground_shift, with_uneven_ground
-from catfree.methods.evidence.report._working_area import in_working_area
+from catfree.methods.evidence.report._working_area import (
+    design_sigma,
+    in_working_area,
+    whole_views,
+)
 from catfree.methods.evidence.track._existence import predict_views
 from catfree.methods.evidence.track._suppress_overlapping import suppress_overlapping_tracks
 from catfree.settings import EvidenceSettings
@@ -25,18 +29,24 @@ def choose_reported(state: EvidenceState, settings: EvidenceSettings) -> Evidenc
     within = probability_within(covariance, settings.report_radius)
     sharp = (state.probability > 0.5) & (within > 0.5)
     alone = suppress_overlapping_tracks(trails, state.evidence, sharp, settings.personal_space)
-    kept = alone.copy()
+    kept, sigma, whole = alone.copy(), state.design_sigma.copy(), state.whole_views.copy()
+    rows = np.flatnonzero(alone)
+    place, frame = trails.mean[rows, :3], trails.frame[rows]
+    member = np.full((len(rows), boxes.table.shape[1]), -1)
+    seen = predict_views(place, frame, member, boxes, views, settings)
+    sigma[rows], whole[rows] = (
+        design_sigma(place, seen, views, state.noise),
+        whole_views(seen, settings),
+    )
     if settings.working_area:
-        rows = np.flatnonzero(kept)
-        place, frame = trails.mean[rows, :3], trails.frame[rows]
-        member = np.full((len(rows), boxes.table.shape[1]), -1)
-        seen = predict_views(place, frame, member, boxes, views, settings)
         cameras = len(np.unique(boxes.camera[: len(boxes.row)]))
-        kept[rows] = in_working_area(place, seen, views, state.noise, cameras, settings)
+        kept[rows] = in_working_area(sigma[rows], whole[rows], cameras, settings)
     return replace(
         state,
         position_covariance=covariance,
         suppressed=sharp & ~alone,
+        design_sigma=sigma,
+        whole_views=whole,
         outside=alone & ~kept,
         kept=kept,
         identity=np.where(kept, trails.track, -1),

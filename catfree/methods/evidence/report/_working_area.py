@@ -58,10 +58,8 @@ def design_sigma(
 
 
 def in_working_area(
-    state: np.ndarray,
-    seen: Views,
-    views: GroundViews,
-    noise: Noise,
+    sigma: Float[np.ndarray, " person"],
+    whole: Int[np.ndarray, " person"],
     cameras: int,
     settings: EvidenceSettings,
 ) -> Bool[np.ndarray, " person"]:
@@ -73,19 +71,16 @@ def in_working_area(
     cameras check each other anywhere.
 
     Args:
-        state: (n, 3) positions and heights in H0.
-        seen: their views in each camera without occlusion.
-        views: the cameras.
-        noise: noise of the edges.
+        sigma: (n,) result of `design_sigma`, in any unit.
+        whole: (n,) result of `whole_views`.
         cameras: number of cameras that see any people: the size of the rig.
         settings: constants.
 
     Returns:
         (n,) whether the position is in the area.
     """
-    if len(state) == 0:
+    if len(sigma) == 0:
         return np.zeros(0, bool)
-    sigma, whole = design_sigma(state, seen, views, noise), whole_views(seen, settings)
     return usual_place(sigma, whole).holds(sigma, whole, cameras, settings)
 
 

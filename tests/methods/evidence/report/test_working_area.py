@@ -10,7 +10,11 @@ from catfree.methods.evidence.observe._views import (
     people_in_cameras,
 )
 from catfree.methods.evidence.observe._visibility import Views
-from catfree.methods.evidence.report._working_area import in_working_area
+from catfree.methods.evidence.report._working_area import (
+    design_sigma,
+    in_working_area,
+    whole_views,
+)
 from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene
 
 SETTINGS = EvidenceSettings()
@@ -32,7 +36,8 @@ def judge(share, views: GroundViews, away, cameras=CAMERAS):
     _, front = people_in_cameras(state, views)
     seen = Views(front.astype(float), np.full_like(share, 100.0), 0 * share, share)
     noise = start_noise(share.shape[1], SETTINGS)
-    return in_working_area(state, seen, views, noise, cameras, SETTINGS)
+    sigma = design_sigma(state, seen, views, noise)
+    return in_working_area(sigma, whole_views(seen, SETTINGS), cameras, SETTINGS)
 
 
 def shares(people):
