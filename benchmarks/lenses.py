@@ -1,18 +1,24 @@
 """Fisheyes of 180 degrees against pinholes in the same places: `python -m benchmarks.lenses`.
 
 A simulated shop with four cameras in its ceiling corners. The same people are seen by pinholes, by
-fisheyes, and by fisheyes that the rig takes for pinholes.
+fisheyes, and by fisheyes that the rig takes for pinholes. With a folder of data, instead, its boxes
+as they are and as lenses with radial distortion k1 show them.
 """
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 import catfree as cf
+from benchmarks.methods import sequences
+from benchmarks.paper.scoring import score
+from benchmarks.robustness import distorted
 from catfree.evaluation import align_centres, crop, detection_metrics
 from catfree.synthetic import World, make_world, shop
 
+BENT = (-0.1, -0.3)
 METHODS = {"evidence": cf.Settings(), "paper": cf.Settings.paper()}
 
 
@@ -27,12 +33,31 @@ def moda(world: World, scene: cf.Scene, settings: cf.Settings, frames: int) -> t
     return score, found.reliability.sigma_over_radius
 
 
+def print_bent(data: Path) -> None:
+    """Print one row per sequence of real boxes seen without distortion."""
+    shown = " | ".join(f"k1 = {k1}" for k1 in BENT)
+    print(f"| sequence | as it is | {shown} |\n|---|---|{'---|' * len(BENT)}")
+    for sequence in sequences(data):
+        lens = sequence.scene.rig.distortion
+        if sequence.world is not None or (lens is not None and np.any(lens)):
+            continue
+        bent = [distorted(sequence, k1, known=True) for k1 in BENT]
+        scores = [
+            score(cf.localize(one.detections, one.scene), one).moda for one in (sequence, *bent)
+        ]
+        print(f"| {sequence.name} | {' | '.join(f'{moda:.1f}' for moda in scores)} |", flush=True)
+
+
 def main() -> None:
     """Print one row per world and method."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=6)
     parser.add_argument("--frames", type=int, default=200)
+    parser.add_argument("data", type=Path, nargs="?", help="folder of boxes to bend")
     options = parser.parse_args()
+    if options.data is not None:
+        print_bent(options.data)
+        return
     print("| method | seed | pinholes | fisheyes | fisheyes taken for pinholes |")
     print("|---|---|---|---|---|")
     for name, settings in METHODS.items():

@@ -20,6 +20,7 @@ from catfree.synthetic import RigError, make_layout, make_world
 LAYOUTS = (("ring6", 31), ("wildtrack", 32), ("gmvd8", 33))
 FRAMES = 20
 K1 = -0.1
+CUT = 0.004  # of the width: boxes that end so near the border are cut by it
 CROWD = 80
 ROLL = 20.0  # degrees
 
@@ -88,17 +89,56 @@ def with_dropped_frames(sequence: Sequence, share: float) -> Sequence:
 
 def distorted(sequence: Sequence, k1: float, *, known: bool) -> Sequence:
     """Boxes as lenses with radial distortion k1 show them; the rig knows of it or not."""
-    boxes, scene = sequence.detections, sequence.scene
-    box = bent(boxes.box, np.asarray(scene.rig.K)[boxes.camera], k1)
-    rig = scene.rig
-    if known:
-        lens = np.tile([k1, 0.0, 0.0, 0.0, 0.0], (rig.camera_count, 1))
-        rig = cf.Rig(rig.K, rig.R, rig.t, rig.image_size, lens, rig.registered)
-    return dataclasses.replace(
-        sequence,
-        detections=dataclasses.replace(boxes, box=box),
-        scene=dataclasses.replace(scene, rig=rig),
-    )
+    boxes, rig = through_lenses(sequence.detections, sequence.scene.rig, k1)
+    if not known:
+        rig = cf.Rig(rig.K, rig.R, rig.t, rig.image_size, registered=rig.registered)
+    scene = dataclasses.replace(sequence.scene, rig=rig)
+    return dataclasses.replace(sequence, detections=boxes, scene=scene)
+
+
+def through_lenses(boxes: cf.Detections, rig: cf.Rig, k1: float) -> tuple[cf.Detections, cf.Rig]:
+    """The boxes and the rig of cameras that show the same, bent by radial distortion k1.
+
+    Each picture is the smallest that holds all of the old one: in a larger one nobody would have a
+    box where the old camera did not look, as if the detector missed them. Boxes that the old border
+    cut end at the new one.
+
+    Args:
+        boxes: in pictures without distortion.
+        rig: their cameras.
+        k1: at most what leaves points at the border in their order.
+    """
+    K, size = np.array(rig.K, np.float64), np.asarray(rig.image_size, np.float64)
+    low, high = np.empty(size.shape), np.empty(size.shape)
+    for camera, (width, height) in enumerate(size):
+        x, y = (np.linspace(0, 1, 200) * side - 0.5 for side in (width, height))
+        sides = [
+            (x, 0 * x - 0.5),
+            (x, 0 * x + height - 0.5),
+            (0 * y - 0.5, y),
+            (0 * y + width - 0.5, y),
+        ]
+        u, v = np.concatenate(sides, axis=1)
+        border = np.stack(_moved(u, v, K[camera][None], k1))
+        low[camera], high[camera] = border.min(1), border.max(1)
+    corner = np.round(low + 0.5)
+    bent_size = np.round(high + 0.5) - corner
+    old, camera = np.asarray(boxes.box, np.float64), boxes.camera
+    limit = bent_size[camera] - 0.5
+    box = bent(old, K[camera], k1) - np.tile(corner[camera], 2)
+    box = np.clip(box, -0.5, np.tile(limit, 2))
+    near = CUT * size[camera, 0]
+    for axis in (0, 1):
+        box[old[:, axis] < near, axis] = -0.5
+        ends = old[:, axis + 2] > size[camera, axis] - 1 - near
+        box[ends, axis + 2] = limit[ends, axis]
+    # A sliver at the border stays one pixel wide.
+    box[:, :2] = np.minimum(box[:, :2], limit - 1)
+    box[:, 2:] = np.maximum(box[:, 2:], box[:, :2] + 1)
+    K[:, :2, 2] -= corner
+    lens = np.tile([k1, 0.0, 0.0, 0.0, 0.0], (len(K), 1))
+    cameras = cf.Rig(K, rig.R, rig.t, bent_size.astype(np.int64), lens, rig.registered)
+    return dataclasses.replace(boxes, box=box), cameras
 
 
 def bent(
@@ -106,15 +146,18 @@ def bent(
 ) -> Float[np.ndarray, "n 4"]:
     """Boxes as a lens shows them: edges of the box through the distorted middles of its sides."""
     middle = (box[:, :2] + box[:, 2:]) / 2
-
-    def moved(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        x, y = (u - K[:, 0, 2]) / K[:, 0, 0], (v - K[:, 1, 2]) / K[:, 1, 1]
-        factor = 1 + k1 * (x**2 + y**2)
-        return x * factor * K[:, 0, 0] + K[:, 0, 2], y * factor * K[:, 1, 1] + K[:, 1, 2]
-
-    left, right = moved(box[:, 0], middle[:, 1])[0], moved(box[:, 2], middle[:, 1])[0]
-    top, bottom = moved(middle[:, 0], box[:, 1])[1], moved(middle[:, 0], box[:, 3])[1]
+    left, right = (_moved(box[:, side], middle[:, 1], K, k1)[0] for side in (0, 2))
+    top, bottom = (_moved(middle[:, 0], box[:, side], K, k1)[1] for side in (1, 3))
     return np.stack([left, top, right, bottom], axis=-1)
+
+
+def _moved(
+    u: np.ndarray, v: np.ndarray, K: Float[np.ndarray, "n 3 3"], k1: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels as a lens shows them."""
+    x, y = (u - K[:, 0, 2]) / K[:, 0, 0], (v - K[:, 1, 2]) / K[:, 1, 1]
+    factor = 1 + k1 * (x**2 + y**2)
+    return x * factor * K[:, 0, 0] + K[:, 0, 2], y * factor * K[:, 1, 1] + K[:, 1, 2]
 
 
 CHANGES: dict[str, Callable[[Sequence], Sequence]] = {
