@@ -65,8 +65,8 @@ def in_working_area(
 ) -> Bool[np.ndarray, " person"]:
     """(n,) whether each position is in the working area, relative to the people of the sequence.
 
-    Two criteria must hold. The design uncertainty is not far above that of well-seen people (the
-    lower class of a log-Otsu split). The number of images with the whole body is less than half of
+    Two criteria must hold. The design uncertainty is not far above that of most people (the larger
+    class of a log-Otsu split). The number of images with the whole body is less than half of
     the rig (`missing_views`) below the median, or it is at least `witnesses`, with which the
     cameras check each other anywhere.
 
@@ -93,7 +93,7 @@ class UsualPlace(NamedTuple):
     """How well people are usually seen.
 
     Attributes:
-        sigma: design uncertainty of the well-seen people in H0.
+        sigma: design uncertainty of most people in H0.
         whole: median number of images with the whole body.
     """
 
@@ -119,5 +119,6 @@ def usual_place(
     """Learn from the design uncertainty of people, at least one, and their number of images."""
     sample = np.pad(sigma, (0, coarse_length(len(sigma), SAMPLE_BLOCK) - len(sigma)))
     present = np.arange(len(sample)) < len(sigma)
-    typical = np.log(sigma[sigma <= float(_log_otsu(sample, present))]).mean()
-    return UsualPlace(float(np.exp(typical)), float(np.median(whole)))
+    better = sigma <= float(_log_otsu(sample, present))
+    most = better if 2 * better.sum() >= len(sigma) else ~better
+    return UsualPlace(float(np.exp(np.log(sigma[most]).mean())), float(np.median(whole)))

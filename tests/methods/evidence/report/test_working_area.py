@@ -118,5 +118,15 @@ def test_a_place_far_off_is_vague():
     np.testing.assert_array_equal(found, [True] * 6 + [False] * 2)
 
 
+@settings(deadline=None)
+@given(
+    st.lists(st.floats(0.02, 0.03), min_size=20, max_size=60),
+    st.lists(st.floats(1e-4, 1e-3), min_size=1, max_size=8),
+)
+def test_a_few_people_close_to_a_camera_take_nobody_out(usual, close):
+    sigma = np.array([*usual, *close])
+    assert in_working_area(sigma, np.full(len(sigma), 4), 4, SETTINGS).all()
+
+
 def test_nobody_is_nowhere():
     assert within(np.zeros((0, 6))).shape == (0,)
