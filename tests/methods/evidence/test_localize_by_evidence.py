@@ -73,6 +73,8 @@ def test_a_similarity_of_the_scene_is_one_of_the_result(scale, rotation, shift):
     assert len(a) == len(b)
     np.testing.assert_allclose(moved[order_a], b.position[order_b], atol=1e-6 * (scale + 50))
     np.testing.assert_allclose(scale * a.sigma[order_a], b.sigma[order_b], rtol=1e-6)
+    np.testing.assert_allclose(scale * a.design_sigma[order_a], b.design_sigma[order_b], rtol=1e-6)
+    np.testing.assert_array_equal(a.whole_views[order_a], b.whole_views[order_b])
 
 
 @pytest.mark.slow
@@ -104,6 +106,8 @@ def test_an_unregistered_camera_has_no_say():
     result = localize_by_evidence(detections, make_scene(masked))
     assert moda(truth, result) > 90
     assert (result.candidates.support[:, 2] == -1).all()
+    assert result.tracks.whole_views.max() == 4
+    assert (result.tracks.design_sigma > 0).all()
 
 
 @pytest.mark.slow

@@ -28,6 +28,8 @@ def tracks(count: int, dtype=np.float64, *, existence: bool = False) -> Tracks:
         support=rng.integers(-1, 9, (count, 4)),
         velocity=rng.standard_normal((count, 2)).astype(dtype),
         velocity_covariance=np.full((count, 2, 2), np.nan, dtype),
+        design_sigma=rng.random(count).astype(dtype) if existence else None,
+        whole_views=rng.integers(0, 5, count) if existence else None,
     )
 
 
@@ -95,6 +97,8 @@ def test_a_localization_of_version_0_1_loads():
         ({"velocity": np.zeros((5, 3))}, r"velocity must have shape \(5, 2\)"),
         ({"velocity_covariance": np.zeros((4, 2, 2))}, "velocity_covariance must have shape"),
         ({"track_id": np.zeros(4, int)}, r"track_id must have shape \(5\)"),
+        ({"design_sigma": np.zeros(4)}, r"design_sigma must have shape \(5\)"),
+        ({"whole_views": np.zeros((5, 2), int)}, r"whole_views must have shape \(5\)"),
     ],
 )
 def test_columns_that_do_not_fit_are_named(change, message):
