@@ -57,7 +57,7 @@ def _joined(parts: list[cf.Tracks], rate: float) -> cf.Tracks:
     columns = {
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in vars(parts[0])
-        if name not in ("clock", "cameras")
+        if getattr(parts[0], name) is not None and name != "clock"
     }
     frame = np.round(columns["frame"] * (rate / 1e6)).astype(np.int64)
     return cf.Tracks(**columns | {"frame": frame})

@@ -51,6 +51,7 @@ class Reported(NamedTuple):
         position_covariance: (n, 2, 2) with sway and uneven ground.
         existence: (n,) probability.
         support: (n, C) rows of the caller's detections, or -1.
+        place: (n, 2) as `Instant.place`.
     """
 
     time: float
@@ -60,6 +61,7 @@ class Reported(NamedTuple):
     position_covariance: Float[np.ndarray, "n 2 2"]
     existence: Float[np.ndarray, " n"]
     support: Int[np.ndarray, "n cam"]
+    place: Float[np.ndarray, "n 2"]
 
 
 def provisional(
@@ -81,7 +83,7 @@ def provisional(
     state = _named(state, node.track[rows[new]], names[new])
     return state, Reported(
         float(instant.time), names, node.mean[rows], node.covariance[rows],
-        found.covariance[rows], probability[rows], instant.support[rows],
+        found.covariance[rows], probability[rows], instant.support[rows], instant.place[rows],
     )  # fmt: skip
 
 
@@ -190,6 +192,7 @@ def finalize(
         out.append(Reported(
             float(window[t].time), names, trails.mean[rows], trails.covariance[rows],
             found.covariance[rows], probability[rows], window[t].support[reported[here]],
+            place[reported[here]],
         ))  # fmt: skip
     return replace(state, window=window[ready:]), out, events
 

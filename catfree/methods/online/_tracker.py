@@ -263,6 +263,7 @@ class Tracker:
         mean, spread = column("mean", 5), column("covariance", 5, 5)
         covariance = column("position_covariance", 2, 2) * unit**2
         support = column("support", cameras).astype(np.int64)
+        place = column("place", 2)
         registered = np.asarray(scene.rig.registered)
         basis = np.asarray(scene.ground.basis, np.float64)
         origin = (np.asarray(scene.rig.centers, np.float64)[registered] @ basis).mean(0)
@@ -282,6 +283,8 @@ class Tracker:
             velocity=mean[:, 3:] * pace,
             velocity_covariance=spread[:, 3:, 3:] * pace**2,
             clock=_clock(time),
+            design_sigma=place[:, 0] * unit,
+            whole_views=place[:, 1].astype(np.int64),
         )
 
 

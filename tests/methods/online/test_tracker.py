@@ -128,7 +128,9 @@ def test_support_names_the_boxes_of_the_instant(stream):
 def test_without_lag_positions_are_final_at_once():
     for update in feed(cf.Tracker(SCENE, lag=0.0), range(8)):
         assert not update.events
-        for name in ("frame", "track_id", "ground_xy", "existence", "support"):
+        for name in (
+            "frame", "track_id", "ground_xy", "existence", "support", "design_sigma", "whole_views",
+        ):  # fmt: skip
             one, other = (getattr(t, name) for t in (update.provisional, update.final))
             assert np.allclose(one, other)
 
