@@ -203,7 +203,7 @@ class Area:
     """The working area of a recording, relative to all its people.
 
     Attributes:
-        usual: how well people are usually seen.
+        usual: how well people are seen in the places where they go, in scene units.
         cameras: number of cameras that see any people.
         settings: constants.
     """
@@ -237,18 +237,22 @@ def _learn_area(folder: Path, receipts: list[Receipt]) -> Area | None:
     settings = EvidenceSettings(**constants)
     if not settings.working_area:
         return None
+    heights = [receipt.person_height for receipt in receipts if receipt.person_height is not None]
+    if not heights:
+        return None
     every = max(1, (receipts[-1].stop - receipts[0].first) // INSTANTS)
-    bits, places = np.uint64(0), []
+    bits, places, kinds = np.uint64(0), [], ["x", "y", *PLACES]
     for receipt in receipts:
-        names = ["frame", "cameras", *PLACES]
+        names = ["frame", "cameras", *kinds]
         column = _columns(folder, receipt, names, receipt.first, receipt.stop)
         chosen = (column["frame"] % every == 0) & ~np.isnan(column["design_sigma"])
-        places.append(np.stack([column[name][chosen] for name in PLACES]))
+        places.append(np.stack([column[name][chosen] for name in kinds], axis=-1))
         bits |= np.bitwise_or.reduce(column["cameras"][chosen].astype(np.uint64))
-    sigma, whole = np.concatenate(places, axis=1)
-    if len(sigma) == 0:
+    place, height = np.concatenate(places), float(np.median(heights))
+    if len(place) == 0:
         return None
-    usual = usual_place(sigma, whole.astype(np.int64))
+    xy, sigma, whole = place[:, :2] / height, place[:, 2], place[:, 3].astype(np.int64)
+    usual = usual_place(xy, sigma, whole, settings)
     return Area(usual, int(np.bitwise_count(bits)), settings)
 
 

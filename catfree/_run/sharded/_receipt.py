@@ -43,6 +43,7 @@ class Receipt:
         boxes_used: share of the boxes that support a position: how well they fit the scene.
         expected_moda: label-free expectation of MODA in percent, or None.
         median_sigma: median uncertainty of the positions in scene units, or None without any.
+        person_height: usual height of a standing person in scene units, or None if unknown.
         seconds: of computing time.
         warnings: sentences about the input, and about cameras that moved, are late or dead.
         verdicts: of `check` on each camera; empty if there were too few boxes.
@@ -67,6 +68,7 @@ class Receipt:
     boxes_used: float | None
     expected_moda: float | None
     median_sigma: float | None
+    person_height: float | None
     seconds: float
     warnings: tuple[str, ...] = ()
     verdicts: tuple[str, ...] = ()

@@ -183,6 +183,7 @@ def write_shard(
         boxes_used=_or_none(reliability.detections_used),
         expected_moda=_or_none(reliability.expected_moda),
         median_sigma=_or_none(reliability.median_sigma),
+        person_height=_person_height(localization, settings),
         seconds=round(seconds, 3),
         warnings=localization.warnings,
         verdicts=verdicts,
@@ -280,6 +281,14 @@ def _write_scene(folder: Path, scene: Scene, videos: Sequence[str] = ()) -> str:
     if before is None:
         write_text_atomically(path, content)
     return written
+
+
+def _person_height(localization: Localization, settings: Settings) -> float | None:
+    """H0 of the evidence method, in scene units."""
+    known = localization.reliability
+    if localization.tracks.design_sigma is None or not known.sigma_over_radius > 0:
+        return None
+    return known.median_sigma / known.sigma_over_radius / settings.evidence.report_radius
 
 
 def _or_none(value: float | None) -> float | None:

@@ -187,7 +187,8 @@ def finalize(
         events += merged
         place = window[t].place[np.searchsorted(window[t].node.track, trails.track[here])]
         fully = len(learned.places) < FEW_PLACES or int(state.count) % PLACES_INTERVAL == 0
-        learned = learn_places(state.learned, place[sharp[here]], fully)
+        seen = np.column_stack([trails.mean[here, :2], place])[sharp[here]]
+        learned = learn_places(state.learned, seen, fully, settings)
         state = replace(state, learned=learned, final_time=window[t].time)
         out.append(Reported(
             float(window[t].time), names, trails.mean[rows], trails.covariance[rows],

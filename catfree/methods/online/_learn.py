@@ -5,6 +5,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Float
 from scipy.special import expit
 
 from catfree.errors import InsufficientDataError, InvalidInputError
@@ -152,7 +153,7 @@ def learn_noise_and_unit(
         clutter=clutter,
         likeness=known,
         steps=learned.steps * np.array([length**2, 1]),
-        places=learned.places * np.array([length, 1]),
+        places=learned.places * np.array([length, length, length, 1]),
     )
     return rescaled(replace(state, learned=learned), length, 1.0)
 
@@ -177,12 +178,15 @@ def learn_step(state: TrackerState, time: float, frame_rate: float | None) -> Tr
     return rescaled(replace(state, times=times, learned=learned), 1.0, pace)
 
 
-def learn_places(learned: Learned, place: np.ndarray, fully: bool) -> Learned:
-    """Remember where people were reported (n, 2); `fully` also learns what is usual."""
+def learn_places(
+    learned: Learned, place: Float[np.ndarray, "n 4"], fully: bool, settings: EvidenceSettings
+) -> Learned:
+    """Remember rows of `Learned.places`; `fully` also learns what is usual."""
     places = np.concatenate([learned.places, place])[-PLACES:]
     usual = learned.usual
     if len(places) and (fully or np.isnan(usual).any()):
-        usual = np.array(usual_place(places[:, 0], places[:, 1].astype(np.int64)))
+        found = usual_place(places[:, :2], places[:, 2], places[:, 3].astype(np.int64), settings)
+        usual = np.array(found)
     return replace(learned, places=places, usual=usual)
 
 

@@ -134,7 +134,7 @@ class Tracker:
             due = is_due(int(state.count) + 1) or np.isnan(state.learned.unit)
             if due:
                 state = learn_noise_and_unit(state, self.scene, settings)
-                learned = learn_places(state.learned, np.zeros((0, 2)), True)
+                learned = learn_places(state.learned, np.zeros((0, 4)), True, settings)
                 state = replace(state, learned=learned)
             now = None
             if not np.isnan(state.learned.unit):

@@ -32,7 +32,7 @@ class Learned:
         clutter: (2, C, cells, cells) boxes of people, and other boxes.
         steps: (2,) sum of squares and number of displacements between instants, per axis.
         likeness: (5,) of `Likeness`: means and deviations, limit; None without embeddings.
-        places: (P, 2) design uncertainty and number of whole views of reported people.
+        places: (P, 4) position, design uncertainty and number of whole views of reported people.
         usual: (2,) `UsualPlace` of these; NaN before any.
         habits: (4,) who came or left, was reported, hid; and frames hidden.
         active: (C,) whether the camera ever saw anybody.
@@ -47,7 +47,7 @@ class Learned:
     clutter: Float[np.ndarray, "2 cam cells cells"]
     steps: Float[np.ndarray, "2"]
     likeness: Float[np.ndarray, "5"] | None
-    places: Float[np.ndarray, "p 2"]
+    places: Float[np.ndarray, "p 4"]
     usual: Float[np.ndarray, "2"]
     habits: Float[np.ndarray, "4"]
     active: Bool[np.ndarray, " cam"]
@@ -200,7 +200,7 @@ def new_state(cameras: int, settings: EvidenceSettings) -> TrackerState:
             clutter=np.zeros((2, cameras, CELLS, CELLS)),
             steps=np.zeros(2),
             likeness=None,
-            places=np.zeros((0, 2)),
+            places=np.zeros((0, 4)),
             usual=np.full(2, np.nan),
             habits=np.zeros(4),
             active=np.zeros(cameras, bool),

@@ -14,7 +14,7 @@ from catfree._run.sharded._join import join_shards
 from catfree._run.sharded._receipt import files_of
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.methods.evidence.report._working_area import in_working_area
-from tests.run.sharded.walks import NOISE, plan_of, seen_by, tracks_of, walks, write
+from tests.run.sharded.walks import HEIGHT, NOISE, plan_of, seen_by, tracks_of, walks, write
 
 SLOW_DISK = settings(max_examples=25, deadline=None)
 
@@ -143,15 +143,25 @@ def test_the_working_area_is_that_of_the_whole_recording(tmp_path_factory, seed,
         design_sigma=np.where(rng.integers(0, 8, len(whole)) < known, sigma, np.nan),
         whole_views=views,
     )
+    reported = []
     for shard in plan_of(150, length, 10):
-        write(out, shard, seen_by(shard, whole, rng))
-    seen = ~np.isnan(whole.design_sigma)
-    inside = np.ones(len(whole), bool)
-    inside[seen] = in_working_area(sigma[seen], views[seen], 4, cf.Settings().evidence)
+        part = seen_by(shard, whole, rng)
+        write(out, shard, part)
+        reported.append(part[(part.frame >= shard.first) & (part.frame < shard.stop)])
+    xy, frame, sigma, views = (
+        np.concatenate([getattr(part, name) for part in reported])
+        for name in ("ground_xy", "frame", "design_sigma", "whole_views")
+    )
+    inside = np.isnan(sigma)
+    seen = ~inside
+    inside[seen] = in_working_area(
+        xy[seen] / HEIGHT, sigma[seen], views[seen], 4, cf.Settings().evidence
+    )
     joined = cf.join(out)
-    one, two = in_place(whole[inside]), in_place(joined)
-    np.testing.assert_array_equal(one.frame, two.frame)
-    np.testing.assert_allclose(one.ground_xy, two.ground_xy, atol=NOISE)
+    order = np.lexsort((np.round(xy[inside, 1]), frame[inside]))
+    found = in_place(joined)
+    np.testing.assert_array_equal(found.frame, frame[inside][order])
+    np.testing.assert_allclose(found.ground_xy, xy[inside][order])
     assert set(joined.track_id) == set(range(cf.open_tracks(out).people))
     assert joined.design_sigma is None
 

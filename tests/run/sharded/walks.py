@@ -17,6 +17,7 @@ CLOCK = Clock(5.0)
 SCENE = make_layout("ring4", 0).scene
 CAMERAS = 4
 NOISE = 0.02
+HEIGHT = 1.7
 
 
 def walks(rng, people, frames, apart=4.0):
@@ -66,7 +67,11 @@ def plan_of(frames, length, margin):
 
 def as_localization(tracks):
     nothing = empty_localization(CAMERAS)
-    return Localization(tracks, nothing.candidates, nothing.thresholds, nothing.reliability, 0)
+    radius = Settings().evidence.report_radius * HEIGHT
+    known = dataclasses.replace(
+        nothing.reliability, median_sigma=NOISE, sigma_over_radius=NOISE / radius
+    )
+    return Localization(tracks, nothing.candidates, nothing.thresholds, known, 0)
 
 
 def seen_by(shard, tracks, rng):

@@ -40,7 +40,7 @@ def choose_reported(state: EvidenceState, settings: EvidenceSettings) -> Evidenc
     )
     if settings.working_area:
         cameras = len(np.unique(boxes.camera[: len(boxes.row)]))
-        kept[rows] = in_working_area(sigma[rows], whole[rows], cameras, settings)
+        kept[rows] = in_working_area(place[:, :2], sigma[rows], whole[rows], cameras, settings)
     return replace(
         state,
         position_covariance=covariance,

@@ -58,20 +58,22 @@ def design_sigma(
 
 
 def in_working_area(
+    xy: Float[np.ndarray, "person 2"],
     sigma: Float[np.ndarray, " person"],
     whole: Int[np.ndarray, " person"],
     cameras: int,
     settings: EvidenceSettings,
 ) -> Bool[np.ndarray, " person"]:
-    """(n,) whether each position is in the working area, relative to the people of the sequence.
+    """(n,) whether each position is in the working area, relative to where people go.
 
-    Two criteria must hold. The design uncertainty is not far above that of most people (the larger
-    class of a log-Otsu split). The number of images with the whole body is less than half of
-    the rig (`missing_views`) below the median, or it is at least `witnesses`, with which the
-    cameras check each other anywhere.
+    Two criteria must hold. The design uncertainty is not far above that of most places (the larger
+    class of a log-Otsu split). The number of images with the whole body is less than half of the
+    rig (`missing_views`) below the median of the places, or it is at least `witnesses`, with which
+    the cameras check each other anywhere.
 
     Args:
-        sigma: (n,) result of `design_sigma`, in any unit.
+        xy: (n, 2) positions in H0.
+        sigma: (n,) result of `design_sigma`.
         whole: (n,) result of `whole_views`.
         cameras: number of cameras that see any people: the size of the rig.
         settings: constants.
@@ -81,7 +83,7 @@ def in_working_area(
     """
     if len(sigma) == 0:
         return np.zeros(0, bool)
-    return usual_place(sigma, whole).holds(sigma, whole, cameras, settings)
+    return usual_place(xy, sigma, whole, settings).holds(sigma, whole, cameras, settings)
 
 
 def whole_views(seen: Views, settings: EvidenceSettings) -> Int[np.ndarray, " person"]:
@@ -90,10 +92,10 @@ def whole_views(seen: Views, settings: EvidenceSettings) -> Int[np.ndarray, " pe
 
 
 class UsualPlace(NamedTuple):
-    """How well people are usually seen.
+    """How well people are seen in the places where they go.
 
     Attributes:
-        sigma: design uncertainty of most people in H0.
+        sigma: design uncertainty in most places in H0.
         whole: median number of images with the whole body.
     """
 
@@ -114,11 +116,27 @@ class UsualPlace(NamedTuple):
 
 
 def usual_place(
-    sigma: Float[np.ndarray, " person"], whole: Int[np.ndarray, " person"]
+    xy: Float[np.ndarray, "person 2"],
+    sigma: Float[np.ndarray, " person"],
+    whole: Int[np.ndarray, " person"],
+    settings: EvidenceSettings,
 ) -> UsualPlace:
-    """Learn from the design uncertainty of people, at least one, and their number of images."""
-    sample = np.pad(sigma, (0, coarse_length(len(sigma), SAMPLE_BLOCK) - len(sigma)))
-    present = np.arange(len(sample)) < len(sigma)
-    better = sigma <= float(_log_otsu(sample, present))
-    most = better if 2 * better.sum() >= len(sigma) else ~better
-    return UsualPlace(float(np.exp(np.log(sigma[most]).mean())), float(np.median(whole)))
+    """Learn from people, at least one; each place counts once, however long somebody stands there.
+
+    Args:
+        xy: as `in_working_area`; positions within `report_radius` along both axes are one place.
+        sigma: as `in_working_area`.
+        whole: as `in_working_area`.
+        settings: constants.
+    """
+    cell = np.floor(xy / settings.report_radius)
+    _, place = np.unique(cell, axis=0, return_inverse=True)
+    place = place.ravel()
+    people = np.bincount(place)
+    log_sigma = np.bincount(place, np.log(sigma)) / people
+    views = np.bincount(place, whole) / people
+    sample = np.pad(np.exp(log_sigma), (0, coarse_length(len(people), SAMPLE_BLOCK) - len(people)))
+    present = np.arange(len(sample)) < len(people)
+    better = log_sigma <= np.log(float(_log_otsu(sample, present)))
+    most = better if 2 * better.sum() >= len(people) else ~better
+    return UsualPlace(float(np.exp(log_sigma[most].mean())), float(np.median(views)))

@@ -13,6 +13,7 @@ from catfree.methods.evidence.observe._visibility import Views
 from catfree.methods.evidence.report._working_area import (
     design_sigma,
     in_working_area,
+    usual_place,
     whole_views,
 )
 from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene
@@ -37,7 +38,13 @@ def judge(share, views: GroundViews, away, cameras=CAMERAS):
     seen = Views(front.astype(float), np.full_like(share, 100.0), 0 * share, share)
     noise = start_noise(share.shape[1], SETTINGS)
     sigma = design_sigma(state, seen, views, noise)
-    return in_working_area(sigma, whole_views(seen, SETTINGS), cameras, SETTINGS)
+    whole = whole_views(seen, SETTINGS)
+    return in_working_area(apart(len(whole)), sigma, whole, cameras, SETTINGS)
+
+
+def apart(count):
+    """Positions of which no two are one place."""
+    return np.column_stack([np.arange(count) + 0.5, np.zeros(count)])
 
 
 def shares(people):
@@ -125,7 +132,24 @@ def test_a_place_far_off_is_vague():
 )
 def test_a_few_people_close_to_a_camera_take_nobody_out(usual, close):
     sigma = np.array([*usual, *close])
-    assert in_working_area(sigma, np.full(len(sigma), 4), 4, SETTINGS).all()
+    whole = np.full(len(sigma), 4)
+    assert in_working_area(apart(len(sigma)), sigma, whole, 4, SETTINGS).all()
+
+
+@settings(deadline=None)
+@given(st.integers(1, 300), st.integers(1, 300), st.floats(0.05, 0.25))
+def test_who_stands_for_long_counts_once(standing, again, spread):
+    """People who watch from where two cameras see them are out, however long they watch."""
+    rng = np.random.default_rng(standing)
+    watching = 100.15 + spread * (rng.random((standing, 2)) - 0.5) / 2
+    xy = np.concatenate([apart(20), watching])
+    whole = np.repeat([4, 2], [20, standing])
+    found = in_working_area(xy, np.full(len(xy), 0.02), whole, 4, SETTINGS)
+    np.testing.assert_array_equal(found, whole == 4)
+    rows = rng.integers(0, len(xy), again)
+    same = usual_place(xy, np.full(len(xy), 0.02), whole, SETTINGS)
+    twice = np.concatenate([xy, xy[rows]]), np.full(len(xy) + again, 0.02)
+    assert usual_place(*twice, np.append(whole, whole[rows]), SETTINGS) == pytest.approx(same)
 
 
 def test_nobody_is_nowhere():
