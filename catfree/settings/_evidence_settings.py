@@ -109,10 +109,10 @@ class EvidenceSettings:
         unevenness: how far off the plane people stand.
         report_radius: a position is reported if it is more likely than not to be correct within
             this many H0.
-        working_sigma: largest predicted uncertainty, relative to most people.
+        working_sigma: largest predicted uncertainty, relative to most places.
         missing_views: a place is outside the working area if the whole body is in fewer images
-            there than for the typical person, by at least this share of the cameras that see
-            anybody. If the typical person is in fewer images than that, no place is excluded.
+            there than in the typical place, by at least this share of the cameras that see
+            anybody. If the typical place is in fewer images than that, none is excluded.
     """
 
     use_misses: bool = True

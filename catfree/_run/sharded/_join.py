@@ -15,10 +15,11 @@ from catfree._run.sharded._identities import Identities, Pairs, identify
 from catfree._run.sharded._overlap import Positions, match_tracks
 from catfree._run.sharded._receipt import (
     MANIFEST,
+    MANIFEST_SCHEMA,
     SCENE_FILE,
-    SCHEMA,
     WORK_FOLDER,
     Receipt,
+    evidence_settings,
     files_of,
     read_receipt,
     require_intact,
@@ -39,7 +40,7 @@ from catfree.types import Tracks
 from catfree.types._archive import load_arrays
 from catfree.types.results import require_pyarrow, symmetric
 
-INSTANTS = 20_000  # about an hour at five per second, from which the working area is learned
+INSTANTS = 20_000  # at most so many teach the working area: an hour at five per second
 
 
 def join(out: StrPath) -> Tracks:
@@ -96,7 +97,7 @@ def join_shards(out: StrPath) -> StoredTracks:
         if stale.name not in {part["file"] for part in parts}:
             stale.unlink()
     document = {
-        "schema": SCHEMA,
+        "schema": MANIFEST_SCHEMA,
         "catfree": catfree.__version__,
         "done": True,
         "source": first.source,
@@ -200,11 +201,11 @@ def _columns(
 
 @dataclasses.dataclass(frozen=True)
 class Area:
-    """The working area of a recording, relative to all its people.
+    """The working area of a recording, relative to all its places.
 
     Attributes:
         usual: how well people are seen in the places where they go, in scene units.
-        cameras: number of cameras that see any people.
+        cameras: number of cameras that have any boxes.
         settings: constants.
     """
 
@@ -225,35 +226,32 @@ class Area:
 
 
 def _learn_area(folder: Path, receipts: list[Receipt]) -> Area | None:
-    """Learn the working area from people at instants all over the recording.
+    """Learn the working area from the places where people are at instants all over the recording.
 
     Returns:
         None if it is switched off, or the method knows none.
     """
-    rules = receipts[0].settings["evidence"]
-    constants: dict[str, Any] = {
-        name: tuple(value) if isinstance(value, list) else value for name, value in rules.items()
-    }
-    settings = EvidenceSettings(**constants)
-    if not settings.working_area:
-        return None
+    settings = evidence_settings(receipts[0])
     heights = [receipt.person_height for receipt in receipts if receipt.person_height is not None]
-    if not heights:
+    if not settings.working_area or not heights:
         return None
-    every = max(1, (receipts[-1].stop - receipts[0].first) // INSTANTS)
-    bits, places, kinds = np.uint64(0), [], ["x", "y", *PLACES]
+    every = -(-(receipts[-1].stop - receipts[0].first) // INSTANTS)
+    kinds, places, last = ["x", "y", *PLACES], [], -1
     for receipt in receipts:
-        names = ["frame", "cameras", *kinds]
-        column = _columns(folder, receipt, names, receipt.first, receipt.stop)
-        chosen = (column["frame"] % every == 0) & ~np.isnan(column["design_sigma"])
+        column = _columns(folder, receipt, ["frame", *kinds], receipt.first, receipt.stop)
+        # The first frame with anybody in each stretch of `every` frames.
+        present = np.unique(column["frame"])
+        stretch, first = np.unique(present // every, return_index=True)
+        chosen = np.isin(column["frame"], present[first[stretch > last]])
+        chosen &= ~np.isnan(column["design_sigma"])
         places.append(np.stack([column[name][chosen] for name in kinds], axis=-1))
-        bits |= np.bitwise_or.reduce(column["cameras"][chosen].astype(np.uint64))
+        last = int(stretch.max(initial=last))
     place, height = np.concatenate(places), float(np.median(heights))
     if len(place) == 0:
         return None
     xy, sigma, whole = place[:, :2] / height, place[:, 2], place[:, 3].astype(np.int64)
-    usual = usual_place(xy, sigma, whole, settings)
-    return Area(usual, int(np.bitwise_count(bits)), settings)
+    cameras = {camera for receipt in receipts for camera in receipt.cameras}
+    return Area(usual_place(xy, sigma, whole, settings), len(cameras), settings)
 
 
 def _write_joined(
@@ -279,18 +277,19 @@ def _write_joined(
     identity = np.full(len(local), -1)
     identity[tracked], stop = identities.of(receipt.index, local[tracked])
     reported[tracked] = frame[tracked] < stop
-    order = np.lexsort((identity, frame))
-    order = order[reported[order]]
-    table, identity = table.drop_columns(PLACES).take(order), identity[order]
-    known = identity >= 0
-    names, first = np.unique(identity[known], return_index=True)
-    new = names[np.argsort(first, kind="stable")]
+    rows = np.flatnonzero(reported)
+    frame, identity = frame[rows], identity[rows]
+    appear = np.lexsort((identity, frame))
+    names, first = np.unique(identity[appear], return_index=True)
+    new = names[np.argsort(first)]
+    new = new[new >= 0]
     new = new[numbers[new] < 0]
     numbers[new] = numbers.max(initial=-1) + 1 + np.arange(len(new))
-    identity[known] = numbers[identity[known]]
+    number = np.where(identity >= 0, numbers[identity], -1) if len(numbers) else identity
+    order = np.lexsort((number, frame))
+    table = table.drop_columns(PLACES).take(rows[order])
     at = table.schema.get_field_index("track_id")
-    table = table.set_column(at, table.schema.field(at), [identity])
-    table = table.sort_by([("frame", "ascending"), ("track_id", "ascending")])
+    table = table.set_column(at, table.schema.field(at), [number[order]])
     path = write_parquet(folder / files.part.name, table, compression="zstd")
     return {
         "file": path.name,

@@ -10,10 +10,12 @@ from catfree._run.sharded._shard import Shard, StrPath
 from catfree.adapters.files._documents import read_json, write_text_atomically
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.settings import EvidenceSettings
 from catfree.types import Clock
 from catfree.types._validation import require_declared_types
 
-SCHEMA = "catfree shards 2"
+SCHEMA = "catfree shards 2"  # of receipts and the tables beside them
+MANIFEST_SCHEMA = "catfree shards 1"  # of joined tables
 WORK_FOLDER = "_shards"  # readers of Parquet folders leave out names that begin with an underscore
 SCENE_FILE, MANIFEST = f"{WORK_FOLDER}/scene.json", f"{WORK_FOLDER}/manifest.json"
 
@@ -40,7 +42,9 @@ class Receipt:
         part: SHA-256 of the table of positions.
         pieces: SHA-256 of the summary of its tracks.
         boxes: number of boxes it looked at.
-        boxes_used: share of the boxes that support a position: how well they fit the scene.
+        cameras: those that have any boxes.
+        boxes_used: share of the boxes that support a position: how well they fit the scene. Like
+            the next two, it counts people outside the working area, too.
         expected_moda: label-free expectation of MODA in percent, or None.
         median_sigma: median uncertainty of the positions in scene units, or None without any.
         person_height: usual height of a standing person in scene units, or None if unknown.
@@ -65,6 +69,7 @@ class Receipt:
     part: str
     pieces: str
     boxes: int
+    cameras: tuple[int, ...]
     boxes_used: float | None
     expected_moda: float | None
     median_sigma: float | None
@@ -127,6 +132,24 @@ def require_intact(files: ShardFiles, receipt: Receipt) -> None:
             raise FileFormatError(f"{path} {what}. Run shard {receipt.index} again.")
 
 
+def evidence_settings(receipt: Receipt) -> EvidenceSettings:
+    """The settings of the evidence method that a shard was made with.
+
+    Raises:
+        FileFormatError: if the receipt does not hold them.
+    """
+    try:
+        constants: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in receipt.settings["evidence"].items()
+        }
+        return EvidenceSettings(**constants)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise FileFormatError(
+            f"The settings in the receipt of shard {receipt.index} are damaged. Run it again."
+        ) from error
+
+
 def write_receipt(path: Path, receipt: Receipt) -> None:
     """Write a receipt."""
     write_text_atomically(path, json.dumps(dataclasses.asdict(receipt), indent=1) + "\n")
@@ -157,6 +180,7 @@ def read_receipt(path: Path) -> Receipt:
         Clock(**values["clock"])
         for name in ("warnings", "verdicts"):
             values[name] = tuple(map(str, values[name]))
+        values["cameras"] = tuple(map(int, values["cameras"]))
     except (InvalidInputError, TypeError) as error:
         raise FileFormatError(f"{path} is damaged ({quoted(error)}). {again}") from error
     return Receipt(**values)

@@ -112,7 +112,7 @@ def run_shard(
         return finished
     scene_file = _write_scene(folder, scene, shard.videos)
     begin = time.perf_counter()
-    # The working area is relative to the people of the whole recording, so joining decides on it.
+    # The working area is relative to all places of the recording, so joining decides on it.
     wide = everywhere(settings)
     if shard.videos:
         detections, localization = _from_videos(shard, scene, wide, detector, embedder)
@@ -180,6 +180,7 @@ def write_shard(
         part=hash_file(files.part),
         pieces=hash_file(files.pieces),
         boxes=len(detections),
+        cameras=tuple(np.unique(detections.camera).tolist()),
         boxes_used=_or_none(reliability.detections_used),
         expected_moda=_or_none(reliability.expected_moda),
         median_sigma=_or_none(reliability.median_sigma),

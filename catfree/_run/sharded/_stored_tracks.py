@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from catfree._run.sharded._receipt import MANIFEST, SCENE_FILE, SCHEMA
+from catfree._run.sharded._receipt import MANIFEST, MANIFEST_SCHEMA, SCENE_FILE
 from catfree._run.sharded._shard import StrPath
 from catfree.adapters.calibration_files._rig_json import read_scene_json
 from catfree.adapters.files._documents import read_json, require_folder
@@ -132,10 +132,10 @@ def open_tracks(out: StrPath) -> StoredTracks:
         )
     document = read_json(path, "manifest")
     schema = document.get("schema") if isinstance(document, dict) else document
-    if schema != SCHEMA:
+    if schema != MANIFEST_SCHEMA:
         raise FileFormatError(
-            f"{path} is a manifest of another version: {quoted(schema)} instead of {SCHEMA!r}. "
-            "Join the shards again."
+            f"{path} is a manifest of another version: {quoted(schema)} instead of "
+            f"{MANIFEST_SCHEMA!r}. Join the shards again."
         )
     scene_file = folder / SCENE_FILE
     if not scene_file.is_file() or hash_file(scene_file) != document.get("scene_file"):

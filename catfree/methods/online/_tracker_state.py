@@ -159,6 +159,8 @@ class TrackerState:
             names = [name for name, _ in _leaves(empty)]
             if set(arrays) - set(names):
                 raise KeyError
+            if arrays[".learned.places"].shape[1:] != empty.learned.places.shape[1:]:
+                raise ValueError
             _, kind = jax.tree.flatten(empty, is_leaf=_is_none)
             return jax.tree.unflatten(kind, [arrays.get(name) for name in names])
         except (KeyError, TypeError, ValueError) as error:

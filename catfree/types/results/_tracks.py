@@ -73,9 +73,10 @@ class Tracks(eqx.Module):
         cameras: (M,) uint64 bit set of the cameras whose box supports the position, camera c being
             bit c, in tracks that were read from a table; None where `support` says it, or unknown.
         clock: gives the time of each frame, or None if unknown.
-        design_sigma: (M,) what `sigma` of one instant would be if nobody hid the person, in scene
-            units: how precisely the rig locates people there. None if the method does not know.
-        whole_views: (M,) number of images that would then show the whole body, or None.
+        design_sigma: (M,) how precisely the rig locates people there: the ground uncertainty from
+            the boxes of one instant if nobody hid the person, in scene units, without sway, uneven
+            ground and the error of the map. None if the method does not know.
+        whole_views: (M,) number of images that show the whole body if nobody hides it, or None.
     """
 
     frame: Int[np.ndarray, " m"]

@@ -251,6 +251,13 @@ def test_what_makes_no_sense_is_refused(tmp_path):
     DETECTIONS.save(tmp_path / "boxes.npz")
     with pytest.raises(FileFormatError):
         cf.TrackerState.load(tmp_path / "boxes.npz")
+    path = tmp_path / "old.npz"
+    cf.Tracker(SCENE).state.save(path)
+    columns = dict(np.load(path))
+    columns[".learned.places"] = np.zeros((5, 2))
+    np.savez(path, **columns)
+    with pytest.raises(FileFormatError, match="not the state of a tracker of this version"):
+        cf.TrackerState.load(path)
 
 
 @pytest.mark.slow

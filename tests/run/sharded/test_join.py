@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import catfree as cf
+from catfree._run.sharded import _join
 from catfree._run.sharded._join import join_shards
 from catfree._run.sharded._receipt import files_of
 from catfree.errors import FileFormatError, InvalidInputError
-from catfree.methods.evidence.report._working_area import in_working_area
+from catfree.methods.evidence.report._working_area import UsualPlace, in_working_area
 from tests.run.sharded.walks import HEIGHT, NOISE, plan_of, seen_by, tracks_of, walks, write
 
 SLOW_DISK = settings(max_examples=25, deadline=None)
@@ -166,6 +167,35 @@ def test_the_working_area_is_that_of_the_whole_recording(tmp_path_factory, seed,
     assert joined.design_sigma is None
 
 
+@pytest.mark.slow
+@settings(max_examples=15, deadline=None)
+@given(st.integers(1, 9), st.integers(0, 9), st.integers(20, 150), st.integers(1, 60))
+def test_the_area_is_learned_from_so_many_instants(tmp_path_factory, step, first, length, most):
+    """Whatever the numbers of the frames and the cuts."""
+    rng, out = np.random.default_rng(most), tmp_path_factory.mktemp("day")
+    whole = walks(rng, 3, 60)
+    whole = dataclasses.replace(
+        whole,
+        frame=step * whole.frame + first,
+        design_sigma=np.ones(len(whole)),
+        whole_views=np.arange(len(whole)),
+    )
+    for shard in plan_of(60 * step + first, length, 5):
+        write(out, shard, seen_by(shard, whole, rng))
+    learned = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_join, "INSTANTS", most)
+        patch.setattr(
+            _join, "usual_place", lambda *rows: learned.append(rows[2]) or UsualPlace(1, 1)
+        )
+        _join._learn_area(out, _join.read_receipts(out))
+    at = np.unique(whole.frame[np.isin(whole.whole_views, learned[0])])
+    every = -(-(60 * step + first) // most)
+    wanted = [whole.frame[whole.frame // every == k].min() for k in np.unique(whole.frame // every)]
+    np.testing.assert_array_equal(at, wanted)
+    assert len(at) <= most
+
+
 def test_nobody_at_all(tmp_path):
     for shard in plan_of(100, 50, 10):
         write(tmp_path, shard, tracks_of(np.zeros((0, 4))))
@@ -196,7 +226,8 @@ DAMAGES = {
     "version": (lambda f: edit(f.receipt, schema="catfree shards 9"), "another version"),
     "cut receipt": (lambda f: f.receipt.write_text(f.receipt.read_text()[:100]), "part-00002.json"),
     "odd receipt": (lambda f: edit(f.receipt, first="x"), "part-00002.json"),
-    "settings": (lambda f: edit(f.receipt, run="0"), "shard 2 was made with other settings"),
+    "settings": (lambda f: edit(files_of(f.part.parents[1], 0).receipt, settings={}), "of shard 0"),
+    "other run": (lambda f: edit(f.receipt, run="0"), "shard 2 was made with other settings"),
     "scene": (lambda f: edit(f.receipt, scene_file="0"), "shard 2 was made with another scene"),
     "recording": (lambda f: edit(f.receipt, source="0"), "shard 2 was made with another recording"),
     "plan": (lambda f: edit(f.receipt, count=5), "shard 2 was made with another plan"),

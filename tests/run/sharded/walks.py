@@ -18,6 +18,7 @@ SCENE = make_layout("ring4", 0).scene
 CAMERAS = 4
 NOISE = 0.02
 HEIGHT = 1.7
+BOXES = Detections([0] * CAMERAS, range(CAMERAS), [[0.0, 0, 1, 2]] * CAMERAS)  # of nobody
 
 
 def walks(rng, people, frames, apart=4.0):
@@ -71,7 +72,7 @@ def as_localization(tracks):
     known = dataclasses.replace(
         nothing.reliability, median_sigma=NOISE, sigma_over_radius=NOISE / radius
     )
-    return Localization(tracks, nothing.candidates, nothing.thresholds, known, 0)
+    return Localization(tracks, nothing.candidates, nothing.thresholds, known, CAMERAS)
 
 
 def seen_by(shard, tracks, rng):
@@ -88,7 +89,7 @@ def seen_by(shard, tracks, rng):
 def write(out, shard, tracks, run="a run"):
     """Write the shard as `run_shard` does."""
     return write_shard(
-        files_of(out, shard.index), shard, Detections([], [], np.zeros((0, 4))),
+        files_of(out, shard.index), shard, BOXES,
         as_localization(tracks), Settings(), run=run, scene_file=_write_scene(out, SCENE),
         seconds=0.0,
     )  # fmt: skip

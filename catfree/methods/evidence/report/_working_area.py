@@ -95,7 +95,7 @@ class UsualPlace(NamedTuple):
     """How well people are seen in the places where they go.
 
     Attributes:
-        sigma: design uncertainty in most places in H0.
+        sigma: design uncertainty in most places, in the unit of what it was learned from.
         whole: median number of images with the whole body.
     """
 
@@ -134,9 +134,12 @@ def usual_place(
     place = place.ravel()
     people = np.bincount(place)
     log_sigma = np.bincount(place, np.log(sigma)) / people
-    views = np.bincount(place, whole) / people
     sample = np.pad(np.exp(log_sigma), (0, coarse_length(len(people), SAMPLE_BLOCK) - len(people)))
     present = np.arange(len(sample)) < len(people)
-    better = log_sigma <= np.log(float(_log_otsu(sample, present)))
+    with jax.enable_x64(True):
+        better = log_sigma <= np.log(float(_log_otsu(sample, present)))
     most = better if 2 * better.sum() >= len(people) else ~better
-    return UsualPlace(float(np.exp(log_sigma[most].mean())), float(np.median(views)))
+    order = np.argsort(whole, kind="stable")
+    passed = np.cumsum(1 / people[place[order]])
+    median = whole[order][np.searchsorted(passed, passed[-1] / 2)]
+    return UsualPlace(float(np.exp(log_sigma[most].mean())), float(median))
