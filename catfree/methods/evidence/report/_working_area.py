@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
 
 from catfree.filters import log_otsu
 from catfree.geometry._buckets import coarse_length, in_blocks
@@ -124,22 +125,20 @@ def usual_place(
     """Learn from people, at least one; each place counts once, however long somebody stands there.
 
     Args:
-        xy: as `in_working_area`; positions within `report_radius` along both axes are one place.
+        xy: as `in_working_area`; positions closer than `report_radius` share the weight of one.
         sigma: as `in_working_area`.
         whole: as `in_working_area`.
         settings: constants.
     """
-    cell = np.floor(xy / settings.report_radius)
-    _, place = np.unique(cell, axis=0, return_inverse=True)
-    place = place.ravel()
-    people = np.bincount(place)
-    log_sigma = np.bincount(place, np.log(sigma)) / people
-    sample = np.pad(np.exp(log_sigma), (0, coarse_length(len(people), SAMPLE_BLOCK) - len(people)))
-    present = np.arange(len(sample)) < len(people)
+    near = KDTree(xy).query_ball_point(xy, settings.report_radius, return_length=True)
+    weight = 1 / near
+    sample = np.pad(sigma, (0, coarse_length(len(sigma), SAMPLE_BLOCK) - len(sigma)))
+    present = np.arange(len(sample)) < len(sigma)
     with jax.enable_x64(True):
-        better = log_sigma <= np.log(float(_log_otsu(sample, present)))
-    most = better if 2 * better.sum() >= len(people) else ~better
+        better = sigma <= float(_log_otsu(sample, present))
+    most = better if 2 * weight[better].sum() >= weight.sum() else ~better
+    typical = np.average(np.log(sigma[most]), weights=weight[most])
     order = np.argsort(whole, kind="stable")
-    passed = np.cumsum(1 / people[place[order]])
+    passed = np.cumsum(weight[order])
     median = whole[order][np.searchsorted(passed, passed[-1] / 2)]
-    return UsualPlace(float(np.exp(log_sigma[most].mean())), float(median))
+    return UsualPlace(float(np.exp(typical)), float(median))

@@ -28,7 +28,15 @@ OBSERVED = {"boxes", "views", "noise", "measurements", "ratios"}
 CHANGED = {
     learn_looks: {"ratios"},
     weigh_groups: {"rate", "existence"},
-    choose_reported: {"position_covariance", "suppressed", "outside", "kept", "identity"},
+    choose_reported: {
+        "position_covariance",
+        "suppressed",
+        "design_sigma",
+        "whole_views",
+        "outside",
+        "kept",
+        "identity",
+    },
     name_people: {"identity"},
     add_pose_errors: {"position_covariance"},
 }
