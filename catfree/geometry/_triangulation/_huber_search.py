@@ -40,20 +40,14 @@ FEW = 64
 WIDE = 1024
 
 
-class Fit(NamedTuple):
-    """A fitted position and the role of each ray.
+class Roles(NamedTuple):
+    """The role of each ray in a fit.
 
     Attributes:
-        center: (3,) the weighted mean of the present camera centers.
-        position: (3,) relative to `center`.
-        distances: (C,) of the position to each ray's line; 0 for absent rays.
         inliers: (C,) bool, the rays within `factor * delta` of the first fit.
         used: (C,) bool, the rays whose loss the position minimizes.
     """
 
-    center: Array
-    position: Array
-    distances: Array
     inliers: Array
     used: Array
 
@@ -61,9 +55,10 @@ class Fit(NamedTuple):
 @batch_last
 def search_minimizer(
     origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, refit: Array
-) -> Fit:
+) -> tuple[Array, Roles]:
     """Fit a position to (C, 3) origins and directions, without derivatives.
 
+    Returns the position relative to the weighted mean of the present camera centers, and the roles.
     If at least two rays but not all are inliers, a second round uses the inliers only.
     """
     shape, size = delta.shape, delta.size
@@ -87,9 +82,9 @@ def search_minimizer(
 
 def _search_block(
     origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, refit: Array
-) -> Fit:
+) -> tuple[Array, Roles]:
     """`search_minimizer` for one block of problems that step together."""
-    rays, center = present_rays(origins, directions, weights)
+    rays, _ = present_rays(origins, directions, weights)
     present = rays.weights > 0
 
     def total(rays: Array) -> Array:
@@ -106,14 +101,14 @@ def _search_block(
         # Without rays the second search ends at once, so only problems that need it pay for it. The
         # loss is convex: starting at the first result only shortens the second search.
         again_from = _Start(inliers & again[None], position, full / FALL, jnp.ones((), jnp.int32))
-        return again_from, (jnp.stack(position), distances, inliers, again)
+        return again_from, (jnp.stack(position), inliers, again)
 
     zero, full = jnp.zeros_like(delta), jnp.ones_like(delta)
     start = _Start(present, (zero, zero, zero), full, jnp.zeros((), jnp.int32))
-    _, (position, distances, inliers, again) = jax.lax.scan(search, start, length=2)
-    position, distances = (jnp.where(again[:1], each[1], each[0]) for each in (position, distances))
+    _, (position, inliers, again) = jax.lax.scan(search, start, length=2)
+    position = jnp.where(again[:1], position[1], position[0])
     used = jnp.where(again[:1], inliers[0], present)
-    return Fit(center, position, jnp.where(present, distances, 0), inliers[0], used)
+    return position, Roles(inliers[0], used)
 
 
 class _Start(NamedTuple):

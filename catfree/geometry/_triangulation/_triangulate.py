@@ -11,15 +11,15 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
+import lineax as lx
+import optimistix as optx
 from jaxtyping import Array, Bool, Float, Real
 
 from catfree.geometry import _symmetric3 as symmetric3
 from catfree.geometry._arrays import Scalar, float_arrays
-from catfree.geometry._symmetric3 import Vector
-from catfree.geometry._triangulation._huber_search import Fit, search_minimizer
+from catfree.geometry._symmetric3 import Triangle
+from catfree.geometry._triangulation._huber_search import search_minimizer
 from catfree.geometry._triangulation._ray_distances import (
-    Rays,
     batch_last,
     entries,
     gradient_of,
@@ -88,30 +88,28 @@ def _triangulate(
     origins: Array, directions: Array, weights: Array, delta: Array, factor: Array, refit: Array
 ) -> Triangulation:
     """Compiled body of `triangulate`: uncompiled, every call would trace its loops again."""
-    fit = _fit(origins, directions, weights, delta, factor, refit)
-    return Triangulation(fit.center + fit.position, fit.distances, fit.inliers)
+    # Lambdas, because optimistix takes only functions that enclose nothing, and jaxtyping's import
+    # hook wraps every named one.
+    position, roles = ADJOINT.apply(
+        lambda inputs: search_minimizer(*inputs[:-1]),
+        lambda position, roles, inputs: _half_gradient(position, roles.used, *inputs[:4]),
+        (origins, directions, weights, delta, factor, refit),
+        frozenset(),
+    )
+    rays, center = present_rays(origins, directions, weights)
+    distances = norm(residuals_of(rays, entries(position)))
+    distances = jnp.where(rays.weights > 0, distances, 0)
+    return Triangulation(center + position, distances, roles.inliers)
 
 
-_fit = jax.custom_jvp(search_minimizer)
-
-
-@_fit.defjvp
-def _differentiate_fit(primals: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Fit, Fit]:
-    """The fit and its tangent with respect to rays, weights and delta, for fixed inliers."""
-    fit = _fit(*primals)
-
-    def moving(
-        origins: Array, directions: Array, weights: Array, delta: Array
-    ) -> tuple[Array, Array, Array]:
-        rays, center = present_rays(origins, directions, weights)
-        fitted = rays._replace(weights=jnp.where(fit.used, rays.weights, 0))
-        position = _attach_derivative(fitted, fit.position, delta)
-        distances = norm(residuals_of(rays, entries(position)))
-        return center, position, jnp.where(rays.weights > 0, distances, 0)
-
-    _, moved = jax.jvp(moving, primals[:4], tangents[:4])
-    fixed = np.zeros(fit.used.shape, jax.dtypes.float0)
-    return fit, Fit(*moved, inliers=fixed, used=fixed)  # pyright: ignore[reportArgumentType]
+def _half_gradient(
+    position: Array, used: Array, origins: Array, directions: Array, weights: Array, delta: Array
+) -> Array:
+    """Half the gradient of Huber's loss of the rays in use: zero at its minimizer."""
+    rays, _ = present_rays(origins, directions, weights)
+    residuals = residuals_of(rays, entries(position))
+    weights = jnp.where(used, rays.weights, 0) * huber_weights(norm(residuals), delta)
+    return jnp.stack(gradient_of(weights, residuals))
 
 
 def triangulate_least_squares(
@@ -136,40 +134,57 @@ def triangulate_least_squares(
 
 @jax.jit
 def _triangulate_least_squares(origins: Array, directions: Array, weights: Array) -> Array:
-    rays, center = present_rays(origins, directions, weights)
-    position = _least_squares(*jax.lax.stop_gradient(rays))
-    return center + _attach_derivative(rays, position, None)
+    position, _ = ADJOINT.apply(
+        lambda inputs: _solve_normal_equations(*inputs[:3]),
+        lambda position, used, inputs: _half_gradient(position, used, *inputs[:4]),
+        (origins, directions, weights, jnp.full((), jnp.inf, weights.dtype)),
+        frozenset(),
+    )
+    _, center = present_rays(origins, directions, weights)
+    return center + position
 
 
 @batch_last
-def _least_squares(origins: Vector, directions: Vector, weights: Array) -> Array:
-    """Weighted least squares, refined with residuals that are more accurate than the matrix."""
-    rays = Rays(origins, directions, weights)
-    zero = jnp.zeros_like(weights)
-    matrix = hessian_of(rays, weights, zero, (zero, zero, zero))
+def _solve_normal_equations(
+    origins: Array, directions: Array, weights: Array
+) -> tuple[Array, Array]:
+    """Weighted least squares and the rays present.
+
+    Refined with residuals, which are more accurate than the matrix.
+    """
+    rays, _ = present_rays(origins, directions, weights)
+    zero = jnp.zeros_like(rays.weights)
+    matrix = hessian_of(rays, rays.weights, zero, (zero, zero, zero))
 
     def refine(_: Any, position: Array) -> Array:
-        gradient = gradient_of(weights, residuals_of(rays, entries(position)))
+        gradient = gradient_of(rays.weights, residuals_of(rays, entries(position)))
         return position - jnp.stack(solve_regularized(matrix, gradient))
 
-    return jax.lax.fori_loop(0, 3, refine, jnp.stack([jnp.zeros_like(weights[0])] * 3))
+    return jax.lax.fori_loop(0, 3, refine, jnp.stack([zero[0]] * 3)), rays.weights > 0
 
 
-def _attach_derivative(rays: Rays, position: Array, delta: Array | None) -> Array:
-    """Attach the derivatives of the minimizer to its value; delta None means least squares."""
+class _SymmetricSolver(lx.AbstractLinearSolver[Triangle]):
+    """The closed form for the Hessian of a loss of rays, finite where the rays are degenerate."""
 
-    def gradient(position: Array) -> Array:
-        residuals = residuals_of(rays, entries(position))
-        weights = rays.weights
-        if delta is not None:
-            weights = weights * huber_weights(norm(residuals), delta)
-        return jnp.stack(gradient_of(weights, residuals))
+    def init(self, operator: lx.AbstractLinearOperator, options: dict[str, Any]) -> Triangle:
+        matrix = operator.as_matrix()
+        return symmetric3.lower_triangle((matrix + matrix.T) / 2)
 
-    return jax.lax.custom_root(gradient, position, lambda _, start: start, _solve_tangent)
+    def compute(
+        self, state: Triangle, vector: Array, options: dict[str, Any]
+    ) -> tuple[Array, lx.RESULTS, dict[str, Any]]:
+        return jnp.stack(solve_regularized(state, entries(vector))), lx.RESULTS.successful, {}
+
+    def transpose(
+        self, state: Triangle, options: dict[str, Any]
+    ) -> tuple[Triangle, dict[str, Any]]:
+        return state, options  # symmetric
+
+    def conj(self, state: Triangle, options: dict[str, Any]) -> tuple[Triangle, dict[str, Any]]:
+        return state, options  # real
+
+    def assume_full_rank(self) -> bool:
+        return True
 
 
-def _solve_tangent(linear: Any, right_side: Array) -> Array:
-    """Solve `linear(x) = right_side` for the symmetric Hessian of the objective."""
-    hessian = jax.vmap(linear)(jnp.eye(3, dtype=right_side.dtype))
-    triangle = symmetric3.lower_triangle((hessian + hessian.T) / 2)
-    return jnp.stack(solve_regularized(triangle, entries(right_side)))
+ADJOINT = optx.ImplicitAdjoint(_SymmetricSolver())

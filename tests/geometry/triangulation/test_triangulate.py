@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 import pytest
 from hypothesis import assume, given, strategies as st
 from hypothesis.extra import numpy as hnp
@@ -83,6 +84,60 @@ def test_no_other_point_has_a_smaller_loss(x64, case):
     assert best <= other.fun + 1e-10
     start = minimize(huber_loss, np.asarray(least_squares(*case)), case, method="BFGS")
     assert best <= start.fun + 1e-8
+
+
+def robust_residuals(position, case):
+    """Vectors whose squared lengths sum to twice Huber's loss."""
+
+    def of_ray(origin, direction, weight):
+        sight = position - origin
+        residual = sight - (sight @ direction) * direction
+        far = residual @ residual > DELTA**2
+        distance = jnp.sqrt(jnp.where(far, residual @ residual, DELTA**2))
+        shrink = jnp.where(far, jnp.sqrt(DELTA * (2 * distance - DELTA)) / distance, 1)
+        return jnp.sqrt(weight) * shrink * residual
+
+    return jax.vmap(of_ray)(*case)
+
+
+def half_squares(position, case):
+    return (robust_residuals(position, case) ** 2).sum() / 2
+
+
+@jax.jit
+def by_optimistix(start, *case):
+    """The minimizer of a dense solver, and its derivatives."""
+    solver = optx.LevenbergMarquardt(rtol=1e-12, atol=1e-12)
+
+    def minimizer(origins, directions, weights):
+        case = origins, directions, weights
+        return optx.least_squares(robust_residuals, solver, start, case, max_steps=4000).value
+
+    return minimizer(*case), jax.jacrev(minimizer, (0, 1, 2))(*case)
+
+
+@jax.jit
+def by_kernel(*case):
+    def minimizer(origins, directions, weights):
+        return geometry.triangulate(origins, directions, weights, DELTA, refit=False).position
+
+    return minimizer(*case), jax.jacrev(minimizer, (0, 1, 2))(*case)
+
+
+@pytest.mark.slow
+@given(sightings(noise=0.3))
+def test_minimizer_and_derivatives_are_those_of_optimistix(x64, case):
+    position, slopes = by_kernel(*case)
+    dense, dense_slopes = by_optimistix(least_squares(*case), *case)
+    best = huber_loss(np.asarray(position), *case)
+    assert best <= huber_loss(np.asarray(dense), *case) + 1e-10
+    # Where the loss is curved there is one minimizer; its slope has a kink where a ray is at delta.
+    near = ray_distances(np.asarray(position), case[0], case[1])
+    curvature = np.linalg.eigvalsh(jax.hessian(half_squares)(position, case))[0]
+    assume(curvature > 0.02 and (np.abs(near - DELTA) > 1e-3).all())
+    np.testing.assert_allclose(dense, position, atol=1e-6)
+    for found, expected in zip(slopes, dense_slopes, strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-4 * (1 + np.abs(expected).max()))
 
 
 @pytest.mark.slow
