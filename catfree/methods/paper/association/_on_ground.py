@@ -1,10 +1,10 @@
 """Positions constrained to the ground z = 0: the ablation 'constrained to ground', baseline A."""
 
-import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, ScalarLike
+import optimistix as optx
+from jaxtyping import Array, Float
 
-from catfree.geometry._arrays import Scalar
+from catfree.geometry._arrays import Scalar, epsilon
 
 ITERATIONS = 30  # reweighting converges linearly; this reaches float32 rounding
 SHALLOWEST_DESCENT = 1e-3  # rays that do not descend meet the ground 1000 heights away
@@ -74,12 +74,14 @@ def triangulate_on_ground(
         return jnp.sqrt((across**2).sum(-1))
 
     def huber(weights: Float[Array, " cam"]) -> Float[Array, "3"]:
-        def step(_: ScalarLike, point: Float[Array, "3"]) -> Float[Array, "3"]:
+        def reweight(point: Float[Array, "3"], _: None) -> Float[Array, "3"]:
             robust = weights * scale / jnp.maximum(distances(point), scale)
             return least_squares_on_ground(origins, directions, robust)
 
         start = least_squares_on_ground(origins, directions, weights)
-        return jax.lax.fori_loop(0, ITERATIONS, step, start)
+        rounding = epsilon(start.dtype)
+        solver = optx.FixedPointIteration(rtol=rounding, atol=rounding)
+        return optx.fixed_point(reweight, solver, start, max_steps=ITERATIONS, throw=False).value
 
     position = huber(weights)
     if not refit:
