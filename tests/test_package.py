@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import catfree as cf
-from catfree._run.sharded._worker import (
+from catfree._run._worker import (
     LAST_WITH_OPTION,
     QUICK_COMPILATION,
     jaxlib_version,

@@ -1,20 +1,15 @@
 """Detection in cached pieces, so that a killed run resumes where it stopped."""
 
-from collections import deque
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import islice
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby, islice
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from catfree._run._cache import StageCache, code_hash
-from catfree.adapters.background._background_detector import (
-    BackgroundDetector,
-    FittedBackgroundDetector,
-)
-from catfree.adapters.background._foreground_memory import ForegroundMemory
+from catfree._run._camera_detectors import CameraDetectors, Instant
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import (
     BatchDetector,
@@ -24,7 +19,7 @@ from catfree.adapters.protocols import (
     FrameDetections,
     Image,
 )
-from catfree.adapters.video._detect_videos import collect_detections, detect_instant, fit_to_cameras
+from catfree.adapters.video._detect_videos import collect_detections, detect_instant
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.adapters.video._validate_plugin_output import Describer, join_descriptions
 from catfree.errors import InsufficientDataError, InvalidInputError
@@ -59,22 +54,62 @@ class _Piece:
         return self.boxes is not None and (self.look_key is None or self.looks is not None)
 
 
+# The people in a picture and, if there is an embedder, their embeddings.
+_Seen = tuple[FrameDetections, Float[np.ndarray, "n d"] | None]
+
+
+@dataclass
+class _Detection:
+    """Boxes and appearance of the people in the pictures of an instant.
+
+    Attributes:
+        shared: the common detector that processes all pictures at once, or None.
+        describe: computes the embeddings, or None.
+        known: boxes that were found before, by frame.
+    """
+
+    shared: BatchDetector | None
+    describe: Describer | None
+    known: Mapping[int, Detections]
+
+    def __call__(
+        self, detectors: Mapping[int, Detector], frame: int, pictures: Mapping[int, Image]
+    ) -> dict[int, _Seen]:
+        """Return the people of each camera and, if there is an embedder, their embeddings."""
+        if frame in self.known:
+            found = {camera: _stored(self.known[frame], frame, camera) for camera in pictures}
+        else:
+            found = detect_instant(pictures, detectors, self.shared, frame)
+        if self.describe is None:
+            return {camera: (people, None) for camera, people in found.items()}
+        return {
+            camera: (people, self.describe(pictures[camera], people.box, camera, frame))
+            for camera, people in found.items()
+        }
+
+
+def _stored(boxes: Detections, frame: int, camera: int) -> FrameDetections:
+    rows = (boxes.frame == frame) & (boxes.camera == camera)
+    score = np.ones(len(boxes)) if boxes.score is None else boxes.score
+    return FrameDetections(boxes.box[rows], score[rows])
+
+
 def detect_with_cache(
     videos: SynchronizedVideos,
-    detector: Detector | FittedToCamera,
+    cameras: CameraDetectors,
     embedder: Embedder | None,
-    cache: StageCache,
+    cache: StageCache | None,
     progress: Progress | None = None,
 ) -> Detections:
-    """Run `detect_videos` in pieces of a few instants that later runs reuse.
+    """Detect as `detect_videos` does, in pieces of a few instants that later runs reuse.
 
     Boxes and embeddings are cached separately: another embedder does not repeat the detection.
 
     Args:
         videos: the cameras' images, instant by instant.
-        detector: finds people in one image.
+        cameras: find people in one image.
         embedder: computes their embeddings, or None.
-        cache: holds finished pieces.
+        cache: holds finished pieces, or None.
         progress: called as progress(stage, done, total) after each instant.
 
     Returns:
@@ -86,65 +121,30 @@ def detect_with_cache(
         FileFormatError: as `detect_videos`.
         WriteError: if a finished piece cannot be stored.
     """
-    pieces = _pieces(videos, detector, embedder, cache)
-    missing = [at for at, piece in enumerate(pieces) if not piece.complete]
-    if missing:
-        span = pieces[missing[0] : missing[-1] + 1]
-        detectors: list[Detector] = []
-        if any(piece.boxes is None for piece in span):
-            detectors = fit_with_cache(videos, detector, cache, progress)
-        shared = detector if isinstance(detector, BatchDetector) else None
-        describe = None if embedder is None else Describer(embedder)
-        stream = videos.pictures_from(span[0].first)
-        for piece in span:
-            instants = islice(stream, piece.count)
-            if piece.complete:
-                deque(instants, maxlen=0)  # decode and discard
-            else:
-                counted = _counted(instants, piece.first, videos.frame_count, progress)
-                _complete(piece, counted, detectors, shared, describe, cache)
-            if videos.interruption is not None:
-                break
-    elif progress is not None:
+    pieces = _pieces(videos, cameras.detector, embedder, cache)
+    shared = cameras.detector if isinstance(cameras.detector, BatchDetector) else None
+    describe = None if embedder is None else Describer(embedder)
+    if all(piece.complete for piece in pieces) and progress is not None:
         progress("detect", videos.frame_count, videos.frame_count)
+    for is_complete, some in groupby(pieces, lambda piece: piece.complete):
+        if is_complete:
+            continue
+        stretch = list(some)
+        known = {
+            int(frame): piece.boxes
+            for piece in stretch
+            for frame in videos.frames[piece.first : piece.first + piece.count]
+            if piece.boxes is not None
+        }
+        work = _Detection(shared, describe, known)
+        unknown = any(piece.boxes is None for piece in stretch)
+        instants = cameras.instants(videos, work, stretch[0].first, detect=unknown)
+        counted = _counted(instants, stretch[0].first, videos.frame_count, progress)
+        for piece in stretch:
+            _complete(piece, islice(counted, piece.count), cache)
+        if videos.interruption is not None:
+            break
     return _join([piece for piece in pieces if piece.complete], videos)
-
-
-def fit_with_cache(
-    videos: SynchronizedVideos,
-    detector: Detector | FittedToCamera,
-    cache: StageCache,
-    progress: Progress | None = None,
-) -> list[Detector]:
-    """Run `fit_to_cameras`, caching each background as soon as it is learned.
-
-    Args:
-        videos: as `fit_to_cameras`.
-        detector: as `fit_to_cameras`.
-        cache: holds backgrounds that an earlier run learned.
-        progress: as `fit_to_cameras`.
-
-    Raises:
-        WriteError: if a background cannot be stored.
-    """
-    if not isinstance(detector, BackgroundDetector):
-        return fit_to_cameras(videos, detector, progress)
-    stage, common = "background", (code_hash("adapters", "types"), videos.fingerprint)
-
-    def key(camera: int) -> str:
-        return hash_parameters(stage, *common, detector.fingerprint, camera=camera)
-
-    def keep(camera: int, fitted: Detector) -> None:
-        if isinstance(fitted, FittedBackgroundDetector):
-            cache.store(stage, key(camera), replace(fitted, memory=None))
-
-    known: dict[int, Detector] = {}
-    for camera in range(videos.camera_count):
-        stored = cache.load(stage, key(camera), FittedBackgroundDetector)
-        if stored is not None:
-            memory = ForegroundMemory(stored.background.compare)
-            known[camera] = replace(stored, memory=memory)
-    return fit_to_cameras(videos, detector, progress, known=known, learnt=keep)
 
 
 def fingerprint_of(part: Any, role: str) -> str:
@@ -171,8 +171,10 @@ def _pieces(
     videos: SynchronizedVideos,
     detector: Detector | FittedToCamera,
     embedder: Embedder | None,
-    cache: StageCache,
+    cache: StageCache | None,
 ) -> list[_Piece]:
+    if cache is None:
+        return [_Piece(0, videos.frame_count, "", None, None, None)]
     common = (code_hash("adapters", "types"), videos.fingerprint)
     finder = fingerprint_of(detector, "detector")
     pieces = []
@@ -191,56 +193,35 @@ def _pieces(
 
 
 def _counted(
-    instants: Iterator[tuple[int, dict[int, Image]]],
-    first: int,
-    total: int,
-    progress: Progress | None,
-) -> Iterator[tuple[int, dict[int, Image]]]:
+    instants: Iterator[Instant[_Seen]], first: int, total: int, progress: Progress | None
+) -> Iterator[Instant[_Seen]]:
     for done, instant in enumerate(instants, start=first + 1):
         yield instant
         if progress is not None:
             progress("detect", done, total)
 
 
-def _complete(
-    piece: _Piece,
-    instants: Iterator[tuple[int, dict[int, Image]]],
-    detectors: Sequence[Detector],
-    shared: BatchDetector | None,
-    describe: Describer | None,
-    cache: StageCache,
-) -> None:
-    """Compute what the piece lacks; store it unless the videos ended inside the piece."""
-    cached_boxes = piece.boxes
+def _complete(piece: _Piece, instants: Iterator[Instant[_Seen]], cache: StageCache | None) -> None:
+    """Add what the piece lacks; store it unless the videos ended inside the piece."""
     found, embedding = [], []
     instant_count = 0
-    for tick, pictures in instants:
+    for frame, instant in instants:
         instant_count += 1
-        if cached_boxes is None:
-            instant = detect_instant(pictures, detectors, shared, tick)
-        else:
-            instant = {index: _stored(cached_boxes, tick, index) for index in pictures}
-        for index, people in instant.items():
-            found.append((tick, index, people))
-            if describe is not None:
-                embedding.append(describe(pictures[index], people.box, index, tick))
+        for camera, (people, vectors) in instant.items():
+            found.append((frame, camera, people))
+            if vectors is not None:
+                embedding.append(vectors)
     if not found:
         return
-    is_whole = instant_count == piece.count
-    if cached_boxes is None:
+    keep = cache if instant_count == piece.count else None
+    if piece.boxes is None:
         piece.boxes = collect_detections(found, None)
-        if is_whole:
-            cache.store("boxes", piece.box_key, piece.boxes)
-    if piece.look_key is not None:
+        if keep is not None:
+            keep.store("boxes", piece.box_key, piece.boxes)
+    if embedding:
         piece.looks = Appearance(join_descriptions(embedding))
-        if is_whole:
-            cache.store("looks", piece.look_key, piece.looks)
-
-
-def _stored(boxes: Detections, tick: int, camera: int) -> FrameDetections:
-    rows = (boxes.frame == tick) & (boxes.camera == camera)
-    score = np.ones(len(boxes)) if boxes.score is None else boxes.score
-    return FrameDetections(boxes.box[rows], score[rows])
+        if keep is not None and piece.look_key is not None:
+            keep.store("looks", piece.look_key, piece.looks)
 
 
 def _join(pieces: Sequence[_Piece], videos: SynchronizedVideos) -> Detections:

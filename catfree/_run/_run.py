@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from catfree._run._cache import StageCache
+from catfree._run._camera_detectors import CameraDetectors
 from catfree._run._input_checks import (
     calibration_warnings,
     clock_warnings,
@@ -34,7 +35,6 @@ from catfree.adapters.protocols import (
     Reconstructor,
     SceneSource,
 )
-from catfree.adapters.video._detect_videos import fit_to_cameras
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration import Calibration, remove_offsets
 from catfree.calibration.people import Anchor
@@ -43,7 +43,7 @@ from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
 from catfree.types._forks import require_own_process
-from catfree.types._validation import require_instance, require_no_boxes
+from catfree.types._validation import as_count, require_instance, require_no_boxes
 
 _ONLY_FROM_PEOPLE = "Anchors are for cameras found from people; leave out scene and reconstructor."
 
@@ -108,6 +108,7 @@ def run(
     scene_names: Sequence[str] | None = None,
     maximum_offset: int = 0,
     anchors: Sequence[Anchor] = (),
+    workers: int = 1,
 ) -> Localization:
     """Track people on the ground from the videos of several static cameras.
 
@@ -138,6 +139,9 @@ def run(
             case.
         anchors: what is known about the site, when the cameras are found from people; see
             `calibrate`.
+        workers: spawned processes that detect people, at most one per camera, for detectors that
+            learn each camera's background. In a script, more than one needs
+            `if __name__ == "__main__":`.
 
     Returns:
         The result of `localize` for the scene, with `warnings` about the input. The default method
@@ -166,6 +170,7 @@ def run(
         scene_names=scene_names,
         maximum_offset=maximum_offset,
         anchors=anchors,
+        workers=workers,
     ).localization
 
 
@@ -182,6 +187,7 @@ def run_stages(
     scene_names: Sequence[str] | None = None,
     maximum_offset: int = 0,
     anchors: Sequence[Anchor] = (),
+    workers: int = 1,
     unfinished: Unfinished | None = None,
 ) -> RunOutcome:
     """Do what `run` does and return the results of all stages.
@@ -198,6 +204,7 @@ def run_stages(
         scene_names: as `run`.
         maximum_offset: as `run`.
         anchors: as `run`.
+        workers: as `run`.
         unfinished: receives partial results as soon as they are available.
 
     Returns:
@@ -209,6 +216,8 @@ def run_stages(
     require_own_process()
     settings = Settings() if settings is None else settings
     require_instance(settings, Settings, "settings")
+    if as_count(workers, "workers") < 1:
+        raise InvalidInputError(f"workers is {workers}; it must be at least 1.")
     scene, scene_names = scene_of(scene, scene_names)
     stages = {"detector": detector, "embedder": embedder, "reconstructor": reconstructor}
     for name, stage in stages.items():
@@ -238,42 +247,39 @@ def run_stages(
         embedder = ColorEmbedder()
     cache = None if cache_dir is None else StageCache(cache_dir)
 
-    fitted = None
-    if cache is None and isinstance(detector, FittedToCamera):
-        fitted = fit_to_cameras(videos, detector, progress)
-    detections = detect(videos, detector, embedder, fitted=fitted, cache=cache, progress=progress)
-    so_far.detections = detections
-    calibration, known = None, scene is not None
-    if reconstructor is not None:
-        scene = reconstruct(videos, reconstructor, detections, cache=cache, progress=progress)
-    elif scene is None:
-        calibration = calibrate_cameras(
-            videos,
-            detector,
-            detections,
-            settings,
-            maximum_offset=maximum_offset,
-            anchors=anchors,
-            cache=cache,
-            progress=progress,
-        )
-        scene = calibration.scene
-        so_far.warnings += calibration_warnings(calibration, detections, videos, settings)
-        if calibration.frame_offset.any():
-            videos, detections = without_offsets(videos, detections, calibration.frame_offset)
-            so_far.videos, so_far.detections = videos, detections
-    if settings.method != "paper" and isinstance(detector, FittedToCamera):
-        detections = detect_again(
-            videos,
-            detector,
-            embedder,
-            detections,
-            scene,
-            settings,
-            fitted=fitted,
-            cache=cache,
-            progress=progress,
-        )
+    with CameraDetectors(videos, detector, cache, progress, workers=workers) as cameras:
+        detections = detect(videos, cameras, embedder, cache=cache, progress=progress)
+        so_far.detections = detections
+        calibration, known = None, scene is not None
+        if reconstructor is not None:
+            scene = reconstruct(videos, reconstructor, detections, cache=cache, progress=progress)
+        elif scene is None:
+            calibration = calibrate_cameras(
+                videos,
+                detector,
+                detections,
+                settings,
+                maximum_offset=maximum_offset,
+                anchors=anchors,
+                cache=cache,
+                progress=progress,
+            )
+            scene = calibration.scene
+            so_far.warnings += calibration_warnings(calibration, detections, videos, settings)
+            if calibration.frame_offset.any():
+                videos, detections = without_offsets(videos, detections, calibration.frame_offset)
+                so_far.videos, so_far.detections = videos, detections
+        if settings.method != "paper" and isinstance(detector, FittedToCamera):
+            detections = detect_again(
+                videos,
+                cameras,
+                embedder,
+                detections,
+                scene,
+                settings,
+                cache=cache,
+                progress=progress,
+            )
     tiny = tiny_boxes(detections, settings.calibration)
     so_far.warnings += () if tiny is None else (tiny,)
     localization = localize_people(

@@ -5,12 +5,14 @@ other cameras and moments tell the people apart. The detector still reports only
 shows.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from catfree._run._camera_detectors import CameraDetectors
 from catfree.adapters.protocols import Embedder, FrameDetections, GuidedDetector, Image
 from catfree.adapters.video._detect_videos import collect_detections
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
@@ -83,7 +85,7 @@ def expected_people(
 
 def look_again(
     videos: SynchronizedVideos,
-    detectors: Sequence[GuidedDetector],
+    cameras: CameraDetectors,
     embedder: Embedder | None,
     expected: ExpectedPeople,
     first: Detections,
@@ -93,7 +95,7 @@ def look_again(
 
     Args:
         videos: the footage of the first pass.
-        detectors: one per camera.
+        cameras: their detectors, which are all `GuidedDetector`.
         embedder: computes appearance embeddings, or None.
         expected: predicted places of people.
         first: detections of the first pass; unchanged boxes keep their embedding.
@@ -111,12 +113,10 @@ def look_again(
     if embedder is not None:
         known = first.embedding
         describe = Describer(embedder, known.shape[1] if known is not None and len(known) else None)
-    for done, (tick, pictures) in enumerate(videos.pictures_from(), start=1):
-        for index, picture in pictures.items():
-            people, vectors = _look(
-                tick, index, picture, detectors[index], describe, expected, first
-            )
-            found.append((tick, index, people))
+    look = _SecondLook(describe, expected, first)
+    for done, (frame, instant) in enumerate(cameras.instants(videos, look), start=1):
+        for camera, (people, vectors) in instant.items():
+            found.append((frame, camera, people))
             embedding.append(vectors)
         if progress is not None:
             progress(STAGE, done, videos.frame_count)
@@ -126,28 +126,43 @@ def look_again(
     return collect_detections(found, vectors, clock=videos.clock)
 
 
-def _look(
-    frame: int,
-    camera: int,
-    image: Image,
-    detector: GuidedDetector,
-    describe: Describer | None,
-    expected: ExpectedPeople,
-    first: Detections,
-) -> tuple[FrameDetections, Float[np.ndarray, "n d"]]:
-    """Detect the people of one camera at one instant and compute their embeddings."""
-    places = expected.in_picture(frame, camera)
-    people = ask_for_people(lambda: detector.look_again(image, places), detector, camera, frame)
-    if describe is None:
-        return people, np.zeros((len(people), 0))
-    before = np.flatnonzero((first.frame == frame) & (first.camera == camera))
-    if first.embedding is None or not len(before):
-        return people, describe(image, people.box, camera, frame)
-    offset = np.abs(people.box[:, None] - first.box[before]).max(-1)
-    changed = offset.min(1) > SAME
-    vectors = first.embedding[before[offset.argmin(1)]]
-    vectors[changed] = describe(image, people.box[changed], camera, frame)
-    return people, vectors
+@dataclass
+class _SecondLook:
+    """The people in the pictures of an instant and their embeddings, given who is expected.
+
+    Attributes:
+        describe: computes the embeddings, or None.
+        expected: predicted places of people.
+        first: detections of the first pass.
+    """
+
+    describe: Describer | None
+    expected: ExpectedPeople
+    first: Detections
+
+    def __call__(
+        self, detectors: Mapping[int, Any], frame: int, pictures: Mapping[int, Image]
+    ) -> dict[int, tuple[FrameDetections, Float[np.ndarray, "n d"]]]:
+        return {
+            camera: self._look(detectors[camera], frame, camera, picture)
+            for camera, picture in pictures.items()
+        }
+
+    def _look(
+        self, detector: GuidedDetector, frame: int, camera: int, image: Image
+    ) -> tuple[FrameDetections, Float[np.ndarray, "n d"]]:
+        places, first = self.expected.in_picture(frame, camera), self.first
+        people = ask_for_people(lambda: detector.look_again(image, places), detector, camera, frame)
+        if self.describe is None:
+            return people, np.zeros((len(people), 0))
+        before = np.flatnonzero((first.frame == frame) & (first.camera == camera))
+        if first.embedding is None or not len(before):
+            return people, self.describe(image, people.box, camera, frame)
+        offset = np.abs(people.box[:, None] - first.box[before]).max(-1)
+        changed = offset.min(1) > SAME
+        vectors = first.embedding[before[offset.argmin(1)]]
+        vectors[changed] = self.describe(image, people.box[changed], camera, frame)
+        return people, vectors
 
 
 def track_heights(

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree._run._cache import StageCache, code_hash, content_hash
-from catfree._run._cached_detection import detect_with_cache, fingerprint_of, fit_with_cache
+from catfree._run._cached_detection import detect_with_cache, fingerprint_of
+from catfree._run._camera_detectors import CameraDetectors
 from catfree._run._input_checks import tiny_boxes
 from catfree._run._second_look import expected_people, look_again
 from catfree._run._stitch import stitch_tracks
@@ -22,7 +23,6 @@ from catfree.adapters.protocols import (
     GuidedDetector,
     Reconstructor,
 )
-from catfree.adapters.video._detect_videos import detect_videos, fit_to_cameras
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration import Calibration, calibrate
 from catfree.calibration._calibrate import begin_calibration, finish_calibration
@@ -39,17 +39,14 @@ T = TypeVar("T")
 
 def detect(
     videos: SynchronizedVideos,
-    detector: Detector | FittedToCamera,
+    cameras: CameraDetectors,
     embedder: Embedder | None = None,
     *,
-    fitted: Sequence[Detector] | None = None,
     cache: StageCache | None = None,
     progress: Progress | None = None,
 ) -> Detections:
-    """First stage: detect people in all videos; see `detect_videos`."""
-    if cache is None:
-        return detect_videos(videos, detector, embedder, progress, fitted=fitted)
-    return detect_with_cache(videos, detector, embedder, cache, progress)
+    """First stage: detect people in all videos; see `detect_with_cache`."""
+    return detect_with_cache(videos, cameras, embedder, cache, progress)
 
 
 def calibrate_cameras(
@@ -159,13 +156,12 @@ def reconstruct(
 
 def detect_again(
     videos: SynchronizedVideos,
-    detector: FittedToCamera,
+    cameras: CameraDetectors,
     embedder: Embedder | None,
     detections: Detections,
     scene: Scene,
     settings: Settings,
     *,
-    fitted: Sequence[Detector] | None = None,
     cache: StageCache | None = None,
     progress: Progress | None = None,
 ) -> Detections:
@@ -173,12 +169,11 @@ def detect_again(
 
     Args:
         videos: the footage.
-        detector: as `run`.
+        cameras: the detectors of the first pass.
         embedder: as `run`.
         detections: boxes of the first pass.
         scene: cameras and ground.
         settings: of the localization.
-        fitted: the result of `fit_to_cameras`, if available.
         cache: holds a finished second pass.
         progress: called as `progress(stage, done, total)`.
 
@@ -189,22 +184,15 @@ def detect_again(
     settings = everywhere(settings)
 
     def look() -> Detections:
-        if fitted is not None:
-            cameras = fitted
-        elif cache is not None:
-            cameras = fit_with_cache(videos, detector, cache, progress)
-        else:
-            cameras = fit_to_cameras(videos, detector, progress)
-        guided = [one for one in cameras if isinstance(one, GuidedDetector)]
-        if len(guided) < len(cameras):
+        if not all(isinstance(one, GuidedDetector) for one in cameras.fitted):
             return detections
         first = _localize(detections, scene, settings, videos.silent, progress)
         expected = expected_people(first, detections, scene)
-        return look_again(videos, guided, embedder, expected, detections, progress)
+        return look_again(videos, cameras, embedder, expected, detections, progress)
 
     keys = (content_hash(detections), content_hash(scene))
     if cache is not None:
-        parts = {"detector": detector, "embedder": embedder}
+        parts = {"detector": cameras.detector, "embedder": embedder}
         names = (fingerprint_of(part, role) for role, part in parts.items() if part is not None)
         keys = (videos.fingerprint, *names, *keys)
     return _cached(cache, "second-look", Detections, look, keys, settings)

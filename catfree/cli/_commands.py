@@ -133,6 +133,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         overlay: bool = False,
         blur: bool = False,
         embeddings: bool = False,
+        workers: int | None = None,
     ) -> None:
         """Track the people in the videos of several static cameras.
 
@@ -163,6 +164,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             overlay: write a video of all cameras with the tracks drawn in.
             blur: make people unrecognizable in pictures and overlay.
             embeddings: write the appearance vectors, which recognize people, to detections.npz.
+            workers: processes that find people by background subtraction; one per processor if not
+                given.
         """
         if all(path.is_file() for path in videos) and are_boxes(videos):
             raise InvalidInputError(
@@ -178,6 +181,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree._run._report import footage_table
         from catfree._run._result_folder import write_folder, write_overlay
         from catfree._run._run import run_stages
+        from catfree._run._worker import processor_count
 
         settings, known_anchors = settings_of(method), open_anchors(anchors)
         footage = open_videos(
@@ -206,6 +210,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 scene_names=names,
                 maximum_offset=max_offset,
                 anchors=known_anchors,
+                workers=processor_count() if workers is None else workers,
                 unfinished=unfinished,
             )
         footage = outcome.videos or footage
@@ -308,7 +313,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             frames: number of frames, 5 per second.
             size: width and height of the videos in pixels.
             method: the localization method.
-            workers: rendering processes; one per processor if not given.
+            workers: processes that render and detect; one per processor if not given.
             pictures: draw plots, and write pictures of the cameras for the report.
             blur: make people unrecognizable in the pictures of the results.
         """
@@ -368,6 +373,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         if not of_boxes:
             require_files(videos, detector=detector)
         from catfree._run._cache import StageCache
+        from catfree._run._camera_detectors import CameraDetectors
         from catfree._run._input_checks import (
             calibration_warnings,
             footage_warnings,
@@ -376,6 +382,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree._run._report import camera_table, footage_table
         from catfree._run._result_folder import write_rig
         from catfree._run._stages import calibrate_cameras, detect
+        from catfree._run._worker import processor_count
         from catfree.adapters.background._background_detector import BackgroundDetector
         from catfree.settings import Settings
 
@@ -397,7 +404,9 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 boxes = source.detections
             else:
                 unfinished.videos, unfinished.warnings = source, footage_warnings(source)
-                boxes = detect(source, finder, cache=stages, progress=progress)
+                workers = processor_count()
+                with CameraDetectors(source, finder, stages, progress, workers=workers) as cameras:
+                    boxes = detect(source, cameras, cache=stages, progress=progress)
                 unfinished.detections = boxes
             calibration = calibrate_cameras(
                 source,

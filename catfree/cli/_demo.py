@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from catfree._run._result_folder import write_folder
 from catfree._run._run import RunOutcome, run_stages
+from catfree._run._worker import processor_count
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import InvalidInputError
 from catfree.evaluation import (
@@ -121,7 +122,7 @@ def run_demo(
         frames: number of frames, 5 per second.
         image_size: width and height of the videos in pixels.
         settings: of the localization, `DEMO_SETTINGS` if None.
-        workers: rendering processes; None: one per processor.
+        workers: processes that render and detect; None: one per processor.
         pictures: draw plots; None: if matplotlib is installed.
         blur: make people unrecognizable in the pictures of the results.
         progress: called as `progress(stage, done, total)`.
@@ -161,7 +162,9 @@ def run_demo(
     )
     videos = render_videos(world, root / "videos", progress, workers=workers)
     # From here on, only the video files are used.
-    outcome = run_stages(videos, settings=settings, progress=progress)
+    outcome = run_stages(
+        videos, settings=settings, progress=progress, workers=workers or processor_count()
+    )
     scores = score(world, outcome)
     truth = truth_in_scene(world, outcome.scene)
     score_blocks: list[Block] = [

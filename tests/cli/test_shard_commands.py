@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import catfree as cf
-from catfree._run.sharded._worker import ONE_THREAD
+from catfree._run._worker import ONE_THREAD
 from catfree.adapters import write_detections_parquet, write_scene_json
 from catfree.cli import _commands as cli
 from catfree.cli._shard_commands import _scene_for

@@ -13,9 +13,9 @@ import pytest
 import catfree as cf
 from catfree._run import _cache as cache_module, _stages as stages_module
 from catfree._run._cache import StageCache, content_hash
-from catfree._run._cached_detection import PIECE, fit_with_cache
+from catfree._run._cached_detection import PIECE, detect_with_cache
+from catfree._run._camera_detectors import CameraDetectors
 from catfree._run._run import run, run_stages
-from catfree._run._stages import detect
 from catfree.adapters import (
     BackgroundDetector,
     ColorEmbedder,
@@ -59,6 +59,11 @@ class ReadsItsPicture:
         rows = (self.detections.frame == frame) & (self.detections.camera == camera)
         box = self.detections.box[rows]
         return FrameDetections(box, np.full(len(box), self.score))
+
+
+def detect(videos, detector, embedder=None, cache=None, **options):
+    with CameraDetectors(videos, detector, cache, **options) as cameras:
+        return detect_with_cache(videos, cameras, embedder, cache)
 
 
 class Unused:
@@ -427,11 +432,11 @@ def test_learnt_backgrounds_are_kept(tmp_path):
     def count(stage, done, total):
         fits.append((stage, total))
 
-    first = fit_with_cache(videos, BackgroundDetector(), stages, count)
+    first = CameraDetectors(videos, BackgroundDetector(), stages, count).fitted
     assert fits == [("fit", 20)] * 20
     next(iter(stages.folder.glob("background-*"))).unlink()
     fits.clear()
-    again = fit_with_cache(videos, BackgroundDetector(), stages, count)
+    again = CameraDetectors(videos, BackgroundDetector(), stages, count).fitted
     assert fits == [("fit", 10)] * 10  # one camera
     for camera, (one, other) in enumerate(zip(first, again, strict=True)):
         assert one.fingerprint == other.fingerprint

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from catfree._run._camera_detectors import CameraDetectors
 from catfree._run._second_look import expected_people, look_again
 from catfree.adapters import FrameDetections, SynchronizedVideos
 from catfree.methods._localize import localize
@@ -77,6 +78,10 @@ class CountsBoxes:
         return np.tile(np.eye(64)[0], (len(box), 1))
 
 
+def again_by(videos, detector, *arguments):
+    return look_again(videos, CameraDetectors(videos, detector), *arguments)
+
+
 @pytest.mark.slow
 def test_people_are_expected_where_they_are(world, found):
     """Foot, head and column of most true bodies in view, within a few hundredths of a height."""
@@ -128,17 +133,24 @@ def test_boxes_that_stay_keep_their_embedding(world, found, videos):
     expected = expected_people(found, world.detections, world.true_scene)
     same = Repeats(world.detections)
     counter = CountsBoxes()
-    again = look_again(videos, [same] * 4, counter, expected, world.detections)
+    again = again_by(videos, same, counter, expected, world.detections)
     assert counter.asked == 0
     np.testing.assert_array_equal(again.embedding, world.detections.embedding)
-    moved = look_again(videos, [Believes()] * 4, counter, expected, world.detections)
+    moved = look_again(
+        videos, CameraDetectors(videos, Believes()), counter, expected, world.detections
+    )
     assert counter.asked == len(moved) == len(expected.frame)
-    assert look_again(videos, [same] * 4, None, expected, world.detections).embedding is None
+    assert (
+        look_again(
+            videos, CameraDetectors(videos, same), None, expected, world.detections
+        ).embedding
+        is None
+    )
 
 
 def test_nobody_was_found_and_nobody_is_expected(world, videos):
     empty = world.detections[:0]
     expected = expected_people(localize(empty, world.true_scene), empty, world.true_scene)
     assert len(expected.frame) == 0
-    again = look_again(videos, [Believes()] * 4, None, expected, empty)
+    again = again_by(videos, Believes(), None, expected, empty)
     assert len(again) == 0

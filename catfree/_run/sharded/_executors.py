@@ -13,12 +13,17 @@ from concurrent.futures import (
 )
 from typing import Any
 
+from catfree._run._worker import (
+    inherited,
+    processor_count,
+    start_worker,
+    worker_environment,
+)
 from catfree._run.sharded._join import join_shards
 from catfree._run.sharded._receipt import recording_folder
 from catfree._run.sharded._run_shard import run_shard
 from catfree._run.sharded._shard import Shard, StrPath
 from catfree._run.sharded._stored_tracks import StoredTracks
-from catfree._run.sharded._worker import inherited, start_worker, worker_environment
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.errors import CatFreeError, ForkedProcessError, InvalidInputError, ShardError
 from catfree.settings import Settings
@@ -190,8 +195,7 @@ def require_not_forking(executor: Executor) -> None:
 
 def default_workers() -> int:
     """Number of worker processes that processors and free memory allow."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    processors = len(affinity(0)) if affinity is not None else os.cpu_count() or 1
+    processors = processor_count()
     try:
         memory = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):  # not known on this system

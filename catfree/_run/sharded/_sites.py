@@ -16,7 +16,7 @@ from jaxtyping import Int
 from catfree._run._cache import code_hash
 from catfree._run._cached_detection import fingerprint_of
 from catfree._run._input_checks import order_like
-from catfree._run._stages import calibrate_cameras, detect
+from catfree._run._stages import calibrate_cameras
 from catfree._run.sharded._executors import error_of, executor_for, run_shards
 from catfree._run.sharded._plan_file import METHODS
 from catfree._run.sharded._receipt import recording_folder
@@ -40,6 +40,7 @@ from catfree.adapters.files._camera_names import names_of_files
 from catfree.adapters.files._documents import read_text
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
+from catfree.adapters.video import detect_videos
 from catfree.calibration import calibrate, read_anchors
 from catfree.calibration.people import Anchor
 from catfree.errors import (
@@ -451,7 +452,7 @@ def _calibrate_stretch(
 ) -> Scene:
     if shard.videos:
         videos = open_videos(shard)
-        boxes = detect(videos, detector)
+        boxes = detect_videos(videos, detector)
         return calibrate_cameras(videos, detector, boxes, settings, anchors=anchors).scene
     boxes = boxes_of(shard)
     boxes = boxes[~np.isin(boxes.frame, silent_pictures(shard)[:, 0])]

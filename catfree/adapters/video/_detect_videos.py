@@ -155,7 +155,7 @@ class Blind:
 
 def detect_instant(
     pictures: Mapping[int, Image],
-    detectors: Sequence[Detector],
+    detectors: Mapping[int, Detector] | Sequence[Detector],
     shared: BatchDetector | None,
     frame: int,
 ) -> dict[int, FrameDetections]:
@@ -163,7 +163,7 @@ def detect_instant(
 
     Args:
         pictures: by camera; those that exist.
-        detectors: one detector per camera.
+        detectors: by camera.
         shared: the common detector that processes all pictures at once, or None.
         frame: the frame of the instant, for messages.
 

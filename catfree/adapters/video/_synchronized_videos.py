@@ -342,19 +342,25 @@ class SynchronizedVideos:
         for tick, pictures in self.pictures_from(first):
             yield tick, [pictures.get(camera, black[camera]) for camera in range(len(black))]
 
-    def pictures_from(self, first: int = 0) -> Iterator[tuple[int, dict[int, Image]]]:
+    def pictures_from(
+        self, first: int = 0, cameras: Sequence[int] | None = None
+    ) -> Iterator[tuple[int, dict[int, Image]]]:
         """Iterate over the pictures that exist, by camera, of the instants from a position on.
 
         Args:
             first: as `instants_from`.
+            cameras: whose pictures to decode; None for all.
 
         Raises:
-            InvalidInputError: if the position is negative.
+            InvalidInputError: if the position is negative, or there is no such camera.
             FileFormatError: as iterating over all instants does.
         """
         if first < 0:
             raise InvalidInputError(f"first is {first}; positions among the instants start at 0.")
-        yield from self._instants(range(self.camera_count), first)
+        chosen = range(self.camera_count) if cameras is None else cameras
+        for camera in chosen:
+            self._require_camera(camera)
+        yield from self._instants(chosen, first)
 
     def pictures_of(self, camera: int) -> Iterator[Image]:
         """Iterate over one camera's pictures of the instants, without decoding the others.
@@ -366,16 +372,18 @@ class SynchronizedVideos:
             InvalidInputError: if there is no such camera.
             FileFormatError: as iterating over the instants does.
         """
+        for _, pictures in self.pictures_from(0, [camera]):
+            yield from pictures.values()
+
+    def _require_camera(self, camera: int) -> None:
         if not 0 <= camera < self.camera_count:
             raise InvalidInputError(
                 f"There is no camera {camera}; the videos belong to cameras 0 to "
                 f"{self.camera_count - 1}."
             )
-        for _, pictures in self._instants([camera]):
-            yield from pictures.values()
 
     def _instants(
-        self, cameras: Sequence[int], first: int = 0
+        self, cameras: Sequence[int], first: int
     ) -> Iterator[tuple[int, dict[int, Image]]]:
         self.interruption = None
         with contextlib.ExitStack() as stack:
