@@ -19,7 +19,7 @@ import numpy as np
 
 import catfree as cf
 from catfree import RunOutcome, run_stages, write_results
-from catfree._run._second_look import track_heights
+from catfree._run.detection._second_look import track_heights
 from catfree.adapters import (
     MultiViewSequence,
     ReIdOnnx,

@@ -1,1 +1,1 @@
-"""From videos to tracks: stages, cache, second look, report, result folder, and shards."""
+"""From videos to tracks: stages, cache, detection, report, result folder, and shards."""

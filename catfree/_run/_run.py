@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from catfree._run._cache import StageCache
-from catfree._run._camera_detectors import CameraDetectors
 from catfree._run._input_checks import (
     calibration_warnings,
     clock_warnings,
@@ -25,6 +24,7 @@ from catfree._run._stages import (
     localize_people,
     reconstruct,
 )
+from catfree._run.detection._camera_detectors import CameraDetectors
 from catfree.adapters.background._background_detector import BackgroundDetector
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.embedders._color_embedder import ColorEmbedder

@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree._run._cache import StageCache, code_hash, content_hash
-from catfree._run._cached_detection import detect_with_cache, fingerprint_of
-from catfree._run._camera_detectors import CameraDetectors
 from catfree._run._input_checks import tiny_boxes
-from catfree._run._second_look import expected_people, look_again
 from catfree._run._stitch import stitch_tracks
+from catfree._run.detection._cached_detection import detect_with_cache, fingerprint_of
+from catfree._run.detection._camera_detectors import CameraDetectors
+from catfree._run.detection._second_look import expected_people, look_again
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import (

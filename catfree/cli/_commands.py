@@ -373,7 +373,6 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         if not of_boxes:
             require_files(videos, detector=detector)
         from catfree._run._cache import StageCache
-        from catfree._run._camera_detectors import CameraDetectors
         from catfree._run._input_checks import (
             calibration_warnings,
             footage_warnings,
@@ -383,6 +382,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree._run._result_folder import write_rig
         from catfree._run._stages import calibrate_cameras, detect
         from catfree._run._worker import processor_count
+        from catfree._run.detection._camera_detectors import CameraDetectors
         from catfree.adapters.background._background_detector import BackgroundDetector
         from catfree.settings import Settings
 

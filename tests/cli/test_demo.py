@@ -121,7 +121,7 @@ def test_the_pipeline_gets_the_files_and_nothing_else(tmp_path, monkeypatch):
         pictures=False,
     )
     ((videos, options),) = given
-    assert set(options) == {"settings", "progress"}
+    assert set(options) == {"settings", "progress", "workers"}
     assert list(videos) == sorted((tmp_path / "videos").glob("*.mp4"))
     assert result.scores[0].moda == pytest.approx(100)
     report = (tmp_path / "report.md").read_text()

@@ -13,9 +13,9 @@ import pytest
 import catfree as cf
 from catfree._run import _cache as cache_module, _stages as stages_module
 from catfree._run._cache import StageCache, content_hash
-from catfree._run._cached_detection import PIECE, detect_with_cache
-from catfree._run._camera_detectors import CameraDetectors
 from catfree._run._run import run, run_stages
+from catfree._run.detection._cached_detection import PIECE, detect_with_cache
+from catfree._run.detection._camera_detectors import CameraDetectors
 from catfree.adapters import (
     BackgroundDetector,
     ColorEmbedder,

@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree._run._cache import code_hash, content_hash, to_arrays
-from catfree._run._cached_detection import fingerprint_of
 from catfree._run._run import run_stages
 from catfree._run._stages import everywhere, localize_people
 from catfree._run._stitch import Habits, Pieces, collect_pieces, learn_habits
+from catfree._run.detection._cached_detection import fingerprint_of
 from catfree._run.sharded._receipt import (
     SCENE_FILE,
     SCHEMA,

@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree._run._cache import code_hash
-from catfree._run._cached_detection import fingerprint_of
 from catfree._run._input_checks import order_like
 from catfree._run._stages import calibrate_cameras
+from catfree._run.detection._cached_detection import fingerprint_of
 from catfree._run.sharded._executors import error_of, executor_for, run_shards
 from catfree._run.sharded._plan_file import METHODS
 from catfree._run.sharded._receipt import recording_folder

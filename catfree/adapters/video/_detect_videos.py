@@ -110,33 +110,57 @@ def fit_to_cameras(
     if not isinstance(detector, FittedToCamera):
         return [detector] * videos.camera_count
     before = {} if known is None else known
-    counts = [one.pictures for one in videos.footage]
-    total = sum(count for camera, count in enumerate(counts) if camera not in before)
+    total = sum(one.pictures for at, one in enumerate(videos.footage) if at not in before)
     numbers, lock = count(1), Lock()
 
-    def pictures(camera: int) -> Iterator[Image]:
-        for image in videos.pictures_of(camera):
-            yield image
-            if progress is not None:
-                with lock:
-                    progress("fit", next(numbers), total)
+    def report() -> None:
+        if progress is not None:
+            with lock:
+                progress("fit", next(numbers), total)
 
     def fit(camera: int) -> Detector:
         if camera in before:
             return before[camera]
-        try:
-            fitted = detector.fit(pictures(camera))
-        except (InsufficientDataError, InvalidInputError) as error:
-            if isinstance(error, InsufficientDataError) and counts[camera] < videos.frame_count:
-                return Blind()
-            name = f"Camera {camera} ({videos.camera_names[camera]!r})"
-            raise type(error)(f"{name}: {error}") from error
+        fitted = fit_to_camera(videos, detector, camera, report)
         if learnt is not None:
             learnt(camera, fitted)
         return fitted
 
     with ThreadPoolExecutor(min(videos.camera_count, os.cpu_count() or 1)) as pool:
         return list(pool.map(fit, range(videos.camera_count)))
+
+
+def fit_to_camera(
+    videos: SynchronizedVideos,
+    detector: FittedToCamera,
+    camera: int,
+    report: Callable[[], None],
+) -> Detector:
+    """Return the detector of one camera; it finds nobody if the camera lacks too many pictures.
+
+    Args:
+        videos: the cameras' pictures.
+        detector: to be fitted.
+        camera: its index.
+        report: called after each picture.
+
+    Raises:
+        InsufficientDataError: naming the camera, if its footage is too short.
+    """
+
+    def pictures() -> Iterator[Image]:
+        for image in videos.pictures_of(camera):
+            yield image
+            report()
+
+    try:
+        return detector.fit(pictures())
+    except (InsufficientDataError, InvalidInputError) as error:
+        lacks_pictures = videos.footage[camera].pictures < videos.frame_count
+        if isinstance(error, InsufficientDataError) and lacks_pictures:
+            return Blind()
+        name = f"Camera {camera} ({videos.camera_names[camera]!r})"
+        raise type(error)(f"{name}: {error}") from error
 
 
 class Blind:

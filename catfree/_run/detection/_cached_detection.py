@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree._run._cache import StageCache, code_hash
-from catfree._run._camera_detectors import CameraDetectors, Instant
+from catfree._run.detection._camera_detectors import CameraDetectors, Instant
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import (
     BatchDetector,

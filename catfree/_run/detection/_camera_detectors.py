@@ -1,10 +1,11 @@
 """The detectors of all cameras: fitted once per run, and at work in this process or in several."""
 
+import contextlib
 import multiprocessing
 import pickle
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from functools import cached_property
@@ -21,7 +22,7 @@ from catfree.adapters.background._background_detector import (
 from catfree.adapters.background._foreground_memory import ForegroundMemory
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import Detector, FittedToCamera, Image
-from catfree.adapters.video._detect_videos import fit_to_cameras
+from catfree.adapters.video._detect_videos import fit_to_camera, fit_to_cameras
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import CatFreeError, FileFormatError
 from catfree.types._annotations import Progress
@@ -34,6 +35,7 @@ Instant = tuple[int, dict[int, T]]
 InstantWork = Callable[[Mapping[int, Detector], int, Mapping[int, Image]], dict[int, T]]
 
 CHUNK = 5  # instants per answer of a process
+POLL = 0.1  # seconds between two looks for reports
 AHEAD = 2  # chunks that each process may be ahead, so that it never waits
 
 
@@ -69,6 +71,7 @@ class CameraDetectors:
         several = isinstance(detector, FittedToCamera)
         self._workers = min(workers, videos.camera_count) if several else 1
         self._processes: list[ProcessPoolExecutor] = []
+        self._reports: Any = None
 
     def __enter__(self) -> "CameraDetectors":
         """Return itself."""
@@ -96,11 +99,10 @@ class CameraDetectors:
             FileFormatError: as `fit_to_cameras`.
             WriteError: if a background cannot be stored.
         """
-        videos, detector, cache, progress = (
-            self._videos, self.detector, self._cache, self._progress,
-        )  # fmt: skip
+        videos, detector, cache = self._videos, self.detector, self._cache
+        known: dict[int, Detector] = {}
         if cache is None or not isinstance(detector, BackgroundDetector):
-            return fit_to_cameras(videos, detector, progress)
+            return self._fit(known, lambda camera, fitted: None)
         stage, common = "background", (code_hash("adapters", "types"), videos.fingerprint)
 
         def key(camera: int) -> str:
@@ -110,13 +112,41 @@ class CameraDetectors:
             if isinstance(fitted, FittedBackgroundDetector):
                 cache.store(stage, key(camera), replace(fitted, memory=None))
 
-        known: dict[int, Detector] = {}
         for camera in range(videos.camera_count):
             stored = cache.load(stage, key(camera), FittedBackgroundDetector)
             if stored is not None:
-                memory = ForegroundMemory(stored.background.compare)
-                known[camera] = replace(stored, memory=memory)
-        return fit_to_cameras(videos, detector, progress, known=known, learnt=keep)
+                known[camera] = _remembering(stored)
+        return self._fit(known, keep)
+
+    def _fit(
+        self, known: Mapping[int, Detector], learnt: Callable[[int, Detector], None]
+    ) -> list[Detector]:
+        """Fit the cameras that are not known yet."""
+        videos, detector, progress = self._videos, self.detector, self._progress
+        if self._workers == 1 or not isinstance(detector, FittedToCamera):
+            return fit_to_cameras(videos, detector, progress, known=known, learnt=learnt)
+        total = sum(one.pictures for at, one in enumerate(videos.footage) if at not in known)
+        done, fitted = 0, dict(known)
+        with self._running() as processes:
+            tasks: dict[Future[Detector], int] = {
+                processes[camera % self._workers].submit(
+                    _fit_here, videos, detector, camera, known.get(camera)
+                ): camera
+                for camera in range(videos.camera_count)
+            }
+            pending = set(tasks)
+            while pending:
+                finished, pending = wait(pending, POLL, FIRST_COMPLETED)
+                while not self._reports.empty():
+                    done += self._reports.get()
+                    if progress is not None:
+                        progress("fit", done, total)
+                for task in finished:
+                    camera = tasks[task]
+                    if camera not in known:
+                        fitted[camera] = _remembering(task.result())
+                        learnt(camera, fitted[camera])
+        return [fitted[camera] for camera in range(videos.camera_count)]
 
     def instants(
         self,
@@ -152,70 +182,109 @@ class CameraDetectors:
         self, videos: SynchronizedVideos, work: InstantWork[T], first: int
     ) -> Iterator[Instant[T]]:
         videos.interruption = None
-        answers: list[deque[Future[_Answer]]] = []
-        try:
-            for begun in self._begin(videos, work, first):
-                begun.result()
-            answers = [
-                deque(process.submit(_next_chunk) for _ in range(AHEAD))
-                for process in self._processes
+        _ = self.fitted  # in the processes
+        with self._running() as processes:
+            begun = [
+                process.submit(
+                    _begin, videos, work, range(at, videos.camera_count, len(processes)), first
+                )
+                for at, process in enumerate(processes)
             ]
-            while True:
-                parts = [queue.popleft().result() for queue in answers]
-                count = min(len(instants) for instants, _ in parts)
-                for at in range(count):
-                    results = [instants[at] for instants, _ in parts]
-                    joined = {camera: one for _, some in results for camera, one in some.items()}
-                    yield results[0][0], dict(sorted(joined.items()))
-                if count < CHUNK:
-                    ended = [error for instants, error in parts if len(instants) == count]
-                    videos.interruption = next((error for error in ended if error), None)
-                    return
-                for process, queue in zip(self._processes, answers, strict=True):
-                    queue.append(process.submit(_next_chunk))
+            for one in begun:
+                one.result()
+            answers = [
+                deque(process.submit(_next_chunk) for _ in range(AHEAD)) for process in processes
+            ]
+            try:
+                while True:
+                    parts: list[_Answer] = [queue.popleft().result() for queue in answers]
+                    count = min(len(instants) for instants, _ in parts)
+                    for at in range(count):
+                        results = [instants[at] for instants, _ in parts]
+                        joined = {key: one for _, some in results for key, one in some.items()}
+                        yield results[0][0], dict(sorted(joined.items()))
+                    if count < CHUNK:
+                        ended = [error for instants, error in parts if len(instants) == count]
+                        videos.interruption = next((error for error in ended if error), None)
+                        return
+                    for process, queue in zip(processes, answers, strict=True):
+                        queue.append(process.submit(_next_chunk))
+            finally:
+                for future in (future for queue in answers for future in queue):
+                    future.cancel()
+
+    @contextlib.contextmanager
+    def _running(self) -> Iterator[list[ProcessPoolExecutor]]:
+        """The processes, started if need be; camera c belongs to process c modulo their number."""
+        environment = worker_environment()
+        if not self._processes:
+            # Neither JAX nor OpenCV survive a fork.
+            context = multiprocessing.get_context("spawn")
+            self._reports = context.SimpleQueue()
+            self._processes = [
+                ProcessPoolExecutor(
+                    1,
+                    mp_context=context,
+                    initializer=_start_worker,
+                    initargs=(environment, self._reports),
+                )
+                for _ in range(self._workers)
+            ]
+        try:
+            with inherited(environment):  # a process starts with its first task
+                for task in [process.submit(_is_ready) for process in self._processes]:
+                    task.result()
+            yield self._processes
         except BrokenProcessPool as error:
             raise CatFreeError(
                 "The processes that look at the pictures ended early. Call run from under "
                 "`if __name__ == '__main__':`, or with workers=1."
             ) from error
-        finally:
-            for future in (future for queue in answers for future in queue):
-                future.cancel()
 
-    def _begin(
-        self, videos: SynchronizedVideos, work: InstantWork[Any], first: int
-    ) -> list[Future[None]]:
-        """Give each process its cameras' part of the work; start the processes if none run."""
-        groups = [range(at, videos.camera_count, self._workers) for at in range(self._workers)]
-        environment = worker_environment()
-        if not self._processes:
-            self._processes = [
-                ProcessPoolExecutor(
-                    1,
-                    # Neither JAX nor OpenCV survive a fork.
-                    mp_context=multiprocessing.get_context("spawn"),
-                    initializer=_start_worker,
-                    initargs=(environment, {camera: self.fitted[camera] for camera in cameras}),
-                )
-                for cameras in groups
-            ]
-        with inherited(environment):  # by processes, which start with their first task
-            return [
-                process.submit(_begin, videos, work, cameras, first)
-                for process, cameras in zip(self._processes, groups, strict=True)
-            ]
+
+def _remembering(detector: Detector) -> Detector:
+    """The detector with a memory of its own, if it has one."""
+    if not isinstance(detector, FittedBackgroundDetector):
+        return detector
+    return replace(detector, memory=ForegroundMemory(detector.background.compare))
 
 
 # An answer of a process: instants, fewer than asked for at the end, and what ended them.
 _Answer = tuple[list[Instant[Any]], FileFormatError | None]
 
-# Set only in worker processes: the detectors of its cameras, the footage and the work in progress.
+# Set only in worker processes: the queue of reports, the detectors of its cameras, the footage and
+# the work in progress.
 _worker: dict[str, Any] = {}
 
 
-def _start_worker(environment: Mapping[str, str], detectors: dict[int, Detector]) -> None:
+def _start_worker(environment: Mapping[str, str], reports: Any) -> None:
     start_worker(environment)
-    _worker["detectors"] = detectors
+    _worker.update(reports=reports, detectors={})
+
+
+def _is_ready() -> bool:
+    return True
+
+
+def _fit_here(
+    videos: SynchronizedVideos, detector: FittedToCamera, camera: int, known: Detector | None
+) -> Detector:
+    """Fit a camera unless its detector is known; keep it, and return it without its memory."""
+    waiting = 0
+
+    def report() -> None:
+        nonlocal waiting
+        waiting += 1
+        if waiting == CHUNK:
+            _worker["reports"].put(waiting)
+            waiting = 0
+
+    fitted = fit_to_camera(videos, detector, camera, report) if known is None else known
+    _worker["reports"].put(waiting)
+    _worker["detectors"][camera] = fitted
+    if isinstance(fitted, FittedBackgroundDetector):
+        return replace(fitted, memory=None)
+    return fitted
 
 
 def _begin(videos: SynchronizedVideos, work: InstantWork[Any], cameras: range, first: int) -> None:

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from catfree._run._camera_detectors import CameraDetectors
-from catfree._run._second_look import expected_people, look_again
+from catfree._run.detection._camera_detectors import CameraDetectors
+from catfree._run.detection._second_look import expected_people, look_again
 from catfree.adapters import FrameDetections, SynchronizedVideos
 from catfree.methods._localize import localize
 from catfree.synthetic import make_world

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import catfree as cf
-from catfree._run._cached_detection import detect_with_cache
-from catfree._run._camera_detectors import CHUNK, CameraDetectors
-from catfree._run._second_look import ExpectedPeople, look_again
+from catfree._run._cache import StageCache
+from catfree._run.detection._cached_detection import detect_with_cache
+from catfree._run.detection._camera_detectors import CHUNK, CameraDetectors
+from catfree._run.detection._second_look import ExpectedPeople, look_again
 from catfree.adapters import BackgroundDetector, ColorEmbedder, FrameDetections, SynchronizedVideos
 from catfree.errors import CatFreeError, InvalidInputError
 from tests.run.test_run import same_content
@@ -35,22 +36,41 @@ def folders(tmp_path_factory):
     return paths
 
 
-def both_looks(videos, workers):
+def both_looks(videos, workers, cache=None):
+    """Detections of both passes, and the calls of progress."""
     expected = ExpectedPeople(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)))
-    with CameraDetectors(videos, BackgroundDetector(), workers=workers) as cameras:
+    calls = []
+
+    def note(*call):
+        calls.append(call)
+
+    with CameraDetectors(videos, BackgroundDetector(), cache, note, workers=workers) as cameras:
         found = detect_with_cache(videos, cameras, ColorEmbedder(), None)
         again = look_again(videos, cameras, ColorEmbedder(), expected, found)
-    return found, again
+    return found, again, calls
 
 
 @pytest.mark.slow
 def test_any_number_of_workers_finds_the_same(folders):
     videos = SynchronizedVideos(folders, fewest_cameras=2)
     assert len(videos.silent) == 1
-    expected = both_looks(videos, 1)
+    *expected, calls = both_looks(videos, 1)
     assert len(expected[0]) > FRAMES
-    for one, other in zip(expected, both_looks(videos, 8), strict=True):
-        assert same_content(one, other)
+    *found, told = both_looks(videos, 8)
+    assert all(same_content(*pair) for pair in zip(expected, found, strict=True))
+    pictures = CAMERAS * FRAMES - 1
+    assert calls[-1] == told[-1] == ("fit", pictures, pictures)
+    assert [done for _, done, _ in told] == sorted(done for _, done, _ in told)
+
+
+@pytest.mark.slow
+def test_a_background_that_is_known_is_not_learned_again(folders, tmp_path):
+    videos, cache = SynchronizedVideos(folders[::2]), StageCache(tmp_path)
+    *expected, _ = both_looks(videos, 2, cache)
+    next(iter(cache.folder.glob("background-*"))).unlink()
+    *found, told = both_looks(videos, 2, cache)
+    assert told[-1] == ("fit", FRAMES, FRAMES)  # one camera
+    assert all(same_content(*pair) for pair in zip(expected, found, strict=True))
 
 
 @pytest.mark.slow
@@ -63,12 +83,10 @@ def test_damaged_footage_ends_where_it_ends_in_one_process(tmp_path, folders, br
         for picture in folder.glob("*.png"):
             (paths[-1] / picture.name).write_bytes(picture.read_bytes())
     videos = SynchronizedVideos(paths, on_error="keep")
-    fitted = CameraDetectors(videos, BackgroundDetector()).fitted
     (paths[1] / f"{broken:02d}.png").write_bytes(b"no picture")
     found, said = [], []
     for workers in (1, 2):
-        with CameraDetectors(videos, BackgroundDetector(), workers=workers) as cameras:
-            cameras.__dict__["fitted"] = fitted
+        with CameraDetectors(videos, Fits("finds", FRAMES), workers=workers) as cameras:
             found.append(detect_with_cache(videos, cameras, None, None))
         said.append(str(videos.interruption))
     assert found[0].frame.max() == broken - 1

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree._run._camera_detectors import CameraDetectors
+from catfree._run.detection._camera_detectors import CameraDetectors
 from catfree.adapters.protocols import Embedder, FrameDetections, GuidedDetector, Image
 from catfree.adapters.video._detect_videos import collect_detections
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
