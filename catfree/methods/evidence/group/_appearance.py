@@ -69,7 +69,7 @@ def compare_frames(boxes: Boxes) -> Appearance | None:
     slot[:n, 0] = boxes.frame[:n]
     slot[:n, 1] = np.arange(n) - boxes.first[boxes.frame[:n]]
     width = coarse_length(int(count.max(initial=1)), 8, 2)
-    return Appearance(boxes.embedding.astype(np.float32), slot, boxes.first, width)
+    return Appearance(boxes.embedding, slot, boxes.first, width)
 
 
 @jax.tree_util.register_dataclass

@@ -37,7 +37,7 @@ class Boxes:
         ankles: (N,) whether ankles are confirmed; true if ankles were not checked.
         valid: (N,) whether the row is not padding, and its pixels have rays.
         table: (F, C, B) rows of each frame and camera, -1 for none.
-        embedding: (N, D) unit vectors, or None.
+        embedding: (N, D) unit vectors in single precision, or None.
         first: (F + 1,) first row of each frame.
         silent: (F, C) whether a camera is known to have no picture of a frame.
     """
@@ -183,8 +183,8 @@ def prepare_boxes(
     embedding = None
     if detections.embedding is not None:
         raw = np.asarray(detections.embedding, np.float64)[rows]
-        raw = raw / np.maximum(np.linalg.norm(raw, axis=-1, keepdims=True), 1e-12)
-        embedding = pad(raw, 0.0)
+        length = np.maximum(np.linalg.norm(raw, axis=-1, keepdims=True), 1e-12)
+        embedding = pad((raw / length).astype(np.float32), 0.0)
     return Boxes(
         row=rows,
         frames=frames,
