@@ -40,12 +40,14 @@ from catfree.methods.evidence.track._existence import (
 from catfree.methods.online._tracker_state import Learned, TrackerState, rescaled
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
+from catfree.types._sampling import evenly_spread
 
 SETTLED = 64  # instants of the sample after which noise changes little: the limit of batch is 60
 INTERVAL = 512  # instants between later looks at noise, so that it follows slow changes
 WIDEST_SPACING = 32  # instants of the sample are at most so far apart: older ones are forgotten
 MEMORY = 2000.0  # instants after which a count weighs less by a factor of e
 PLACES = 4096  # reported people whose places are remembered
+USUAL_PLACES = 1024  # of them, those that teach what is usual, in a tenth of an instant's time
 SAMPLED = ("frame", "camera", "box", "ankles_confirmed", "embedding")  # columns remembered
 TIMES = 101  # instants whose usual distance is the usual step
 
@@ -185,7 +187,8 @@ def learn_places(
     places = np.concatenate([learned.places, place])[-PLACES:]
     usual = learned.usual
     if len(places) and (fully or np.isnan(usual).any()):
-        found = usual_place(places[:, :2], places[:, 2], places[:, 3].astype(np.int64), settings)
+        some = evenly_spread(places, USUAL_PLACES)
+        found = usual_place(some[:, :2], some[:, 2], some[:, 3].astype(np.int64), settings)
         usual = np.array(found)
     return replace(learned, places=places, usual=usual)
 

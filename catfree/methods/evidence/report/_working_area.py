@@ -21,8 +21,10 @@ from catfree.methods.evidence.observe._views import (
 )
 from catfree.methods.evidence.observe._visibility import Views
 from catfree.settings import EvidenceSettings
+from catfree.types._sampling import evenly_spread
 
-SAMPLE_BLOCK = 4096  # positions are padded to this times a power of four
+SAMPLE_BLOCK = 1024  # positions are padded to this times a power of four
+MOST_SAMPLES = 16 * SAMPLE_BLOCK  # positions that teach what is usual
 
 _log_otsu = jax.jit(log_otsu)
 
@@ -125,11 +127,14 @@ def usual_place(
     """Learn from people, at least one; each place counts once, however long somebody stands there.
 
     Args:
-        xy: as `in_working_area`; positions closer than `report_radius` share the weight of one.
+        xy: as `in_working_area`, of which an even sample is used if there are many; positions
+            closer than `report_radius` share the weight of one.
         sigma: as `in_working_area`.
         whole: as `in_working_area`.
         settings: constants.
     """
+    some = evenly_spread(np.arange(len(sigma)), MOST_SAMPLES)
+    xy, sigma, whole = xy[some], sigma[some], whole[some]
     near = KDTree(xy).query_ball_point(xy, settings.report_radius, return_length=True)
     weight = 1 / near
     sample = np.pad(sigma, (0, coarse_length(len(sigma), SAMPLE_BLOCK) - len(sigma)))
