@@ -51,7 +51,6 @@ class EvidenceSettings:
         cover_slope: noise that the bottom edge gains per hidden share within `cover_ramp`.
         border_margin: share of the image width within which an edge counts as cut.
         side_cut_noise: center noise of a box cut at the side.
-        joined_top: noise factor of the top of a box that is too tall and whose foot is doubted.
         foot_outlier: share of bottom edges that are not at the feet at all, so that neither place
             nor height can be relied upon.
         largest_sigma: a single view with a larger uncertainty, in H0, carries no information.
@@ -172,11 +171,6 @@ class EvidenceSettings:
     )
     side_cut_noise: float = constant(
         0.3, "physical", "half of a body's width is 0.2 to 0.4 of its height"
-    )
-    joined_top: float = constant(
-        3.0,
-        "physical",
-        "such a box may hold two people; its top is then off by the distance between their heads",
     )
     foot_outlier: float = constant(
         0.1,

@@ -72,7 +72,6 @@ class BoxConstants(NamedTuple):
     cover_slope: float
     cover_ramp: tuple[float, float]
     side_cut_noise: float
-    joined_top: float
     foot_outlier: float
     largest_sigma: float
     use_height: bool
@@ -185,8 +184,6 @@ def measure(
     whole = ~cut[1] & ~cut[2]
     trust = jnp.where(whole & constants.use_height, jnp.clip(trust, LEAST_TRUST, 1.0), 1.0)
     share = share.at[2].multiply(1 / jnp.sqrt(trust))
-    joined = (trust < 0.5) & (height > 1)
-    share = share.at[1].multiply(jnp.where(joined, constants.joined_top, 1.0))
     noise = edge_deviation(size, share, angular * focal)
 
     used = jnp.stack([jnp.ones((), bool), ~cut[1] & constants.use_height, ~cut[2]])

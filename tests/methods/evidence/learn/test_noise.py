@@ -155,8 +155,10 @@ def test_people_far_from_where_a_camera_puts_them_hardly_make_it_noisier():
     share = np.array([RULES.edge_noise] * CAMERAS)
     crowd = noisy(0, share)
     plain, _ = crowd.learned()
-    wrong = np.random.default_rng(1).random(PEOPLE) < 0.1
-    crowd.edges[wrong, 0, 0] += 80.0  # pixels: about two people's width, ten deviations
+    rng = np.random.default_rng(1)
+    wrong = rng.random(PEOPLE) < 0.1
+    # Pixels: about two people's width, ten deviations, to either side.
+    crowd.edges[wrong, 0, 0] += 80.0 * rng.choice([-1, 1], wrong.sum())
     noise, _ = crowd.learned()
     # Of a tenth of outliers the MAD grows by a seventh, a deviation would by a factor of three.
     assert noise.edge[0, 0] == pytest.approx(1.14 * plain.edge[0, 0], rel=0.1)
