@@ -82,7 +82,6 @@ class EvidenceSettings:
         detection_rate_start: detection rate of all cameras before counting.
         detection_rate_range: bounds of the detection rate of a class before counting, which may
             halve the distance to certainty.
-        smallest_detection_rate: lower bound of the rate in a camera that did see the person.
         clutter_pseudo_counts: boxes that the ratio of a camera is worth against those of one place.
         clutter_range: bounds of the ratio of clutter to people.
         outage_expected: expected detections in an empty picture above which there was no picture.
@@ -252,9 +251,6 @@ class EvidenceSettings:
         "decision",
         "nothing is certain or impossible; after counting, a miss is never evidence of more than a "
         "hundred to one",
-    )
-    smallest_detection_rate: float = constant(
-        0.2, "decision", "a person who was detected was visible at least this much"
     )
     clutter_pseudo_counts: float = constant(
         20.0, "decision", "with fewer than twenty boxes, a place follows its camera"

@@ -144,7 +144,8 @@ def log_odds_without_clutter(
     """
     if settings.use_misses:
         gain = gain + misses(probability, member)
-    rate = np.maximum(probability, settings.smallest_detection_rate)
+    # Who was detected was visible, whatever was expected.
+    rate = np.maximum(probability, settings.detection_rate_range[0])
     return gain + np.where(member >= 0, np.log(rate), 0.0).sum(1)
 
 

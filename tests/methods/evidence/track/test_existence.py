@@ -82,7 +82,7 @@ seen_by = st.lists(st.booleans(), min_size=CAMERAS, max_size=CAMERAS).filter(any
 def test_log_odds_are_gain_and_finds_and_misses_written_out(seen, rate, gain):
     expected = gain
     for found, p in zip(seen, rate, strict=True):
-        expected += np.log(max(p, PLAIN.smallest_detection_rate) if found else 1 - p)
+        expected += np.log(max(p, PLAIN.detection_rate_range[0]) if found else 1 - p)
     assert one(seen, gain).judged(rate).log_odds[0] == pytest.approx(expected, abs=1e-9)
 
 
