@@ -152,7 +152,9 @@ def _likeliest_start(
         begin = start._replace(noise=eqx.tree_at(lambda n: n.angular, start.noise, angular))
         searches.append(_Search(boxes, covered, scene, begin, settings))
         evidence.append(searches[-1].evidence(rounds))
-    vague = evidence[1] > settings.far_more_evidence * evidence[0]
+    # From too few people nothing is learned, and the high start is not an estimate.
+    learned = searches[1].after(START_ROUNDS[1]).noise.angular <= settings.angular_noise_range[1]
+    vague = learned and evidence[1] > settings.far_more_evidence * evidence[0]
     return (searches[1], START_ROUNDS[1]) if vague else (searches[0], 0)
 
 
