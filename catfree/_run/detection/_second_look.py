@@ -37,7 +37,7 @@ class ExpectedPeople:
     """Predicted image positions of tracked people, one row per person and image.
 
     Attributes:
-        frame: (K,) frame.
+        frame: (K,) frame, in order.
         camera: (K,) camera.
         place: (K, 3) foot column, foot row and height in pixels; the foot is the sole that the
             camera sees, nearer than the body's axis.
@@ -49,7 +49,15 @@ class ExpectedPeople:
 
     def in_picture(self, frame: int, camera: int) -> Float[np.ndarray, "n 3"]:
         """Return the places in one image."""
-        return self.place[(self.frame == frame) & (self.camera == camera)]
+        return self.place[rows_of_picture(self.frame, self.camera, frame, camera)]
+
+
+def rows_of_picture(
+    frames: Int[np.ndarray, " n"], cameras: Int[np.ndarray, " n"], frame: int, camera: int
+) -> Int[np.ndarray, " k"]:
+    """Rows of one image among rows in order of frame, without a look at the other frames."""
+    begin, end = np.searchsorted(frames, [frame, frame + 1])
+    return begin + np.flatnonzero(cameras[begin:end] == camera)
 
 
 def expected_people(
@@ -113,7 +121,7 @@ def look_again(
     if embedder is not None:
         known = first.embedding
         describe = Describer(embedder, known.shape[1] if known is not None and len(known) else None)
-    look = _SecondLook(describe, expected, first)
+    look = _SecondLook(describe, expected, first[np.argsort(first.frame, kind="stable")])
     for done, (frame, instant) in enumerate(cameras.instants(videos, look), start=1):
         for camera, (people, vectors) in instant.items():
             found.append((frame, camera, people))
@@ -133,7 +141,7 @@ class _SecondLook:
     Attributes:
         describe: computes the embeddings, or None.
         expected: predicted places of people.
-        first: detections of the first pass.
+        first: detections of the first pass, in order of frame.
     """
 
     describe: Describer | None
@@ -155,7 +163,7 @@ class _SecondLook:
         people = ask_for_people(lambda: detector.look_again(image, places), detector, camera, frame)
         if self.describe is None:
             return people, np.zeros((len(people), 0))
-        before = np.flatnonzero((first.frame == frame) & (first.camera == camera))
+        before = rows_of_picture(first.frame, first.camera, frame, camera)
         if first.embedding is None or not len(before):
             return people, self.describe(image, people.box, camera, frame)
         offset = np.abs(people.box[:, None] - first.box[before]).max(-1)
