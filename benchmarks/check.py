@@ -6,6 +6,9 @@ without any turn give the false alarms. Then one camera of simulated minutes is 
 a frame up to 20 frames, or its clock runs fast or slow: errors of `cf.estimate_clocks`, and the
 share within two stated standard deviations.
 
+`--still FIRST END` instead checks simulated recordings of 12 minutes in which nothing happens, of
+these numbers, and counts the false alarms; a hundred take an hour.
+
 DATA is the folder with the real sequences; without it, worlds are simulated only.
 """
 
@@ -13,7 +16,7 @@ import argparse
 import dataclasses
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,7 +31,7 @@ from catfree.types._sampling import frame_step
 
 LAYOUTS = ("ring5", "ring4", "wildtrack", "ring6")
 DEGREES = (0.0, 0.5, 1.0, 2.0, 5.0)
-FRAMES, MINUTE = 150, 300
+FRAMES, MINUTE, LONG = 150, 300, 3600
 LAGS = (0.0, 0.3, 1.5, 6.4, 20.0)
 RATES = (0.001, 0.003, 0.01)
 REAL = ("cmc1", "cmc3", "wildtrack_0_715")
@@ -50,16 +53,16 @@ class Recording(NamedTuple):
     hours: float
 
 
-def simulated(count: int) -> Iterator[Recording]:
+def simulated(numbers: Iterable[int], frames: int = FRAMES) -> Iterator[Recording]:
     """Worlds with the usual errors of a rig from reconstructions, or with none."""
-    for number in range(count):
+    for number in numbers:
         error = RigError() if number % 2 else RigError(0.0, 0.0, 0.0, 0.0, 0.0)
         layout = LAYOUTS[number // 2 % len(LAYOUTS)]
-        world = make_world(layout, number, frames=FRAMES, people=8, rig_error=error)
+        world = make_world(layout, number, frames=frames, people=8, rig_error=error)
         rate = world.layout.fps
         boxes = dataclasses.replace(world.detections, clock=cf.Clock(rate))
         kind = "worlds, disturbed rig" if number % 2 else "worlds, true rig"
-        yield Recording(kind, world.scene, boxes, FRAMES / rate / 3600)
+        yield Recording(kind, world.scene, boxes, frames / rate / 3600)
 
 
 def real(data: Path) -> Iterator[Recording]:
@@ -95,7 +98,7 @@ def turned(
     return dataclasses.replace(boxes, box=np.where(kept[:, None], box, boxes.box))[kept]
 
 
-def turns(recordings: Iterator[Recording], rng: np.random.Generator) -> None:
+def turns(recordings: Iterable[Recording], rng: np.random.Generator) -> None:
     """Print detection rates, errors and false alarms by recording and size of the turn."""
     rows: dict[tuple[str, float], list[tuple[bool, int, float, float, float]]] = defaultdict(list)
     hours: dict[tuple[str, float], float] = defaultdict(float)
@@ -137,6 +140,18 @@ def turns(recordings: Iterator[Recording], rng: np.random.Generator) -> None:
     for name, verdicts in wrong.items():
         tally = {one: verdicts.count(one) for one in sorted(set(verdicts))}
         print(f"{name:24} nothing happened: {tally}", flush=True)
+
+
+def still(recordings: Iterable[Recording]) -> None:
+    """Print how often a camera that stands still is said to have moved, by kind of recording."""
+    alarms: dict[str, int] = defaultdict(int)
+    hours: dict[str, float] = defaultdict(float)
+    for recording in recordings:
+        cameras = cf.check(recording.scene, recording.detections).cameras
+        alarms[recording.name] += sum(one.since is not None for one in cameras)
+        hours[recording.name] += len(cameras) * recording.hours
+        said = (f"{name}: {alarms[name]} in {hours[name]:.1f}" for name in sorted(hours))
+        print(f"false alarms in camera-hours: {', '.join(said)}", flush=True)
 
 
 def late_world(
@@ -222,10 +237,14 @@ def main() -> None:
     parser.add_argument("data", nargs="?", type=Path)
     parser.add_argument("--worlds", type=int, default=20)
     parser.add_argument("--only", choices=("turns", "clocks", "real"))
+    parser.add_argument("--still", type=int, nargs=2, metavar=("FIRST", "END"))
     options = parser.parse_args()
     begin = time.perf_counter()
+    if options.still is not None:
+        still(simulated(range(*options.still), LONG))
+        return
     if options.only in (None, "turns"):
-        turns(simulated(options.worlds), np.random.default_rng(0))
+        turns(simulated(range(options.worlds)), np.random.default_rng(0))
     if options.only in (None, "real") and options.data is not None:
         turns(real(options.data), np.random.default_rng(1))
     if options.only in (None, "clocks"):
