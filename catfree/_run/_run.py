@@ -216,7 +216,8 @@ def run_stages(
     require_own_process()
     settings = Settings() if settings is None else settings
     require_instance(settings, Settings, "settings")
-    if as_count(workers, "workers") < 1:
+    workers = as_count(workers, "workers")
+    if workers < 1:
         raise InvalidInputError(f"workers is {workers}; it must be at least 1.")
     scene, scene_names = scene_of(scene, scene_names)
     stages = {"detector": detector, "embedder": embedder, "reconstructor": reconstructor}

@@ -26,6 +26,11 @@ OF_JAX = ("PJRT_NPROC", "XLA_FLAGS")
 QUICK_COMPILATION = "--xla_cpu_use_fusion_emitters=false"
 LAST_WITH_OPTION = (0, 10)  # of jaxlib
 
+# Who lends variables at present, and the values before.
+_lending = threading.Lock()
+_borrowers: list[dict[str, str]] = []
+_before: dict[str, str | None] = {}
+
 
 def jaxlib_version() -> tuple[int, ...]:
     """Major and minor version of jaxlib, without importing it."""
@@ -67,19 +72,27 @@ def inherited(environment: Mapping[str, str]) -> Iterator[None]:
     """Let processes that start meanwhile inherit variables, except those of JAX.
 
     A spawned process imports the caller's script, and often NumPy with it, before `start_worker`
-    runs. This process has imported NumPy already, so the variables do not affect it.
+    runs. This process has imported NumPy already, so the variables do not affect it. Of several
+    threads, the last one to leave restores what was before the first.
     """
     lent = {name: value for name, value in environment.items() if name not in OF_JAX}
-    before = {name: os.environ.get(name) for name in lent}
-    os.environ.update(lent)
+    with _lending:
+        _borrowers.append(lent)
+        for name, value in lent.items():
+            _before.setdefault(name, os.environ.get(name))
+            os.environ[name] = value
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        with _lending:
+            _borrowers.remove(lent)
+            if not _borrowers:
+                for name, value in _before.items():
+                    if value is None:
+                        os.environ.pop(name, None)
+                    else:
+                        os.environ[name] = value
+                _before.clear()
 
 
 def start_worker(environment: Mapping[str, str]) -> None:

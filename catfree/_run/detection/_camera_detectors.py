@@ -2,6 +2,7 @@
 
 import contextlib
 import multiprocessing
+import os
 import pickle
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -11,7 +12,7 @@ from dataclasses import replace
 from functools import cached_property
 from itertools import islice
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from catfree._run._cache import StageCache, code_hash
 from catfree._run._worker import inherited, start_worker, worker_environment
@@ -63,14 +64,17 @@ class CameraDetectors:
             cache: holds backgrounds that an earlier run learned.
             progress: called as progress("fit", done, total).
             workers: most processes, at most one per camera. Detectors that are not fitted to
-                cameras, and embedders that cannot be pickled, use this process only: those are
-                networks, which use all processors.
+                cameras use this process only, because they are networks, which use all processors;
+                so do detectors and embedders that cannot be pickled, and processes that may not
+                start others.
         """
         self.detector = detector
         self._videos, self._cache, self._progress = videos, cache, progress
-        several = isinstance(detector, FittedToCamera)
+        several = isinstance(detector, FittedToCamera) and _can_be_sent(detector)
+        several = several and not multiprocessing.current_process().daemon
         self._workers = min(workers, videos.camera_count) if several else 1
         self._processes: list[ProcessPoolExecutor] = []
+        self._started: set[int] = set()
         self._reports: Any = None
 
     def __enter__(self) -> "CameraDetectors":
@@ -83,10 +87,14 @@ class CameraDetectors:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """End the processes."""
+        """End the processes; after an error at once, whatever they are doing."""
         for process in self._processes:
             process.shutdown(wait=False, cancel_futures=True)
-        self._processes = []
+        if kind is not None:
+            for child in multiprocessing.active_children():
+                if child.pid in self._started:
+                    child.terminate()
+        self._processes, self._started = [], set()
 
     @cached_property
     def fitted(self) -> list[Detector]:
@@ -198,14 +206,20 @@ class CameraDetectors:
             try:
                 while True:
                     parts: list[_Answer] = [queue.popleft().result() for queue in answers]
-                    count = min(len(instants) for instants, _ in parts)
+                    count = min(len(part.instants) for part in parts)
                     for at in range(count):
-                        results = [instants[at] for instants, _ in parts]
+                        results = [part.instants[at] for part in parts]
                         joined = {key: one for _, some in results for key, one in some.items()}
                         yield results[0][0], dict(sorted(joined.items()))
                     if count < CHUNK:
-                        ended = [error for instants, error in parts if len(instants) == count]
-                        videos.interruption = next((error for error in ended if error), None)
+                        # What happened later in other processes, one process would not have met.
+                        ended = [part for part in parts if len(part.instants) == count]
+                        interruptions = [one.interruption for one in ended if one.interruption]
+                        errors = [one.error for one in ended if one.error]
+                        if interruptions:
+                            videos.interruption = interruptions[0]
+                        elif errors:
+                            raise errors[0]
                         return
                     for process, queue in zip(processes, answers, strict=True):
                         queue.append(process.submit(_next_chunk))
@@ -216,10 +230,21 @@ class CameraDetectors:
     @contextlib.contextmanager
     def _running(self) -> Iterator[list[ProcessPoolExecutor]]:
         """The processes, started if need be; camera c belongs to process c modulo their number."""
+        try:
+            if not self._processes:
+                self._start()
+            yield self._processes
+        except BrokenProcessPool as error:
+            raise CatFreeError(
+                "The processes that look at the pictures ended early. Call run from under "
+                "`if __name__ == '__main__':`, or with workers=1."
+            ) from error
+
+    def _start(self) -> None:
         environment = worker_environment()
-        if not self._processes:
-            # Neither JAX nor OpenCV survive a fork.
-            context = multiprocessing.get_context("spawn")
+        # Neither JAX nor OpenCV survive a fork.
+        context = multiprocessing.get_context("spawn")
+        try:
             self._reports = context.SimpleQueue()
             self._processes = [
                 ProcessPoolExecutor(
@@ -230,15 +255,13 @@ class CameraDetectors:
                 )
                 for _ in range(self._workers)
             ]
-        try:
             with inherited(environment):  # a process starts with its first task
-                for task in [process.submit(_is_ready) for process in self._processes]:
-                    task.result()
-            yield self._processes
-        except BrokenProcessPool as error:
+                begun = [process.submit(os.getpid) for process in self._processes]
+                self._started = {task.result() for task in begun}
+        except OSError as error:
             raise CatFreeError(
-                "The processes that look at the pictures ended early. Call run from under "
-                "`if __name__ == '__main__':`, or with workers=1."
+                f"The processes that look at the pictures cannot be started ({error}). Call run "
+                "with workers=1."
             ) from error
 
 
@@ -249,8 +272,19 @@ def _remembering(detector: Detector) -> Detector:
     return replace(detector, memory=ForegroundMemory(detector.background.compare))
 
 
-# An answer of a process: instants, fewer than asked for at the end, and what ended them.
-_Answer = tuple[list[Instant[Any]], FileFormatError | None]
+class _Answer(NamedTuple):
+    """An answer of a process.
+
+    Attributes:
+        instants: fewer than asked for at the end.
+        interruption: of the footage, which ended them.
+        error: of the work or the footage, which ended them.
+    """
+
+    instants: list[Instant[Any]]
+    interruption: FileFormatError | None
+    error: Exception | None
+
 
 # Set only in worker processes: the queue of reports, the detectors of its cameras, the footage and
 # the work in progress.
@@ -260,10 +294,6 @@ _worker: dict[str, Any] = {}
 def _start_worker(environment: Mapping[str, str], reports: Any) -> None:
     start_worker(environment)
     _worker.update(reports=reports, detectors={})
-
-
-def _is_ready() -> bool:
-    return True
 
 
 def _fit_here(
@@ -279,11 +309,20 @@ def _fit_here(
             _worker["reports"].put(waiting)
             waiting = 0
 
-    fitted = fit_to_camera(videos, detector, camera, report) if known is None else known
-    _worker["reports"].put(waiting)
+    try:
+        fitted = fit_to_camera(videos, detector, camera, report) if known is None else known
+    except Exception as error:
+        raise _sendable(error) from None
+    if waiting:
+        _worker["reports"].put(waiting)
     _worker["detectors"][camera] = fitted
     if isinstance(fitted, FittedBackgroundDetector):
         return replace(fitted, memory=None)
+    if not _can_be_sent(fitted):
+        raise CatFreeError(
+            f"The detector fitted to camera {camera}, a {type(fitted).__name__}, cannot be pickled "
+            "and so cannot leave its process. Call run with workers=1."
+        )
     return fitted
 
 
@@ -297,12 +336,27 @@ def _begin(videos: SynchronizedVideos, work: InstantWork[Any], cameras: range, f
 
 
 def _next_chunk() -> _Answer:
-    return list(islice(_worker["instants"], CHUNK)), _worker["videos"].interruption
-
-
-def _can_be_sent(work: Callable[..., Any]) -> bool:
+    instants: list[Instant[Any]] = []
+    failure = None
     try:
-        pickle.dumps(work)
-    except (pickle.PicklingError, AttributeError, TypeError):
+        instants.extend(islice(_worker["instants"], CHUNK))  # keeps those before an error
+    except Exception as error:
+        failure = _sendable(error)
+    return _Answer(instants, _worker["videos"].interruption, failure)
+
+
+def _can_be_sent(value: Any) -> bool:
+    try:
+        pickle.dumps(value)
+    except Exception:  # of a class of anybody's
         return False
     return True
+
+
+def _sendable(error: Exception) -> Exception:
+    """The error, or its text if the class of somebody else's exception cannot be unpickled."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return CatFreeError(f"{type(error).__name__}: {error}")
+    return error

@@ -83,7 +83,17 @@ class Describer:
 
 
 def join_descriptions(parts: list[np.ndarray]) -> Float[np.ndarray, "n d"]:
-    """Concatenate the rows, skipping pictures without people, whose row length is unknown."""
+    """Concatenate the rows, skipping pictures without people, whose row length is unknown.
+
+    Raises:
+        InvalidInputError: if their lengths differ, between cameras of different processes.
+    """
+    widths = sorted({part.shape[1] for part in parts if len(part)})
+    if len(widths) > 1:
+        raise InvalidInputError(
+            f"The embedder returned rows of {widths[0]} and of {widths[-1]} numbers; all must have "
+            "one length."
+        )
     return np.concatenate([part for part in parts if len(part)] or parts[:1])
 
 

@@ -1,7 +1,10 @@
 """Every number of worker processes sees what one process sees, and ends as it ends."""
 
+import multiprocessing
 import os
-from dataclasses import dataclass
+import threading
+import time
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -13,7 +16,7 @@ from catfree._run.detection._cached_detection import detect_with_cache
 from catfree._run.detection._camera_detectors import CHUNK, CameraDetectors
 from catfree._run.detection._second_look import ExpectedPeople, look_again
 from catfree.adapters import BackgroundDetector, ColorEmbedder, FrameDetections, SynchronizedVideos
-from catfree.errors import CatFreeError, InvalidInputError
+from catfree.errors import CatFreeError, InsufficientDataError, InvalidInputError
 from tests.run.test_run import same_content
 
 CAMERAS, FRAMES = 3, 3 * CHUNK + 2
@@ -70,6 +73,7 @@ def test_a_background_that_is_known_is_not_learned_again(folders, tmp_path):
     next(iter(cache.folder.glob("background-*"))).unlink()
     *found, told = both_looks(videos, 2, cache)
     assert told[-1] == ("fit", FRAMES, FRAMES)  # one camera
+    assert both_looks(videos, 2, cache)[2] == []
     assert all(same_content(*pair) for pair in zip(expected, found, strict=True))
 
 
@@ -166,6 +170,160 @@ def test_a_worker_that_ended_is_said(folders):
         pytest.raises(CatFreeError, match=r"ended early.*workers=1"),
     ):
         detect_with_cache(videos, cameras, None, None)
+
+
+@dataclass
+class FailsAlone(Fits):
+    """Fails on the pictures of the first camera, and takes minutes for those of the others."""
+
+    def fit(self, images):
+        if next(iter(images))[0, 0, 0] == 0:
+            raise InsufficientDataError("nothing to learn")
+        time.sleep(300)
+
+
+def pictures_of(tmp_path, colors, frames=2):
+    """Videos of plain pictures."""
+    for camera, color in enumerate(colors):
+        folder = tmp_path / str(camera)
+        folder.mkdir()
+        for frame in range(frames):
+            cv2.imwrite(str(folder / f"{frame:02d}.png"), np.full((32, 32, 3), color, np.uint8))
+    return SynchronizedVideos([tmp_path / str(camera) for camera in range(len(colors))])
+
+
+@pytest.mark.slow
+def test_after_an_error_nobody_waits_for_the_other_processes(tmp_path):
+    videos = pictures_of(tmp_path, (0, 100))
+    before = set(multiprocessing.active_children())
+    with (
+        pytest.raises(InsufficientDataError, match="nothing to learn"),
+        CameraDetectors(videos, FailsAlone("fails", 0), workers=2) as cameras,
+    ):
+        _ = cameras.fitted
+    end = time.monotonic() + 60
+    while set(multiprocessing.active_children()) - before:
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+class TwoWordsError(Exception):
+    """Somebody else's exception, which cannot be unpickled."""
+
+    def __init__(self, one, two):
+        super().__init__(f"{one} {two}")
+
+
+@dataclass
+class FittedFails(Fitted):
+    """A detector whose library fails."""
+
+    def __call__(self, image):
+        raise TwoWordsError("network", "down")
+
+
+@dataclass
+class FitsFailing(Fits):
+    """Fits `FittedFails`."""
+
+    def fit(self, images):
+        return FittedFails(self.fingerprint, 0)
+
+
+@pytest.mark.slow
+def test_an_exception_of_somebody_elses_keeps_its_words(tmp_path):
+    videos = pictures_of(tmp_path, (0, 100))
+    with (
+        CameraDetectors(videos, FitsFailing("fails", 0), workers=2) as cameras,
+        pytest.raises(CatFreeError, match="TwoWordsError: network down"),
+    ):
+        detect_with_cache(videos, cameras, None, None)
+
+
+@dataclass
+class WrongInBright(Fitted):
+    """Goes wrong in bright pictures only."""
+
+    def __call__(self, image):
+        found = super().__call__(image)
+        return found if image[0, 0, 0] else FrameDetections(np.zeros((0, 4)), np.zeros(0))
+
+
+@dataclass
+class FitsWrong(Fits):
+    """Fits `WrongInBright`."""
+
+    def fit(self, images):
+        return WrongInBright(self.fingerprint, self.wrong_from)
+
+
+@pytest.mark.slow
+def test_what_one_process_would_not_have_met_is_not_met(tmp_path):
+    """Footage of one camera ends before the detector of the other goes wrong."""
+    videos = pictures_of(tmp_path, (100, 0), frames=3 * CHUNK)
+    videos = SynchronizedVideos([tmp_path / "0", tmp_path / "1"], on_error="keep")
+    end = CHUNK + 1
+    (tmp_path / "1" / f"{end:02d}.png").write_bytes(b"no picture")
+    found = []
+    for workers in (1, 2):
+        with CameraDetectors(videos, FitsWrong("wrong", end + 2), workers=workers) as cameras:
+            found.append(detect_with_cache(videos, cameras, None, None))
+    assert len(found[0]) == end
+    assert same_content(*found)
+
+
+@dataclass
+class Locked(Fits):
+    """Cannot be pickled."""
+
+    lock: object = field(default_factory=threading.Lock)
+
+
+@dataclass
+class FittedLocked(Fitted):
+    """Cannot be pickled."""
+
+    lock: object = field(default_factory=threading.Lock)
+
+
+@dataclass
+class FitsLocked(Fits):
+    """Fits `FittedLocked`."""
+
+    def fit(self, images):
+        return FittedLocked(self.fingerprint, self.wrong_from)
+
+
+@pytest.mark.slow
+def test_detectors_that_cannot_be_sent_work_here_or_say_so(tmp_path):
+    videos = pictures_of(tmp_path, (0, 100))
+    with CameraDetectors(videos, Locked("locked", 9), workers=2) as cameras:
+        assert len(detect_with_cache(videos, cameras, None, None)) == 4
+    with (
+        CameraDetectors(videos, FitsLocked("locked", 9), workers=2) as cameras,
+        pytest.raises(CatFreeError, match=r"camera \d, a FittedLocked, cannot be pickled.*=1"),
+    ):
+        detect_with_cache(videos, cameras, None, None)
+
+
+class LooksOfTwoLengths:
+    """Describes people by as many numbers as the picture is bright."""
+
+    fingerprint = "looks"
+
+    def __call__(self, image, box):
+        return np.ones((len(box), 3 + int(image[0, 0, 0] > 50)))
+
+
+@pytest.mark.slow
+def test_looks_of_two_lengths_are_refused_across_processes(tmp_path):
+    videos = pictures_of(tmp_path, (0, 100))
+    for workers in (1, 2):
+        with (
+            CameraDetectors(videos, Fits("finds", 9), workers=workers) as cameras,
+            pytest.raises(InvalidInputError, match=r"LooksOfTwo|returned rows"),
+        ):
+            detect_with_cache(videos, cameras, LooksOfTwoLengths(), None)
 
 
 def test_work_that_cannot_be_sent_is_done_here(folders):
