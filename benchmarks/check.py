@@ -6,8 +6,8 @@ without any turn give the false alarms. Then one camera of simulated minutes is 
 a frame up to 20 frames, or its clock runs fast or slow: errors of `cf.estimate_clocks`, and the
 share within two stated standard deviations.
 
-`--still FIRST END` instead checks simulated recordings of 12 to 30 minutes in which nothing happens,
-of these numbers, and counts the false alarms; a hundred take an hour.
+`--still FIRST END` instead checks simulated recordings in which nothing happens, of these numbers
+and of 12 to 30 minutes, and counts the false alarms; a hundred take an hour.
 
 DATA is the folder with the real sequences; without it, worlds are simulated only.
 """
