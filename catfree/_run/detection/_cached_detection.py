@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from catfree._run._cache import StageCache, code_hash
 from catfree._run.detection._camera_detectors import CameraDetectors, Instant
+from catfree._run.detection._rows_of_picture import rows_of_picture
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import (
     BatchDetector,
@@ -89,7 +90,7 @@ class _Detection:
 
 
 def _stored(boxes: Detections, frame: int, camera: int) -> FrameDetections:
-    rows = (boxes.frame == frame) & (boxes.camera == camera)
+    rows = rows_of_picture(boxes.frame, boxes.camera, frame, camera)
     score = np.ones(len(boxes)) if boxes.score is None else boxes.score
     return FrameDetections(boxes.box[rows], score[rows])
 
@@ -236,5 +237,5 @@ def _join(pieces: Sequence[_Piece], videos: SynchronizedVideos) -> Detections:
         complete = all(value is not None for value in values)
         columns[name] = np.concatenate(values) if complete else None
     looks = [piece.looks.embedding for piece in peopled if piece.looks is not None]
-    columns["embedding"] = np.concatenate(looks) if len(looks) == len(peopled) else None
+    columns["embedding"] = join_descriptions(looks) if len(looks) == len(peopled) else None
     return Detections(**columns, clock=videos.clock)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree._run.detection._camera_detectors import CameraDetectors
+from catfree._run.detection._rows_of_picture import rows_of_picture
 from catfree.adapters.protocols import Embedder, FrameDetections, GuidedDetector, Image
 from catfree.adapters.video._detect_videos import collect_detections
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
@@ -50,14 +51,6 @@ class ExpectedPeople:
     def in_picture(self, frame: int, camera: int) -> Float[np.ndarray, "n 3"]:
         """Return the places in one image."""
         return self.place[rows_of_picture(self.frame, self.camera, frame, camera)]
-
-
-def rows_of_picture(
-    frames: Int[np.ndarray, " n"], cameras: Int[np.ndarray, " n"], frame: int, camera: int
-) -> Int[np.ndarray, " k"]:
-    """Rows of one image among rows in order of frame, without a look at the other frames."""
-    begin, end = np.searchsorted(frames, [frame, frame + 1])
-    return begin + np.flatnonzero(cameras[begin:end] == camera)
 
 
 def expected_people(

@@ -88,13 +88,14 @@ def join_descriptions(parts: list[np.ndarray]) -> Float[np.ndarray, "n d"]:
     Raises:
         InvalidInputError: if their lengths differ, between cameras of different processes.
     """
-    widths = sorted({part.shape[1] for part in parts if len(part)})
+    known = [part for part in parts if len(part)] or parts[:1]
+    widths = sorted({part.shape[1] for part in known})
     if len(widths) > 1:
         raise InvalidInputError(
             f"The embedder returned rows of {widths[0]} and of {widths[-1]} numbers; all must have "
             "one length."
         )
-    return np.concatenate([part for part in parts if len(part)] or parts[:1])
+    return np.concatenate(known)
 
 
 def _place(part: Any, camera: int, frame: int) -> str:

@@ -5,10 +5,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
 
 from catfree._run.detection._camera_detectors import CameraDetectors
-from catfree._run.detection._second_look import expected_people, look_again, rows_of_picture
+from catfree._run.detection._second_look import expected_people, look_again
 from catfree.adapters import FrameDetections, SynchronizedVideos
 from catfree.methods._localize import localize
 from catfree.synthetic import make_world
@@ -155,13 +154,3 @@ def test_nobody_was_found_and_nobody_is_expected(world, videos):
     assert len(expected.frame) == 0
     again = again_by(videos, Believes(), None, expected, empty)
     assert len(again) == 0
-
-
-@given(st.integers(0, 10**6), st.integers(0, 60), st.integers(0, 9), st.integers(0, 3))
-def test_rows_of_a_picture_are_those_of_its_frame_and_camera(seed, n, frame, camera):
-    rng = np.random.default_rng(seed)
-    frames, cameras = np.sort(rng.integers(0, 8, n)), rng.integers(0, 3, n)
-    np.testing.assert_array_equal(
-        rows_of_picture(frames, cameras, frame, camera),
-        np.flatnonzero((frames == frame) & (cameras == camera)),
-    )
