@@ -81,7 +81,7 @@ class EvidenceSettings:
         height_quantiles: of a camera's boxes, between small, usual and large people.
         detection_rate_start: detection rate of all cameras before counting.
         detection_rate_range: bounds of the detection rate of a class before counting, which may
-            halve the distance to certainty.
+            halve the distance to certainty; the lower one holds in a camera that did see somebody.
         clutter_pseudo_counts: boxes that the ratio of a camera is worth against those of one place.
         clutter_range: bounds of the ratio of clutter to people.
         outage_expected: expected detections in an empty picture above which there was no picture.

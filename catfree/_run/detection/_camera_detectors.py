@@ -70,8 +70,12 @@ class CameraDetectors:
         """
         self.detector = detector
         self._videos, self._cache, self._progress = videos, cache, progress
-        several = isinstance(detector, FittedToCamera) and _can_be_sent(detector)
-        several = several and not multiprocessing.current_process().daemon
+        several = (
+            workers > 1
+            and isinstance(detector, FittedToCamera)
+            and not multiprocessing.current_process().daemon
+            and _can_be_sent(detector)
+        )
         self._workers = min(workers, videos.camera_count) if several else 1
         self._processes: list[ProcessPoolExecutor] = []
         self._started: set[int] = set()
