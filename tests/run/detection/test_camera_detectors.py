@@ -120,9 +120,10 @@ class Fits:
 
     fingerprint: str
     wrong_from: int
+    kind: type = Fitted
 
     def fit(self, images):
-        return Fitted(self.fingerprint, self.wrong_from)
+        return self.kind(self.fingerprint, self.wrong_from)
 
 
 @pytest.mark.slow
@@ -154,19 +155,11 @@ class EndsItsProcess(Fitted):
         os._exit(1)
 
 
-@dataclass
-class Dies(Fits):
-    """Its detectors end their process."""
-
-    def fit(self, images):
-        return EndsItsProcess(self.fingerprint, self.wrong_from)
-
-
 @pytest.mark.slow
 def test_a_worker_that_ended_is_said(folders):
     videos = SynchronizedVideos(folders[::2])
     with (
-        CameraDetectors(videos, Dies("dies", 0), workers=2) as cameras,
+        CameraDetectors(videos, Fits("dies", 0, EndsItsProcess), workers=2) as cameras,
         pytest.raises(CatFreeError, match=r"ended early.*workers=1"),
     ):
         detect_with_cache(videos, cameras, None, None)
@@ -182,14 +175,14 @@ class FailsAlone(Fits):
         time.sleep(300)
 
 
-def pictures_of(tmp_path, colors, frames=2):
+def pictures_of(tmp_path, colors, frames=2, **options):
     """Videos of plain pictures."""
     for camera, color in enumerate(colors):
         folder = tmp_path / str(camera)
         folder.mkdir()
         for frame in range(frames):
             cv2.imwrite(str(folder / f"{frame:02d}.png"), np.full((32, 32, 3), color, np.uint8))
-    return SynchronizedVideos([tmp_path / str(camera) for camera in range(len(colors))])
+    return SynchronizedVideos([tmp_path / str(c) for c in range(len(colors))], **options)
 
 
 @pytest.mark.slow
@@ -222,19 +215,11 @@ class FittedFails(Fitted):
         raise TwoWordsError("network", "down")
 
 
-@dataclass
-class FitsFailing(Fits):
-    """Fits `FittedFails`."""
-
-    def fit(self, images):
-        return FittedFails(self.fingerprint, 0)
-
-
 @pytest.mark.slow
 def test_an_exception_of_somebody_elses_keeps_its_words(tmp_path):
     videos = pictures_of(tmp_path, (0, 100))
     with (
-        CameraDetectors(videos, FitsFailing("fails", 0), workers=2) as cameras,
+        CameraDetectors(videos, Fits("fails", 0, FittedFails), workers=2) as cameras,
         pytest.raises(CatFreeError, match="TwoWordsError: network down"),
     ):
         detect_with_cache(videos, cameras, None, None)
@@ -249,24 +234,15 @@ class WrongInBright(Fitted):
         return found if image[0, 0, 0] else FrameDetections(np.zeros((0, 4)), np.zeros(0))
 
 
-@dataclass
-class FitsWrong(Fits):
-    """Fits `WrongInBright`."""
-
-    def fit(self, images):
-        return WrongInBright(self.fingerprint, self.wrong_from)
-
-
 @pytest.mark.slow
 def test_what_one_process_would_not_have_met_is_not_met(tmp_path):
     """Footage of one camera ends before the detector of the other goes wrong."""
-    videos = pictures_of(tmp_path, (100, 0), frames=3 * CHUNK)
-    videos = SynchronizedVideos([tmp_path / "0", tmp_path / "1"], on_error="keep")
+    videos = pictures_of(tmp_path, (100, 0), frames=3 * CHUNK, on_error="keep")
     end = CHUNK + 1
     (tmp_path / "1" / f"{end:02d}.png").write_bytes(b"no picture")
-    found = []
+    found, detector = [], Fits("wrong", end + 2, WrongInBright)
     for workers in (1, 2):
-        with CameraDetectors(videos, FitsWrong("wrong", end + 2), workers=workers) as cameras:
+        with CameraDetectors(videos, detector, workers=workers) as cameras:
             found.append(detect_with_cache(videos, cameras, None, None))
     assert len(found[0]) == end
     assert same_content(*found)
@@ -286,21 +262,13 @@ class FittedLocked(Fitted):
     lock: object = field(default_factory=threading.Lock)
 
 
-@dataclass
-class FitsLocked(Fits):
-    """Fits `FittedLocked`."""
-
-    def fit(self, images):
-        return FittedLocked(self.fingerprint, self.wrong_from)
-
-
 @pytest.mark.slow
 def test_detectors_that_cannot_be_sent_work_here_or_say_so(tmp_path):
     videos = pictures_of(tmp_path, (0, 100))
     with CameraDetectors(videos, Locked("locked", 9), workers=2) as cameras:
         assert len(detect_with_cache(videos, cameras, None, None)) == 4
     with (
-        CameraDetectors(videos, FitsLocked("locked", 9), workers=2) as cameras,
+        CameraDetectors(videos, Fits("locked", 9, FittedLocked), workers=2) as cameras,
         pytest.raises(CatFreeError, match=r"camera \d, a FittedLocked, cannot be pickled.*=1"),
     ):
         detect_with_cache(videos, cameras, None, None)
@@ -316,14 +284,17 @@ class LooksOfTwoLengths:
 
 
 @pytest.mark.slow
-def test_looks_of_two_lengths_are_refused_across_processes(tmp_path):
+@pytest.mark.parametrize(
+    ("workers", "said"),
+    [(1, "LooksOfTwoLengths, called for camera 1 at frame 0"), (2, "rows of 3 and of 4 numbers")],
+)
+def test_looks_of_two_lengths_are_refused_across_processes(tmp_path, workers, said):
     videos = pictures_of(tmp_path, (0, 100))
-    for workers in (1, 2):
-        with (
-            CameraDetectors(videos, Fits("finds", 9), workers=workers) as cameras,
-            pytest.raises(InvalidInputError, match=r"LooksOfTwo|returned rows"),
-        ):
-            detect_with_cache(videos, cameras, LooksOfTwoLengths(), None)
+    with (
+        CameraDetectors(videos, Fits("finds", 9), workers=workers) as cameras,
+        pytest.raises(InvalidInputError, match=said),
+    ):
+        detect_with_cache(videos, cameras, LooksOfTwoLengths(), None)
 
 
 def test_work_that_cannot_be_sent_is_done_here(folders):
