@@ -55,22 +55,19 @@ def stream(
     boxes = sequence.detections
     frames = np.unique(boxes.frame)
     step = np.median(np.diff(frames))
-    if learned:
-        before = frames[-1] / step / rate + PAUSE
-        for frame in frames.tolist():
-            tracker.update(boxes[boxes.frame == frame], frame / step / rate - before)
+    before = (frames[-1] / step / rate + PAUSE,) if learned else ()
     now, final = [], []
-    for frame in frames.tolist():
-        update = tracker.update(boxes[boxes.frame == frame], frame / step / rate)
-        now.append(update.provisional)
-        final.append(update.final)
+    for earlier in (*before, 0.0):
+        for frame in frames.tolist():
+            update = tracker.update(boxes[boxes.frame == frame], frame / step / rate - earlier)
+            now.append(update.provisional)
+            final.append(update.final)
     final.append(tracker.finish().final)
-    if learned:
-        final = [part[part.frame >= 0] for part in final]
     return _joined(now, step * rate), _joined(final, step * rate)
 
 
 def _joined(parts: list[cf.Tracks], rate: float) -> cf.Tracks:
+    parts = [part[part.frame >= 0] for part in parts]  # times of the first time are negative
     columns = {
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in vars(parts[0])

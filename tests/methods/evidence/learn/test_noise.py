@@ -151,17 +151,22 @@ def test_the_offset_of_one_camera_is_found(seed, camera, angle):
 
 
 @pytest.mark.slow
-def test_people_far_from_where_a_camera_puts_them_hardly_make_it_noisier():
+@pytest.mark.parametrize("sides", [(1,), (-1, 1)])
+def test_people_far_from_where_a_camera_puts_them_hardly_make_it_noisier(sides):
     share = np.array([RULES.edge_noise] * CAMERAS)
     crowd = noisy(0, share)
     plain, _ = crowd.learned()
     rng = np.random.default_rng(1)
     wrong = rng.random(PEOPLE) < 0.1
-    # Pixels: about two people's width, ten deviations, to either side.
-    crowd.edges[wrong, 0, 0] += 80.0 * rng.choice([-1, 1], wrong.sum())
+    # Pixels: about two people's width, ten deviations.
+    crowd.edges[wrong, 0, 0] += 80.0 * rng.choice(sides, wrong.sum())
     noise, _ = crowd.learned()
-    # Of a tenth of outliers the MAD grows by a seventh, a deviation would by a factor of three.
-    assert noise.edge[0, 0] == pytest.approx(1.14 * plain.edge[0, 0], rel=0.1)
+    grown = noise.edge[0, 0] / plain.edge[0, 0]
+    # Of a tenth of outliers the MAD grows by a seventh, a deviation would by a factor of three. On
+    # one side they draw the learned offset, too, so that it grows more, but not half as much.
+    if len(sides) == 2:
+        assert grown == pytest.approx(1.14, rel=0.1)
+    assert grown < 3 / 2
 
 
 @pytest.mark.slow
