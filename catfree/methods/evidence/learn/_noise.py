@@ -183,17 +183,20 @@ def learn_noise(
 
 
 def crowding(position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"]) -> float:
-    """People per H0² of the ground in use, which is all ground within `STEP` of a position.
+    """People per H0² of the ground in use.
 
-    The area is measured on a lattice along the principal axes of the positions, so it does not
-    depend on the orientation of the scene.
+    This is all ground within `STEP` of a position, and at least the ellipse over which the
+    positions scatter, because in few frames people have not yet been everywhere. The former is
+    measured on a lattice along the principal axes of the positions, so it does not depend on the
+    orientation of the scene.
 
     Args:
         position: (n, 2) positions of all people in all frames, in H0.
         frame: (n,) frame of each position.
     """
     away = position - position.mean(0)
-    _, axes = np.linalg.eigh(away.T @ away)
+    variance, axes = np.linalg.eigh(away.T @ away / len(position))
+    ellipse = 4 * np.pi * np.sqrt(np.maximum(variance, 0).prod())  # if evenly filled
     place = away @ axes / SPACING
     reach = STEP / SPACING
     near = np.arange(-np.ceil(reach), np.ceil(reach) + 1)
@@ -201,9 +204,9 @@ def crowding(position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"]) -
     point = np.floor(place)[:, None] + np.stack(np.meshgrid(near, near), -1).reshape(-1, 2)
     used = np.hypot(*np.moveaxis(point + 0.5 - place[:, None], -1, 0)) <= reach
     x, y = point[used].astype(np.int64).T
-    area = len(np.unique((x << 32) + y)) * SPACING**2
+    walked = len(np.unique((x << 32) + y)) * SPACING**2
     people = len(position) / max(len(np.unique(frame)), 1)
-    return people / area
+    return people / max(walked, ellipse)
 
 
 def _robust_ridge(X, y, sd, prior, component) -> np.ndarray:

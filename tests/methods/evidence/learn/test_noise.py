@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from scipy.spatial.transform import Rotation
 
 from catfree.geometry._person import box_edges
 from catfree.methods.evidence._gaussian import Information
@@ -230,6 +231,21 @@ def test_crowding_is_people_over_the_ground_that_they_use(seed, people, frames):
     distance = np.hypot(*np.moveaxis(points[:, None] - place, -1, 0)).min(1)
     used = (distance < 2 / np.sqrt(np.pi)).mean()
     noise = 4 * np.sqrt((1 - used) / used / len(points))  # deviations of the Monte Carlo
-    assert found == pytest.approx(min(people / (used * 22**2), 1.0), rel=noise + 0.04)
+    ellipse = 4 * np.pi * np.sqrt(np.linalg.det(np.cov(place.T, bias=True))) if people > 2 else 0
+    assert found == pytest.approx(people / max(used * 22**2, ellipse), rel=noise + 0.04)
     order = rng.permutation(people)
     assert crowding(place[order], np.zeros(people, int)) == pytest.approx(found, rel=1e-9)
+
+
+@given(st.integers(0, 10**6), st.floats(2, 30), st.floats(2, 30), st.floats(-3, 3))
+def test_crowding_of_one_frame_is_that_of_the_ellipse_it_fills(seed, long, wide, turn):
+    rng = np.random.default_rng(seed)
+    distance, angle = np.sqrt(rng.random(4000)), rng.uniform(0, 2 * np.pi, 4000)
+    even = distance[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1) * [long, wide]
+    place = even @ Rotation.from_euler("z", turn).as_matrix()[:2, :2]
+    few = place[:8]  # too few to have been everywhere
+    area = 4 * np.pi * np.sqrt(np.linalg.det(np.cov(few.T, bias=True)))
+    assert crowding(few, np.zeros(8, int)) <= 8 / area * (1 + 1e-9)
+    assert 4 * np.pi * np.sqrt(np.linalg.det(np.cov(place.T))) == pytest.approx(
+        np.pi * long * wide, rel=0.1
+    )
