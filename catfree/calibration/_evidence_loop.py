@@ -54,9 +54,6 @@ class EvidenceLoop:
                 which one is wrong.
         """
         best = self._grow(self.replace_outliers(self.refine(calibration)))
-        freed = self.replace_blocking(best)
-        if freed is not None:
-            best = self._grow(self.replace_outliers(freed))
         return self.without_outliers(best)
 
     def without_outliers(self, calibration: Calibration) -> Calibration:
@@ -139,30 +136,6 @@ class EvidenceLoop:
             better = self._better_placed(self.refine(others), camera, calibration)
             calibration = better or calibration
         return calibration
-
-    def replace_blocking(self, calibration: Calibration) -> Calibration | None:
-        """Move a camera that keeps another one out of the rig; None if there is no such camera.
-
-        If several cameras share an error, none of them stands out, and a correct camera fits none
-        of them. Each camera is removed in turn; if the others then fit far better, its position is
-        searched again.
-        """
-        rules = self.settings.calibration
-        registered = np.asarray(calibration.scene.rig.registered)
-        missing = ~registered & (self._boxes(len(registered)) > rules.minimum_matches)
-        if not missing.any() or registered.sum() < rules.fewest_to_compare:
-            return None
-        candidates: list[tuple[Calibration, int]] = []
-        for camera in np.flatnonzero(registered):
-            others = self.refine_once(without_camera(calibration, int(camera), rules))
-            limit = rules.blocking_share * calibration.residual
-            if others is not None and others.residual < limit:
-                candidates.append((others, int(camera)))
-        for others, camera in sorted(candidates, key=lambda item: item[0].residual):
-            better = self._better_placed(self.refine(others), camera, calibration)
-            if better is not None:
-                return better
-        return None
 
     def _better_placed(
         self, others: Calibration, camera: int, present: Calibration

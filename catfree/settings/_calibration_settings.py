@@ -69,8 +69,6 @@ class CalibrationSettings:
             (lenses, distances); one displaced by a tenth of its range has twice the usual residual.
         unsupported_share: ratio of a camera's share of boxes in confident people to the usual share
             below which other poses are tried: so few boxes fit any pose.
-        blocking_share: a camera without which the residual of the others falls below this share of
-            the rig's is tried at other poses if cameras are missing.
         fewest_to_compare: with fewer cameras, each distorts the others as much as itself, and no
             other poses are tried.
         largest_focal_sd: relative; a camera with a larger uncertainty of the focal length places a
@@ -132,7 +130,6 @@ class CalibrationSettings:
     )
     strained_residual: float = 1.5
     unsupported_share: float = 0.2
-    blocking_share: float = 0.9
     fewest_to_compare: int = 4
     largest_focal_sd: float = 0.05
     minimum_frames: int = 20

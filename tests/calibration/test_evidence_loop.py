@@ -42,7 +42,6 @@ def furthest(found, right):
 @pytest.mark.slow
 def test_a_rig_in_order_stays_as_it_is(loop, right):
     assert loop.replace_outliers(right) is right
-    assert loop.replace_blocking(right) is None
 
 
 @pytest.mark.slow
@@ -75,7 +74,6 @@ def test_three_cameras_do_not_tell_which_of_them_is_wrong(loop, right):
     few = moved(right, WRONG, 1.5, -1.0)
     for camera in (0, 1, MISSING):
         few = without_camera(few, camera, SETTINGS.calibration)
-    assert loop.replace_blocking(few) is None
     assert loop.replace_outliers(few) is few
 
 

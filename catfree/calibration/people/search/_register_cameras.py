@@ -1,7 +1,6 @@
 """Register all cameras: pairs, seeds, growth, and shared or separate focal lengths."""
 
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -11,8 +10,7 @@ from catfree.calibration.people.adjustment._people_bundle import saves
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
 from catfree.calibration.people.matching._verdict import Verdict, judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
-from catfree.calibration.people.search._completion import complete_rig
-from catfree.calibration.people.search._growth import drop_harmful, grow_rig, prune_rig
+from catfree.calibration.people.search._growth import grow_rig, prune_rig
 from catfree.calibration.people.search._seed_pairs import PairHypothesis, search_pair, seed_rig
 from catfree.errors import CalibrationError
 from catfree.types._annotations import Progress
@@ -72,12 +70,6 @@ def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
     grown = _grow_seeds(work, seeds, pairs, report, shared_focal=shared)
     rig, shared = _choose_focal(work, grown)
     rig, verdicts = prune_rig(work, rig, shared_focal=shared)
-    for reconsider in (drop_harmful, partial(complete_rig, pairs=pairs)):
-        cameras = rig.state.placed.sum()
-        rig, verdicts = reconsider(work, rig, verdicts, shared_focal=shared)
-        if rig.state.placed.sum() != cameras:
-            rig, shared = _choose_focal(work, rig)
-            rig, verdicts = prune_rig(work, rig, shared_focal=shared)
     return RegisteredRig(rig, verdicts, shared)
 
 
