@@ -15,7 +15,6 @@ from catfree.calibration.people.search._seed_pairs import PairHypothesis, search
 from catfree.errors import CalibrationError
 from catfree.types._annotations import Progress
 
-GROWN_SEEDS = 2  # minimum; more only while cameras are missing
 FINAL_TOLERANCES = (0.03, 0.02, 0.01)  # range tolerances of the last adjustment
 FINAL_PEOPLE = 4000
 FINAL_ITERATIONS = 15
@@ -124,16 +123,16 @@ def _grow_seeds(
     *,
     shared_focal: bool,
 ) -> AdjustedRig:
-    """Grow a rig from each seed and return the one with most cameras, then most evidence."""
+    """Grow seeds until one places every camera; return most cameras, then most evidence."""
     useful = work.useful.sum()
     grown: list[tuple[tuple[int, float], AdjustedRig]] = []
     for done, (_, seed, _) in enumerate(seeds):
-        if done >= GROWN_SEEDS and max(cameras for (cameras, _), _ in grown) >= useful:
-            break
         report("growth", done, len(seeds))
         rig, verdicts = grow_rig(work, seed, pairs, shared_focal=shared_focal)
         quality = int(rig.state.placed.sum()), sum(v.margin for v in verdicts.values())
         grown.append((quality, rig))
+        if quality[0] >= useful:
+            break
     report("growth", len(seeds), len(seeds))
     return max(grown, key=lambda item: item[0])[1]
 
