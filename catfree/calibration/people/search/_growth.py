@@ -1,4 +1,4 @@
-"""Grow a rig from a pair: place further cameras, and remove those that the others reject."""
+"""Grow a rig from a pair: place further cameras, accept them, and remove harmful ones."""
 
 import numpy as np
 from jaxtyping import Float
@@ -14,6 +14,8 @@ from catfree.calibration.people.search._seed_pairs import PairHypothesis
 
 RESECTED_TOLERANCE = 0.05  # fraction of the range by which a resected camera may be wrong
 CANDIDATES = 4  # placements refined per camera
+SUSPICIOUS_SHARE = 0.7  # of the median evidence per match; cameras below are checked
+HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this factor
 
 
 def grow_rig(
@@ -79,6 +81,40 @@ def prune_rig(
             return rig, verdicts
         worst = min(failing, key=lambda c: verdicts[c].margin)
         rig = _refined(work, rig.state.without_camera(worst), shared_focal)
+
+
+def drop_harmful(
+    work: Workspace, rig: AdjustedRig, verdicts: dict[int, Verdict], *, shared_focal: bool
+) -> tuple[AdjustedRig, dict[int, Verdict]]:
+    """Remove cameras without which the others agree better.
+
+    A camera with a wrong clock can match recurring patterns of the crowd (a path, a queue) better
+    than chance. It is recognized by low evidence per match and by its harm to the other cameras.
+
+    Args:
+        work: the sequence.
+        rig: the rig after adjustment.
+        verdicts: of each placed camera.
+        shared_focal: whether all cameras have one focal length.
+
+    Returns:
+        The rig and the verdict of each remaining camera.
+    """
+    while len(verdicts) > 2:
+        per_match = {c: v.margin / max(1, v.judgment.matches) for c, v in verdicts.items()}
+        usual = float(np.median(list(per_match.values())))
+        suspects = [c for c in verdicts if per_match[c] < SUSPICIOUS_SHARE * usual]
+        for camera in sorted(suspects, key=lambda c: per_match[c]):
+            others = [c for c in verdicts if c != camera]
+            less = _refined(work, rig.state.without_camera(camera), shared_focal)
+            less_verdicts = judge_cameras(work, less.state)
+            total = sum(verdict.margin for verdict in less_verdicts.values())
+            if total > HARMFUL_GAIN * sum(verdicts[c].margin for c in others):
+                rig, verdicts = less, less_verdicts
+                break
+        else:
+            break
+    return rig, verdicts
 
 
 def best_candidate(

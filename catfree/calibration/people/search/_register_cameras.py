@@ -10,7 +10,7 @@ from catfree.calibration.people.adjustment._people_bundle import saves
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
 from catfree.calibration.people.matching._verdict import Verdict, judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
-from catfree.calibration.people.search._growth import grow_rig, prune_rig
+from catfree.calibration.people.search._growth import drop_harmful, grow_rig, prune_rig
 from catfree.calibration.people.search._seed_pairs import PairHypothesis, search_pair, seed_rig
 from catfree.errors import CalibrationError
 from catfree.types._annotations import Progress
@@ -69,6 +69,11 @@ def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
     grown = _grow_seeds(work, seeds, pairs, report, shared_focal=shared)
     rig, shared = _choose_focal(work, grown)
     rig, verdicts = prune_rig(work, rig, shared_focal=shared)
+    cameras = rig.state.placed.sum()
+    rig, verdicts = drop_harmful(work, rig, verdicts, shared_focal=shared)
+    if rig.state.placed.sum() != cameras:
+        rig, shared = _choose_focal(work, rig)
+        rig, verdicts = prune_rig(work, rig, shared_focal=shared)
     return RegisteredRig(rig, verdicts, shared)
 
 
