@@ -128,7 +128,7 @@ def _grow_seeds(
     *,
     shared_focal: bool,
 ) -> AdjustedRig:
-    """Grow seeds until one places every camera; return most cameras, then most evidence."""
+    """Grow seeds until one places every camera; return the rig with most cameras and evidence."""
     useful = work.useful.sum()
     grown: list[tuple[tuple[int, float], AdjustedRig]] = []
     for done, (_, seed, _) in enumerate(seeds):
