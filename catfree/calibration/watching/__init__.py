@@ -7,11 +7,9 @@ from catfree.calibration.watching._check import (
     check as check,
 )
 from catfree.calibration.watching._estimate_clocks import (
+    WHOLE_FRAME as WHOLE_FRAME,
     ClockJump as ClockJump,
     Clocks as Clocks,
     estimate_clocks as estimate_clocks,
 )
-from catfree.calibration.watching._synchronize import (
-    WHOLE_FRAME as WHOLE_FRAME,
-    synchronize as synchronize,
-)
+from catfree.calibration.watching._synchronize import synchronize as synchronize

@@ -103,7 +103,7 @@ def solve_window(
     for _ in range(ROUNDS):
         matches = match(sights, person, state, [(c, now[c]) for c in registered])
         found = dict(zip(registered, matches, strict=True))
-        solved = _solve(sights, person - low, low, state, found, now, begun, noise)
+        solved = _solve(sights, person, state, found, now, begun, noise)
         now, state = solved.corrections, solved.state
     blank = np.zeros(count, np.int64)
     matched, expected, distinct = blank.copy(), blank.copy(), blank.copy()
@@ -194,8 +194,7 @@ class _Equations(NamedTuple):
 
 def _solve(
     sights: Sights,
-    index: Int[np.ndarray, " m"],
-    low: int,
+    person: Int[np.ndarray, " m"],
     state: Float[np.ndarray, "m 3"],
     found: dict[int, Matches],
     now: list[Correction],
@@ -207,16 +206,16 @@ def _solve(
     Errors of which no person tells stay as they were when the window was `begun`.
     """
     people, boxes, count = sights.people, sights.boxes, len(sights.place)
-    m, p = len(index), PARAMETERS * count
+    m, p = len(person), PARAMETERS * count
     own, quick = slice(0, PARAMETERS), np.flatnonzero(np.arange(p) % PARAMETERS < 4)
     residual = np.zeros((m, count, 3))
     slope = np.zeros((m, count, 3, PARAMETERS + 3))
     precision = np.zeros((m, count, 3))
     nobody = np.zeros(0, np.int64)
     camera = np.concatenate([nobody, *(np.full(len(one.box), c) for c, one in found.items())])
-    row = np.concatenate([nobody, *(one.person for one in found.values())]) - low
+    row = np.concatenate([nobody, *(one.person for one in found.values())])
+    velocity, row = people.velocity[row], np.searchsorted(person, row)
     box = np.concatenate([nobody, *(one.box for one in found.values())])
-    velocity = people.velocity[row + low]
     rest = np.array([at.lag - at.shift for at in now])
     moved = state[row]
     moved[:, :2] -= rest[camera, None] * velocity
@@ -228,7 +227,7 @@ def _solve(
     precision[row, camera] = np.where(boxes.whole[box], sd**-2.0, 0.0)
     used = (precision[..., 0] > 0).sum(-1) >= 2
     precision *= used[:, None, None]
-    tall = people.state[index + low, 2]
+    tall = people.state[person, 2]
     held = (HEIGHT_SD * tall) ** -2.0
     theta = _parameters(now)
     pull = held * (tall - state[:, 2])
@@ -255,7 +254,7 @@ def _solve(
     ]
     reach = FARTHEST * sights.unit
     kept = np.flatnonzero(used)
-    track = people.track[index[kept] + low]
+    track = people.track[person[kept]]
     tracks = np.unique(track)
     of_group, to = np.zeros((len(tracks), p, p)), np.zeros((len(tracks), p))
     for g, one in enumerate(tracks):

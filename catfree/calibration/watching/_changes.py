@@ -56,7 +56,6 @@ class Course:
         changes: what was found.
         value: (8C + R + ...) constant errors, rates of the clocks, then those of the changes.
         covariance: of `value`, without the factor `noise`.
-        drifting: whether clocks have rates.
         reference: the camera to which lags are relative: half of the others are later.
         noise: (C, 2) factor by which variances of turns and lags exceed those of box noise alone.
         freedom: (C, 2) degrees of freedom of `noise`.
@@ -66,7 +65,6 @@ class Course:
     changes: tuple[Change, ...]
     value: Float[np.ndarray, " q"]
     covariance: Float[np.ndarray, "q q"]
-    drifting: bool
     reference: int
     noise: Float[np.ndarray, "cam 2"]
     freedom: Float[np.ndarray, "cam 2"]
@@ -74,9 +72,7 @@ class Course:
     def design(self, window: int) -> Float[np.ndarray, "p q"]:
         """Map from `value` to the errors of all cameras in a window."""
         p = PARAMETERS * len(self.noise)
-        parts = [np.eye(p)]
-        if self.drifting:
-            parts.append(self.time[window] * np.eye(p)[:, 3::PARAMETERS])
+        parts = [np.eye(p), self.time[window] * np.eye(p)[:, 3::PARAMETERS]]
         parts += [(window >= c.window) * np.eye(p)[:, c.columns] for c in self.changes]
         return np.concatenate(parts, axis=1)
 
@@ -91,7 +87,7 @@ class Course:
         """
         design = self.design(window)
         if not changed:
-            design[:, (PARAMETERS + self.drifting) * len(self.noise) :] = 0
+            design[:, (PARAMETERS + 1) * len(self.noise) :] = 0
         return self._errors(design)
 
     def rates(self) -> tuple[Float[np.ndarray, " cam"], Float[np.ndarray, "cam cam"]]:
@@ -142,7 +138,6 @@ def fit_course(
     windows: Sequence[Window],
     alpha: float,
     *,
-    rates: bool = False,
     kinds: Sequence[slice] = KINDS,
     first: int = 1,
 ) -> Course:
@@ -151,14 +146,13 @@ def fit_course(
     Args:
         windows: of the whole recording, in order.
         alpha: probability at which a change at one given window may be found though there is none.
-        rates: whether the clocks may run at different rates.
         kinds: `TURN`, `LAG` or both: what may change.
         first: first window at which a change may begin.
     """
     middle = np.array([(w.begin + w.stop) / 2 for w in windows])
     cameras = windows[0].matrix.shape[1] // PARAMETERS
     course = Course(
-        middle - middle.mean(), (), np.zeros(0), np.zeros((0, 0)), rates, 0,
+        middle - middle.mean(), (), np.zeros(0), np.zeros((0, 0)), 0,
         np.ones((cameras, 2)), np.ones((cameras, 2)),
     )  # fmt: skip
     course = _fitted(course, windows)
@@ -204,9 +198,8 @@ def _fitted(course: Course, windows: Sequence[Window], *, held: bool = False) ->
     # A rate, and a change of which no person tells, are zero.
     scale = max(1.0, float(np.abs(course.time).max()))
     weak[extra, extra] = 1e-2
-    if course.drifting:
-        clocks = extra[:cameras]
-        weak[clocks, clocks] = 1e-2 * scale**2
+    clocks = extra[:cameras]
+    weak[clocks, clocks] = 1e-2 * scale**2
     total = weak + sum(X.T @ A @ X for X, A in zip(designs, matrix, strict=True))
     right = sum(X.T @ b for X, b in zip(designs, vector, strict=True))
     covariance = np.linalg.inv(total)
@@ -294,7 +287,7 @@ def _strongest(
     noise, freedom = course.noise[camera, which], course.freedom[camera, which]
     # Information that a change shares with what is already in the model.
     shared = [(matrix[w] @ course.design(w))[own] for w in range(len(matrix))]
-    for window in range(max(first, 1), len(matrix)):
+    for window in range(first, len(matrix)):
         if any(
             c.camera == camera and c.kind == kind and c.window == window for c in course.changes
         ):

@@ -16,6 +16,7 @@ from catfree.calibration.watching._changes import (
     as_turns,
     lost_since,
 )
+from catfree.calibration.watching._estimate_clocks import WHOLE_FRAME
 from catfree.calibration.watching._sights import linear
 from catfree.calibration.watching._time_of_change import follow_changes, time_of_change
 from catfree.calibration.watching._windows import Watched, watch
@@ -33,13 +34,10 @@ from catfree.types._validation import (
 
 HOURS_PER_ALARM = 200.0  # of one camera
 TESTS = 3  # of a camera in a window: turn, lag, loss
-WINDOWS = 12  # that a short recording is cut into
-WINDOW = (2.0, 60.0)  # seconds, the shortest and the longest
+WINDOW = 60.0  # seconds, the longest
 # Of a person's height on the ground, where nothing changed. Every rig is a little off all the time:
 # a measured one of a room by 0.07, rigs from people and reconstructions by about 0.1.
 DOUBTFUL, MOVED = 0.12, 0.2
-LATE = 0.75  # steps; a smaller lag is hardly better after whole frames are corrected
-USUAL = 0.5  # share of people whom a camera shows, where it never showed any
 LEAST_MATCHED = 0.25  # share of people; below it, boxes meet people by chance only
 FEWEST_EXPECTED = 20  # people in all frames, whom a camera should show to be judged
 
@@ -208,8 +206,7 @@ def check(
         scene,
         detections,
         settings,
-        window=WINDOW,
-        count=WINDOWS,
+        longest=WINDOW,
         maximum_offset=maximum_offset,
         localization=localization,
         since=since,
@@ -276,7 +273,7 @@ class _Judge:
         if found is None:
             chance = float(-ndtri(self.alpha / 2))
             off = ground / sights.unit if angle > chance * angle_sd else 0.0
-            is_late = abs(lag) > max(LATE, chance * lag_sd)
+            is_late = abs(lag) > max(WHOLE_FRAME, chance * lag_sd)
             found = self._from_errors(turns, jumps, off, is_late=is_late)
         matched, expected = (self._counts(camera, name) for name in ("matched", "expected"))
         result = CameraCheck(
@@ -310,7 +307,7 @@ class _Judge:
         if expected.sum() < FEWEST_EXPECTED:
             return _Found(Verdict.DOUBTFUL, None, None, TOO_FEW)
         some = expected > 0
-        usual = max(float(np.median(matched[some] / expected[some])), USUAL / 2)
+        usual = max(float(np.median(matched[some] / expected[some])), LEAST_MATCHED)
         lost = lost_since(matched, expected, seen, usual, self.alpha)
         if lost is not None:
             since = self._frame(self.watched.windows[lost].begin) if lost else None

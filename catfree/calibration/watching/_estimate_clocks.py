@@ -15,8 +15,9 @@ from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
 from catfree.types._sampling import frame_step
 
-WINDOWS = 12  # that a short recording is cut into
-WINDOW = (2.0, 10.0)  # seconds, the shortest and the longest; a clock drifts within
+WINDOW = 10.0  # seconds, the longest; a clock drifts within
+# Of a frame: whole frames hardly correct less.
+WHOLE_FRAME = 0.75
 CHANCE = 1e-5  # of a jump at one window, where there is none
 SURE = 4.0  # standard deviations by which an offset differs from 0
 
@@ -154,8 +155,7 @@ def estimate_clocks(
         scene,
         detections,
         settings,
-        window=WINDOW,
-        count=WINDOWS,
+        longest=WINDOW,
         maximum_offset=maximum_offset,
         localization=localization,
         progress=progress,

@@ -19,7 +19,6 @@ from catfree.types import Detections, Scene, Tracks
 from catfree.types._sampling import frame_step
 
 BORDER = 0.005  # of the image side; a box that ends nearer to its border may be cut by it
-NEAREST = 0.2  # person heights in front of a camera, below which nobody is predicted
 HEIGHTS = (0.7, 1.3)  # of the median height; bounds of the height of one person
 BLOCKS = (256, 1024)  # sightings computed together
 FOOT_SHARE = CalibrationSettings.foot_offset / CalibrationSettings.person_height
@@ -30,7 +29,6 @@ class Boxes:
     """Boxes as angles in the axes of their cameras, sorted by camera, then frame.
 
     Attributes:
-        row: (N,) row of the caller's detections.
         frame: (N,) frame numbers, in steps from the first.
         camera: (N,) the camera.
         angle: (N, 3) azimuth of the center, elevation of the top and of the bottom, in radians, the
@@ -40,7 +38,6 @@ class Boxes:
         whole: (N, 3) whether an edge is free of the image border.
     """
 
-    row: Int[np.ndarray, " n"]
     frame: Int[np.ndarray, " n"]
     camera: Int[np.ndarray, " n"]
     angle: Float[np.ndarray, "n 3"]
@@ -165,7 +162,7 @@ def _boxes(scene: Scene, detections: Detections, first: int, step: int) -> Boxes
     )
     angle = np.column_stack([(head_azimuth + foot_azimuth) / 2, head, foot])
     frame, height = (detections.frame[row] - first) // step, box[:, 3] - box[:, 1]
-    return Boxes(row, frame, camera, angle, foot - head, height, whole)
+    return Boxes(frame, camera, angle, foot - head, height, whole)
 
 
 def _directions(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

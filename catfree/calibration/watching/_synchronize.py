@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from catfree.calibration.people import Calibration, remove_offsets
-from catfree.calibration.watching._estimate_clocks import estimate_clocks
+from catfree.calibration.watching._estimate_clocks import WHOLE_FRAME, estimate_clocks
 from catfree.errors import InsufficientDataError
 from catfree.settings import Settings
 from catfree.types import Detections
@@ -14,8 +14,7 @@ from catfree.types._sampling import frame_step
 
 FEWEST_CAMERAS = 3  # two cameras that disagree do not tell which of them is late
 ROUNDS = 6  # a rig hides a part of a lag, which shows after the rest is corrected
-# Of a frame: whole frames hardly correct less; and the same of a camera that was late before.
-WHOLE_FRAME, AGAIN = 0.75, 0.5
+AGAIN = 0.5  # `WHOLE_FRAME` of a camera that was late before
 GAIN = 0.02  # in `_information`, that all corrections together must bring
 
 

@@ -47,7 +47,7 @@ def follow_changes(
     def fitted(watched: Watched) -> Course:
         step = -1 if since is None else (since - watched.sights.first) // watched.sights.step
         later = (i for i, w in enumerate(watched.windows) if i and w.begin >= step)
-        return fit_course(watched.windows, alpha, rates=True, kinds=kinds, first=next(later, 1))
+        return fit_course(watched.windows, alpha, kinds=kinds, first=next(later, 1))
 
     again = _matched_again(watched, fitted(watched), progress or no_progress)
     return again, fitted(again)

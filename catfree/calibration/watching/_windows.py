@@ -19,6 +19,8 @@ from catfree.types._annotations import Progress, no_progress
 from catfree.types._forks import require_own_process
 from catfree.types._validation import as_count, require_instance
 
+WINDOWS = 12  # that a short recording is cut into
+SHORTEST = 2.0  # seconds of a window
 UNKNOWN_RATE = 25.0  # steps per second where no clock tells
 FEWEST_STEPS = 4  # of a window
 FEWEST_TO_COMPARE = 3  # windows, of which one may be wrong
@@ -49,8 +51,7 @@ def watch(
     detections: Detections,
     settings: Settings | None,
     *,
-    window: tuple[float, float],
-    count: int,
+    longest: float,
     maximum_offset: int,
     localization: Localization | None = None,
     since: int | None = None,
@@ -62,8 +63,7 @@ def watch(
         scene: cameras and ground.
         detections: (N,) boxes.
         settings: of the localization; the default method if None.
-        window: shortest and longest length of a window in seconds.
-        count: number of windows to aim at.
+        longest: length of a window in seconds, of a long recording.
         maximum_offset: largest lag to look for, in frame numbers.
         localization: of these detections in this scene, if it is known.
         since: frame number at which a window begins.
@@ -96,7 +96,7 @@ def watch(
         )
     seen = sights(scene, confident, localization.tracks)
     rate = UNKNOWN_RATE if detections.clock is None else detections.clock.frame_rate / seen.step
-    length = float(np.clip(seen.steps / count, window[0] * rate, window[1] * rate))
+    length = float(np.clip(seen.steps / WINDOWS, SHORTEST * rate, longest * rate))
     steps = max(FEWEST_STEPS, round(length))
     begins = _begins(seen, steps, since)
     reach = min(maximum_offset // seen.step, seen.steps // 3)

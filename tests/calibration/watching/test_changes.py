@@ -84,7 +84,7 @@ def test_rates_are_within_their_deviations():
     for seed in range(10):
         errors = np.zeros((WINDOWS, 8 * CAMERAS))
         errors[:, 8 + 3] = 0.02 * (time - time.mean()) + 1.0
-        course = fit_course(windows(errors, seed), 1e-6, rates=True, kinds=[LAG])
+        course = fit_course(windows(errors, seed), 1e-6, kinds=[LAG])
         assert course.changes == ()
         rate, covariance = course.rates()
         value, of_value = course.constant()
