@@ -177,12 +177,8 @@ def _people_of_paper(
     fewest = max(fewest, -(-cameras // 2))
     rules = settings.calibration
     sd = edge_deviation(detections.height, rules.relative_sd, rules.pixel_sd)
-    return ConfidentPeople(
-        member[(member >= 0).sum(1) >= fewest],
-        np.repeat(sd[:, None], 3, axis=1),
-        judged.people.height,
-        judged.people.repeats,
-        judged.people.stays,
+    return judged.people._replace(
+        member=member[(member >= 0).sum(1) >= fewest], box_sd=np.repeat(sd[:, None], 3, axis=1)
     )
 
 

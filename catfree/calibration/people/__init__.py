@@ -26,4 +26,3 @@ from catfree.calibration.people.adjustment._anchors import (
     resolve_anchors as resolve_anchors,
 )
 from catfree.calibration.people.search._clock_offsets import remove_offsets as remove_offsets
-from catfree.settings import CalibrationSettings as CalibrationSettings

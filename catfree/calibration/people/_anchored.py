@@ -8,6 +8,7 @@ contradicts the others most is set aside until none does.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +41,7 @@ from catfree.calibration.people.cameras._camera_model import (
     LOG_FOCAL,
     PAN,
     X,
-    from_matrices,
+    of_rig,
     to_matrices,
 )
 from catfree.calibration.people.cameras._rig_deviation import scale_variance, shape_deviation
@@ -146,11 +147,11 @@ def anchored(
     )
     chosen, typical = _consistent(problem, np.log(settings.anchor_level))
     fit = problem.fit(chosen, typical=typical)
-    in_use = [m for m, is_used in zip(usable, chosen, strict=True) if is_used]
-    checks, results = [], zip(fit.innovation, fit.innovation_covariance, fit.log_p, strict=True)
+    checks, taken = [], iter(chosen)
+    results = zip(fit.innovation, fit.innovation_covariance, fit.log_p, strict=True)
     for m in stated:
         if registered[m.camera]:
-            is_used = any(m is other for other in in_use)
+            is_used = bool(next(taken))
             result = next(results) if is_used else _unused(m, fit)
             checks.append(_check(m, anchors[m.anchor], *result, names, used=is_used))
         else:
@@ -195,13 +196,12 @@ class _Problem:
         if at == len(chosen):
             return self._fit(chosen, UNKNOWN).misfit
         rest = chosen & (np.arange(len(chosen)) != at)
-        kept = [m for m, is_kept in zip(self.usable, rest, strict=True) if is_kept]
-        if _start(kept, self.cameras).free < self.frame.free:
+        if _start(list(compress(self.usable, rest)), self.cameras).free < self.frame.free:
             return np.inf
         return self.fit(rest, typical=typical).misfit
 
     def _fit(self, chosen: Bool[np.ndarray, " m"], crowd: float) -> _Fit:
-        kept = [m for m, is_kept in zip(self.usable, chosen, strict=True) if is_kept]
+        kept = list(compress(self.usable, chosen))
         return _fit(kept, self.cameras, self.prior, self.frame, crowd)
 
 
@@ -252,13 +252,8 @@ def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " m"]
 
 def _parameters(rig: Rig) -> Float[np.ndarray, "cam 7"]:
     """Parameters of registered cameras, 0 for the others."""
-    known = np.asarray(rig.registered)[:, None, None]
-    K, R, t = (np.asarray(value, np.float64) for value in (rig.K, rig.R, rig.t))
-    eye = np.eye(3)
-    parameters = from_matrices(
-        np.where(known, K, eye), np.where(known, R, eye), np.where(known[:, 0], t, 0.0)
-    )
-    return np.where(known[:, 0], parameters, 0.0)
+    known = np.asarray(rig.registered)[:, None]
+    return np.where(known, of_rig(rig), 0.0)
 
 
 def _prior(calibration: Calibration) -> Float[np.ndarray, "n n"]:

@@ -54,6 +54,10 @@ class BoxGrid:
         picked = {k: getattr(self, k)[:, index] for k in _PER_BOX}
         return BoxGrid(**picked, size=self.size, frames=self.frames[index])
 
+    def thinned(self, most: int) -> "BoxGrid":
+        """Select at most so many frames, evenly spread."""
+        return self.at_frames(evenly_spread(np.arange(self.frame_count), most))
+
     def shifted(self, camera: int, shift: int) -> "BoxGrid":
         """Roll one camera's sequence circularly in time by `shift` frames."""
         rolled = {}

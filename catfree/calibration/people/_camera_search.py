@@ -12,10 +12,15 @@ import numpy as np
 
 from catfree.calibration.people._radial_lens import RadialLenses
 from catfree.calibration.people._register import Calibration, prepare, rig_with_lenses
-from catfree.calibration.people.cameras._camera_model import from_matrices, to_matrices
+from catfree.calibration.people.cameras._camera_model import of_rig, to_matrices
 from catfree.calibration.people.cameras._rig_deviation import shape_deviation
-from catfree.calibration.people.matching._group_people import RigState, group_people
-from catfree.calibration.people.matching._verdict import Verdict, judge_camera, judge_cameras
+from catfree.calibration.people.matching._group_people import RigState
+from catfree.calibration.people.matching._verdict import (
+    Verdict,
+    judge_camera,
+    judge_cameras,
+    weakest,
+)
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._clock_offsets import offset_of_unplaced
 from catfree.calibration.people.search._growth import accepted_candidates, best_candidate
@@ -50,8 +55,7 @@ def reconsider(
             continue
         parameters, verdict = best
         if state.placed[camera]:
-            others = group_people(work.scoring, without, settings).ground
-            current = judge_camera(work, state, camera, grid=work.scoring, others=others)
+            current = judge_camera(work, state, camera, grid=work.scoring)
             if verdict.margin < current.margin + settings.minimum_margin:
                 continue
         state = state.with_camera(camera, parameters, settings.fine_range_tolerance)
@@ -151,10 +155,10 @@ def confirm(
     work, state = _resume(calibration, detections, settings)
     while True:
         verdicts = judge_cameras(work, state)
-        failing = [c for c, verdict in verdicts.items() if not verdict.accepted]
-        if not failing or len(verdicts) <= 2:
+        worst = weakest(verdicts)
+        if worst is None:
             return _with_cameras(calibration, state, verdicts)
-        state = state.without_camera(min(failing, key=lambda c: verdicts[c].margin))
+        state = state.without_camera(worst)
 
 
 def without_vague_cameras(
@@ -205,7 +209,7 @@ def _state(calibration: Calibration, settings: CalibrationSettings) -> RigState:
     """Convert the cameras of a finished rig to a `RigState`."""
     rig = calibration.scene.rig
     placed = np.asarray(rig.registered)
-    parameters = from_matrices(np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t))
+    parameters = of_rig(rig)
     tolerance = np.full(len(placed), settings.fine_range_tolerance)
     parameters = np.where(placed[:, None], parameters, np.nan)
     return RigState(parameters, placed.copy(), calibration.foot_offset, tolerance)

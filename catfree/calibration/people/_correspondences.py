@@ -18,7 +18,7 @@ from catfree.calibration.people.adjustment._people_bundle import (
     adjust,
     saves,
 )
-from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, from_matrices, to_matrices
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, of_rig, to_matrices
 from catfree.calibration.people.cameras._ground_map import map_ground
 from catfree.calibration.people.cameras._rig_deviation import (
     crowd_deviation,
@@ -96,7 +96,7 @@ def refine_with_correspondences(
         sd = np.repeat(sd[:, None], 3, axis=1)
     else:
         sd = np.asarray(box_sd, np.float64)[row]
-    parameters = from_matrices(np.asarray(rig.K), np.asarray(rig.R), np.asarray(rig.t))
+    parameters = of_rig(rig)
     k1 = np.where(registered, radial_distortion(rig), 0.0)
 
     def solved(*, shared_focal: bool, bent: bool) -> BundleResult:
@@ -109,7 +109,6 @@ def refine_with_correspondences(
             shared_focal=shared_focal,
             iterations=iterations,
             k1=k1 if bent else None,
-            free_lenses=bent,
         )
 
     ideal, bent = (solved(shared_focal=True, bent=free) for free in (False, True))
@@ -172,7 +171,6 @@ def adjust_groups(
     iterations: int,
     known: KnownCameras | None = None,
     k1: Float[np.ndarray, " cam"] | None = None,
-    free_lenses: bool = False,
 ) -> BundleResult:
     """Adjust cameras to given groups of boxes; people are initialized from single views.
 
@@ -185,8 +183,7 @@ def adjust_groups(
         shared_focal: whether all cameras have one focal length.
         iterations: maximum number of steps.
         known: prior on the cameras, if any.
-        k1: (C,) radial distortion of each camera, 0 if None.
-        free_lenses: whether to adjust it too; otherwise it is held.
+        k1: (C,) initial radial distortion of each camera, adjusted too; ideal lenses if None.
     """
     person, camera, box = measurements.person, measurements.camera, measurements.box
     sd = np.maximum(np.nan_to_num(measurements.sd, nan=SILENT_SD, posinf=SILENT_SD), SMALLEST_SD)
@@ -205,7 +202,6 @@ def adjust_groups(
         iterations=iterations,
         known=known,
         k1=k1,
-        free_lenses=free_lenses,
     )
 
 

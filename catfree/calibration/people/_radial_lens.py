@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from catfree.geometry._buckets import in_blocks
 from catfree.geometry.camera import undistort
@@ -37,11 +37,6 @@ class RadialLenses:
         usual = float(np.median(share[known])) if known.any() else 1.0
         return cls(np.where(known, share, usual) * size, np.where(known, k1, middle))
 
-    @property
-    def bent(self) -> Bool[np.ndarray, " cam"]:
-        """(C,) whether the lens is not ideal."""
-        return self.k1 != 0
-
     def straightened(
         self, camera: Int[np.ndarray, " n"], edges: Float[np.ndarray, "n 3"]
     ) -> Float[np.ndarray, "n 3"]:
@@ -54,7 +49,7 @@ class RadialLenses:
         Returns:
             (n, 3) the same edges seen without distortion; the edges themselves if no lens is bent.
         """
-        if not self.bent.any():
+        if not self.k1.any():
             return edges
         focal = self.focal[camera]
         rows = [np.stack([edges[:, 0], edges[:, i]], -1) / focal[:, None] for i in (1, 2)]

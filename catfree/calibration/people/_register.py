@@ -12,6 +12,7 @@ from catfree.calibration.people.adjustment._anchors import AnchorCheck
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, to_matrices
 from catfree.calibration.people.cameras._rig_deviation import crowd_deviation, scale_variance
 from catfree.calibration.people.matching._workspace import Workspace
+from catfree.calibration.people.search._clock_offsets import find_offsets
 from catfree.calibration.people.search._register_cameras import RegisteredRig, register_cameras
 from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
@@ -127,8 +128,6 @@ def register(
     offset = np.zeros(len(size), np.int64)
     work, registered = _register_bent(detections, size, settings, names, report)
     if maximum_offset > 0:
-        from catfree.calibration.people.search._clock_offsets import find_offsets
-
         work, registered, offset = find_offsets(work, registered, maximum_offset, report)
     return describe(work, registered, names, offset)
 

@@ -15,6 +15,7 @@ from catfree.calibration.reconstructions._ground_evidence import (
 )
 from catfree.errors import GroundRejectedError, InsufficientDataError
 from catfree.geometry import fit_plane_ransac
+from catfree.geometry._buckets import coarse_length, padded
 from catfree.types import Detections, Plane, Rig
 from catfree.types._annotations import HostOrDevice
 from catfree.types._sampling import evenly_spread
@@ -134,13 +135,9 @@ def find_ground(
 
 def _largest_plane(points: np.ndarray, key: jax.Array, tolerance: float) -> Plane:
     """Find the plane with most support, oriented toward the origin (the mean of the cameras)."""
-    # Padded to a power of two, so that shrinking clouds share a compiled function.
-    length = 1 << max(int(np.ceil(np.log2(len(points)))), 6)
-    dtype = jnp.result_type(float)
-    padded = np.zeros((length, 3), dtype)
-    padded[: len(points)] = points
+    length, dtype = coarse_length(len(points), 64, 2), jnp.result_type(float)
     fit = fit_plane_ransac(
-        padded,
+        padded(points.astype(dtype), length),
         key,
         threshold=np.asarray(tolerance, dtype),
         iterations=ITERATIONS,

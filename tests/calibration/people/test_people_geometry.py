@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree.calibration.people import CalibrationSettings
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
 from catfree.calibration.people.adjustment._people_bundle import adjust
 from catfree.calibration.people.adjustment._resection import MatchedPeople, fit_cameras
@@ -17,6 +16,7 @@ from catfree.calibration.people.cameras._camera_model import (
 from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
 from catfree.calibration.people.matching._placement import Placement, align_rigidly, turn, vote
 from catfree.geometry._person import height_at
+from catfree.settings import CalibrationSettings
 from tests.calibration.people.boxes_of_rows import boxes_of_rows
 
 SETTINGS = CalibrationSettings()

@@ -20,12 +20,10 @@ class AdjustedRig:
 
     Attributes:
         state: the rig.
-        people: the grouping of its boxes.
         bundle: the last adjustment.
     """
 
     state: RigState
-    people: People
     bundle: BundleResult
 
 
@@ -83,7 +81,7 @@ def alternate(
         CalibrationError: if no person is seen by two cameras.
     """
     middle = np.log(np.median(settings.focal_shares) * grid.size.max(1))
-    bundle = people = None
+    bundle = None
     for tolerance in tolerances:
         limited = replace(state, range_tolerance=np.full(grid.camera_count, tolerance))
         people = group_people(grid, limited, settings)
@@ -104,9 +102,9 @@ def alternate(
         )
         parameters = np.where(np.isfinite(bundle.parameters), bundle.parameters, state.parameters)
         state = replace(limited, parameters=parameters)
-    if bundle is None or people is None:
+    if bundle is None:
         cameras = ", ".join(str(c) for c in np.flatnonzero(state.placed))
         raise CalibrationError(
             f"Cameras {cameras} cannot be adjusted together: no person is seen by two of them."
         )
-    return AdjustedRig(state, people, bundle)
+    return AdjustedRig(state, bundle)

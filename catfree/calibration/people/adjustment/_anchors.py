@@ -246,7 +246,7 @@ def resolve_anchors(
         raise InvalidInputError("anchors must be a list; put the anchor into brackets.")
     index = []
     for anchor in anchors:
-        if not isinstance(anchor, KnownDistance | KnownCamera | SurveyedPoint):
+        if not isinstance(anchor, Anchor):
             raise InvalidInputError(
                 "anchors must hold KnownDistance, KnownCamera or SurveyedPoint, got "
                 f"{type(anchor).__name__}."

@@ -99,7 +99,7 @@ class BundleResult:
         fixed = np.outer(by_offset, by_offset)
         total = np.sqrt(repeats) * (self.covariance - fixed) + fixed
         count = len(self.parameters)
-        return total[:-1, :-1].reshape(count, -1, count, total.shape[0] // count)[:, :7, :, :7]
+        return total[:-1, :-1].reshape(count, 7, count, 7)
 
     @property
     def center_covariance(self) -> Float[np.ndarray, "cam 3 3"]:
@@ -212,7 +212,6 @@ def adjust(
     iterations: int = 15,
     known: KnownCameras | None = None,
     k1: Float[np.ndarray, " cam"] | None = None,
-    free_lenses: bool = False,
 ) -> BundleResult:
     """Adjust cameras and people together.
 
@@ -228,8 +227,7 @@ def adjust(
         iterations: maximum number of steps.
         known: prior on the cameras; if None, weak priors on focal length and roll, and the heading
             and position of one camera are fixed.
-        k1: (C,) radial distortion of each camera, 0 if None.
-        free_lenses: whether to adjust it too; otherwise it is held.
+        k1: (C,) initial radial distortion of each camera, adjusted too; ideal lenses if None.
     """
     data, people, cameras = measurements, len(xy), len(parameters)
     sightings = np.bincount(data.camera, minlength=cameras)
@@ -239,10 +237,8 @@ def adjust(
     boxes, precision = (np.zeros((cameras, people, 3)) for _ in range(2))
     boxes[data.camera, data.person], precision[data.camera, data.person] = data.box, 1 / data.sd
     P, C = coarse_length(people, PEOPLE_BLOCK, 3), cameras + -cameras % CAMERA_BLOCK
-    bent = np.zeros(cameras) if k1 is None else k1
+    bent, lens_sd = (np.zeros(cameras), GAUGE_SD) if k1 is None else (k1, settings.distortion_sd)
     shown = np.where(used[:, None], np.column_stack([parameters, bent]), 0.0)
-    lens_mean = np.zeros(cameras) if free_lenses else bent
-    lens_sd = settings.distortion_sd if free_lenses else GAUGE_SD
     camera_precision = np.column_stack([np.sqrt(known.precision), np.full(cameras, 1 / lens_sd)])
     with jax.enable_x64(True):
         found, cost, covariance, residual = jax.tree.map(
@@ -255,7 +251,7 @@ def adjust(
                     box=padded(boxes, C, P),
                     precision=padded(precision, C, P),
                     used=padded(used, C),
-                    mean=padded(np.column_stack([known.parameters, lens_mean]), C),
+                    mean=padded(np.column_stack([known.parameters, np.zeros(cameras)]), C),
                     camera_precision=padded(camera_precision * used[:, None], C),
                     focal_precision=jnp.asarray(shared_focal / settings.shared_focal_sd),
                     height=jnp.asarray(settings.apparent_height),
@@ -279,8 +275,8 @@ def adjust(
         np.array([_median_size(residual[data.camera == c]) for c in range(cameras)]),
         sightings,
         covariance[np.ix_(index, index)] * np.outer(kept, kept),
-        np.where(used & free_lenses, view[:, K1], bent),
-        np.where(used & free_lenses, k1_sd, 0.0),
+        bent if k1 is None else np.where(used, view[:, K1], bent),
+        np.where(used & (k1 is not None), k1_sd, 0.0),
     )
 
 

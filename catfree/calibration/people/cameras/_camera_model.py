@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from catfree.types import Rig
 from catfree.types._annotations import HostOrDevice
 
 LOG_FOCAL, TILT, ROLL, PAN, X, Y, Z = range(7)
@@ -48,6 +49,11 @@ def to_matrices(
     K[:, :2, 2] = (size - 1) / 2
     K[:, 2, 2] = 1
     return K, R, -np.einsum("cij,cj->ci", R, parameters[:, X:])
+
+
+def of_rig(rig: Rig) -> Float[np.ndarray, "cam 7"]:
+    """Parameters (C, 7) of the cameras of a rig over the ground z = 0; NaN where they hold NaN."""
+    return from_matrices(*(np.asarray(part, np.float64) for part in (rig.K, rig.R, rig.t)))
 
 
 def from_matrices(

@@ -91,8 +91,6 @@ def group_people(
     grid: BoxGrid,
     state: RigState,
     settings: CalibrationSettings,
-    *,
-    without: int | None = None,
 ) -> People:
     """Group the boxes of all placed cameras into people, frame by frame.
 
@@ -103,10 +101,8 @@ def group_people(
         grid: all boxes.
         state: the rig.
         settings: constants.
-        without: a camera to omit.
     """
-    cameras = [int(c) for c in np.flatnonzero(state.placed) if c != without]
-    cameras.sort(key=lambda c: -int(grid.valid[c].sum()))
+    cameras = sorted(np.flatnonzero(state.placed).tolist(), key=lambda c: -int(grid.valid[c].sum()))
     first, *others = (camera_map(grid, c, state, settings) for c in cameras)
     members = np.full((*first.valid.shape, grid.camera_count), -1)
     members[:, :, cameras[0]] = np.where(first.valid, np.arange(first.valid.shape[1]), -1)
@@ -172,35 +168,42 @@ def smallest_boxes(grid: BoxGrid) -> Float[np.ndarray, " cam"]:
     )
 
 
+def seen_by(
+    grid: BoxGrid,
+    state: RigState,
+    camera: int,
+    people: GroundMap,
+    smallest: Float[np.ndarray, " cam"],
+) -> Bool[np.ndarray, "frame person"]:
+    """(T, N) whether a placed camera should see each person; the arguments are `seen_by_any`'s."""
+    return visible(
+        state.parameters[camera],
+        grid.size[camera],
+        smallest[camera],
+        people.xy,
+        people.height,
+        state.foot_offset,
+    )
+
+
 def seen_by_any(
     grid: BoxGrid,
     state: RigState,
     people: GroundMap,
     smallest: Float[np.ndarray, " cam"],
-    *,
-    without: int,
 ) -> Bool[np.ndarray, "frame person"]:
-    """Whether any placed camera except `without` should see each person.
+    """Whether any placed camera should see each person.
 
     Args:
         grid: all boxes, for the image sizes.
         state: the rig.
         people: (T, N) map of people.
         smallest: (C,) box height in pixels below which a camera hardly detects people.
-        without: the excluded camera.
 
     Returns:
         (T, N) bool.
     """
     is_visible = np.zeros(people.valid.shape, bool)
-    for camera in np.flatnonzero(state.placed):
-        if camera != without:
-            is_visible |= visible(
-                state.parameters[camera],
-                grid.size[camera],
-                smallest[camera],
-                people.xy,
-                people.height,
-                state.foot_offset,
-            )
+    for camera in np.flatnonzero(state.placed).tolist():
+        is_visible |= seen_by(grid, state, camera, people, smallest)
     return is_visible & people.valid

@@ -143,13 +143,11 @@ class Judgment:
         evidence: log-likelihood ratio of "same people" against "same places, other times".
         association: fraction matched of the people that both sides should see.
         matches: number of matched people.
-        pairs: (matches, 3) frame, slot of the camera, slot of the map.
     """
 
     evidence: float
     association: float
     matches: int
-    pairs: Int[np.ndarray, "match 3"]
 
 
 def judge(
@@ -196,4 +194,4 @@ def judge(
     # A match less likely than two separate people counts as two separate people.
     evidence = float(np.maximum(log_ratio, 2 * miss).sum() + miss * (missed + unmatched))
     rates = [matches / max(1, matches + count) for count in (missed, unmatched)]
-    return Judgment(evidence, max(rates), matches, np.stack([time, slot, partner], -1))
+    return Judgment(evidence, max(rates), matches)

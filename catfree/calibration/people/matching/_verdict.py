@@ -10,11 +10,12 @@ import numpy as np
 from jaxtyping import Bool
 
 from catfree.calibration.people._box_grid import BoxGrid
-from catfree.calibration.people.cameras._ground_map import GroundMap, visible
+from catfree.calibration.people.cameras._ground_map import GroundMap
 from catfree.calibration.people.matching._group_people import (
     RigState,
     camera_map,
     group_people,
+    seen_by,
     seen_by_any,
 )
 from catfree.calibration.people.matching._mutual_nearest import Judgment, chance_density, judge
@@ -107,18 +108,12 @@ def judge_camera(
     """
     settings = work.settings
     grid = work.grid if grid is None else grid
+    rest = state.without_camera(camera)
     if others is None:
-        others = group_people(grid, state, settings, without=camera).ground
+        others = group_people(grid, rest, settings).ground
     camera_people = camera_map(grid, camera, state, settings)
-    others_expected = visible(
-        state.parameters[camera],
-        grid.size[camera],
-        work.smallest[camera],
-        others.xy,
-        others.height,
-        state.foot_offset,
-    )
-    own_expected = seen_by_any(grid, state, camera_people, work.smallest, without=camera)
+    others_expected = seen_by(grid, state, camera, others, work.smallest)
+    own_expected = seen_by_any(grid, rest, camera_people, work.smallest)
     judgment, margin = judge_with_chance(
         camera_people, others, others_expected, own_expected, settings, settings.chance_shifts
     )
@@ -128,6 +123,14 @@ def judge_camera(
 def judge_cameras(work: Workspace, state: RigState) -> dict[int, Verdict]:
     """Judge every placed camera against the map of the others, on all frames."""
     return {int(c): judge_camera(work, state, int(c)) for c in np.flatnonzero(state.placed)}
+
+
+def weakest(verdicts: dict[int, Verdict]) -> int | None:
+    """The camera to remove next, if one is not accepted; at least two remain."""
+    failing = [c for c, verdict in verdicts.items() if not verdict.accepted]
+    if len(verdicts) <= 2:
+        return None
+    return min(failing, key=lambda c: verdicts[c].margin, default=None)
 
 
 def _shortcomings(

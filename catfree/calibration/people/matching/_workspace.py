@@ -9,7 +9,6 @@ from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
 from catfree.calibration.people.cameras._single_view import fit_planes
 from catfree.calibration.people.matching._group_people import smallest_boxes
 from catfree.settings import CalibrationSettings
-from catfree.types._sampling import evenly_spread
 
 QUICK_FRAMES = 24  # frames used to compare many placements
 
@@ -37,10 +36,8 @@ class Workspace:
         self.grid, self.settings, self.lenses = grid, settings, lenses
         self.useful = grid.valid.sum((1, 2)) > settings.minimum_matches
         self.smallest = smallest_boxes(grid)
-        count = grid.frame_count
-        self.voting = grid.at_frames(evenly_spread(np.arange(count), settings.voting_frames))
-        self.quick = grid.at_frames(evenly_spread(np.arange(count), QUICK_FRAMES))
-        self.scoring = grid.at_frames(evenly_spread(np.arange(count), settings.scoring_frames))
+        self.voting, self.quick = grid.thinned(settings.voting_frames), grid.thinned(QUICK_FRAMES)
+        self.scoring = grid.thinned(settings.scoring_frames)
         self._planes: dict[tuple[int, float], Float[np.ndarray, "plane 7"]] = {}
 
     def planes(self, camera: int, log_focal: float) -> Float[np.ndarray, "plane 7"]:
@@ -51,7 +48,7 @@ class Workspace:
         return self._planes[key]
 
     def local_map(
-        self, grid: BoxGrid, camera: int, parameters: Float[np.ndarray, "7"], tolerance: float
+        self, grid: BoxGrid, camera: int, parameters: Float[np.ndarray, "7"]
     ) -> GroundMap:
         """Map the people of a camera with given parameters.
 
@@ -59,12 +56,11 @@ class Workspace:
             grid: the frames to map.
             camera: index of the camera.
             parameters: (7,) its parameters.
-            tolerance: fraction of the range by which the map may be wrong.
         """
         return map_ground(
             parameters,
             *grid.of_camera(camera),
             self.settings,
             foot_offset=self.settings.foot_offset,
-            range_tolerance=tolerance,
+            range_tolerance=self.settings.range_tolerance,
         )

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Int
 
-from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.adjustment._resection import resect
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
 from catfree.calibration.people.matching._group_people import RigState, group_people
@@ -19,10 +18,9 @@ from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._register_cameras import RegisteredRig, register_cameras
 from catfree.errors import CalibrationError
 from catfree.geometry._arrays import ArrayInput
-from catfree.settings import CalibrationSettings
 from catfree.types import Detections
 from catfree.types._annotations import Progress
-from catfree.types._sampling import evenly_spread, frame_step
+from catfree.types._sampling import frame_step
 
 TRIED_OFFSETS = 16  # offsets of an unplaced camera that are refined
 WIDE_TOLERANCE = 0.03  # fraction of the range, while people are matched at the wrong instant
@@ -99,7 +97,7 @@ def _offset_of_placed(
 ) -> tuple[float, int]:
     """Gain in evidence and shift at which a placed camera agrees best after refitting."""
     wide = replace(state, range_tolerance=np.full(len(state.placed), WIDE_TOLERANCE))
-    others = group_people(work.grid, wide, work.settings, without=camera).ground
+    others = group_people(work.grid, wide.without_camera(camera), work.settings).ground
     log_focal = float(state.parameters[camera, LOG_FOCAL])
     evidence: dict[int, float] = {}
     best = 0
@@ -145,10 +143,10 @@ def offset_of_unplaced(
     candidates = []
     for shift in shifts:
         grid = work.grid.shifted(camera, -shift)
-        sample = _thinned(grid, settings)
+        sample = grid.thinned(settings.voting_frames)
         fused = group_people(sample, state, settings).ground
         for plane in planes:
-            camera_map = work.local_map(sample, camera, plane, settings.range_tolerance)
+            camera_map = work.local_map(sample, camera, plane)
             candidates += [
                 (placement.score, shift, placement.place(plane))
                 for placement in vote(fused, camera_map, settings, 1)
@@ -180,8 +178,3 @@ def offset_of_unplaced(
         if verdict.accepted and verdict.margin > best[0]:
             best = verdict.margin, shift
     return best
-
-
-def _thinned(grid: BoxGrid, settings: CalibrationSettings) -> BoxGrid:
-    """Select the frames used for voting."""
-    return grid.at_frames(evenly_spread(np.arange(grid.frame_count), settings.voting_frames))

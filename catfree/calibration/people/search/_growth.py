@@ -8,7 +8,12 @@ from catfree.calibration.people.adjustment._resection import resect
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, PAN, X, Z
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._placement import Placement, vote
-from catfree.calibration.people.matching._verdict import Verdict, judge_camera, judge_cameras
+from catfree.calibration.people.matching._verdict import (
+    Verdict,
+    judge_camera,
+    judge_cameras,
+    weakest,
+)
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._seed_pairs import PairHypothesis
 
@@ -76,10 +81,9 @@ def prune_rig(
     """
     while True:
         verdicts = judge_cameras(work, rig.state)
-        failing = [c for c, verdict in verdicts.items() if not verdict.accepted]
-        if not failing or len(verdicts) <= 2:
+        worst = weakest(verdicts)
+        if worst is None:
             return rig, verdicts
-        worst = min(failing, key=lambda c: verdicts[c].margin)
         rig = _refined(work, rig.state.without_camera(worst), shared_focal)
 
 
@@ -204,7 +208,7 @@ def _candidates(
     votes = []
     for log_focal in log_focals:
         for plane in work.planes(camera, log_focal):
-            camera_map = work.local_map(work.voting, camera, plane, settings.range_tolerance)
+            camera_map = work.local_map(work.voting, camera, plane)
             votes += [(v, plane) for v in vote(people, camera_map, settings, 2)]
     votes.sort(key=lambda item: -item[0].score)
     starts = [placement.place(plane) for placement, plane in votes[:12]]

@@ -9,7 +9,7 @@ from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
 from catfree.calibration.people.cameras._ground_map import GroundMap, visible
 from catfree.calibration.people.matching._group_people import RigState
-from catfree.calibration.people.matching._mutual_nearest import Judgment, mutual_nearest
+from catfree.calibration.people.matching._mutual_nearest import mutual_nearest
 from catfree.calibration.people.matching._placement import Placement, align_rigidly, moved_map, vote
 from catfree.calibration.people.matching._verdict import judge_with_chance
 from catfree.calibration.people.matching._workspace import Workspace
@@ -27,13 +27,11 @@ class PairHypothesis:
     Attributes:
         cameras: indices of the two cameras.
         parameters: (2, 7) their parameters, the first with pan, X and Y zero.
-        judgment: agreement of their people.
         margin: evidence minus the highest evidence at shifted times.
     """
 
     cameras: tuple[int, int]
     parameters: Float[np.ndarray, "2 7"]
-    judgment: Judgment
     margin: float
 
 
@@ -66,7 +64,7 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
         target, source = maps(work.quick, one, p), maps(work.quick, two, q)
         placement = _settle(target, source, placement, settings.match_gate)
         moved = placement.place(q)
-        _, margin = _judge_pair(work, work.quick, one, two, p, moved, target, (0.5,))
+        margin = _judge_pair(work, work.quick, one, two, p, moved, target, (0.5,))
         scored.append((margin, placement, p, q))
     scored.sort(key=lambda item: -item[0])
     best = None
@@ -75,9 +73,9 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
         placement = _settle(target, source, placement, settings.match_gate)
         moved = placement.place(q)
         shifts = settings.chance_shifts[1::2]
-        judgment, margin = _judge_pair(work, work.scoring, one, two, p, moved, target, shifts)
+        margin = _judge_pair(work, work.scoring, one, two, p, moved, target, shifts)
         if best is None or margin > best.margin:
-            best = PairHypothesis((one, two), np.stack([p, moved]), judgment, margin)
+            best = PairHypothesis((one, two), np.stack([p, moved]), margin)
     return best
 
 
@@ -91,8 +89,7 @@ class _Maps:
     def __call__(self, grid: BoxGrid, camera: int, plane: Float[np.ndarray, "7"]) -> GroundMap:
         key = id(grid), camera, plane.tobytes()
         if key not in self._known:
-            tolerance = self._work.settings.range_tolerance
-            self._known[key] = self._work.local_map(grid, camera, plane, tolerance)
+            self._known[key] = self._work.local_map(grid, camera, plane)
         return self._known[key]
 
 
@@ -119,12 +116,12 @@ def _judge_pair(
     q: Float[np.ndarray, "7"],
     target: GroundMap,
     shifts: tuple[float, ...],
-) -> tuple[Judgment, float]:
-    """Judge whether two placed cameras see the same people; also return the margin over chance."""
+) -> float:
+    """Evidence above chance that two placed cameras see the same people."""
     settings = work.settings
-    moved = work.local_map(grid, two, q, settings.range_tolerance)
+    moved = work.local_map(grid, two, q)
     size, smallest, offset = grid.size, work.smallest, settings.foot_offset
-    return judge_with_chance(
+    _, margin = judge_with_chance(
         moved,
         target,
         visible(q, size[two], smallest[two], target.xy, target.height, offset),
@@ -132,6 +129,7 @@ def _judge_pair(
         settings,
         shifts,
     )
+    return margin
 
 
 def seed_rig(work: Workspace, pair: PairHypothesis) -> AdjustedRig:

@@ -12,7 +12,7 @@ SETTINGS = CalibrationSettings()
 
 
 def verdict(matches: int, association: float, margin: float) -> Verdict:
-    judgment = Judgment(100.0, association, matches, np.zeros((matches, 3), int))
+    judgment = Judgment(100.0, association, matches)
     return Verdict(judgment, 100.0 - margin, _shortcomings(judgment, margin, SETTINGS))
 
 
