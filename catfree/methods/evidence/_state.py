@@ -32,7 +32,7 @@ class EvidenceState(eqx.Module):
         boxes, views, noise, measurements: the boxes, their cameras, noise and likelihoods.
         ratios: compares the embeddings of boxes; None if they do not tell people apart.
         groups: boxes of one person in one frame.
-        place: (H, 3) position and height of each group; `place_covariance`: (H, 3, 3).
+        place: (H, 3) position and height of each group.
         rate: how often each camera detects a person in view.
         existence: the evidence for each group.
         motion: how people walk.
@@ -57,7 +57,6 @@ class EvidenceState(eqx.Module):
     ratios: PairRatios | None
     groups: Groups
     place: Float[np.ndarray, "group 3"]
-    place_covariance: Float[np.ndarray, "group 3 3"]
     rate: DetectionRate
     existence: Existence
     motion: Motion
@@ -98,7 +97,6 @@ def first_state(
         ratios=None,
         groups=Groups(rows, np.zeros((0, cameras), np.int64), nothing, numbers),
         place=np.zeros((0, 3)),
-        place_covariance=np.zeros((0, 3, 3)),
         rate=rate_before_counting(heights, settings),
         existence=Existence(numbers, np.zeros((0, cameras)), np.ones(len(boxes.frame))),
         motion=usual_motion(settings),
@@ -123,13 +121,12 @@ def _nobody() -> Trails:
 
 def with_groups(state: EvidenceState, groups: Groups) -> EvidenceState:
     """The state with other groups: nothing is known of them, and the tracks of the old ones go."""
-    place, covariance = mean_and_covariance(groups.info, float(state.noise.spread))
+    place, _ = mean_and_covariance(groups.info, float(state.noise.spread))
     unknown = np.zeros(groups.member.shape)
     return replace(
         with_tracks(state, _nobody(), np.zeros(0), np.zeros(0)),
         groups=groups,
         place=place,
-        place_covariance=covariance,
         existence=Existence(unknown[:, 0], unknown, state.existence.clutter),
         looks=None,
     )

@@ -159,27 +159,6 @@ def _bins(
     return height, np.searchsorted(covers, np.asarray(seen.cover))
 
 
-def learn_detection_rate(
-    seen: Views,
-    member: np.ndarray,
-    size: np.ndarray,
-    camera: np.ndarray,
-    settings: EvidenceSettings,
-) -> DetectionRate:
-    """Learn detection rates from people confirmed by enough other cameras.
-
-    Args:
-        seen: (H, C) predicted views.
-        member: (H, C) detection or -1.
-        size: (n,) box heights.
-        camera: (n,) their cameras.
-        settings: constants.
-    """
-    heights = usual_heights(size, camera, member.shape[1], settings)
-    counts = count_detections(seen, member, heights, settings)
-    return rate_of_counts(heights, *counts, settings)
-
-
 def usual_heights(
     size: np.ndarray, camera: np.ndarray, cameras: int, settings: EvidenceSettings
 ) -> Float[np.ndarray, "cam 2"]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import expit
 
+from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence._state import EvidenceState, with_tracks
 from catfree.methods.evidence.group._appearance import looks_of
 from catfree.methods.evidence.track._existence import misses, predict_views, with_pictures
@@ -23,7 +24,9 @@ def follow_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceS
     """Track all groups anew; without time or tracking, every group is judged on its own."""
     groups, log_odds, time = state.groups, state.existence.log_odds, state.boxes.time
     if not state.is_tracked(settings):
-        trails = unlinked(groups.frame, state.place, state.place_covariance)
+        trails = unlinked(
+            groups.frame, *mean_and_covariance(groups.info, float(state.noise.spread))
+        )
         return with_tracks(state, trails, log_odds, expit(log_odds))
     cameras = int((groups.member >= 0).any(0).sum())
     sure = sure_groups(groups.member, log_odds, cameras, settings)

@@ -4,17 +4,18 @@ from dataclasses import replace
 
 from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.group._group import appearance_log_odds
-from catfree.methods.evidence.observe._visibility import learn_detection_rate
+from catfree.methods.evidence.observe._visibility import count_detections, rate_of_counts
 from catfree.methods.evidence.track._existence import judge_groups, predict_views, with_pictures
 from catfree.settings import EvidenceSettings
 
 
 def weigh_groups(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
     """Learn how often each camera detects people, then the log-odds that each group is one."""
-    boxes, groups, n = state.boxes, state.groups, len(state.boxes.row)
+    boxes, groups, heights = state.boxes, state.groups, state.rate.heights
     seen = predict_views(state.place, groups.frame, groups.member, boxes, state.views, settings)
     seen = with_pictures(seen, groups.frame, boxes)
-    rate = learn_detection_rate(seen, groups.member, boxes.size[:n], boxes.camera[:n], settings)
+    counts = count_detections(seen, groups.member, heights, settings)
+    rate = rate_of_counts(heights, *counts, settings)
     existence = judge_groups(
         groups, appearance_log_odds(groups, state.ratios), state.measurements, boxes, state.views,
         rate(seen), settings,

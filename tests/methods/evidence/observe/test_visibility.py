@@ -12,10 +12,12 @@ from catfree.methods.evidence.observe._visibility import (
     ASPECT,
     COLUMNS,
     Views,
+    count_detections,
     covered_feet,
     covered_share,
     expected_views,
-    learn_detection_rate,
+    rate_of_counts,
+    usual_heights,
 )
 from catfree.settings import EvidenceSettings
 from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene
@@ -183,6 +185,10 @@ def test_only_boxes_that_stand_in_front_of_the_feet_hide_them():
     assert np.asarray(covered_feet(box, frame + 2, camera, table, 0.3)).max() == 0
 
 
+def _learned(views, member, heights):
+    return rate_of_counts(heights, *count_detections(views, member, heights, RULES), RULES)
+
+
 @settings(max_examples=10)
 @given(st.integers(0, 10**6), st.floats(0.2, 0.95), st.floats(0.2, 0.95))
 def test_the_rate_of_a_camera_is_what_was_drawn_where_others_are_witnesses(seed, rate, usual):
@@ -197,7 +203,7 @@ def test_the_rate_of_a_camera_is_what_was_drawn_where_others_are_witnesses(seed,
     views = Views(np.ones(shape), np.full(shape, 100.0), np.zeros(shape), np.ones(shape))
     size, camera = np.full(H * C, 100.0), np.tile(np.arange(C), H)
     trials = ((hit.sum(1, keepdims=True) - hit) >= 3).sum(0)
-    found = learn_detection_rate(views, member, size, camera, RULES)(views)
+    found = _learned(views, member, usual_heights(size, camera, C, RULES))(views)
     # Four standard deviations of a share, beside the pull of the pseudo counts.
     pull = RULES.fewest_samples / (trials + RULES.fewest_samples)
     limit = 4 * np.sqrt(drawn * (1 - drawn) / trials) + pull
@@ -213,9 +219,8 @@ def test_rates_are_probabilities_by_what_hides_and_nothing_outside_is_missed(see
         rng.integers(0, 2, (H, C)).astype(float), rng.uniform(20, 400, (H, C)),
         rng.choice([0.0, 0.3, 0.5, 0.8, 1.0], (H, C)), np.ones((H, C)),
     )  # fmt: skip
-    found = learn_detection_rate(
-        views, member, rng.uniform(20, 400, 50), rng.integers(0, C, 50), RULES
-    )
+    heights = usual_heights(rng.uniform(20, 400, 50), rng.integers(0, C, 50), C, RULES)
+    found = _learned(views, member, heights)
     assert ((found.rate >= 0.01) & (found.rate <= 0.99)).all()
     assert found.rate.shape == (C, 3, len(RULES.cover_edges) + 1)
     np.testing.assert_array_equal(found(views)[np.asarray(views.inside) == 0], 0)
@@ -223,5 +228,5 @@ def test_rates_are_probabilities_by_what_hides_and_nothing_outside_is_missed(see
 
 def test_nobody_seen_leaves_the_rate_that_was_assumed():
     empty = Views(*(np.zeros((0, 3)) for _ in range(4)))
-    found = learn_detection_rate(empty, np.zeros((0, 3), int), np.zeros(0), np.zeros(0, int), RULES)
+    found = _learned(empty, np.zeros((0, 3), int), np.zeros((3, 2)))
     np.testing.assert_allclose(found.rate, RULES.detection_rate_start)
