@@ -12,7 +12,6 @@ from catfree.geometry._buckets import coarse_length, fine_length
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.settings import EvidenceSettings
-from catfree.types._sampling import evenly_spread
 
 SMALLEST_SPREAD = 0.01  # cosine distance: narrower samples are copies
 TABLE_ENTRIES = 1 << 24  # of pairwise ratios computed at a time: 64 MB
@@ -100,20 +99,16 @@ def learn_ratio(
 ) -> Likeness | None:
     """Learn the log-likelihood ratio from groups with enough views.
 
-    Fits Gaussians (median and MAD) to the distances within and between groups, in as many evenly
-    spread frames as self-calibration uses. Returns None if there are too few pairs or if distances
-    do not discriminate people.
+    Fits Gaussians (median and MAD) to the distances within and between the groups of each frame.
+    Returns None if there are too few pairs or if distances do not discriminate people.
     """
-    frames = evenly_spread(np.arange(len(appearance.first) - 1), settings.calibration_frames)
-    strong = np.flatnonzero(
-        ((groups.member >= 0).sum(1) >= settings.witnesses) & np.isin(groups.frame, frames)
-    )
+    strong = np.flatnonzero((groups.member >= 0).sum(1) >= settings.witnesses)
     g, camera = np.nonzero(groups.member[strong] >= 0)
     label = strong[g]
     looks = appearance.embedding[groups.member[strong][g, camera]]
-    bounds = np.searchsorted(groups.frame[label], np.append(frames, len(appearance.first)))
+    _, begins = np.unique(groups.frame[label], return_index=True)
     within, between = [], []
-    for begin, end in pairwise(bounds):
+    for begin, end in pairwise([*begins, len(label)]):
         rows = slice(begin, end)
         once = camera[rows][:, None] < camera[rows]
         distance = 1 - looks[rows] @ looks[rows].T

@@ -2,18 +2,27 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.group._appearance import PairRatios, compare_frames, learn_ratio
 from catfree.methods.evidence.group._group import group
 from catfree.settings import EvidenceSettings
+from catfree.types._sampling import evenly_spread
 
 
 def learn_looks(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
-    """Learn the likelihood ratio of embeddings from boxes grouped by position and height."""
-    appearance = compare_frames(state.boxes) if settings.use_appearance else None
+    """Learn the likelihood ratio of embeddings from boxes grouped by position and height.
+
+    As many evenly spread frames as self-calibration uses are enough.
+    """
+    boxes, measured = state.boxes, state.measurements
+    appearance = compare_frames(boxes) if settings.use_appearance else None
     if appearance is None:
         return state
-    groups = group(state.boxes, state.measurements, state.noise, settings.gate)
+    frames = evenly_spread(np.arange(len(boxes.frames)), settings.calibration_frames)
+    valid = np.asarray(measured.valid) & np.isin(boxes.frame, frames)
+    groups = group(boxes, replace(measured, valid=valid), state.noise, settings.gate)
     likeness = learn_ratio(appearance, groups, settings)
     if likeness is None:
         return state
