@@ -14,6 +14,8 @@ from catfree.methods.evidence.observe._local_pinholes import local_pinholes, pro
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Lens, Rig
 
+BLOCK = 4096  # embeddings normalized together
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
@@ -182,9 +184,11 @@ def prepare_boxes(
     table = _row_table(frame, camera, F, rig.camera_count)
     embedding = None
     if detections.embedding is not None:
-        raw = np.asarray(detections.embedding, np.float64)[rows]
-        length = np.maximum(np.linalg.norm(raw, axis=-1, keepdims=True), 1e-12)
-        embedding = pad((raw / length).astype(np.float32), 0.0)
+        embedding = np.zeros((N, detections.embedding.shape[1]), np.float32)
+        for begin in range(0, n, BLOCK):  # the wide numbers of all boxes would fill the memory
+            raw = np.asarray(detections.embedding[rows[begin : begin + BLOCK]], np.float64)
+            length = np.maximum(np.linalg.norm(raw, axis=-1, keepdims=True), 1e-12)
+            embedding[begin : begin + len(raw)] = raw / length
     return Boxes(
         row=rows,
         frames=frames,

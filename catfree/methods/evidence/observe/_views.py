@@ -154,19 +154,19 @@ def _edges_of_pinholes(state: Array, matrix: Array) -> tuple[Array, Array]:
 
 
 def pinholes_towards(
-    edges: Float[np.ndarray, "person cam 3"], views: GroundViews
+    state: Float[np.ndarray, "person 3"], views: GroundViews
 ) -> tuple[Float[np.ndarray, "person cam 3 4"], Float[np.ndarray, "person cam"]]:
     """The pinhole in which each camera sees each person: its own, or one turned towards the person.
 
     Args:
-        edges: (H, C, 3) of people in the images, see `people_in_cameras`.
+        state: (H, 3) positions and heights in H0.
         views: the cameras.
 
     Returns:
         matrix: (H, C, 3, 4) as in `GroundViews`.
         focal: (H, C) in pixels.
     """
-    people, count = edges.shape[:2]
+    people, count = len(state), len(views.registered)
     matrix = np.tile(views.matrix[None, :count], (people, 1, 1, 1))
     focal = np.tile(views.focal[None, :count], (people, 1))
     rig = views.rig
@@ -174,7 +174,8 @@ def pinholes_towards(
         [] if rig is None else np.flatnonzero(views.registered & (rig.lenses != Lens.PINHOLE))
     ):
         assert rig is not None
-        middle = np.stack([edges[:, camera, 0], edges[:, camera, 1:].mean(-1)], -1)
+        edges = edges_of(*people_in_rig(rig, camera, state)[:2])
+        middle = np.stack([edges[:, 0], edges[:, 1:].mean(-1)], -1)
         inside = np.clip(middle, 0, rig.image_size[camera] - 1)
         K, R, usable = local_pinholes(rig, np.full(people, camera), inside)
         place = -R @ np.asarray(rig.centers, np.float64)[camera][:, None]

@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from catfree.geometry._buckets import coarse_length
+from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
+from catfree.geometry._buckets import fine_length
 from catfree.geometry._person import edges_and_slopes
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
@@ -28,7 +29,6 @@ BLOCK = 12  # frames of a track whose errors count as one
 LARGEST_SHARE = 0.15  # of the variance; simulated and real rigs in order reach 0.03
 LEAST_TOGETHER = 0.6  # cameras that miss people each on its own are seldom below 0.95
 FEWEST_TOGETHER = 20  # expected sightings by two cameras, to judge them
-ROWS_BLOCK = 4096  # positions are padded to this times a power of four
 
 
 class Explained(NamedTuple):
@@ -69,7 +69,7 @@ def explained(
     """
     present = jnp.any(columns != 0, axis=-1)
     size = jnp.where(present, jnp.abs(residual), jnp.nan)
-    usual = jnp.nan_to_num(1.4826 * jnp.nanmedian(size))
+    usual = jnp.nan_to_num(MEDIAN_TO_DEVIATION * jnp.nanmedian(size))
     r = jnp.where(present, jnp.clip(residual, -LARGEST * usual, LARGEST * usual), 0.0)
     scale = jnp.sqrt(jnp.maximum((columns**2).sum((0, 1)), 1e-30))
     X = columns / scale[None, None]
@@ -161,9 +161,10 @@ def _explained(state, velocity, half, block, member, edges, noise, used, view, m
         )
         return (edges[at] - predicted) * weight, columns * weight[:, None]
 
-    people = jax.vmap(jax.vmap(one), (None, None, None, 1))
-    residual, columns = people(state, velocity, half, member)
-    return jax.vmap(explained, (0, 0, None))(residual, columns, block)
+    def camera(rows):
+        return explained(*jax.vmap(one)(state, velocity, half, rows), block)
+
+    return jax.lax.map(camera, member.T)  # one camera at a time: columns are large
 
 
 def residual_patterns(
@@ -195,7 +196,7 @@ def residual_patterns(
         return None
     group = trails.group[rows]
     member = groups.member[group]
-    n, length = len(rows), coarse_length(len(rows), ROWS_BLOCK)
+    n, length = len(rows), fine_length(len(rows))
     frame = trails.frame[rows]
     half = np.where(frame < np.median(frame), -1.0, 1.0)
     _, block = np.unique(

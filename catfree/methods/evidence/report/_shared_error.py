@@ -187,6 +187,8 @@ def _sums(state, member, modes, noise, used, view, matrix, focal):
         weighted = (moved * weight[:, None]).T
         return weighted @ moved, weighted * focal[v]
 
-    cameras = jax.vmap(one, in_axes=(None, 0, None))
-    normal, lever = jax.vmap(cameras)(state, member, modes)
-    return normal.sum((0, 1)), lever.sum(0)
+    def camera(rows):
+        return jax.tree.map(lambda a: a.sum(0), jax.vmap(one)(state, rows, modes))
+
+    normal, lever = jax.lax.map(camera, member.T)
+    return normal.sum(0), lever

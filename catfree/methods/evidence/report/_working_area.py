@@ -16,7 +16,6 @@ from catfree.methods.evidence.observe._measurement import Noise
 from catfree.methods.evidence.observe._views import (
     PEOPLE_BLOCKS,
     GroundViews,
-    people_in_cameras,
     pinholes_towards,
 )
 from catfree.methods.evidence.observe._visibility import Views
@@ -51,11 +50,9 @@ def design_sigma(
     state: np.ndarray, seen: Views, views: GroundViews, noise: Noise
 ) -> Float[np.ndarray, " person"]:
     """Ground uncertainty of a person without occlusion, in H0."""
-    edges, _ = in_blocks(lambda rows: people_in_cameras(rows, views), (state,), *PEOPLE_BLOCKS)
-    matrix, focal = pinholes_towards(edges, views)
     return in_blocks(
-        lambda *rows: _design(*rows, noise),
-        (state, seen.inside, seen.height, matrix, focal),
+        lambda state, *seen: _design(state, *seen, *pinholes_towards(state, views), noise),
+        (state, seen.inside, seen.height),
         *PEOPLE_BLOCKS,
     )
 

@@ -424,25 +424,24 @@ def smooth(
         ended: whether tracks end with their last group; otherwise with the last frame.
     """
     frame = np.repeat(np.arange(len(history)), [len(node.track) for node in history])
-    columns = map(np.concatenate, zip(*history, strict=True))
-    track, group, mean, cov, expected_mean, expected_cov = columns
+    # One column after the other, because the unsorted covariances of a day fill the memory.
+    columns = (np.concatenate(column) for column in zip(*history, strict=True))
+    track, group = next(columns), next(columns)
     order = np.lexsort((frame, track))
     if ended:
         last_seen = np.full(track.max(initial=-1) + 1, -1)
         np.maximum.at(last_seen, track[group >= 0], frame[group >= 0])
         order = order[frame[order] <= last_seen[track[order]]]
-    trails = Trails(*(part[order] for part in (track, frame, group, mean, cov)))
-    expected_mean, expected_cov = expected_mean[order], expected_cov[order]
+    mean, cov, expected_mean, expected_cov = (column[order] for column in columns)
+    trails = Trails(track[order], frame[order], group[order], mean, cov)
     # Each row but the last of its track is smoothed with the next one.
     early = np.flatnonzero(np.diff(trails.track) == 0)
     early = early[np.argsort(trails.frame[early], kind="stable")]
-    steps = [transition(motion, float(dt))[0] for dt in np.diff(time)]
-    A = np.array(steps).reshape(-1, 5, 5)[trails.frame[early]]
-    to_next = trails.covariance[early] @ A.transpose(0, 2, 1)
-    gain = to_next @ np.linalg.inv(expected_cov[early + 1])
     bounds = np.searchsorted(trails.frame[early], np.arange(len(history)))
-    for begin, end in list(pairwise(bounds))[::-1]:
-        now, later, G = early[begin:end], early[begin:end] + 1, gain[begin:end]
+    for (begin, end), dt in list(zip(pairwise(bounds), np.diff(time), strict=True))[::-1]:
+        now, later = early[begin:end], early[begin:end] + 1
+        A = transition(motion, float(dt))[0]
+        G = trails.covariance[now] @ A.T @ np.linalg.inv(expected_cov[later])
         more_mean = trails.mean[later] - expected_mean[later]
         more_cov = trails.covariance[later] - expected_cov[later]
         trails.mean[now] += np.einsum("tij,tj->ti", G, more_mean)
