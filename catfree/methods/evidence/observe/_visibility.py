@@ -74,8 +74,8 @@ def expected_views(
     state: Float[np.ndarray, "person 3"],
     frame: Int[np.ndarray, " person"],
     member: Int[np.ndarray, "person cam"],
-    box: Float[np.ndarray, "box 4"],
-    table: Int[np.ndarray, "frame cam slot"],
+    box: Float[Array | np.ndarray, "box 4"],
+    table: Int[Array | np.ndarray, "frame cam slot"],
     views: GroundViews,
     settings: EvidenceSettings,
 ) -> Views:

@@ -72,10 +72,10 @@ def ground_shift(
         return np.zeros((0, 2))
     has_group = trails.group >= 0
     member = np.where(has_group[:, None], groups.member[trails.group], -1)
-    noise_and_used = np.asarray(measurements.noise), np.asarray(measurements.used)
-    matrix = np.asarray(views.matrix)
+    shared = measurements.noise, measurements.used, view, views.matrix
+    on_device = tuple(map(jnp.asarray, shared))  # once, not for each block
     normal, cross = in_blocks(
-        lambda *rows: _sums(*rows, *noise_and_used, view, matrix),
+        lambda *rows: _sums(*rows, *on_device),
         (trails.mean[:, :3], member),
         *PEOPLE_BLOCKS,
     )

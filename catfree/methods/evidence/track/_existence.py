@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import expit
@@ -45,9 +46,10 @@ def predict_views(
     settings: EvidenceSettings,
 ) -> Views:
     """Compute `expected_views` on the host."""
+    box, table = map(jnp.asarray, (boxes.box, boxes.table))  # once, not for each block
     return in_blocks(
         lambda state, frame, member: expected_views(
-            state, frame, member, boxes.box, boxes.table, views, settings
+            state, frame, member, box, table, views, settings
         ),
         (state, frame, member),
         *PEOPLE_BLOCKS,
