@@ -19,6 +19,7 @@ from catfree.calibration._adjusted_cameras import NEAREST_DEPTH, Cameras
 from catfree.geometry._arrays import safe_norm
 from catfree.geometry._buckets import coarse_length, padded
 from catfree.geometry._least_squares import (
+    HUBER,
     Residuals,
     SchurLevenbergMarquardt,
     Unknowns,
@@ -27,7 +28,6 @@ from catfree.geometry._least_squares import (
     robust,
 )
 
-HUBER = 1.345  # standard deviations; 95 % efficient where all errors are normal
 RAYLEIGH_MEDIAN = 1.1774  # median length of a 2-D normal vector, in standard deviations
 SMALLEST_NOISE = 0.1  # px: no box is more exact; avoids division by zero for exact data
 CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration

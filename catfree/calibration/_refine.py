@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.calibration._adjusted_cameras import Cameras, with_registered
-from catfree.calibration._bundle_adjustment import HUBER, Sightings, adjust
+from catfree.calibration._bundle_adjustment import Sightings, adjust
 from catfree.calibration._refine_by_evidence import refine_by_evidence
 from catfree.calibration._refinement import (
     Refinement as Refinement,
@@ -15,6 +15,7 @@ from catfree.calibration._refinement import (
 from catfree.errors import InsufficientDataError
 from catfree.geometry import CanonicalFrame
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
+from catfree.geometry._least_squares import HUBER
 from catfree.methods.paper.association import (
     Observations,
     associate,

@@ -20,6 +20,9 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 
 SMALLEST_DAMPING, LARGEST_DAMPING = 1e-8, 1e6  # relative increase of the diagonal
 RISE = 10.0  # factor of the damping after rejected steps
+# Widths of robust losses in standard deviations: 95 % efficient where all errors are normal; and
+# where the weight is 1/2.
+HUBER, CAUCHY = 1.345, 2.0
 
 Loss = Callable[[Float[Array, "*n"]], Float[Array, "*n"]]
 # (q,) parameters on which sightings depend and which are fixed but uncertain, and data.

@@ -6,13 +6,13 @@ from hypothesis import given, settings, strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from catfree.calibration import _bundle_adjustment as bundle_adjustment
 from catfree.calibration._adjusted_cameras import Cameras
 from catfree.calibration._bundle_adjustment import CameraTie, Sightings, adjust
 from catfree.calibration._refine import RefinementSettings, ground_under_people, refine
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.evaluation import align_centres
 from catfree.geometry import Similarity, transform_rig, transform_scene
+from catfree.geometry._least_squares import HUBER
 from catfree.settings import Settings
 from catfree.synthetic import RigError, make_layout, make_world
 from catfree.types import Rig, Scene
@@ -50,7 +50,7 @@ def test_finds_the_minimum_that_scipy_finds():
         pixel = moved.project_directions(state[28:].reshape(-1, 1, 3) - moved.center)
         error = np.nan_to_num((sightings.pixel - pixel) * root)
         length = np.linalg.norm(error, axis=-1)
-        k = bundle_adjustment.HUBER
+        k = HUBER
         loss = np.where(length > k, k * (2 * length - k), length**2)
         tie = moved.away_from(start) * precision
         return np.concatenate([np.sqrt(loss).ravel(), tie.ravel()])

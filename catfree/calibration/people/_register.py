@@ -184,7 +184,7 @@ def prepare(
         size: (C, 2) image widths and heights in pixels.
         settings: constants.
         names: camera names for error messages.
-        lenses: lenses without which the boxes are arranged.
+        lenses: lenses whose distortion is removed from the boxes.
 
     Raises:
         CalibrationError: if there are too few cameras, frames or boxes.

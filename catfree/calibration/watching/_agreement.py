@@ -23,21 +23,21 @@ from catfree.calibration.watching._matching import (
     match,
 )
 from catfree.calibration.watching._sights import Sights, linear
+from catfree.geometry._least_squares import CAUCHY
 
 PARAMETERS = 8  # of a camera: turn (3), lag, center (3) in person heights, log focal length
 ROUNDS = 3  # of matching and solving
 REWEIGHTED = 2  # solutions per round
-CAUCHY = 2.0  # deviations; a residual of that size has half of the weight
 FLOOR = 0.001  # radians; noise of an edge besides its share of the box height
 HEIGHT_SD = 0.1  # of a person's height around that of its track
-TURN_SD, LAG_SD = np.deg2rad(20.0), 30.0  # weak priors, of what no person tells
+TURN_SD, LAG_SD = np.deg2rad(20.0), 30.0  # weak priors, for errors that no person constrains
 CENTER_SD, FOCAL_SD = 0.15, 0.03  # of a rig from people or reconstructions
 LARGEST_STEP = np.deg2rad(5.0)  # of a turn in one solution
 FARTHEST = 1.0  # person heights by which a place may be corrected at a time
 
 
 class Window(NamedTuple):
-    """What one window of time says of the cameras' errors.
+    """What one window of time says about the cameras' errors.
 
     Attributes:
         begin: first step.
@@ -74,7 +74,7 @@ def solve_window(
     noise: Float[np.ndarray, "3"],
     shifts: Int[np.ndarray, " s"] | None = None,
 ) -> tuple[Window, list[Correction]]:
-    """Match everybody of a window, and sum what it says of the cameras.
+    """Match everybody of a window, and sum what it says about the cameras.
 
     Args:
         sights: the recording.
@@ -108,7 +108,7 @@ def solve_window(
     blank = np.zeros(count, np.int64)
     matched, expected, distinct = blank.copy(), blank.copy(), blank.copy()
     for camera, matches in found.items():
-        # Nobody is expected on the word of the camera itself.
+        # A camera's own boxes do not make a person expected.
         own = people.support[matches.expected]
         others = (own >= 0).sum(-1) - (own[:, camera] >= 0) >= 2
         expected[camera] = others.sum()
@@ -203,7 +203,7 @@ def _solve(
 ) -> _Solved:
     """Linearize around the present errors and places, solve with robust weights.
 
-    Errors of which no person tells stay as they were when the window was `begun`.
+    Errors that no person constrains stay as they were when the window was `begun`.
     """
     people, boxes, count = sights.people, sights.boxes, len(sights.place)
     m, p = len(person), PARAMETERS * count

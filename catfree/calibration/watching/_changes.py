@@ -195,7 +195,7 @@ def _fitted(course: Course, windows: Sequence[Window], *, held: bool = False) ->
         still = np.flatnonzero(np.arange(constant) % PARAMETERS >= 4)
         weak[still, still] *= HELD
     extra = np.arange(constant, len(weak))
-    # A rate, and a change of which no person tells, are zero.
+    # A rate, and a change that no person shows, are zero.
     scale = max(1.0, float(np.abs(course.time).max()))
     weak[extra, extra] = 1e-2
     clocks = extra[:cameras]
@@ -298,7 +298,7 @@ def _strongest(
         values, vectors = np.linalg.eigh(left)
         if values[-1] <= 0:
             continue
-        # A direction in which nobody tells of the change has no evidence.
+        # A direction in which nobody shows the change has no evidence.
         told = values > 1e-9 * values[-1]
         inverse = (vectors[:, told] / values[told]) @ vectors[:, told].T
         change = inverse @ score[window:].sum(0)

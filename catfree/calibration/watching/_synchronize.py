@@ -61,7 +61,7 @@ def synchronize(
 
 
 def _information(calibration: Calibration) -> float:
-    """Return what the boxes tell of the rig: how many fit, over their mean squared residual.
+    """Return how well the boxes support the rig: how many fit, over their mean squared residual.
 
     The residual alone would favor a rig in which a late camera lost most of its boxes.
     """

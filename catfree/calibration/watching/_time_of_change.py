@@ -29,9 +29,9 @@ def follow_changes(
 ) -> tuple[Watched, Course]:
     """Fit the errors of all cameras, whose clocks may run at different rates.
 
-    What the whole recording tells of the cameras lets more boxes meet people. A window in which an
-    error changed fits neither what was before nor what came after: it is divided where the boxes
-    say. So everything is matched and fitted twice.
+    With the errors of the whole recording, more boxes meet people. A window in which an error
+    changed fits neither what was before nor what came after: it is divided where the boxes say. So
+    everything is matched and fitted twice.
 
     Args:
         watched: the recording.
@@ -71,7 +71,7 @@ def _matched_again(watched: Watched, course: Course, report: Progress) -> Watche
 
 
 def _start(watched: Watched, course: Course, index: int, begin: int, stop: int) -> list[Correction]:
-    """Errors that a course says of a window or a part of it.
+    """Errors that a course predicts for a window or a part of it.
 
     A change is believed if far more boxes meet people than without any.
     """

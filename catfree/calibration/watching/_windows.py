@@ -1,4 +1,4 @@
-"""A recording in windows: what each says of the cameras' errors."""
+"""A recording in windows: what each says about the cameras' errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -29,6 +29,7 @@ from catfree.calibration.people.cameras._camera_model import (
 )
 from catfree.geometry._buckets import coarse_length, padded
 from catfree.geometry._least_squares import (
+    CAUCHY,
     NormalEquations,
     Residuals,
     SchurLevenbergMarquardt,
@@ -41,7 +42,6 @@ from catfree.geometry._person import box_edges
 from catfree.geometry.camera import distort
 from catfree.settings import CalibrationSettings
 
-CAUCHY = 2.0  # standard deviations at which the weight of a residual is 1/2
 CONVERGED = 1e-4  # relative decrease of the cost that ends the iteration
 GAUGE_SD = 1e-5  # meters and radians; of the camera that fixes the gauge, and of fixed lenses
 STEEPEST_TILT = 1.5  # radians; at a right angle, heading and roll are the same

@@ -15,12 +15,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from catfree.calibration.people._box_grid import BoxGrid
-from catfree.calibration.people.adjustment._people_bundle import CAUCHY, CONVERGED, camera_prior
+from catfree.calibration.people.adjustment._people_bundle import CONVERGED, camera_prior
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, ROLL, X, Z, projection
 from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
 from catfree.calibration.people.matching._mutual_nearest import mutual_nearest
 from catfree.geometry._buckets import coarse_length, padded
 from catfree.geometry._least_squares import (
+    CAUCHY,
     Residuals,
     SchurLevenbergMarquardt,
     Unknowns,

@@ -1,4 +1,4 @@
-"""Place the second camera of a pair by voting, so that both see the same people.
+"""Place a camera by voting, so that it sees the same people as another camera or a rig.
 
 Two metric ground maps differ by a heading and a translation. Every pair of boxes of one instant
 votes for all placements that would make it one person. The true placement collects one vote per

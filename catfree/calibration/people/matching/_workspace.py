@@ -19,12 +19,12 @@ class Workspace:
     Args:
         grid: all boxes.
         settings: constants.
-        lenses: lenses without which the boxes are on the grid.
+        lenses: lenses whose distortion was removed from the boxes.
 
     Attributes:
         grid: all boxes.
         settings: constants.
-        lenses: lenses without which the boxes are on the grid.
+        lenses: lenses whose distortion was removed from the boxes.
         useful: (C,) whether a camera has enough boxes to be placed.
         smallest: (C,) box height in pixels below which a camera hardly detects people.
         voting: frames used for voting on placements.

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Int
 
+from catfree.calibration.people.adjustment._alternate import RANGE_ERRORS
 from catfree.calibration.people.adjustment._resection import resect
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
 from catfree.calibration.people.matching._group_people import RigState, group_people
@@ -23,7 +24,6 @@ from catfree.types._annotations import Progress
 from catfree.types._sampling import frame_step
 
 TRIED_OFFSETS = 16  # offsets of an unplaced camera that are refined
-WIDE_TOLERANCE = 0.03  # fraction of the range, while people are matched at the wrong instant
 CLIMB = 2  # shifts tried on either side of the best
 KNOWN_FOCAL_SD = 0.05  # of log focal length, which the rig has already determined
 
@@ -96,7 +96,7 @@ def _offset_of_placed(
     work: Workspace, state: RigState, camera: int, shifts: list[int]
 ) -> tuple[float, int]:
     """Gain in evidence and shift at which a placed camera agrees best after refitting."""
-    wide = replace(state, range_tolerance=np.full(len(state.placed), WIDE_TOLERANCE))
+    wide = replace(state, range_tolerance=np.full(len(state.placed), RANGE_ERRORS[2]))
     others = group_people(work.grid, wide.without_camera(camera), work.settings).ground
     log_focal = float(state.parameters[camera, LOG_FOCAL])
     evidence: dict[int, float] = {}
@@ -116,7 +116,7 @@ def _offset_of_placed(
         for shift, grid, parameters in zip(untried, grids, refined, strict=True):
             evidence[shift] = -np.inf
             if parameters is not None:
-                fitted = wide.with_camera(camera, parameters, WIDE_TOLERANCE)
+                fitted = wide.with_camera(camera, parameters, RANGE_ERRORS[2])
                 verdict = judge_camera(work, fitted, camera, grid=grid, others=others)
                 evidence[shift] = verdict.judgment.evidence
         top = max(evidence, key=lambda shift: (evidence[shift], -abs(shift)))
@@ -170,7 +170,7 @@ def offset_of_unplaced(
             continue
         verdict = judge_camera(
             work,
-            state.with_camera(camera, parameters, WIDE_TOLERANCE),
+            state.with_camera(camera, parameters, RANGE_ERRORS[2]),
             camera,
             grid=grid,
             others=people,

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
+from catfree.calibration.people.adjustment._alternate import RANGE_ERRORS, AdjustedRig, alternate
 from catfree.calibration.people.adjustment._resection import resect
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, PAN, X, Z
 from catfree.calibration.people.matching._group_people import RigState, group_people
@@ -17,8 +17,12 @@ from catfree.calibration.people.matching._verdict import (
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._seed_pairs import PairHypothesis
 
-RESECTED_TOLERANCE = 0.05  # fraction of the range by which a resected camera may be wrong
 CANDIDATES = 4  # placements refined per camera
+FROM_VOTES, FROM_PAIRS = 12, 3  # likeliest placements from which these are chosen
+SAME_PLACE, SAME_PAN = 1.2, 0.1  # meters and radians; nearer placements are one
+OTHER_FOCAL = 0.22  # of log focal length: lenses a quarter longer and shorter are tried, too
+SHARED_FOCAL_SD = 0.02  # of log focal length, where the rig has determined that of all cameras
+NEXT = 0.3  # of the largest margin; cameras above it join the rig together
 SUSPICIOUS_SHARE = 0.7  # of the median evidence per match; cameras below are checked
 HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this factor
 
@@ -49,8 +53,8 @@ def grow_rig(
         state = rig.state
         leading = max(verdict.margin for _, verdict in candidates.values())
         for camera, (parameters, verdict) in candidates.items():
-            if verdict.margin >= 0.3 * leading:
-                state = state.with_camera(camera, parameters, RESECTED_TOLERANCE)
+            if verdict.margin >= NEXT * leading:
+                state = state.with_camera(camera, parameters, RANGE_ERRORS[1])
         grown, grown_verdicts = prune_rig(
             work, _refined(work, state, shared_focal), shared_focal=shared_focal
         )
@@ -62,7 +66,7 @@ def grow_rig(
 
 def _refined(work: Workspace, state: RigState, shared_focal: bool) -> AdjustedRig:
     return alternate(
-        work.grid, state, work.settings, shared_focal=shared_focal, tolerances=(0.05, 0.03)
+        work.grid, state, work.settings, shared_focal=shared_focal, tolerances=RANGE_ERRORS[1:3]
     )
 
 
@@ -165,7 +169,7 @@ def accepted_candidates(
     people = group_people(scoring, state, settings).ground
     log_focals = state.parameters[state.placed, LOG_FOCAL]
     middle = float(np.median(log_focals))
-    prior = (middle, 0.02 if shared_focal else settings.focal_log_sd)
+    prior = (middle, SHARED_FOCAL_SD if shared_focal else settings.focal_log_sd)
     refined = resect(
         camera,
         [
@@ -183,7 +187,7 @@ def accepted_candidates(
             continue
         verdict = judge_camera(
             work,
-            state.with_camera(camera, parameters, RESECTED_TOLERANCE),
+            state.with_camera(camera, parameters, RANGE_ERRORS[1]),
             camera,
             grid=scoring,
             others=people,
@@ -204,22 +208,22 @@ def _candidates(
     """Distinct placements of a camera, from votes against the rig's people and from pairs."""
     settings = work.settings
     people = group_people(work.voting, state, settings).ground
-    log_focals = [middle] if shared_focal else [middle, middle - 0.22, middle + 0.22]
+    others = () if shared_focal else (middle - OTHER_FOCAL, middle + OTHER_FOCAL)
     votes = []
-    for log_focal in log_focals:
+    for log_focal in (middle, *others):
         for plane in work.planes(camera, log_focal):
             camera_map = work.local_map(work.voting, camera, plane)
             votes += [(v, plane) for v in vote(people, camera_map, settings, 2)]
     votes.sort(key=lambda item: -item[0].score)
-    starts = [placement.place(plane) for placement, plane in votes[:12]]
+    starts = [placement.place(plane) for placement, plane in votes[:FROM_VOTES]]
     edges = [p for p in pairs if camera in p.cameras and state.placed[list(p.cameras)].sum() == 1]
     edges.sort(key=lambda pair: -pair.margin)
-    composed = [_compose(state, pair, camera) for pair in edges[:3]]
+    composed = [_compose(state, pair, camera) for pair in edges[:FROM_PAIRS]]
     kept: list[np.ndarray] = []
     for start in composed[:1] + starts + composed[1:]:
         if not any(
-            np.linalg.norm(start[X:Z] - other[X:Z]) < 1.2
-            and np.cos(start[PAN] - other[PAN]) > np.cos(0.1)
+            np.linalg.norm(start[X:Z] - other[X:Z]) < SAME_PLACE
+            and np.cos(start[PAN] - other[PAN]) > np.cos(SAME_PAN)
             for other in kept
         ):
             kept.append(start)

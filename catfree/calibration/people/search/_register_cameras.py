@@ -1,11 +1,11 @@
-"""Register all cameras: pairs, seeds, growth, and shared or separate focal lengths."""
+"""Register all cameras: pairs, seeds, growth, focal lengths, and removal of wrong cameras."""
 
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
-from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
+from catfree.calibration.people.adjustment._alternate import RANGE_ERRORS, AdjustedRig, alternate
 from catfree.calibration.people.adjustment._people_bundle import saves
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
 from catfree.calibration.people.matching._verdict import Verdict, judge_camera
@@ -15,7 +15,6 @@ from catfree.calibration.people.search._seed_pairs import PairHypothesis, search
 from catfree.errors import CalibrationError
 from catfree.types._annotations import Progress
 
-FINAL_TOLERANCES = (0.03, 0.02, 0.01)  # range tolerances of the last adjustment
 FINAL_PEOPLE = 4000
 FINAL_ITERATIONS = 15
 GOOD_SEED = (0.6, 30)  # minimum association and matches to compare the focal lengths of a pair
@@ -150,7 +149,7 @@ def _choose_focal(work: Workspace, rig: AdjustedRig) -> tuple[AdjustedRig, bool]
             rig.state,
             work.settings,
             shared_focal=is_shared,
-            tolerances=FINAL_TOLERANCES,
+            tolerances=RANGE_ERRORS[2:],
             most_people=FINAL_PEOPLE,
             iterations=FINAL_ITERATIONS,
         )

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.calibration.people._box_grid import BoxGrid
-from catfree.calibration.people.adjustment._alternate import AdjustedRig, alternate
+from catfree.calibration.people.adjustment._alternate import RANGE_ERRORS, AdjustedRig, alternate
 from catfree.calibration.people.cameras._ground_map import GroundMap, visible
 from catfree.calibration.people.matching._group_people import RigState
 from catfree.calibration.people.matching._mutual_nearest import mutual_nearest
@@ -17,7 +17,6 @@ from catfree.calibration.people.matching._workspace import Workspace
 PLACEMENTS_PER_VOTE = 3
 SHORTLIST = 30  # placements of a pair compared on few frames
 FINALISTS = 6  # of these, placements compared on more frames
-ROUNDS = (0.08, 0.05, 0.03)  # range tolerances of the first adjustment
 
 
 @dataclass(frozen=True)
@@ -139,5 +138,7 @@ def seed_rig(work: Workspace, pair: PairHypothesis) -> AdjustedRig:
     placed = np.zeros(count, bool)
     for camera, values in zip(pair.cameras, pair.parameters, strict=True):
         parameters[camera], placed[camera] = values, True
-    state = RigState(parameters, placed, work.settings.foot_offset, np.full(count, ROUNDS[0]))
-    return alternate(work.grid, state, work.settings, shared_focal=False, tolerances=ROUNDS)
+    state = RigState(parameters, placed, work.settings.foot_offset, np.full(count, RANGE_ERRORS[0]))
+    return alternate(
+        work.grid, state, work.settings, shared_focal=False, tolerances=RANGE_ERRORS[:3]
+    )

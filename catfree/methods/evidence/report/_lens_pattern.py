@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from catfree.geometry._buckets import coarse_length, padded
 from catfree.geometry._least_squares import (
+    HUBER,
     NormalEquations,
     Residuals,
     SchurLevenbergMarquardt,
@@ -28,7 +29,6 @@ from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise
 from catfree.methods.evidence.observe._views import GroundViews
 
-HUBER = 1.345  # standard deviations; 95 % efficient where all errors are normal
 CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration
 _PARAMETERS = 7  # shift (2), linear map (2 by 2), radial
 FEWEST_CAMERAS = 3  # with one other camera, nobody knows which of the two is wrong

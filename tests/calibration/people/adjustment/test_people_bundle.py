@@ -8,8 +8,9 @@ from hypothesis import given, settings, strategies as st
 
 from catfree.calibration.people.adjustment import _people_bundle
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
-from catfree.calibration.people.adjustment._people_bundle import CAUCHY, adjust, saves
+from catfree.calibration.people.adjustment._people_bundle import adjust, saves
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, PAN, ROLL, Z
+from catfree.geometry._least_squares import CAUCHY
 from catfree.settings import CalibrationSettings
 from tests.calibration.people.boxes_of_rows import boxes_of_rows
 

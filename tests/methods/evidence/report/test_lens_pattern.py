@@ -8,7 +8,8 @@ import pytest
 from scipy.optimize import least_squares
 
 import catfree as cf
-from catfree.methods.evidence.report._lens_pattern import HUBER, lens_pattern, lens_warnings
+from catfree.geometry._least_squares import HUBER
+from catfree.methods.evidence.report._lens_pattern import lens_pattern, lens_warnings
 from catfree.synthetic import make_world, shop
 
 
