@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from catfree.geometry._buckets import in_blocks
 from catfree.methods.paper.association._observe import (
     Observations,
     appearance_distance,
@@ -86,19 +87,8 @@ def pair_residuals(
     rays: Rays, first: Int[np.ndarray, " p"], second: Int[np.ndarray, " p"]
 ) -> Float[np.ndarray, " p"]:
     """`pair_residual` of many pairs, in blocks of fixed size."""
-    residual = np.empty(len(first), np.asarray(rays.origin).dtype)
-    for begin in range(0, len(first), PAIR_BLOCK):
-        rows = slice(begin, begin + PAIR_BLOCK)
-        padding = (0, PAIR_BLOCK - len(first[rows]))
-        block = _residuals(
-            rays.origin,
-            rays.direction,
-            rays.weight,
-            np.pad(first[rows], padding),
-            np.pad(second[rows], padding),
-        )
-        residual[rows] = np.asarray(block)[: PAIR_BLOCK - padding[1]]
-    return residual
+    of_rays = tuple(map(jnp.asarray, (rays.origin, rays.direction, rays.weight)))
+    return in_blocks(lambda *pair: _residuals(*of_rays, *pair), (first, second), PAIR_BLOCK)
 
 
 def candidate_pairs(

@@ -20,7 +20,7 @@ from catfree.geometry import (
     triangulate,
 )
 from catfree.geometry._arrays import Scalar
-from catfree.geometry._buckets import coarse_length
+from catfree.geometry._buckets import coarse_length, in_blocks
 from catfree.methods.paper.association._observe import Observations
 from catfree.methods.paper.association._on_ground import ground_point, triangulate_on_ground
 from catfree.settings import TriangulationSettings
@@ -96,14 +96,13 @@ def ray_table(
 def _gather(
     rays: Rays, member: Int[np.ndarray, "h cam"]
 ) -> tuple[
-    Float[np.ndarray, "block cam 3"],
-    Float[np.ndarray, "block cam 3"],
-    Float[np.ndarray, "block cam"],
+    Float[np.ndarray, "h cam 3"],
+    Float[np.ndarray, "h cam 3"],
+    Float[np.ndarray, "h cam"],
 ]:
-    """Rays of each row's members, padded to a block; absent members have weight 0."""
-    padded = np.pad(member, ((0, HYPOTHESIS_BLOCK - len(member)), (0, 0)), constant_values=-1)
-    weight = np.where(padded >= 0, rays.weight[padded], 0)
-    return np.asarray(rays.origin)[padded], np.asarray(rays.direction)[padded], weight
+    """Rays of each row's members; absent members have weight 0."""
+    weight = np.where(member >= 0, rays.weight[member], 0)
+    return np.asarray(rays.origin)[member], np.asarray(rays.direction)[member], weight
 
 
 def triangulate_groups(
@@ -127,21 +126,18 @@ def triangulate_groups(
     Source:
         Sec. "Robust 3D position estimation"; Table "baselines" for the other estimators.
     """
-    count = len(groups)
-    position = np.empty((count, 3), rays.origin.dtype)
-    residual = np.empty(groups.shape, position.dtype)
-    for begin in range(0, count, HYPOTHESIS_BLOCK):
-        rows = slice(begin, begin + HYPOTHESIS_BLOCK)
-        placed, angle = _triangulate_block(
-            *_gather(rays, groups[rows]),
+
+    def block(member: Int[np.ndarray, "h cam"]) -> tuple[Array, Array]:
+        return _triangulate_block(
+            *_gather(rays, member),
             settings.huber_scale,
             sigma_theta,
             refit=settings.refit_inliers,
             estimator=settings.estimator,
             constrained=settings.constrain_to_ground,
         )
-        position[rows] = np.asarray(placed)[: len(groups[rows])]
-        residual[rows] = np.asarray(angle)[: len(groups[rows])]
+
+    position, residual = in_blocks(block, (groups,), HYPOTHESIS_BLOCK)
     return position, np.where(groups >= 0, residual, np.nan)
 
 
@@ -219,7 +215,7 @@ def find_support(
     while block > 64 and block * cameras * depth > RESIDUALS_AT_ONCE:
         block //= 2
     index = np.empty((len(position), cameras), np.int64)
-    for begin in range(0, len(position), block):
+    for begin in range(0, len(position), block):  # one at a time, as each holds all rays of a frame
         rows = slice(begin, begin + block)
         padding = (0, block - len(position[rows]))
         frame = np.pad(frame_index[rows], padding)
@@ -255,20 +251,11 @@ def measure_support(
     Source:
         Eq. sigma.
     """
-    count = len(position)
-    dtype = rays.direction.dtype
-    sigma, weight = np.empty(count, dtype), np.empty(count, dtype)
-    covariance, residual = np.empty((count, 2, 2), dtype), np.empty(member.shape, dtype)
-    for begin in range(0, count, HYPOTHESIS_BLOCK):
-        rows = slice(begin, begin + HYPOTHESIS_BLOCK)
-        padding = (0, HYPOTHESIS_BLOCK - len(position[rows]))
-        block = _measure_block(
-            *_gather(rays, member[rows]),
-            np.pad(position[rows].astype(dtype), (padding, (0, 0))),
-            sigma_theta,
-        )
-        for column, value in zip((sigma, covariance, weight, residual), block, strict=True):
-            column[rows] = np.asarray(value)[: len(position[rows])]
+    sigma, covariance, weight, residual = in_blocks(
+        lambda member, position: _measure_block(*_gather(rays, member), position, sigma_theta),
+        (member, position.astype(rays.direction.dtype)),
+        HYPOTHESIS_BLOCK,
+    )
     return Support(member, np.where(member >= 0, residual, np.nan), sigma, covariance, weight)
 
 

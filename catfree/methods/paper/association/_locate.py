@@ -2,17 +2,12 @@
 
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.geometry import plane_distance
-from catfree.geometry._buckets import in_blocks
 from catfree.methods.paper._select import Hypotheses
 from catfree.methods.paper.association._associate import Groups
 from catfree.methods.paper.association._hypotheses import (
-    GROUND,
-    HYPOTHESIS_BLOCK,
     RayTable,
     Support,
     exclusive_support,
@@ -25,8 +20,6 @@ from catfree.methods.paper.association._hypothesis_scores import hypothesis_scor
 from catfree.methods.paper.association._observe import Observations
 from catfree.settings import Settings
 from catfree.types import Rays, Rig
-
-_ground_distance = jax.jit(jax.vmap(lambda position: plane_distance(GROUND, position)))
 
 
 class Located(NamedTuple):
@@ -95,7 +88,7 @@ def locate(
     hypotheses = Hypotheses(
         frame_index=groups.frame_index,
         ground_xy=position[:, :2],
-        ground_distance=in_blocks(_ground_distance, (position,), HYPOTHESIS_BLOCK),
+        ground_distance=np.abs(position[:, 2]),
         rms_angle=np.sqrt(np.nansum(residual**2, axis=1) / used),
         sigma=support.sigma,
         weight=support.weight,
