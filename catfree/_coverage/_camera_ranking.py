@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from catfree._coverage._expected_sigma import (
-    SIGMA_THETA,
     Area,
     Coverage,
     CoverageOptions,
@@ -99,13 +98,7 @@ def coverage_without(
             f"There is no camera {camera}; the rig has cameras 0 to {count - 1}."
         )
     active = np.asarray(scene.rig.registered) & (np.arange(count) != camera)
-    filled: CoverageOptions = {
-        "resolution": None,
-        "sigma_theta": SIGMA_THETA,
-        "person_height": None,
-        **options,
-    }
-    return coverage_of(scene, active, area, **filled)
+    return coverage_of(scene, active, area, **options)
 
 
 def coverage_with(

@@ -167,9 +167,9 @@ def coverage_of(
     scene: Scene,
     active: Bool[np.ndarray, " cam"],
     area: Area | None,
-    resolution: float | int | None,
-    sigma_theta: float | int,
-    person_height: float | int | None,
+    resolution: float | int | None = None,
+    sigma_theta: float | int = SIGMA_THETA,
+    person_height: float | int | None = None,
 ) -> Coverage:
     """`coverage` by the cameras for which `active` (C,) is true."""
     require_two(np.asarray(scene.rig.registered))

@@ -1,4 +1,4 @@
-"""Group the boxes of one instant into people by position and height, and optionally appearance."""
+"""Group the boxes of each frame into people by position and height, and optionally appearance."""
 
 from dataclasses import replace
 

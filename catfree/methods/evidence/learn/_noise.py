@@ -101,7 +101,7 @@ def left_out_residuals(
         BLOCK,
     )  # fmt: skip
     used = np.asarray(measurements.used)[rows] & np.isfinite(residual).all(1, keepdims=True)
-    # Feet judged wrong and cut sides are not informative about the usual noise.
+    # Boxes cut at the side are not informative about the usual noise.
     used &= ~boxes.cut[rows, :1]
     sd = np.sqrt(np.asarray(measurements.noise)[rows] ** 2 + variance)
     return LeftOut(rows, residual, sd, used, features)

@@ -4,8 +4,8 @@ A chain is the positions of one identity. At each instant every chain has a past
 filter sums up, and a future, which a filter backward in time sums up. How likely a future continues
 a past then follows from two Gaussians, and one assignment finds the best pairs of all pasts with
 all futures. This mends lost identities and exchanged ones alike. A sweep over all instants never
-lowers the evidence of the chains; sweeps are repeated until nothing changes, and before each one
-the rates at which people leave and hide are estimated from the chains.
+lowers the evidence of the chains; sweeps are repeated until nothing changes, a few times at most,
+and before each one the rates at which people leave and hide are estimated from the chains.
 
 Positions are not changed.
 """
@@ -32,7 +32,7 @@ from catfree.methods.evidence.track._tracking import (
 )
 from catfree.settings import EvidenceSettings
 
-SWEEPS = 4  # at most; two usually suffice
+SWEEPS = 4  # at most, which a recording of a few minutes takes
 HORIZON = 40  # frames between a past and a future that are compared
 HOPELESS = -10.0  # log evidence of the places alone below which they are not
 LAGS = 3  # of each of the two groups of lags from which the memory is estimated

@@ -29,10 +29,8 @@ def hypothesis_scores(
     support: Support,
     frame_index: Int[np.ndarray, " h"],
     tracklet: Int[np.ndarray, "h cam"],
-    *,
-    reconstruction_confidence: Float[np.ndarray, " h"] | None = None,
 ) -> Float[np.ndarray, " h"]:
-    """Compute the auxiliary score of every hypothesis.
+    """Compute the auxiliary score of every hypothesis, without the reconstruction's confidence.
 
     Args:
         observations: detections in canonical order.
@@ -41,8 +39,6 @@ def hypothesis_scores(
         support: their support.
         frame_index: (H,) frame of each position.
         tracklet: (H, C) tracklet of each detection of the group, or -1.
-        reconstruction_confidence: (H,) mean confidence of the reconstruction at the rays' pixels,
-            or None if this signal is missing.
 
     Returns:
         (H,) scores; 0 is average.
@@ -68,8 +64,6 @@ def hypothesis_scores(
     signals[:, Signal.VIEW_SUPPORT_RATIO] = ratio
     signals[:, Signal.HEIGHT_CONSISTENCY] = consistency
     signals[:, Signal.TEMPORAL_PERSISTENCE] = frames_of_pairs(frame_index, tracklet)
-    if reconstruction_confidence is not None:
-        signals[:, Signal.RECONSTRUCTION_CONFIDENCE] = reconstruction_confidence
     length = coarse_length(count, SAMPLE_BLOCK)
     padded = np.pad(signals, ((0, length - count), (0, 0)))
     return np.asarray(_score(padded, np.arange(length) < count).score)[:count]
