@@ -8,6 +8,7 @@ which feet alone cannot. The adjusted rig makes the people of the next round mor
 from dataclasses import replace
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
@@ -270,8 +271,9 @@ def _aligned_to(given: Scene, moved: Scene) -> Scene:
     turn = Rotation.from_matrix(to.transpose(0, 2, 1) @ R).mean().as_matrix()
     away, apart = (center - center.mean(0)) @ turn.T, place - place.mean(0)
     scale = (away * apart).sum() / (away**2).sum()
-    similarity = Similarity(scale, turn, place.mean(0) - scale * turn @ center.mean(0))
-    moved = transform_scene(similarity, moved)
+    with jax.enable_x64(True):  # single precision resolves half a meter on a map
+        similarity = Similarity(scale, turn, place.mean(0) - scale * turn @ center.mean(0))
+        moved = transform_scene(similarity, moved)
     rig = moved.rig
     K, R, t = (np.asarray(value, np.float64) for value in (rig.K, rig.R, rig.t))
     return replace(given, rig=with_registered(given.rig, K, R, t), ground=moved.ground)

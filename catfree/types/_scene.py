@@ -59,8 +59,10 @@ class Plane(eqx.Module):
                     normal, offset = normal / largest, np.asarray(offset / largest)
                 require_finite(offset, "The offset of a plane in units of its normal")
             length = np.linalg.norm(np.asarray(normal, np.float64)).astype(normal.dtype)
-            # A unit normal is kept bit for bit.
-            length = normal.dtype.type(1) if abs(length - 1) < 1e-6 else length
+            # A unit normal is kept bit for bit. One that is less exact than its numbers can be
+            # would put the plane elsewhere, far from the origin of a map.
+            exact = abs(length - 1) <= 4 * np.finfo(normal.dtype).eps
+            length = normal.dtype.type(1) if exact else length
         self.normal = normal / length
         self.offset = offset / length
         if isinstance(offset, np.ndarray) and not is_traced(length):

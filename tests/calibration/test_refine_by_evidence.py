@@ -162,3 +162,19 @@ def test_edges_that_the_image_border_cuts_do_not_stop_it(disturbed):
     found = refine(replace(boxes, box=box), world.scene)
     assert found.residuals[1] < 0.5 * found.residuals[0]
     assert centre_error(found.scene, world) < 0.6 * centre_error(world.scene, world)
+
+
+@pytest.mark.slow
+def test_a_rig_on_a_map_stays_where_it_is():
+    world = make_world("ring5", seed=0, frames=16, people=6)
+    here, east = world.true_scene, np.array([4.5e5 + 0.3, 5.2e6 + 0.7, 100.0])
+    rig, plane = here.rig, here.ground
+    centers = np.asarray(rig.centers, np.float64) + east
+    there = replace(
+        here,
+        rig=replace(rig, t=-np.einsum("cij,cj->ci", np.asarray(rig.R, np.float64), centers)),
+        ground=replace(plane, offset=np.asarray(plane.offset - plane.normal @ east)),
+    )
+    near, far = (refine(world.detections, scene).scene for scene in (here, there))
+    moved = np.asarray(far.rig.centers) - east - np.asarray(near.rig.centers)
+    assert np.abs(moved).max() < 1e-3

@@ -186,3 +186,12 @@ def test_the_deviation_of_the_rig_is_kept_and_scales(tmp_path_factory, deviation
 def test_a_deviation_that_is_none_is_refused(deviation):
     with pytest.raises(InvalidInputError, match="rig_sd"):
         dataclasses.replace(make_layout("ring4").scene, rig_sd=deviation)
+
+
+def test_a_normal_that_is_nearly_a_unit_is_made_one_and_a_unit_stays_bit_for_bit():
+    rough = np.array([0.6, 0.0, 0.8]) * (1 + 1e-8)
+    plane = Plane(rough, 5e6)
+    assert abs(np.linalg.norm(plane.normal) - 1) < 1e-15
+    np.testing.assert_array_equal(Plane(plane.normal, plane.offset).normal, plane.normal)
+    # A point of the plane, far from the origin of a map.
+    assert abs(plane.signed_distance(-5e6 * rough / (rough @ rough))) < 1e-8

@@ -306,8 +306,9 @@ class _Judge:
             return _Found(Verdict.DOUBTFUL, None, None, UNREGISTERED)
         if expected.sum() < FEWEST_EXPECTED:
             return _Found(Verdict.DOUBTFUL, None, None, TOO_FEW)
-        some = expected > 0
-        usual = max(float(np.median(matched[some] / expected[some])), LEAST_MATCHED)
+        some = (expected > 0) & (boxes > 0)  # a camera that died early was alive before
+        share = float(np.median(matched[some] / expected[some])) if some.any() else 0.0
+        usual = max(share, LEAST_MATCHED)
         lost = lost_since(matched, expected, seen, usual, self.alpha)
         if lost is not None:
             since = self._frame(self.watched.windows[lost].begin) if lost else None

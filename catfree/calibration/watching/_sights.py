@@ -239,7 +239,9 @@ def predict(
     x, y = state[0] - lag * velocity[0], state[1] - lag * velocity[1]
     one, zero = jnp.ones((), state.dtype), jnp.zeros((), state.dtype)
     place = jnp.concatenate([place[:, :3], (place[:, 3] - place[:, :3] @ center)[:, None]], 1)
-    station = -place[:, :2].T @ place[:, 3]
+    # The axes are orthogonal, but not all of length 1 (see `corrected_place`).
+    length = jnp.maximum((place[:, :3] ** 2).sum(1), 1e-12)
+    station = -place[:, :2].T @ (place[:, 3] / length)
     foot_x, foot_y = visible_foot(station, jnp.stack([x, y, state[2]]), FOOT_SHARE * state[2])
     head = place @ jnp.stack([x, y, state[2], one])
     foot = place @ jnp.stack([foot_x, foot_y, zero, one])

@@ -147,3 +147,12 @@ def test_boxes_without_frame_numbers_are_refused_before_any_work(world, quiet):
         check(world.true_scene, everything)
     with pytest.raises(InvalidInputError, match=rf"Camera 'c' has {len(rows)} boxes in frame 0"):
         cf.calibrate(everything, (1920, 1080), camera_names=list("abcde"))
+
+
+@pytest.mark.slow
+def test_a_camera_that_died_early_is_dead_since_then(world, quiet):
+    died = FRAMES // 4
+    result = check(world.true_scene, quiet[(quiet.camera != 2) | (quiet.frame < died)])
+    assert result.cameras[2].verdict == Verdict.DEAD
+    assert result.cameras[2].since == pytest.approx(died, abs=0.15 * FRAMES)
+    assert others_fit(result, 2)

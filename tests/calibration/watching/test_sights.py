@@ -72,3 +72,15 @@ def test_angles_are_those_of_the_pixels_of_a_person():
     # The center of the box is a mean of pixels, that of the prediction a mean of angles.
     assert np.allclose(seen.boxes.angle, expected, atol=2e-4)
     assert seen.imaged(np.ones(len(state), int), state).all()
+
+
+@given(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(-0.1, 0.1))
+def test_the_origin_does_not_matter_to_a_camera_with_a_longer_lens(east, north, zoom):
+    depth = np.diag([1.0, 1.0, np.exp(-zoom)])
+    state, velocity = np.array([[1.0, 2.0, 1.7]]), np.array([[0.3, -0.2]])
+    here = depth @ PLACE
+    there = here.copy()
+    there[:, 3] -= here[:, :2] @ [east, north]
+    moved = state + np.array([[east, north, 0]])
+    found = predicted(moved, velocity, there[None])
+    np.testing.assert_allclose(found, predicted(state, velocity, here[None]), atol=1e-7)
