@@ -64,6 +64,8 @@ def check_command(tyro: Any) -> Callable[..., None]:
             )
         warn(outcome.warnings)
         print_table(check_table(result, outcome.camera_names))
+        for name, one in zip(outcome.camera_names, result.cameras, strict=True):
+            print_text(f"{name}: {one.advice}")
         if out is not None:
             print_text(f"The page is {write_check_page(out, result, outcome, footage)}.")
 
@@ -86,11 +88,11 @@ def check_table(result: Any, camera_names: tuple[str, ...]) -> Any:
             f"{one.lag:.2f} +- {one.lag_sd:.2f}",
             f"{100 * one.matched:.0f}" if np.isfinite(one.matched) else "",
         )
-        rows.append((name, one.verdict.value, since, *numbers, one.advice))
+        rows.append((name, one.verdict.value, since, *numbers))
     length = "m" if result.metric else "scene units"
     header = (
         "camera", "verdict", "since frame", "turned (degrees)", "pixels", f"ground ({length})",
-        "late (frames)", "people matched (%)", "what to do",
+        "late (frames)", "people matched (%)",
     )  # fmt: skip
     return Table(header, tuple(rows))
 

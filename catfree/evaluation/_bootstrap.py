@@ -8,6 +8,7 @@ import numpy as np
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.evaluation._detection_metrics import DetectionMetrics, detection_rates
 from catfree.evaluation._rows import Number
+from catfree.types._validation import as_count
 
 
 class Interval(NamedTuple):
@@ -93,6 +94,7 @@ def bootstrap(
         raise InsufficientDataError("Cannot bootstrap: 0 frames were evaluated, at least 1 needed.")
     if not 1 <= block_length <= n:
         raise InvalidInputError(f"block_length is {block_length}; it must be between 1 and {n}.")
+    samples = as_count(samples, "samples")
     if samples < 1 or not 0 < level < 1:
         raise InvalidInputError(
             f"samples is {samples} and level {level}; give at least 1 and a share inside (0, 1)."

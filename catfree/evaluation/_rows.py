@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 from catfree.geometry._arrays import ArrayInput
 from catfree.types._validation import as_float, as_integer
 
@@ -66,7 +66,10 @@ def as_positive(value: Any, name: str) -> float:
     Raises:
         InvalidInputError: if it is not.
     """
-    number = float(value)
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InvalidInputError(f"{name} is {quoted(value)}; it must be a length.") from None
     if not (np.isfinite(number) and number > 0):
         raise InvalidInputError(f"{name} is {number}; it must be a finite length above zero.")
     return number
@@ -130,7 +133,7 @@ def read_sequence(
     if frames is None:
         listed = np.concatenate([truth[:, 0], predicted[:, 0]]).astype(np.int64)
     else:
-        listed = as_integer(list(frames) if isinstance(frames, range | set) else frames, "frames")
+        listed = as_integer(list(frames) if isinstance(frames, range | Set) else frames, "frames")
         if listed.ndim != 1:
             raise InvalidInputError(f"frames must be a flat list, got shape {listed.shape}.")
     listed = np.unique(listed)

@@ -10,6 +10,7 @@ from catfree.evaluation._detection_metrics import GATE_TOLERANCE
 from catfree.evaluation._position_matching import matched_rows
 from catfree.evaluation._rows import Frames, Number, as_positive, read_sequence
 from catfree.geometry._arrays import ArrayInput
+from catfree.types._validation import as_count
 
 
 def matched_predictions(
@@ -193,6 +194,7 @@ def calibration_curve(
             f"probability {claimed.shape} and correct {outcome.shape} must be flat and of the same "
             "length."
         )
+    bins = as_count(bins, "bins")
     if bins < 1:
         raise InvalidInputError(f"bins is {bins}; at least 1 is needed.")
     bad = ~((claimed >= 0) & (claimed <= 1))

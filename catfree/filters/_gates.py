@@ -122,12 +122,14 @@ def select(
         Masks and thresholds.
 
     Raises:
-        InvalidInputError: if the quantile is outside [0, 1].
+        InvalidInputError: if the quantile is outside [0, 1], or there are no such gates.
 
     Source: paper, Sec. "Selecting pedestrian positions".
     """
     if fixed_quantile is not None and not 0 <= fixed_quantile <= 1:
         raise InvalidInputError(f"fixed_quantile is {fixed_quantile}; it must be between 0 and 1.")
+    if gates not in ORDERS:
+        raise InvalidInputError(f"gates is {gates!r}; it must be one of {', '.join(ORDERS)}.")
     sigma, ground_distance = as_floating(sigma), as_floating(ground_distance)
     weighted_support = as_floating(weighted_support)
     candidate = jnp.asarray(candidate)

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Num
 
+from catfree.errors import InvalidInputError
 from catfree.filters._otsu import otsu, otsu_separability
 from catfree.filters._sample_arrays import as_floating, as_mask
 from catfree.types._annotations import HostOrDevice
@@ -58,9 +59,17 @@ def auxiliary_score(
     Returns:
         Score, weights and threshold. They do not depend on the offset or scale of any signal.
 
+    Raises:
+        InvalidInputError: if there are not seven signals.
+
     Source: paper, Sec. "The Scoring Stage".
     """
     signals = as_floating(signals)
+    if signals.ndim != 2 or signals.shape[1] != len(Signal):
+        raise InvalidInputError(
+            f"signals has shape {signals.shape}; it needs one column for each `Signal`, of which "
+            f"there are {len(Signal)}. Fill those that are missing with NaN."
+        )
     present = as_mask(where, signals.shape[:1])
     valid = present[:, None] & jnp.isfinite(signals)
     standardized = jax.vmap(_standardize, (1, 1), 1)(signals, valid)

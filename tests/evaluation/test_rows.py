@@ -1,5 +1,7 @@
 """Which frames count: listed frames without rows, and rows of frames that are not listed."""
 
+import inspect
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -81,3 +83,15 @@ def test_frames_that_share_nothing_with_the_rows_leave_nothing_to_score():
     metrics = evaluation.detection_metrics(one, one, [5, 10])
     assert np.isnan(metrics.moda)
     assert (metrics.tp, metrics.fp, metrics.fn) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("frames", [frozenset({1, 2}), {1: "a", 2: "b"}.keys(), range(1, 3)])
+def test_frames_may_be_any_set(frames):
+    rows = np.array([[1, 0, 0.0, 0.0], [3, 0, 0.0, 0.0]])
+    assert evaluation.detection_metrics(rows, rows, frames).frames.tolist() == [1, 2]
+
+
+@pytest.mark.parametrize("threshold", ["0.5 m", None, -1.0, np.nan])
+def test_a_threshold_that_is_no_length_is_refused(threshold):
+    with pytest.raises(InvalidInputError, match="threshold"):
+        inspect.unwrap(evaluation.detection_metrics)(*np.zeros((2, 0, 4)), None, threshold)

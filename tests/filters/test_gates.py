@@ -1,6 +1,7 @@
 """The gates in every order of the ablation, against the rules written out with NumPy."""
 
 import functools
+import inspect
 import math
 from typing import get_args
 
@@ -190,3 +191,9 @@ def test_quantile_equals_numpy(x64, sample, share):
 def test_quantile_without_values(dtype):
     assert quantile(np.zeros(0, dtype), 0.5) == np.inf
     assert quantile(np.full(3, np.nan, dtype), 0.5) == np.inf
+
+
+def test_gates_that_do_not_exist_are_named_with_those_that_do():
+    unchecked = inspect.unwrap(filters.select)  # as where no types are checked
+    with pytest.raises(InvalidInputError, match="uncertainty_then_ground"):
+        unchecked(np.ones(2), np.ones(2), np.ones(2), np.ones(2, bool), gates="all")

@@ -1,5 +1,7 @@
 """The auxiliary score against its definition in NumPy, and the signals against geometry."""
 
+import inspect
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 import catfree.filters as filters
+from catfree.errors import InvalidInputError
 from catfree.filters import Signal
 
 score_of = jax.jit(filters.auxiliary_score)
@@ -225,3 +228,9 @@ def test_implied_height_is_finite_for_a_camera_looking_down(dtype, foot):
     )
     assert np.isfinite(gradient).all()
     assert height.dtype == dtype
+
+
+def test_a_column_too_few_is_an_error_not_another_signal():
+    unchecked = inspect.unwrap(filters.auxiliary_score)  # as where no types are checked
+    with pytest.raises(InvalidInputError, match="one column for each"):
+        unchecked(np.zeros((4, 6)))

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
+from catfree.errors import InvalidInputError
 from catfree.geometry._arrays import float_arrays, safe_norm
 from catfree.geometry.camera._inversion import inside_fold, invert
 from catfree.types._annotations import HostOrDevice
@@ -32,9 +33,17 @@ def distort(point: Real[HostOrDevice, "2"], distortion: Lens) -> Float[Array, "2
     Returns:
         (2,) distorted normalized coordinates; finite at a pole of the rational model.
 
+    Raises:
+        InvalidInputError: if there are neither 5 nor 8 coefficients.
+
     Source: the radial and tangential model of Brown (1971) as OpenCV's `projectPoints` states it.
     """
     ideal, lens = float_arrays(point, distortion)
+    if lens.shape not in ((5,), (8,)):
+        raise InvalidInputError(
+            f"distortion has shape {lens.shape}; it must be k1, k2, p1, p2, k3, or these and k4, "
+            "k5, k6. Append 0 for those that are missing."
+        )
     x, y = ideal[0], ideal[1]
     k1, k2, p1, p2, k3 = (lens[i] for i in range(5))
     squared = x * x + y * y

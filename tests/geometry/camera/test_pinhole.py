@@ -1,5 +1,7 @@
 """The pinhole camera and its lens: against OpenCV, inverse, derivatives, degenerate input."""
 
+import inspect
+
 import cv2
 import jax
 import jax.numpy as jnp
@@ -9,6 +11,7 @@ from hypothesis import assume, given, strategies as st
 from hypothesis.extra import numpy as hnp
 
 from catfree import geometry
+from catfree.errors import InvalidInputError
 from catfree.geometry import camera
 
 K = np.array([[1400.0, 0, 960], [0, 1350, 540], [0, 0, 1]])
@@ -133,3 +136,10 @@ def test_points_beside_and_behind_a_camera_project_to_something_finite(point):
     assert depth == point[2]
     jacobian, _ = project_jacobian(k, one, zero, point, lens)
     assert np.isfinite(jacobian).all()
+
+
+@pytest.mark.parametrize("count", [4, 6, 12])
+def test_a_lens_with_another_number_of_coefficients_is_refused(count):
+    unchecked = inspect.unwrap(camera.distort)  # as where no types are checked
+    with pytest.raises(InvalidInputError, match="k1, k2, p1, p2, k3"):
+        unchecked(np.array([0.3, 0.2]), np.zeros(count))
