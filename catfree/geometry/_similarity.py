@@ -25,6 +25,9 @@ RANK_EPSILONS = 8.0
 class Similarity(eqx.Module):
     """`x -> scale * rotation @ x + translation`, in two or three dimensions.
 
+    In single precision unless JAX's `jax_enable_x64` is set: on a map, where coordinates are large,
+    set it or subtract an origin first.
+
     Attributes:
         scale: () positive.
         rotation: (D, D) proper rotation.
@@ -90,7 +93,7 @@ def fit_similarity(
         degenerate points give one of the optimal solutions, with finite value and gradient.
 
     Raises:
-        InvalidInputError: if there are no points, or the two shapes differ.
+        InvalidInputError: if there are no points, or the shapes do not fit each other.
         DegenerateGeometryError: if points are not finite, or leave the rotation or scale
             undetermined (fewer than three distinct points in 3-D, or all on a line); raised only
             for concrete values.
@@ -105,6 +108,11 @@ def fit_similarity(
             f"n at least 1, got {source.shape} and {target.shape}."
         )
     given = jnp.ones(source.shape[0], source.dtype) if given is None else given
+    if given.shape != source.shape[:1]:
+        raise InvalidInputError(
+            f"weights has shape {given.shape}; it must be one number for each of the "
+            f"{source.shape[0]} pairs of points."
+        )
     fitted, covariance, spread = _fit(source, target, given, fixed_scale=fixed_scale)
     if not is_traced(covariance, spread):
         _require_determined(

@@ -221,7 +221,7 @@ class Detections(eqx.Module):
             clock: of the frames.
 
         Raises:
-            InvalidInputError: if a column is missing or has an empty or invalid value, or a camera
+            InvalidInputError: if a column is missing, double or has an invalid value, or a camera
                 is not among `camera_names`.
         """
         names = _column_names(table)
@@ -232,6 +232,8 @@ class Detections(eqx.Module):
                     f"The table has no column {quoted(name)}; it has "
                     f"{', '.join(map(quoted, names))}. Name the column to use."
                 )
+            if names.count(name) > 1:
+                raise InvalidInputError(f"The table has several columns {quoted(name)}: keep one.")
             return np.asarray(table[name])
 
         if len(box) != 4 or form not in ("xyxy", "xywh"):
@@ -357,6 +359,8 @@ def _column_names(table: Any) -> list[str]:
     """List the columns of a table of pandas, polars or Arrow, or of a dictionary."""
     if isinstance(table, Mapping):
         return list(table)
+    if callable(getattr(table, "collect", None)):
+        raise InvalidInputError("The table is lazy: pass its collect().")
     names = getattr(table, "column_names", getattr(table, "columns", None))
     if names is None or not hasattr(table, "__getitem__"):
         raise InvalidInputError(

@@ -264,6 +264,12 @@ def test_the_fit_names_arrays_that_are_no_pairs(source, target):
         fit(np.zeros(source), np.zeros(target))
 
 
+def test_the_fit_names_weights_of_another_length():
+    points = np.eye(3)
+    with pytest.raises(InvalidInputError, match="weights has shape"):
+        inspect.unwrap(geometry.fit_similarity)(points, points, np.ones(2))
+
+
 @pytest.mark.slow
 def test_the_fit_says_that_points_are_not_finite():
     points = np.random.default_rng(0).standard_normal((5, 3))

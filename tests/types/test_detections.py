@@ -237,6 +237,16 @@ def test_tables_that_do_not_fit_are_named():
             Detections.from_table(given_table, **options)
 
 
+def test_double_columns_and_lazy_tables_are_named():
+    pandas, polars = (pytest.importorskip(name) for name in ("pandas", "polars"))
+    row = {"frame": [0], "camera": [0], "x1": [0.0], "y1": [0.0], "x2": [1.0], "y2": [1.0]}
+    table = pandas.DataFrame(row)
+    with pytest.raises(InvalidInputError, match="several columns 'x1'"):
+        Detections.from_table(pandas.concat([table, table[["x1"]]], axis=1))
+    with pytest.raises(InvalidInputError, match="collect"):
+        Detections.from_table(polars.DataFrame(row).lazy())
+
+
 def test_boxes_of_supervision():
     sv = pytest.importorskip("supervision")
     boxes = np.array([[0.0, 0, 10, 20], [5, 5, 8, 9]])
