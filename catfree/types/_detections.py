@@ -221,8 +221,8 @@ class Detections(eqx.Module):
             clock: of the frames.
 
         Raises:
-            InvalidInputError: if a column is missing, double or has an invalid value, or a camera
-                is not among `camera_names`.
+            InvalidInputError: if a column is missing, occurs twice, or has an empty or invalid
+                value, a camera is not among `camera_names`, or the table is lazy.
         """
         names = _column_names(table)
 
@@ -360,7 +360,7 @@ def _column_names(table: Any) -> list[str]:
     if isinstance(table, Mapping):
         return list(table)
     if callable(getattr(table, "collect", None)):
-        raise InvalidInputError("The table is lazy: pass its collect().")
+        raise InvalidInputError("The table is lazy: pass table.collect() instead.")
     names = getattr(table, "column_names", getattr(table, "columns", None))
     if names is None or not hasattr(table, "__getitem__"):
         raise InvalidInputError(
