@@ -1,13 +1,12 @@
 """One instant: group its boxes with the tracks before it, and update these."""
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.special import expit
 
-from catfree.methods.evidence._gaussian import mean_and_covariance, probability_within
+from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence.group._appearance import PairRatios, compare_frames, looks_of
 from catfree.methods.evidence.group._group import appearance_log_odds, group
 from catfree.methods.evidence.group._groups import Priors, priors_of
@@ -16,11 +15,11 @@ from catfree.methods.evidence.observe._boxes import prepare_boxes
 from catfree.methods.evidence.observe._measurement import measure_boxes
 from catfree.methods.evidence.observe._views import ground_views
 from catfree.methods.evidence.observe._visibility import count_detections, rate_of_counts
-from catfree.methods.evidence.report._uneven_ground import ground_shift, with_uneven_ground
-from catfree.methods.evidence.report._working_area import UsualPlace, design_sigma, whole_views
+from catfree.methods.evidence.report._uneven_ground import ground_shift
+from catfree.methods.evidence.report._working_area import design_sigma, whole_views
 from catfree.methods.evidence.track._existence import (
+    cells_of_boxes,
     clutter_at,
-    clutter_cells,
     count_clutter,
     delivered,
     log_odds_without_clutter,
@@ -29,6 +28,7 @@ from catfree.methods.evidence.track._existence import (
     with_pictures,
 )
 from catfree.methods.evidence.track._presence import step_forward
+from catfree.methods.evidence.track._suppress_overlapping import one_per_place
 from catfree.methods.evidence.track._tracking import (
     CONSECUTIVE,
     Alone,
@@ -43,7 +43,6 @@ from catfree.methods.evidence.track._tracking import (
 )
 from catfree.methods.online._learn import forgetting, likeness_of
 from catfree.methods.online._tracker_state import Instant, Learned, TrackerState, with_looks
-from catfree.methods.paper._select import suppress_by_frame
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 
@@ -108,8 +107,7 @@ def advance(
     pictured = pictured * arrived[groups.frame]
     agreement = appearance_log_odds(groups, ratios)
     base = log_odds_without_clutter(groups.gain + agreement, groups.member, pictured, settings)
-    g, c = np.nonzero(groups.member >= 0)
-    cell = clutter_cells(np.asarray(measured.state)[groups.member[g, c]], c, views)
+    g, _, cell = cells_of_boxes(groups.member, measured, views)
     clutter = np.ones(len(g))
     if settings.local_clutter:
         clutter = clutter_at(cell, learned.clutter, settings)
@@ -130,9 +128,7 @@ def advance(
     evidence = np.clip(evidence, -settings.evidence_limit, settings.evidence_limit)
     forward, weight = _carry(state, node.track, evidence, settings)
     trails = Trails(node.track, instant, node.group, node.mean, node.covariance)
-    shift = np.zeros((len(hit), 2))
-    if settings.uneven_ground and len(groups):
-        shift = ground_shift(trails, groups, measured, boxes.view, views, noise, settings)
+    shift = ground_shift(trails, groups, measured, boxes.view, views, noise, settings)
     member[hit] = groups.member[own]
     matrix, vector = np.zeros((len(hit), 3, 3)), np.zeros((len(hit), 3))
     matrix[hit], vector[hit] = groups.info.matrix[own], groups.info.vector[own]
@@ -190,30 +186,16 @@ def _priors(state: TrackerState, heads: Heads, settings: EvidenceSettings) -> Pr
     present = state.forward[:, 0] > state.forward[:, 1]
     mean, covariance = heads.mean[:, :3], heads.covariance[:, :3, :3]
     keep = np.flatnonzero(
-        one_per_place(heads.gap == 0, state.weight, mean, covariance, present, settings)
-    )
+        one_per_place(
+            np.zeros(len(present), np.int64), mean, covariance, heads.gap == 0, state.weight,
+            present, settings.personal_space,
+        )
+    )  # fmt: skip
     if len(keep) == 0:
         return None
     precision = np.linalg.inv(covariance[keep])
     vector = np.einsum("nij,nj->ni", precision, mean[keep])
     return priors_of(np.zeros(len(keep), np.int64), precision, vector)
-
-
-def one_per_place(
-    hit: Bool[np.ndarray, " t"],
-    weight: Float[np.ndarray, " t"],
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    present: Bool[np.ndarray, " t"],
-    settings: EvidenceSettings,
-) -> Bool[np.ndarray, " t"]:
-    """(T,) whether a person is present and the best supported one at the place."""
-    if settings.personal_space <= 0 or not present.any():
-        return present
-    vagueness = np.trace(covariance[:, :2, :2], axis1=1, axis2=2)
-    priority = np.column_stack([hit, weight, -vagueness])
-    instant = np.zeros(len(hit), np.int64)
-    return suppress_by_frame(instant, mean[:, :2], priority, present, settings.personal_space)
 
 
 def _carry(
@@ -229,49 +211,3 @@ def _carry(
     on, off = step_forward(on, off, evidence, settings.change_evidence)
     weight = np.append(state.weight, np.zeros(new)) + np.where(on > off, evidence, 0.0)
     return np.column_stack([on, off]), weight
-
-
-class Reportable(NamedTuple):
-    """Rows that may be reported.
-
-    Attributes:
-        covariance: (T, 2, 2) of their positions in H0, with sway and uneven ground.
-        sharp: (T,) whether the person is present, and in the right place, more likely than not.
-        kept: (T,) whether this is also in the working area.
-    """
-
-    covariance: Float[np.ndarray, "t 2 2"]
-    sharp: Bool[np.ndarray, " t"]
-    kept: Bool[np.ndarray, " t"]
-
-
-def reportable(
-    shift: Float[np.ndarray, "t 2"],
-    place: Float[np.ndarray, "t 2"],
-    covariance: Float[np.ndarray, "t 5 5"],
-    probability: Float[np.ndarray, " t"],
-    learned: Learned,
-    settings: EvidenceSettings,
-) -> Reportable:
-    """Choose the rows to report, if nobody else is in the same place.
-
-    Args:
-        shift: of each row as in `Instant`.
-        place: of each row as in `Instant`.
-        covariance: of the states, filtered or smoothed.
-        probability: (T,) that the person is present.
-        learned: for the working area.
-        settings: constants and switches.
-    """
-    spread = covariance[:, :2, :2] + settings.sway**2 * np.eye(2)
-    if settings.uneven_ground:
-        spread = with_uneven_ground(spread, shift, settings.unevenness)
-    within = probability_within(spread, settings.report_radius)
-    sharp = (probability > 0.5) & (within > 0.5)
-    kept = sharp
-    if settings.working_area and np.isfinite(learned.usual).all():
-        usual = UsualPlace(*learned.usual.tolist())
-        cameras = int(learned.active.sum())
-        sigma, whole = place[:, 0], place[:, 1].astype(np.int64)
-        kept = sharp & usual.holds(sigma, whole, cameras, settings)
-    return Reportable(spread, sharp, kept)

@@ -5,12 +5,14 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.special import expit
 
 from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.group._appearance import Looks
 from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.report._sharp_positions import sharp_positions
+from catfree.methods.evidence.report._working_area import UsualPlace
 from catfree.methods.evidence.track._identify import (
     HORIZON,
     Habits,
@@ -23,15 +25,11 @@ from catfree.methods.evidence.track._identify import (
     strangers_of,
 )
 from catfree.methods.evidence.track._presence import later_frames
+from catfree.methods.evidence.track._suppress_overlapping import one_per_place
 from catfree.methods.evidence.track._tracking import Trails, smooth, transition
-from catfree.methods.online._advance import (
-    motion_learned,
-    one_per_place,
-    reportable,
-    usual_steps,
-)
+from catfree.methods.online._advance import motion_learned, usual_steps
 from catfree.methods.online._learn import learn_places, likeness_of
-from catfree.methods.online._tracker_state import Instant, TrackerState
+from catfree.methods.online._tracker_state import Instant, Learned, TrackerState
 from catfree.methods.online._update import Event
 from catfree.settings import EvidenceSettings
 
@@ -70,21 +68,30 @@ def provisional(
     """Report an instant as it looks now, with the identities that the tracks have now."""
     node = instant.node
     probability = expit(instant.forward[:, 0] - instant.forward[:, 1])
-    found = reportable(
-        instant.shift, instant.place, node.covariance, probability, state.learned, settings
-    )
+    spread, sharp = sharp_positions(node.covariance, instant.shift, probability, settings)
     alone = one_per_place(
-        node.group >= 0, instant.weight, node.mean, node.covariance, found.sharp, settings
-    )
-    rows = np.flatnonzero(found.kept & alone)
+        np.zeros(len(sharp), np.int64), node.mean, node.covariance, node.group >= 0,
+        instant.weight, sharp, settings.personal_space,
+    )  # fmt: skip
+    rows = np.flatnonzero(alone & _in_working_area(instant.place, state.learned, settings))
     names = _identity_of(state, node.track[rows])
-    new = _by_precision(np.flatnonzero(names < 0), found.covariance[rows])
+    new = _by_precision(np.flatnonzero(names < 0), spread[rows])
     names[new] = int(state.names) + np.arange(len(new))
     state = _named(state, node.track[rows[new]], names[new])
     return state, Reported(
         float(instant.time), names, node.mean[rows], node.covariance[rows],
-        found.covariance[rows], probability[rows], instant.support[rows], instant.place[rows],
+        spread[rows], probability[rows], instant.support[rows], instant.place[rows],
     )  # fmt: skip
+
+
+def _in_working_area(
+    place: Float[np.ndarray, "n 2"], learned: Learned, settings: EvidenceSettings
+) -> Bool[np.ndarray, " n"]:
+    """(n,) whether positions are in the working area; anywhere is until one is known."""
+    if not settings.working_area or not np.isfinite(learned.usual).all():
+        return np.ones(len(place), bool)
+    usual, cameras = UsualPlace(*learned.usual.tolist()), int(learned.active.sum())
+    return usual.holds(place[:, 0], place[:, 1].astype(np.int64), cameras, settings)
 
 
 def _by_precision(
@@ -163,18 +170,15 @@ def finalize(
     looks = None
     if likeness is not None:
         looks = Looks(look, boxes, likeness, settings.appearance_weight)
-    found = reportable(
-        column("shift"), column("place"), trails.covariance, probability, learned, settings
-    )
-    sharp, reported = found.sharp.copy(), found.kept.copy()
-    for t, instant in enumerate(window[:ready]):
-        here = by_frame[first[t] : first[t + 1]]
-        sharp[here] = one_per_place(
-            instant.node.group >= 0, weight[here], trails.mean[here], trails.covariance[here],
-            sharp[here], settings,
-        )  # fmt: skip
-        reported[here] &= sharp[here]
-    extra = found.covariance - trails.covariance[:, :2, :2]
+    covariance, sharp = sharp_positions(trails.covariance, column("shift"), probability, settings)
+    oldest = trails.frame < ready
+    alone = one_per_place(
+        trails.frame, trails.mean, trails.covariance, trails.group >= 0, weight, sharp & oldest,
+        settings.personal_space,
+    )  # fmt: skip
+    sharp = np.where(oldest, alone, sharp)
+    reported = sharp & _in_working_area(column("place"), learned, settings)
+    extra = covariance - trails.covariance[:, :2, :2]
     walk = replace(motion, memory=motion.memory**settings.sudden)
     population = Population(time, walk, float(noise.density), spread, settings, looks)
     out, events = [], []
@@ -192,7 +196,7 @@ def finalize(
         state = replace(state, learned=learned, final_time=window[t].time)
         out.append(Reported(
             float(window[t].time), names, trails.mean[rows], trails.covariance[rows],
-            found.covariance[rows], probability[rows], window[t].support[reported[here]],
+            covariance[rows], probability[rows], window[t].support[reported[here]],
             place[reported[here]],
         ))  # fmt: skip
     return replace(state, window=window[ready:]), out, events

@@ -32,7 +32,7 @@ from catfree.methods.evidence.observe._visibility import (
 )
 from catfree.methods.evidence.report._working_area import usual_place
 from catfree.methods.evidence.track._existence import (
-    clutter_cells,
+    cells_of_boxes,
     count_clutter,
     judge_groups,
     predict_views,
@@ -140,8 +140,7 @@ def learn_noise_and_unit(
         rate = rate_of_counts(heights, trials, hits, settings)
         agreement = appearance_log_odds(groups, ratios)
         found = judge_groups(groups, agreement, measured, boxes, views, rate(seen), settings)
-        g, c = np.nonzero(groups.member >= 0)
-        cell = clutter_cells(np.asarray(measured.state)[groups.member[g, c]], c, views)
+        g, _, cell = cells_of_boxes(groups.member, measured, views)
         clutter = count_clutter(cell, expit(found.log_odds)[g], scene.rig.camera_count)
     old = float(learned.unit)
     length = 1.0 if np.isnan(old) else old / unit

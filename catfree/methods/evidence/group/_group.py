@@ -29,7 +29,7 @@ def group(
     return associate(
         measured.info,
         np.asarray(measured.state)[:, :2],
-        np.asarray(measured.covariance)[:, :2, :2],
+        np.asarray(measured.position_covariance),
         np.minimum(boxes.frame, len(boxes.frames) - 1),
         boxes.camera,
         np.asarray(measured.valid),
@@ -72,7 +72,7 @@ def _group_by_looks(
         part = associate(
             Information(rows(info.matrix), rows(info.vector), rows(info.constant)),
             rows(measured.state)[:, :2],
-            rows(measured.covariance)[:, :2, :2],
+            rows(measured.position_covariance),
             rows(boxes.frame),
             rows(boxes.camera),
             rows(np.asarray(measured.valid)),

@@ -49,7 +49,7 @@ class Measurements(eqx.Module):
     Attributes:
         info: (N) information without the height prior.
         state: (N, 3) most likely state given only the box.
-        covariance: (N, 3, 3) of the state, including the height prior.
+        position_covariance: (N, 2, 2) of (y1, y2), given the height prior too.
         noise: (N, 3) standard deviation of each edge in pixels.
         edges: (N, 3) edges corrected for systematic offsets.
         used: (N, 3) whether an edge carries information.
@@ -58,7 +58,7 @@ class Measurements(eqx.Module):
 
     info: Information
     state: Float[Array | np.ndarray, "box 3"]
-    covariance: Float[Array | np.ndarray, "box 3 3"]
+    position_covariance: Float[Array | np.ndarray, "box 2 2"]
     noise: Float[Array | np.ndarray, "box 3"]
     edges: Float[Array | np.ndarray, "box 3"]
     used: Bool[Array | np.ndarray, "box 3"]
@@ -250,7 +250,8 @@ def measure_all(
     valid = valid & present & jnp.isfinite(sigma) & (sigma < constants.largest_sigma)
     keep = lambda a: jnp.where(valid.reshape(-1, *(1,) * (a.ndim - 1)), a, 0.0)  # noqa: E731
     info = Information(keep(info.matrix), keep(info.vector), keep(info.constant))
-    return Measurements(info, keep(state), keep(covariance), sd, corrected, used, valid)
+    place = keep(covariance[:, :2, :2])
+    return Measurements(info, keep(state), place, sd, corrected, used, valid)
 
 
 def measure_boxes(

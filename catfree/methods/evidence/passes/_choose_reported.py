@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from catfree.methods.evidence._gaussian import probability_within
 from catfree.methods.evidence._state import EvidenceState
-from catfree.methods.evidence.report._uneven_ground import ground_shift, with_uneven_ground
+from catfree.methods.evidence.report._sharp_positions import sharp_positions
+from catfree.methods.evidence.report._uneven_ground import ground_shift
 from catfree.methods.evidence.report._working_area import (
     design_sigma,
     in_working_area,
@@ -20,14 +20,10 @@ from catfree.settings import EvidenceSettings
 def choose_reported(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
     """Keep the rows that are more likely than not a person at the right place."""
     trails, boxes, views = state.trails, state.boxes, state.views
-    covariance = trails.covariance[:, :2, :2] + settings.sway**2 * np.eye(2)
-    if settings.uneven_ground:
-        shift = ground_shift(
-            trails, state.groups, state.measurements, boxes.view, views, state.noise, settings
-        )
-        covariance = with_uneven_ground(covariance, shift, settings.unevenness)
-    within = probability_within(covariance, settings.report_radius)
-    sharp = (state.probability > 0.5) & (within > 0.5)
+    shift = ground_shift(
+        trails, state.groups, state.measurements, boxes.view, views, state.noise, settings
+    )
+    covariance, sharp = sharp_positions(trails.covariance, shift, state.probability, settings)
     alone = suppress_overlapping_tracks(trails, state.evidence, sharp, settings.personal_space)
     kept, sigma, whole = alone.copy(), state.design_sigma.copy(), state.whole_views.copy()
     rows = np.flatnonzero(alone)

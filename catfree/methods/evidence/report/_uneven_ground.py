@@ -62,14 +62,15 @@ def ground_shift(
         view: (N,) the pinhole of each box.
         views: the cameras.
         noise: for the spread of heights.
-        settings: `gap` is the number of frames on either side to consider.
+        settings: `gap` is the number of frames on either side to consider; without
+            `uneven_ground` nobody stands above the plane.
 
     Returns:
         (M, 2) the median (by length) of the neighboring rows, in meters per meter.
     """
     M = len(trails)
-    if M == 0:
-        return np.zeros((0, 2))
+    if M == 0 or len(groups) == 0 or not settings.uneven_ground:
+        return np.zeros((M, 2))
     has_group = trails.group >= 0
     member = np.where(has_group[:, None], groups.member[trails.group], -1)
     shared = measurements.noise, measurements.used, view, views.matrix
@@ -92,10 +93,3 @@ def ground_shift(
     middle = (np.isfinite(around).sum(1, keepdims=True) - 1) // 2
     chosen = np.take_along_axis(np.argsort(around, axis=1), np.maximum(middle, 0), axis=1)
     return movement[np.take_along_axis(window, chosen, axis=1)[:, 0]]
-
-
-def with_uneven_ground(
-    covariance: np.ndarray, shift: np.ndarray, unevenness: float
-) -> Float[np.ndarray, "node 2 2"]:
-    """Widen covariances (M, 2, 2) for people standing off the plane by `unevenness` (H0)."""
-    return covariance + unevenness**2 * (shift[:, :, None] * shift[:, None, :])

@@ -82,6 +82,15 @@ def misses(rate: np.ndarray, member: np.ndarray) -> np.ndarray:
     return np.where(member < 0, np.log1p(-rate), 0.0).sum(1)
 
 
+def cells_of_boxes(
+    member: Int[np.ndarray, "group cam"], measurements: Measurements, views: GroundViews
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Group, row, and cell in its camera's clutter map, of each of the n boxes of groups."""
+    group, camera = np.nonzero(member >= 0)
+    box = member[group, camera]
+    return group, box, clutter_cells(np.asarray(measurements.state)[box], camera, views)
+
+
 def clutter_cells(state: np.ndarray, camera: np.ndarray, views: GroundViews) -> np.ndarray:
     """Index of the 1 H0² cell of each box in its camera's ground frame."""
     away = state[:, :2] - views.station[camera]
@@ -118,9 +127,7 @@ def judge_groups(
     pictured = delivered(probability, member, groups.frame, boxes, settings)
     probability = probability * pictured[groups.frame]
     base = log_odds_without_clutter(groups.gain + agreement, member, probability, settings)
-    g, c = np.nonzero(member >= 0)
-    box = member[g, c]
-    cell = clutter_cells(np.asarray(measurements.state)[box], c, views)
+    g, box, cell = cells_of_boxes(member, measurements, views)
     clutter = np.ones(len(g))  # before learning, a box is as likely false as true
     log_odds = base
     for round_ in range(CLUTTER_ROUNDS + 1):

@@ -6,7 +6,7 @@ confirms itself in the next pass.
 """
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from catfree.methods.evidence.track._tracking import Trails
 from catfree.methods.paper._select import suppress_by_frame
@@ -32,9 +32,25 @@ def suppress_overlapping_tracks(
     Returns:
         (M,) whether the row is kept; false where `present` is false.
     """
+    total = np.bincount(trails.track, np.where(present, evidence, 0.0)).astype(float)
+    seen = trails.group >= 0
+    return one_per_place(
+        trails.frame, trails.mean, trails.covariance, seen, total[trails.track], present, radius
+    )
+
+
+def one_per_place(
+    frame: Int[np.ndarray, " row"],
+    mean: Float[np.ndarray, "row state"],
+    covariance: Float[np.ndarray, "row state state"],
+    seen: Bool[np.ndarray, " row"],
+    support: Float[np.ndarray, " row"],
+    present: Bool[np.ndarray, " row"],
+    radius: float,
+) -> Bool[np.ndarray, " row"]:
+    """As `suppress_overlapping_tracks`, given the total evidence of the track of each row."""
     if radius <= 0 or not present.any():
         return present
-    support = np.bincount(trails.track, np.where(present, evidence, 0.0))[trails.track]
-    vagueness = np.trace(trails.covariance[:, :2, :2], axis1=1, axis2=2)
-    priority = np.column_stack([trails.group >= 0, support, -vagueness])
-    return suppress_by_frame(trails.frame, trails.mean[:, :2], priority, present, radius)
+    vagueness = np.trace(covariance[:, :2, :2], axis1=1, axis2=2)
+    priority = np.column_stack([seen, support, -vagueness])
+    return suppress_by_frame(frame, mean[:, :2], priority, present, radius)

@@ -135,7 +135,10 @@ def test_the_state_is_the_most_likely_one(seed):
     # Gauss-Newton has come to rest.
     np.testing.assert_allclose(found.state[found.valid], best[found.valid], atol=1e-6)
     np.testing.assert_allclose(
-        found.covariance[found.valid], np.linalg.inv(full[found.valid]), rtol=1e-6, atol=1e-12
+        found.position_covariance[found.valid],
+        np.linalg.inv(full[found.valid])[:, :2, :2],
+        rtol=1e-6,
+        atol=1e-12,
     )
 
 
@@ -164,7 +167,7 @@ def test_a_box_without_feet_and_head_is_no_measurement():
 
 
 def area(found):
-    return np.linalg.det(found.covariance[:, :2, :2])
+    return np.linalg.det(found.position_covariance)
 
 
 @pytest.mark.slow
@@ -200,7 +203,7 @@ def test_an_absent_row_may_hold_anything_and_counts_nothing(seed, junk):
     rows.edges[absent], rows.size[absent], rows.present[absent] = junk, junk, False
     found = rows.measured()
     assert not found.valid[absent].any()
-    for name in ("info", "state", "covariance"):
+    for name in ("info", "state", "position_covariance"):
         pairs = (jax.tree.leaves(getattr(m, name)) for m in (plain, found))
         for before, after in zip(*pairs, strict=True):
             assert (after[absent] == 0).all()
@@ -215,10 +218,10 @@ def test_boxes_of_nobody_on_the_ground_are_finite_and_bounded(seed):
     rows = Rows(edges, np.arange(12) % CAMERAS)
     rows.size = np.maximum(rows.size, 1.0)  # as `prepare_boxes` bounds it
     found = rows.measured()
-    for leaf in jax.tree.leaves((found.info, found.state, found.covariance)):
+    for leaf in jax.tree.leaves((found.info, found.state, found.position_covariance)):
         assert np.isfinite(leaf).all()
     assert (found.info.matrix[~found.valid] == 0).all()
-    there = found.covariance[found.valid]
+    there = found.position_covariance[found.valid]
     assert (np.linalg.eigvalsh(there) > 0).all()
     sigma = np.sqrt((there[:, 0, 0] + there[:, 1, 1]) / 2)
     assert (sigma < RULES.largest_sigma).all()

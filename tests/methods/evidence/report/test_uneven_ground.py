@@ -6,12 +6,15 @@ from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._measurement import Measurements, start_noise
 from catfree.methods.evidence.observe._views import ground_views
-from catfree.methods.evidence.report._uneven_ground import ground_shift, with_uneven_ground
+from catfree.methods.evidence.report._sharp_positions import sharp_positions
+from catfree.methods.evidence.report._uneven_ground import ground_shift
 from catfree.methods.evidence.track._tracking import Trails
 from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene, walk
 
+RULES = EvidenceSettings()
 
-def shift_seen_by(cameras, rig, unit=HEIGHT):
+
+def shift_seen_by(cameras, rig, unit=HEIGHT, rules=RULES):
     """Shift of one person at (1, 0.5) metres seen by these cameras of a rig."""
     views = ground_views(make_scene(rig), unit)
     C = rig.camera_count
@@ -28,12 +31,11 @@ def shift_seen_by(cameras, rig, unit=HEIGHT):
     n = len(cameras)
     measurements = Measurements(
         Information(np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros(n)),
-        np.zeros((n, 3)), np.zeros((n, 3, 3)), np.full((n, 3), 3.0), np.zeros((n, 3)),
+        np.zeros((n, 3)), np.zeros((n, 2, 2)), np.full((n, 3), 3.0), np.zeros((n, 3)),
         np.ones((n, 3), bool), np.ones(n, bool),
     )  # fmt: skip
-    settings = EvidenceSettings()
-    view, noise = np.array(cameras), start_noise(C, settings)
-    return ground_shift(trails, groups, measurements, view, views, noise, settings)[0], xy
+    view, noise = np.array(cameras), start_noise(C, rules)
+    return ground_shift(trails, groups, measurements, view, views, noise, rules)[0], xy
 
 
 @pytest.mark.slow
@@ -59,8 +61,15 @@ def test_cameras_all_around_cancel_what_cameras_on_one_side_share():
 
 
 def test_uneven_ground_widens_along_the_shift_only():
-    widened = with_uneven_ground(np.eye(2)[None] * 0.01, np.array([[2.0, 0.0]]), 0.05)
+    rules = EvidenceSettings(sway=0.0, unevenness=0.05)
+    widened, _ = sharp_positions(np.eye(5)[None] * 0.01, np.array([[2.0, 0.0]]), np.ones(1), rules)
     np.testing.assert_allclose(widened[0], [[0.02, 0], [0, 0.01]])
+
+
+def test_on_even_ground_nobody_is_shifted():
+    rules = EvidenceSettings(uneven_ground=False)
+    shift, _ = shift_seen_by([0, 1], make_rig(), rules=rules)
+    np.testing.assert_array_equal(shift, [0, 0])
 
 
 @pytest.mark.slow

@@ -48,7 +48,7 @@ class Scene:
         flags = np.ones((n, 3), bool)
         self.measurements = Measurements(
             Information(np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros(n)),
-            state, np.zeros((n, 3, 3)), np.ones((n, 3)), np.ones((n, 3)), flags, flags[:, 0],
+            state, np.zeros((n, 2, 2)), np.ones((n, 3)), np.ones((n, 3)), flags, flags[:, 0],
         )  # fmt: skip
         F = int(self.frame.max(initial=0)) + 1
         table = np.full((F, CAMERAS, max(n, 1)), -1)
