@@ -74,7 +74,7 @@ def expect_moda(
     """
     if positions == 0:
         return _with_moda(reliability, 0.0, 0.0, 0.0, "No position was reported.")
-    fit = next((fit for fit in fits if _same_method(fit.settings, settings)), None)
+    fit = next((fit for fit in fits if not _changed_parts(fit.settings, settings)), None)
     if fit is None:
         fitted = " or ".join(
             "Settings.paper()" if fit.settings.method == "paper" else "Settings()" for fit in fits
@@ -136,12 +136,8 @@ def _without_moda(reliability: Reliability, note: str) -> Reliability:
     return _with_moda(reliability, math.nan, math.nan, math.nan, note)
 
 
-def _same_method(fitted: Settings, used: Settings) -> bool:
-    """Whether two settings agree in all parts that the method uses."""
-    return not _changed_parts(fitted, used)
-
-
 def _changed_parts(fitted: Settings, used: Settings) -> list[str]:
+    """Parts that the method of `used` reads, and that differ."""
     parts = ["method", "confidence", "rays"]
     if used.method == "evidence":
         parts += ["evidence"]

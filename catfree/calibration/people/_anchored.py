@@ -201,8 +201,46 @@ class _Problem:
         return self.fit(rest, typical=typical).misfit
 
     def _fit(self, chosen: Bool[np.ndarray, " m"], crowd: float) -> _Fit:
-        kept = list(compress(self.usable, chosen))
-        return _fit(kept, self.cameras, self.prior, self.frame, crowd)
+        """Fit cameras and map frame to the chosen measurements and the crowd's height.
+
+        Source: Gauss-Newton for observations with unknown and with random parameters ("mixed
+            model"), and the test of each observation against the others of Baarda (1968), "A
+            testing procedure for use in geodetic networks".
+        """
+        used = list(compress(self.usable, chosen))
+        cameras, prior, frame = self.cameras, self.prior, self.frame
+        at, place = cameras, frame.start
+        equations = _Equations.of(used, cameras, at, place, frame.free, crowd)
+        for _ in range(ROUNDS):
+            moved, step = equations.solve(prior)
+            change = max(np.abs(step).max(), np.abs(cameras + moved - at).max())
+            at, place = cameras + moved, place + np.pad(step, (0, 4 - frame.free))
+            equations = _Equations.of(used, cameras, at, place, frame.free, crowd)
+            if change < CONVERGED:
+                break
+        W, Q, M = equations.inverses(prior)
+        noise, off, error = equations.noise, equations.off, M @ equations.off
+        gain = prior @ equations.by_camera.T
+        cross = -gain @ W @ equations.by_frame @ Q
+        joint = np.zeros((cameras.size + 4,) * 2)
+        n, f = cameras.size, cameras.size + frame.free
+        joint[:n, :n] = prior - gain @ M @ gain.T
+        joint[:n, n:f], joint[n:f, :n], joint[n:f, n:f] = cross, cross.T, Q
+        ends = np.cumsum([*(len(m.value) for m in used), 1])
+        rows = [np.arange(start, end) for start, end in zip([0, *ends[:-1]], ends, strict=True)]
+        innovation, spread, log_p = [], [], []
+        for k in rows:
+            root = np.linalg.cholesky(noise[np.ix_(k, k)])
+            share, axes = np.linalg.eigh(root.T @ M[np.ix_(k, k)] @ root)
+            checked = share > UNCHECKED
+            # Directions that nothing else determines have no innovation.
+            inverse = np.where(checked, 1 / np.where(checked, share, 1), np.nan)
+            white = axes.T @ root.T @ error[k]
+            squared = np.nansum(inverse * white**2)
+            log_p.append(scipy.stats.chi2.logsf(squared, checked.sum()) if checked.any() else 0.0)
+            innovation.append(root @ axes @ (inverse * white))
+            spread.append(root @ axes @ (inverse[:, None] * axes.T) @ root.T)
+        return _Fit(at, place, joint, innovation, spread, np.array(log_p), float(off @ error))
 
 
 def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " m"], bool]:
@@ -385,60 +423,6 @@ class _Equations(NamedTuple):
         W, Q, M = self.inverses(prior)
         moved = prior @ self.by_camera.T @ M @ self.off
         return moved.reshape(-1, 7), Q @ self.by_frame.T @ W @ self.off
-
-
-def _fit(
-    chosen: Sequence[Measurement],
-    cameras: Float[np.ndarray, "cam 7"],
-    prior: Float[np.ndarray, "n n"],
-    frame: _Frame,
-    crowd: float,
-) -> _Fit:
-    """Fit cameras and map frame.
-
-    Args:
-        chosen: m measurements.
-        cameras: (C, 7) cameras from the people.
-        prior: (7C, 7C) covariance of these.
-        frame: where to start, and how many of its entries are unknown.
-        crowd: relative standard deviation of the crowd's height.
-
-    Source: Gauss-Newton for observations with unknown and with random parameters ("mixed model"),
-        and the test of each observation against the others of Baarda (1968), "A testing procedure
-        for use in geodetic networks".
-    """
-    at, place = cameras, frame.start
-    equations = _Equations.of(chosen, cameras, at, place, frame.free, crowd)
-    for _ in range(ROUNDS):
-        moved, step = equations.solve(prior)
-        change = max(np.abs(step).max(), np.abs(cameras + moved - at).max())
-        at, place = cameras + moved, place + np.pad(step, (0, 4 - frame.free))
-        equations = _Equations.of(chosen, cameras, at, place, frame.free, crowd)
-        if change < CONVERGED:
-            break
-    W, Q, M = equations.inverses(prior)
-    noise, off, error = equations.noise, equations.off, M @ equations.off
-    gain = prior @ equations.by_camera.T
-    cross = -gain @ W @ equations.by_frame @ Q
-    joint = np.zeros((cameras.size + 4,) * 2)
-    n, f = cameras.size, cameras.size + frame.free
-    joint[:n, :n] = prior - gain @ M @ gain.T
-    joint[:n, n:f], joint[n:f, :n], joint[n:f, n:f] = cross, cross.T, Q
-    ends = np.cumsum([*(len(m.value) for m in chosen), 1])
-    rows = [np.arange(start, end) for start, end in zip([0, *ends[:-1]], ends, strict=True)]
-    innovation, spread, log_p = [], [], []
-    for k in rows:
-        root = np.linalg.cholesky(noise[np.ix_(k, k)])
-        share, axes = np.linalg.eigh(root.T @ M[np.ix_(k, k)] @ root)
-        checked = share > UNCHECKED
-        # Directions that nothing else determines have no innovation.
-        inverse = np.where(checked, 1 / np.where(checked, share, 1), np.nan)
-        white = axes.T @ root.T @ error[k]
-        squared = np.nansum(inverse * white**2)
-        log_p.append(scipy.stats.chi2.logsf(squared, checked.sum()) if checked.any() else 0.0)
-        innovation.append(root @ axes @ (inverse * white))
-        spread.append(root @ axes @ (inverse[:, None] * axes.T) @ root.T)
-    return _Fit(at, place, joint, innovation, spread, np.array(log_p), float(off @ error))
 
 
 def _unused(
