@@ -6,6 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 import catfree as cf
 from catfree.errors import InvalidInputError
+from catfree.synthetic import make_world
 from tests.methods.evidence.evidence_worlds import walk
 
 TRUTH, DETECTIONS, SCENE = walk(people=4, frames=10, recall=1.0, clutter=0.1)
@@ -68,3 +69,17 @@ def test_a_box_in_a_missing_picture_is_refused():
 def test_impossible_pictures_are_refused(rows):
     with pytest.raises(InvalidInputError):
         cf.localize(DETECTIONS, SCENE, silent=rows)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("camera", [0, 3])
+def test_one_dead_camera_of_four_hides_nobody_and_is_named(camera):
+    world = make_world("ring4", frames=30, people=6, seed=1)
+    boxes = world.detections
+    less = boxes[boxes.camera != camera]
+    untold = cf.localize(less, world.true_scene)
+    silent = [[frame, camera] for frame in range(30)]
+    told = cf.localize(less, world.true_scene, silent=silent)
+    assert len(untold.tracks) >= 0.9 * len(told.tracks) > 0
+    assert any(f"Camera {camera} has not one box" in warning for warning in untold.warnings)
+    assert not any("not one box" in warning for warning in told.warnings)

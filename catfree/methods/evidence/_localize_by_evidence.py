@@ -12,6 +12,7 @@ from catfree.geometry._plane import from_plan
 from catfree.methods.evidence._gaussian import probability_within
 from catfree.methods.evidence._solve import solve
 from catfree.methods.evidence._state import EvidenceState
+from catfree.methods.evidence.report._blind_cameras import blind_camera_warnings
 from catfree.methods.evidence.report._lens_pattern import lens_bends, lens_warnings
 from catfree.methods.evidence.report._ray_diagnostics import ray_diagnostics
 from catfree.methods.evidence.report._residual_patterns import residual_patterns
@@ -191,6 +192,7 @@ def describe(
         median_box_height=float(np.median(s.boxes.size[: len(s.boxes.row)])),
     )
     warnings = ground_warnings(height, unit, scene) + lens_warnings(bend)
+    warnings += blind_camera_warnings(s, scene, settings)
     if patterns is not None:
         warnings += patterns.sentences()
     return Localization(tracks, candidates, thresholds, reliability, detection_count, warnings)

@@ -207,9 +207,12 @@ def rate_of_counts(
 ) -> DetectionRate:
     """Detection rates from trials and hits (C, 3, 5)."""
     pseudo = settings.fewest_samples
-    # Shrink towards the product of camera and cover rates, and those towards the overall rate.
-    overall = (hits.sum() + pseudo * settings.detection_rate_start) / (trials.sum() + pseudo)
-    by_cover = (hits.sum((0, 1)) + pseudo * overall) / (trials.sum((0, 1)) + pseudo)
+    # Shrink towards the product of camera and cover rates, and those towards the overall rate. A
+    # camera that detected nobody is dead, which says nothing about the others.
+    alive = hits.any((1, 2))
+    hit, tried = hits[alive], trials[alive]
+    overall = (hit.sum() + pseudo * settings.detection_rate_start) / (tried.sum() + pseudo)
+    by_cover = (hit.sum((0, 1)) + pseudo * overall) / (tried.sum((0, 1)) + pseudo)
     by_camera = (hits.sum((1, 2)) + pseudo * overall) / (trials.sum((1, 2)) + pseudo)
     prior = by_camera[:, None, None] * (by_cover / overall)[None, None]
     low, high = settings.detection_rate_range

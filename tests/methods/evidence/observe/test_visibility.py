@@ -230,3 +230,13 @@ def test_nobody_seen_leaves_the_rate_that_was_assumed():
     empty = Views(*(np.zeros((0, 3)) for _ in range(4)))
     found = _learned(empty, np.zeros((0, 3), int), np.zeros((3, 2)))
     np.testing.assert_allclose(found.rate, RULES.detection_rate_start)
+
+
+def test_a_dead_camera_says_nothing_about_the_others():
+    # With three live cameras and as many witnesses, only the dead fourth one is ever tried.
+    member = np.tile([0, 0, 0, -1], (200, 1))
+    shape = member.shape
+    views = Views(np.ones(shape), np.full(shape, 100.0), np.zeros(shape), np.ones(shape))
+    found = _learned(views, member, np.zeros((4, 2)))(views)
+    np.testing.assert_allclose(found[:, :3], RULES.detection_rate_start)
+    assert (found[:, 3] < 0.1).all()

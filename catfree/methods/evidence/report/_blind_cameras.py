@@ -1,0 +1,28 @@
+"""Cameras that see nobody where others see people."""
+
+import numpy as np
+
+from catfree.methods.evidence._state import EvidenceState
+from catfree.methods.evidence.track._existence import predict_views, with_pictures
+from catfree.settings import EvidenceSettings
+from catfree.types import Scene
+
+
+def blind_camera_warnings(
+    state: EvidenceState, scene: Scene, settings: EvidenceSettings
+) -> tuple[str, ...]:
+    """One sentence per camera that has not one box, though reported people are in its view."""
+    boxes, rows = state.boxes, np.flatnonzero(state.kept)
+    blind = np.asarray(scene.rig.registered) & (boxes.table < 0).all((0, 2))
+    if not blind.any():
+        return ()
+    place, frame = state.trails.mean[rows, :3], state.trails.frame[rows]
+    nobody = np.full((len(rows), len(blind)), -1)
+    seen = predict_views(place, frame, nobody, boxes, state.views, settings)
+    people = (np.asarray(with_pictures(seen, frame, boxes).inside) == 1).sum(0)
+    return tuple(
+        f"Camera {camera} has not one box, but {people[camera]} of the positions are in its view: "
+        "its detector failed, its video is of another time, or it delivered no pictures (then say "
+        "so with `silent`)."
+        for camera in np.flatnonzero(blind & (people > 0))
+    )
