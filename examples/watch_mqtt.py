@@ -33,7 +33,7 @@ def main() -> None:
     client.connect(options.host, options.port)
     client.loop_start()
     rate = options.frame_rate
-    tracker = cf.Tracker(scene, lag=2.0, frame_rate=rate)
+    tracker = cf.Tracker(scene, lag=2.0)
     # An empty message ends the stream; an instant waits half a second for cameras that are late.
     for record in cf.watch(iter(lines.get, ""), tracker, names, frame_rate=rate, timeout=0.5):
         client.publish(f"people/{record['type']}", json.dumps(record), qos=1).wait_for_publish()

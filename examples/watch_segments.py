@@ -63,7 +63,7 @@ def main() -> None:
     options = parser.parse_args()
     scene, names = cf.read_scene(options.scene)
     rate, cameras = options.frame_rate, [options.folder / name for name in names]
-    tracker = cf.Tracker(scene, lag=2.0, frame_rate=rate)
+    tracker = cf.Tracker(scene, lag=2.0)
     for record in cf.watch(lines(cameras, rate), tracker, names, frame_rate=rate):
         print(json.dumps(record), flush=True)
 

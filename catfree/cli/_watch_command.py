@@ -41,7 +41,7 @@ def watch_command() -> dict[str, Callable[..., None]]:
         from catfree.methods.online._watch import watch as records_of_lines
 
         known, names = open_scene(scene)
-        tracker = Tracker(known, lag=lag, frame_rate=frame_rate)
+        tracker = Tracker(known, lag=lag)
         names = names or tuple(str(camera) for camera in range(known.rig.camera_count))
         records = records_of_lines(
             sys.stdin, tracker, names, frame_rate=frame_rate, timeout=timeout

@@ -5,7 +5,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.special import expit
 
 from catfree.errors import InsufficientDataError, InvalidInputError
@@ -36,6 +36,7 @@ from catfree.methods.evidence.track._existence import (
     count_clutter,
     judge_groups,
     predict_views,
+    with_pictures,
 )
 from catfree.methods.online._tracker_state import Learned, TrackerState, rescaled
 from catfree.settings import EvidenceSettings
@@ -53,12 +54,16 @@ TIMES = 101  # instants whose usual distance is the usual step
 
 
 def add_to_sample(
-    state: TrackerState, detections: Detections, settings: EvidenceSettings
+    state: TrackerState,
+    detections: Detections,
+    silent: Int[np.ndarray, " k"],
+    settings: EvidenceSettings,
 ) -> TrackerState:
     """Remember the boxes of an instant, if its turn has come; forget others instead.
 
     Until it is full, the sample takes every instant; then every second, of which it keeps every
-    second, and so on, so that it covers the stream evenly. At the widest spacing, it moves on.
+    second, and so on, so that it covers the stream evenly. At the widest spacing, it moves on. All
+    its instants have the same columns: those of the instants that have most.
     """
     number, spacing = int(state.count), int(state.spacing)
     if number % spacing or len(detections) == 0:
@@ -66,7 +71,11 @@ def add_to_sample(
     columns: dict[str, Any] = {name: getattr(detections, name) for name in SAMPLED}
     columns["frame"] = np.full(len(detections), number, np.int64)
     if len(state.sample):
-        columns = _joined(state.sample, columns)
+        old, new = (_present(of) for of in (vars(state.sample), columns))
+        if old - new:
+            return state
+        if old == new:
+            columns = _joined(state.sample, columns)
     sample = Detections(**columns)
     frames = np.unique(sample.frame)
     if len(frames) > settings.calibration_frames:
@@ -75,15 +84,24 @@ def add_to_sample(
             sample = sample[sample.frame % spacing == 0]
         else:
             sample = sample[sample.frame > frames[0]]
-    return replace(state, sample=sample, spacing=np.array(spacing))
+    missing = np.concatenate(
+        [state.missing, np.column_stack([np.full(len(silent), number), silent])]
+    )
+    missing = missing[np.isin(missing[:, 0], sample.frame)]
+    return replace(state, sample=sample, missing=missing, spacing=np.array(spacing))
+
+
+def _present(columns: dict[str, Any]) -> set[str]:
+    """Names of the columns that are sampled and not None."""
+    return {name for name in SAMPLED if columns[name] is not None}
 
 
 def _joined(sample: Detections, new: dict[str, Any]) -> dict[str, Any]:
-    """Concatenate the columns that both have."""
+    """Concatenate columns."""
     columns = {}
     for name, values in new.items():
         pair = [getattr(sample, name), values]
-        known = not any(part is None for part in pair)
+        known = values is not None
         if known and pair[0].shape[1:] != pair[1].shape[1:]:
             raise InvalidInputError(
                 f"Embeddings had {pair[0].shape[1]} numbers before, and now have "
@@ -117,7 +135,7 @@ def learn_noise_and_unit(
             return state
     except InsufficientDataError:  # no whole person on the ground yet
         return state
-    boxes = prepare_boxes(sample, scene.rig, settings)
+    boxes = prepare_boxes(sample, scene.rig, settings, state.missing)
     n = len(boxes.row)
     views = ground_views(scene, unit, boxes)
     measured = measure_boxes(boxes, foot_cover(boxes, settings), views, noise, settings)
@@ -136,6 +154,7 @@ def learn_noise_and_unit(
         # Count all instants so far again: they were seen with less settled noise.
         place, _ = mean_and_covariance(groups.info, float(noise.spread))
         seen = predict_views(place, groups.frame, groups.member, boxes, views, settings)
+        seen = with_pictures(seen, groups.frame, boxes)
         trials, hits = count_detections(seen, groups.member, heights, settings)
         rate = rate_of_counts(heights, trials, hits, settings)
         agreement = appearance_log_odds(groups, ratios)
@@ -167,15 +186,15 @@ def likeness_of(learned: Learned) -> Likeness | None:
     return Likeness((one, deviation), (other, spread), limit)
 
 
-def learn_step(state: TrackerState, time: float, frame_rate: float | None) -> TrackerState:
+def learn_step(state: TrackerState, time: float) -> TrackerState:
     """Learn the usual time between instants, including this one."""
     times = np.append(state.times, time)[-TIMES:]
-    old = float(state.learned.step)
-    new = 1 / frame_rate if frame_rate is not None else old
-    if frame_rate is None and len(times) > 1 and (np.isnan(old) or is_due(int(state.count))):
+    old = new = float(state.learned.step)
+    if len(times) > 1 and (np.isnan(old) or is_due(int(state.count))):
         new = float(np.median(np.diff(times)))
     pace = 1.0 if np.isnan(old) else new / old
-    learned = replace(state.learned, step=np.array(new))
+    steps = state.learned.steps * np.array([pace**2, 1])
+    learned = replace(state.learned, step=np.array(new), steps=steps)
     return rescaled(replace(state, times=times, learned=learned), 1.0, pace)
 
 

@@ -36,7 +36,6 @@ from catfree.types._validation import (
     as_duration,
     as_integer,
     as_number,
-    as_positive,
     require_instance,
     require_known_cameras,
 )
@@ -63,10 +62,9 @@ class Tracker:
         settings: `Settings()` if None; the method must be "evidence".
         lag: seconds after which positions are final; 0 for at once, `math.inf` for at `finish`,
             which then returns what `localize` does (and all boxes are kept until then).
-        frame_rate: usual number of instants per second; learned from the times if None.
 
     Raises:
-        InvalidInputError: if the lag is negative, the rate not positive, or the method another.
+        InvalidInputError: if the lag is negative, or the method another.
         InsufficientDataError: if fewer than two cameras are registered.
     """
 
@@ -76,7 +74,6 @@ class Tracker:
         settings: Settings | None = None,
         *,
         lag: float | int = 2.0,
-        frame_rate: float | int | None = None,
     ) -> None:
         settings = Settings() if settings is None else settings
         require_instance(scene, Scene, "scene")
@@ -89,7 +86,6 @@ class Tracker:
         usable(no_boxes(), scene, settings)  # raises if there are too few cameras
         self.scene, self.settings = scene, settings
         self.lag = math.inf if lag == math.inf else as_duration(lag, "lag")
-        self.frame_rate = None if frame_rate is None else as_positive(frame_rate, "frame_rate")
         self.reset()
 
     def update(
@@ -129,8 +125,8 @@ class Tracker:
         boxes = _at(detections, own, 0)
         settings = self.settings.evidence
         with jax.enable_x64(True):
-            state = learn_step(state, time, self.frame_rate)
-            state = add_to_sample(state, boxes, settings)
+            state = learn_step(state, time)
+            state = add_to_sample(state, boxes, silent, settings)
             due = is_due(int(state.count) + 1) or np.isnan(state.learned.unit)
             if due:
                 state = learn_noise_and_unit(state, self.scene, settings)

@@ -95,6 +95,7 @@ class TrackerState:
         finished: () whether `finish` was called.
         learned: what is known of cameras and people.
         sample: boxes of some of the last instants, to learn from; frames count instants.
+        missing: (M, 2) instant and camera of pictures of the sample that do not exist.
         spacing: () instants between those of the sample.
         times: (K,) seconds of the last instants.
         heads: the tracks being followed, T of them.
@@ -113,6 +114,7 @@ class TrackerState:
     finished: Bool[np.ndarray, ""]
     learned: Learned
     sample: Detections
+    missing: Int[np.ndarray, "missed 2"]
     spacing: Int[np.ndarray, ""]
     times: Float[np.ndarray, " k"]
     heads: Heads
@@ -208,6 +210,7 @@ def new_state(cameras: int, settings: EvidenceSettings) -> TrackerState:
             active=np.zeros(cameras, bool),
         ),
         sample=no_boxes(),
+        missing=np.zeros((0, 2), np.int64),
         spacing=np.array(1),
         times=np.zeros(0),
         heads=no_heads(),

@@ -1,6 +1,7 @@
 """Tracking instant by instant: what it promises of final rows, of its state and of its input."""
 
 import math
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -9,7 +10,8 @@ from hypothesis import given, settings, strategies as st
 
 import catfree as cf
 from catfree.errors import FileFormatError, InvalidInputError
-from catfree.methods.online._learn import WIDEST_SPACING, is_due
+from catfree.methods.online._learn import WIDEST_SPACING, is_due, learn_step
+from catfree.synthetic import make_world
 from tests.methods.evidence.evidence_worlds import walk
 
 RATE = 2.0
@@ -233,8 +235,6 @@ def test_what_makes_no_sense_is_refused(tmp_path):
         cf.Tracker(SCENE, lag=-1.0)
     with pytest.raises(InvalidInputError, match="lag"):
         cf.Tracker(SCENE, lag=math.nan)
-    with pytest.raises(InvalidInputError, match="frame_rate"):
-        cf.Tracker(SCENE, frame_rate=0.0)
     with pytest.raises(InvalidInputError, match="evidence"):
         cf.Tracker(SCENE, cf.Settings.paper())
     tracker = cf.Tracker(SCENE)
@@ -262,9 +262,43 @@ def test_what_makes_no_sense_is_refused(tmp_path):
 
 @pytest.mark.slow
 def test_cameras_may_come_in_an_array():
-    listed, array = (cf.Tracker(SCENE, lag=1.0, frame_rate=RATE) for _ in range(2))
+    listed, array = (cf.Tracker(SCENE, lag=1.0) for _ in range(2))
     expected = listed.update(boxes_of(0), 0.0, cameras=list(range(CAMERAS)))
     found = array.update(boxes_of(0), np.float64(0), cameras=np.arange(CAMERAS))
     assert same(found.provisional, expected.provisional)
     with pytest.raises(InvalidInputError, match=r"camera\[0\] is -1; indices start at 0"):
         array.update(DETECTIONS[:0], 1.0, cameras=[-1])
+
+
+@pytest.mark.slow
+def test_a_camera_that_says_it_has_no_picture_is_not_counted_as_missing_people():
+    alive = [c for c in range(CAMERAS) if c != 1]
+    tracker = cf.Tracker(SCENE, lag=1.0)
+    feed(tracker, detections=DETECTIONS[DETECTIONS.camera != 1], cameras=alive)
+    trials = tracker.state.learned.trials.sum((1, 2))
+    assert trials[1] == 0
+    assert (trials[alive] > 0).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("without", [0, 7])
+def test_one_instant_without_embeddings_does_not_end_looks(without):
+    world = make_world("ring5", frames=17, people=6, seed=2)
+    boxes = world.detections
+    tracker = cf.Tracker(world.true_scene, lag=1.0)
+    for f in range(17):
+        here = boxes_of(f, boxes)
+        tracker.update(replace(here, embedding=None) if f == without else here, f / RATE)
+    assert tracker.state.learned.likeness is not None
+    assert tracker.state.sample.embedding is not None
+    assert without not in tracker.state.sample.frame
+
+
+@pytest.mark.slow
+def test_what_was_learned_of_speed_holds_at_another_rate():
+    fast, slow = cf.Tracker(SCENE, lag=1.0), cf.Tracker(SCENE, lag=1.0)
+    feed(fast)
+    slow.state = learn_step(replace(fast.state, times=np.array([0.0, 1.0])), 2.0)
+    before, after = (t.state.learned for t in (fast, slow))
+    factor = float(after.step / before.step)
+    np.testing.assert_allclose(after.steps, before.steps * [factor**2, 1])

@@ -98,9 +98,7 @@ def test_records_hold_what_the_tracker_reports():
     text.insert(7, "not a line")
     text.insert(9, "\n")
     text.append(line(names[0], 0.0))
-    records = list(
-        watch(text, Tracker(world.true_scene, lag=1.0, frame_rate=5), names, frame_rate=5)
-    )
+    records = list(watch(text, Tracker(world.true_scene, lag=1.0), names, frame_rate=5))
     assert json.loads(json.dumps(records, allow_nan=False)) == records
     kinds = {record["type"] for record in records}
     assert kinds >= {"provisional", "final", "error"}
@@ -109,7 +107,7 @@ def test_records_hold_what_the_tracker_reports():
     final = [record for record in records if record["type"] == "final"]
     times = [record["time"] for record in final]
     assert times == sorted(set(times))
-    whole = Tracker(world.true_scene, lag=1.0, frame_rate=5)
+    whole = Tracker(world.true_scene, lag=1.0)
     rows = []
     for frame in np.unique(boxes.frame):
         rows += [whole.update(boxes[boxes.frame == frame], frame / 5).final]
@@ -149,7 +147,7 @@ def test_dropped_frames_are_told():
     world = make_world("ring4", frames=2, people=2)
     text = [line("a", 0.5, []), line("a", 0.51, [])]
     text += [line(name, 0.5, []) for name in "bcd"]
-    tracker = Tracker(world.true_scene, lag=0, frame_rate=10)
+    tracker = Tracker(world.true_scene, lag=0)
     dropped, now = list(watch(text, tracker, "abcd", frame_rate=10))
     assert dropped == {"type": "dropped", "camera": "a", "time": 0.5, "reason": "replaced"}
     assert (now["type"], now["people"]) == ("provisional", [])
