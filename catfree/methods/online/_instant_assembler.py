@@ -1,11 +1,13 @@
 """Gather the frames of several cameras, in the order of their arrival, to instants."""
 
+from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from catfree.errors import InvalidInputError
+from catfree.methods.online._common_columns import concatenate_common
 from catfree.types import Detections
 from catfree.types._validation import (
     as_count,
@@ -15,6 +17,9 @@ from catfree.types._validation import (
     require_instance,
 )
 
+LEAP = 10.0  # seconds, or intervals if these are longer
+MOST_DROPPED = 1000  # frames that were left out and are remembered
+
 
 class DroppedFrame(NamedTuple):
     """A frame that is part of no instant.
@@ -23,12 +28,20 @@ class DroppedFrame(NamedTuple):
         camera: index of the camera.
         time: of the frame in seconds.
         reason: "late" if its instant was already handed out, "replaced" if the camera delivered a
-            newer frame of the same instant.
+            newer frame of the same instant, "early" if no other camera was so far ahead.
     """
 
     camera: int
     time: float
-    reason: Literal["late", "replaced"]
+    reason: Literal["late", "replaced", "early"]
+
+
+class _Frame(NamedTuple):
+    """What a camera delivered."""
+
+    camera: int
+    time: float
+    detections: Detections
 
 
 @dataclass(frozen=True)
@@ -61,7 +74,9 @@ class InstantAssembler:
 
     Frames belong to the same instant if they are less than half a frame interval from its expected
     time, which follows the times of the instants handed out. Clocks of cameras may jitter by less
-    than that, and a camera may deliver at a higher rate: the newest frame of an instant counts.
+    than that, and a camera may deliver at a higher rate: the newest frame of an instant counts. A
+    frame that is more than ten seconds (or intervals, or the timeout) ahead of all others waits for
+    one of another camera that is, too: a single wrong time does not end all other instants.
 
     Attributes:
         camera_count: number of cameras of the rig.
@@ -73,11 +88,14 @@ class InstantAssembler:
     camera_count: int
     frame_rate: float | int
     timeout: float | int = 0.0
-    _open: dict[int, dict[int, tuple[float, Detections]]] = field(default_factory=dict, repr=False)
+    _open: dict[int, dict[int, _Frame]] = field(default_factory=dict, repr=False)
+    _held: _Frame | None = field(default=None, repr=False)
     _closed: int | None = field(default=None, repr=False)
     _origin: tuple[int, float] | None = field(default=None, repr=False)
     _newest: float = field(default=-np.inf, repr=False)
-    _dropped: list[DroppedFrame] = field(default_factory=list, repr=False)
+    _dropped: deque[DroppedFrame] = field(
+        default_factory=lambda: deque(maxlen=MOST_DROPPED), repr=False
+    )
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -112,49 +130,90 @@ class InstantAssembler:
                 f"There is no camera {camera}; the assembler has cameras 0 to "
                 f"{self.camera_count - 1}."
             )
-        time = as_number(time, f"The time of a frame of camera {camera}")
-        number = self._number(time)
-        if self._closed is not None and number <= self._closed:
-            self._dropped.append(DroppedFrame(camera, time, "late"))
-            return ()
-        frames = self._open.setdefault(number, {})
-        before = frames.get(camera)
-        if before is not None:
-            older = min(before[0], time)
-            self._dropped.append(DroppedFrame(camera, older, "replaced"))
-        if before is None or time >= before[0]:
-            frames[camera] = time, detections
-        self._newest = max(self._newest, time)
+        frame = _Frame(
+            camera, as_number(time, f"The time of a frame of camera {camera}"), detections
+        )
+        if not self._leaps(frame.time):
+            self._drop_held()
+            self._place(frame)
+        elif self._held is None or self._held.camera == camera:
+            self._drop_held()
+            self._held = frame
+        else:  # two cameras agree that time went on
+            held, self._held = self._held, None
+            for one in sorted([held, frame], key=lambda one: one.time):
+                self._place(one)
         return self._finished()
 
     def finish(self) -> tuple[Instant, ...]:
         """Return the instants that still wait for cameras, at the end of a stream."""
-        return tuple(self._close(number) for number in sorted(self._open))
+        self._drop_held()
+        return tuple(self._close(min(self._open)) for _ in range(len(self._open)) if self._open)
 
-    def _number(self, time: float) -> int:
-        """The instant of a time."""
+    def take_dropped(self) -> tuple[DroppedFrame, ...]:
+        """Return the latest frames that were left out and that no instant names, and forget them.
+
+        They are named as soon as an instant is handed out; a stream may end, or a clock be set
+        back, before there is one.
+        """
+        dropped = tuple(self._dropped)
+        self._dropped.clear()
+        return dropped
+
+    def _leaps(self, time: float) -> bool:
+        """Whether a time is so far ahead of all frames so far that one camera is not believed."""
+        several = self.camera_count > 1 and np.isfinite(self._newest)
+        far = max(self.timeout, LEAP * max(1.0, 1 / self.frame_rate))
+        return bool(several and time - self._newest > far)
+
+    def _drop_held(self) -> None:
+        """Leave out the frame that was ahead of all others, which no other camera confirmed."""
+        if self._held is not None:
+            self._dropped.append(DroppedFrame(self._held.camera, self._held.time, "early"))
+            self._held = None
+
+    def _place(self, frame: _Frame) -> None:
+        """Put a frame into its instant, if that is still open."""
         if self._origin is None:
-            self._origin = 0, time
+            self._origin = 0, frame.time
         number, start = self._origin
-        return number + int(np.floor((time - start) * self.frame_rate + 0.5))
+        number += int(np.floor((frame.time - start) * self.frame_rate + 0.5))
+        self._newest = max(self._newest, frame.time)
+        if self._closed is not None and number <= self._closed:
+            self._dropped.append(DroppedFrame(frame.camera, frame.time, "late"))
+            return
+        frames = self._open.setdefault(number, {})
+        before = frames.setdefault(frame.camera, frame)
+        if before is not frame:
+            older, newer = sorted([before, frame], key=lambda one: one.time)
+            self._dropped.append(DroppedFrame(frame.camera, older.time, "replaced"))
+            frames[frame.camera] = newer
 
     def _finished(self) -> tuple[Instant, ...]:
-        """Close what is complete, and everything older than it or older than the timeout."""
-        order = sorted(self._open)
-        last = None
-        for number in order:
-            time = max(taken for taken, _ in self._open[number].values())
-            complete = len(self._open[number]) == self.camera_count
-            begun = number < order[-1] and self.timeout == 0
-            if complete or begun or (self.timeout > 0 and self._newest - time > self.timeout):
-                last = number
-        return tuple(self._close(n) for n in order if last is not None and n <= last)
+        """Close what is over, and everything older."""
+        instants = []
+        while any(map(self._is_over, self._open)):
+            instants.append(self._close(min(self._open)))
+        return tuple(instants)
+
+    def _is_over(self, number: int) -> bool:
+        """Whether an open instant is complete, or waits for cameras no longer."""
+        frames = self._open[number]
+        if len(frames) == self.camera_count:
+            return True
+        if self.timeout == 0:
+            return number < max(self._open)
+        return self._newest - max(frame.time for frame in frames.values()) > self.timeout
 
     def _close(self, number: int) -> Instant:
-        """Hand out an open instant."""
-        frames = sorted(self._open.pop(number).items())
-        time = float(np.mean([taken for _, (taken, _) in frames]))
+        """Hand out an open instant. The others follow its time, so their frames are placed anew."""
+        frames = sorted(self._open.pop(number).values())
+        time = float(np.mean([frame.time for frame in frames]))
         self._closed, self._origin = number, (number, time)
+        waiting = [frame for later in self._open.values() for frame in later.values()]
+        self._open = {}
+        for frame in waiting:
+            self._place(frame)
         boxes = [
             replace(
                 found,
@@ -162,8 +221,7 @@ class InstantAssembler:
                 camera=np.full(len(found), camera),
                 clock=None,
             )
-            for camera, (_, found) in frames
+            for camera, _, found in frames
         ]
-        cameras = tuple(camera for camera, _ in frames)
-        dropped, self._dropped = tuple(self._dropped), []
-        return Instant(number, time, Detections.concatenate(boxes), cameras, dropped)
+        cameras = tuple(frame.camera for frame in frames)
+        return Instant(number, time, concatenate_common(boxes), cameras, self.take_dropped())

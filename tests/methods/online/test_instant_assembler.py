@@ -1,5 +1,7 @@
 """Frames that arrive one by one become instants."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -28,12 +30,14 @@ def test_every_frame_is_in_one_instant_or_dropped_once(frames, timeout):
     assembler = InstantAssembler(4, RATE, timeout)
     instants = [i for camera, t, n in frames for i in assembler.add(camera, t, boxes(n))]
     instants += assembler.finish()
-    # Frames dropped after the last instant are told with the next one.
-    rest = assembler.add(0, 1e6, boxes()) + assembler.finish()
-    dropped = [frame for instant in [*instants, *rest] for frame in instant.dropped]
+    dropped = [frame for instant in instants for frame in instant.dropped]
+    dropped += assembler.take_dropped()
+    assert assembler.take_dropped() == ()
     assert sum(len(i.cameras) for i in instants) + len(dropped) == len(frames)
     numbers = [i.number for i in instants]
     assert numbers == sorted(set(numbers))
+    times = [i.time for i in instants]
+    assert times == sorted(set(times))
     for instant in instants:
         assert instant.cameras == tuple(sorted(set(instant.cameras)))
         assert set(instant.detections.camera) <= set(instant.cameras)
@@ -84,6 +88,58 @@ def test_an_instant_waits_until_the_timeout():
     assert (second.number, second.cameras) == (1, (0,))
     # Once a newer instant is complete, older ones are handed out before it.
     assert [i.number for i in assembler.add(1, 0.4, boxes())] == [2, 3, 4]
+
+
+def test_times_go_on_while_instants_wait():
+    assembler = InstantAssembler(2, 1.0, timeout=5.0)
+    frames = [(0, 0.0), (1, 0.0), (0, 1.4), (0, 2.55), (1, 1.4), (1, 2.8)]
+    instants = [i for camera, time in frames for i in assembler.add(camera, time, boxes())]
+    assert [i.time for i in instants] == pytest.approx([0.0, 1.4, 2.675])
+
+
+@pytest.mark.parametrize("timeout", [0.0, 1.0])
+def test_one_wrong_time_ends_no_other_instant(timeout):
+    assembler = InstantAssembler(3, RATE, timeout)
+    times = [(c, k / RATE) for k in range(9) for c in range(3)]
+    times.insert(10, (0, 3600.0))
+    instants = [i for camera, time in times for i in assembler.add(camera, time, boxes())]
+    assert [i.cameras for i in instants] == [(0, 1, 2)] * 9
+    assert [tuple(f) for i in instants for f in i.dropped] == [(0, 3600.0, "early")]
+
+
+def test_after_a_pause_the_first_two_cameras_begin_anew():
+    assembler = InstantAssembler(3, RATE)
+    times = [(c, t) for t in (0.0, 3600.0, 3600.1) for c in range(3)]
+    instants = [i for camera, time in times for i in assembler.add(camera, time, boxes())]
+    assert [i.time for i in instants] == pytest.approx([0.0, 3600.0, 3600.1])
+    assert all(i.cameras == (0, 1, 2) for i in instants)
+
+
+def test_frames_of_clocks_that_were_set_back_are_named_and_not_kept():
+    assembler = InstantAssembler(2, RATE)
+    for time in (1000.0, 1000.1):
+        for camera in (0, 1):
+            assembler.add(camera, time, boxes())
+    for k in range(3000):
+        assert assembler.add(k % 2, k // 2 / RATE, boxes()) == ()
+    dropped = assembler.take_dropped()
+    assert 0 < len(dropped) <= 1000
+    assert {frame.reason for frame in dropped} == {"late"}
+    assert dropped[-1].time == 149.9
+
+
+def test_an_instant_has_the_columns_that_all_its_frames_have():
+    assembler = InstantAssembler(3, RATE)
+    scored = replace(boxes(2), score=np.array([0.5, 0.6]))
+    assembler.add(0, 0.0, scored)
+    assembler.add(1, 0.0, replace(boxes(0), score=np.zeros(0)))
+    (instant,) = assembler.add(2, 0.0, scored)
+    np.testing.assert_array_equal(instant.detections.score, [0.5, 0.6, 0.5, 0.6])
+    assembler.add(0, 0.1, scored)
+    assembler.add(1, 0.1, boxes(1))
+    (instant,) = assembler.add(2, 0.1, scored)
+    assert instant.detections.score is None
+    assert len(instant.detections) == 5
 
 
 def test_the_newest_frame_of_an_instant_counts():
