@@ -1,8 +1,10 @@
 """The command that tracks while the cameras record."""
 
+import contextlib
+import io
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from catfree.cli._inputs import open_scene
@@ -44,7 +46,7 @@ def watch_command() -> dict[str, Callable[..., None]]:
         tracker = Tracker(known, lag=lag)
         names = names or tuple(str(camera) for camera in range(known.rig.camera_count))
         records = records_of_lines(
-            sys.stdin, tracker, names, frame_rate=frame_rate, timeout=timeout
+            _standard_input(), tracker, names, frame_rate=frame_rate, timeout=timeout
         )
         for record in records:
             if record["type"] in ASIDE:
@@ -53,3 +55,11 @@ def watch_command() -> dict[str, Callable[..., None]]:
                 print_text(json.dumps(record))
 
     return {"watch": watch}
+
+
+def _standard_input() -> Iterator[str]:
+    """Yield the lines until the end or an interruption, after which the rest becomes final."""
+    if isinstance(sys.stdin, io.TextIOWrapper):
+        sys.stdin.reconfigure(encoding="utf-8-sig", errors="replace")
+    with contextlib.suppress(KeyboardInterrupt):
+        yield from sys.stdin

@@ -63,9 +63,16 @@ class Reported(NamedTuple):
 
 
 def provisional(
-    state: TrackerState, instant: Instant, settings: EvidenceSettings
+    state: TrackerState, instant: Instant, learned: Learned, settings: EvidenceSettings
 ) -> tuple[TrackerState, Reported]:
-    """Report an instant as it looks now, with the identities that the tracks have now."""
+    """Report an instant as it looks now, with the identities that the tracks have now.
+
+    Args:
+        state: with the instant in its window, or already final.
+        instant: to report.
+        learned: for the working area, as when the instant came.
+        settings: constants and switches.
+    """
     node = instant.node
     probability = expit(instant.forward[:, 0] - instant.forward[:, 1])
     spread, sharp = sharp_positions(node.covariance, instant.shift, probability, settings)
@@ -73,7 +80,7 @@ def provisional(
         np.zeros(len(sharp), np.int64), node.mean, node.covariance, node.group >= 0,
         instant.weight, sharp, settings.personal_space,
     )  # fmt: skip
-    rows = np.flatnonzero(alone & _in_working_area(instant.place, state.learned, settings))
+    rows = np.flatnonzero(alone & _in_working_area(instant.place, learned, settings))
     names = _identity_of(state, node.track[rows])
     new = _by_precision(np.flatnonzero(names < 0), spread[rows])
     names[new] = int(state.names) + np.arange(len(new))

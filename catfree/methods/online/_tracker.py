@@ -13,6 +13,7 @@ from catfree.errors import InvalidInputError, quoted
 from catfree.geometry._plane import from_plan
 from catfree.methods._localize import localize, usable
 from catfree.methods.online._advance import advance
+from catfree.methods.online._common_columns import concatenate_common
 from catfree.methods.online._finalize import (
     Reported,
     finalize,
@@ -115,6 +116,7 @@ class Tracker:
         if state.finished:
             raise InvalidInputError("The tracker has finished; call reset before a new stream.")
         time = as_number(time, "time")
+        _frame(time)  # raises if it is too far from zero
         if not time > state.time:
             raise InvalidInputError(
                 f"time is {quoted(time)}, after {state.time:g}: it must be a number of seconds "
@@ -139,21 +141,21 @@ class Tracker:
                 now = now._replace(support=support)
                 state = replace(state, window=(*state.window, now))
             state = replace(state, count=np.asarray(state.count + 1), time=np.array(time))
+            # Sums of decimal fractions are not exact.
+            final_until = time - self.lag + 1e-6
+            learned = state.learned
             if self.lag == math.inf:
                 state = replace(state, window=())
                 state = self._record(state, detections, time, silent)
-                final, events = [], []
-            else:
-                # Sums of decimal fractions are not exact.
-                due_time = time - self.lag + 1e-6
-                ready = sum(float(i.time) <= due_time for i in state.window)
-                state, final, events = finalize(state, settings, ready)
+            ready = sum(float(i.time) <= final_until for i in state.window)
+            state, final, events = finalize(state, settings, ready)
             rows = []
             if now is not None:
-                state, reported = provisional(state, now, settings)
+                state, reported = provisional(state, now, learned, settings)
                 rows = [reported]
             self._state = forget_ended_tracks(state)
-        return Update(self._tracks(rows, time), self._tracks(final, time), tuple(events))
+        now, final = self._tracks(rows, time), self._tracks(final, time)
+        return Update(now, final, tuple(events), final_until)
 
     def finish(self) -> Update:
         """Make all positions final; afterwards only `reset` continues.
@@ -161,16 +163,14 @@ class Tracker:
         Returns:
             No provisional positions, and all final ones that no call returned yet.
         """
-        state = self._state
-        final, events = [], []
-        if self.lag == math.inf:
+        state, time = self._state, float(self._state.time)
+        with jax.enable_x64(True):
+            state, final, events = finalize(state, self.settings.evidence, len(state.window))
+        tracks = self._tracks(final, time)
+        if state.recording and not state.finished:
             tracks = self._localized(state)
-        else:
-            with jax.enable_x64(True):
-                state, final, events = finalize(state, self.settings.evidence, len(state.window))
-            tracks = self._tracks(final, float(state.time))
         self._state = replace(state, finished=np.array(True))
-        return Update(self._tracks([], float(state.time)), tracks, tuple(events))
+        return Update(self._tracks([], time), tracks, tuple(events), time)
 
     def reset(self) -> None:
         """Forget everything, also what was learned about the cameras."""
@@ -181,7 +181,8 @@ class Tracker:
         """All that the tracker remembers, which later calls do not change; set it to continue.
 
         Raises:
-            InvalidInputError: on setting the state of a tracker of another number of cameras.
+            InvalidInputError: on setting the state of a tracker of another number of cameras, or
+                one whose lag was infinite and is not any more, or the reverse.
         """
         return self._state
 
@@ -194,6 +195,12 @@ class Tracker:
                 f"The state is that of {cameras} cameras, but the scene has {count}. Set the state "
                 "of a tracker of the same scene."
             )
+        if state.count > 0 and (self.lag == math.inf) != bool(state.recording):
+            raise InvalidInputError(
+                "The state is that of a tracker "
+                f"{'with' if state.recording else 'without'} an infinite lag; it remembers other "
+                "things. Set it to a tracker of the same kind."
+            )
         self._state = state
 
     def _silent(self, detections: Detections, cameras: Cameras | None) -> Int[np.ndarray, " k"]:
@@ -201,7 +208,14 @@ class Tracker:
         count = self.scene.rig.camera_count
         if cameras is None:
             return np.zeros(0, np.int64)
-        given = np.unique(as_integer(list(cameras), "cameras"))
+        try:
+            listed = list(cameras)
+        except TypeError as error:
+            raise InvalidInputError(
+                f"cameras is {quoted(cameras)}; it must list the indices of the cameras that "
+                "delivered a picture."
+            ) from error
+        given = np.unique(as_integer(listed, "cameras"))
         require_known_cameras(given, count)
         silent = np.setdiff1d(np.arange(count), given)
         seen = detections.camera[np.isin(detections.camera, silent)]
@@ -226,9 +240,7 @@ class Tracker:
 
     def _localized(self, state: TrackerState) -> Tracks:
         """What `localize` finds in all boxes."""
-        if not state.recording:
-            return self._tracks([], float(state.time))
-        boxes = Detections.concatenate(state.recording)
+        boxes = concatenate_common(state.recording)
         clock = _clock(float(state.time))
         boxes = Detections(**(vars(boxes) | {"clock": clock}))
         tracks = localize(boxes, self.scene, self.settings, silent=state.silent).tracks

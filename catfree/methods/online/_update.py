@@ -36,8 +36,10 @@ class Update(eqx.Module):
         final: positions of all instants that became final by this call, in order of time. No
             other call returns rows of these instants, and identities are not corrected any more.
         events: corrections of identities, in order of time.
+        final_until: seconds; instants up to this time are final, with people or without.
     """
 
     provisional: Tracks
     final: Tracks
     events: tuple[Event, ...]
+    final_until: float

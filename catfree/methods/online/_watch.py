@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import Any
@@ -9,7 +10,11 @@ from typing import Any
 import numpy as np
 
 from catfree.errors import CatFreeError, InvalidInputError, quoted
-from catfree.methods.online._instant_assembler import Instant, InstantAssembler
+from catfree.methods.online._instant_assembler import (
+    DroppedFrame,
+    Instant,
+    InstantAssembler,
+)
 from catfree.methods.online._tracker import Tracker
 from catfree.methods.online._update import Update
 from catfree.types import Detections, Tracks
@@ -46,53 +51,66 @@ def watch(
     Yields:
         Dictionaries that JSON can hold, told apart by `type`: "provisional" and "final" (`time`
         and `people`: `id`, `x`, `y`, `covariance`, `velocity` in scene units and seconds,
-        `existence`), "merge" (identity `old` is `new`), "dropped" (a frame that came too late or
-        was replaced by a newer one) and "error" (`line`, counted from 1, and `message`: a line that
-        could not be used; the next one is read).
+        `existence`; none if nobody is there), "merge" (identity `old` is `new`), "dropped" (a
+        frame that came too late or too early, or was replaced by a newer one) and "error" (`line`,
+        counted from 1, and `message`: a line or an instant that could not be used; the next one is
+        read).
     """
     count = tracker.scene.rig.camera_count
     if len(camera_names) != count:
         raise InvalidInputError(
             f"The tracker's scene has {count} cameras, but {len(camera_names)} are named."
         )
+    if len(set(camera_names)) < count:
+        raise InvalidInputError(f"Two cameras have one name: {', '.join(camera_names)}.")
     assembler = InstantAssembler(len(camera_names), frame_rate, timeout)
+    waiting: deque[float] = deque()  # times of instants that are not final
     for number, line in enumerate(lines, 1):
         if not line.strip():
             continue
         try:
-            instants = assembler.add(*parse_frame(line, camera_names))
+            for instant in assembler.add(*parse_frame(line, camera_names)):
+                yield from _dropped(instant.dropped, camera_names)
+                yield from _followed(instant, tracker, waiting)
         except CatFreeError as error:
             yield {"type": "error", "line": number, "message": str(error)}
-            continue
-        for instant in instants:
-            yield from _followed(instant, tracker, camera_names)
+        yield from _dropped(assembler.take_dropped(), camera_names)
     for instant in assembler.finish():
-        yield from _followed(instant, tracker, camera_names)
-    yield from records_of(tracker.finish())
+        yield from _dropped(instant.dropped, camera_names)
+        yield from _followed(instant, tracker, waiting)
+    yield from _dropped(assembler.take_dropped(), camera_names)
+    yield from records_of(tracker.finish(), waiting)
 
 
-def _followed(instant: Instant, tracker: Tracker, names: Sequence[str]) -> Iterator[Record]:
+def _dropped(frames: Iterable[DroppedFrame], names: Sequence[str]) -> Iterator[Record]:
+    """Name frames that were left out."""
+    for camera, time, reason in frames:
+        yield {"type": "dropped", "camera": names[camera], "time": time, "reason": reason}
+
+
+def _followed(instant: Instant, tracker: Tracker, waiting: deque[float]) -> Iterator[Record]:
     """Update the tracker by one instant."""
-    for frame in instant.dropped:
-        yield {
-            "type": "dropped",
-            "camera": names[frame.camera],
-            "time": frame.time,
-            "reason": frame.reason,
-        }
     update = tracker.update(instant.detections, instant.time, instant.cameras)
-    yield from records_of(update)
+    waiting.append(instant.time)
+    yield from records_of(update, waiting)
     yield _people("provisional", instant.time, update.provisional)
 
 
-def records_of(update: Update) -> Iterator[Record]:
-    """Yield the events and the final positions of an update, one record per instant."""
+def records_of(update: Update, waiting: deque[float]) -> Iterator[Record]:
+    """Yield the events and the final positions of an update, one record per instant.
+
+    Args:
+        update: as the tracker returns it.
+        waiting: times of the instants that were not final before, of which those that are now are
+            removed.
+    """
     for event in update.events:
         yield {"type": event.kind, "time": event.time, "old": event.old, "new": event.new}
-    final, times = update.final, np.asarray(update.final.time)
-    for frame in np.unique(final.frame):
-        at = final.frame == frame
-        yield _people("final", float(times[at][0]), final[at])
+    final = update.final
+    while waiting and waiting[0] <= update.final_until:
+        time = waiting.popleft()
+        frame = final.clock.frame_at(time) if final.clock else time
+        yield _people("final", time, final[final.frame == frame])
 
 
 def _people(kind: str, time: float, tracks: Tracks) -> Record:
@@ -145,7 +163,7 @@ def parse_frame(line: str, camera_names: Sequence[str]) -> tuple[int, float, Det
             for key, column in (("scores", "score"), ("embeddings", "embedding"))
             if record.get(key) is not None
         }
-    except (TypeError, ValueError) as error:
+    except (OverflowError, TypeError, ValueError) as error:
         raise InvalidInputError(
             "boxes must be a list of x1, y1, x2, y2 each, scores a list of numbers, and embeddings "
             "a list of lists of equal length."

@@ -302,3 +302,49 @@ def test_what_was_learned_of_speed_holds_at_another_rate():
     before, after = (t.state.learned for t in (fast, slow))
     factor = float(after.step / before.step)
     np.testing.assert_allclose(after.steps, before.steps * [factor**2, 1])
+
+
+def test_a_refused_time_changes_nothing():
+    tracker = cf.Tracker(SCENE, lag=1.0)
+    tracker.update(boxes_of(0), 0.0)
+    before = tracker.state
+    for wrong in (1e15, math.inf):
+        with pytest.raises(InvalidInputError, match=r"time|seconds"):
+            tracker.update(boxes_of(1), wrong)
+    with pytest.raises(InvalidInputError, match="must list the indices"):
+        tracker.update(boxes_of(1), 0.5, cameras=np.array(3))
+    assert tracker.state is before
+    tracker.update(boxes_of(1), 0.5)
+
+
+@pytest.mark.slow
+def test_an_infinite_lag_takes_instants_with_different_columns_and_ends_once():
+    tracker = cf.Tracker(SCENE, lag=math.inf)
+    scored = replace(DETECTIONS, score=np.full(len(DETECTIONS), 0.9))
+    for f in FRAMES:
+        tracker.update(boxes_of(f, scored if f == 3 else DETECTIONS), f / RATE)
+    first, second = tracker.finish(), tracker.finish()
+    assert len(first.final) > 0
+    assert len(second.final) == 0
+    assert first.final_until == FRAMES[-1] / RATE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("one", "other"), [(1.0, math.inf), (math.inf, 1.0)])
+def test_a_state_of_another_kind_of_lag_is_refused(one, other):
+    tracker, later = cf.Tracker(SCENE, lag=one), cf.Tracker(SCENE, lag=other)
+    later.state = tracker.state  # nothing happened yet
+    feed(tracker, range(3))
+    with pytest.raises(InvalidInputError, match="infinite lag"):
+        later.state = tracker.state
+
+
+@pytest.mark.slow
+def test_without_a_lag_positions_of_now_are_the_final_ones():
+    world = make_world("ring4", frames=40, people=5, seed=1)
+    tracker = cf.Tracker(world.true_scene, lag=0)
+    for f in range(40):
+        update = tracker.update(boxes_of(f, world.detections), f / RATE)
+        assert np.array_equal(update.provisional.track_id, update.final.track_id)
+        assert np.array_equal(update.provisional.ground_xy, update.final.ground_xy)
+        assert update.final_until >= f / RATE

@@ -1,6 +1,7 @@
 """Lines of boxes become records of positions."""
 
 import json
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -133,8 +134,11 @@ def test_an_update_is_told_in_seconds():
         velocity_covariance=np.eye(2)[None],
         clock=cf.Clock(1000.0),
     )
-    update = Update(tracks[:0], tracks, (Event("merge", 0.5, 4, 3),))
-    merge, final = records_of(update)
+    update = Update(tracks[:0], tracks, (Event("merge", 0.5, 4, 3),), 0.7)
+    waiting = deque([0.5, 0.6, 0.9])
+    merge, final, nobody = records_of(update, waiting)
+    assert list(waiting) == [0.9]
+    assert nobody == {"type": "final", "time": 0.6, "people": []}
     assert merge == {"type": "merge", "time": 0.5, "old": 4, "new": 3}
     assert (final["type"], final["time"]) == ("final", 0.5)
     (person,) = final["people"]
@@ -148,12 +152,32 @@ def test_dropped_frames_are_told():
     text = [line("a", 0.5, []), line("a", 0.51, [])]
     text += [line(name, 0.5, []) for name in "bcd"]
     tracker = Tracker(world.true_scene, lag=0)
-    dropped, now = list(watch(text, tracker, "abcd", frame_rate=10))
+    dropped, final, now = list(watch(text, tracker, "abcd", frame_rate=10))
     assert dropped == {"type": "dropped", "camera": "a", "time": 0.5, "reason": "replaced"}
+    assert (final["type"], final["people"]) == ("final", [])
     assert (now["type"], now["people"]) == ("provisional", [])
+
+
+@pytest.mark.slow
+def test_what_cannot_be_used_is_told_and_the_next_line_is_read():
+    world = make_world("ring4", frames=2, people=2)
+    text = [line(name, 0.5, []) for name in "abcd"]
+    text.append('{"camera": "a", "time": 0.6, "boxes": [[0, 0, 1, 1' + "0" * 400 + "]]}")
+    text += [line("a", 0.7, [[0, 0, 9, 30]] * 1001)] + [line(name, 0.7, []) for name in "bcd"]
+    text += [line(name, 0.8, []) for name in "abcd"] + [line("a", 0.5, [])]
+    records = list(watch(text, Tracker(world.true_scene), "abcd", frame_rate=10))
+    errors = [(r["line"], r["message"]) for r in records if r["type"] == "error"]
+    assert [number for number, _ in errors] == [5, 9]
+    assert "boxes must be a list" in errors[0][1]
+    assert "1001 boxes" in errors[1][1]
+    assert [r["time"] for r in records if r["type"] == "final"] == [0.5, 0.8]
+    (dropped,) = [r for r in records if r["type"] == "dropped"]
+    assert (dropped["camera"], dropped["reason"]) == ("a", "late")
 
 
 def test_every_camera_of_the_scene_needs_a_name():
     tracker = Tracker(make_world("ring4", frames=2, people=2).true_scene)
     with pytest.raises(InvalidInputError, match="has 4 cameras, but 2 are named"):
         list(watch([], tracker, ["a", "b"], frame_rate=5))
+    with pytest.raises(InvalidInputError, match="one name"):
+        list(watch([], tracker, "abca", frame_rate=5))
