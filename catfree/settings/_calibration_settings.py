@@ -139,3 +139,7 @@ class CalibrationSettings:
     def apparent_height(self) -> float:
         """Mean height of boxes in meters, including the slack."""
         return self.person_height * (1 + self.box_slack)
+
+
+# Distance, in body heights, by which the visible foot is nearer to the camera than the body's axis.
+FOOT_AHEAD = CalibrationSettings.foot_offset / CalibrationSettings.person_height

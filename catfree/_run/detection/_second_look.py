@@ -21,15 +21,13 @@ from catfree.adapters.video._validate_plugin_output import Describer, ask_for_pe
 from catfree.errors import InsufficientDataError
 from catfree.geometry import CanonicalFrame
 from catfree.geometry._person import edges_of, heights_in_rig, people_in_rig
-from catfree.settings import CalibrationSettings
+from catfree.settings._calibration_settings import FOOT_AHEAD
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
 
 STAGE = "second look"
 FEWEST_HEIGHTS = 5  # boxes needed to estimate the height of a single person
 EDGE = 2.0  # pixels: a box closer to the image border is cut
-# Distance, in body heights, by which the visible sole is nearer to the camera than the body's axis.
-FOOT_AHEAD = CalibrationSettings.foot_offset / CalibrationSettings.person_height
 SAME = 0.01  # pixels: a box that moved less did not change
 
 

@@ -14,14 +14,13 @@ from jaxtyping import Array, Bool, Float, Int
 from catfree.geometry._buckets import in_blocks
 from catfree.geometry._person import visible_foot
 from catfree.geometry.camera import pixels_of_points, rays_of_pixels
-from catfree.settings import CalibrationSettings
+from catfree.settings._calibration_settings import FOOT_AHEAD
 from catfree.types import Detections, Scene, Tracks
 from catfree.types._sampling import frame_step
 
 BORDER = 0.005  # of the image side; a box that ends nearer to its border may be cut by it
 HEIGHTS = (0.7, 1.3)  # of the median height; bounds of the height of one person
 BLOCKS = (256, 1024)  # sightings computed together
-FOOT_SHARE = CalibrationSettings.foot_offset / CalibrationSettings.person_height
 
 
 @dataclass(frozen=True)
@@ -242,7 +241,7 @@ def predict(
     # The axes are orthogonal, but not all of length 1 (see `corrected_place`).
     length = jnp.maximum((place[:, :3] ** 2).sum(1), 1e-12)
     station = -place[:, :2].T @ (place[:, 3] / length)
-    foot_x, foot_y = visible_foot(station, jnp.stack([x, y, state[2]]), FOOT_SHARE * state[2])
+    foot_x, foot_y = visible_foot(station, jnp.stack([x, y, state[2]]), FOOT_AHEAD * state[2])
     head = place @ jnp.stack([x, y, state[2], one])
     foot = place @ jnp.stack([foot_x, foot_y, zero, one])
 

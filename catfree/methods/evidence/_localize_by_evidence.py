@@ -30,8 +30,6 @@ from catfree.types import (
 )
 from catfree.types._annotations import Progress
 
-# Box bottoms lie a step ahead of the body, so that rays of cameras that look down steeply meet
-# below the ground.
 GROUND_TOLERANCE = 0.15  # of a person's height, by which feet may be off the ground unmentioned
 
 

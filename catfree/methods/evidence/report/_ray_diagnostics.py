@@ -23,6 +23,7 @@ from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements
 from catfree.methods.evidence.observe._views import PEOPLE_BLOCKS, GroundViews
+from catfree.settings._calibration_settings import FOOT_AHEAD
 from catfree.types import Plane
 
 FEWEST = 20  # heights that tell a wrong ground from the noise of a few boxes
@@ -69,7 +70,7 @@ def _diagnose(
 def ray_diagnostics(
     boxes: Boxes, measured: Measurements, groups: Groups, views: GroundViews
 ) -> RayDiagnostics:
-    """Intersect the rays through the feet of each group.
+    """Intersect the rays through the feet of each group, moved below the middle of the body.
 
     Args:
         boxes: the boxes; the bottom centers as observed, without learned offsets.
@@ -90,6 +91,11 @@ def ray_diagnostics(
     origins = -np.einsum("cij,cj->ci", inverse[cameras], place)
     foot = np.stack([boxes.edges[:, 0], boxes.edges[:, 2], np.ones(len(boxes.edges))], -1)
     direction = np.einsum("nij,nj->ni", inverse[boxes.view], foot)
+    # The visible foot is nearer than the body: on the ground, the ray moves outward by as much.
+    height, away = origins[boxes.camera, 2], np.linalg.norm(direction[:, :2], axis=-1)
+    down = (direction[:, 2] < 0) & (away > 0)
+    ahead = -FOOT_AHEAD * direction[:, 2] / (height * np.where(down, away, 1.0))
+    direction[:, :2] *= 1 + np.where(down, ahead, 0.0)[:, None]
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
     angle = np.asarray(measured.noise)[:, 2] / np.asarray(views.focal)[boxes.view]
     usable = boxes.valid & np.asarray(measured.used)[:, 2] & (angle > 0)
