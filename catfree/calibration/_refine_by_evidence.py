@@ -211,7 +211,7 @@ def _adjusted(
         settings.foot_offset,
         start[:, LOG_FOCAL],
         settings,
-        shared_focal=False,
+        focal_spread=np.inf,
         iterations=refinement.iterations,
         known=KnownCameras(
             _parameters(frame, given.rig, unit_in_meters),

@@ -49,9 +49,9 @@ class CalibrationSettings:
         seed_pairs: number of pairs refined as seeds.
         shared_focal_spread: the cameras share one focal length if their median log ratio is below
             this.
-        shared_focal_sd: standard deviation of each log focal length from the shared one.
-        free_focal_gain: share of the cost per person that one focal length per camera must save to
-            be accepted.
+        shared_focal_sd: standard deviation of log focal lengths of cameras of one kind.
+        free_focal_gain: share of the cost per person that one focal length per camera must save in
+            the search for the cameras; the refinement learns how much focal lengths differ.
         bent_lenses: radial distortion k1 of all lenses to try if ideal lenses place fewer than
             three cameras.
         distortion_sd: spread of the radial distortion k1 of lenses around 0, a weak prior.

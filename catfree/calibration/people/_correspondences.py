@@ -13,6 +13,7 @@ from catfree.calibration.people._box_grid import edges_from_center
 from catfree.calibration.people._radial_lens import RadialLenses, radial_distortion
 from catfree.calibration.people._register import Calibration, rig_with_lenses
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
+from catfree.calibration.people.adjustment._focal_spread import learn_focal_spread
 from catfree.calibration.people.adjustment._people_bundle import (
     BundleResult,
     adjust,
@@ -99,28 +100,30 @@ def refine_with_correspondences(
     parameters = of_rig(rig)
     k1 = np.where(registered, radial_distortion(rig), 0.0)
 
-    def solved(*, shared_focal: bool, bent: bool) -> BundleResult:
+    def solved(*, spread: float, bent: bool) -> BundleResult:
         return adjust_groups(
             BoxMeasurements(person, camera, box, sd),
             np.where(registered[:, None], parameters, 0.0),
             calibration.foot_offset,
             np.log(np.median(settings.focal_shares) * rig.image_size.max(1)),
             settings,
-            shared_focal=shared_focal,
+            focal_spread=spread,
             iterations=iterations,
             k1=k1 if bent else None,
         )
 
-    ideal, bent = (solved(shared_focal=True, bent=free) for free in (False, True))
+    alike = settings.shared_focal_sd
+    ideal, bent = (solved(spread=alike, bent=free) for free in (False, True))
     is_bent = saves(ideal, bent, settings.free_lens_gain)
-    shared = bent if is_bent else ideal
-    separate = solved(shared_focal=False, bent=is_bent)
-    # Information on the focal lengths grows with the number of people. Few people, or a misplaced
-    # camera, may favor separate focal lengths that are not determined.
-    shared_focal = not saves(shared, separate, settings.free_focal_gain)
-    if calibration.shared_focal and (separate.focal_deviation > settings.largest_focal_sd).any():
-        shared_focal = True
-    result = shared if shared_focal else separate
+    separate = solved(spread=np.inf, bent=is_bent)
+    known = np.flatnonzero(np.isfinite(separate.parameters[:, LOG_FOCAL]))
+    errors = separate.camera_covariance(repeats)[:, LOG_FOCAL, :, LOG_FOCAL]
+    spread = learn_focal_spread(
+        separate.parameters[known, LOG_FOCAL], errors[np.ix_(known, known)], settings
+    )
+    result = (
+        (bent if is_bent else ideal) if spread == alike else solved(spread=spread, bent=is_bent)
+    )
     adjusted = np.isfinite(result.parameters[:, LOG_FOCAL])
     parameters = np.where(adjusted[:, None], result.parameters, parameters)
     K, R, t = to_matrices(parameters, rig.image_size)
@@ -139,7 +142,7 @@ def refine_with_correspondences(
     return replace(
         calibration,
         scene=replace(scene, rig_sd=rig_sd),
-        shared_focal=shared_focal,
+        shared_focal=spread == alike,
         distortion_sd=np.where(adjusted, ALIKE * result.k1_sd, calibration.distortion_sd),
         focal_sd=np.where(adjusted, K[:, 0, 0] * result.focal_deviation, calibration.focal_sd),
         center_covariance=np.where(
@@ -167,7 +170,7 @@ def adjust_groups(
     log_focal_prior: Float[np.ndarray, " cam"],
     settings: CalibrationSettings,
     *,
-    shared_focal: bool,
+    focal_spread: float,
     iterations: int,
     known: KnownCameras | None = None,
     k1: Float[np.ndarray, " cam"] | None = None,
@@ -180,7 +183,7 @@ def adjust_groups(
         foot_offset: initial foot offset in meters.
         log_focal_prior: (C,) mean of the weak prior on log focal length.
         settings: constants.
-        shared_focal: whether all cameras have one focal length.
+        focal_spread: see `adjust`.
         iterations: maximum number of steps.
         known: prior on the cameras, if any.
         k1: (C,) initial radial distortion of each camera, adjusted too; ideal lenses if None.
@@ -198,7 +201,7 @@ def adjust_groups(
         foot_offset,
         log_focal_prior,
         settings,
-        shared_focal=shared_focal,
+        focal_spread=focal_spread,
         iterations=iterations,
         known=known,
         k1=k1,

@@ -38,7 +38,7 @@ def adjusted(measurements: BoxMeasurements, parameters: np.ndarray) -> np.ndarra
         SETTINGS.foot_offset,
         parameters[:, 0],
         SETTINGS,
-        shared_focal=False,
+        focal_spread=np.inf,
         iterations=20,
     )
     assert np.isfinite(found.covariance).all()

@@ -163,7 +163,7 @@ def test_bundle_adjustment_recovers_a_disturbed_rig():
         SETTINGS.foot_offset,
         np.full(3, 7.0),
         SETTINGS,
-        shared_focal=False,
+        focal_spread=np.inf,
         iterations=60,
     )
     np.testing.assert_allclose(np.exp(found.parameters[:, 0] - RIG[:, 0]), 1, atol=0.02)

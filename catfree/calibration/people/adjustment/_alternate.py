@@ -101,7 +101,7 @@ def alternate(
             state.foot_offset,
             middle,
             settings,
-            shared_focal=shared_focal,
+            focal_spread=settings.shared_focal_sd if shared_focal else np.inf,
             iterations=iterations,
         )
         parameters = np.where(np.isfinite(bundle.parameters), bundle.parameters, state.parameters)

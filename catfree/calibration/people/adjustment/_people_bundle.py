@@ -208,7 +208,7 @@ def adjust(
     log_focal_prior: Float[np.ndarray, " cam"],
     settings: CalibrationSettings,
     *,
-    shared_focal: bool,
+    focal_spread: float,
     iterations: int = 15,
     known: KnownCameras | None = None,
     k1: Float[np.ndarray, " cam"] | None = None,
@@ -223,7 +223,8 @@ def adjust(
         foot_offset: foot offset in meters.
         log_focal_prior: (C,) mean of the weak prior on log focal length.
         settings: constants.
-        shared_focal: whether all cameras have one focal length.
+        focal_spread: standard deviation of log focal lengths from their mean; infinity if they
+            have nothing in common.
         iterations: maximum number of steps.
         known: prior on the cameras; if None, weak priors on focal length and roll, and the heading
             and position of one camera are fixed.
@@ -253,7 +254,7 @@ def adjust(
                     used=padded(used, C),
                     mean=padded(np.column_stack([known.parameters, np.zeros(cameras)]), C),
                     camera_precision=padded(camera_precision * used[:, None], C),
-                    focal_precision=jnp.asarray(shared_focal / settings.shared_focal_sd),
+                    focal_precision=jnp.asarray(1 / focal_spread),
                     height=jnp.asarray(settings.apparent_height),
                     height_precision=padded(np.full(people, 1 / settings.person_height_sd), P),
                 ),

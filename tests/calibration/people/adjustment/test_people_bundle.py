@@ -8,7 +8,10 @@ from hypothesis import given, settings, strategies as st
 
 from catfree.calibration.people.adjustment import _people_bundle
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
-from catfree.calibration.people.adjustment._people_bundle import adjust, saves
+from catfree.calibration.people.adjustment._people_bundle import (
+    adjust,
+    saves,
+)
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, PAN, ROLL, Z
 from catfree.geometry._least_squares import CAUCHY
 from catfree.settings import CalibrationSettings
@@ -44,13 +47,13 @@ def drawn(seed, *, known, count=PEOPLE):
     return data, (parameters, xy, height), prior if known else None
 
 
-def adjusted(data, state, known, *, shared=False, iterations=200):
+def adjusted(data, state, known, *, spread=np.inf, iterations=200):
     return adjust(
-        data, *state, OFFSET, PRIOR, RULES, shared_focal=shared, iterations=iterations, known=known
+        data, *state, OFFSET, PRIOR, RULES, focal_spread=spread, iterations=iterations, known=known
     )
 
 
-def full_problem(data, state, known, shared):
+def full_problem(data, state, known, spread):
     """Weighted residuals of all boxes and priors as a function of a change of all unknowns."""
     cameras, xy, height = state
     used = np.unique(data.camera)
@@ -67,8 +70,7 @@ def full_problem(data, state, known, shared):
             ((box - data.box) / data.sd * weights).ravel(),
             (tall - RULES.apparent_height) / RULES.person_height_sd,
         ]
-        if shared:
-            rows.append((log_focal - log_focal.mean()) / RULES.shared_focal_sd)
+        rows.append((log_focal - log_focal.mean()) / spread)
         if known is None:
             rows += [
                 (log_focal - PRIOR[used]) / RULES.focal_log_sd,
@@ -88,16 +90,16 @@ def full_problem(data, state, known, shared):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("shared", "known"), [(False, False), (True, False), (False, True)])
+@pytest.mark.parametrize(("spread", "known"), [(np.inf, False), (0.003, False), (np.inf, True)])
 @settings(max_examples=3)
 @given(seed=st.integers(0, 10**6))
-def test_minimum_and_covariance_are_those_of_the_full_problem(seed, shared, known):
+def test_minimum_and_covariance_are_those_of_the_full_problem(seed, spread, known):
     data, start, prior = drawn(seed, known=known)
-    found = adjusted(data, start, prior, shared=shared)
+    found = adjusted(data, start, prior, spread=spread)
     size = 7 * CAMERAS
     assert np.isnan(found.parameters[3]).all()
     state = np.where(np.isnan(found.parameters), start[0], found.parameters), found.xy, found.height
-    J, r = full_problem(data, state, prior, shared)
+    J, r = full_problem(data, state, prior, spread)
     free = np.ones(J.shape[1], bool)
     free[21 : size + 1] = False  # the camera without boxes, and the foot offset
     inverse = np.zeros((J.shape[1],) * 2)
@@ -142,8 +144,8 @@ def test_an_edge_of_no_weight_is_absent(seed, error):
 def test_one_focal_length_is_shared_by_all():
     data, state, _ = drawn(3, known=False)
     spread = [
-        np.nanstd(adjusted(data, state, None, shared=shared).parameters[:, LOG_FOCAL])
-        for shared in (True, False)
+        np.nanstd(adjusted(data, state, None, spread=least).parameters[:, LOG_FOCAL])
+        for least in (RULES.shared_focal_sd, np.inf)
     ]
     assert spread[0] < RULES.shared_focal_sd < spread[1]
 
@@ -152,7 +154,7 @@ def test_one_focal_length_is_shared_by_all():
 def test_a_second_rig_of_like_size_needs_no_compilation():
     adjusted(*drawn(1, known=False))
     before = _people_bundle._solve._cache_size()
-    adjusted(*drawn(2, known=True, count=40), shared=True, iterations=7)
+    adjusted(*drawn(2, known=True, count=40), spread=0.003, iterations=7)
     assert _people_bundle._solve._cache_size() == before
 
 
@@ -172,7 +174,7 @@ def test_a_free_lens_is_found_or_ideal():
     box = np.stack([(head[:, 0] + foot[:, 0]) / 2, head[:, 1], foot[:, 1]], -1)
     bent = dataclasses.replace(data, box=box)
     state = cameras, xy, height
-    rules = {"shared_focal": False, "iterations": 200}
+    rules = {"focal_spread": np.inf, "iterations": 200}
     free, ideal = (
         adjust(bent, *state, OFFSET, PRIOR, RULES, **rules, k1=start)
         for start in (np.zeros(CAMERAS), None)
