@@ -63,7 +63,8 @@ def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
             "No two cameras see the same people: of "
             f"{work.grid.camera_count * (work.grid.camera_count - 1) // 2} pairs, none matches at "
             "the true time better than at shifted times; check that the cameras are synchronized, "
-            "that their views overlap, and that several people walk through the overlap."
+            "that their views overlap, that several people walk through the overlap, and that each "
+            "has one box per camera (non-maximum suppression)."
         )
     grown = _grow_seeds(work, seeds, pairs, report, shared_focal=shared)
     rig, shared = _choose_focal(work, grown)
