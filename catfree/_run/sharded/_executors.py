@@ -61,7 +61,7 @@ def run_shards(
         scene: cameras and ground; one for all, or one per site.
         out: folder of the results; a shard with a site and a date goes to `site=.../date=...`.
         settings: of the localization.
-        detector: as `run`, for shards of videos.
+        detector: as `run`, for shards of videos; those of boxes do without.
         embedder: as `run`, for shards of videos.
         executor: a `concurrent.futures.Executor` whose processes are not forked, or a
             `dask.distributed.Client`; it is not shut down. None for spawned processes, one per
@@ -93,8 +93,8 @@ def run_shards(
                 scene=scenes[shard.site, shard.date],
                 out=os.path.abspath(out),  # workers may be in another folder
                 settings=settings,
-                detector=detector,
-                embedder=embedder,
+                detector=detector if shard.videos else None,
+                embedder=embedder if shard.videos else None,
             )
             tasks[task] = shard
         report("shards", 0, len(plan))

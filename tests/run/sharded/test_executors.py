@@ -101,6 +101,24 @@ def test_a_failing_site_stops_no_other(cheap, tmp_path):
     assert table.people == 4
 
 
+def test_networks_are_for_shards_of_videos(cheap, tmp_path, monkeypatch):
+    given, run = {}, module.run_shard
+    detector, embedder = cf.adapters.BackgroundDetector(), cf.adapters.ColorEmbedder()
+
+    def noting(shard, **options):
+        given.setdefault(shard.site, set()).add((options["detector"], options["embedder"]))
+        return run(shard, **options)
+
+    monkeypatch.setattr(module, "run_shard", noting)
+    videos = [replace(shard, videos=("a.mp4", "b.mp4")) for shard in named(cheap, "videos")]
+    tables = cf.run_shards(
+        [*videos, *named(cheap, "boxes")], scene=SCENE, out=tmp_path, executor=AtOnce(),
+        detector=detector, embedder=embedder,
+    )  # fmt: skip
+    assert len(tables) == 2
+    assert given == {"videos": {(detector, embedder)}, "boxes": {(None, None)}}
+
+
 def test_scenes_belong_to_sites(cheap, tmp_path):
     with pytest.raises(InvalidInputError, match="no scene for site 'south'"):
         cf.run_shards(
