@@ -72,8 +72,8 @@ def run_shards(
         The joined table of each recording, in the order of the plan.
 
     Raises:
-        ShardError: after everything else has finished, naming each recording that failed and why;
-            its attribute `finished` holds the other tables.
+        ShardError: after everything else has finished, naming each recording that failed and why,
+            be it an error of detector or embedder; its attribute `finished` holds the other tables.
         InvalidInputError: if the plan is empty, a site has no scene, or `executor` is not
             an executor.
         ForkedProcessError: if the executor would fork its processes.
@@ -121,7 +121,7 @@ def run_shards(
         reasons = tuple(_reason(*key, error) for key, error in failed.items())
         several = f"{len(failed)} of {len(recordings)} recordings failed. "
         message = (several if len(recordings) > 1 else "") + " ".join(reasons)
-        raise ShardError(message, finished, reasons)
+        raise ShardError(message, finished, reasons) from next(iter(failed.values()))
     return finished
 
 
@@ -206,19 +206,25 @@ def default_workers() -> int:
 def error_of(task: Future[Any], name: str) -> CatFreeError | None:
     """The reason why a task failed in one sentence that names the task, or None.
 
-    Errors of other kinds than catfree's are raised: they are defects.
+    Raises:
+        BaseException: if the task was told to exit.
     """
     error = task.exception()
     if error is None:
         return None
     if isinstance(error, CatFreeError):
-        return type(error)(f"{name}: {error}")
-    if isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker":
-        return CatFreeError(
+        reason = type(error)(f"{name}: {error}")
+    elif isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker":
+        reason = CatFreeError(
             f"{name}: its worker process died; it was killed or ran out of memory. Run again: "
             "finished shards are kept."
         )
-    raise error
+    elif isinstance(error, Exception):  # of a detector or embedder of anybody's
+        reason = CatFreeError(f"{name}: {type(error).__name__}: {error}")
+    else:
+        raise error
+    reason.__cause__ = error
+    return reason
 
 
 def _by_recording(plan: Sequence[Shard]) -> dict[Recording, list[Shard]]:

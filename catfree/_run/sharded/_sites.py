@@ -155,6 +155,7 @@ def run_sites(
     with executor_for(executor) as pool:
         scenes = _scenes(sites, out, settings, detector, pool, progress or no_progress, failed)
         reasons += [f"{name}: {error}" for name, error in failed.items()]
+        cause: CatFreeError | None = next(iter(failed.values()), None)
         plan: list[Shard] = []
         for site in sites:
             if site.name in failed:
@@ -167,6 +168,7 @@ def run_sites(
                 )  # fmt: skip
             except CatFreeError as error:
                 reasons.append(f"{site.name} {site.date}".strip() + f": {error}")
+                cause = error
         finished: tuple[StoredTracks, ...] = ()
         if plan:
             try:
@@ -181,14 +183,14 @@ def run_sites(
                     progress=progress,
                 )
             except ShardError as error:
-                finished = error.finished
+                finished, cause = error.finished, error
                 reasons += error.reasons
     if reasons:
         raise ShardError(
             f"{len(finished)} of {len(sites)} recordings are complete. " + " ".join(reasons),
             finished,
             tuple(reasons),
-        )
+        ) from cause
     return finished
 
 

@@ -136,13 +136,31 @@ def test_plans_are_checked(cheap, tmp_path):
         cf.run_shards(cheap, scene=SCENE, out=tmp_path, executor="threads")
 
 
-def test_defects_are_not_hidden(cheap, tmp_path, monkeypatch):
+def test_a_failing_detector_stops_no_other_site_and_its_error_is_kept(cheap, tmp_path, monkeypatch):
+    run, failure = module.run_shard, RuntimeError("CUDA out of memory")
+
+    def failing(shard, **options):
+        if shard.site == "a":
+            raise failure
+        return run(shard, **options)
+
+    monkeypatch.setattr(module, "run_shard", failing)
+    plan = [*named(cheap, "a"), *named(cheap, "b")]
+    sentence = r"shard \d of 2 \(a\): RuntimeError: CUDA out of memory"
+    with pytest.raises(ShardError, match=sentence) as caught:
+        cf.run_shards(plan, scene=SCENE, out=tmp_path, executor=AtOnce())
+    assert len(caught.value.finished) == 1
+    assert caught.value.__cause__.__cause__ is failure
+
+
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, SystemExit])
+def test_who_tells_a_shard_to_exit_ends_the_run(cheap, tmp_path, monkeypatch, kind):
     def run(shard, **options):
-        raise ZeroDivisionError
+        raise kind
 
     monkeypatch.setattr(module, "run_shard", run)
-    with pytest.raises(ZeroDivisionError):
-        cf.run_shards(cheap, scene=SCENE, out=tmp_path, executor=AtOnce())
+    with ThreadPoolExecutor(1) as pool, pytest.raises(kind):
+        cf.run_shards(cheap, scene=SCENE, out=tmp_path, executor=pool)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")

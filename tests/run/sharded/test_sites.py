@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from datetime import date
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -202,6 +203,44 @@ def test_a_site_that_fails_does_not_stop_the_others(folder, executor, tmp_path):
     assert north.folder == tmp_path / "site=north"
     assert len(cf.open_tracks(north.folder)) > 0
     assert seen == [("shards", done, 2) for done in range(3)]
+
+
+class Fails:
+    """A detector without memory."""
+
+    fingerprint = "fails"
+    failure = RuntimeError("CUDA out of memory")
+
+    def __call__(self, image):
+        raise self.failure
+
+
+@pytest.mark.slow
+def test_a_detector_that_fails_stops_no_site_of_boxes(folder, executor, tmp_path):
+    """Whether it fails at the calibration or in a shard."""
+    cameras = [tmp_path / name for name in "ab"]
+    for shade, camera in enumerate(cameras):
+        camera.mkdir()
+        for at in range(10):
+            cv2.imwrite(str(camera / f"{at}.png"), np.full((48, 64, 3), 20 * at + shade, np.uint8))
+    scene = make_world("ring4", 0, frames=2, people=1).scene
+    rig = dataclasses.replace(scene.rig.select([0, 1]), image_size=np.tile([64, 48], (2, 1)))
+    recording = tuple(map(str, cameras))
+    sites = [
+        site_in(folder, "unknown", recording=recording, scene=None),
+        site_in(folder, "known", recording=recording, scene=dataclasses.replace(scene, rig=rig)),
+        site_in(folder),
+    ]
+    with pytest.raises(ShardError, match="1 of 3 recordings are complete") as caught:
+        run_sites(sites, out=tmp_path / "out", executor=executor, detector=Fails(), **CUT)
+    assert sorted(caught.value.reasons) == [
+        "shard 0 of 1 (known): RuntimeError: CUDA out of memory",
+        "unknown: calibration: RuntimeError: CUDA out of memory",
+    ]
+    cause = caught.value.__cause__
+    while cause.__cause__ is not None:
+        cause = cause.__cause__
+    assert cause is Fails.failure
 
 
 @pytest.mark.slow
