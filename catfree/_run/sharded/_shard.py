@@ -178,7 +178,7 @@ def _whole(
                 "offsets belong to videos; correct boxes with cf.calibration.remove_offsets."
             )
         return _boxes_as_one(recording, frame_rate)
-    videos = _open_recording(recording, frame_rate, offsets)
+    videos = open_recording(recording, frame_rate, offsets)
     clock = videos.clock
     if clock is None:
         raise InvalidInputError(
@@ -295,13 +295,19 @@ def _open(
     paths: tuple[str, ...], offsets: tuple[int, ...] | None, frame_rate: float, source: str
 ) -> SynchronizedVideos:
     """Open the videos of a recording once per process: this reads the times of all frames."""
-    return _open_recording(paths, frame_rate, offsets)
+    return open_recording(paths, frame_rate, offsets)
 
 
-def _open_recording(
-    paths: Sequence[StrPath], frame_rate: float | int | None, offsets: Sequence[int] | None
+def open_recording(
+    paths: Sequence[StrPath],
+    frame_rate: float | int | None,
+    offsets: Sequence[int] | None = None,
 ) -> SynchronizedVideos:
-    """The instants that at least two cameras show."""
+    """Open the instants of videos that at least two cameras show.
+
+    Raises:
+        CatFreeError: as `SynchronizedVideos`.
+    """
     fewest = min(len(paths), 2)
     return SynchronizedVideos(paths, offsets=offsets, frame_rate=frame_rate, fewest_cameras=fewest)
 

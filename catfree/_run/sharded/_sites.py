@@ -13,10 +13,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from catfree._run._cache import code_hash
 from catfree._run._input_checks import order_like
 from catfree._run._stages import calibrate_cameras
-from catfree._run.detection._cached_detection import fingerprint_of
 from catfree._run.sharded._executors import error_of, executor_for, run_shards
 from catfree._run.sharded._plan_file import METHODS
 from catfree._run.sharded._receipt import recording_folder
@@ -24,6 +22,7 @@ from catfree._run.sharded._shard import (
     Shard,
     StrPath,
     boxes_of,
+    open_recording,
     open_videos,
     require_folder_name,
     shards,
@@ -107,7 +106,8 @@ def run_sites(
     A site that fails does not stop the others. Finished calibrations and shards are not repeated.
 
     Args:
-        sites: the recordings; several of one site, told apart by their date, share its cameras.
+        sites: the recordings; several of one site, told apart by their date, share its cameras, be
+            it in one call or in several with the same `out`.
         out: folder of the results, with a folder `site=.../date=...` per recording, which readers
             of Parquet folders take as columns.
         every: seconds per shard.
@@ -398,8 +398,9 @@ def calibrate_site(
 ) -> Scene:
     """Find the cameras of a site from the people of a stretch of its recording, once.
 
-    Stretches of five minutes are tried, spread over the recording, until one suffices: at night
-    nobody may be there.
+    All dates share the scene, and with it the axes of their positions. It is found again only if
+    settings, anchors, or number or image sizes of the cameras differ. Stretches of five minutes are
+    tried, spread over the recording, until one suffices: at night nobody may be there.
 
     Args:
         site: the recording.
@@ -419,18 +420,19 @@ def calibrate_site(
             f"The cameras of {site.name!r} are to be found from saved boxes: give image_size, or a "
             "scene."
         )
-    silent = _silent(site, len(site.image_size or ()))
-    plan = shards(site.recording, CALIBRATION_SECONDS, 0.0, site.frame_rate, silent=silent)
+    size = site.image_size
+    if not isinstance(site.recording, str):
+        size = open_recording(site.recording, site.frame_rate).image_size.tolist()
     key = hash_parameters(
-        "calibration", plan[0].source, fingerprint_of(finder, "detector"), code_hash(),
-        settings=dataclasses.asdict(settings), image_size=site.image_size,
-        silent=[] if silent is None else silent.tolist(),
+        "calibration", settings=dataclasses.asdict(settings), image_size=size,
         anchors=[(type(one).__name__, dataclasses.asdict(one)) for one in anchors],
     )  # fmt: skip
     folder = make_folder(recording_folder(out, site.name, "") / "_calibration")
     path = folder / f"{key[:40]}.json"
     if path.is_file():
         return read_scene_json(path)[0]
+    silent = _silent(site, len(site.image_size or ()))
+    plan = shards(site.recording, CALIBRATION_SECONDS, 0.0, site.frame_rate, silent=silent)
     reason: CatFreeError | None = None
     for shard in _spread(plan)[:MOST_TRIES]:
         try:

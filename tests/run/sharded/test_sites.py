@@ -17,6 +17,7 @@ from catfree._run.sharded import _sites
 from catfree._run.sharded._plan_file import METHODS
 from catfree._run.sharded._sites import Site, read_sites, run_sites
 from catfree.adapters import write_detections_parquet, write_scene_json
+from catfree.adapters.calibration_files._rig_json import scene_text
 from catfree.errors import CalibrationError, FileFormatError, InvalidInputError, ShardError
 from catfree.synthetic import make_world
 
@@ -182,6 +183,17 @@ def site_in(folder, name="north", **options):
     return dataclasses.replace(site, frame_rate=5.0, **options)
 
 
+def pictures(folder, width=64):
+    """Ten pictures of nobody from each of two cameras."""
+    cameras = [folder / name for name in "ab"]
+    for shade, camera in enumerate(cameras):
+        camera.mkdir(parents=True)
+        for at in range(10):
+            picture = np.full((48, width, 3), 20 * at + shade, np.uint8)
+            cv2.imwrite(str(camera / f"{at}.png"), picture)
+    return tuple(map(str, cameras))
+
+
 CUT = {"every": 6.0, "overlap": 3.0}
 
 
@@ -218,14 +230,9 @@ class Fails:
 @pytest.mark.slow
 def test_a_detector_that_fails_stops_no_site_of_boxes(folder, executor, tmp_path):
     """Whether it fails at the calibration or in a shard."""
-    cameras = [tmp_path / name for name in "ab"]
-    for shade, camera in enumerate(cameras):
-        camera.mkdir()
-        for at in range(10):
-            cv2.imwrite(str(camera / f"{at}.png"), np.full((48, 64, 3), 20 * at + shade, np.uint8))
+    recording = pictures(tmp_path)
     scene = make_world("ring4", 0, frames=2, people=1).scene
     rig = dataclasses.replace(scene.rig.select([0, 1]), image_size=np.tile([64, 48], (2, 1)))
-    recording = tuple(map(str, cameras))
     sites = [
         site_in(folder, "unknown", recording=recording, scene=None),
         site_in(folder, "known", recording=recording, scene=dataclasses.replace(scene, rig=rig)),
@@ -308,6 +315,31 @@ def test_a_site_is_calibrated_once(folder, executor, tmp_path, calibrations):
     assert [table.parts for table in again] == [table.parts for table in first]
     other = cf.Settings(calibration_confidence=0.6)
     run_sites([days[0]], out=tmp_path / "other", settings=other, executor=executor, **CUT)
+    assert len(calibrations) == 2
+
+
+def test_another_date_has_the_scene_of_its_site(folder, tmp_path, calibrations):
+    """Until something else than the recording differs."""
+    make_world("ring4", 5, frames=20, people=2).detections.save(folder / "tuesday.npz")
+    monday = site_in(folder, scene=None, image_size=((1920, 1080),) * 4, date="monday")
+    tuesday = dataclasses.replace(monday, recording=str(folder / "tuesday.npz"), date="tuesday")
+    silent = dataclasses.replace(tuesday, silent=((3, 1),))
+    found = [_sites.calibrate_site(site, tmp_path) for site in (monday, tuesday, silent)]
+    assert len(calibrations) == 1
+    assert len({scene_text(scene) for scene in found}) == 1
+    anchored = dataclasses.replace(tuesday, anchors=(cf.KnownCamera(0, height=4.1),))
+    smaller = dataclasses.replace(tuesday, image_size=((1280, 720),) * 4)
+    _sites.calibrate_site(anchored, tmp_path)
+    _sites.calibrate_site(smaller, tmp_path)
+    _sites.calibrate_site(tuesday, tmp_path, cf.Settings(confidence=0.6))
+    assert len(calibrations) == 4
+    assert len(list((tmp_path / "site=north" / "_calibration").iterdir())) == 4
+
+
+def test_videos_of_other_sizes_are_of_other_cameras(tmp_path, calibrations):
+    for day, width in (("monday", 64), ("tuesday", 64), ("wednesday", 80)):
+        site = Site("north", pictures(tmp_path / day, width), day, frame_rate=5.0)
+        _sites.calibrate_site(site, tmp_path / "out")
     assert len(calibrations) == 2
 
 
