@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from catfree._run._input_checks import order_like
+from catfree._run._input_checks import Recording, order_like
 from catfree._run._stages import calibrate_cameras
 from catfree._run.sharded._executors import error_of, executor_for, run_shards
 from catfree._run.sharded._plan_file import METHODS
@@ -35,13 +35,15 @@ from catfree.adapters.calibration_files._rig_json import (
     write_scene_json,
 )
 from catfree.adapters.datasets import read_missing_pictures, read_scene
+from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.files._camera_names import names_of_files
 from catfree.adapters.files._documents import read_text
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.adapters.video import detect_videos
-from catfree.calibration import calibrate, read_anchors
+from catfree.calibration import read_anchors
 from catfree.calibration.people import Anchor
+from catfree.calibration.people._register import camera_sizes
 from catfree.errors import (
     CalibrationError,
     CatFreeError,
@@ -52,7 +54,7 @@ from catfree.errors import (
     quoted,
 )
 from catfree.settings import Settings
-from catfree.types import Scene
+from catfree.types import Detections, Scene
 from catfree.types._annotations import Progress, no_progress
 from catfree.types._validation import as_pictures
 from catfree.types._writing import make_folder
@@ -413,15 +415,15 @@ def calibrate_site(
         CatFreeError: if the recording cannot be read.
     """
     settings = Settings() if settings is None else settings
-    finder = BackgroundDetector() if detector is None else detector
     anchors = read_anchors(site.anchors) if isinstance(site.anchors, str) else site.anchors
     if isinstance(site.recording, str) and site.image_size is None:
         raise InvalidInputError(
             f"The cameras of {site.name!r} are to be found from saved boxes: give image_size, or a "
             "scene."
         )
-    size = site.image_size
+    finder, size = None, site.image_size
     if not isinstance(site.recording, str):
+        finder = BackgroundDetector() if detector is None else detector
         size = open_recording(site.recording, site.frame_rate).image_size.tolist()
     key = hash_parameters(
         "calibration", settings=dataclasses.asdict(settings), image_size=size,
@@ -436,31 +438,29 @@ def calibrate_site(
     reason: CatFreeError | None = None
     for shard in _spread(plan)[:MOST_TRIES]:
         try:
-            scene = _calibrate_stretch(shard, site, settings, finder, anchors)
+            recording, boxes = _footage(shard, site, finder)
+            found = calibrate_cameras(recording, finder, boxes, settings, anchors=anchors)
         except (CalibrationError, InsufficientDataError) as error:
             reason = error
             continue
-        return read_scene_json(write_scene_json(path, scene))[0]
+        return read_scene_json(write_scene_json(path, found.scene))[0]
     raise CalibrationError(
         f"No stretch of the recording of {site.name!r} shows its cameras; the last one that was "
         f"tried: {reason}"
     )
 
 
-def _calibrate_stretch(
-    shard: Shard,
-    site: Site,
-    settings: Settings,
-    detector: Detector | FittedToCamera,
-    anchors: tuple[Anchor, ...],
-) -> Scene:
-    if shard.videos:
+def _footage(
+    shard: Shard, site: Site, finder: Detector | FittedToCamera | None
+) -> tuple[Recording, Detections]:
+    """The videos or boxes of a shard, as `calibrate_cameras` takes them, and its boxes."""
+    if finder is not None:
         videos = open_videos(shard)
-        boxes = detect_videos(videos, detector)
-        return calibrate_cameras(videos, detector, boxes, settings, anchors=anchors).scene
+        return videos, detect_videos(videos, finder)
     boxes = boxes_of(shard)
-    boxes = boxes[~np.isin(boxes.frame, silent_pictures(shard)[:, 0])]
-    return calibrate(boxes, np.array(site.image_size), settings, anchors=anchors).scene
+    size = camera_sizes(boxes, np.array(site.image_size))
+    names = tuple(f"C{camera + 1}" for camera in range(len(size)))
+    return CameraBoxes(boxes, names, size, silent_pictures(shard)), boxes
 
 
 def _spread(plan: Sequence[Shard]) -> list[Shard]:

@@ -13,11 +13,15 @@ import pytest
 from hypothesis import given, strategies as st
 
 import catfree as cf
+from catfree._run import _stages
+from catfree._run._cache import content_hash
+from catfree._run._run import run_boxes
 from catfree._run.sharded import _sites
 from catfree._run.sharded._plan_file import METHODS
 from catfree._run.sharded._sites import Site, read_sites, run_sites
 from catfree.adapters import write_detections_parquet, write_scene_json
 from catfree.adapters.calibration_files._rig_json import scene_text
+from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.errors import CalibrationError, FileFormatError, InvalidInputError, ShardError
 from catfree.synthetic import make_world
 
@@ -291,14 +295,14 @@ def test_cameras_of_saved_boxes_need_the_size_of_the_images(folder, executor, tm
 
 @pytest.fixture
 def calibrations(world, monkeypatch):
-    """The stretches that were calibrated; the answer is the true scene."""
+    """First frame of each stretch that was calibrated; the answer is the true scene."""
     tried = []
 
-    def answer(shard, site, settings, detector, anchors):
-        tried.append((site.name, shard.index))
-        return world.scene
+    def answer(recording, detector, boxes, settings, *, anchors):
+        tried.append(boxes.frame.min(initial=1000))
+        return world
 
-    monkeypatch.setattr(_sites, "_calibrate_stretch", answer)
+    monkeypatch.setattr(_sites, "calibrate_cameras", answer)
     return tried
 
 
@@ -309,9 +313,9 @@ def test_a_site_is_calibrated_once(folder, executor, tmp_path, calibrations):
         for day in ("2026-11-20", "2026-11-21")
     ]
     first = run_sites(days, out=tmp_path, executor=executor, **CUT)
-    assert calibrations == [("north", 0)]
+    assert len(calibrations) == 1
     again = run_sites(days, out=tmp_path, executor=executor, **CUT)
-    assert calibrations == [("north", 0)]
+    assert len(calibrations) == 1
     assert [table.parts for table in again] == [table.parts for table in first]
     other = cf.Settings(calibration_confidence=0.6)
     run_sites([days[0]], out=tmp_path / "other", settings=other, executor=executor, **CUT)
@@ -348,14 +352,14 @@ def test_anchors_of_a_site_are_used_once_for_all_its_dates(folder, tmp_path, mon
     """Whether a file or in memory; other anchors are another calibration."""
     given = []
 
-    def answer(boxes, size, settings, *, anchors):
+    def answer(recording, detector, boxes, settings, *, anchors):
         given.append(anchors)
         raise CalibrationError("that is enough")
 
-    monkeypatch.setattr(_sites, "calibrate", answer)
+    monkeypatch.setattr(_sites, "calibrate_cameras", answer)
     site = site_in(folder, scene=None)
     boxes = dataclasses.replace(
-        site, recording=str(folder / "boxes.npz"), image_size=((9, 9),), frame_rate=5
+        site, recording=str(folder / "boxes.npz"), image_size=((9, 9),) * 4, frame_rate=5
     )
     make_world("ring4", 0, frames=20, people=2).detections.save(folder / "boxes.npz")
     (folder / "anchors.json").write_text('{"cameras": [{"camera": 0, "height": 4.1}]}')
@@ -375,18 +379,18 @@ def test_anchors_of_a_site_are_used_once_for_all_its_dates(folder, tmp_path, mon
 
 
 def test_missing_pictures_of_a_site(folder, tmp_path, monkeypatch):
-    """Cameras are found from instants that all show; the shards know what is missing."""
+    """Who finds the cameras knows what is missing, and so do the shards."""
     given, plans = [], []
 
-    def find(boxes, size, settings, *, anchors):
-        given.append(set(boxes.frame))
+    def find(recording, *_, **__):
+        given.append(set(map(tuple, recording.silent)))
         return make_world("ring4", 0, frames=2, people=2)
 
     def run(plan, **_):
         plans.append(plan)
         return ()
 
-    monkeypatch.setattr(_sites, "calibrate", find)
+    monkeypatch.setattr(_sites, "calibrate_cameras", find)
     monkeypatch.setattr(_sites, "run_shards", run)
     detections = make_world("ring4", 0, frames=20, people=4).detections
     missing = ((7, 1), (8, 1), (15, 3))
@@ -400,8 +404,7 @@ def test_missing_pictures_of_a_site(folder, tmp_path, monkeypatch):
     for silent in (missing, str(folder / "missing.csv"), ()):
         one = dataclasses.replace(site, silent=silent)
         run_sites([one], out=tmp_path / str(len(given)), executor=ThreadPoolExecutor(1))
-        expected = {7, 8, 15} if silent else set()
-        assert given[-1] == set(range(20)) - expected
+        assert given[-1] == set(missing if silent else ())
         pictures = [tuple(row) for shard in plans[-1] for row in _sites.silent_pictures(shard)]
         assert sorted(pictures) == sorted(missing if silent else ())
     (folder / "other.csv").write_text("frame,camera\n7,9\n")
@@ -413,17 +416,50 @@ def test_missing_pictures_of_a_site(folder, tmp_path, monkeypatch):
         )
 
 
+def test_cameras_of_a_site_are_found_as_those_of_a_run_of_boxes(world, tmp_path, monkeypatch):
+    """From the boxes that are sure enough, of instants that all cameras show."""
+    given = []
+
+    def find(boxes, size, settings, **options):
+        given.append((boxes, size, settings, options))
+        raise CalibrationError("that is enough")
+
+    monkeypatch.setattr(_stages, "calibrate", find)
+    boxes, silent = world.detections, np.array([[7, 1], [30, 0]])
+    picture = np.column_stack([boxes.frame, boxes.camera])
+    boxes = boxes[~(picture[:, None] == silent).all(-1).any(1)]
+    boxes.save(tmp_path / "boxes.npz")
+    size, settings = ((1920, 1080),) * 4, cf.Settings(confidence=0.4, calibration_confidence=0.7)
+    names = ("C1", "C2", "C3", "C4")
+    boxes = dataclasses.replace(boxes, clock=cf.types.Clock(5.0))
+    with pytest.raises(CalibrationError, match="that is enough"):
+        run_boxes(CameraBoxes(boxes, names, np.array(size), silent), settings=settings)
+    site = Site(
+        "south", str(tmp_path / "boxes.npz"), image_size=size, frame_rate=5.0,
+        silent=tuple(map(tuple, silent.tolist())),
+    )  # fmt: skip
+    with pytest.raises(CalibrationError, match="that is enough"):
+        _sites.calibrate_site(site, tmp_path, settings, cf.adapters.BackgroundDetector())
+    one, two = given
+    assert content_hash(one[0]) == content_hash(two[0])
+    assert 0 < len(one[0]) < len(boxes)
+    np.testing.assert_array_equal(one[1], two[1])
+    assert one[2] == two[2]
+    assert one[2].confidence == 0.7
+    assert one[3]["camera_names"] == two[3]["camera_names"]
+
+
 def test_other_stretches_are_tried_until_one_suffices(folder, tmp_path, world, monkeypatch):
     monkeypatch.setattr(_sites, "CALIBRATION_SECONDS", 2.0)
     tried = []
 
-    def answer(shard, site, settings, detector, anchors):
-        tried.append(shard.index)
+    def answer(recording, detector, boxes, settings, *, anchors):
+        tried.append(boxes.frame.min() // 10)
         if len(tried) < 3:
             raise CalibrationError("Nobody is there.")
-        return world.scene
+        return world
 
-    monkeypatch.setattr(_sites, "_calibrate_stretch", answer)
+    monkeypatch.setattr(_sites, "calibrate_cameras", answer)
     site = site_in(folder, scene=None, image_size=((1920, 1080),) * 4)
     found = _sites.calibrate_site(site, tmp_path)
     assert (found.rig.image_size == world.scene.rig.image_size).all()
