@@ -20,7 +20,7 @@ from catfree._run._worker import (
     worker_environment,
 )
 from catfree._run.sharded._join import join_shards
-from catfree._run.sharded._receipt import recording_folder
+from catfree._run.sharded._receipt import recording_folder, remove_beyond
 from catfree._run.sharded._run_shard import run_shard
 from catfree._run.sharded._shard import Shard, StrPath
 from catfree._run.sharded._stored_tracks import StoredTracks
@@ -52,8 +52,8 @@ def run_shards(
 
         (day,) = cf.run_shards(cf.shards("boxes.parquet", frame_rate=5), scene=scene, out="day")
 
-    Finished shards are not run again, so that a call that was killed goes on where it stopped. A
-    recording that fails does not stop the others.
+    Finished shards are not run again, so that a call that was killed goes on where it stopped;
+    those of an earlier plan are replaced. A recording that fails does not stop the others.
 
     Args:
         plan: shards of one recording as `shards` returns them, or of several, one after another,
@@ -107,8 +107,10 @@ def run_shards(
                 if error is not None:
                     failed.setdefault(key, error)
                 elif not waiting[key] and key not in failed:
+                    folder = recording_folder(out, *key)
+                    remove_beyond(folder, shard.count)
                     try:
-                        joined[key] = join_shards(recording_folder(out, *key))
+                        joined[key] = join_shards(folder)
                     except CatFreeError as reason:
                         failed[key] = reason
                 report("shards", done, len(plan))

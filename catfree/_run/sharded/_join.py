@@ -136,8 +136,9 @@ def read_receipts(folder: Path) -> list[Receipt]:
         ):
             if getattr(receipt, name) != getattr(first, name):
                 raise FileFormatError(
-                    f"{folder}: shard {receipt.index} was made with {what} than shard "
-                    f"{first.index}. Run all shards of one plan with the same scene and settings."
+                    f"{files_of(folder, receipt.index).receipt}: shard {receipt.index} was made "
+                    f"with {what} than shard {first.index}. Run all shards of one plan with the "
+                    "same scene and settings, and delete this file if the plan has no such shard."
                 )
     found = [receipt.index for receipt in receipts]
     if found != list(range(first.count)):

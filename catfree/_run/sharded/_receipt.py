@@ -108,6 +108,14 @@ def files_of(folder: StrPath, index: int) -> ShardFiles:
     return ShardFiles(*(work / f"{name}.{suffix}" for suffix in ("parquet", "npz", "json")))
 
 
+def remove_beyond(folder: StrPath, count: int) -> None:
+    """Remove the shards of an earlier plan of more shards: those from index `count` on."""
+    kept = {path for index in range(count) for path in vars(files_of(folder, index)).values()}
+    for path in (Path(folder) / WORK_FOLDER).glob("part-*"):
+        if path not in kept:
+            path.unlink()
+
+
 def is_finished(files: ShardFiles, shard: Shard, run: str) -> Receipt | None:
     """Return the receipt of a shard if it matches, and its files are what the receipt says."""
     try:

@@ -101,6 +101,28 @@ def test_a_failing_site_stops_no_other(cheap, tmp_path):
     assert table.people == 4
 
 
+def test_a_plan_of_fewer_shards_replaces_an_earlier_one(cheap, tmp_path):
+    options = {"scene": SCENE, "out": tmp_path, "executor": AtOnce()}
+    cf.run_shards(plan_of(100, 25, 10), **options)
+    (table,) = cf.run_shards(cheap, **options)
+    assert len(table.parts) == 2
+    for folder in (tmp_path, tmp_path / "_shards"):
+        assert {path.stem for path in folder.glob("part-*")} == {"part-00000", "part-00001"}
+
+
+def test_a_plan_that_fails_leaves_an_earlier_one_alone(cheap, tmp_path, monkeypatch):
+    options = {"scene": SCENE, "out": tmp_path, "executor": AtOnce()}
+    (table,) = cf.run_shards(plan_of(100, 25, 10), **options)
+
+    def run(shard, **options):
+        raise InvalidInputError("This folder holds shards of another scene.")
+
+    monkeypatch.setattr(module, "run_shard", run)
+    with pytest.raises(ShardError, match="another scene"):
+        cf.run_shards(cheap, **options)
+    assert module.join_shards(tmp_path).parts == table.parts
+
+
 def test_networks_are_for_shards_of_videos(cheap, tmp_path, monkeypatch):
     given, run = {}, module.run_shard
     detector, embedder = cf.adapters.BackgroundDetector(), cf.adapters.ColorEmbedder()

@@ -230,7 +230,10 @@ DAMAGES = {
     "other run": (lambda f: edit(f.receipt, run="0"), "shard 2 was made with other settings"),
     "scene": (lambda f: edit(f.receipt, scene_file="0"), "shard 2 was made with another scene"),
     "recording": (lambda f: edit(f.receipt, source="0"), "shard 2 was made with another recording"),
-    "plan": (lambda f: edit(f.receipt, count=5), "shard 2 was made with another plan"),
+    "plan": (
+        lambda f: edit(f.receipt, count=5),
+        r"00002\.json: shard 2 .* another plan .* delete this",
+    ),
     "overlapping": (lambda f: edit(f.receipt, first=90), "shard 1 ends before frame 100, but"),
     "flipped part": (lambda f: flip(f.part), "part-00002.parquet was changed or cut"),
     "cut part": (lambda f: f.part.write_bytes(f.part.read_bytes()[:500]), "part-00002.parquet"),
