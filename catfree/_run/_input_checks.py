@@ -4,7 +4,7 @@ Fatal mistakes raise; others become warnings.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +14,9 @@ from jaxtyping import Int
 from catfree.adapters import SceneSource, read_scene
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.files._camera_names import is_numbered, positions_of
+from catfree.adapters.files._fingerprint import hash_samples
 from catfree.adapters.video import SynchronizedVideos
+from catfree.adapters.video._video_sources import ImageFolder
 from catfree.calibration import Calibration, remove_offsets
 from catfree.calibration.people import offset_for
 from catfree.calibration.watching import WHOLE_FRAME, estimate_clocks
@@ -40,8 +42,12 @@ def require_distinct_videos(videos: SynchronizedVideos) -> None:
     Raises:
         InvalidInputError: naming both files.
     """
-    sizes = [os.path.getsize(one.path) if one.path.is_file() else -1 for one in videos.footage]
-    if len(set(sizes)) == len(sizes):  # nothing needs to be read
+    paths = [one.path for one in videos.footage]
+    files = [[path] if path.is_file() else ImageFolder(path).files for path in paths]
+    # Equal recordings have equal sizes and parts, which take no reading, or little.
+    if _differ([tuple(map(os.path.getsize, own)) for own in files]):
+        return
+    if _differ([hash_samples(own[len(own) // 2]) for own in files]):
         return
     first: dict[str, int] = {}
     for camera, content in enumerate(videos.content_hashes):
@@ -53,6 +59,10 @@ def require_distinct_videos(videos: SynchronizedVideos) -> None:
                 "equal byte for byte, so the second adds only false confidence. Leave one of "
                 "them out."
             )
+
+
+def _differ(keys: Sequence[Hashable]) -> bool:
+    return len(set(keys)) == len(keys)
 
 
 def scene_of(

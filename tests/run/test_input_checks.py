@@ -19,6 +19,7 @@ from catfree._run._input_checks import (
 )
 from catfree.adapters import SceneSource, SynchronizedVideos, write_scene_json
 from catfree.adapters.datasets._detection_files import CameraBoxes
+from catfree.adapters.video import _video_sources
 from catfree.calibration import Refinement, remove_offsets
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.methods import localize
@@ -57,12 +58,34 @@ def test_equal_files_of_two_names_are_refused(clips, tmp_path):
     require_distinct_videos(SynchronizedVideos([clips["a"], clips["b"]]))
 
 
+def write_images(folder, names, seed=0, suffix="png"):
+    folder.mkdir()
+    for number, name in enumerate(names):
+        picture = np.random.default_rng([seed, number]).integers(0, 255, (8, 8, 3))
+        cv2.imwrite(str(folder / f"{name}.{suffix}"), picture.astype(np.uint8))
+    return folder
+
+
 def test_equal_folders_of_two_names_are_refused(tmp_path):
-    for name in ("one", "two"):
-        (tmp_path / name).mkdir()
-        cv2.imwrite(str(tmp_path / name / "0.png"), np.zeros((8, 8, 3), np.uint8))
+    one = write_images(tmp_path / "one", range(9))
+    two = write_images(tmp_path / "two", [f"image {number}" for number in range(9)])
     with pytest.raises(InvalidInputError, match="same recording"):
-        require_distinct_videos(SynchronizedVideos([tmp_path / "one", tmp_path / "two"]))
+        require_distinct_videos(SynchronizedVideos([one, two]))
+
+
+@pytest.mark.parametrize("suffix", ["png", "bmp"])
+def test_different_recordings_are_not_read(clips, tmp_path, monkeypatch, suffix):
+    """Be it folders, also of images of one size each, or files of one size."""
+    folders = [write_images(tmp_path / name, range(40), at, suffix) for at, name in enumerate("ab")]
+    files = [tmp_path / "a.avi", tmp_path / "b.avi"]
+    size = max(clips[name].stat().st_size for name in "ab")
+    for file in files:
+        file.write_bytes(clips[file.stem].read_bytes().ljust(size, b"\0"))
+    read = []
+    monkeypatch.setattr(_video_sources, "hash_file", read.append)
+    for paths in (folders, files):
+        require_distinct_videos(SynchronizedVideos(paths))
+    assert not read
 
 
 @given(order=st.permutations(range(3)))

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree._run._cache import content_hash
+from catfree._run._input_checks import require_distinct_videos
 from catfree.adapters.files._fingerprint import hash_parameters, hash_samples
 from catfree.adapters.tables._detections_table import (
     clock_of,
@@ -125,8 +126,8 @@ def shards(
         others, so that none is too short to learn from.
 
     Raises:
-        InvalidInputError: if a file does not exist, there are no frames, no frame rate is known, or
-            the overlap is not shorter than the shards.
+        InvalidInputError: if a file does not exist, two videos are equal byte for byte, there are
+            no frames, no frame rate is known, or the overlap is not shorter than the shards.
     """
     every, overlap = as_positive(every, "every"), as_duration(overlap, "overlap")
     if overlap >= every:
@@ -179,6 +180,7 @@ def _whole(
             )
         return _boxes_as_one(recording, frame_rate)
     videos = open_recording(recording, frame_rate, offsets)
+    require_distinct_videos(videos)
     clock = videos.clock
     if clock is None:
         raise InvalidInputError(

@@ -3,6 +3,7 @@
 import itertools
 import pickle
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -104,6 +105,14 @@ def test_a_changed_file_is_refused(tmp_path):
     boxes(range(101)).save(path)
     with pytest.raises(InvalidInputError, match="changed after shard 0 of 1 was planned"):
         boxes_of(shard)
+
+
+def test_equal_videos_are_refused_before_any_shard_runs(tmp_path):
+    for camera in ("one", "two"):
+        (tmp_path / camera).mkdir()
+        cv2.imwrite(str(tmp_path / camera / "0.png"), np.zeros((8, 8, 3), np.uint8))
+    with pytest.raises(InvalidInputError, match="same recording"):
+        cf.shards([tmp_path / "one", tmp_path / "two"], frame_rate=5)
 
 
 def test_the_clock_of_the_boxes_is_used():
