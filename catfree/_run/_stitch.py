@@ -34,8 +34,8 @@ class Pieces(eqx.Module):
         begin_sigma: (K,) uncertainty of the first position.
         end_sigma: (K,) uncertainty of the last position.
         boxes: (K,) number of boxes with an embedding.
-        looks: (K, D) mean unit embedding, zero without any box.
-        halves: (K, 2, D) the same for the earlier and the later half.
+        looks: (K, D) normalized median embedding, zero without any box.
+        halves: (K, 2, D) the same for the earlier and the later half; None once habits are learned.
     """
 
     identity: Int[np.ndarray, " k"]
@@ -47,7 +47,7 @@ class Pieces(eqx.Module):
     end_sigma: Float[np.ndarray, " k"]
     boxes: Int[np.ndarray, " k"]
     looks: Float[np.ndarray, "k d"]
-    halves: Float[np.ndarray, "k 2 d"]
+    halves: Float[np.ndarray, "k 2 d"] | None = None
 
     def __len__(self) -> int:
         return len(self.identity)
@@ -420,6 +420,7 @@ def _look_odds(
 
 def _look_distances(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
     """Log distances between the halves of a fragment, and between fragments at the same time."""
+    assert pieces.halves is not None
     halved = ((pieces.halves**2).sum(-1) > 0).all(-1)
     alike = (pieces.halves[halved, 0] * pieces.halves[halved, 1]).sum(-1)
     known = np.flatnonzero(pieces.boxes > 0)

@@ -99,22 +99,17 @@ def _merge(table: Pieces, person: Int[np.ndarray, " k"]) -> Pieces:
         end_sigma=table.end_sigma[tail],
         boxes=boxes,
         looks=looks / np.maximum(length, 1e-12),
-        halves=np.zeros((len(names), 2, looks.shape[1])),
     )
 
 
 def _concatenate(pieces: Sequence[Pieces]) -> Pieces:
-    """The fragments of all shards in one table."""
+    """The fragments of all shards in one table, without halves."""
+    names = [name for name in vars(pieces[0]) if name != "halves"]
+    columns = {name: [getattr(part, name) for part in pieces] for name in names}
     width = max(part.looks.shape[1] for part in pieces)
-    columns = {}
-    for name in vars(pieces[0]):
-        values = [getattr(part, name) for part in pieces]
-        if name in ("looks", "halves"):
-            # Without any box, a shard does not know how long an embedding is.
-            blank = [np.zeros((*value.shape[:-1], width)) for value in values]
-            values = [
-                value if value.shape[-1] == width else empty
-                for value, empty in zip(values, blank, strict=True)
-            ]
-        columns[name] = np.concatenate(values)
-    return Pieces(**columns)
+    # Without any box, a shard does not know how long an embedding is.
+    columns["looks"] = [
+        looks if looks.shape[1] == width else np.zeros((len(looks), width))
+        for looks in columns["looks"]
+    ]
+    return Pieces(**{name: np.concatenate(values) for name, values in columns.items()})

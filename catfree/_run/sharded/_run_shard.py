@@ -54,7 +54,7 @@ class ShardSummary:
     """What joining needs to know of a shard's tracks besides their positions.
 
     Attributes:
-        pieces: the tracks within the frames that the shard reports.
+        pieces: the tracks within the frames that the shard reports, without halves.
         habits: what they teach about motion and appearance.
     """
 
@@ -161,7 +161,9 @@ def write_shard(
     write_parquet(files.part, with_places(tracks))
     reported = tracks[(tracks.frame >= shard.first) & (tracks.frame < shard.stop)]
     pieces = collect_pieces(reported, detections, _within(localization, detections, shard))
-    summary = ShardSummary(pieces, learn_habits(reported, pieces))
+    habits = learn_habits(reported, pieces)
+    # What nobody reads any more is not kept: appearance recognizes people.
+    summary = ShardSummary(dataclasses.replace(pieces, halves=None), habits)
     save_arrays(files.pieces, ShardSummary.__name__, to_arrays(summary))
     receipt = Receipt(
         schema=SCHEMA,

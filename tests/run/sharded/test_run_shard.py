@@ -15,6 +15,7 @@ from catfree.errors import FileFormatError, InvalidInputError, WriteError
 from catfree.settings import EvidenceSettings
 from catfree.synthetic import DetectorModel, make_world
 from catfree.types import Detections
+from catfree.types._archive import load_arrays
 
 
 @pytest.fixture(scope="module")
@@ -114,6 +115,17 @@ def test_a_full_disk_is_said_and_loses_no_finished_shard(world, plan, tmp_path, 
         assert not list(tmp_path.rglob(".catfree-*"))
     cf.run_shard(plan[1], **options)
     assert len(cf.join(tmp_path)) == 0
+
+
+@pytest.mark.slow
+def test_a_shard_keeps_one_appearance_vector_per_track(world, plan, out):
+    size = world.detections.embedding.shape[1]
+    for shard in plan:
+        kept = load_arrays(files_of(out, shard.index).pieces, "ShardSummary", required=None)
+        tracks = len(kept["pieces.identity"])
+        assert tracks > 0
+        shapes = [array.shape for array in kept.values() if size in np.shape(array)[1:]]
+        assert shapes == [(tracks, size)]
 
 
 @pytest.mark.slow
