@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree._run._report import describe_footage, describe_warnings
-from catfree._run._result_folder import write_boxes
+from catfree._run._result_folder import numbers_of_files, write_boxes
 from catfree._run._run import Unfinished
 from catfree.adapters.video import SynchronizedVideos
 from catfree.errors import CatFreeError
@@ -54,7 +54,8 @@ def write_failure(
     if videos is None or detections is None:
         return []
     root = Path(folder)
-    files = write_boxes(root / "boxes", detections, videos.camera_names, videos.frames)
+    numbers = numbers_of_files(videos.frames)
+    files = write_boxes(root / "boxes", detections, videos.camera_names, numbers)
     files.append(root / "detections.npz")
     stored = detections if embeddings else replace(detections, embedding=None)
     stored.save(files[-1])

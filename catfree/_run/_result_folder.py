@@ -425,9 +425,10 @@ def _write_tables(
     tracks, scene = outcome.localization.tracks, outcome.scene
     extent = float(scene.extent)
     reach = MATCHING_METERS if scene.metric else settings.trajectories.link_radius * extent
+    numbers = numbers_of_files(outcome.frames, from_one=outcome.videos is None)
     files = [
         write_tracks_csv(root / "tracks.csv", tracks),
-        write_mot_ground(root / "tracks_mot.txt", tracks, outcome.frames, threshold=reach),
+        write_mot_ground(root / "tracks_mot.txt", tracks, numbers, threshold=reach),
     ]
     fits = tracks.support.shape[1] <= MOST_CAMERAS
     if fits and importlib.util.find_spec("pyarrow") is not None:
@@ -440,7 +441,7 @@ def _write_tables(
         root / "boxes",
         outcome.detections,
         outcome.camera_names,
-        outcome.frames,
+        numbers,
         outcome.localization.identity,
     )
     seen = outcome.detections
@@ -451,11 +452,27 @@ def _write_tables(
     return [*files, root / "detections.npz", root / LOCALIZATION_FILE]
 
 
+def numbers_of_files(frames: Int[np.ndarray, " t"], *, from_one: bool = False) -> range:
+    """Frame numbers in even steps, which files that count from 1 number, whether seen or not.
+
+    Args:
+        frames: (T,) sorted frame numbers, without those of empty instants.
+        from_one: begin with the smallest positive number, so that numbers that count from 1 stay.
+    """
+    if not len(frames):
+        return range(0)
+    step = int(np.gcd.reduce(np.diff(frames), initial=0)) or 1
+    first, last = int(frames[0]), int(frames[-1])
+    if from_one:
+        first = min(first, (first - 1) % step + 1)
+    return range(first, last + 1, step)
+
+
 def write_boxes(
     folder: str | os.PathLike[str],
     detections: Detections,
     camera_names: Sequence[str],
-    frames: Int[np.ndarray, " t"],
+    frames: range,
     identity: Int[np.ndarray, " n"] | None = None,
 ) -> list[Path]:
     """Write the boxes of each camera as `CAMERA.txt` in MOTChallenge form.
@@ -464,7 +481,7 @@ def write_boxes(
         folder: created if it does not exist.
         detections: (N,) boxes of all cameras.
         camera_names: (C,) names.
-        frames: (T,) all frame numbers; the first becomes 1.
+        frames: all frame numbers; the first becomes 1.
         identity: (N,) track of each box or -1; None for no tracks.
 
     Returns:

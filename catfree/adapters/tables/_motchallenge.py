@@ -146,7 +146,8 @@ def write_mot_boxes(
     Args:
         path: the file.
         detections: boxes of one camera.
-        frames: (F,) all frame numbers of the sequence; the first becomes 1, the next 2, ...
+        frames: (F,) all frame numbers of the sequence, also as a `range`; the first becomes 1, the
+            next 2, ...
         identity: (N,) identities counted from 0, written counted from 1; None or a negative one
             writes -1.
 
@@ -186,7 +187,8 @@ def write_mot_ground(
         path: the file.
         tracks: what to write: tracks, or (N, 4) rows [frame, id, x, y] such as the ground truth of
             a sequence; frames and identities are written counted from 1.
-        frames: (F,) all frame numbers of the sequence; the first becomes 1, the next 2, ...
+        frames: (F,) all frame numbers of the sequence, also as a `range`; the first becomes 1, the
+            next 2, ...
         threshold: matching distance in scene units.
 
     Returns:
@@ -237,17 +239,21 @@ def _write(
                 f"Cannot write {path}: the {name} in row {at} (frame {frame[at]}) is not finite. "
                 "Leave that row out."
             )
-    numbers = _ascending(frames)
-    unknown = ~np.isin(frame, numbers)
+    if isinstance(frames, range) and frames.step > 0:  # not listed: it may be long
+        numbers, position = frames, (frame - frames.start) // frames.step
+        unknown = (position < 0) | (position >= len(frames))
+        unknown |= frames.start + position * frames.step != frame
+    else:
+        numbers = _ascending(frames)
+        position, unknown = np.searchsorted(numbers, frame), ~np.isin(frame, numbers)
     if unknown.any():
         raise InvalidInputError(
             f"Cannot write {path}: frame {frame[unknown][0]} is not among the {len(numbers)} "
             "frames of the sequence."
         )
-    position = np.searchsorted(numbers, frame) + 1
     lines = []
     for row in np.lexsort((identity, position)):
         values = [*corner[row], *size[row], score[row]]
         numeric = ",".join(repr(float(value)) for value in values)
-        lines.append(f"{position[row]},{identity[row]},{numeric},{last_columns}\n")
+        lines.append(f"{position[row] + 1},{identity[row]},{numeric},{last_columns}\n")
     return write_text_atomically(path, "".join(lines))

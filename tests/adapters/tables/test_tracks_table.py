@@ -354,6 +354,17 @@ def test_frames_outside_the_sequence(tmp_path):
         write_mot_boxes(path, Detections([0, 0], [0, 1], [[0, 0, 1, 1]] * 2), [0])
 
 
+def test_a_range_of_frames_is_the_list_of_its_frames(tmp_path):
+    path = tmp_path / "tracks.txt"
+    for frames in (range(-5, 16, 5), range(0, 16), range(15, -1, -5)):
+        listed = write_mot_ground(path, one_track(), list(frames)).read_text()
+        assert write_mot_ground(path, one_track(), frames).read_text() == listed
+    for frames in (range(0, 15, 5), range(5, 20, 5), range(0, 20, 2)):
+        with pytest.raises(InvalidInputError, match=f"not among the {len(frames)} frames"):
+            write_mot_ground(path, one_track(), frames)
+    assert write_mot_ground(path, one_track(), range(0, 10**12, 5)).read_text()
+
+
 def test_numbers_that_no_reader_takes_are_not_written(tmp_path):
     path, boxes = tmp_path / "gt.txt", Detections([0, 5], [0, 0], [[0, 0, 1, 1]] * 2)
     lost = one_track(ground_xy=np.array([[1.0, 2], [np.nan, 2], [2, 2]]))
