@@ -59,6 +59,8 @@ def write_results(
     ground_truth: Float[np.ndarray, "n 4"] | None = None,
     embeddings: bool = False,
     blur: bool = False,
+    overlay: bool = False,
+    extra: Sequence[Block] = (),
 ) -> list[Path]:
     """Write all results of a run.
 
@@ -74,6 +76,8 @@ def write_results(
         embeddings: write the boxes' appearance vectors to `detections.npz`. They are personal data:
             they recognize a person in other footage.
         blur: make people unrecognizable in all pictures.
+        overlay: show `overlay.webm` of the same folder, which the caller writes.
+        extra: blocks for the report, after the checks.
 
     Returns:
         The files: `tracks.csv`, `tracks.parquet` where pyarrow is installed and there are at most
@@ -85,48 +89,6 @@ def write_results(
         InvalidInputError: if the localization was made from other detections.
         WriteError: if the disk is full or not writable; no partial file is left behind.
         MissingDependencyError: if `pictures` is True and matplotlib is not installed.
-    """
-    return write_folder(
-        folder,
-        outcome,
-        settings,
-        videos=videos,
-        pictures=pictures,
-        area=area,
-        ground_truth=ground_truth,
-        embeddings=embeddings,
-        blur=blur,
-    )
-
-
-def write_folder(
-    folder: str | os.PathLike[str],
-    outcome: RunOutcome,
-    settings: Settings | None = None,
-    *,
-    videos: SynchronizedVideos | None = None,
-    pictures: bool | None = None,
-    area: Sequence[float | int] | None = None,
-    ground_truth: Float[np.ndarray, "n 4"] | None = None,
-    embeddings: bool = False,
-    blur: bool = False,
-    overlay: bool = False,
-    extra: Sequence[Block] = (),
-) -> list[Path]:
-    """Do what `write_results` does, with further blocks in the report.
-
-    Args:
-        folder: as `write_results`.
-        outcome: as `write_results`.
-        settings: as `write_results`.
-        videos: as `write_results`.
-        pictures: as `write_results`.
-        area: as `write_results`.
-        ground_truth: as `write_results`.
-        embeddings: as `write_results`.
-        blur: as `write_results`.
-        overlay: show the overlay video, which `write_overlay` writes next.
-        extra: blocks for the report.
     """
     root = Path(folder)
     settings = settings or Settings()

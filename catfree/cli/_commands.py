@@ -179,7 +179,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             scene=scene,
         )
         from catfree._run._report import footage_table
-        from catfree._run._result_folder import write_folder, write_overlay
+        from catfree._run._result_folder import write_overlay, write_results
         from catfree._run._run import run_stages
         from catfree._run._worker import processor_count
 
@@ -217,7 +217,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         if footage.interruption is not None:
             fail(f"Used only the footage before the damage: {footage.interruption}")
         drawn = None if pictures else False
-        write_folder(
+        write_results(
             out,
             outcome,
             settings,

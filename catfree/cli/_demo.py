@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from catfree._run._result_folder import write_folder
+from catfree._run._result_folder import write_results
 from catfree._run._run import RunOutcome, run_stages
 from catfree._run._worker import processor_count
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
@@ -174,7 +174,7 @@ def run_demo(
     ]
     if settings == DEMO_SETTINGS:
         score_blocks.append(Paragraph(UNPREDICTED))
-    files = write_folder(
+    files = write_results(
         root,
         outcome,
         settings,

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from catfree._run._result_folder import write_folder
+from catfree._run._result_folder import write_results
 from catfree._run._run import RunOutcome
 from catfree.adapters import SynchronizedVideos
 from catfree.viz import write_overlay_video
@@ -59,7 +59,7 @@ def report(world, localization, tmp_path_factory):
     outcome = RunOutcome(found, boxes, world.scene, None, NAMES, np.arange(12), videos)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("catfree._run._result_folder.draw_pictures", lambda *_, **__: [])  # slow
-        write_folder(root / "out", outcome, videos=videos, pictures=True, overlay=True)
+        write_results(root / "out", outcome, videos=videos, pictures=True, overlay=True)
     write_overlay_video(root / "out" / "overlay.webm", videos, boxes, found, world.scene, width=640)
     return root / "out" / "report.html"
 
