@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree._run._report import describe_footage, describe_warnings
-from catfree._run._result_folder import numbers_of_files, write_boxes
+from catfree._run._result_folder import numbers_of_files, remove_pictures, write_boxes
 from catfree._run._run import Unfinished
 from catfree.adapters.video import SynchronizedVideos
 from catfree.errors import CatFreeError
@@ -35,7 +35,7 @@ def write_failure(
     """Write the partial results of a failed run.
 
     Args:
-        folder: created if it does not exist.
+        folder: created if it does not exist; pictures of an earlier run are removed.
         error: why it failed.
         unfinished: the partial results; nothing is written before detection has finished.
         embeddings: write the boxes' appearance vectors, too.
@@ -66,6 +66,7 @@ def write_failure(
         write_sheet(sheet, _fullest_instant(videos, detections, blur))
         files.append(sheet)
         shown.append(Picture("pictures/boxes.jpg", "the instant with the most boxes"))
+    remove_pictures(root, files)
     cameras = range(len(videos.camera_names))
     per_camera = [detections[detections.camera == camera] for camera in cameras]
     feet = [share_of_feet(per_camera[camera], videos.image_size[camera]) for camera in cameras]

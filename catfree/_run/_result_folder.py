@@ -22,7 +22,7 @@ from catfree.adapters.tables._motchallenge import write_mot_boxes, write_mot_gro
 from catfree.adapters.tables._tracks_table import write_tracks_csv, write_tracks_parquet
 from catfree.adapters.tables.tracks._geojson import write_geojson
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
-from catfree.errors import FileFormatError
+from catfree.errors import CatFreeError, FileFormatError
 from catfree.settings import Settings
 from catfree.types import Detections, Lens, Localization, Scene
 from catfree.types._annotations import Progress
@@ -33,7 +33,7 @@ from catfree.viz._heat_map import HeatMap
 from catfree.viz._plan_view import length_unit
 from catfree.viz.footage._contact_sheet import write_sheet
 from catfree.viz.page._blocks import Block
-from catfree.viz.page._excerpt import choose_excerpt, write_pictures
+from catfree.viz.page._excerpt import choose_excerpt, earlier_pictures, write_pictures
 from catfree.viz.page._player import Player, make_player
 
 if TYPE_CHECKING:
@@ -46,6 +46,20 @@ MATCHING_METERS = 1.0
 FOLDERS = ("", "boxes", "pictures", "pictures/instants", "rig", "rig/colmap")
 INSTANTS, OVERLAY_FILE = "pictures/instants", "overlay.webm"
 LOCALIZATION_FILE, SCENE_FILE = "localization.npz", "scene.json"
+PICTURES = (
+    "bird_eye.png",
+    "coverage.png",
+    "gates.png",
+    "views.jpg",
+    "ground_grid.jpg",
+    "boxes.jpg",
+)
+RIG_FILES = (
+    "rig/calibration.toml",
+    *(f"rig/colmap/{part}.txt" for part in ("cameras", "images", "points3D")),
+)
+# Not every run writes these.
+SOMETIMES = ("tracks.parquet", "tracks.geojson", *RIG_FILES)
 
 
 def write_results(
@@ -65,8 +79,8 @@ def write_results(
     """Write all results of a run.
 
     Args:
-        folder: created if it does not exist; files of an earlier run are replaced, and temporary
-            files removed that a killed one left over.
+        folder: created if it does not exist; files of an earlier run are replaced, or removed if
+            this one does not write them, as are temporary files that a killed one left over.
         outcome: what `run_stages` returned.
         settings: the settings of the run, for the report.
         videos: the footage, for the pictures of the report; None for a report without.
@@ -97,6 +111,7 @@ def write_results(
         root.mkdir(parents=True, exist_ok=True)
         for part in FOLDERS:
             remove_abandoned(root / part)
+        earlier = [*(root / name for name in SOMETIMES), *_earlier_boxes(root)]
         files = _write_tables(root, outcome, settings, embeddings=embeddings) + write_rig(
             root, scene, outcome.camera_names
         )
@@ -119,6 +134,8 @@ def write_results(
         files += drawn
         listed = [*files, root / INSTANTS] if instants else files
         files += instants
+        remove_unless_written(earlier, files)
+        remove_pictures(root, files, overlay=not overlay)
         files += write_report(
             root,
             outcome,
@@ -133,6 +150,36 @@ def write_results(
     except OSError as error:
         raise cannot_write(root, error) from error
     return files
+
+
+def remove_pictures(root: Path, written: Sequence[Path] = (), *, overlay: bool = True) -> None:
+    """Remove the pictures of an earlier run from a result folder.
+
+    Args:
+        root: the result folder, which need not exist.
+        written: files of this run, which stay.
+        overlay: remove the overlay video, too.
+    """
+    earlier = [*(root / "pictures" / name for name in PICTURES), *earlier_pictures(root / INSTANTS)]
+    remove_unless_written(earlier + [root / OVERLAY_FILE] * overlay, written)
+
+
+def remove_unless_written(earlier: Sequence[Path], written: Sequence[Path]) -> None:
+    """Remove files of an earlier run, if there are any, that this run has not written."""
+    for path in set(earlier) - set(written):
+        if path.is_file():
+            path.unlink()
+
+
+def _earlier_boxes(root: Path) -> list[Path]:
+    """The files of boxes of an earlier run, by the names of its cameras."""
+    if not (root / LOCALIZATION_FILE).is_file():
+        return []  # the scene, if any, may be of a rig alone, beside boxes that are not ours
+    try:
+        names = read_scene_json(root / SCENE_FILE)[1]
+    except CatFreeError:
+        return []
+    return [root / "boxes" / f"{name}.txt" for name in file_names(names)]
 
 
 def _write_player(
@@ -193,12 +240,9 @@ def write_rig(
         return written
     # COLMAP separates its columns by spaces.
     joined = distinct_names(["_".join(name.split()) for name in camera_names])
-    colmap = write_colmap_text(root / "rig" / "colmap", scene.rig, joined)
-    return [
-        *written,
-        write_anipose_toml(root / "rig" / "calibration.toml", scene.rig, camera_names),
-        *(colmap / f"{part}.txt" for part in ("cameras", "images", "points3D")),
-    ]
+    write_colmap_text(root / "rig" / "colmap", scene.rig, joined)
+    write_anipose_toml(root / "rig" / "calibration.toml", scene.rig, camera_names)
+    return [*written, *(root / name for name in RIG_FILES)]
 
 
 def read_results(folder: str | os.PathLike[str]) -> tuple[Localization, Scene, tuple[str, ...]]:

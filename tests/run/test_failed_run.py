@@ -67,6 +67,8 @@ def test_no_picture_of_people_is_written_unless_wanted(tmp_path):
     videos = SynchronizedVideos(write_noise(tmp_path))
     boxes = Detections([3, 3], [0, 1], np.array([[10.0, 10, 20, 30], [40, 10, 50, 40]]))
     unfinished = Unfinished(videos, boxes)
+    write_failure(tmp_path / "out", CalibrationError("No."), unfinished)
+    assert (tmp_path / "out" / "pictures" / "boxes.jpg").is_file()
     files = write_failure(tmp_path / "out", CalibrationError("No."), unfinished, pictures=False)
     assert all(path.is_file() for path in files)
     assert list((tmp_path / "out").rglob("*.jpg")) == []

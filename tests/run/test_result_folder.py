@@ -1,17 +1,22 @@
 """What the result folder holds, and what it no longer holds."""
 
+from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
+import pytest
 from hypothesis import given, strategies as st
 
-from catfree._run._result_folder import numbers_of_files, write_results
-from catfree._run._run import run_boxes
-from catfree.adapters import read_mot
+from catfree._run._result_folder import numbers_of_files, write_results, write_rig
+from catfree._run._run import RunOutcome, run_boxes
+from catfree.adapters import SynchronizedVideos, read_mot
 from catfree.adapters.datasets._detection_files import CameraBoxes
+from catfree.methods._localize import localize
+from catfree.settings import Settings
 from catfree.synthetic import make_world
 from catfree.synthetic._layouts import ring
-from catfree.types import Detections
+from catfree.types import Detections, GeoReference
 
 NAMES = ("north", "east", "south")
 
@@ -53,3 +58,55 @@ def test_boxes_are_written_with_the_numbers_they_had(tmp_path):
         np.testing.assert_array_equal(np.sort(written), np.sort(own))
     tracks = read_mot(tmp_path / "tracks_mot.txt").frame
     np.testing.assert_array_equal(np.sort(tracks), np.sort(outcome.localization.tracks.frame))
+
+
+def outcome_with_footage(folder):
+    world = make_world(ring(3, image_size=(160, 90), people=3), frames=4, people=3)
+    folders = [folder / name for name in NAMES]
+    for place in folders:
+        place.mkdir(parents=True)
+        for frame in range(4):
+            cv2.imwrite(str(place / f"{frame}.png"), np.full((90, 160, 3), 99, np.uint8))
+    found = localize(world.detections, world.scene, Settings.paper())
+    videos = SynchronizedVideos(folders)
+    return RunOutcome(found, world.detections, world.scene, None, NAMES, np.arange(4), videos)
+
+
+def files_of(folder):
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.slow
+def test_a_run_leaves_what_it_leaves_in_an_empty_folder(tmp_path):
+    outcome, out = outcome_with_footage(tmp_path / "videos"), tmp_path / "out"
+    origin = GeoReference(47.0, 8.0)
+    placed = replace(outcome, scene=replace(outcome.scene, georeference=origin))
+    other = replace(placed, camera_names=("north", "west", "southwest"))
+    write_results(out, other, videos=other.videos)
+    (out / "overlay.webm").write_bytes(b"people")
+    (out / "pictures" / "boxes.jpg").write_bytes(b"people")
+    assert files_of(out) >= {
+        "tracks.geojson",
+        "boxes/west.txt",
+        "pictures/views.jpg",
+        "pictures/instants/000000.jpg",
+        "pictures/ground_grid.jpg",
+        "rig/colmap/cameras.txt",
+    }
+    foreign = {"notes.txt", "boxes/C9.txt", "pictures/me.jpg", "pictures/instants/a1.jpg"}
+    for name in foreign:
+        (out / name).write_text("mine")
+    fresh = tmp_path / "fresh"
+    for folder in (out, fresh):
+        write_results(folder, outcome, videos=outcome.videos, blur=True, pictures=False)
+    assert files_of(out) == files_of(fresh) | foreign
+    assert not any(path.suffix in (".jpg", ".png", ".webm") for path in fresh.rglob("*"))
+
+
+def test_boxes_beside_a_rig_are_not_taken_for_those_of_a_run(tmp_path):
+    boxes, scene = boxes_with_a_gap()
+    write_rig(tmp_path, scene, ("a", "b", "c"))
+    (tmp_path / "boxes").mkdir()
+    (tmp_path / "boxes" / "a.txt").write_text("mine")
+    write_results(tmp_path, run_boxes(boxes, scene), pictures=False)
+    assert (tmp_path / "boxes" / "a.txt").read_text() == "mine"

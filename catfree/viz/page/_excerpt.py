@@ -120,7 +120,7 @@ def write_pictures(
         `FRAME.jpg` for each instant that can be decoded, with six digits or more.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for old in folder.glob("[0-9]*.jpg"):
+    for old in earlier_pictures(folder):
         old.unlink()
     if not len(excerpt.frames):
         return []
@@ -142,6 +142,11 @@ def write_pictures(
         path = folder / f"{frame:06d}.jpg"
         files.append(write_bytes_atomically(path, _encode(board, images)))
     return files
+
+
+def earlier_pictures(folder: Path) -> list[Path]:
+    """The files in a folder, if it exists, whose names `write_pictures` gives."""
+    return [path for path in folder.glob("*.jpg") if path.stem.removeprefix("-").isdecimal()]
 
 
 def _encode(board: Board, images: Sequence[np.ndarray]) -> bytes:
