@@ -23,7 +23,7 @@ from catfree.adapters.tables._tracks_table import write_tracks_csv, write_tracks
 from catfree.adapters.tables.tracks._geojson import write_geojson
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import CatFreeError, FileFormatError
-from catfree.settings import Settings
+from catfree.settings import SelectionSettings, Settings
 from catfree.types import Detections, Lens, Localization, Scene
 from catfree.types._annotations import Progress
 from catfree.types._archive import load_arrays, naming_file, save_arrays
@@ -126,6 +126,7 @@ def write_results(
                 area=area,
                 ground_truth=ground_truth,
                 covered=covered,
+                suppression_radius=settings.selection.suppression_radius,
             )
         shown = videos if pictures is not False else None
         if shown is not None:
@@ -280,6 +281,7 @@ def draw_pictures(
     area: Sequence[float | int] | None = None,
     ground_truth: Float[np.ndarray, "n 4"] | None = None,
     covered: Coverage | None = None,
+    suppression_radius: float = SelectionSettings().suppression_radius,
 ) -> list[Path]:
     """Draw the bird's-eye view, the expected uncertainty and the gates, if there are any.
 
@@ -291,6 +293,7 @@ def draw_pictures(
         area: x_min, x_max, y_min, y_max of an area to outline.
         ground_truth: (N, 4) rows [frame, id, x, y] to draw, or None.
         covered: the result of `coverage` for the scene and the area; None to compute it.
+        suppression_radius: of the run, as a share of E; the unit of the gates.
 
     Returns:
         The pictures.
@@ -316,7 +319,8 @@ def draw_pictures(
         )
         figures["coverage.png"] = coverage_view.figure
     if localization.thresholds.tau_sigma is not None:
-        figures["gates.png"] = plot_gates(localization, scene)[0].figure
+        gates = plot_gates(localization, scene, suppression_radius=suppression_radius)
+        figures["gates.png"] = gates[0].figure
     return [_save(figure, root / name) for name, figure in figures.items()]
 
 

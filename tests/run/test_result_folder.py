@@ -110,3 +110,20 @@ def test_boxes_beside_a_rig_are_not_taken_for_those_of_a_run(tmp_path):
     (tmp_path / "boxes" / "a.txt").write_text("mine")
     write_results(tmp_path, run_boxes(boxes, scene), pictures=False)
     assert (tmp_path / "boxes" / "a.txt").read_text() == "mine"
+
+
+@pytest.mark.slow
+def test_gates_are_drawn_in_the_radius_of_the_run(tmp_path, monkeypatch):
+    world = make_world(ring(3, image_size=(1280, 720), people=6), frames=8, people=6)
+    settings = Settings.paper()
+    wide = replace(settings.selection, suppression_radius=2 * settings.selection.suppression_radius)
+    settings, shown = replace(settings, selection=wide), []
+    found = localize(world.detections, world.scene, settings)
+    monkeypatch.setattr(
+        "catfree._run._result_folder._save", lambda figure, path: shown.append(figure) or path
+    )
+    outcome = RunOutcome(found, world.detections, world.scene, None, NAMES, np.arange(8))
+    write_results(tmp_path, outcome, settings)
+    line = shown[-1].axes[0].lines[0].get_xdata()[0]
+    radius = wide.suppression_radius * float(world.scene.extent)
+    np.testing.assert_allclose(line, found.thresholds.tau_sigma / radius)
