@@ -375,7 +375,7 @@ def draw_views(
         side by side.
     """
     from catfree.viz._person_height import person_height
-    from catfree.viz.footage._blur import blur_regions, people_regions
+    from catfree.viz.footage._blur import blur_people
     from catfree.viz.footage._ground_grid import draw_ground_grids
     from catfree.viz.footage._overlay import draw_frame
 
@@ -395,10 +395,7 @@ def draw_views(
     if outcome.scene.rig.registered.sum() < 2:
         return files
     if blur:
-        images = [
-            blur_regions(image, people_regions(camera, frame, *results, height))
-            for camera, image in enumerate(images)
-        ]
+        images = blur_people(images, frame, *results, height)
     grids = draw_ground_grids(images, outcome.scene)
     return [*files, write_sheet(root / "ground_grid.jpg", grids)]
 

@@ -29,6 +29,7 @@ def check_command(tyro: Any) -> Callable[..., None]:
         frame_rate: float | None = None,
         max_offset: int = 20,
         cache: Path | None = None,
+        blur: bool = False,
     ) -> None:
         """Check whether cameras moved, are late or dead, from the boxes of people.
 
@@ -46,6 +47,8 @@ def check_command(tyro: Any) -> Callable[..., None]:
             frame_rate: frames per second.
             max_offset: largest clock offset to look for, in frames.
             cache: folder for finished stages.
+            blur: make people unrecognizable in the pictures. Boxes must number frames as the videos
+                do, from 0 or from 1.
         """
         from catfree._run._run import run_boxes
 
@@ -67,7 +70,8 @@ def check_command(tyro: Any) -> Callable[..., None]:
         for name, one in zip(outcome.camera_names, result.cameras, strict=True):
             print_text(f"{name}: {one.advice}")
         if out is not None:
-            print_text(f"The page is {write_check_page(out, result, outcome, footage)}.")
+            page = write_check_page(out, result, outcome, footage, blur=blur)
+            print_text(f"The page is {page}.")
 
     return check
 
@@ -97,7 +101,9 @@ def check_table(result: Any, camera_names: tuple[str, ...]) -> Any:
     return Table(header, tuple(rows))
 
 
-def write_check_page(out: Path, result: Any, outcome: Any, footage: Any = None) -> Path:
+def write_check_page(
+    out: Path, result: Any, outcome: Any, footage: Any = None, *, blur: bool = False
+) -> Path:
     """Write verdicts, a grid of the ground, coverage and expected accuracy as a page.
 
     Args:
@@ -105,12 +111,14 @@ def write_check_page(out: Path, result: Any, outcome: Any, footage: Any = None) 
         result: a `Check`.
         outcome: the `RunOutcome` of the same boxes.
         footage: `SynchronizedVideos` of the cameras, or None.
+        blur: make people unrecognizable.
 
     Returns:
         The HTML file `report.html`; `report.md` says the same.
 
     Raises:
-        InvalidInputError: if the footage does not fit the scene.
+        InvalidInputError: if the footage does not fit the scene, or is to be blurred and has no
+            frame in common with the boxes.
         WriteError: if the disk is full or not writable.
     """
     from catfree._run._report import describe_acceptance
@@ -142,7 +150,7 @@ def write_check_page(out: Path, result: Any, outcome: Any, footage: Any = None) 
         verdicts,
         check_table(result, outcome.camera_names),
     ]
-    grid = _draw_grid(folder, outcome, footage)
+    grid = _draw_grid(folder, outcome, footage, blur)
     blocks.append(Picture(grid.name, "the ground as the scene has it, in units of the scene"))
     try:
         covered = catfree.coverage(outcome.scene)
@@ -162,9 +170,14 @@ def write_check_page(out: Path, result: Any, outcome: Any, footage: Any = None) 
     return write_blocks(folder, blocks)[1]
 
 
-def _draw_grid(folder: Path, outcome: Any, footage: Any) -> Path:
-    """Draw the grid on the last pictures, or on the boxes of a full instant near the end."""
+def _draw_grid(folder: Path, outcome: Any, footage: Any, blur: bool) -> Path:
+    """Draw the grid on the last pictures, or on the boxes of a full instant near the end.
+
+    Pictures to blur are the last with boxes, which may count their frames from 0 or from 1.
+    """
     from catfree.errors import InvalidInputError
+    from catfree.viz._person_height import person_height
+    from catfree.viz.footage._blur import blur_people
     from catfree.viz.footage._contact_sheet import draw_boxes, write_sheet
     from catfree.viz.footage._ground_grid import draw_ground_grids
 
@@ -175,7 +188,20 @@ def _draw_grid(folder: Path, outcome: Any, footage: Any) -> Path:
                 f"There are {footage.camera_count} videos for {scene.rig.camera_count} cameras. "
                 "Pass one per camera of the scene, in its order."
             )
-        _, images = next(footage.instants_from(footage.frame_count - 1))
+        last = footage.frame_count - 1
+        if blur:
+            known = np.flatnonzero(np.isin(footage.frames, boxes.frame))
+            if not len(known):
+                raise InvalidInputError(
+                    "No frame of the videos has boxes, so nobody in it can be made unrecognizable. "
+                    "Number the frames of boxes and videos alike."
+                )
+            last = known[-1]
+        frame, images = next(footage.instants_from(int(last)))
+        if blur:
+            results = (boxes, outcome.localization, scene)
+            for number in (frame, frame + 1):
+                images = blur_people(images, number, *results, person_height(*results))
     else:
         late = boxes[boxes.frame >= np.quantile(boxes.frame, 0.9)]
         frame, count = np.unique(late.frame, return_counts=True)

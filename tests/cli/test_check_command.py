@@ -7,6 +7,7 @@ import pytest
 from catfree.adapters import write_scene_json
 from catfree.cli import _commands as cli
 from catfree.synthetic import make_world
+from catfree.types import Detections
 from tests.calibration.watching.bumped import on_clock, turn_camera
 
 pytest.importorskip("tyro")
@@ -48,6 +49,45 @@ def test_a_turned_camera_is_named_in_the_table_and_on_the_page(tmp_path, capsys)
     assert (green > 150).any()
     assert cli.main(few[:-1]) == 1
     assert "There are 3 videos for 4 cameras" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", [0, 1])
+def test_people_on_the_page_can_be_made_unrecognizable(first, tmp_path, capsys):
+    world = make_world("ring4", seed=2, frames=12, people=8)
+    boxes = Detections(**(vars(world.detections) | {"frame": world.detections.frame + first}))
+    boxes.save(tmp_path / "boxes.npz")
+    write_scene_json(tmp_path / "scene.json", world.true_scene)
+    folders, pictures = [], np.random.default_rng(0)
+    for camera, (width, height) in enumerate(world.true_rig.image_size.tolist()):
+        folders.append(tmp_path / f"video {camera}")
+        folders[-1].mkdir()
+        for frame in range(15):
+            picture = pictures.integers(0, 255, (height, width, 3), np.uint8)
+            cv2.imwrite(str(folders[-1] / f"{frame}.png"), picture)
+    words = ["check", str(tmp_path / "boxes.npz"), "--scene", str(tmp_path / "scene.json")]
+    words += ["--out", str(tmp_path / "page"), "--videos", *map(str, folders)]
+    shown = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "catfree.viz.footage._ground_grid.draw_ground_grids",
+            lambda images, scene: shown.append(images) or images,
+        )
+        assert cli.main(words) == cli.main([*words, "--blur"]) == 0
+    last = world.detections[world.detections.frame == 11]
+    for camera in range(4):
+        plain, blurred = (images[camera] for images in shown)
+        size = np.tile(world.true_rig.image_size[camera], 2)
+        for box in last.box[last.camera == camera]:
+            x1, y1, x2, y2 = np.clip(box, 0, size).astype(int)
+            if x2 - x1 > 20 and y2 - y1 > 20:
+                part = np.s_[y1:y2, x1:x2]
+                assert blurred[part].std() < 0.5 * plain[part].std()
+    capsys.readouterr()
+    moved = Detections(**(vars(world.detections) | {"frame": world.detections.frame + 100}))
+    moved.save(tmp_path / "boxes.npz")
+    assert cli.main([*words, "--blur"]) == 1
+    assert "No frame of the videos has boxes" in capsys.readouterr().err
 
 
 def test_a_missing_scene_is_one_sentence(tmp_path, capsys):

@@ -1,5 +1,7 @@
 """Make people unrecognizable in the cameras' images."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -39,6 +41,22 @@ def blur_regions(image: Image, box: Float[np.ndarray, "n 4"]) -> Image:
         mean = cv2.resize(part, few, interpolation=cv2.INTER_AREA)
         part[:] = cv2.resize(mean, (x2 - x1, y2 - y1), interpolation=cv2.INTER_LINEAR)
     return blurred
+
+
+def blur_people(
+    images: Sequence[Image],
+    frame: int | np.integer,
+    detections: Detections,
+    localization: Localization,
+    scene: Scene,
+    person_height: float,
+) -> list[Image]:
+    """Blur everybody known (`people_regions`) in copies of all cameras' images of one frame."""
+    results = (detections, localization, scene, person_height)
+    return [
+        blur_regions(image, people_regions(camera, frame, *results))
+        for camera, image in enumerate(images)
+    ]
 
 
 def people_regions(

@@ -11,7 +11,7 @@ from catfree.adapters.files._documents import write_bytes_atomically
 from catfree.adapters.video import SynchronizedVideos
 from catfree.types import Detections, Localization, Scene
 from catfree.viz._person_height import person_height as estimate_person_height
-from catfree.viz.footage._blur import blur_regions, people_regions
+from catfree.viz.footage._blur import blur_people
 
 RATE = 5.0  # instants per second of the page; footage of a higher rate is thinned out
 MOST_PICTURES = 600  # of all cameras together
@@ -132,13 +132,7 @@ def write_pictures(
         if frame not in wanted:
             continue
         if blur:
-            images = [
-                blur_regions(
-                    image,
-                    people_regions(camera, frame, detections, localization, scene, height),
-                )
-                for camera, image in enumerate(images)
-            ]
+            images = blur_people(images, frame, detections, localization, scene, height)
         path = folder / f"{frame:06d}.jpg"
         files.append(write_bytes_atomically(path, _encode(board, images)))
     return files
