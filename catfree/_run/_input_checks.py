@@ -74,14 +74,16 @@ def scene_of(
         InvalidInputError: if the source gives no scene.
         FileFormatError: if it is a file that `read_scene` cannot read.
     """
-    if isinstance(source, str | os.PathLike):
-        scene, stated = read_scene(source)
-        return scene, stated if names is None else names
     if source is None:
         return None, names
-    scene: Any = source if isinstance(source, Scene) else getattr(source, "scene", source)
+    scene: Any
+    if isinstance(source, str | os.PathLike):
+        scene, stated = read_scene(source)
+    else:
+        scene = source if isinstance(source, Scene) else getattr(source, "scene", source)
+        stated = getattr(source, "camera_names", None)
     require_instance(scene, Scene, "scene")
-    return scene, names
+    return scene, stated if names is None else names
 
 
 def order_like(

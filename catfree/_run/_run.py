@@ -133,7 +133,7 @@ def run(
             result; other videos, weights, settings or code never reuse them.
         progress: called as `progress(stage, done, total)`.
         scene_names: (C,) names of the scene's cameras, to match videos in another order by name;
-            None takes those of the scene's file.
+            None takes those of the scene's file, data set or run.
         maximum_offset: largest clock offset of a single camera, in frames, to search and correct
             before the cameras are found from people; lags of a few frames are corrected in any
             case.

@@ -207,7 +207,10 @@ def test_a_scene_comes_from_whatever_has_one(tmp_path):
     assert isinstance(refined, SceneSource)
     assert scene_of(None, None) == (None, None)
     assert scene_of(scene, ["a"]) == (scene, ["a"])
-    assert scene_of(refined, None)[0] is scene
+    assert scene_of(refined, None) == (scene, None)
+    named = SimpleNamespace(scene=scene, camera_names=("a", "b", "c", "d"))
+    assert scene_of(named, None) == (scene, named.camera_names)
+    assert scene_of(named, ["d", "c", "b", "a"]) == (scene, ["d", "c", "b", "a"])
     path = write_scene_json(tmp_path / "scene.json", scene, ["a", "b", "c", "d"])
     for source in (path, str(path)):
         read, names = scene_of(source, None)
