@@ -37,6 +37,11 @@ from catfree.cli._watch_command import watch_command
 from catfree.cli._weights_commands import weights_commands
 from catfree.errors import CatFreeError, InsufficientDataError, InvalidInputError
 
+NO_TRUTH = (
+    "have no true position: everybody found there counts as wrong. If the truth is of some frames "
+    "only, give --frames truth."
+)
+
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line.
@@ -434,6 +439,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         area: tuple[float, float, float, float] | None = None,
         threshold: float | None = None,
         track_threshold: float | None = None,
+        frames: Literal["all", "truth"] = "all",
     ) -> None:
         """Score tracks against true positions in the same coordinates.
 
@@ -445,6 +451,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             area: x_min x_max y_min y_max; positions outside are ignored.
             threshold: largest distance of a match for MODA, in meters; 0.5 if not given.
             track_threshold: the same for MOTA and IDF1; 1 if not given.
+            frames: score all frames of tracks and truth, or those of the truth alone, for truth in
+                every tenth frame, say; WildTrack, MultiviewX and uniform JSON state theirs.
         """
         from catfree.adapters.datasets import read_ground_truth
         from catfree.adapters.tables import read_tracks
@@ -455,16 +463,19 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         truth, within = true.rows, true.area if area is None else area
         near = true.detection_gate if threshold is None else threshold
         far = true.tracking_gate if track_threshold is None else track_threshold
-        frames = true.frames
-        if frames is None:
-            frames = np.unique(np.concatenate([truth[:, 0], found[:, 0]]))
-        elif len(found) and not np.isin(found[:, 0], frames).any():
+        scored, tracked, alone = true.frames, np.unique(found[:, 0]), 0
+        if scored is None:
+            scored = np.unique(truth[:, 0]).astype(np.int64)
+            if frames == "all":
+                alone = len(np.setdiff1d(tracked, scored))
+                scored = np.union1d(scored, tracked)
+        if len(found) and not np.isin(found[:, 0], scored).any():
             raise InsufficientDataError(
-                f"No position of {tracks} is in the frames {frames[0]} to {frames[-1]} of "
+                f"No position of {tracks} is in the frames {scored[0]} to {scored[-1]} of "
                 f"{ground_truth}; its own are {found[:, 0].min():.0f} to "
                 f"{found[:, 0].max():.0f}. Number frames alike."
             )
-        found = found[np.isin(found[:, 0], frames)]
+        found = found[np.isin(found[:, 0], scored)]
         if within is not None:
             truth, found = crop(truth, within), crop(found, within)
         if not len(truth):
@@ -472,7 +483,9 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 f"No position of {ground_truth} lies in the area {within}, so nothing can be "
                 "scored. Check that area and positions use the same coordinates."
             )
-        people = detection_metrics(truth, found, frames, near)
+        if 2 * alone > len(tracked):
+            warn([f"{alone} of the {len(tracked)} frames of {tracks} {NO_TRUTH}"])
+        people = detection_metrics(truth, found, scored, near)
         rows = [
             (f"MODA ({near:g} m)", f"{people.moda:.2f}"),
             ("MODP", f"{people.modp:.2f}"),
@@ -480,12 +493,12 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             ("recall", f"{people.recall:.2f}"),
         ]
         if (truth[:, 1] >= 0).all():  # identities are known
-            paths = tracking_metrics(truth, found, frames, far)
+            paths = tracking_metrics(truth, found, scored, far)
             rows += [
                 (f"MOTA ({far:g} m)", f"{paths.mota:.2f}"),
                 (f"IDF1 ({far:g} m)", f"{paths.idf1:.2f}"),
                 ("identity switches", str(paths.id_switches)),
-                ("HOTA", f"{hota(truth, found, frames).hota:.2f}"),
+                ("HOTA", f"{hota(truth, found, scored).hota:.2f}"),
             ]
         if true.protocol:
             changed = [

@@ -301,6 +301,27 @@ def test_evaluate_scores_tracks(world, results, tmp_path, capsys):
 
 
 @pytest.mark.slow
+def test_evaluate_on_truth_of_some_frames(results, tmp_path, capsys):
+    rows = read_tracks_csv(results / "tracks.csv").to_rows()
+    truth, words = tmp_path / "truth.csv", ["evaluate", str(results), str(tmp_path / "truth.csv")]
+    for step, told in ((5, True), (1, False)):
+        chosen = rows[rows[:, 0] % step == 0].tolist()
+        lines = ["frame,id,x,y", *(",".join(map(repr, row)) for row in chosen)]
+        truth.write_text("\n".join(lines))
+        assert cli.main(words) == 0
+        shown = capsys.readouterr()
+        assert (re.search(r"MODA.*100\.00", shown.out) is None) == told
+        assert ("have no true position" in shown.err) == told
+        assert cli.main([*words, "--frames", "truth"]) == 0
+        alone = capsys.readouterr()
+        assert re.search(r"MODA.*100\.00", alone.out)
+        assert alone.err == ""
+    truth.write_text("frame,id,x,y\n1000,1,0,0\n")
+    assert cli.main([*words, "--frames", "truth"]) == 1
+    assert "Number frames alike" in one_sentence(capsys)
+
+
+@pytest.mark.slow
 def test_evaluate_says_what_is_wrong_with_the_truth(results, tmp_path, capsys):
     truth = tmp_path / "truth.csv"
     truth.write_text("frame,x,y\n0,1,2\n")
