@@ -492,7 +492,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             ("precision", f"{people.precision:.2f}"),
             ("recall", f"{people.recall:.2f}"),
         ]
-        if (truth[:, 1] >= 0).all():  # identities are known
+        if (truth[:, 1] >= 0).all() and (found[:, 1] >= 0).all():  # identities are known
             paths = tracking_metrics(truth, found, scored, far)
             rows += [
                 (f"MOTA ({far:g} m)", f"{paths.mota:.2f}"),

@@ -130,7 +130,7 @@ def print_text(text: str) -> None:
 def print_result(outcome: Any, out: Path) -> None:
     """Print the result of a run in one sentence, and the path of the report."""
     tracks = outcome.localization.tracks
-    people = len(np.unique(tracks.track_id))
+    people = len(np.unique(tracks.track_id[tracks.track_id >= 0]))
     registered = int(outcome.scene.rig.registered.sum())
     print_text(
         f"{people} tracks with {len(tracks)} positions in {len(outcome.frames)} frames, from "

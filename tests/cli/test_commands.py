@@ -33,6 +33,7 @@ from catfree.adapters import (
 )
 from catfree.calibration import Calibration
 from catfree.cli import _commands as cli
+from catfree.cli._terminal import print_result
 from catfree.errors import CatFreeError, InvalidInputError
 from catfree.methods._localize import localize
 from catfree.methods.paper._assemble import empty_localization
@@ -319,6 +320,27 @@ def test_evaluate_on_truth_of_some_frames(results, tmp_path, capsys):
     truth.write_text("frame,id,x,y\n1000,1,0,0\n")
     assert cli.main([*words, "--frames", "truth"]) == 1
     assert "Number frames alike" in one_sentence(capsys)
+
+
+@pytest.mark.slow
+def test_positions_without_identities_are_scored_and_no_tracks(world, outcome, tmp_path, capsys):
+    settings = Settings.paper()
+    off = dataclasses.replace(settings.trajectories, enabled=False)
+    settings = dataclasses.replace(settings, trajectories=off)
+    found = localize(world.detections, world.scene, settings)
+    assert len(found.tracks)
+    assert (found.tracks.track_id == -1).all()
+    alone = dataclasses.replace(outcome, localization=found)
+    write_results(tmp_path, alone, settings, pictures=False)
+    print_result(alone, tmp_path)
+    assert capsys.readouterr().out.startswith(f"0 tracks with {len(found.tracks)} positions")
+    assert (read_mot(tmp_path / "tracks_mot.txt").identity == -1).all()
+    rows = ["frame,id,x,y", *(",".join(map(repr, row)) for row in world.ground_truth.tolist())]
+    (tmp_path / "truth.csv").write_text("\n".join(rows))
+    assert cli.main(["evaluate", str(tmp_path), str(tmp_path / "truth.csv")]) == 0
+    shown = capsys.readouterr().out
+    assert "MODA" in shown
+    assert not any(measure in shown for measure in ("MOTA", "IDF1", "HOTA"))
 
 
 @pytest.mark.slow

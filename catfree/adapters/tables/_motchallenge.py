@@ -167,7 +167,6 @@ def write_mot_boxes(
     person = np.full(count, -1) if identity is None else as_integer(identity, "identity")
     if person.shape != (count,):
         raise InvalidInputError(f"identity must have shape ({count},), got {person.shape}.")
-    person = np.where(person < 0, -1, person + 1)
     score = np.ones(count) if detections.score is None else detections.score
     corner, size = detections.box[:, :2], detections.box[:, 2:] - detections.box[:, :2]
     return _write(path, detections.frame, frames, person, corner, size, score, "-1,-1,-1")
@@ -186,7 +185,7 @@ def write_mot_ground(
     Args:
         path: the file.
         tracks: what to write: tracks, or (N, 4) rows [frame, id, x, y] such as the ground truth of
-            a sequence; frames and identities are written counted from 1.
+            a sequence; frames and identities are written counted from 1, unknown ones as -1.
         frames: (F,) all frame numbers of the sequence, also as a `range`; the first becomes 1, the
             next 2, ...
         threshold: matching distance in scene units.
@@ -213,7 +212,7 @@ def write_mot_ground(
         xy = rows[:, 2:]
     side = np.full((len(xy), 2), _SIDES_PER_THRESHOLD * threshold)
     score = np.ones(len(xy)) if score is None else score
-    return _write(path, frame, frames, identity + 1, xy - side / 2, side, score, "1,1")
+    return _write(path, frame, frames, identity, xy - side / 2, side, score, "1,1")
 
 
 def _ascending(frames: ArrayLike) -> np.ndarray:
@@ -251,6 +250,7 @@ def _write(
             f"Cannot write {path}: frame {frame[unknown][0]} is not among the {len(numbers)} "
             "frames of the sequence."
         )
+    identity = np.where(identity < 0, -1, identity + 1)
     lines = []
     for row in np.lexsort((identity, position)):
         values = [*corner[row], *size[row], score[row]]

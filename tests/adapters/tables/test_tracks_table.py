@@ -432,5 +432,7 @@ def test_true_positions_are_written_as_tracks_are(tmp_path):
     truth = write_mot_ground(tmp_path / "gt.txt", rows, [0, 5])
     assert truth.read_text() == write_mot_ground(tmp_path / "tracks.txt", one, [0, 5]).read_text()
     assert write_mot_ground(tmp_path / "none.txt", [], [0]).read_text() == ""
+    nameless = write_mot_ground(tmp_path / "all.txt", rows - np.array([0, 7, 0, 0]), [0, 5])
+    np.testing.assert_array_equal(read_mot(nameless).identity, [-1, -1])
     with pytest.raises(InvalidInputError, match=r"must have shape \(n, 4\), got \(2, 3\)"):
         write_mot_ground(tmp_path / "a.txt", rows[:, :3], [0, 5])
