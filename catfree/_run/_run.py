@@ -62,8 +62,8 @@ class RunOutcome:
         calibration: the calibration from people, or None if the scene has another source.
         camera_names: (C,) names of the cameras, from their file names.
         frames: (T,) the processed frames.
-        videos: the footage, on corrected clocks if offsets were searched; None if the outcome does
-            not come from videos.
+        videos: the footage before any damage, on corrected clocks if offsets were searched; None if
+            the outcome does not come from videos.
     """
 
     localization: Localization
@@ -251,6 +251,12 @@ def run_stages(
     with CameraDetectors(videos, detector, cache, progress, workers=workers) as cameras:
         detections = detect(videos, cameras, embedder, cache=cache, progress=progress)
         so_far.detections = detections
+        if videos.interruption is not None:
+            so_far.warnings += (
+                f"Used only the footage before the damage, {videos.whole} of {len(videos)} "
+                f"instants: {videos.interruption}",
+            )
+            so_far.videos = videos = videos.before_interruption()
         calibration, known = None, scene is not None
         if reconstructor is not None:
             scene = reconstruct(videos, reconstructor, detections, cache=cache, progress=progress)

@@ -219,8 +219,6 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 unfinished=unfinished,
             )
         footage = outcome.videos or footage
-        if footage.interruption is not None:
-            fail(f"Used only the footage before the damage: {footage.interruption}")
         drawn = None if pictures else False
         write_results(
             out,

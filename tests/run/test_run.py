@@ -310,6 +310,13 @@ def test_damaged_footage_is_kept_up_to_the_damage(tmp_path):
     again = ReadsItsPicture(world.detections)
     assert same_content(found, detect(videos, again, cache=StageCache(tmp_path / "cache")))
     assert again.calls == 4 * CAMERAS
+    # The run, with and without a cache, ends there.
+    for place in (None, tmp_path / "cache"):
+        outcome = run_stages(videos, detector, scene=world.scene, cache_dir=place)
+        np.testing.assert_array_equal(outcome.frames, np.arange(PIECE + 4))
+        said = [text for text in outcome.warnings if "before the damage" in text]
+        assert len(said) == 1
+        assert f"{PIECE + 4} of {FRAMES} instants: Camera 1 ('camera 1')" in said[0]
 
 
 @pytest.mark.slow

@@ -193,7 +193,7 @@ class CameraDetectors:
     def _in_processes(
         self, videos: SynchronizedVideos, work: InstantWork[T], first: int
     ) -> Iterator[Instant[T]]:
-        videos.interruption = None
+        videos.interruption, done = None, first
         _ = self.fitted  # in the processes
         with self._running() as processes:
             begun = [
@@ -211,6 +211,7 @@ class CameraDetectors:
                 while True:
                     parts: list[_Answer] = [queue.popleft().result() for queue in answers]
                     count = min(len(part.instants) for part in parts)
+                    done += count
                     for at in range(count):
                         results = [part.instants[at] for part in parts]
                         joined = {key: one for _, some in results for key, one in some.items()}
@@ -221,7 +222,7 @@ class CameraDetectors:
                         interruptions = [one.interruption for one in ended if one.interruption]
                         errors = [one.error for one in ended if one.error]
                         if interruptions:
-                            videos.interruption = interruptions[0]
+                            videos.interruption, videos.whole = interruptions[0], done
                         elif errors:
                             raise errors[0]
                         return

@@ -115,7 +115,8 @@ class SynchronizedVideos:
                 for a camera that was started later. None for the files' own times, or all 0.
             frame_rate: ticks per second; None for the lowest rate among the cameras.
             on_error: at a frame that cannot be decoded, "raise" an error or "keep" the instants
-                before it and stop there (`interruption` then holds the error). Formats without time
+                before it and stop there (`interruption` then holds the error, `whole` their
+                number). Formats without time
                 stamps (AVI) may lose damaged frames before decoding stops, so that frames after the
                 damage come too early; "raise" refuses such a file.
             fewest_cameras: deliver the ticks at which so many cameras have a frame; None for all.
@@ -163,6 +164,7 @@ class SynchronizedVideos:
         self._limits, self._stride = (start, end), stride
         self._ticks, self._dropped = self._complete(self._shared_ticks(start, end, stride))
         self.interruption: CatFreeError | None = None
+        self.whole = len(self._ticks)
 
     @property
     def fewest_cameras(self) -> int:
@@ -319,6 +321,10 @@ class SynchronizedVideos:
             )
         return part
 
+    def before_interruption(self) -> "SynchronizedVideos":
+        """Return the instants before the one at which the last iteration was interrupted."""
+        return self.between(int(self._ticks[0]), int(self._ticks[self.whole - 1]) + 1)
+
     def __iter__(self) -> Iterator[tuple[int, list[Image]]]:
         """Yield (frame index, one picture per camera) of each instant in order.
 
@@ -385,7 +391,7 @@ class SynchronizedVideos:
     def _instants(
         self, cameras: Sequence[int], first: int
     ) -> Iterator[tuple[int, dict[int, Image]]]:
-        self.interruption = None
+        self.interruption, self.whole = None, len(self._ticks)
         with contextlib.ExitStack() as stack:
             readers: dict[int, FrameReader] = {}
             for camera in cameras:
@@ -411,7 +417,7 @@ class SynchronizedVideos:
                 except FileFormatError as error:
                     if not self._keep:
                         raise
-                    self.interruption = error
+                    self.interruption, self.whole = error, done
                     return
                 if done + 1 < count:
                     ahead.append(pool.submit(read, done + 1))

@@ -93,6 +93,8 @@ def test_damaged_footage_ends_where_it_ends_in_one_process(tmp_path, folders, br
         with CameraDetectors(videos, Fits("finds", FRAMES), workers=workers) as cameras:
             found.append(detect_with_cache(videos, cameras, None, None))
         said.append(str(videos.interruption))
+        assert videos.whole == broken
+        np.testing.assert_array_equal(videos.before_interruption().frames, np.arange(broken))
     assert found[0].frame.max() == broken - 1
     assert same_content(*found)
     assert said[0] == said[1]
