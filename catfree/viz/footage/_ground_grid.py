@@ -69,7 +69,6 @@ def draw_ground_grid(
     *,
     area: Sequence[float | int] | np.ndarray | None = None,
     spacing: float | int | None = None,
-    stroke: float | int | None = None,
 ) -> Image:
     """Draw a grid of the ground, with colored axes, on a copy of a camera's image.
 
@@ -82,7 +81,6 @@ def draw_ground_grid(
         area: x_min, x_max, y_min, y_max in ground coordinates; None for the area seen by at
             least two cameras.
         spacing: distance between lines in scene units; None for the round number below E / 16.
-        stroke: line thickness in pixels; None for a default by image size.
 
     Returns:
         (H, W, 3) uint8 RGB. Orange is the line y = 0, blue x = 0; every fifth line is labeled.
@@ -95,7 +93,7 @@ def draw_ground_grid(
     step = grid_spacing(scene) if spacing is None else float(spacing)
     if not step > 0:
         raise InvalidInputError(f"spacing is {step}; it must be positive.")
-    thick = default_stroke(image) if stroke is None else stroke
+    thick = default_stroke(image)
     bounds = visible_area(scene) if area is None else area
     canvas, size = image.copy(), (image.shape[1], image.shape[0])
     lines = ground_grid(scene, bounds, step)
