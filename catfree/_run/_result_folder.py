@@ -98,6 +98,8 @@ def write_results(
         64 cameras, `tracks_mot.txt` for TrackEval, `boxes/CAMERA.txt` in MOTChallenge form with
         identities, `detections.npz`, `localization.npz`, the scene as `scene.json`,
         `rig/colmap` and `rig/calibration.toml`, `pictures/`, `report.md` and `report.html`.
+        `tracks_mot.txt` and `boxes/` number frames from 1 in steps of 1, empty ones included: the
+        first of videos is 1, and frames of boxes that count from 1 keep their numbers.
 
     Raises:
         InvalidInputError: if the localization was made from other detections.
