@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 import scipy  # its statistics, which take long to import, where they are used
@@ -186,12 +185,21 @@ def _usual(
 
 
 def _begins(seen: Sights, steps: int, since: int | None) -> list[tuple[int, int]]:
-    """First step and step after the last one of each window; one begins at `since`."""
+    """First step and step after the last one of each window with boxes; one begins at `since`."""
     cut = 0 if since is None else int(np.clip((since - seen.first) // seen.step, 0, seen.steps))
+    occupied = np.unique(seen.boxes.frame)
     result = []
     for low, high in ((0, cut), (cut, seen.steps)):
-        edges = np.linspace(low, high, max(1, (high - low) // steps) + 1).astype(int)
-        result += [(int(a), int(b)) for a, b in pairwise(edges) if b > a]
+        inside = occupied[(occupied >= low) & (occupied < high)]
+        count = max(1, (high - low) // steps)
+        length = (high - low) / count
+        # Of a recording with a long gap, only the windows near boxes.
+        near = ((inside - low) / max(length, 1)).astype(int)[:, None] + np.arange(-1, 2)
+        at = np.unique(np.clip(near, 0, count - 1))
+        begins, stops = (low + length * side for side in (at, at + 1))
+        begins, stops = begins.astype(int), np.where(at == count - 1, high, stops).astype(int)
+        boxes = np.searchsorted(inside, stops) - np.searchsorted(inside, begins)
+        result += zip(begins[boxes > 0].tolist(), stops[boxes > 0].tolist(), strict=True)
     return result
 
 

@@ -11,7 +11,7 @@ from catfree.methods.evidence.group._appearance import PairRatios, compare_frame
 from catfree.methods.evidence.group._group import appearance_log_odds, group
 from catfree.methods.evidence.group._groups import Priors, priors_of
 from catfree.methods.evidence.learn._self_calibration import foot_cover
-from catfree.methods.evidence.observe._boxes import prepare_boxes
+from catfree.methods.evidence.observe._boxes import LONGEST_PAUSE, prepare_boxes
 from catfree.methods.evidence.observe._measurement import measure_boxes
 from catfree.methods.evidence.observe._views import ground_views
 from catfree.methods.evidence.observe._visibility import count_detections, rate_of_counts
@@ -55,7 +55,9 @@ def motion_learned(learned: Learned, settings: EvidenceSettings) -> Motion:
 
 def usual_steps(learned: Learned, earlier: float, time: float) -> float:
     """Usual steps between two times; 0 if the earlier one is unknown."""
-    return (time - earlier) / float(learned.step) if np.isfinite(earlier) else 0.0
+    if not np.isfinite(earlier):
+        return 0.0
+    return min((time - earlier) / float(learned.step), LONGEST_PAUSE)
 
 
 def advance(

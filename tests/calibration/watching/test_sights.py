@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.spatial.transform import Rotation
 
-from catfree.calibration.watching._sights import FOOT_SHARE, linear, predict, predicted, sights
+from catfree.calibration.watching._sights import FOOT_AHEAD, linear, predict, predicted, sights
 from catfree.geometry.camera import pixels_of_points
 from catfree.methods import localize
 from catfree.synthetic import make_world
@@ -59,7 +59,7 @@ def test_angles_are_those_of_the_pixels_of_a_person():
     person, height = np.array([1.0, -2.0]), 1.75
     center = np.asarray(scene.rig.centers)[1]
     away = (person - center[:2]) / np.linalg.norm(person - center[:2])
-    points = np.array([[*person, height], [*(person - FOOT_SHARE * height * away), 0.0]])
+    points = np.array([[*person, height], [*(person - FOOT_AHEAD * height * away), 0.0]])
     pixel, imaged = pixels_of_points(scene.rig, 1, points)
     assert imaged.all()
     middle = pixel[:, 0].mean()

@@ -15,6 +15,7 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Lens, Rig
 
 BLOCK = 4096  # embeddings normalized together
+LONGEST_PAUSE = 1e6  # usual steps, after which anybody may be anywhere: longer ones say no more
 
 
 @jax.tree_util.register_dataclass
@@ -69,9 +70,12 @@ class Boxes:
 
     @property
     def time(self) -> Float[np.ndarray, " frame"]:
-        """Time of each frame in usual steps."""
+        """Time of each frame in usual steps; no pause is longer than `LONGEST_PAUSE`."""
         # Subtract as integers: frame numbers may be nanoseconds since 1970.
-        return (self.frames - self.frames[:1]).astype(float) / self.step
+        pause = np.diff(self.frames, prepend=self.frames[:1])
+        longest = int(min(LONGEST_PAUSE * self.step, 2.0**62))
+        beyond = np.cumsum(np.maximum(pause - longest, 0))
+        return (self.frames - self.frames[:1] - beyond).astype(float) / self.step
 
 
 def undistort(
