@@ -24,6 +24,10 @@ JUMP_MARGIN = 50  # frames by which seeking may come out too late
 # that the frame rate does not.
 _EVEN = 0.25
 
+# The first bytes of files.
+_AVI = b"RIFF"
+_MATROSKA = b"\x1aE\xdf\xa3"  # WebM, too
+
 
 @runtime_checkable
 class FrameReader(Protocol):
@@ -173,6 +177,7 @@ class VideoFile:
             shown = reader.capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
             rate = reader.capture.get(cv2.CAP_PROP_FPS)
             claimed = int(reader.capture.get(cv2.CAP_PROP_FRAME_COUNT))
+            stamp = reader.capture.get(getattr(cv2, "CAP_PROP_PTS", -1))  # since OpenCV 4.11
         finally:
             reader.close()
         self.image_size = (first.shape[1], first.shape[0])
@@ -181,7 +186,9 @@ class VideoFile:
         packets = packet_times(path)
         self.timeless = packets is None
         if packets is not None:
-            claimed = self._follow(packets, shown, claimed)
+            # Matroska states when a recording ends on its clock, not how long it is.
+            since_zero = stamp - shown * (self.fps or 0.0) if _has_magic(path, _MATROSKA) else 0.0
+            claimed = self._follow(packets, shown, claimed, max(0, round(since_zero)))
         self.frame_count = claimed if claimed > 0 else self._count()
         self._packet_times, self._packet_rate = self.times, self.fps  # by which decoders seek
         table = sidecar_of(path)
@@ -189,7 +196,7 @@ class VideoFile:
             self.times, self.timeless = read_timestamps(table, self.frame_count), False
             self.fps = rate_of(self.times) if len(self.times) > 1 else self.fps
 
-    def _follow(self, packets: Times, shown: float, claimed: int) -> int:
+    def _follow(self, packets: Times, shown: float, claimed: int, before: int) -> int:
         """Take rate and times from the packets, and return the number of frames.
 
         Args:
@@ -197,9 +204,10 @@ class VideoFile:
             shown: the time of the first frame that can be decoded.
             claimed: number of frames that the container claims, which may be an estimate from its
                 length, or less than 1.
+            before: how many of these it claims before its first packet.
         """
         gap = float(np.diff(packets).min()) if len(packets) > 1 else 0.0
-        stamped = not _is_avi(self.path)  # AVI counts packets instead, in the order of decoding
+        stamped = not _has_magic(self.path, _AVI)  # counted instead, in the order of decoding
         undecodable = int(np.searchsorted(packets, shown - gap / 2)) if stamped else 0
         times = packets[undecodable:]
         if not len(times):
@@ -209,13 +217,14 @@ class VideoFile:
             return len(times)
         self._stamped, nominal = stamped, self.fps or rate
         even = None if undecodable else _even_rate(times, nominal, rate)
-        if even == nominal and claimed > 0:
+        if even == nominal and claimed > 0 and not before:
             lacking = claimed - len(times)
         elif claimed > len(packets):
             # A file that was cut off claims to be longer than its packets. The frames that it lacks
             # are at its end, where they cannot be decoded.
             longest = float(np.diff(times).max(initial=1 / rate)) + 1 / nominal
-            lacking = max(0, round((claimed / nominal - times[-1] - longest) * rate))
+            end = (claimed - before) / nominal
+            lacking = max(0, round((end - times[-1] - longest) * rate))
         else:
             lacking = 0
         if even is not None:
@@ -337,10 +346,10 @@ def _even_rate(times: Times, nominal: float, measured: float) -> float | None:
     return None
 
 
-def _is_avi(path: Path) -> bool:
-    """Return whether a file is of a format without timestamps, in which packets are counted."""
+def _has_magic(path: Path, magic: bytes) -> bool:
+    """Return whether a file begins with the bytes of a format."""
     with path.open("rb") as stream:
-        return stream.read(4) == b"RIFF"
+        return stream.read(len(magic)) == magic
 
 
 def _is_art(capture: Any) -> bool:

@@ -264,6 +264,19 @@ def test_a_varying_rate_is_shown_at_the_times_of_its_frames(tmp_path):
     assert SynchronizedVideos([path]).footage[0].fps == pytest.approx(25)
 
 
+@pytest.mark.parametrize("start", [17, 2000, 15490])
+@pytest.mark.parametrize("step", [[40] * 59, [*([40] * 20), *([80] * 19), *([40] * 20)]])
+def test_a_recording_on_a_clock_that_started_before_it_is_as_long_as_it_is(tmp_path, start, step):
+    times = start + np.cumsum([0, *step])
+    path = retimed(write_video(tmp_path / "a.mp4", 60, fps=25), times)
+    videos = SynchronizedVideos([path], frame_rate=12.5)
+    assert videos.footage[0].frame_count == 60
+    away = [abs(times[frame] - start - 80 * tick) for tick, frame in numbers_of(videos)]
+    assert max(away) <= 40
+    with pytest.raises(FileFormatError, match=r"frame \d+ of \d+ .* is truncated"):
+        list(SynchronizedVideos([truncate(path)]))
+
+
 def test_even_files_have_no_times_of_their_own_and_nothing_to_say(tmp_path):
     paths = [
         write_video(tmp_path / "a.mp4", 10, fps=30000 / 1001),
