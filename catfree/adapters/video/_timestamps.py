@@ -3,6 +3,7 @@
 import math
 from array import array
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -95,6 +96,13 @@ def _parsed(line: str, path: Path, times: "array[float]") -> float:
     return seconds
 
 
+def open_capture(path: Path, *options: int) -> Any:
+    """Return OpenCV's capture of a video; FFmpeg takes what precedes a colon for a protocol."""
+    import cv2
+
+    return cv2.VideoCapture(str(path.absolute()), *options)
+
+
 def packet_times(path: Path) -> Float[np.ndarray, " t"] | None:
     """Return the presentation times of a video's packets, in order, without decoding them.
 
@@ -111,7 +119,7 @@ def packet_times(path: Path) -> Float[np.ndarray, " t"] | None:
     """
     import cv2
 
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    capture = open_capture(path, cv2.CAP_FFMPEG)
     try:
         if not capture.isOpened() or not capture.set(cv2.CAP_PROP_FORMAT, -1):
             return None

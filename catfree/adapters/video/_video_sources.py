@@ -14,7 +14,12 @@ from catfree.adapters.files._documents import IMAGE_SUFFIXES
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.protocols import Image
 from catfree.adapters.video._common_clock import RATE_TOLERANCE, Times, nearest_frame, rate_of
-from catfree.adapters.video._timestamps import packet_times, read_timestamps, sidecar_of
+from catfree.adapters.video._timestamps import (
+    open_capture,
+    packet_times,
+    read_timestamps,
+    sidecar_of,
+)
 from catfree.errors import FileFormatError, InvalidInputError
 
 FARTHEST_DECODED = 1000  # frames: decoding up to there is faster than looking for a key frame
@@ -272,9 +277,7 @@ class _CaptureReader:
             number: gives the number of the frame at a time in seconds, to notice if the decoder
                 leaves out damaged frames; None if the file has no times.
         """
-        import cv2
-
-        self.capture = cv2.VideoCapture(str(path))
+        self.capture = open_capture(path)
         self.position, self._path = 0, path
         self._number = number
         self._held: Image | None = None
@@ -313,7 +316,7 @@ class _CaptureReader:
                 self.position = reached + 1
                 return
         self.capture.release()
-        self.capture = cv2.VideoCapture(str(self._path))
+        self.capture = open_capture(self._path)
         self.position = 0
 
     def _step(self) -> None:

@@ -27,6 +27,15 @@ def number_in(image):
     return int((bits << np.arange(12)).sum())
 
 
+@pytest.mark.parametrize("name", ["2026-11-25T12:00:00.mp4", "file:a.mp4", "-b.mp4"])
+def test_a_name_is_not_taken_for_an_address(long_video, name, tmp_path, monkeypatch):
+    (tmp_path / name).write_bytes(long_video.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    source = open_source(name)
+    assert (source.frame_count, source.timeless) == (COUNT, False)
+    assert number_in(source.open().read(3)) == 3
+
+
 @pytest.mark.parametrize("has_table", [False, True])
 def test_a_far_frame_is_reached_without_decoding_all_before_it(long_video, has_table, monkeypatch):
     table = long_video.with_suffix(".timestamps.csv")
