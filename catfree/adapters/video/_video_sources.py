@@ -288,6 +288,7 @@ class _CaptureReader:
         # A frame rate above the camera's own reads the same frame twice.
         if frame == self.position - 1:
             return self._held
+        self._held = None
         if frame - self.position > FARTHEST_DECODED:
             self._jump(frame - JUMP_MARGIN)
         while self.position < frame:
@@ -298,10 +299,8 @@ class _CaptureReader:
         if not decoded:
             return None
         self._step()
-        if self.position != frame + 1:
-            return None
         self._held = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
-        return self._held
+        return self._held if self.position == frame + 1 else None
 
     def _jump(self, frame: int) -> None:
         """Move to a frame or to one before it; seeking in compressed video is not exact."""

@@ -19,6 +19,7 @@ from catfree.adapters.video._video_sources import open_source
 from catfree.errors import FileFormatError, InsufficientDataError, InvalidInputError
 from tests.adapters.video.test_common_clock import timelines
 from tests.adapters.video.test_synchronized_videos import (
+    number_in,
     numbers_of,
     truncate,
     write_folder,
@@ -304,6 +305,11 @@ def test_frames_that_the_decoder_leaves_out_do_not_pass_unnoticed(tmp_path):
     assert reader.read(3) is not None
     reader.capture.grab()  # as if the decoder had lost frame 4
     assert reader.read(4) is None
+    assert number_in(reader.read(5)) == 5
+    while reader.capture.grab():
+        pass
+    assert reader.read(8) is None
+    assert reader.read(5) is None
     reader.close()
 
 
