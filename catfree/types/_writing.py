@@ -46,7 +46,8 @@ def remove_abandoned(folder: str | os.PathLike[str]) -> None:
 def replacement(path: str | os.PathLike[str], *, suffix: str | None = None) -> Iterator[Path]:
     """Yield an empty file that replaces `path` when the block ends without an error.
 
-    It is in the same folder, under a random name, so that no link can be planted there beforehand.
+    It is in the same folder, under a random name, so that no link can be planted there beforehand,
+    and its path is absolute, as FFmpeg takes what precedes a colon for a protocol.
 
     Args:
         path: the file to make or to replace.
@@ -68,7 +69,7 @@ def replacement(path: str | os.PathLike[str], *, suffix: str | None = None) -> I
             raise InvalidInputError(f"Cannot write {target}: it is a folder. Name a file in it.")
         ending = target.suffix if suffix is None else suffix
         name = f"{_PREFIX}{uuid.uuid4().hex}{ending[:_LONGEST_SUFFIX]}"
-        temporary = target.with_name(name)
+        temporary = target.absolute().with_name(name)
         try:
             # Not `tempfile`, whose files only their owner may read.
             temporary.open("xb").close()

@@ -3,6 +3,7 @@
 import errno
 import os
 
+import cv2
 import pytest
 
 from catfree.errors import InvalidInputError, WriteError
@@ -31,6 +32,15 @@ def test_temporary_names_differ_keep_the_suffix_and_are_known(tmp_path):
     assert len(seen) == 3
     assert not is_temporary("a.mp4")
     assert not is_temporary(".a.npz.0123")
+
+
+def test_a_folder_whose_name_is_a_time_can_hold_videos(tmp_path, monkeypatch):
+    monkeypatch.chdir(make_folder(tmp_path / "12:00").parent)
+    with replacement("12:00/a.mp4") as temporary:
+        writer = cv2.VideoWriter(str(temporary), cv2.VideoWriter.fourcc(*"mp4v"), 10, (64, 48))
+        assert writer.isOpened()
+        writer.release()
+    assert (tmp_path / "12:00/a.mp4").is_file()
 
 
 def test_a_name_as_long_as_file_systems_hold_can_be_written(tmp_path):
