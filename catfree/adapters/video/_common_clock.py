@@ -19,7 +19,7 @@ from catfree.types._validation import (
     require_shape,
 )
 
-# Nominal rates such as 30 and 29.97 stand for the same clock.
+# Whoever asks for 30 ticks per second of a camera of 29.97 means the rate of that camera.
 RATE_TOLERANCE = 0.01
 # A frame shows a tick if it is within this many ticks of it: half a tick, and slack for the jitter
 # of cameras whose frames lie midway between two ticks.

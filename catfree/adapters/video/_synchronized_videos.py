@@ -20,7 +20,6 @@ from catfree.adapters.files._camera_names import names_of_files
 from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.protocols import Image
 from catfree.adapters.video._common_clock import (
-    RATE_TOLERANCE,
     REACH,
     Times,
     common_rate,
@@ -79,8 +78,7 @@ class SynchronizedVideos:
       times. Times beyond 1e9 are seconds since 1970 in UTC; then every camera needs such a table.
     - Otherwise they have the timestamps of the video file, counted from its first frame. Where
       these are even, within a quarter of a frame, tick k shows frame
-      `offsets[c] + round(k * fps_c / frame_rate)`, and rates that differ by less than 1 % count as
-      equal.
+      `offsets[c] + round(k * fps_c / frame_rate)`.
     - Images without a table have no times: there is one image per tick.
 
     A camera has no frame at a tick farther than 0.6 ticks from all its frames: it dropped one
@@ -542,8 +540,7 @@ class SynchronizedVideos:
         fps = self._sources[camera].fps
         if fps is None or self._rate is None:
             return 1.0
-        ratio = fps / self._rate
-        return 1.0 if abs(ratio - 1) < RATE_TOLERANCE else ratio
+        return fps / self._rate
 
     def _source_frame(self, camera: int, tick: int) -> int:
         times = self._sources[camera].times
