@@ -83,8 +83,8 @@ def read_tracks_csv(path: StrPath) -> Tracks:
 
     Returns:
         The tracks, number for number, without `support`, which is not in the table. The clock is
-        the one that gives the times of at least two frames. Tables of version 0.1 give no
-        velocities (NaN), those of version 0.2 no clock.
+        the one with the shortest numbers that gives the times of at least two frames; times beyond
+        1e9 are UTC. Tables of version 0.1 give no velocities (NaN), those of version 0.2 no clock.
 
     Raises:
         InvalidInputError: if the file does not exist, a number in it is not finite, or a sigma is
@@ -197,16 +197,17 @@ def _clock_of(source: Path, frame: np.ndarray, time: np.ndarray | None) -> Clock
     with np.errstate(all="ignore"):
         found = (frame[last] - frame[first]) / (time[last] - time[first])
     if np.isfinite(time).all() and 0 < found < np.inf:
+        utc = bool(time[first] > ABSOLUTE)
         # Prefer the short numbers that people choose to those that rounding leaves.
-        rates = [round(found, 3), float(Fraction(found).limit_denominator(1001)), float(found)]
-        for rate in rates:
+        short = [round(found, digits) for digits in range(4)]
+        for rate in (*short, float(Fraction(found).limit_denominator(1001)), float(found)):
             begin = float(time[first] - frame[first] / rate) if rate > 0 else np.inf
             for start in (round(begin, 3), round(begin, 6), begin):
                 if rate > 0 and (Clock(rate, start).seconds(frame) == time).all():
-                    return Clock(rate, start, start > ABSOLUTE)
+                    return Clock(rate, start, utc)
         start = float(time[first] - frame[first] / found)
         if (np.abs(Clock(found, start).seconds(frame) - time) <= _OFF_CLOCK).all():
-            return Clock(found, start, start > ABSOLUTE)
+            return Clock(found, start, utc)
     raise FileFormatError(f"{source}: column {_TIME!r} is invalid: no clock gives these times.")
 
 

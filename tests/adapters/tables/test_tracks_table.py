@@ -94,6 +94,15 @@ def test_common_clocks_come_back_from_csv_as_they_were(tmp_path):
         assert read_tracks_csv(path).clock == clock
 
 
+@given(st.sampled_from([1.0, 12.5, 25.0, 29.97, 1000.0]), st.integers(1, 200), st.integers(1, 200))
+def test_frames_that_count_from_1970_come_back_from_csv(tmp_path_factory, rate, one, two):
+    clock = Clock(rate, 0.0, utc=True)
+    first = int(1.7e9 * rate)
+    tracks = one_track(clock=clock, frame=np.array([first, first + one, first + one + two]))
+    path = tmp_path_factory.mktemp("csv") / "tracks.csv"
+    assert read_tracks_csv(write_tracks_csv(path, tracks)).clock == clock
+
+
 @pytest.mark.parametrize("times", [(0.0, 1.0, 1.5), (2.0, 1.0, 0.0), (0, 0, 0), (0, "nan", 2)])
 def test_times_of_no_clock_are_refused(times, tmp_path):
     path = write_tracks_csv(tmp_path / "tracks.csv", one_track())
