@@ -4,7 +4,7 @@ import csv
 import io
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -92,7 +92,9 @@ def read_detections(
         paths: a file or folder, or the cameras' files in their order.
         camera_names: (C,) names of the cameras in the order of the scene, to which those of the
             files are matched; None for the order of the files.
-        frame_rate: frames per second, for the clock; None to keep the clock of the files, if any.
+        frame_rate: frames per second, for the clock, whose start and kind stay those of the files;
+            None to keep the clock of the files, if any. That of uniform JSON has its `fps`, which
+            counts the instants, whatever their numbers.
 
     Returns:
         The boxes, and the names of their cameras: `camera_names` if given.
@@ -140,8 +142,9 @@ def read_camera_boxes(
     found = _joined(parts, given)
     if frame_rate is None:
         return found
-    columns = vars(found.detections) | {"clock": Clock(frame_rate)}
-    return CameraBoxes(Detections(**columns), found.camera_names, found.image_size)
+    stated = found.detections.clock
+    clock = Clock(frame_rate) if stated is None else replace(stated, frame_rate=frame_rate)
+    return replace(found, detections=_with_clock(found.detections, clock))
 
 
 def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.ndarray, "k 2"]:
@@ -235,7 +238,11 @@ def _read(path: Path) -> _Part:
         if is_coco(read_json(path, "boxes")):
             return _part_of_coco(path, None)
         sequence = read_uniform_json(path)
-        return _Part(sequence.detections, sequence.camera_names, sequence.image_size)
+        boxes, step = sequence.detections, np.diff(sequence.frames)
+        if sequence.fps is not None and len(step):
+            # Of instants, whose numbers may step by more than one.
+            boxes = _with_clock(boxes, Clock(sequence.fps * float(np.median(step))))
+        return _Part(boxes, sequence.camera_names, sequence.image_size)
     if suffix == ".csv":
         table = _table_of(path)
         if table is not None:
@@ -245,6 +252,10 @@ def _read(path: Path) -> _Part:
             f"{path} is not a file of boxes that is known: {', '.join(SUFFIXES)}."
         )
     return _Part(read_mot(path).detections(), one_camera=True)
+
+
+def _with_clock(detections: Detections, clock: Clock) -> Detections:
+    return Detections(**(vars(detections) | {"clock": clock}))
 
 
 def _part_of_coco(path: Path, images: Path | None) -> _Part:

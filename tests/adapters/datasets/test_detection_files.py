@@ -214,6 +214,25 @@ def test_frames_get_a_clock(boxes, tmp_path):
     assert found.clock == cf.Clock(25)
 
 
+def test_a_rate_changes_nothing_else_of_a_clock(boxes, tmp_path):
+    clock = cf.Clock(5.0, 1.764e9, utc=True)
+    cf.Detections(**(vars(boxes) | {"clock": clock})).save(tmp_path / "boxes.npz")
+    assert cf.adapters.read_detections(tmp_path / "boxes.npz")[0].clock == clock
+    detections, _ = cf.adapters.read_detections(tmp_path / "boxes.npz", frame_rate=10)
+    assert detections.clock == cf.Clock(10.0, 1.764e9, utc=True)
+
+
+@pytest.mark.parametrize("step", [1, 5])
+def test_uniform_json_has_the_clock_of_its_instants(boxes, step, tmp_path):
+    path = write_uniform(tmp_path / "uniform.json", boxes)
+    document = json.loads(path.read_text())
+    assert cf.adapters.read_detections(path)[0].clock is None
+    for record in document["frames"]:
+        record["frame"] *= step
+    path.write_text(json.dumps(document | {"fps": 2}))
+    assert cf.adapters.read_detections(path)[0].clock == cf.Clock(2.0 * step)
+
+
 def test_no_boxes_at_all_are_no_error(tmp_path):
     for name in ("a", "b"):
         (tmp_path / f"{name}.txt").write_text("")
