@@ -113,7 +113,8 @@ def decomposed(
         InvalidInputError: if it is not that of a camera at a finite place.
     """
     left = projection[:, :3]
-    scale = np.cbrt(np.linalg.det(left))
+    with np.errstate(over="ignore", invalid="ignore"):
+        scale = np.cbrt(np.linalg.det(left))
     if not (np.isfinite(scale) and abs(scale) > 1e-9 * np.abs(left).max(initial=0) > 0):
         raise InvalidInputError("The projection matrix is not that of a camera at a finite place.")
     K, R = rq(left / scale)

@@ -321,7 +321,7 @@ def _part_of_table(table: dict[str, Any], path: Path) -> _Part:
         if cameras.dtype.kind in "OUST":
             words = [str(word).strip() for word in cameras.tolist()]
             if words and all(word.isdecimal() for word in words):
-                cameras = np.array(words, np.int64)
+                cameras = _numbers(words, plain[camera], path)
             else:
                 names = tuple(sorted(set(words), key=natural_order))
                 cameras = np.array(words)

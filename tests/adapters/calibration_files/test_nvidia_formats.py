@@ -82,6 +82,12 @@ def test_a_projection_of_any_scale_has_one_camera(scale, turn, place):
         np.testing.assert_allclose(value, expected, atol=1e-6)
 
 
+@pytest.mark.parametrize("scale", [1e150, np.inf])
+def test_a_matrix_beyond_floats_is_of_no_camera(scale):
+    with pytest.raises(InvalidInputError, match="not that of a camera at a finite place"):
+        decomposed(scale * (1 + np.arange(12.0).reshape(3, 4) ** 2))
+
+
 def test_lens_distortion_is_not_lost_silently(rig, tmp_path):
     bent = replace(rig, distortion=np.full((4, 5), 0.01))
     for write in (write_mv3dt, write_ai_city):

@@ -247,6 +247,7 @@ def test_no_boxes_at_all_are_no_error(tmp_path):
         ("a.csv", "frame,camera,left\n1,2,3\n", "has the columns frame, camera, left"),
         ("a.csv", "frame,camera,x1,y1,x2,y2\n1,2,3\n", "row 2 has 3 columns instead of 6"),
         ("a.csv", "frame,camera,x1,y1,x2,y2\n1,0,3,4,5,no\n", "'y2' holds a value that is not"),
+        ("a.csv", f"frame,camera,x1,y1,x2,y2\n1,{'9' * 20},3,4,5,6\n", r"a\.csv: camera.*63 bits"),
         ("a.csv", "frame,camera,x1,y1,x2,y2\n1,0,5,4,3,6\n", "xyxy, not xywh"),
         ("a.json", "[3]", "a.json"),
         ("a.json", '[{"bbox": [1, 2, 3, 4]}]', "box 0 has no 'image_id'"),

@@ -129,10 +129,10 @@ def read_ai_city_tracks(path: StrPath, scene_id: int | None = None) -> Float[np.
     table = np.array(rows)
     if table.shape[1] == _OF_BOXES:
         table = table[table[:, 1] == _PERSON]
-        scenes = np.unique(table[:, 0]).astype(int).tolist()
+        scenes = [f"{one:g}" for one in np.unique(table[:, 0])]
         if scene_id is None and len(scenes) > 1:
             raise InvalidInputError(
-                f"{source} holds the scenes {', '.join(map(str, scenes))}. Choose one as scene_id."
+                f"{source} holds the scenes {', '.join(scenes)}. Choose one as scene_id."
             )
         if scene_id is not None:
             table = table[table[:, 0] == scene_id]

@@ -212,7 +212,7 @@ def read_anchors(path: str | os.PathLike[str]) -> tuple[Anchor, ...]:
                     for key, value in values.items()
                 }
                 found.append(kind(**stated))
-            except (TypeError, InvalidInputError) as error:
+            except (TypeError, ValueError, OverflowError, InvalidInputError) as error:
                 raise InvalidInputError(f"{where}: {error}") from error
     return tuple(found)
 
@@ -254,7 +254,7 @@ def resolve_anchors(
         camera = anchor.camera
         if isinstance(camera, str) and names is not None and camera in names:
             camera = list(names).index(camera)
-        if isinstance(camera, str) or not 0 <= camera < cameras:
+        if not isinstance(camera, int | np.integer) or not 0 <= camera < cameras:
             raise InvalidInputError(
                 f"An anchor refers to camera {camera!r}, but the cameras are "
                 f"{', '.join(names) if names else f'0 to {cameras - 1}'}."
@@ -309,6 +309,7 @@ def _map_place(
     if (longitude is None) != (latitude is None):
         raise InvalidInputError(f"A {kind} needs longitude and latitude, or neither.")
     if longitude is not None and latitude is not None:
+        _numbers((longitude, latitude), (2,), f"longitude and latitude of a {kind}")
         GeoReference(longitude, latitude)
     if position is not None and longitude is not None:
         raise InvalidInputError(f"A {kind} has a position or a longitude and latitude, not both.")

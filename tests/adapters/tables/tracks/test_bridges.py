@@ -119,6 +119,10 @@ def test_ai_city_takes_people_of_one_sequence(tmp_path):
     path.write_text("1 0 5 0 1 2 .8 .6 .6 1.6 0\n1 1 5 0 9 9 .8 1 1 1 0\n2 0 5 0 3 4 .8 1 1 1 0\n")
     with pytest.raises(InvalidInputError, match="holds the scenes 1, 2"):
         read_ai_city_tracks(path)
+    far = path.with_name("far.txt")
+    far.write_text(path.read_text() + "1e300 0 5 0 3 4 .8 1 1 1 0\n")
+    with pytest.raises(InvalidInputError, match=r"holds the scenes 1, 2, 1e\+300"):
+        read_ai_city_tracks(far)
     np.testing.assert_array_equal(read_ai_city_tracks(path, 1), [[0, 5, 1, 2]])
     path.write_text("\n")
     assert read_ai_city_tracks(path).shape == (0, 4)

@@ -63,6 +63,14 @@ def test_a_file_holds_anchors_of_all_kinds(tmp_path):
         ({"cameras": [{"camera": 0, "size": 1}]}, FileFormatError, "'size'"),
         ({"cameras": [{"camera": 0, "height": "tall"}]}, InvalidInputError, "entry 0 of cameras"),
         ({"distances": [{"camera": 0}]}, InvalidInputError, "entry 0 of distances"),
+        (
+            {"points": [{"camera": 0, "pixel": [5, 7], "longitude": 8.5, "latitude": "x"}]},
+            InvalidInputError,
+            r"anchors\.json: entry 0 of points",
+        ),
+        ({"cameras": [{"camera": [0], "height": 3}]}, InvalidInputError, "entry 0 of cameras"),
+        ({"cameras": [{"camera": 0, "height": 10**400}]}, InvalidInputError, "entry 0 of cameras"),
+        ({"cameras": [{"camera": 0, "position": [[1], 2]}]}, InvalidInputError, "entry 0 of cam"),
     ],
 )
 def test_files_of_another_form_are_refused(tmp_path, document, error, sentence):
