@@ -60,7 +60,8 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
 
     Raises:
         InvalidInputError: if there is no such file, or a box has no area or a score is invalid.
-        FileFormatError: naming the first entry that has another form, or whose image is unknown.
+        FileFormatError: naming the first entry that has another form, or whose image is unknown,
+            or two images of one camera and frame.
     """
     source = Path(path)
     document = read_json(source, "boxes in COCO's form")
@@ -75,6 +76,7 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
     known = {} if described is None else _images(described, Path(images or source))
     wanted = _people(described)
     frame, camera, corners, score = [], [], [], []
+    files: dict[tuple[str, int], Any] = {}
     for at, row in enumerate(rows):
         where = f"box {at}"
         if row.get("category_id", PERSON) not in wanted if isinstance(row, dict) else False:
@@ -88,6 +90,8 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
                 f"{source}: {where} is of the image {quoted(name)}, which is not listed, and whose "
                 "frame is not known."
             )
+        if described is None:
+            _require_own_place(files, image, name, source)
         box = numbers(entry(row, "bbox", source, where), (4,), source, f"bbox of {where}")
         if not (box[2:] > 0).all():
             raise InvalidInputError(
@@ -146,7 +150,8 @@ def _images(document: Any, source: Path) -> dict[Any, _Image]:
     listed = entry(document, "images", source, "the file")
     if not isinstance(listed, list):
         raise FileFormatError(f"{source}: images must be a list.")
-    found = {}
+    found: dict[Any, _Image] = {}
+    files: dict[tuple[str, int], Any] = {}
     for at, row in enumerate(listed):
         where = f"image {at}"
         name = entry(row, "file_name", source, where)
@@ -155,6 +160,7 @@ def _images(document: Any, source: Path) -> dict[Any, _Image]:
             raise FileFormatError(
                 f"{source}: the file name of {where}, {quoted(name)}, has no number of a frame."
             )
+        _require_own_place(files, image, name, source)
         size = None
         if "width" in row and "height" in row:
             pair = [row["width"], row["height"]]
@@ -168,6 +174,18 @@ def _images(document: Any, source: Path) -> dict[Any, _Image]:
             raise FileFormatError(f"{source}: the id of {where} is {quoted(key)}.")
         found[key] = image._replace(size=size)
     return found
+
+
+def _require_own_place(
+    files: dict[tuple[str, int], Any], image: _Image, name: Any, source: Path
+) -> None:
+    """Note the name of an image; raise if one of another name has its camera and frame."""
+    other = files.setdefault((image.camera, image.frame), name)
+    if other != name:
+        raise FileFormatError(
+            f"{source}: the images {quoted(other)} and {quoted(name)} would be one picture, frame "
+            f"{image.frame} of one camera. Put the images of each camera into a folder of its own."
+        )
 
 
 def _image_of(name: Any) -> _Image | None:

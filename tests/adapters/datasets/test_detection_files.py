@@ -189,6 +189,22 @@ def test_a_data_set_of_coco_tells_the_images_of_results(boxes, tmp_path):
         read_coco(results, described)
 
 
+@pytest.mark.parametrize("described", [False, True])
+def test_two_images_of_coco_are_not_taken_for_one(described, tmp_path):
+    names = ["a/cam1_0005.jpg", "a/cam2_0005.jpg"]
+    box = {"category_id": 1, "bbox": [1, 2, 3, 4]}
+    document = [box | {"image_id": name} for name in names]
+    if described:
+        images = [{"id": name, "file_name": name} for name in names]
+        document = {"images": images, "annotations": document}
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(document))
+    with pytest.raises(FileFormatError, match=r"a\.json: .*cam1_0005.* and .*cam2_0005.* frame 5"):
+        read_coco(path)
+    path.write_text(path.read_text().replace("a/cam2", "b/cam2"))
+    assert read_coco(path).camera_names == ("a", "b")
+
+
 @given(order=st.permutations(range(3)), ending=st.sampled_from(["", ".png", "/000000.jpg"]))
 def test_files_find_their_cameras_by_name(order, ending, tmp_path_factory):
     boxes = cf.Detections([1, 1, 1], [0, 1, 2], [[0, 0, 1, 1], [0, 0, 2, 2], [0, 0, 3, 3]])
