@@ -26,7 +26,11 @@ from catfree.adapters.files._documents import (
     read_text,
 )
 from catfree.adapters.tables._coco import is_coco, read_coco
-from catfree.adapters.tables._detections_table import read_detections_parquet
+from catfree.adapters.tables._detections_table import (
+    open_detections_table,
+    read_detections_parquet,
+    rows_of,
+)
 from catfree.adapters.tables._motchallenge import read_mot
 from catfree.adapters.tables._parquet import read_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
@@ -265,8 +269,14 @@ def _part_of_coco(path: Path, images: Path | None) -> _Part:
 
 def _part_of_parquet(path: Path) -> _Part:
     if path.is_dir():
-        return _Part(read_detections_parquet(path))
-    table = read_parquet(path, "boxes")
+        opened = open_detections_table(path)
+        import pyarrow
+
+        if pyarrow.types.is_integer(opened.schema.field("camera").type):
+            return _Part(read_detections_parquet(path))
+        table = rows_of(opened, path)
+    else:
+        table = read_parquet(path, "boxes")
     plain = [name for name in table.column_names if "list" not in str(table[name].type)]
     columns = {name: table[name].to_numpy() for name in plain}
     if set(columns) >= {"frame", "camera", *_BOXES[0][1]} and columns["camera"].dtype.kind in "iu":

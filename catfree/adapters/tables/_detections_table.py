@@ -1,7 +1,7 @@
 """Detections as a Parquet table with one row per box, read in ranges of frames."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock, Detections
 from catfree.types._clock import clock_from_text, clock_to_text
 from catfree.types.results import require_pyarrow
+
+if TYPE_CHECKING:
+    import pyarrow
 
 _BOX = ("x1", "y1", "x2", "y2")
 _REQUIRED = ("frame", "camera", *_BOX)
@@ -80,8 +83,8 @@ def read_detections_parquet(
         rows = field >= first
     if stop is not None:
         rows = field < stop if rows is None else rows & (field < stop)
+    table = rows_of(opened, path, rows)
     try:
-        table = opened.to_table(filter=rows)
         column = {name: table[name].to_numpy() for name in _REQUIRED}
         options: dict[str, Any] = {
             name: table[name].to_numpy()
@@ -90,18 +93,45 @@ def read_detections_parquet(
         }
         for name in ("embedding", "keypoints"):
             if name in table.column_names:
-                values = table[name].combine_chunks()
-                width = values.type.list_size
-                flat = values.flatten().to_numpy(zero_copy_only=False)
-                shape = (-1, 17, 3) if name == "keypoints" else (-1, width)
-                options[name] = flat.reshape(shape)
-    except Exception as error:  # pyarrow raises many types for damaged files
+                options[name] = _numbers_of_lists(table[name].combine_chunks())
+        if "keypoints" in options:
+            options["keypoints"] = options["keypoints"].reshape(-1, 17, 3)
+    except Exception as error:  # a column of another type
         raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error
     box = np.stack([column[name] for name in _BOX], axis=-1)
     clock = clock_of(opened, path)
     return naming_file(
         path, lambda: Detections(column["frame"], column["camera"], box, clock=clock, **options)
     )
+
+
+def rows_of(table: Any, path: StrPath, wanted: Any = None) -> "pyarrow.Table":
+    """Read an open table of detections.
+
+    Args:
+        table: what `open_detections_table` returned.
+        path: of the table, for the message.
+        wanted: a filter of its rows, or None for all.
+
+    Raises:
+        FileFormatError: if a file is damaged.
+    """
+    try:
+        return table.to_table(filter=wanted)
+    except Exception as error:  # pyarrow raises many types for damaged files
+        raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error
+
+
+def _numbers_of_lists(values: Any) -> np.ndarray:
+    """(N, D) numbers of a column of lists, of fixed length or of one length by chance."""
+    import pyarrow.compute
+
+    length = pyarrow.compute.call_function("list_value_length", [values])
+    lengths = length.unique().to_pylist()
+    if len(lengths) > 1 or None in lengths:
+        raise ValueError("the lists of a column have different lengths, or some are missing")
+    width = lengths[0] if lengths else getattr(values.type, "list_size", 0)
+    return values.flatten().to_numpy(zero_copy_only=False).reshape(len(values), width)
 
 
 def open_detections_table(path: StrPath) -> Any:

@@ -30,6 +30,7 @@ def read_tracks(path: StrPath) -> Tracks:
         if not found:
             raise InvalidInputError(f"The folder {source} holds no tracks.csv or tracks.parquet.")
         source = found[0]
-    if source.suffix == ".parquet":
+    suffix = source.suffix.lower()
+    if suffix == ".parquet":
         return read_tracks_parquet(source)
-    return Tracks.load(source) if source.suffix == ".npz" else read_tracks_csv(source)
+    return Tracks.load(source) if suffix == ".npz" else read_tracks_csv(source)

@@ -189,6 +189,22 @@ def test_a_data_set_of_coco_tells_the_images_of_results(boxes, tmp_path):
         read_coco(results, described)
 
 
+def test_a_folder_of_tables_may_name_its_cameras(boxes, tmp_path):
+    pyarrow = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    for name, part in (("a", boxes[:3]), ("b", boxes[3:])):
+        table = pyarrow.table(columns_of(part, NAMES))
+        parquet.write_table(table, tmp_path / f"{name}.parquet")
+    found, names = cf.read_detections(tmp_path)
+    assert names == NAMES
+    np.testing.assert_array_equal(rows_of(found), rows_of(boxes))
+    content = bytearray((tmp_path / "b.parquet").read_bytes())
+    content[20:200] = bytes(180)
+    (tmp_path / "b.parquet").write_bytes(content)
+    with pytest.raises(FileFormatError, match="cannot be read"):
+        cf.read_detections(tmp_path)
+
+
 @pytest.mark.parametrize("described", [False, True])
 def test_two_images_of_coco_are_not_taken_for_one(described, tmp_path):
     names = ["a/cam1_0005.jpg", "a/cam2_0005.jpg"]

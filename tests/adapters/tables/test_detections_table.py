@@ -60,6 +60,27 @@ def test_a_folder_of_tables_is_one_table(tmp_path):
     assert_equal(read_detections_parquet(tmp_path), whole)
 
 
+def test_lists_of_one_length_are_vectors(tmp_path):
+    import pyarrow
+    import pyarrow.parquet
+
+    written = boxes(0, 7, 3, 5, True, None)
+    ordered = written[np.lexsort((written.camera, written.frame))]
+    path = write_detections_parquet(tmp_path / "b.parquet", written)
+    table = pyarrow.parquet.read_table(path)
+    for name in ("embedding", "keypoints"):  # as pandas writes them
+        at = table.schema.get_field_index(name)
+        table = table.set_column(at, name, pyarrow.array(table[name].to_pylist()))
+    pyarrow.parquet.write_table(table, path)
+    assert_equal(read_detections_parquet(path), ordered)
+    assert len(read_detections_parquet(path, stop=-1)) == 0
+    for lists in ([[1.0]] * 6 + [[1.0, 2.0]], [[1.0]] * 6 + [None]):
+        uneven = table.set_column(at - 1, "embedding", pyarrow.array(lists))
+        pyarrow.parquet.write_table(uneven, path)
+        with pytest.raises(FileFormatError, match=r"b\.parquet .* have different lengths"):
+            read_detections_parquet(path)
+
+
 def test_other_files_are_refused(tmp_path):
     import pyarrow
     import pyarrow.parquet

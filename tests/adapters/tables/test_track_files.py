@@ -28,6 +28,7 @@ def test_every_form_gives_the_same_rows(tmp_path):
     paths = [tmp_path / "tracks.npz", tmp_path, write_tracks_csv(tmp_path / "tracks.csv", tracks)]
     pytest.importorskip("pyarrow")
     paths.append(write_tracks_parquet(tmp_path / "tracks.parquet", tracks))
+    paths.append(write_tracks_parquet(tmp_path / "T.PARQUET", tracks))
     for path in paths:
         found = read_tracks(path)
         np.testing.assert_array_equal(found.to_rows(), tracks.to_rows())
