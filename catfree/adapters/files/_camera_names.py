@@ -2,6 +2,7 @@
 
 import os
 import re
+import unicodedata
 from collections.abc import Callable, Sequence
 from pathlib import Path, PurePosixPath
 
@@ -89,9 +90,9 @@ def positions_of(wanted: Sequence[str], given: Sequence[str]) -> list[int] | Non
     """
     rules: tuple[Callable[[str], str], ...] = (
         lambda name: name,
-        lambda name: _ENDINGS.sub("", name).casefold(),
-        lambda name: PurePosixPath(_ENDINGS.sub("", name).casefold()).name,
-        lambda name: (PurePosixPath(name.casefold()).parts or ("",))[0],
+        lambda name: _ENDINGS.sub("", _folded(name)),
+        lambda name: PurePosixPath(_ENDINGS.sub("", _folded(name))).name,
+        lambda name: (PurePosixPath(_folded(name)).parts or ("",))[0],
     )
     for left in rules:
         for right in rules:
@@ -101,6 +102,11 @@ def positions_of(wanted: Sequence[str], given: Sequence[str]) -> list[int] | Non
                 if all(known.count(name) == 1 for name in sought):
                     return place
     return None
+
+
+def _folded(name: str) -> str:
+    """Remove case, and spell ü alike whether it is one character or, as in macOS, u and dots."""
+    return unicodedata.normalize("NFC", name.casefold())
 
 
 def is_numbered(names: Sequence[str]) -> bool:

@@ -1,5 +1,7 @@
 """Names of cameras: short, distinct, and fit to name files."""
 
+import unicodedata
+
 import pytest
 from hypothesis import given, strategies as st
 
@@ -80,6 +82,14 @@ def test_cameras_are_found_whatever_their_files_end_in(order, ending):
     given_names = ["north", "b/2", "b/10"] if ending != "/det/det" else ["north", "b2", "b10"]
     wanted = [given_names[at].upper() + ending for at in order]
     assert positions_of(wanted, given_names) == list(order)
+
+
+@given(order=st.permutations(range(3)), forms=st.tuples(*[st.sampled_from(["NFC", "NFD"])] * 2))
+def test_cameras_are_found_however_unicode_is_spelled(order, forms):
+    names = ["Tür", "Café/Süd", "Süden"]
+    there, here = ([unicodedata.normalize(form, name) for name in names] for form in forms)
+    assert positions_of([here[at] + ".mp4" for at in order], there) == list(order)
+    assert positions_of(["Tür", "Tu\u0308r"], ["Tu\u0308r", "Tür"]) == [1, 0]
 
 
 def test_names_that_do_not_tell_find_nothing():
