@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from catfree.errors import InvalidInputError
 from catfree.types import Scene
-from catfree.types._validation import as_float, require_finite, require_shape
+from catfree.types._validation import as_float, require_boxes
 from catfree.types.results._reconstruction import Reconstruction as Reconstruction
 
 Image = UInt8[np.ndarray, "_ _ 3"]
@@ -48,24 +48,7 @@ class FrameDetections(eqx.Module):
         self.box = boxes.reshape(0, 4) if boxes.size == 0 else boxes
         self.score = np.asarray(as_float(score))
         self.keypoints = None if keypoints is None else np.asarray(as_float(keypoints))
-        n = len(self.box)
-        require_shape(self.box, (n, 4), "box")
-        require_shape(self.score, (n,), "score")
-        require_finite(self.box, "box")
-        require_finite(self.score, "score")
-        empty = (self.box[:, 2] <= self.box[:, 0]) | (self.box[:, 3] <= self.box[:, 1])
-        if empty.any():
-            at = int(np.argmax(empty))
-            raise InvalidInputError(
-                f"box[{at}] is {self.box[at].tolist()}; it must be x1 < x2, y1 < y2 in pixels."
-            )
-        outside = (self.score < 0) | (self.score > 1)
-        if outside.any():
-            at = int(np.argmax(outside))
-            raise InvalidInputError(f"score[{at}] is {self.score[at]}; it must be in [0, 1].")
-        if self.keypoints is not None:
-            require_shape(self.keypoints, (n, 17, 3), "keypoints")
-            require_finite(self.keypoints, "keypoints")
+        require_boxes(len(self.box), self.box, self.score, self.keypoints)
 
     def __len__(self) -> int:
         return len(self.box)

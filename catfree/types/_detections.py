@@ -17,6 +17,7 @@ from catfree.types._validation import (
     as_float,
     as_integer,
     first_index,
+    require_boxes,
     require_finite,
     require_instance,
     require_shape,
@@ -98,25 +99,10 @@ class Detections(eqx.Module):
                 "2^53 are not exact. Count frames, or time, from the first one."
             )
         require_shape(self.camera, (n,), "camera")
-        require_shape(self.box, (n, 4), "box")
-        require_finite(self.box, "box")
+        require_boxes(n, self.box, self.score, self.keypoints)
         if (self.camera < 0).any():
             at = first_index(self.camera < 0)
             raise InvalidInputError(f"camera[{at}] is {self.camera[int(at)]}; indices start at 0.")
-        empty = (self.box[:, 2] <= self.box[:, 0]) | (self.box[:, 3] <= self.box[:, 1])
-        if empty.any():
-            at = int(np.argmax(empty))
-            raise InvalidInputError(
-                f"box[{at}] is {self.box[at].tolist()}; it must be x1 < x2, y1 < y2 in pixels "
-                "(xyxy, not xywh)."
-            )
-        if self.score is not None:
-            require_shape(self.score, (n,), "score")
-            require_finite(self.score, "score")
-            outside = (self.score < 0) | (self.score > 1)
-            if outside.any():
-                at = int(np.argmax(outside))
-                raise InvalidInputError(f"score[{at}] is {self.score[at]}; it must be in [0, 1].")
         if self.ankles_confirmed is not None:
             require_shape(self.ankles_confirmed, (n,), "ankles_confirmed")
         if self.embedding is not None:
@@ -127,9 +113,6 @@ class Detections(eqx.Module):
                     "Pass None if there are no embeddings."
                 )
             require_finite(self.embedding, "embedding")
-        if self.keypoints is not None:
-            require_shape(self.keypoints, (n, 17, 3), "keypoints")
-            require_finite(self.keypoints, "keypoints")
 
     def __len__(self) -> int:
         return len(self.frame)

@@ -184,6 +184,38 @@ def require_shape(value: Any, shape: tuple[int | None, ...], name: str) -> None:
         raise InvalidInputError(f"{name} must have shape ({wanted}), got {got}.")
 
 
+def require_boxes(
+    count: int, box: np.ndarray, score: np.ndarray | None, keypoints: np.ndarray | None
+) -> None:
+    """Raise at the first box without area, score outside [0, 1] or number that is not finite.
+
+    Args:
+        count: N, the number of boxes.
+        box: (N, 4) x1, y1, x2, y2.
+        score: (N,) or None.
+        keypoints: (N, 17, 3) or None.
+    """
+    require_shape(box, (count, 4), "box")
+    require_finite(box, "box")
+    empty = (box[:, 2] <= box[:, 0]) | (box[:, 3] <= box[:, 1])
+    if empty.any():
+        at = int(np.argmax(empty))
+        raise InvalidInputError(
+            f"box[{at}] is {box[at].tolist()}; it must be x1 < x2, y1 < y2 in pixels (xyxy, not "
+            "xywh)."
+        )
+    if score is not None:
+        require_shape(score, (count,), "score")
+        require_finite(score, "score")
+        outside = (score < 0) | (score > 1)
+        if outside.any():
+            at = int(np.argmax(outside))
+            raise InvalidInputError(f"score[{at}] is {score[at]}; it must be in [0, 1].")
+    if keypoints is not None:
+        require_shape(keypoints, (count, 17, 3), "keypoints")
+        require_finite(keypoints, "keypoints")
+
+
 def require_known_cameras(camera: np.ndarray, count: int) -> None:
     """Raise at the first camera that is not in a rig of `count` cameras."""
     if (camera < 0).any():
