@@ -27,6 +27,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.adapters.tables._coco import is_coco, read_coco
 from catfree.adapters.tables._detections_table import (
+    list_columns,
     open_detections_table,
     read_detections_parquet,
     rows_of,
@@ -38,6 +39,7 @@ from catfree.types import Clock, Detections
 from catfree.types._validation import as_integer
 
 SUFFIXES = (".txt", ".csv", ".parquet", ".json", ".npz")
+MOST_CAMERAS = 10_000  # of files that number them
 
 # The first of these that a table has is its column.
 _FRAME = ("frame", "frame_id", "frame_number", "image_id")
@@ -281,7 +283,10 @@ def _part_of_parquet(path: Path) -> _Part:
     columns = {name: table[name].to_numpy() for name in plain}
     if set(columns) >= {"frame", "camera", *_BOXES[0][1]} and columns["camera"].dtype.kind in "iu":
         return _Part(read_detections_parquet(path))
-    return _part_of_table(columns, path)
+    part = _part_of_table(columns, path)
+    lists = list_columns(table, path)
+    detections = naming_file(path, lambda: Detections(**(vars(part.detections) | lists)))
+    return replace(part, detections=detections)
 
 
 def _table_of(path: Path) -> dict[str, Any] | None:
@@ -391,6 +396,11 @@ def _joined(parts: list[_Part], files: list[Path]) -> CameraBoxes:
     names = first.names
     if names is None:
         count = int(detections.camera.max(initial=-1)) + 1
+        if count > MOST_CAMERAS:
+            raise InvalidInputError(
+                f"{files[0]} has a box of camera {count - 1}. Number cameras from 0, one after the "
+                f"other, up to {MOST_CAMERAS - 1}, or give their names."
+            )
         names = tuple(f"C{camera + 1}" for camera in range(count))
     return CameraBoxes(detections, names, first.size)
 

@@ -91,13 +91,9 @@ def read_detections_parquet(
             for name in ("score", "ankles_confirmed")
             if name in table.column_names
         }
-        for name in ("embedding", "keypoints"):
-            if name in table.column_names:
-                options[name] = _numbers_of_lists(table[name].combine_chunks())
-        if "keypoints" in options:
-            options["keypoints"] = options["keypoints"].reshape(-1, 17, 3)
     except Exception as error:  # a column of another type
         raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error
+    options |= list_columns(table, path)
     box = np.stack([column[name] for name in _BOX], axis=-1)
     clock = clock_of(opened, path)
     return naming_file(
@@ -120,6 +116,24 @@ def rows_of(table: Any, path: StrPath, wanted: Any = None) -> "pyarrow.Table":
         return table.to_table(filter=wanted)
     except Exception as error:  # pyarrow raises many types for damaged files
         raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error
+
+
+def list_columns(table: "pyarrow.Table", path: StrPath) -> dict[str, np.ndarray]:
+    """Embeddings (N, D) and keypoints (N, 17, 3) of a table, if it has them.
+
+    Raises:
+        FileFormatError: if their lists hold other numbers.
+    """
+    columns = {}
+    try:
+        for name in ("embedding", "keypoints"):
+            if name in table.column_names:
+                columns[name] = _numbers_of_lists(table[name].combine_chunks())
+        if "keypoints" in columns:
+            columns["keypoints"] = columns["keypoints"].reshape(-1, 17, 3)
+    except Exception as error:  # a column of another type
+        raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error
+    return columns
 
 
 def _numbers_of_lists(values: Any) -> np.ndarray:

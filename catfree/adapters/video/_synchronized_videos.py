@@ -114,9 +114,8 @@ class SynchronizedVideos:
             frame_rate: ticks per second; None for the lowest rate among the cameras.
             on_error: at a frame that cannot be decoded, "raise" an error or "keep" the instants
                 before it and stop there (`interruption` then holds the error, `whole` their
-                number). Formats without time
-                stamps (AVI) may lose damaged frames before decoding stops, so that frames after the
-                damage come too early; "raise" refuses such a file.
+                number). Formats without time stamps (AVI) may lose damaged frames before decoding
+                stops, so that frames after the damage come too early; "raise" refuses such a file.
             fewest_cameras: deliver the ticks at which so many cameras have a frame; None for all.
                 The picture of a camera that has none is black, and `silent` lists it.
 

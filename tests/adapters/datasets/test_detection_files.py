@@ -164,6 +164,28 @@ def test_tables_of_other_programs(boxes, tmp_path):
     np.testing.assert_array_equal(rows_of(found), rows_of(boxes))
 
 
+def test_a_table_of_named_cameras_keeps_its_embeddings(boxes, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    looks = np.random.default_rng(0).normal(size=(len(boxes), 4))
+    table = pandas.DataFrame(columns_of(boxes, NAMES) | {"embedding": list(looks)})
+    table.to_parquet(tmp_path / "table.parquet")
+    found, names = cf.read_detections(tmp_path / "table.parquet")
+    assert names == NAMES
+    np.testing.assert_array_equal(found.embedding, looks)
+    table.at[0, "embedding"] = looks[0, :2]
+    table.to_parquet(tmp_path / "table.parquet")
+    with pytest.raises(FileFormatError, match="different lengths"):
+        cf.read_detections(tmp_path / "table.parquet")
+
+
+def test_a_number_of_a_camera_beyond_all_rigs_is_refused(boxes, tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(f"frame,camera,x1,y1,x2,y2\n0,{10**12},1,2,3,9\n")
+    with pytest.raises(InvalidInputError, match="a box of camera 1000000000000"):
+        cf.read_detections(path)
+
+
 def test_a_data_set_of_coco_tells_the_images_of_results(boxes, tmp_path):
     images = [
         {"id": 100 * camera + frame, "file_name": f"{name}/{frame:05d}.png"}
