@@ -172,9 +172,18 @@ class Tracker:
         self._state = replace(state, finished=np.array(True))
         return Update(self._tracks([], time), tracks, tuple(events), time)
 
-    def reset(self) -> None:
-        """Forget everything, also what was learned about the cameras."""
-        self._state = new_state(self.scene.rig.camera_count, self.settings.evidence)
+    def reset(self, *, keep_learned: bool = False) -> None:
+        """Begin a new stream, whose times may start anywhere.
+
+        Args:
+            keep_learned: keep what was learned about cameras and people, as for the next day of the
+                same cameras; identities count on. Otherwise everything is forgotten.
+        """
+        fresh = new_state(self.scene.rig.camera_count, self.settings.evidence)
+        if keep_learned:
+            kept = ("count", "learned", "sample", "missing", "spacing", "names")
+            fresh = replace(fresh, **{name: getattr(self._state, name) for name in kept})
+        self._state = fresh
 
     @property
     def state(self) -> TrackerState:
@@ -195,7 +204,7 @@ class Tracker:
                 f"The state is that of {cameras} cameras, but the scene has {count}. Set the state "
                 "of a tracker of the same scene."
             )
-        if state.count > 0 and (self.lag == math.inf) != bool(state.recording):
+        if state.time > -math.inf and (self.lag == math.inf) != bool(state.recording):
             raise InvalidInputError(
                 "The state is that of a tracker "
                 f"{'with' if state.recording else 'without'} an infinite lag; it remembers other "

@@ -346,3 +346,19 @@ def test_without_a_lag_positions_of_now_are_the_final_ones():
         assert np.array_equal(update.provisional.track_id, update.final.track_id)
         assert np.array_equal(update.provisional.ground_xy, update.final.ground_xy)
         assert update.final_until >= f / RATE
+
+
+@pytest.mark.slow
+def test_the_next_day_begins_with_what_was_learned():
+    tracker = cf.Tracker(SCENE, lag=1.0)
+    day = [*feed(tracker), tracker.finish()]
+    learned = tracker.state.learned
+    tracker.reset(keep_learned=True)
+    assert tracker.state.learned is learned
+    next_day = [*feed(tracker), tracker.finish()]
+    begun, went_on = (sum(len(u.provisional) for u in rows[:4]) for rows in (day, next_day))
+    assert 0 < begun <= went_on
+    first, second = (set(final_rows(rows)[:, 1]) for rows in (day, next_day))
+    assert not first & second
+    tracker.reset()
+    assert same(tracker.state, cf.Tracker(SCENE, lag=1.0).state)
