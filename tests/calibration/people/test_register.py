@@ -157,10 +157,10 @@ def test_a_few_people_part_no_focal_lengths(world, recovered):
 
 @pytest.mark.slow
 def test_focal_lengths_that_differ_a_little_are_drawn_to_their_mean(world, recovered):
-    boxes, start, focal = enlarged(world, recovered[0], 1.06)
+    boxes, start, focal = enlarged(world, recovered[0], 1.12)
     refined = refine_with_correspondences(start, boxes, true_members(world), repeats=60.0)
     ratio = np.asarray(refined.scene.rig.K)[:, 0, 0] / focal
-    assert np.abs(np.log(ratio) - np.log(ratio).mean()).max() < 0.03
+    assert np.abs(np.log(ratio) - np.log(ratio).mean()).max() < 0.05
 
 
 @pytest.mark.slow
