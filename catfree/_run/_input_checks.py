@@ -117,13 +117,15 @@ def order_like(
             f"The scene lists its cameras as {', '.join(given)}, the {kind} come as "
             f"{', '.join(wanted)}: they were matched by name.",
         )
-    if is_numbered(given) or is_numbered(wanted):  # default names carry no information
+    if is_numbered(wanted):  # default names carry no information
         return scene, ()
     if len(wanted) < len(given):
         raise InvalidInputError(
             f"The scene has the cameras {', '.join(given)}, but the {kind} are "
             f"{', '.join(wanted)}, which are not all among them. Rename one like the other."
         )
+    if is_numbered(given):
+        return scene, ()
     return scene, (
         f"The scene names its cameras {', '.join(given)}, the {kind} are {', '.join(wanted)}: "
         "they were matched in the order given. Check that it is the same.",

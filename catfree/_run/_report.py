@@ -298,9 +298,9 @@ def _expected_rows(reliability: Reliability) -> list[tuple[str, str]]:
     rows = []
     expected, low, high = reliability.expected_moda, reliability.moda_low, reliability.moda_high
     if expected is not None and low is not None and high is not None:
-        interval = f"{expected:.0f} (90 % interval {low:.0f} to {high:.0f})"
-        note = reliability.expectation_note
-        rows.append(("expected MODA", interval if np.isfinite(expected) else f"unknown: {note}"))
+        known = f"{expected:.0f} (90 % interval {low:.0f} to {high:.0f})"
+        said = [known if np.isfinite(expected) else "unknown", reliability.expectation_note]
+        rows.append(("expected MODA", ": ".join(filter(None, said))))
     for name, value in (
         ("expected precision", reliability.expected_precision),
         ("expected recall", reliability.expected_recall),

@@ -121,7 +121,7 @@ def write_check_page(
             frame in common with the boxes.
         WriteError: if the disk is full or not writable.
     """
-    from catfree._run._report import describe_acceptance
+    from catfree._run._report import describe_acceptance, describe_warnings
     from catfree.errors import CatFreeError
     from catfree.types._writing import make_folder
     from catfree.viz.page._blocks import (
@@ -143,6 +143,7 @@ def write_check_page(
     )
     blocks: list[Block] = [
         Heading("catfree check", 1),
+        *describe_warnings(outcome.warnings),
         Paragraph(
             f"Frames {result.first} to {result.last}, compared in windows of "
             f"{result.window:.3g} seconds."
@@ -191,10 +192,11 @@ def _draw_grid(folder: Path, outcome: Any, footage: Any, blur: bool) -> Path:
         last = footage.frame_count - 1
         if blur:
             known = np.flatnonzero(np.isin(footage.frames, boxes.frame))
-            if not len(known):
+            # The files of boxes of a run count its instants, which may be every fifth frame.
+            if not len(known) or known[-1] < footage.frame_count / 2:
                 raise InvalidInputError(
-                    "No frame of the videos has boxes, so nobody in it can be made unrecognizable. "
-                    "Number the frames of boxes and videos alike."
+                    "The boxes do not number frames as the videos do, so nobody can be made "
+                    "unrecognizable: give the `detections.npz` of a run, which does."
                 )
             last = known[-1]
         frame, images = next(footage.instants_from(int(last)))

@@ -111,6 +111,7 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
             detector=open_detector(_path(document.detector)),
             embedder=open_embedder(_path(document.embedder)),
         )
+        warn(receipt.warnings)
         print_text(f"Shard {index} of {receipt.count} is finished: {receipt.boxes} boxes.")
 
     def join(out: Annotated[Path, positional]) -> None:

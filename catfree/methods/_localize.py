@@ -89,8 +89,14 @@ def localize(
         result = _localize_by_evidence(detections, scene, keep, settings, missing, report)
     else:
         result = _localize_by_paper(detections, scene, keep, settings, report)
+    warnings = result.warnings
+    if keep.any() and not len(result.tracks):
+        warnings += (
+            f"Nobody is found among {int(keep.sum())} boxes. Check that boxes and scene are of the "
+            "same cameras, in one order, and of pictures of one size.",
+        )
     tracks = replace(result.tracks, clock=detections.clock)
-    return with_expectation(replace(result, tracks=tracks), settings)
+    return with_expectation(replace(result, tracks=tracks, warnings=warnings), settings)
 
 
 def _localize_by_evidence(

@@ -5,7 +5,9 @@ Lengths are shares of the scene extent E, angles are radians.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
+
+from catfree.errors import InvalidInputError
 
 Selection = Literal[
     "none",
@@ -69,6 +71,9 @@ class AssociationSettings:
     uniqueness_ratio: float = 0.3
 
 
+Estimator = Literal["rays", "best_pair", "single_ray"]
+
+
 @dataclass(frozen=True)
 class TriangulationSettings:
     """Robust 3-D position (Sec. position estimation).
@@ -84,8 +89,16 @@ class TriangulationSettings:
 
     huber_scale: float = 0.01
     refit_inliers: bool = True
-    estimator: Literal["rays", "best_pair", "single_ray"] = "rays"
+    estimator: Estimator = "rays"
     constrain_to_ground: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise InvalidInputError if there is no such estimator."""
+        if self.estimator not in get_args(Estimator):
+            raise InvalidInputError(
+                f"estimator is {self.estimator!r}; it must be one of "
+                f"{', '.join(map(repr, get_args(Estimator)))}."
+            )
 
 
 @dataclass(frozen=True)

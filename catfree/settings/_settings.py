@@ -51,13 +51,19 @@ class Settings:
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if the method is unknown or a part has the wrong type."""
+        """Raise InvalidInputError if a part has the wrong type or an unknown value."""
         for part in fields(self):
             value, kind = getattr(self, part.name), part.default_factory
             if isinstance(kind, type) and not isinstance(value, kind):
                 raise InvalidInputError(
                     f"settings.{part.name} must be {kind.__name__}, got {type(value).__name__}. "
                     f"Pass Settings({part.name}={kind.__name__}(...))."
+                )
+        for name in ("confidence", "calibration_confidence"):
+            value = getattr(self, name)
+            if not isinstance(value, int | float) or not 0 <= value <= 1:
+                raise InvalidInputError(
+                    f"settings.{name} is {value!r}; it must be a score between 0 and 1."
                 )
         if self.method not in get_args(Method):
             raise InvalidInputError(

@@ -87,7 +87,7 @@ def test_people_on_the_page_can_be_made_unrecognizable(first, tmp_path, capsys):
     moved = Detections(**(vars(world.detections) | {"frame": world.detections.frame + 100}))
     moved.save(tmp_path / "boxes.npz")
     assert cli.main([*words, "--blur"]) == 1
-    assert "No frame of the videos has boxes" in capsys.readouterr().err
+    assert "do not number frames as the videos do" in capsys.readouterr().err
 
 
 def test_a_missing_scene_is_one_sentence(tmp_path, capsys):

@@ -116,8 +116,11 @@ def test_a_part_of_the_scene_is_found_by_name_alone(clips):
     part, (said,) = order_like(scene, ["x.png", "a.png", "b.png", "y.png"], videos.camera_names)
     np.testing.assert_array_equal(part.rig.t, np.asarray(scene.rig.t)[[2, 1]])
     assert "matched by name" in said
-    with pytest.raises(InvalidInputError, match="x, y, z, w, but the videos are b, a, which are"):
-        order_like(scene, ["x", "y", "z", "w"], videos.camera_names)
+    for names in (["x", "y", "z", "w"], ["C1", "C2", "C3", "C4"]):
+        with pytest.raises(InvalidInputError, match="but the videos are b, a, which are"):
+            order_like(scene, names, videos.camera_names)
+    # Boxes that only number their cameras are of the first ones.
+    assert order_like(scene, ["x", "y", "z", "w"], ["C1", "C2"], "boxes") == (scene, ())
 
 
 def test_a_short_video_says_what_is_lost(clips):

@@ -154,13 +154,19 @@ def fit_to_camera(
             report()
 
     try:
-        return detector.fit(pictures())
+        fitted = detector.fit(pictures())
     except (InsufficientDataError, InvalidInputError) as error:
         lacks_pictures = videos.footage[camera].pictures < videos.frame_count
         if isinstance(error, InsufficientDataError) and lacks_pictures:
             return Blind()
         name = f"Camera {camera} ({videos.camera_names[camera]!r})"
         raise type(error)(f"{name}: {error}") from error
+    if not callable(fitted):
+        raise InvalidInputError(
+            f"{type(detector).__name__}.fit returned {type(fitted).__name__} for camera {camera} "
+            f"({videos.camera_names[camera]!r}); it must return a detector."
+        )
+    return fitted
 
 
 class Blind:

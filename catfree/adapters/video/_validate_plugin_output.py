@@ -63,7 +63,7 @@ class Describer:
         """
         where = _place(self.embedder, camera, frame)
         try:
-            answer = self.embedder(image, box)
+            answer = self.embedder(image, box.copy())  # which it may change
             vectors = np.asarray(as_float(answer))
         except InvalidInputError as error:
             raise InvalidInputError(f"{where} failed: {error}") from error

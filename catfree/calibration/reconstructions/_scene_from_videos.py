@@ -9,6 +9,8 @@ from catfree.calibration.reconstructions._ground import find_ground
 from catfree.errors import InsufficientDataError
 from catfree.types import Detections, Scene
 from catfree.types._annotations import Progress, no_progress
+from catfree.types._validation import require_instance
+from catfree.types.results._reconstruction import Reconstruction
 
 INSTANTS = 12  # reconstructed instants; four of them may be wrong
 
@@ -36,6 +38,7 @@ def scene_from_videos(
         The scene, in meters if the reconstructor's units are.
 
     Raises:
+        InvalidInputError: if the reconstructor returns something else than a `Reconstruction`.
         InsufficientDataError: if no instant is in all videos or has two registered cameras.
         GroundRejectedError: if no plane of the scene can be the ground.
     """
@@ -50,7 +53,9 @@ def scene_from_videos(
     for done, position in enumerate(chosen):
         report("reconstruction", done, count)
         _, images = next(iter(videos.instants_from(int(position))))
-        reconstructions.append(reconstructor(images))
+        found = reconstructor(images)
+        require_instance(found, Reconstruction, f"What {type(reconstructor).__name__} returns")
+        reconstructions.append(found)
     report("reconstruction", count, count)
     aggregated = aggregate(reconstructions, videos.image_size)
     ground = find_ground(

@@ -80,7 +80,7 @@ class Verdict(StrEnum):
     DEAD = "dead"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CameraCheck:
     """The verdict on one camera.
 
@@ -119,7 +119,7 @@ class CameraCheck:
     advice: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Check:
     """The acceptance of a rig by the people that it saw.
 

@@ -40,7 +40,7 @@ class ClockJump(NamedTuple):
     frames_sd: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Clocks:
     """The clocks of all cameras, relative to one of them.
 

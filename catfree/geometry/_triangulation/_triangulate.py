@@ -160,7 +160,9 @@ def _solve_normal_equations(
         gradient = gradient_of(rays.weights, residuals_of(rays, entries(position)))
         return position - jnp.stack(solve_regularized(matrix, gradient))
 
-    return jax.lax.fori_loop(0, 3, refine, jnp.stack([zero[0]] * 3)), rays.weights > 0
+    return jax.lax.fori_loop(
+        0, 3, refine, jnp.zeros((3, *zero.shape[1:]), zero.dtype)
+    ), rays.weights > 0
 
 
 class _SymmetricSolver(lx.AbstractLinearSolver[Triangle]):

@@ -222,3 +222,23 @@ def test_real_clips_give_real_people(shared):
     assert set(found.camera.tolist()) == {0, 1, 2}
     assert len(found) >= 9
     assert found.ankles_confirmed.any()
+
+
+def test_an_embedder_that_changes_its_boxes_moves_nobody(tmp_path):
+    class Widening(Answers):
+        def __call__(self, image, box):
+            box[:, 0] -= 5
+            return np.ones((len(box), 3))
+
+    videos = write_folders(tmp_path)
+    plain, embedded = (detect_videos(videos, BrightSpot(), e) for e in (None, Widening()))
+    np.testing.assert_array_equal(embedded.box, plain.box)
+
+
+def test_a_fit_that_returns_no_detector_names_its_camera(tmp_path):
+    class Forgetful(BrightSpot):
+        def fit(self, pictures):
+            list(pictures)
+
+    with pytest.raises(InvalidInputError, match=r"Forgetful.fit returned NoneType for camera 0"):
+        detect_videos(write_folders(tmp_path), Forgetful())

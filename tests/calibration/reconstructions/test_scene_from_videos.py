@@ -7,6 +7,7 @@ import pytest
 import catfree.calibration
 from catfree.adapters.video import SynchronizedVideos
 from catfree.calibration.reconstructions._scene_from_videos import scene_from_videos
+from catfree.errors import InvalidInputError
 from catfree.geometry import fit_similarity
 from catfree.synthetic import make_layout
 from tests.noisy_reconstruction import reconstruct
@@ -47,3 +48,19 @@ def test_scene_from_videos_finds_rig_and_floor(tmp_path):
 
 def test_the_name_that_callers_know():
     assert catfree.calibration.scene_from_videos is scene_from_videos
+
+
+def test_a_reconstructor_that_returns_something_else_is_named(tmp_path):
+    folders = [tmp_path / name for name in "ab"]
+    for folder in folders:
+        folder.mkdir()
+        cv2.imwrite(str(folder / "0.png"), np.full((108, 192, 3), len(folder.name), np.uint8))
+    rig = make_layout("ring6", 0).rig
+
+    class Half(Noisy):
+        def __call__(self, images):
+            return self.rig
+
+    videos, half = SynchronizedVideos(folders), Half(rig, None, None)
+    with pytest.raises(InvalidInputError, match="What Half returns must be a Reconstruction"):
+        scene_from_videos(videos, half, instants=1)
