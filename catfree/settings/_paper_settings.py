@@ -96,8 +96,8 @@ class TriangulationSettings:
         """Raise InvalidInputError if there is no such estimator."""
         if self.estimator not in get_args(Estimator):
             raise InvalidInputError(
-                f"estimator is {self.estimator!r}; it must be one of "
-                f"{', '.join(map(repr, get_args(Estimator)))}."
+                f"estimator is {self.estimator!r}; it must be a known one: "
+                f"{' or '.join(map(repr, get_args(Estimator)))}."
             )
 
 

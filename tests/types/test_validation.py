@@ -41,7 +41,7 @@ people = cf.Detections([0, 0], [0, 1], [[0, 0, 10, 20.0]] * 2)
 calls = {
     "Settings, no such method": lambda: cf.Settings(method="Paper"),
     "Settings, confidence in percent": lambda: cf.Settings(confidence=30.0),
-    "Settings, confidence NaN": lambda: cf.Settings(calibration_confidence=math.nan),
+    "Settings, confidence NaN": lambda: cf.Settings(calibration_confidence=np.nan),
     "Settings, no such estimator": lambda: cf.settings.TriangulationSettings(estimator="ray"),
     "Scene, swapped": lambda: cf.Scene(ground, rig, 10.0),
     "Scene, no ground": lambda: cf.Scene(rig, None, 10.0),

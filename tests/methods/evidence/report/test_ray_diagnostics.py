@@ -127,7 +127,7 @@ def test_few_people_do_not_tell_the_ground(world):
     one = world.detections[world.detections.frame < 2]
     result = cf.localize(one, raised(world.true_scene, 0.4))
     assert np.isnan(result.reliability.ground_height)
-    assert result.warnings == ()
+    assert not any("ground plane" in warning for warning in result.warnings)
 
 
 def test_the_default_method_runs_the_four_functions_of_rays(world, monkeypatch):
