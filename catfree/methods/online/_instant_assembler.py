@@ -148,7 +148,10 @@ class InstantAssembler:
     def finish(self) -> tuple[Instant, ...]:
         """Return the instants that still wait for cameras, at the end of a stream."""
         self._drop_held()
-        return tuple(self._close(min(self._open)) for _ in range(len(self._open)) if self._open)
+        instants = []
+        while self._open:
+            instants.append(self._close(min(self._open)))
+        return tuple(instants)
 
     def take_dropped(self) -> tuple[DroppedFrame, ...]:
         """Return the latest frames that were left out and that no instant names, and forget them.

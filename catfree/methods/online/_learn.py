@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import expit
 
-from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.errors import InsufficientDataError
 from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence.group._appearance import (
     Likeness,
@@ -70,13 +70,13 @@ def add_to_sample(
         return state
     columns: dict[str, Any] = {name: getattr(detections, name) for name in SAMPLED}
     columns["frame"] = np.full(len(detections), number, np.int64)
+    sample = Detections(**columns)
     if len(state.sample):
-        old, new = (_present(of) for of in (vars(state.sample), columns))
+        old, new = (_present(of) for of in (state.sample, sample))
         if old - new:
             return state
         if old == new:
-            columns = _joined(state.sample, columns)
-    sample = Detections(**columns)
+            sample = Detections.concatenate([state.sample, sample])
     frames = np.unique(sample.frame)
     if len(frames) > settings.calibration_frames:
         if spacing < WIDEST_SPACING:
@@ -91,24 +91,9 @@ def add_to_sample(
     return replace(state, sample=sample, missing=missing, spacing=np.array(spacing))
 
 
-def _present(columns: dict[str, Any]) -> set[str]:
-    """Names of the columns that are sampled and not None."""
-    return {name for name in SAMPLED if columns[name] is not None}
-
-
-def _joined(sample: Detections, new: dict[str, Any]) -> dict[str, Any]:
-    """Concatenate columns."""
-    columns = {}
-    for name, values in new.items():
-        pair = [getattr(sample, name), values]
-        known = values is not None
-        if known and pair[0].shape[1:] != pair[1].shape[1:]:
-            raise InvalidInputError(
-                f"Embeddings had {pair[0].shape[1]} numbers before, and now have "
-                f"{pair[1].shape[1]}. Take all from one embedder, or call reset."
-            )
-        columns[name] = np.concatenate(pair) if known else None
-    return columns
+def _present(sample: Detections) -> set[str]:
+    """Names of the columns that a sample has."""
+    return {name for name in SAMPLED if getattr(sample, name) is not None}
 
 
 def is_due(count: int) -> bool:
