@@ -150,7 +150,7 @@ def read_camera_boxes(
         return found
     stated = found.detections.clock
     clock = Clock(frame_rate) if stated is None else replace(stated, frame_rate=frame_rate)
-    return replace(found, detections=_with_clock(found.detections, clock))
+    return replace(found, detections=replace(found.detections, clock=clock))
 
 
 def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.ndarray, "k 2"]:
@@ -247,7 +247,7 @@ def _read(path: Path) -> _Part:
         boxes, step = sequence.detections, np.diff(sequence.frames)
         if sequence.fps is not None and len(step):
             # Of instants, whose numbers may step by more than one.
-            boxes = _with_clock(boxes, Clock(sequence.fps * float(np.median(step))))
+            boxes = replace(boxes, clock=Clock(sequence.fps * float(np.median(step))))
         return _Part(boxes, sequence.camera_names, sequence.image_size)
     if suffix == ".csv":
         table = _table_of(path)
@@ -258,10 +258,6 @@ def _read(path: Path) -> _Part:
             f"{path} is not a file of boxes that is known: {', '.join(SUFFIXES)}."
         )
     return _Part(read_mot(path).detections(), one_camera=True)
-
-
-def _with_clock(detections: Detections, clock: Clock) -> Detections:
-    return Detections(**(vars(detections) | {"clock": clock}))
 
 
 def _part_of_coco(path: Path, images: Path | None) -> _Part:
@@ -285,7 +281,7 @@ def _part_of_parquet(path: Path) -> _Part:
         return _Part(read_detections_parquet(path))
     part = _part_of_table(columns, path)
     lists = list_columns(table, path)
-    detections = naming_file(path, lambda: Detections(**(vars(part.detections) | lists)))
+    detections = naming_file(path, lambda: replace(part.detections, **lists))
     return replace(part, detections=detections)
 
 
