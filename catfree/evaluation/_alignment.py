@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -163,18 +164,20 @@ def leave_one_camera_out(
             f"Cannot leave one camera out: {len(used)} cameras, {MINIMUM_CENTERS + 1} needed."
         )
 
-    def score(alignment: Similarity) -> float:
-        return float(score_function(np.asarray(alignment(points), dtype=np.float64)))
-
-    values = np.zeros(len(used))
-    errors = np.zeros(len(used))
-    for k, camera in enumerate(used):
-        others = used[used != camera]
-        refit = fit_similarity(estimated[others], true[others], fixed_scale=fixed_scale)
-        values[k] = score(refit)
-        errors[k] = np.linalg.norm(np.asarray(refit(estimated[camera])) - true[camera])
-    full = fit_similarity(estimated[used], true[used], fixed_scale=fixed_scale)
-    return LeaveOneOut(value=score(full), cameras=used, values=values, held_out_centre_error=errors)
+    kept = [used, *(used[used != camera] for camera in used)]
+    with jax.enable_x64(True):  # single precision resolves half a meter on a map
+        fits = [fit_similarity(estimated[k], true[k], fixed_scale=fixed_scale) for k in kept]
+        moved = [np.asarray(fit(points)) for fit in fits]
+        held_out = [
+            np.asarray(fit(estimated[camera])) for fit, camera in zip(fits[1:], used, strict=True)
+        ]
+    value, *values = [float(score_function(positions)) for positions in moved]
+    return LeaveOneOut(
+        value=value,
+        cameras=used,
+        values=np.array(values),
+        held_out_centre_error=np.linalg.norm(np.array(held_out) - true[used], axis=1),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,8 +241,9 @@ def align_positions(
         )
     target = sequence.truth[truth, 2:]
     source = sequence.predicted[predicted, 2:]
-    similarity = fit_similarity(source, target, fixed_scale=fixed_scale)
-    moved = np.asarray(similarity(sequence.predicted[:, 2:]), dtype=np.float64)
+    with jax.enable_x64(True):  # single precision resolves half a meter on a map
+        similarity = fit_similarity(source, target, fixed_scale=fixed_scale)
+        moved = np.asarray(similarity(sequence.predicted[:, 2:]))
     return PositionAlignment(
         similarity=similarity,
         rows=np.column_stack([sequence.predicted[:, :2], moved]),

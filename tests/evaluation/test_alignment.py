@@ -209,3 +209,27 @@ def test_reference_similarities(shared):
                 aligned.translation, expected["translation"], rtol=1e-6, atol=1e-6, err_msg=label
             )
     assert compared >= 15
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_scores_on_a_map_keep_their_digits(wide):
+    """Eastings and northings of a UTM zone: single precision resolves 0.25 to 0.5 m there."""
+    corner = np.array([512_345.0, 5_412_345.0, 400.0])
+    noisy = CENTRES + np.random.default_rng(1).normal(0, 0.05, CENTRES.shape)
+    people = np.random.default_rng(2).uniform(0, 10, (20, 3))
+    rows = np.column_stack([np.arange(20), np.zeros(20), people[:, :2] + corner[:2]])
+
+    def spread(points):
+        return float(np.linalg.norm(points - points[0], axis=1).sum())
+
+    with jax.enable_x64(wide):
+        expected = evaluation.leave_one_camera_out(noisy, CENTRES, people, spread)
+        result = evaluation.leave_one_camera_out(
+            noisy + corner, CENTRES + corner, people + corner, spread
+        )
+        aligned = evaluation.align_positions(rows, rows)
+    np.testing.assert_allclose(result.values, expected.values, rtol=1e-6)
+    np.testing.assert_allclose(
+        result.held_out_centre_error, expected.held_out_centre_error, atol=1e-6
+    )
+    np.testing.assert_allclose(aligned.rows, rows, atol=1e-6)
