@@ -27,6 +27,7 @@ from catfree.types._annotations import Progress, no_progress
 from catfree.types._forks import require_own_process
 from catfree.types._validation import (
     as_pictures,
+    boxes_of_another_size,
     require_few_people,
     require_instance,
     require_known_cameras,
@@ -90,6 +91,11 @@ def localize(
     else:
         result = _localize_by_paper(detections, scene, keep, settings, report)
     warnings = result.warnings
+    fault = boxes_of_another_size(
+        detections.camera[keep], detections.box[keep], scene.rig.image_size
+    )
+    if fault:
+        warnings += (fault,)
     if keep.any() and not len(result.tracks):
         warnings += (
             f"Nobody is found among {int(keep.sum())} boxes. Check that boxes and scene are of the "

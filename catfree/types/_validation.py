@@ -332,7 +332,19 @@ def require_boxes_in_images(
     image_size: np.ndarray,
     names: Sequence[str] | None = None,
 ) -> None:
-    """Raise if the centers of many boxes of a camera are outside its image.
+    """Raise if `boxes_of_another_size` finds a camera."""
+    fault = boxes_of_another_size(camera, box, image_size, names)
+    if fault:
+        raise InvalidInputError(fault)
+
+
+def boxes_of_another_size(
+    camera: np.ndarray,
+    box: np.ndarray,
+    image_size: np.ndarray,
+    names: Sequence[str] | None = None,
+) -> str:
+    """Name the first camera that has the centers of many boxes outside its image.
 
     The image is then of another size, so that the principal point is elsewhere. A rig that fits the
     boxes all the same is off, and its residuals do not show it.
@@ -342,20 +354,24 @@ def require_boxes_in_images(
         box: (N, 4) boxes; cameras with fewer than `FEWEST_TWINS` are not judged.
         image_size: (C, 2) widths and heights in pixels.
         names: of the cameras, for the message.
+
+    Returns:
+        A sentence, empty if there is no such camera.
     """
     center = (box[:, :2] + box[:, 2:]) / 2
     outside = ((center < 0) | (center > image_size[camera])).any(axis=1)
     count = np.bincount(camera, minlength=len(image_size))
     share = np.bincount(camera, outside, len(image_size)) / np.maximum(count, 1)
     wrong = np.flatnonzero((count >= FEWEST_TWINS) & (share > MOST_OUTSIDE))
-    if len(wrong):
-        at = int(wrong[0])
-        width, height = (int(side) for side in image_size[at])
-        raise InvalidInputError(
-            f"{share[at]:.0%} of the boxes of camera {_shown(at, names)} have their center outside "
-            f"its image of {width} x {height} px. Pass the size (width, height) of the images that "
-            "the boxes were found in, one row per camera if they differ."
-        )
+    if not len(wrong):
+        return ""
+    at = int(wrong[0])
+    width, height = (int(side) for side in image_size[at])
+    return (
+        f"{share[at]:.0%} of the boxes of camera {_shown(at, names)} have their center outside "
+        f"its image of {width} x {height} px. Pass the size (width, height) of the images that "
+        "the boxes were found in, one row per camera if they differ."
+    )
 
 
 def require_finite(value: Any, name: str, where: np.ndarray | None = None) -> None:

@@ -434,3 +434,15 @@ def test_a_sequence_of_another_length_compiles_nothing():
         logger.removeHandler(listener)
     assert heard == 1
     assert [message for message in compiled if "Finished XLA compilation" in message] == []
+
+
+@pytest.mark.parametrize("settings", [Settings(), PAPER])
+def test_images_of_another_size_are_told(settings):
+    """The rig of a copy of the videos at half the size."""
+    rig = WORLD.scene.rig
+    small = Rig(rig.K, rig.R, rig.t, rig.image_size // 2)
+    scene = dataclasses.replace(WORLD.scene, rig=small)
+    warnings = cf.localize(WORLD.detections, scene, settings).warnings
+    assert any("have their center outside its image" in warning for warning in warnings)
+    warnings = cf.localize(WORLD.detections, WORLD.scene, settings).warnings
+    assert not any("have their center outside" in warning for warning in warnings)
