@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float, Real
 from numpy.typing import ArrayLike
 
+from catfree.errors import InvalidInputError
 from catfree.types._annotations import HostOrDevice
 
 # Standard deviation of a zero-mean normal variable over the median of its absolute value.
@@ -32,6 +33,16 @@ def float_arrays(*values: Any) -> tuple[Any, ...]:
     # Only the widths matter: float32 and float64 are the library's two dtypes.
     dtype = max(floats, key=lambda d: jnp.finfo(d).bits) if floats else jnp.result_type(float)
     return tuple(None if v is None else jnp.asarray(v, dtype) for v in values)
+
+
+def require_vectors(length: int, **vectors: Any) -> None:
+    """Raise unless each array is one vector of this length: several would broadcast unnoticed."""
+    for name, vector in vectors.items():
+        if vector.shape != (length,):
+            raise InvalidInputError(
+                f"{name} must have shape ({length},), got {vector.shape}. Use jax.vmap to apply "
+                "the function to several at once."
+            )
 
 
 def safe_norm(vector: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:

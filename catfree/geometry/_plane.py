@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray, Real, UInt32
 
 from catfree.errors import InsufficientDataError
-from catfree.geometry._arrays import Scalar, epsilon, float_arrays
+from catfree.geometry._arrays import Scalar, epsilon, float_arrays, require_vectors
 from catfree.types import Plane, Scene
 from catfree.types._annotations import HostOrDevice
 
@@ -34,9 +34,13 @@ def plane_distance(plane: Plane, position: Real[HostOrDevice, "3"]) -> Float[Arr
     Returns:
         () unsigned distance in scene units; its gradient on the plane is 0.
 
+    Raises:
+        InvalidInputError: if position is not one vector.
+
     Source: paper, Sec. "Selecting pedestrian positions", ground-plane consistency filter.
     """
     position, normal, offset = float_arrays(position, plane.normal, plane.offset)
+    require_vectors(3, position=position)
     return jnp.abs(jnp.sum(normal * position) + offset)
 
 
@@ -57,10 +61,14 @@ def intersect_ray(
             where there is none.
         valid: () whether the ray meets the plane, ahead of its origin.
 
+    Raises:
+        InvalidInputError: if origin or direction is not one vector.
+
     Source: Hartley and Zisserman, "Multiple View Geometry" (2004), Sec. 3.2.2, meet of a line and a
         plane.
     """
     origin, direction, normal, offset = float_arrays(origin, direction, plane.normal, plane.offset)
+    require_vectors(3, origin=origin, direction=direction)
     height = jnp.sum(normal * origin) + offset
     slope = jnp.sum(normal * direction)
     crossing = jnp.abs(slope) > PARALLEL_EPSILONS * epsilon(slope.dtype)

@@ -5,7 +5,7 @@ import math
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
-from catfree.geometry._arrays import Scalar, float_arrays, safe_norm
+from catfree.geometry._arrays import Scalar, float_arrays, require_vectors, safe_norm
 from catfree.geometry.camera import back_project
 from catfree.types._annotations import HostOrDevice
 
@@ -30,10 +30,14 @@ def pixel_to_ray(
         origin: (3,) camera centre `-Rᵀ t` in the world frame, scene units.
         direction: (3,) unit vector in the world frame.
 
+    Raises:
+        InvalidInputError: if pixel is not one vector.
+
     Source: paper, Sec. "Pedestrian observations and ray reliability", back-projection of the
         bottom centre of a box.
     """
     intrinsics, rotation, translation, pixel, distortion = float_arrays(K, R, t, pixel, distortion)
+    require_vectors(3, t=translation)
     normalized = back_project(intrinsics, pixel, distortion)
     in_camera = jnp.concatenate([normalized, jnp.ones((1,), normalized.dtype)])
     direction = jnp.asarray(rotation).T @ in_camera
@@ -60,9 +64,13 @@ def angular_residual(
         () radians in [0, pi]; pi / 2 with gradient 0 for a position at the camera centre, which
         lies in no direction.
 
+    Raises:
+        InvalidInputError: if position is not one vector.
+
     Source: paper, Eq. theta.
     """
     position, origin, direction = float_arrays(position, origin, direction)
+    require_vectors(3, position=position, origin=origin, direction=direction)
     sight = position - origin
     # Rescaled by its largest entry so that the squares of very small scenes do not vanish.
     largest = jnp.max(jnp.abs(sight))

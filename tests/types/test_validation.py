@@ -79,6 +79,8 @@ import catfree as cf
 from catfree.adapters import SynchronizedVideos, write_anipose_toml, write_colmap_text
 from catfree.adapters import write_scene_json
 from catfree.evaluation import align_centres, detection_metrics, tracking_metrics
+from catfree.geometry import angular_residual, back_project, distort, intersect_ray, pixel_to_ray
+from catfree.geometry import plane_distance, project, undistort
 from catfree.methods.paper._assemble import empty_localization
 from catfree.synthetic import make_layout
 
@@ -88,6 +90,8 @@ footage = SynchronizedVideos(videos)
 open_ = lambda **options: SynchronizedVideos(videos, **options)
 names = [1, 2, 3, 4]
 tracks = empty_localization(4).tracks
+rig, pixels, points, up = scene.rig, np.ones((7, 2)), np.ones((7, 3)), np.eye(3)[2]
+pose, lens = (rig.K[0], rig.R[0], rig.t[0]), np.zeros(5)
 boxes = lambda frames: cf.Detections(frames, [0, 1], [[0, 0, 9, 9.0]] * 2)
 calls = {
     "stride[0] is": lambda: open_(stride=[1.5]),
@@ -107,6 +111,15 @@ calls = {
     "first is -1": lambda: next(footage.instants_from(-1)),
     "center must have shape (3), got (2,)": lambda: cf.camera_gain(scene, [0, 1], [1, 2, 3]),
     "target[1] is not finite": lambda: cf.camera_gain(scene, [0, 1, 5], [1, np.nan, 3]),
+    "point must have shape (3,), got (7, 3). Use jax.vmap": lambda: project(*pose, points),
+    "pixel must have shape (2,), got (7, 2). Use": lambda: back_project(rig.K[0], pixels),
+    "pixel must have shape (2,), got (7, 2)": lambda: pixel_to_ray(*pose, pixels),
+    "t must have shape (3,), got (4, 3)": lambda: pixel_to_ray(*pose[:2], rig.t, pixels[0]),
+    "point must have shape (2,), got (7, 2). Use": lambda: distort(pixels, lens),
+    "point must have shape (2,), got (7, 2)": lambda: undistort(pixels, lens),
+    "position must have shape (3,), got (7, 3). Use": lambda: plane_distance(scene.ground, points),
+    "position must have shape (3,), got (7, 3)": lambda: angular_residual(points, up, up),
+    "origin must have shape (3,), got (7, 3)": lambda: intersect_ray(scene.ground, points, up),
     "area is 'abc'": lambda: cf.coverage(scene, "abc"),
     "area is 7": lambda: cf.coverage(scene, 7),
     "Expected numbers": lambda: align_centres("a", "b"),

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
-from catfree.geometry._arrays import float_arrays, safe_norm
+from catfree.geometry._arrays import float_arrays, require_vectors, safe_norm
 from catfree.geometry.camera._inversion import inside_fold, invert
 from catfree.geometry.camera._pinhole import FOLD_SAMPLES, from_pixel, to_pixel
 from catfree.types._annotations import HostOrDevice
@@ -23,9 +23,13 @@ def fisheye_ray(
         (3,) unit vector in camera axes, up to 180 degrees from the optical axis; finite but
         arbitrary for pixels beyond the fold of the polynomial.
 
+    Raises:
+        InvalidInputError: if pixel is not one vector.
+
     Source: Kannala and Brandt (2006), as the documentation of `cv2.fisheye` states it.
     """
     intrinsics, at, lens = float_arrays(K, pixel, k)
+    require_vectors(2, pixel=at)
     turned = invert(lambda angle: _bend(angle, lens), from_pixel(intrinsics, at))
     angle = safe_norm(turned)
     # sin(angle) / angle, whose derivative at 0 is 0.
@@ -49,9 +53,13 @@ def fisheye_pixel(
         imaged: () whether the pixel is the point's image: it is inside the fold of the
             polynomial, and neither at the camera nor exactly behind it.
 
+    Raises:
+        InvalidInputError: if point is not one vector.
+
     Source: Kannala and Brandt (2006), as the documentation of `cv2.fisheye` states it.
     """
     intrinsics, seen, lens = float_arrays(K, point, k)
+    require_vectors(3, point=seen)
     largest = jnp.max(jnp.abs(seen))
     somewhere = largest > 0
     seen = seen / jnp.where(somewhere, largest, 1)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
 from catfree.errors import InvalidInputError
-from catfree.geometry._arrays import float_arrays, safe_norm
+from catfree.geometry._arrays import float_arrays, require_vectors, safe_norm
 from catfree.geometry.camera._inversion import inside_fold, invert
 from catfree.types._annotations import HostOrDevice
 
@@ -34,11 +34,12 @@ def distort(point: Real[HostOrDevice, "2"], distortion: Lens) -> Float[Array, "2
         (2,) distorted normalized coordinates; finite at a pole of the rational model.
 
     Raises:
-        InvalidInputError: if there are neither 5 nor 8 coefficients.
+        InvalidInputError: if point is not one vector, or there are neither 5 nor 8 coefficients.
 
     Source: the radial and tangential model of Brown (1971) as OpenCV's `projectPoints` states it.
     """
     ideal, lens = float_arrays(point, distortion)
+    require_vectors(2, point=ideal)
     if lens.shape not in ((5,), (8,)):
         raise InvalidInputError(
             f"distortion has shape {lens.shape}; it must be k1, k2, p1, p2, k3, or these and k4, "
@@ -72,9 +73,13 @@ def undistort(point: Real[HostOrDevice, "2"], distortion: Lens) -> Float[Array, 
     Returns:
         (2,) ideal normalized coordinates; finite but arbitrary where no ideal point maps there.
 
+    Raises:
+        InvalidInputError: if point is not one vector.
+
     Source: the model of Brown (1971) as in `distort`, inverted by Newton's method.
     """
     bent, lens = float_arrays(point, distortion)
+    require_vectors(2, point=bent)
     return invert(lambda ideal: distort(ideal, lens), bent)
 
 
@@ -90,6 +95,9 @@ def pinhole_ray(
 
     Returns:
         (3,) unit vector in camera axes; finite but arbitrary beyond the fold of the lens.
+
+    Raises:
+        InvalidInputError: if pixel is not one vector.
     """
     ideal = back_project(K, pixel, distortion)
     ray = jnp.append(ideal, jnp.ones((), ideal.dtype))
@@ -110,8 +118,12 @@ def pinhole_pixel(
         pixel: (2,) in original image pixels, possibly outside the image; always finite.
         imaged: () whether the pixel is the point's image: it is in front of the camera, and inside
             the fold of the lens.
+
+    Raises:
+        InvalidInputError: if point is not one vector.
     """
     intrinsics, seen, lens = float_arrays(K, point, distortion)
+    require_vectors(3, point=seen)
     normalized, in_front = _normalize(seen)
     if lens is None:
         return to_pixel(intrinsics, normalized), in_front
@@ -142,8 +154,12 @@ def project(
     Returns:
         pixel: (2,) in original image pixels; finite but meaningless where depth is not positive.
         depth: () coordinate along the optical axis in scene units, negative behind the camera.
+
+    Raises:
+        InvalidInputError: if point is not one vector.
     """
     intrinsics, rotation, translation, world, distortion = float_arrays(K, R, t, point, distortion)
+    require_vectors(3, t=translation, point=world)
     in_camera = rotation @ world + translation
     normalized, _ = _normalize(in_camera)
     if distortion is not None:
@@ -165,8 +181,12 @@ def back_project(
 
     Returns:
         (2,) x/z, y/z in the camera frame.
+
+    Raises:
+        InvalidInputError: if pixel is not one vector.
     """
     intrinsics, at, lens = float_arrays(K, pixel, distortion)
+    require_vectors(2, pixel=at)
     normalized = from_pixel(intrinsics, at)
     return normalized if lens is None else undistort(normalized, lens)
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Real
 
-from catfree.geometry._arrays import epsilon, float_arrays, safe_norm
+from catfree.geometry._arrays import epsilon, float_arrays, require_vectors, safe_norm
 from catfree.types._annotations import HostOrDevice
 
 STEPS = 12  # Newton steps of the inverse; quadratic from a node nearby
@@ -33,9 +33,13 @@ def grid_ray(
     Returns:
         (3,) unit vector in camera axes.
 
+    Raises:
+        InvalidInputError: if pixel is not one vector.
+
     Source: Keys (1981), cubic convolution with quadratic extrapolation at the border.
     """
     rays, size, at = float_arrays(grid, image_size, pixel)
+    require_vectors(2, image_size=size, pixel=at)
     return _interpolate(_extend(rays), _to_cells(rays, size, at))
 
 
@@ -57,8 +61,13 @@ def grid_pixel(
             of the image sees, nor where many pixels share one ray.
 
     Where a point has two pixels, as at the seam of a panorama, one of them is returned.
+
+    Raises:
+        InvalidInputError: if point is not one vector.
     """
     rays, size, seen = float_arrays(grid, image_size, point)
+    require_vectors(2, image_size=size)
+    require_vectors(3, point=seen)
     extended = _extend(rays)
     distance = safe_norm(seen)
     somewhere = distance > 0
