@@ -30,18 +30,18 @@ def crop(rows: ArrayInput, area: Any) -> Float[np.ndarray, "n 4"]:
     return array[inside(array, area)]
 
 
-def inside(rows: Float[np.ndarray, "n 4"], area: Any) -> Bool[np.ndarray, " n"]:
+def inside(rows: ArrayInput, area: Any) -> Bool[np.ndarray, " n"]:
     """Mark the rows that lie in an axis-aligned rectangle, including its border.
 
     Args:
-        rows: (N, 4) `[frame, id, x, y]` in meters.
+        rows: (N, 4) rows [frame, id, x, y], meters.
         area: `x_min, x_max, y_min, y_max` in meters, or a mapping with the pairs `x` and `y`.
 
     Returns:
         (N,) bool, the rows that `crop` would keep.
 
     Raises:
-        InvalidInputError: if the area is malformed.
+        InvalidInputError: if a row or the area is malformed.
     """
     try:
         bounds = [*area["x"], *area["y"]] if isinstance(area, Mapping) else list(area)
@@ -53,7 +53,7 @@ def inside(rows: Float[np.ndarray, "n 4"], area: Any) -> Bool[np.ndarray, " n"]:
     # In this form nan fails too; infinite bounds are valid.
     if not (x_min < x_max and y_min < y_max):
         raise InvalidInputError(f"area is {area!r}; it must have x_min < x_max and y_min < y_max.")
-    x, y = rows[:, 2], rows[:, 3]
+    x, y = as_rows(rows, "rows")[:, 2:].T
     return (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.evaluation._detection_metrics import DetectionMetrics, detection_rates
 from catfree.evaluation._rows import Number
-from catfree.types._validation import as_count
+from catfree.types._validation import as_count, as_number, require_instance
 
 
 class Interval(NamedTuple):
@@ -89,12 +89,14 @@ def bootstrap(
         Efron and Tibshirani, "An introduction to the bootstrap" (1993); Politis and Romano, "A
         circular block-resampling procedure for stationary data" (1992).
     """
+    require_instance(metrics, DetectionMetrics, "metrics")
     n = len(metrics.frames)
     if n == 0:
         raise InsufficientDataError("Cannot bootstrap: 0 frames were evaluated, at least 1 needed.")
+    block_length = as_count(block_length, "block_length")
     if not 1 <= block_length <= n:
         raise InvalidInputError(f"block_length is {block_length}; it must be between 1 and {n}.")
-    samples = as_count(samples, "samples")
+    samples, level = as_count(samples, "samples"), as_number(level, "level")
     if samples < 1 or not 0 < level < 1:
         raise InvalidInputError(
             f"samples is {samples} and level {level}; give at least 1 and a share inside (0, 1)."
@@ -120,7 +122,7 @@ def bootstrap(
         modp,
         precision,
         recall,
-        level=float(level),
+        level=level,
         samples=samples,
         block_length=block_length,
     )

@@ -11,6 +11,7 @@ from catfree.errors import InvalidInputError
 from catfree.evaluation._position_matching import match
 from catfree.evaluation._rows import Frames, Number, Sequence, as_positive, read_sequence
 from catfree.geometry._arrays import ArrayInput
+from catfree.types._validation import as_instances
 
 # Positions of the public data sets lie on grids of 2.5 cm, so distances of exactly 0.5 m are
 # common; the tolerance keeps them inside the gate after the conversion from cells to meters.
@@ -226,7 +227,7 @@ def combine_detection(parts: Iterable[DetectionMetrics]) -> DetectionMetrics:
     Raises:
         InvalidInputError: if there are no parts, or their thresholds or MODA clamping differ.
     """
-    parts = list(parts)
+    parts = as_instances(parts, DetectionMetrics, "parts")
     if not parts or len({(part.threshold, part.clamped) for part in parts}) > 1:
         raise InvalidInputError(
             f"Cannot combine {len(parts)} detection results: give at least one, all computed with "

@@ -10,6 +10,7 @@ from scipy.optimize import linear_sum_assignment
 from catfree.errors import InvalidInputError
 from catfree.evaluation._rows import Frames, Number, Sequence, as_positive, read_sequence
 from catfree.geometry._arrays import ArrayInput
+from catfree.types._validation import as_instances
 
 # The expression of the reference evaluator: similarities on a grid fall exactly on these values,
 # and any other expression differs in the last bit.
@@ -240,7 +241,7 @@ def combine_hota(parts: Iterable[HotaMetrics]) -> HotaMetrics:
     Raises:
         InvalidInputError: if there are no parts or their zero_distance differs.
     """
-    parts = list(parts)
+    parts = as_instances(parts, HotaMetrics, "parts")
     if not parts or len({part.zero_distance for part in parts}) > 1:
         raise InvalidInputError(
             f"Cannot combine {len(parts)} HOTA results: give at least one, all computed with the "

@@ -12,6 +12,7 @@ from catfree.errors import InvalidInputError
 from catfree.evaluation._position_matching import match
 from catfree.evaluation._rows import Frames, Number, Sequence, as_positive, read_sequence
 from catfree.geometry._arrays import ArrayInput
+from catfree.types._validation import as_instances
 
 MOSTLY_TRACKED = 0.8  # shares of a person's annotated frames, as in the MOT benchmarks
 MOSTLY_LOST = 0.2
@@ -273,7 +274,7 @@ def combine_tracking(parts: Iterable[TrackingMetrics]) -> TrackingMetrics:
     Raises:
         InvalidInputError: if there are no parts or their thresholds differ.
     """
-    parts = list(parts)
+    parts = as_instances(parts, TrackingMetrics, "parts")
     if not parts or len({part.threshold for part in parts}) > 1:
         raise InvalidInputError(
             f"Cannot combine {len(parts)} tracking results: give at least one, all computed with "

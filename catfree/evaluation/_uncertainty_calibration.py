@@ -10,7 +10,7 @@ from catfree.evaluation._detection_metrics import GATE_TOLERANCE
 from catfree.evaluation._position_matching import matched_rows
 from catfree.evaluation._rows import Frames, Number, as_positive, read_sequence
 from catfree.geometry._arrays import ArrayInput
-from catfree.types._validation import as_count
+from catfree.types._validation import as_boolean, as_count, as_float, as_number
 
 
 def matched_predictions(
@@ -109,11 +109,12 @@ def ellipse_coverage(
         InvalidInputError: naming the first bad row or covariance.
     """
     gate = as_positive(threshold, "threshold")
+    level = as_number(level, "level")
     if not 0 < level < 1:
         raise InvalidInputError(f"level is {level}; it must be a probability inside (0, 1).")
     everything = read_sequence(ground_truth, predictions)
     sequence = read_sequence(ground_truth, predictions, frames)
-    covariances = np.asarray(covariance, dtype=np.float64)
+    covariances = np.asarray(as_float(covariance), np.float64)
     n = len(everything.predicted)
     if covariances.shape != (n, 2, 2) and (n or covariances.size):
         raise InvalidInputError(
@@ -125,7 +126,7 @@ def ellipse_coverage(
     truth, predicted = matched_rows(sequence, gate + GATE_TOLERANCE)
     error = sequence.truth[truth, 2:] - sequence.predicted[predicted, 2:]
     solved = np.linalg.solve(covariances[predicted], error[:, :, None])[:, :, 0]
-    return EllipseCoverage(level=float(level), squared_mahalanobis=(error * solved).sum(axis=1))
+    return EllipseCoverage(level=level, squared_mahalanobis=(error * solved).sum(axis=1))
 
 
 def _require_positive_definite(covariances: Float[np.ndarray, "p 2 2"]) -> None:
@@ -187,8 +188,8 @@ def calibration_curve(
     Source:
         Naeini et al., "Obtaining well calibrated probabilities using Bayesian binning" (2015).
     """
-    claimed = np.asarray(probability, dtype=np.float64)
-    outcome = np.asarray(correct).astype(np.float64)
+    claimed = np.asarray(as_float(probability), np.float64)
+    outcome = as_boolean(correct, "correct")
     if claimed.ndim != 1 or outcome.shape != claimed.shape:
         raise InvalidInputError(
             f"probability {claimed.shape} and correct {outcome.shape} must be flat and of the same "
@@ -201,9 +202,6 @@ def calibration_curve(
     if bad.any():
         row = int(np.argmax(bad))
         raise InvalidInputError(f"probability[{row}] is {claimed[row]}; it must be in [0, 1].")
-    bad = ~np.isin(outcome, (0.0, 1.0))
-    if bad.any():
-        raise InvalidInputError(f"correct[{int(np.argmax(bad))}] is neither true nor false.")
     edges = np.linspace(0.0, 1.0, bins + 1)
     index = np.minimum(np.searchsorted(edges, claimed, side="right") - 1, bins - 1)
     count = np.bincount(index, minlength=bins)

@@ -3,8 +3,8 @@
 import dataclasses
 import types
 import typing
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import jax
 import jax.core
@@ -13,6 +13,8 @@ import numpy as np
 from jaxtyping import AbstractArray, jaxtyped
 
 from catfree.errors import InvalidInputError, quoted
+
+T = TypeVar("T")
 
 FEWEST_TWINS = 10  # boxes of a camera: fewer may be alike in two cameras by chance
 MOST_OUTSIDE = 0.25  # of the boxes of a camera: those of people who are mostly out of view
@@ -37,6 +39,18 @@ def require_instance(value: Any, kind: type, name: str) -> None:
         raise InvalidInputError(
             f"{name} must be a {kind.__name__}, got {type(value).__name__}{also}."
         )
+
+
+def as_instances(values: Any, kind: type[T], name: str) -> list[T]:
+    """Return a list of values that must all have this type."""
+    if not isinstance(values, Iterable):
+        raise InvalidInputError(
+            f"{name} must be a list of {kind.__name__}, got {type(values).__name__}."
+        )
+    listed = list(values)
+    for at, value in enumerate(listed):
+        require_instance(value, kind, f"{name}[{at}]")
+    return listed
 
 
 def _as_array(value: Any) -> np.ndarray:

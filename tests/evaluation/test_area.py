@@ -21,6 +21,7 @@ def test_crop_keeps_exactly_the_rows_inside_and_is_idempotent(table):
     assert inside.tolist() == expected
     assert evaluation.crop(inside, AREA).tolist() == expected
     assert evaluation.crop(table, {"x": AREA[:2], "y": AREA[2:]}).tolist() == expected
+    assert table[evaluation.inside(table.tolist(), AREA)].tolist() == expected
 
 
 @pytest.mark.slow

@@ -224,6 +224,8 @@ GOOD = [[0, 1, 0.0, 0.0], [1, 1, 0.0, 0.0]]
         ((GOOD, [["a", 1, 0, 0]]), r"predictions must be an \(N, 4\) array of numbers"),
         ((GOOD, GOOD, [0.5]), r"frames\[0\] is 0.5"),
         ((GOOD, GOOD, [[0, 1]]), "frames must be a flat list"),
+        (([[2.0**63, 0, 0, 0]], GOOD), r"ground_truth\[0\] .* frame must be .* at most 63 bits"),
+        ((GOOD, [[0, 0, 0, 0], [-(2.0**64), 0, 0, 0]]), r"predictions\[1\] .* at most 63 bits"),
         ((GOOD, GOOD, None, 0.0), "threshold is 0.0"),
         ((GOOD, GOOD, None, math.nan), "threshold is nan"),
     ],

@@ -28,6 +28,8 @@ from catfree.types._validation import (
 SWAPPED = """
 import numpy as np
 import catfree as cf
+from catfree.evaluation import bootstrap, combine_detection, combine_hota, combine_tracking
+from catfree.evaluation import detection_metrics, ellipse_coverage
 
 rig = cf.Rig(
     np.tile([[900.0, 0, 960], [0, 900, 540], [0, 0, 1]], (2, 1, 1)),
@@ -38,6 +40,8 @@ rig = cf.Rig(
 ground = cf.Plane([0, 0, 1], 0)
 scene = cf.Scene(rig, ground, 10.0)
 people = cf.Detections([0, 0], [0, 1], [[0, 0, 10, 20.0]] * 2)
+rows = [[0, 0, 0.0, 0.0]]
+metrics = detection_metrics(rows, rows)
 calls = {
     "Settings, no such method": lambda: cf.Settings(method="Paper"),
     "Settings, confidence in percent": lambda: cf.Settings(confidence=30.0),
@@ -54,6 +58,12 @@ calls = {
     "coverage, a rig": lambda: cf.coverage(rig),
     "run, a rig as scene": lambda: cf.run(["a.mp4", "b.mp4"], scene=rig),
     "run, a name as detector": lambda: cf.run(["a.mp4", "b.mp4"], detector="yolo"),
+    "bootstrap, no metrics": lambda: bootstrap(None),
+    "bootstrap, no level": lambda: bootstrap(metrics, level=None),
+    "combine, a missing part": lambda: combine_detection([metrics, None]),
+    "combine, no list": lambda: combine_tracking(metrics),
+    "combine, of another kind": lambda: combine_hota([metrics]),
+    "ellipse_coverage, no level": lambda: ellipse_coverage(rows, rows, [np.eye(2)], level=None),
 }
 for name, call in calls.items():
     try:
@@ -78,7 +88,8 @@ import numpy as np
 import catfree as cf
 from catfree.adapters import SynchronizedVideos, write_anipose_toml, write_colmap_text
 from catfree.adapters import write_scene_json
-from catfree.evaluation import align_centres, detection_metrics, tracking_metrics
+from catfree.evaluation import align_centres, bootstrap, calibration_curve, detection_metrics
+from catfree.evaluation import tracking_metrics
 from catfree.geometry import angular_residual, back_project, distort, intersect_ray, pixel_to_ray
 from catfree.geometry import plane_distance, project, undistort
 from catfree.methods.paper._assemble import empty_localization
@@ -131,6 +142,8 @@ calls = {
     "ground_truth must be an (N, 4) array": lambda: tracking_metrics(tracks, []),
     "[frame, id, x, y]. Expected an array, got lists": lambda: detection_metrics([[1], [1, 2]], []),
     "got object": lambda: detection_metrics(object(), []),
+    "block_length must": lambda: bootstrap(detection_metrics([], [], [0]), block_length=None),
+    "Expected numbers, got <U1 values": lambda: calibration_curve(["a"], [1]),
     "must be EvidenceSettings, got dict": lambda: cf.Settings(evidence={"gap": 2}),
     "settings.rays must be RaySettings, got NoneType": lambda: cf.Settings(rays=None),
     "settings.calibration must be": lambda: cf.Settings(calibration=cf.Settings()),
