@@ -118,6 +118,8 @@ def median_residual(
     Source: paper, Sec. "The Scoring Stage", of the angles of Eq. theta.
     """
     residuals, where = as_floating(residuals), jnp.asarray(where)
+    if residuals.size == 0:
+        return jnp.full((), jnp.nan, residuals.dtype)
     return jnp.nanmedian(jnp.where(where, residuals, jnp.nan))
 
 

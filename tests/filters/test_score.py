@@ -146,6 +146,9 @@ def test_median_residual_by_hand(dtype):
     mask = np.array([True, False, True, False])
     np.testing.assert_allclose(filters.median_residual(residuals, mask), 0.2, rtol=1e-6)
     assert np.isnan(filters.median_residual(residuals, np.zeros(4, bool)))
+    nobody = filters.median_residual(residuals[:0], mask[:0])
+    assert np.isnan(nobody)
+    assert nobody.dtype == dtype
 
 
 @pytest.mark.slow
