@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from catfree.errors import InvalidInputError
+from catfree.types._validation import as_boolean, is_traced, require_shape
 
 
 def as_floating(values: jax.typing.ArrayLike) -> Float[Array, "..."]:
@@ -27,4 +28,8 @@ def as_sample(values: jax.typing.ArrayLike) -> Float[Array, " n"]:
 
 def as_mask(where: jax.typing.ArrayLike | None, shape: tuple[int, ...]) -> Bool[Array, "..."]:
     """Convert to a boolean JAX array; None means all true."""
-    return jnp.ones(shape, bool) if where is None else jnp.asarray(where, bool)
+    if where is None:
+        return jnp.ones(shape, bool)
+    mask = jnp.asarray(where if is_traced(where) else as_boolean(where, "where"), bool)
+    require_shape(mask, shape, "where")
+    return mask

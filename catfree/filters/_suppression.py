@@ -35,14 +35,15 @@ def suppress(
         (H,) bool, which positions are kept.
 
     Raises:
-        InvalidInputError: if the numbers of priorities and positions differ, or positions do not
-            have 2 coordinates.
+        InvalidInputError: if the numbers of priorities and positions differ, positions do not have
+            2 coordinates, or `where` does not hold true and false.
 
     Source: paper, Sec. "Selecting pedestrian positions", duplicate removal.
     """
     positions, priority = as_floating(positions), as_floating(priority)
     count = positions.shape[0]
-    if positions.shape != (count, 2) or priority.shape[:1] != (count,):
+    one_each = priority.ndim in (1, 2) and priority.shape[0] == count and priority.size >= count
+    if positions.shape != (count, 2) or not one_each:
         raise InvalidInputError(
             "Suppression needs positions of shape (n, 2) with one priority each, got shapes "
             f"{positions.shape} and {priority.shape}."

@@ -7,10 +7,13 @@ again for every sequence length.
 Source: paper, Sec. "Selecting pedestrian positions", temporal consistency.
 """
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Bool, Int
 
 from catfree.types._annotations import HostOrDevice
+from catfree.types._validation import as_boolean, as_count, as_integer, require_shape
 
 
 def frames_of_pairs(
@@ -31,14 +34,18 @@ def frames_of_pairs(
     Returns:
         (H,) largest number of distinct frames in which a pair of the hypothesis occurs; 0 for
         hypotheses that do not count or have fewer than two tracklets.
+
+    Raises:
+        InvalidInputError: if an argument is of another kind or shape.
     """
-    frame, tracklet = np.asarray(frame), np.asarray(tracklet)
+    frame, tracklet = as_integer(frame, "frame"), as_integer(tracklet, "tracklet")
+    require_shape(tracklet, (len(frame), None), "tracklet")
     count, cameras = tracklet.shape
     longest = np.zeros(count, np.int64)
     first, second = np.triu_indices(cameras, k=1)
     present = tracklet >= 0
     if where is not None:
-        present &= np.asarray(where)[:, None]
+        present &= _as_mask(where, count)[:, None]
     row, pair = np.nonzero(present[:, first] & present[:, second])
     if row.size == 0:
         return longest
@@ -75,8 +82,17 @@ def temporally_consistent(
 
     Returns:
         (H,) bool; false where `where` is false.
+
+    Raises:
+        InvalidInputError: if an argument is of another kind or shape.
     """
-    counted = np.ones(len(frame), bool) if where is None else np.asarray(where)
-    if minimum_frames <= 1:
+    counted = np.ones(len(frame), bool) if where is None else _as_mask(where, len(frame))
+    if as_count(minimum_frames, "minimum_frames") <= 1:
         return counted.copy()
     return counted & (frames_of_pairs(frame, tracklet, counted) >= minimum_frames)
+
+
+def _as_mask(where: Any, count: int) -> Bool[np.ndarray, " h"]:
+    mask = as_boolean(where, "where")
+    require_shape(mask, (count,), "where")
+    return mask

@@ -157,9 +157,33 @@ def test_any_kind_of_number_is_a_radius(radius):
 
 
 @pytest.mark.parametrize(
-    ("positions", "priority"), [((3, 2), (2,)), ((3, 3), (3,)), ((0, 2), (1,))]
+    ("positions", "priority"),
+    [
+        ((3, 2), (2,)),
+        ((3, 3), (3,)),
+        ((0, 2), (1,)),
+        ((3, 2), (3, 0)),
+        ((3, 2), (3, 1, 1)),
+        ((3, 2), ()),
+    ],
 )
 def test_the_shapes_that_do_not_fit_are_named(positions, priority):
     unchecked = inspect.unwrap(filters.suppress)  # the tests' check of shapes comes before
     with pytest.raises(InvalidInputError, match="one priority each"):
         unchecked(np.zeros(positions), np.zeros(priority), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("where", "message"),
+    [
+        (np.array([0, 2, 1]), r"where\[1\] is neither true nor false"),
+        (np.array([True]), r"where must have shape \(3\), got \(1,\)"),
+        (np.full(3, "no"), "where must hold true and false"),
+    ],
+)
+def test_a_mask_that_is_none_is_named(where, message):
+    positions = np.zeros((3, 2))
+    with pytest.raises(InvalidInputError, match=message):
+        inspect.unwrap(filters.suppress)(positions, np.arange(3), 1.0, where)
+    with pytest.raises(InvalidInputError, match=message):
+        inspect.unwrap(filters.outside)(positions, np.zeros(3, bool), 1.0, where)

@@ -1,6 +1,7 @@
 """Persistence of matches against sets of frames."""
 
 import collections
+import inspect
 import itertools
 
 import jax.numpy as jnp
@@ -9,6 +10,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 import catfree.filters as filters
+from catfree.errors import InvalidInputError
 
 CAMERAS = 3
 
@@ -105,3 +107,31 @@ def test_nothing_to_compare():
     assert filters.temporally_consistent(np.zeros(0, int), np.zeros((0, 4), int)).shape == (0,)
     assert not filters.temporally_consistent(np.zeros(2, int), np.array([[1], [1]])).any()
     assert not filters.temporally_consistent(np.arange(2), np.full((2, 3), -1)).any()
+
+
+@pytest.mark.parametrize(
+    ("where", "message"),
+    [
+        ([0, 2], r"where\[1\] is neither true nor false"),
+        ([True], r"where must have shape \(2\), got \(1,\)"),
+    ],
+)
+def test_a_mask_that_is_none_is_named(where, message):
+    frame, tracklet = np.array([0, 1]), np.array([[5, 6], [5, 6]])
+    for function in (filters.temporally_consistent, filters.frames_of_pairs):
+        unchecked = inspect.unwrap(function)  # the tests' check of types comes before
+        with pytest.raises(InvalidInputError, match=message):
+            unchecked(frame, tracklet, where)
+
+
+@pytest.mark.parametrize(
+    ("frame", "tracklet", "message"),
+    [
+        ([0, 1], [0, 1], r"tracklet must have shape \(2, n\), got \(2,\)"),
+        ([0, 1], [[0, 1]], r"tracklet must have shape \(2, n\), got \(1, 2\)"),
+        ([0, 0.5], [[0, 1]] * 2, r"frame\[1\] is 0.5"),
+    ],
+)
+def test_what_is_no_table_of_tracklets_is_named(frame, tracklet, message):
+    with pytest.raises(InvalidInputError, match=message):
+        inspect.unwrap(filters.frames_of_pairs)(frame, tracklet)
