@@ -27,6 +27,7 @@ from catfree.settings import SelectionSettings, Settings
 from catfree.types import Detections, Lens, Localization, Scene
 from catfree.types._annotations import Progress
 from catfree.types._archive import load_arrays, naming_file, save_arrays
+from catfree.types._validation import as_path, require_instance
 from catfree.types._writing import cannot_write, remove_abandoned, replacing
 from catfree.types.results import MOST_CAMERAS
 from catfree.viz._heat_map import HeatMap
@@ -106,8 +107,10 @@ def write_results(
         WriteError: if the disk is full or not writable; no partial file is left behind.
         MissingDependencyError: if `pictures` is True and matplotlib is not installed.
     """
-    root = Path(folder)
+    root = as_path(folder, "folder")
+    require_instance(outcome, RunOutcome, "outcome")
     settings = settings or Settings()
+    require_instance(settings, Settings, "settings")
     localization, scene = outcome.localization, outcome.scene
     try:
         root.mkdir(parents=True, exist_ok=True)
@@ -261,7 +264,7 @@ def read_results(folder: str | os.PathLike[str]) -> tuple[Localization, Scene, t
         InvalidInputError: if a file is missing, or a value in it is out of range.
         FileFormatError: if a file has another format, or the files are from different runs.
     """
-    root = Path(folder)
+    root = as_path(folder, "folder")
     scene, names = read_scene_json(root / SCENE_FILE)
     arrays = load_arrays(root / LOCALIZATION_FILE, Localization.__name__, required=None)
     localization = naming_file(root / LOCALIZATION_FILE, lambda: from_arrays(Localization, arrays))

@@ -12,7 +12,7 @@ from catfree.calibration._refinement import (
     Refinement as Refinement,
     RefinementSettings as RefinementSettings,
 )
-from catfree.errors import InsufficientDataError
+from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry import CanonicalFrame
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
 from catfree.geometry._least_squares import HUBER
@@ -30,7 +30,7 @@ from catfree.types import Detections, Plane, Rays, Rig, Scene
 from catfree.types._annotations import Progress, no_progress
 from catfree.types._rig import require_pinholes
 from catfree.types._sampling import evenly_spread
-from catfree.types._validation import require_instance, require_known_cameras
+from catfree.types._validation import as_count, require_instance, require_known_cameras
 
 RESOLVED = 0.25  # fraction of the median height below which box errors stop shrinking
 GROUND_ITERATIONS = 20  # reweighting converges to a thousandth of the noise
@@ -92,8 +92,8 @@ def refine(
         unchanged.
 
     Raises:
-        InvalidInputError: if a detection names a camera that the rig does not have, or a camera is
-            not a pinhole.
+        InvalidInputError: if a detection names a camera that the rig does not have, a camera is not
+            a pinhole, or `rounds` is negative.
         InsufficientDataError: if fewer than three cameras are registered, or no person is seen by
             three cameras.
 
@@ -105,6 +105,10 @@ def refine(
     require_instance(detections, Detections, "detections")
     require_instance(scene, Scene, "scene")
     require_instance(settings, Settings, "settings")
+    require_instance(refinement, RefinementSettings, "refinement")
+    rounds = as_count(rounds, "rounds")
+    if rounds < 0:
+        raise InvalidInputError(f"rounds is {rounds}; it must be 0 or more.")
     report = progress or no_progress
     require_pinholes(scene.rig, "refinement")
     _require_cameras(detections, scene.rig, refinement.cameras)

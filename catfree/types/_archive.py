@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
+from catfree.types._validation import as_path
 from catfree.types._writing import replacing
 
 T = TypeVar("T")
@@ -76,7 +77,7 @@ def load_arrays(
         InvalidInputError: if there is no such file.
         FileFormatError: if the file is not an archive of that kind with those names.
     """
-    source = Path(path)
+    source = as_path(path, "path")
     if not os.path.isfile(source):  # unlike Path.is_file, accepts overlong names
         raise InvalidInputError(f"Cannot load {kind}: there is no file {source}.")
     arrays = read_archive(source)

@@ -1,9 +1,11 @@
 """Checks shared by the types: each names the first offending entry."""
 
 import dataclasses
+import os
 import types
 import typing
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 import jax
@@ -39,6 +41,20 @@ def require_instance(value: Any, kind: type, name: str) -> None:
         raise InvalidInputError(
             f"{name} must be a {kind.__name__}, got {type(value).__name__}{also}."
         )
+
+
+def as_path(value: Any, name: str) -> Path:
+    """Convert a path of text or of any path type."""
+    if not isinstance(value, str | os.PathLike):
+        raise InvalidInputError(f"{name} must be a path, got a {type(value).__name__}.")
+    return Path(value)
+
+
+def as_paths(value: Any, name: str) -> list[Path]:
+    """Convert one path or several to a list."""
+    if isinstance(value, str | os.PathLike) or not isinstance(value, Iterable):
+        return [as_path(value, name)]
+    return [as_path(one, f"{name}[{at}]") for at, one in enumerate(value)]
 
 
 def as_instances(values: Any, kind: type[T], name: str) -> list[T]:

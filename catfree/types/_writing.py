@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from catfree.errors import InvalidInputError, WriteError
+from catfree.types._validation import as_path
 
 # Temporary names are random and do not extend the target's, so they are neither too long nor taken.
 # They keep the suffix, by which some writers choose the format.
@@ -55,10 +56,10 @@ def replacement(path: str | os.PathLike[str], *, suffix: str | None = None) -> I
             that of `path`.
 
     Raises:
-        InvalidInputError: if the folder does not exist, or the path is a folder.
+        InvalidInputError: if the folder does not exist, or the path is a folder or no path.
         WriteError: if the disk is full or not writable; no partial file is left behind.
     """
-    target = Path(path)
+    target = as_path(path, "path")
     try:
         if not target.parent.is_dir():
             raise InvalidInputError(
@@ -102,7 +103,7 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     Raises:
         WriteError: if it cannot be made.
     """
-    folder = Path(path)
+    folder = as_path(path, "folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -36,7 +35,7 @@ from catfree.adapters.tables._motchallenge import read_mot
 from catfree.adapters.tables._parquet import read_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Clock, Detections
-from catfree.types._validation import as_integer
+from catfree.types._validation import as_integer, as_paths
 
 SUFFIXES = (".txt", ".csv", ".parquet", ".json", ".npz")
 MOST_CAMERAS = 10_000  # of files that number them
@@ -135,8 +134,7 @@ def read_camera_boxes(
     Raises:
         CatFreeError: as `read_detections`.
     """
-    single = isinstance(paths, str | os.PathLike)
-    given = [Path(path) for path in ([paths] if single else paths)]
+    given = as_paths(paths, "paths")
     if not given:
         raise InvalidInputError("The list of files with boxes is empty. Name one per camera.")
     for path in given:

@@ -26,6 +26,7 @@ from catfree.adapters.files._camera_names import natural_order
 from catfree.adapters.files._documents import StrPath, naming_file, read_json, read_text
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Plane, Rig, Scene
+from catfree.types._validation import as_paths
 
 Unit = Literal["m", "cm", "mm", "ft", "arbitrary"]
 METERS: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "arbitrary": 1.0}
@@ -80,7 +81,7 @@ def read_scene(
         rig, names, stated = _rig(source, image_size)
     else:
         source = "the calibration"
-        files = [Path(one) for one in path]
+        files = as_paths(path, "path")
         rig, names, stated = (*_per_camera(files, image_size), None)
     if stated is not None:
         _require_no_unit(unit, source)

@@ -12,6 +12,7 @@ import numpy as np
 
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types._archive import naming_file as naming_file, read_archive
+from catfree.types._validation import as_path
 from catfree.types._writing import replacing
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
@@ -46,7 +47,7 @@ def require_file(path: StrPath, meaning: str) -> Path:
     Raises:
         InvalidInputError: if there is no such file.
     """
-    source = Path(path)
+    source = as_path(path, meaning)
     if not os.path.isfile(source):  # unlike Path.is_file, accepts overlong names
         if os.path.isdir(source):
             raise InvalidInputError(
@@ -63,7 +64,7 @@ def require_folder(path: StrPath, meaning: str) -> Path:
     Raises:
         InvalidInputError: if there is no such folder.
     """
-    source = Path(path)
+    source = as_path(path, meaning)
     if not source.is_dir():
         raise InvalidInputError(f"There is no folder {source} ({meaning}). Check the path.")
     return source

@@ -83,6 +83,7 @@ def watch(
     report = progress or no_progress
     if localization is None:
         localization = localize(detections, scene, settings, progress)
+    require_instance(localization, Localization, "localization")
     localization.require_detections(detections)
     confident = detections
     if detections.score is not None:

@@ -1,7 +1,7 @@
 """Anchors: what is known about a site from elsewhere, each with its standard deviation."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -242,8 +242,10 @@ def resolve_anchors(
         InvalidInputError: if a camera does not exist, or positions on the map are too few, mixed
             with longitudes and latitudes, or too far away.
     """
-    if isinstance(anchors, Anchor):
-        raise InvalidInputError("anchors must be a list; put the anchor into brackets.")
+    if not isinstance(anchors, Iterable):
+        raise InvalidInputError(
+            f"anchors must be a list, got {type(anchors).__name__}. Put one anchor into brackets."
+        )
     index = []
     for anchor in anchors:
         if not isinstance(anchor, Anchor):
