@@ -15,6 +15,7 @@ from catfree._run._input_checks import (
     require_distinct_videos,
     scene_of,
     tiny_boxes,
+    with_names,
     without_offsets,
 )
 from catfree._run._stages import (
@@ -294,7 +295,8 @@ def run_stages(
     )
     if known:
         so_far.warnings += clock_warnings(localization, detections, scene, videos, settings)
-    localization = replace(localization, warnings=(*so_far.warnings, *localization.warnings))
+    said = with_names(localization.warnings, videos.camera_names)
+    localization = replace(localization, warnings=(*so_far.warnings, *said))
     return RunOutcome(
         localization,
         detections,
@@ -339,7 +341,8 @@ def run_boxes(
     cache = None if cache_dir is None else StageCache(cache_dir)
     scene, scene_names = scene_of(scene, scene_names)
     detections, silent, calibration = boxes.detections, boxes.silent, None
-    require_no_boxes(silent, detections.frame, detections.camera)  # told before the long work
+    # Told before the long work.
+    require_no_boxes(silent, detections.frame, detections.camera, boxes.camera_names)
     said: tuple[str, ...] = ()
     if anchors and scene is not None:
         raise InvalidInputError(_ONLY_FROM_PEOPLE)
@@ -367,7 +370,7 @@ def run_boxes(
     names = boxes.camera_names
     names += tuple(f"C{camera + 1}" for camera in range(len(names), scene.rig.camera_count))
     return RunOutcome(
-        replace(found, warnings=(*said, *found.warnings)),
+        replace(found, warnings=(*said, *with_names(found.warnings, names))),
         detections,
         scene,
         calibration,

@@ -334,13 +334,19 @@ def as_pictures(value: Any, name: str) -> np.ndarray:
     return rows
 
 
-def require_no_boxes(silent: np.ndarray, frame: np.ndarray, camera: np.ndarray) -> None:
+def require_no_boxes(
+    silent: np.ndarray,
+    frame: np.ndarray,
+    camera: np.ndarray,
+    names: Sequence[str] | None = None,
+) -> None:
     """Raise at the first of the pictures that do not exist in which there is a box.
 
     Args:
         silent: (K, 2) frame and camera of these pictures.
         frame: (N,) of the boxes.
         camera: (N,) of the boxes.
+        names: of the cameras, for the message.
     """
     if not len(silent):
         return
@@ -349,10 +355,10 @@ def require_no_boxes(silent: np.ndarray, frame: np.ndarray, camera: np.ndarray) 
         np.concatenate([boxes, np.unique(silent, axis=0)]), axis=0, return_counts=True
     )
     if (count > 1).any():
-        at, of = both[count > 1][0]
+        at, of = both[count > 1][0].tolist()
         raise InvalidInputError(
-            f"silent says that camera {of} has no picture of frame {at}, but there is a box in "
-            "it. Leave one of the two out."
+            f"silent says that camera {_shown(of, names)} has no picture of frame {at}, but there "
+            "is a box in it. Leave one of the two out."
         )
 
 

@@ -15,8 +15,10 @@ from catfree._run._input_checks import (
     require_distinct_videos,
     scene_of,
     tiny_boxes,
+    with_names,
     without_offsets,
 )
+from catfree._run._run import run_boxes
 from catfree.adapters import SceneSource, SynchronizedVideos, write_scene_json
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.video import _video_sources
@@ -25,6 +27,7 @@ from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.methods import localize
 from catfree.settings import CalibrationSettings, Settings
 from catfree.synthetic import make_layout, make_world
+from catfree.synthetic._layouts import ring
 from catfree.types import Clock, Detections
 
 
@@ -223,3 +226,29 @@ def test_a_scene_comes_from_whatever_has_one(tmp_path):
         assert scene_of(source, ["d", "c", "b", "a"])[1] == ["d", "c", "b", "a"]
     with pytest.raises(InvalidInputError, match="scene must be a Scene, got int"):
         scene_of(SimpleNamespace(scene=3), None)  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_warnings_of_boxes_name_cameras_as_the_user_does():
+    world = make_world(ring(3, image_size=(640, 360), people=3), frames=12, people=3)
+    names, seen = ("north", "east", "south"), world.detections
+    dead = run_boxes(CameraBoxes(seen[seen.camera != 1], names), world.scene)
+    assert dead.warnings[0].startswith("Camera 'east' has not one box")
+    boxes = CameraBoxes(seen, names, silent=np.array([[seen.frame[0], seen.camera[0]]]))
+    with pytest.raises(InvalidInputError, match=f"camera {names[seen.camera[0]]!r} has no picture"):
+        run_boxes(boxes, world.scene)
+
+
+def test_names_replace_numbers_of_cameras_only():
+    said = (
+        "Cameras 0, 2 and the other cameras disagree.",
+        "Cameras 0 and 1 hardly ever meet.",
+        "Camera 2 shows people 2 pixels apart.",
+        "The boxes of camera 1 are behind by 1 and 2.",
+    )
+    assert with_names(said, ("a1", "b 0", "c")) == (
+        "Cameras 'a1', 'c' and the other cameras disagree.",
+        "Cameras 'a1' and 'b 0' hardly ever meet.",
+        "Camera 'c' shows people 2 pixels apart.",
+        "The boxes of camera 'b 0' are behind by 1 and 2.",
+    )
