@@ -38,7 +38,7 @@ from catfree.adapters.protocols import (
 )
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration import Calibration, remove_offsets
-from catfree.calibration.people import Anchor
+from catfree.calibration.people import Anchor, resolve_anchors
 from catfree.errors import InvalidInputError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
@@ -240,6 +240,7 @@ def run_stages(
     so_far = Unfinished() if unfinished is None else unfinished
     so_far.videos, so_far.warnings = videos, footage_warnings(videos)
     require_distinct_videos(videos)
+    resolve_anchors(anchors, videos.camera_count, videos.camera_names)  # told before the long work
     if scene is not None:
         scene, order = order_like(scene, scene_names, videos.camera_names)
         so_far.warnings += order

@@ -387,6 +387,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree._run._worker import processor_count
         from catfree._run.detection._camera_detectors import CameraDetectors
         from catfree.adapters.background._background_detector import BackgroundDetector
+        from catfree.calibration.people import resolve_anchors
         from catfree.settings import Settings
 
         source: Any
@@ -400,6 +401,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             finder = open_detector(detector) or BackgroundDetector()
             print_table(footage_table(source), aside=True)
             require_distinct_videos(source)
+            resolve_anchors(known_anchors, source.camera_count, source.camera_names)
         stages = StageCache(out / "cache" if cache is None else cache)
         on_failure = _report_of_failure(out, blur=blur, pictures=pictures)
         with on_failure as unfinished, progress_bars() as progress:

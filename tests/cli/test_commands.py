@@ -496,6 +496,12 @@ def test_calibrate_and_run_on_footage_without_people(tmp_path, capsys):
         last = capsys.readouterr().err.strip().splitlines()[-1]
         assert last.startswith("catfree: ")
         assert not (out / "scene.json").exists()
+    (tmp_path / "anchors.json").write_text('{"cameras": [{"camera": "nord", "height": 4}]}')
+    for command in ("calibrate", "run"):  # a misspelled name is told before detection
+        words = ["--anchors", str(tmp_path / "anchors.json"), "--out", str(tmp_path / "misspelled")]
+        assert cli.main([command, *videos, *words]) == 1
+        assert "camera 'nord', but the cameras are c0, c1" in capsys.readouterr().err
+        assert not list(tmp_path.glob("misspelled/cache/*"))
 
 
 @pytest.mark.slow

@@ -570,6 +570,14 @@ def test_anchors_are_for_cameras_found_from_people():
 
 
 @pytest.mark.slow
+def test_a_misspelled_anchor_is_told_before_detection(pictures):
+    detector = ReadsItsPicture(small_world().detections)
+    with pytest.raises(InvalidInputError, match="camera 'nord', but the cameras are"):
+        run(pictures, detector, anchors=[KnownCamera("nord", height=4.0)])
+    assert not detector.calls
+
+
+@pytest.mark.slow
 def test_anchors_change_a_calibration_from_the_cache(pictures, tmp_path, monkeypatch):
     found = replace(made_up_calibration([0, 0, 0]), scene=small_world().true_scene)
     monkeypatch.setattr(stages_module, "begin_calibration", lambda *a, **k: found)
