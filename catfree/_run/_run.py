@@ -29,6 +29,7 @@ from catfree._run.detection._camera_detectors import CameraDetectors
 from catfree.adapters.background._background_detector import BackgroundDetector
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.embedders._color_embedder import ColorEmbedder
+from catfree.adapters.files._camera_names import is_numbered
 from catfree.adapters.protocols import (
     Detector,
     Embedder,
@@ -61,7 +62,8 @@ class RunOutcome:
             `localization.identity` and the tracks' `support` index them.
         scene: cameras and ground.
         calibration: the calibration from people, or None if the scene has another source.
-        camera_names: (C,) names of the cameras, from their file names.
+        camera_names: (C,) names of the cameras, from their file names; of the scene for boxes that
+            only number theirs.
         frames: (T,) the processed frames.
         videos: the footage before any damage, on corrected clocks if offsets were searched; None if
             the outcome does not come from videos.
@@ -348,12 +350,15 @@ def run_boxes(
     if anchors and scene is not None:
         raise InvalidInputError(_ONLY_FROM_PEOPLE)
     if scene is not None:
-        scene, said = order_like(scene, scene_names, boxes.camera_names, "boxes")
+        given = scene
+        scene, said = order_like(given, scene_names, boxes.camera_names, "boxes")
         if scene.rig.camera_count < len(boxes.camera_names):
             raise InvalidInputError(
                 f"The scene has {scene.rig.camera_count} cameras, but there are boxes of "
                 f"{len(boxes.camera_names)}. Leave out the boxes of the other cameras."
             )
+        if scene is given and scene_names is not None and is_numbered(boxes.camera_names):
+            boxes = replace(boxes, camera_names=tuple(scene_names))
     else:
         calibration = calibrate_cameras(
             boxes, None, detections, settings,

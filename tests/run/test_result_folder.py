@@ -10,8 +10,8 @@ from hypothesis import given, strategies as st
 
 from catfree._run._result_folder import numbers_of_files, write_results, write_rig
 from catfree._run._run import RunOutcome, run_boxes
-from catfree.adapters import SynchronizedVideos, read_mot
-from catfree.adapters.datasets._detection_files import CameraBoxes
+from catfree.adapters import SynchronizedVideos, read_mot, read_scene_json
+from catfree.adapters.datasets._detection_files import CameraBoxes, read_camera_boxes
 from catfree.methods._localize import localize
 from catfree.settings import Settings
 from catfree.synthetic import make_world
@@ -58,6 +58,19 @@ def test_boxes_are_written_with_the_numbers_they_had(tmp_path):
         np.testing.assert_array_equal(np.sort(written), np.sort(own))
     tracks = read_mot(tmp_path / "tracks_mot.txt").frame
     np.testing.assert_array_equal(np.sort(tracks), np.sort(outcome.localization.tracks.frame))
+
+
+def test_numbered_boxes_take_the_names_of_the_scene(tmp_path):
+    boxes, scene = boxes_with_a_gap()
+    numbered = replace(boxes, camera_names=("C1", "C2", "C3"))
+    write_results(tmp_path, run_boxes(numbered, scene, scene_names=NAMES), pictures=False)
+    assert {path.stem for path in (tmp_path / "boxes").iterdir()} == set(NAMES)
+    again, names = read_camera_boxes(tmp_path), read_scene_json(tmp_path / "scene.json")[1]
+    assert names == NAMES
+    assert run_boxes(again, tmp_path / "scene.json").camera_names == NAMES
+    assert run_boxes(numbered, scene).camera_names == numbered.camera_names
+    moved = run_boxes(numbered, scene, scene_names=("C3", "C1", "C2"))
+    assert moved.camera_names == numbered.camera_names
 
 
 def outcome_with_footage(folder):
