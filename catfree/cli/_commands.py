@@ -41,6 +41,10 @@ NO_TRUTH = (
     "have no true position: everybody found there counts as wrong. If the truth is of some frames "
     "only, give --frames truth."
 )
+STRIDED = (
+    "are evenly spaced among those of the truth: whoever is in the others counts as missed. If the "
+    "run had a --stride, give --frames tracks."
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -110,6 +114,23 @@ def _box_table(boxes: Any) -> Any:
         height = f"{np.median(part.height):.0f}" if len(part) else ""
         rows.append((name, str(len(part)), str(len(np.unique(part.frame))), height))
     return Table(("camera", "boxes", "frames with boxes", "median height (px)"), tuple(rows))
+
+
+def _in_steps(frames: np.ndarray, tracked: np.ndarray) -> np.ndarray:
+    """(F,) whether each frame is in the even steps of sorted frames of tracks; all if none."""
+    if not len(tracked):
+        return np.ones(len(frames), bool)
+    step = max(1, int(np.gcd.reduce(np.diff(tracked))))
+    within = (frames >= tracked[0]) & (frames <= tracked[-1])
+    return within & ((frames - tracked[0]) % step == 0)
+
+
+def _are_strided(tracked: np.ndarray, known: np.ndarray, even: np.ndarray) -> bool:
+    """Return whether tracks have most of even steps, between which the truth has more frames."""
+    if len(tracked) < 3 or not np.isin(tracked, known).all():
+        return False
+    within = (known >= tracked[0]) & (known <= tracked[-1])
+    return bool(2 * len(tracked) > even.sum() and within.sum() >= 2 * even.sum() - 1)
 
 
 def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
@@ -439,7 +460,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         area: tuple[float, float, float, float] | None = None,
         threshold: float | None = None,
         track_threshold: float | None = None,
-        frames: Literal["all", "truth"] = "all",
+        frames: Literal["all", "truth", "tracks"] = "all",
     ) -> None:
         """Score tracks against true positions in the same coordinates.
 
@@ -452,7 +473,9 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             threshold: largest distance of a match for MODA, in meters; 0.5 if not given.
             track_threshold: the same for MOTA and IDF1; 1 if not given.
             frames: score all frames of tracks and truth, or those of the truth alone, for truth in
-                every tenth frame, say; WildTrack, MultiviewX and uniform JSON state theirs.
+                every tenth frame, say; WildTrack, MultiviewX and uniform JSON state theirs. With
+                tracks, of the truth only frames in the even steps of the tracks, as of a run with
+                a stride.
         """
         from catfree.adapters.datasets import read_ground_truth
         from catfree.adapters.tables import read_tracks
@@ -463,18 +486,23 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         truth, within = true.rows, true.area if area is None else area
         near = true.detection_gate if threshold is None else threshold
         far = true.tracking_gate if track_threshold is None else track_threshold
-        scored, tracked, alone = true.frames, np.unique(found[:, 0]), 0
-        if scored is None:
-            scored = np.unique(truth[:, 0]).astype(np.int64)
-            if frames == "all":
-                alone = len(np.setdiff1d(tracked, scored))
-                scored = np.union1d(scored, tracked)
+        known = np.unique(truth[:, 0]).astype(np.int64) if true.frames is None else true.frames
+        tracked = np.unique(found[:, 0]).astype(np.int64)
+        scored, alone = known, 0
+        if true.frames is None and frames == "all":
+            alone = len(np.setdiff1d(tracked, known))
+            scored = np.union1d(known, tracked)
         if len(found) and not np.isin(found[:, 0], scored).any():
             raise InsufficientDataError(
                 f"No position of {tracks} is in the frames {scored[0]} to {scored[-1]} of "
                 f"{ground_truth}; its own are {found[:, 0].min():.0f} to "
                 f"{found[:, 0].max():.0f}. Number frames alike."
             )
+        even = _in_steps(known, tracked)
+        if frames == "tracks":
+            scored = known[even]
+        elif _are_strided(tracked, known, even):
+            warn([f"The {len(tracked)} frames of {tracks} {STRIDED}"])
         found = found[np.isin(found[:, 0], scored)]
         if within is not None:
             truth, found = crop(truth, within), crop(found, within)
@@ -503,6 +531,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         if true.protocol:
             changed = [
                 *(["another area"] if area is not None else []),
+                *(["fewer frames"] if len(scored) < len(known) else []),
                 *(["other distances"] if (near, far) != true.gates else []),
             ]
             also = f" (but with {' and '.join(changed)})" if changed else ""

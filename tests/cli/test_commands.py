@@ -323,6 +323,29 @@ def test_evaluate_on_truth_of_some_frames(results, tmp_path, capsys):
 
 
 @pytest.mark.slow
+def test_evaluate_of_a_run_with_a_stride(results, tmp_path, capsys):
+    header, *rows = (results / "tracks.csv").read_text().splitlines()
+    frames = [int(row.split(",")[header.split(",").index("frame")]) for row in rows]
+    truth, part = tmp_path / "truth.csv", tmp_path / "tracks.csv"
+    positions = read_tracks_csv(results / "tracks.csv").to_rows().tolist()
+    truth.write_text("\n".join(["frame,id,x,y", *(",".join(map(repr, row)) for row in positions)]))
+    words = ["evaluate", str(part), str(truth)]
+    for chosen, told in (((16, 19, 22, 28), True), ((17, 20, 21, 25), False), (range(30), False)):
+        kept = [row for row, frame in zip(rows, frames, strict=True) if frame in chosen]
+        part.write_text("\n".join([header, *kept]))
+        assert cli.main(words) == 0
+        shown = capsys.readouterr()
+        assert (shown.err.count("\n") == 1 and "give --frames tracks" in shown.err) == told
+        assert told or shown.err == ""
+        assert cli.main([*words, "--frames", "tracks"]) == 0
+        shown = capsys.readouterr()
+        assert shown.err == ""
+        # Nobody was found in frame 25, which is one of the steps.
+        assert (re.search(r"recall.*100\.00", shown.out) is None) == (chosen != range(30))
+        assert re.search(r"precision.*100\.00", shown.out)
+
+
+@pytest.mark.slow
 def test_positions_without_identities_are_scored_and_no_tracks(world, outcome, tmp_path, capsys):
     settings = Settings.paper()
     off = dataclasses.replace(settings.trajectories, enabled=False)
