@@ -86,7 +86,8 @@ def write_report(
     blocks += describe_reliability(outcome.localization, outcome.scene)
     blocks += describe_settings(settings)
     if files:
-        listed = (f"`{_relative(path, root)}`" for path in files)
+        shown = files if video is None else [*files, video]
+        listed = (f"`{_relative(path, root)}`" for path in shown)
         blocks += [Heading("Files"), Paragraph(", ".join(listed) + ".")]
     return write_blocks(root, blocks)
 
@@ -104,13 +105,14 @@ def describe_acceptance(outcome: RunOutcome, covered: Coverage | None = None) ->
         covered: the ground that the cameras see; None for no verdict on it.
     """
     reliability, rig = outcome.localization.reliability, outcome.scene.rig
+    warned = len(outcome.warnings)
     found, count = int(rig.registered.sum()), rig.camera_count
     rows: list[tuple[str, str, bool | None]] = [
         ("every camera has a place", f"{found} of {count}", found == count),
         (
             "the input raised no warning",
-            f"{len(outcome.warnings)} warnings" if outcome.warnings else "none",
-            not outcome.warnings,
+            f"{warned} warning{'s' * (warned > 1)}" if warned else "none",
+            not warned,
         ),
     ]
     if covered is not None:

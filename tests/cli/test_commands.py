@@ -217,6 +217,8 @@ def test_acceptance_names_what_to_look_at(outcome):
     bad = verdicts(dataclasses.replace(outcome, localization=warned, scene=scene))
     assert bad["every camera has a place"] is False
     assert bad["the input raised no warning"] is False
+    _, table = describe_acceptance(dataclasses.replace(outcome, localization=warned))
+    assert ("the input raised no warning", "1 warning", False) in table.rows
     assert "two cameras see at least half of the ground" not in bad
     nobody = dataclasses.replace(
         outcome,

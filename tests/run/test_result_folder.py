@@ -73,6 +73,15 @@ def test_numbered_boxes_take_the_names_of_the_scene(tmp_path):
     assert moved.camera_names == numbered.camera_names
 
 
+def test_the_report_lists_the_overlay_among_the_files(tmp_path):
+    boxes, scene = boxes_with_a_gap()
+    outcome = run_boxes(boxes, scene)
+    for overlay in (False, True):
+        write_results(tmp_path, outcome, pictures=False, overlay=overlay)
+        report = (tmp_path / "report.md").read_text()
+        assert ("`overlay.webm`" in report.partition("## Files")[2]) == overlay
+
+
 def outcome_with_footage(folder):
     world = make_world(ring(3, image_size=(160, 90), people=3), frames=4, people=3)
     folders = [folder / name for name in NAMES]
