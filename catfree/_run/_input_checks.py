@@ -4,7 +4,6 @@ Fatal mistakes raise; others become warnings.
 """
 
 import os
-import re
 from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -35,7 +34,6 @@ LONGEST = 60  # instants: largest offset of a clock to look for
 WORTH_SAYING = 0.05  # share of the footage lost; recordings never end on the same frame
 # Rose criterion: a signal stands out from noise at five standard deviations.
 DEVIATIONS_TO_MEASURE = 5.0
-_NUMBERED = re.compile(r"\b[Cc]ameras? \d+(?:(?:, | and )\d+)*\b")
 
 
 def require_distinct_videos(videos: SynchronizedVideos) -> None:
@@ -250,20 +248,6 @@ def tiny_boxes(detections: Detections, settings: CalibrationSettings) -> str | N
         f"{len(detections)} boxes is {np.median(height):.0f} px. Pass a detector of people, or "
         "larger images."
     )
-
-
-def with_names(warnings: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
-    """Name the cameras in the warnings of `localize`, which knows their numbers only.
-
-    Args:
-        warnings: sentences about cameras by number.
-        names: (C,) names of the cameras.
-    """
-
-    def named(found: re.Match[str]) -> str:
-        return re.sub(r"\d+", lambda number: repr(names[int(number[0])]), found[0])
-
-    return tuple(_NUMBERED.sub(named, sentence) for sentence in warnings)
 
 
 def clock_warnings(

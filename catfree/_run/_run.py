@@ -15,7 +15,6 @@ from catfree._run._input_checks import (
     require_distinct_videos,
     scene_of,
     tiny_boxes,
-    with_names,
     without_offsets,
 )
 from catfree._run._stages import (
@@ -294,12 +293,12 @@ def run_stages(
     tiny = tiny_boxes(detections, settings.calibration)
     so_far.warnings += () if tiny is None else (tiny,)
     localization = localize_people(
-        detections, scene, settings, videos.silent, cache=cache, progress=progress
-    )
+        detections, scene, settings, videos.silent,
+        camera_names=videos.camera_names, cache=cache, progress=progress,
+    )  # fmt: skip
     if known:
         so_far.warnings += clock_warnings(localization, detections, scene, videos, settings)
-    said = with_names(localization.warnings, videos.camera_names)
-    localization = replace(localization, warnings=(*so_far.warnings, *said))
+    localization = replace(localization, warnings=(*so_far.warnings, *localization.warnings))
     return RunOutcome(
         localization,
         detections,
@@ -370,13 +369,15 @@ def run_boxes(
         silent = silent - np.pad(calibration.frame_offset[silent[:, 1], None], ((0, 0), (0, 1)))
     tiny = tiny_boxes(detections, settings.calibration)
     said += () if tiny is None else (tiny,)
-    found = localize_people(detections, scene, settings, silent, cache=cache, progress=progress)
-    if calibration is None:
-        said += clock_warnings(found, detections, scene, boxes, settings)
     names = boxes.camera_names
     names += tuple(f"C{camera + 1}" for camera in range(len(names), scene.rig.camera_count))
+    found = localize_people(
+        detections, scene, settings, silent, camera_names=names, cache=cache, progress=progress
+    )
+    if calibration is None:
+        said += clock_warnings(found, detections, scene, boxes, settings)
     return RunOutcome(
-        replace(found, warnings=(*said, *with_names(found.warnings, names))),
+        replace(found, warnings=(*said, *found.warnings)),
         detections,
         scene,
         calibration,

@@ -210,6 +210,7 @@ def localize_people(
     settings: Settings,
     silent: Int[np.ndarray, "k 2"] | None = None,
     *,
+    camera_names: Sequence[str] | None = None,
     cache: StageCache | None = None,
     progress: Progress | None = None,
 ) -> Localization:
@@ -220,6 +221,7 @@ def localize_people(
         scene: cameras and ground.
         settings: of the localization.
         silent: frame and camera of pictures that do not exist, as `localize` takes them.
+        camera_names: names for warnings.
         cache: holds a finished localization.
         progress: called as `progress(stage, done, total)`.
     """
@@ -227,10 +229,11 @@ def localize_people(
         cache,
         "localization",
         Localization,
-        lambda: _localize(detections, scene, settings, silent, progress),
+        lambda: _localize(detections, scene, settings, silent, progress, camera_names),
         (content_hash(detections), content_hash(scene)),
         settings,
         silent=None if silent is None else hashlib.sha256(silent.tobytes()).hexdigest(),
+        camera_names=None if camera_names is None else list(camera_names),
     )
 
 
@@ -240,8 +243,11 @@ def _localize(
     settings: Settings,
     silent: Int[np.ndarray, "k 2"] | None,
     progress: Progress | None,
+    camera_names: Sequence[str] | None = None,
 ) -> Localization:
-    localization = localize(detections, scene, settings, progress, silent=silent)
+    localization = localize(
+        detections, scene, settings, progress, silent=silent, camera_names=camera_names
+    )
     if settings.method == "paper":
         return localization
     return stitch_tracks(localization, detections)

@@ -1,5 +1,6 @@
 """`localize`: from person boxes and a scene to tracked ground positions."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -42,6 +43,7 @@ def localize(
     progress: Progress | None = None,
     *,
     silent: Any = None,
+    camera_names: Sequence[str] | None = None,
 ) -> Localization:
     """Track people on the ground from their boxes in several calibrated views.
 
@@ -54,6 +56,7 @@ def localize(
             camera failed or its video ended. That nobody was detected in it then says nothing; in
             all other pictures of frames with any box, it is evidence against people in view. The
             paper's method does not use it.
+        camera_names: names for warnings and error messages, which give numbers without them.
 
     Returns:
         Tracks, every candidate with its fate, the thresholds and a label-free reliability summary,
@@ -78,8 +81,8 @@ def localize(
     require_instance(scene, Scene, "scene")
     require_instance(settings, Settings, "settings")
     report = progress or no_progress
-    missing = _missing_pictures(silent, detections, scene)
-    keep = usable(detections, scene, settings)
+    missing = _missing_pictures(silent, detections, scene, camera_names)
+    keep = usable(detections, scene, settings, camera_names)
     if not keep.any():
         result = empty_localization(
             scene.rig.camera_count,
@@ -87,12 +90,14 @@ def localize(
             detection_count=len(detections),
         )
     elif settings.method == "evidence":
-        result = _localize_by_evidence(detections, scene, keep, settings, missing, report)
+        result = _localize_by_evidence(
+            detections, scene, keep, settings, missing, camera_names, report
+        )
     else:
         result = _localize_by_paper(detections, scene, keep, settings, report)
     warnings = result.warnings
     fault = boxes_of_another_size(
-        detections.camera[keep], detections.box[keep], scene.rig.image_size
+        detections.camera[keep], detections.box[keep], scene.rig.image_size, camera_names
     )
     if fault:
         warnings += (fault,)
@@ -111,12 +116,18 @@ def _localize_by_evidence(
     keep: Bool[np.ndarray, " n"],
     settings: Settings,
     silent: Int[np.ndarray, "k 2"],
+    camera_names: Sequence[str] | None,
     report: Progress,
 ) -> Localization:
     """Run the evidence method on the usable detections."""
     try:
         result = evidence.localize_by_evidence(
-            detections[keep], scene, settings.evidence, silent=silent, progress=report
+            detections[keep],
+            scene,
+            settings.evidence,
+            silent=silent,
+            camera_names=camera_names,
+            progress=report,
         )
     except InsufficientDataError:  # no box of a person on the ground
         return empty_localization(
@@ -134,7 +145,9 @@ def _localize_by_evidence(
     )
 
 
-def _missing_pictures(silent: Any, detections: Detections, scene: Scene) -> Int[np.ndarray, "k 2"]:
+def _missing_pictures(
+    silent: Any, detections: Detections, scene: Scene, camera_names: Sequence[str] | None
+) -> Int[np.ndarray, "k 2"]:
     """(K, 2) frame and camera of pictures that do not exist.
 
     Raises:
@@ -142,7 +155,7 @@ def _missing_pictures(silent: Any, detections: Detections, scene: Scene) -> Int[
     """
     rows = as_pictures(silent, "silent")
     require_known_cameras(rows[:, 1], scene.rig.camera_count)
-    require_no_boxes(rows, detections.frame, detections.camera)
+    require_no_boxes(rows, detections.frame, detections.camera, camera_names)
     return rows
 
 
@@ -195,7 +208,12 @@ def _localize_by_paper(
     )
 
 
-def usable(detections: Detections, scene: Scene, settings: Settings) -> np.ndarray:
+def usable(
+    detections: Detections,
+    scene: Scene,
+    settings: Settings,
+    camera_names: Sequence[str] | None = None,
+) -> np.ndarray:
     """(N,) whether each detection is confident enough and of a registered camera.
 
     Raises:
@@ -215,7 +233,7 @@ def usable(detections: Detections, scene: Scene, settings: Settings) -> np.ndarr
         keep = keep & (detections.score >= settings.confidence)
     if settings.rays.only_confirmed_ankles and detections.ankles_confirmed is not None:
         keep = keep & detections.ankles_confirmed
-    require_few_people(detections.frame[keep], detections.camera[keep])
+    require_few_people(detections.frame[keep], detections.camera[keep], camera_names)
     return keep
 
 

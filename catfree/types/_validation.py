@@ -280,13 +280,13 @@ def require_few_people(
     if count[most] > MOST_PEOPLE:
         at, which = divmod(most, int(camera.max()) + 1)
         raise InvalidInputError(
-            f"Camera {_shown(which, names)} has {count[most]} boxes in frame {frames[at]}; a "
+            f"Camera {shown_camera(which, names)} has {count[most]} boxes in frame {frames[at]}; a "
             f"picture shows at most {MOST_PEOPLE} people. Check that `frame` numbers the pictures, "
             "and that the detector drops boxes of low score and several of one person."
         )
 
 
-def _shown(camera: int, names: Sequence[str] | None) -> str:
+def shown_camera(camera: int, names: Sequence[str] | None) -> str:
     """The name of a camera in a message, or its number if it has none."""
     return str(camera) if names is None or camera >= len(names) else repr(names[camera])
 
@@ -312,7 +312,7 @@ def require_different_cameras(
             continue
         key = rows[np.lexsort(rows.T)].tobytes()
         if key in first:
-            name, other = (_shown(c, names) for c in (first[key], int(one)))
+            name, other = (shown_camera(c, names) for c in (first[key], int(one)))
             raise InvalidInputError(
                 f"Cameras {name} and {other} have the same {len(rows)} boxes: one video was "
                 "read twice. Pass each camera once."
@@ -357,8 +357,8 @@ def require_no_boxes(
     if (count > 1).any():
         at, of = both[count > 1][0].tolist()
         raise InvalidInputError(
-            f"silent says that camera {_shown(of, names)} has no picture of frame {at}, but there "
-            "is a box in it. Leave one of the two out."
+            f"silent says that camera {shown_camera(of, names)} has no picture of frame {at}, but "
+            "there is a box in it. Leave one of the two out."
         )
 
 
@@ -402,9 +402,9 @@ def boxes_of_another_size(
     if not len(wrong):
         return ""
     at = int(wrong[0])
-    width, height = (int(side) for side in image_size[at])
+    name, (width, height) = shown_camera(at, names), (int(side) for side in image_size[at])
     return (
-        f"{share[at]:.0%} of the boxes of camera {_shown(at, names)} have their center outside "
+        f"{share[at]:.0%} of the boxes of camera {name} have their center outside "
         f"its image of {width} x {height} px. Pass the size (width, height) of the images that "
         "the boxes were found in, one row per camera if they differ."
     )

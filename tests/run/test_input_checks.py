@@ -15,7 +15,6 @@ from catfree._run._input_checks import (
     require_distinct_videos,
     scene_of,
     tiny_boxes,
-    with_names,
     without_offsets,
 )
 from catfree._run._run import run_boxes
@@ -237,18 +236,3 @@ def test_warnings_of_boxes_name_cameras_as_the_user_does():
     boxes = CameraBoxes(seen, names, silent=np.array([[seen.frame[0], seen.camera[0]]]))
     with pytest.raises(InvalidInputError, match=f"camera {names[seen.camera[0]]!r} has no picture"):
         run_boxes(boxes, world.scene)
-
-
-def test_names_replace_numbers_of_cameras_only():
-    said = (
-        "Cameras 0, 2 and the other cameras disagree.",
-        "Cameras 0 and 1 hardly ever meet.",
-        "Camera 2 shows people 2 pixels apart.",
-        "The boxes of camera 1 are behind by 1 and 2.",
-    )
-    assert with_names(said, ("a1", "b 0", "c")) == (
-        "Cameras 'a1', 'c' and the other cameras disagree.",
-        "Cameras 'a1' and 'b 0' hardly ever meet.",
-        "Camera 'c' shows people 2 pixels apart.",
-        "The boxes of camera 'b 0' are behind by 1 and 2.",
-    )

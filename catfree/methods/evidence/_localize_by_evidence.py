@@ -1,5 +1,6 @@
 """`localize_by_evidence`: convert the solution to result types in scene units."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import equinox as eqx
@@ -74,6 +75,7 @@ def localize_by_evidence(
     settings: EvidenceSettings | None = None,
     *,
     silent: Int[np.ndarray, "k 2"] | None = None,
+    camera_names: Sequence[str] | None = None,
     progress: Progress | None = None,
 ) -> Localization:
     """Track people on the ground by the evidence method.
@@ -83,6 +85,7 @@ def localize_by_evidence(
         scene: rig and ground in any units and frame of reference.
         settings: constants and switches.
         silent: (K, 2) frame and camera of pictures that do not exist.
+        camera_names: names for warnings.
         progress: called as `progress(stage, done, total)`.
 
     Returns:
@@ -93,7 +96,9 @@ def localize_by_evidence(
         InsufficientDataError: if no box of a registered camera stands on the ground.
     """
     solution = solve(detections, scene, settings, silent=silent, progress=progress)
-    found = describe(solution, scene, settings, detection_count=len(detections))
+    found = describe(
+        solution, scene, settings, detection_count=len(detections), camera_names=camera_names
+    )
     return replace(found, tracks=replace(found.tracks, clock=detections.clock))
 
 
@@ -103,6 +108,7 @@ def describe(
     settings: EvidenceSettings | None = None,
     *,
     detection_count: int,
+    camera_names: Sequence[str] | None = None,
 ) -> Localization:
     """Convert a solution to the frame and units of its scene.
 
@@ -111,6 +117,7 @@ def describe(
         scene: the scene passed to `solve`.
         settings: only `report_radius` is used.
         detection_count: number of detections passed to `solve`.
+        camera_names: names for warnings.
 
     Returns:
         The localization.
@@ -189,10 +196,10 @@ def describe(
     thresholds = Thresholds(
         median_box_height=float(np.median(s.boxes.size[: len(s.boxes.row)])),
     )
-    warnings = ground_warnings(height, unit, scene) + lens_warnings(bend)
-    warnings += blind_camera_warnings(s, scene, settings)
+    warnings = ground_warnings(height, unit, scene) + lens_warnings(bend, camera_names)
+    warnings += blind_camera_warnings(s, scene, settings, camera_names)
     if patterns is not None:
-        warnings += patterns.sentences()
+        warnings += patterns.sentences(camera_names)
     return Localization(tracks, candidates, thresholds, reliability, detection_count, warnings)
 
 

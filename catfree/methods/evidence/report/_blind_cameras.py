@@ -1,15 +1,21 @@
 """Cameras that see nobody where others see people."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.track._existence import predict_views, with_pictures
 from catfree.settings import EvidenceSettings
 from catfree.types import Scene
+from catfree.types._validation import shown_camera
 
 
 def blind_camera_warnings(
-    state: EvidenceState, scene: Scene, settings: EvidenceSettings
+    state: EvidenceState,
+    scene: Scene,
+    settings: EvidenceSettings,
+    camera_names: Sequence[str] | None = None,
 ) -> tuple[str, ...]:
     """One sentence per camera that has not one box, though reported people are in its view."""
     boxes, rows = state.boxes, np.flatnonzero(state.kept)
@@ -21,8 +27,8 @@ def blind_camera_warnings(
     seen = predict_views(place, frame, nobody, boxes, state.views, settings)
     people = (np.asarray(with_pictures(seen, frame, boxes).inside) == 1).sum(0)
     return tuple(
-        f"Camera {camera} has not one box, but {people[camera]} of the positions are in its view: "
-        "its detector failed, its video is of another time, or it delivered no pictures (then say "
-        "so with `silent`)."
-        for camera in np.flatnonzero(blind & (people > 0))
+        f"Camera {shown_camera(camera, camera_names)} has not one box, but {people[camera]} of the "
+        "positions are in its view: its detector failed, its video is of another time, or it "
+        "delivered no pictures (then say so with `silent`)."
+        for camera in np.flatnonzero(blind & (people > 0)).tolist()
     )

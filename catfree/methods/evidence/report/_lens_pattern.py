@@ -4,6 +4,7 @@ Errors of a camera's pose, focal length and principal point move the image affin
 What a wrong lens adds begins with the third power of the distance, along the radius.
 """
 
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -28,6 +29,7 @@ from catfree.methods.evidence.learn._noise import left_out_residuals
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise
 from catfree.methods.evidence.observe._views import GroundViews
+from catfree.types._validation import shown_camera
 
 CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration
 _PARAMETERS = 7  # shift (2), linear map (2 by 2), radial
@@ -149,12 +151,14 @@ def lens_bends(
     return bend
 
 
-def lens_warnings(bend: Float[np.ndarray, " cam"]) -> tuple[str, ...]:
+def lens_warnings(
+    bend: Float[np.ndarray, " cam"], camera_names: Sequence[str] | None = None
+) -> tuple[str, ...]:
     """One sentence if the lenses of cameras seem to be wrong."""
-    bent = np.flatnonzero(bend > NOTICEABLE)
-    if not len(bent):
+    bent = [shown_camera(c, camera_names) for c in np.flatnonzero(bend > NOTICEABLE).tolist()]
+    if not bent:
         return ()
-    cameras = ("Camera " if len(bent) == 1 else "Cameras ") + ", ".join(map(str, bent))
+    cameras = ("Camera " if len(bent) == 1 else "Cameras ") + ", ".join(bent)
     return (
         f"{cameras} and the other cameras disagree about people the more, the farther they are "
         "from the middle of the image: the lens model seems to be wrong. Pass the distortion of "

@@ -5,6 +5,7 @@ residuals before and after. A rig that fits people in spite of such a pattern ma
 what a wrong lens leaves, see `_lens_pattern`.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -21,6 +22,7 @@ from catfree.methods.evidence.observe._measurement import Measurements
 from catfree.methods.evidence.observe._views import GroundViews
 from catfree.methods.evidence.track._tracking import Trails
 from catfree.types._annotations import HostOrDevice
+from catfree.types._validation import shown_camera
 
 # Columns of a late clock, and of a move (across, down); the first three are constant offsets.
 _GROUPS = (slice(3, 4), slice(4, 6))
@@ -115,23 +117,25 @@ class Patterns(NamedTuple):
         known = self.together[np.isfinite(self.together)]
         return float(known.min()) if len(known) else float("nan")
 
-    def sentences(self) -> tuple[str, ...]:
+    def sentences(self, camera_names: Sequence[str] | None = None) -> tuple[str, ...]:
         """Name the cameras whose pattern cannot be overlooked."""
         said = []
         shares, coefficients = self.explained.share, self.explained.coefficient
-        for camera, kind in np.argwhere(np.asarray(shares) > LARGEST_SHARE):
+        for camera, kind in np.argwhere(np.asarray(shares) > LARGEST_SHARE).tolist():
+            name = shown_camera(camera, camera_names)
             late = -float(coefficients[camera, 0])
             moved = float(np.hypot(*coefficients[camera, 1:]))
             said.append(
                 (
-                    f"The boxes of camera {camera} are {'behind' if late > 0 else 'ahead of'} "
+                    f"The boxes of camera {name} are {'behind' if late > 0 else 'ahead of'} "
                     f"the people by {abs(late):.1f} frames: correct its clock.",
-                    f"Camera {camera} shows people {2 * moved:.0f} pixels apart in the two halves "
+                    f"Camera {name} shows people {2 * moved:.0f} pixels apart in the two halves "
                     "of the recording: it was moved; calibrate the halves apart.",
                 )[kind]
             )
         low = np.triu(np.nan_to_num(self.together, nan=np.inf) < LEAST_TOGETHER)
-        for one, other in np.argwhere(low):
+        for pair in np.argwhere(low).tolist():
+            one, other = (shown_camera(camera, camera_names) for camera in pair)
             said.append(
                 f"Cameras {one} and {other} hardly ever see the same person at the same time, "
                 "though both should: a clock or a pose is wrong, and people count twice."

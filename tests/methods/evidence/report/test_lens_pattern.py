@@ -78,4 +78,6 @@ def test_fisheyes_taken_for_pinholes_are_named_and_right_lenses_are_not():
 
 def test_no_camera_is_named_without_a_reason():
     assert lens_warnings(np.zeros(3)) == ()
-    assert lens_warnings(np.array([0.01, 0.0, 0.03]))[0].startswith("Camera 2 and")
+    bend = np.array([0.01, 0.0, 0.03])
+    assert lens_warnings(bend)[0].startswith("Camera 2 and")
+    assert lens_warnings(bend, ["a", "b", "c 1"])[0].startswith("Camera 'c 1' and")

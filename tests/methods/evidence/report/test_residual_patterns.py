@@ -8,6 +8,8 @@ from hypothesis import given, strategies as st
 from catfree.methods.evidence.report._residual_patterns import (
     _GROUPS,
     LEAST_TOGETHER,
+    Explained,
+    Patterns,
     explained,
     seen_together,
 )
@@ -82,3 +84,19 @@ def test_two_groups_of_cameras_that_see_other_people_are_told():
 
 def test_few_expected_sightings_say_nothing():
     assert np.isnan(seen_together(np.zeros((5, 3), bool), np.full((5, 3), 0.9))).all()
+
+
+def test_sentences_name_cameras_by_name_or_number():
+    together = np.full((3, 3), np.nan)
+    together[0, 1] = together[1, 0] = 0.0
+    share, coefficient = np.zeros((3, 2)), np.zeros((3, 3))
+    share[2], coefficient[2] = 0.9, (-2.0, 3.0, 4.0)
+    patterns = Patterns(Explained(share, coefficient, np.ones(3)), together)
+    for names, (first, second, third) in (
+        (None, "012"),
+        (["a", "b 0", "7"], ("'a'", "'b 0'", "'7'")),
+    ):
+        late, moved, apart = patterns.sentences(names)
+        assert late.startswith(f"The boxes of camera {third} are behind the people by 2.0 frames")
+        assert moved.startswith(f"Camera {third} shows people 10 pixels apart")
+        assert apart.startswith(f"Cameras {first} and {second} hardly ever see the same person")
