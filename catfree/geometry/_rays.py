@@ -31,7 +31,7 @@ def pixel_to_ray(
         direction: (3,) unit vector in the world frame.
 
     Raises:
-        InvalidInputError: if pixel is not one vector.
+        InvalidInputError: if pixel or t is not one vector.
 
     Source: paper, Sec. "Pedestrian observations and ray reliability", back-projection of the
         bottom centre of a box.
@@ -65,7 +65,7 @@ def angular_residual(
         lies in no direction.
 
     Raises:
-        InvalidInputError: if position is not one vector.
+        InvalidInputError: if position, origin or direction is not one vector.
 
     Source: paper, Eq. theta.
     """

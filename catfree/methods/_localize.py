@@ -99,8 +99,7 @@ def localize(
     fault = boxes_of_another_size(
         detections.camera[keep], detections.box[keep], scene.rig.image_size, camera_names
     )
-    if fault:
-        warnings += (fault,)
+    warnings += () if fault is None else (fault,)
     if keep.any() and not len(result.tracks):
         warnings += (
             f"Nobody is found among {int(keep.sum())} boxes. Check that boxes and scene are of the "

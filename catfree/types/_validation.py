@@ -368,9 +368,9 @@ def require_boxes_in_images(
     image_size: np.ndarray,
     names: Sequence[str] | None = None,
 ) -> None:
-    """Raise if `boxes_of_another_size` finds a camera."""
+    """Raise if many boxes of a camera are outside its image, see `boxes_of_another_size`."""
     fault = boxes_of_another_size(camera, box, image_size, names)
-    if fault:
+    if fault is not None:
         raise InvalidInputError(fault)
 
 
@@ -379,7 +379,7 @@ def boxes_of_another_size(
     box: np.ndarray,
     image_size: np.ndarray,
     names: Sequence[str] | None = None,
-) -> str:
+) -> str | None:
     """Name the first camera that has the centers of many boxes outside its image.
 
     The image is then of another size, so that the principal point is elsewhere. A rig that fits the
@@ -392,7 +392,7 @@ def boxes_of_another_size(
         names: of the cameras, for the message.
 
     Returns:
-        A sentence, empty if there is no such camera.
+        A sentence, or None if there is no such camera.
     """
     center = (box[:, :2] + box[:, 2:]) / 2
     outside = ((center < 0) | (center > image_size[camera])).any(axis=1)
@@ -400,7 +400,7 @@ def boxes_of_another_size(
     share = np.bincount(camera, outside, len(image_size)) / np.maximum(count, 1)
     wrong = np.flatnonzero((count >= FEWEST_TWINS) & (share > MOST_OUTSIDE))
     if not len(wrong):
-        return ""
+        return None
     at = int(wrong[0])
     name, (width, height) = shown_camera(at, names), (int(side) for side in image_size[at])
     return (

@@ -156,7 +156,7 @@ def project(
         depth: () coordinate along the optical axis in scene units, negative behind the camera.
 
     Raises:
-        InvalidInputError: if point is not one vector.
+        InvalidInputError: if point or t is not one vector.
     """
     intrinsics, rotation, translation, world, distortion = float_arrays(K, R, t, point, distortion)
     require_vectors(3, t=translation, point=world)
