@@ -16,7 +16,6 @@ from catfree.calibration.people import (
 )
 from catfree.calibration.people._register import camera_sizes
 from catfree.calibration.watching import synchronize
-from catfree.errors import InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections
@@ -125,9 +124,7 @@ def begin_calibration(
         InvalidInputError: as `calibrate`.
     """
     detections, settings = _confident(detections, settings)
-    maximum_offset = as_count(maximum_offset, "maximum_offset")
-    if maximum_offset < 0:
-        raise InvalidInputError(f"maximum_offset is {maximum_offset}; it must be 0 or more frames.")
+    maximum_offset = as_count(maximum_offset, "maximum_offset", least=0)
     require_few_people(detections.frame, detections.camera, camera_names)
     require_different_cameras(detections.frame, detections.camera, detections.box, camera_names)
     size = camera_sizes(detections, image_size)

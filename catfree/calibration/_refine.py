@@ -12,7 +12,7 @@ from catfree.calibration._refinement import (
     Refinement as Refinement,
     RefinementSettings as RefinementSettings,
 )
-from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.errors import InsufficientDataError
 from catfree.geometry import CanonicalFrame
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
 from catfree.geometry._least_squares import HUBER
@@ -106,9 +106,7 @@ def refine(
     require_instance(scene, Scene, "scene")
     require_instance(settings, Settings, "settings")
     require_instance(refinement, RefinementSettings, "refinement")
-    rounds = as_count(rounds, "rounds")
-    if rounds < 0:
-        raise InvalidInputError(f"rounds is {rounds}; it must be 0 or more.")
+    rounds = as_count(rounds, "rounds", least=0)
     report = progress or no_progress
     require_pinholes(scene.rig, "refinement")
     _require_cameras(detections, scene.rig, refinement.cameras)

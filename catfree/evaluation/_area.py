@@ -27,7 +27,7 @@ def crop(rows: ArrayInput, area: Any) -> Float[np.ndarray, "n 4"]:
         InvalidInputError: if a row or the area is malformed.
     """
     array = as_rows(rows, "rows")
-    return array[inside(array, area)]
+    return array[_within(array, area)]
 
 
 def inside(rows: ArrayInput, area: Any) -> Bool[np.ndarray, " n"]:
@@ -43,6 +43,11 @@ def inside(rows: ArrayInput, area: Any) -> Bool[np.ndarray, " n"]:
     Raises:
         InvalidInputError: if a row or the area is malformed.
     """
+    return _within(as_rows(rows, "rows"), area)
+
+
+def _within(rows: Float[np.ndarray, "n 4"], area: Any) -> Bool[np.ndarray, " n"]:
+    """`inside` of checked rows."""
     try:
         bounds = [*area["x"], *area["y"]] if isinstance(area, Mapping) else list(area)
         x_min, x_max, y_min, y_max = (float(bound) for bound in bounds)
@@ -53,7 +58,7 @@ def inside(rows: ArrayInput, area: Any) -> Bool[np.ndarray, " n"]:
     # In this form nan fails too; infinite bounds are valid.
     if not (x_min < x_max and y_min < y_max):
         raise InvalidInputError(f"area is {area!r}; it must have x_min < x_max and y_min < y_max.")
-    x, y = as_rows(rows, "rows")[:, 2:].T
+    x, y = rows[:, 2], rows[:, 3]
     return (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
 
 
@@ -115,8 +120,8 @@ def detection_metrics_in_area(
     if outside not in ("ignore", "false_positive"):
         raise InvalidInputError(f"outside is {outside!r}; it must be 'ignore' or 'false_positive'.")
     sequence = read_sequence(ground_truth, predictions, frames)
-    truth_inside = inside(sequence.truth, area)
-    predicted_inside = inside(sequence.predicted, area)
+    truth_inside = _within(sequence.truth, area)
+    predicted_inside = _within(sequence.predicted, area)
     kept = predicted_inside if outside == "ignore" else slice(None)
     metrics = detection_metrics(
         sequence.truth[truth_inside],

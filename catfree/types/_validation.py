@@ -128,11 +128,13 @@ def as_integer(value: Any, name: str) -> np.ndarray:
     return array.astype(np.int64)
 
 
-def as_count(value: Any, name: str) -> int:
-    """Convert to one whole number, such as a position or a stride."""
+def as_count(value: Any, name: str, *, least: int | None = None) -> int:
+    """Convert to one whole number, such as a position or a stride, of at least `least`."""
     array = as_integer(value, name)
     if array.shape != ():
         raise InvalidInputError(f"{name} must be one whole number, got shape {array.shape}.")
+    if least is not None and array < least:
+        raise InvalidInputError(f"{name} is {array}; it must be {least} or more.")
     return int(array)
 
 

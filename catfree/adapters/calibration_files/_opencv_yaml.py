@@ -1,6 +1,5 @@
 """Calibrations as OpenCV writes them: one YAML, XML or JSON file per camera."""
 
-import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,6 +27,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Lens, Rig
+from catfree.types._validation import as_paths
 
 # The names that OpenCV's own samples and common tools use for the same matrix.
 _INTRINSICS = ("K", "camera_matrix", "cameraMatrix", "Camera_Matrix", "intrinsic", "M")
@@ -82,9 +82,7 @@ def read_opencv_yaml(
         FileFormatError: if a file is malformed, or does not state the model of its four
             coefficients.
     """
-    if isinstance(paths, str | os.PathLike):
-        paths = (paths,)
-    sources = [Path(path) for path in paths]
+    sources = as_paths(paths, "paths")
     if not sources:
         raise InvalidInputError("read_opencv_yaml needs at least one file.")
     cameras = []

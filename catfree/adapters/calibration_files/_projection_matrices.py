@@ -1,6 +1,5 @@
 """The `camInfo` files of NVIDIA's DeepStream trackers: one 3 x 4 projection matrix per camera."""
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Rig
-from catfree.types._validation import as_positive
+from catfree.types._validation import as_paths, as_positive
 from catfree.types._writing import make_folder
 
 PROJECTION = "projectionMatrix_3x4_w2p"  # world to pixel
@@ -42,7 +41,7 @@ def read_mv3dt(
         InvalidInputError: if a file is missing or given twice, or a camera is invalid.
         FileFormatError: if a file is malformed or has no such matrix.
     """
-    sources = [Path(p) for p in ((paths,) if isinstance(paths, str | os.PathLike) else paths)]
+    sources = as_paths(paths, "paths")
     if not sources:
         raise InvalidInputError("read_mv3dt needs at least one file.")
     cameras = []

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from catfree.calibration.watching._agreement import Window, solve_window
 from catfree.calibration.watching._matching import CELL, Correction, best
 from catfree.calibration.watching._sights import Sights, sights
-from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.errors import InsufficientDataError
 from catfree.methods import localize
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
@@ -78,8 +78,7 @@ def watch(
     require_instance(detections, Detections, "detections")
     settings = Settings() if settings is None else settings
     require_instance(settings, Settings, "settings")
-    if as_count(maximum_offset, "maximum_offset") < 0:
-        raise InvalidInputError(f"maximum_offset is {maximum_offset}; it must be 0 or more frames.")
+    maximum_offset = as_count(maximum_offset, "maximum_offset", least=0)
     report = progress or no_progress
     if localization is None:
         localization = localize(detections, scene, settings, progress)
