@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass
 
+from catfree.settings._checked_settings import CheckedSettings
+
 
 @dataclass(frozen=True)
-class CalibrationSettings:
+class CalibrationSettings(CheckedSettings):
     """Constants of `catfree.calibrate`.
 
     Lengths are in meters, angles in radians, pixels in original image pixels.

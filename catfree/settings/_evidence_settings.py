@@ -10,6 +10,8 @@ log-odds use the natural logarithm.
 from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
+from catfree.settings._checked_settings import CheckedSettings
+
 T = TypeVar("T")
 
 
@@ -21,7 +23,7 @@ def constant(
 
 
 @dataclass(frozen=True)
-class EvidenceSettings:
+class EvidenceSettings(CheckedSettings):
     """The evidence method: learn, observe, group, weigh, follow, report.
 
     The first block switches the ingredients on or off, for ablations.

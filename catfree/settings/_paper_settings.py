@@ -5,9 +5,9 @@ Lengths are shares of the scene extent E, angles are radians.
 """
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
-from catfree.errors import InvalidInputError
+from catfree.settings._checked_settings import CheckedSettings
 
 Selection = Literal[
     "none",
@@ -22,7 +22,7 @@ Selection = Literal[
 
 
 @dataclass(frozen=True)
-class RaySettings:
+class RaySettings(CheckedSettings):
     """Ray reliability (Eq. w).
 
     Attributes:
@@ -41,7 +41,7 @@ class RaySettings:
 
 
 @dataclass(frozen=True)
-class TrackletSettings:
+class TrackletSettings(CheckedSettings):
     """Short per-camera tracks.
 
     Attributes:
@@ -56,7 +56,7 @@ class TrackletSettings:
 
 
 @dataclass(frozen=True)
-class AssociationSettings:
+class AssociationSettings(CheckedSettings):
     """Greedy cross-view partition.
 
     Attributes:
@@ -75,7 +75,7 @@ Estimator = Literal["rays", "best_pair", "single_ray"]
 
 
 @dataclass(frozen=True)
-class TriangulationSettings:
+class TriangulationSettings(CheckedSettings):
     """Robust 3-D position (Sec. position estimation).
 
     Attributes:
@@ -92,17 +92,9 @@ class TriangulationSettings:
     estimator: Estimator = "rays"
     constrain_to_ground: bool = False
 
-    def __post_init__(self) -> None:
-        """Raise InvalidInputError if there is no such estimator."""
-        if self.estimator not in get_args(Estimator):
-            raise InvalidInputError(
-                f"estimator is {self.estimator!r}; it must be a known one: "
-                f"{' or '.join(map(repr, get_args(Estimator)))}."
-            )
-
 
 @dataclass(frozen=True)
-class SelectionSettings:
+class SelectionSettings(CheckedSettings):
     """The filters between triangulation and trajectories.
 
     Attributes:
@@ -131,7 +123,7 @@ class SelectionSettings:
 
 
 @dataclass(frozen=True)
-class TrajectorySettings:
+class TrajectorySettings(CheckedSettings):
     """Linking and extension (Sec. trajectories).
 
     Attributes:

@@ -1,10 +1,11 @@
 """Settings of a whole run: the paper's stages, the evidence method, the calibration."""
 
-from dataclasses import dataclass, field, fields
-from typing import Literal, get_args
+from dataclasses import dataclass, field
+from typing import Literal
 
 from catfree.errors import InvalidInputError
 from catfree.settings._calibration_settings import CalibrationSettings
+from catfree.settings._checked_settings import CheckedSettings
 from catfree.settings._evidence_settings import EvidenceSettings
 from catfree.settings._paper_settings import (
     AssociationSettings,
@@ -19,7 +20,7 @@ Method = Literal["paper", "evidence"]
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(CheckedSettings):
     """All settings of a run; `Settings()` is the default method, `Settings.paper()` the paper's.
 
     Attributes:
@@ -51,25 +52,18 @@ class Settings:
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if a part has the wrong type or an unknown value."""
-        for part in fields(self):
-            value, kind = getattr(self, part.name), part.default_factory
-            if isinstance(kind, type) and not isinstance(value, kind):
-                raise InvalidInputError(
-                    f"settings.{part.name} must be {kind.__name__}, got {type(value).__name__}. "
-                    f"Pass Settings({part.name}={kind.__name__}(...))."
-                )
+        """Refuse values that a field cannot have.
+
+        Raises:
+            InvalidInputError: as other settings do, or if a confidence is larger than any score.
+        """
+        super().__post_init__()
         for name in ("confidence", "calibration_confidence"):
             value = getattr(self, name)
-            if not isinstance(value, int | float) or not 0 <= value <= 1:
+            if value > 1:
                 raise InvalidInputError(
-                    f"settings.{name} is {value!r}; it must be a score between 0 and 1."
+                    f"Settings.{name} is {value!r}; it must be a score between 0 and 1."
                 )
-        if self.method not in get_args(Method):
-            raise InvalidInputError(
-                f"settings.method is {self.method!r}; it must be a known method: "
-                f"{' or '.join(map(repr, get_args(Method)))}."
-            )
 
     @classmethod
     def paper(cls) -> "Settings":

@@ -43,10 +43,8 @@ people = cf.Detections([0, 0], [0, 1], [[0, 0, 10, 20.0]] * 2)
 rows = [[0, 0, 0.0, 0.0]]
 metrics = detection_metrics(rows, rows)
 calls = {
-    "Settings, no such method": lambda: cf.Settings(method="Paper"),
     "Settings, confidence in percent": lambda: cf.Settings(confidence=30.0),
     "Settings, confidence NaN": lambda: cf.Settings(calibration_confidence=np.nan),
-    "Settings, no such estimator": lambda: cf.settings.TriangulationSettings(estimator="ray"),
     "Scene, swapped": lambda: cf.Scene(ground, rig, 10.0),
     "Scene, no ground": lambda: cf.Scene(rig, None, 10.0),
     "localize, swapped": lambda: cf.localize(scene, people),
@@ -103,6 +101,7 @@ from catfree.evaluation import tracking_metrics
 from catfree.geometry import angular_residual, back_project, distort, intersect_ray, pixel_to_ray
 from catfree.geometry import plane_distance, project, undistort
 from catfree.methods.paper._assemble import empty_localization
+from catfree.settings import EvidenceSettings, TriangulationSettings
 from catfree.synthetic import make_layout
 
 scene = make_layout("ring4", 0).scene
@@ -158,9 +157,15 @@ calls = {
     "offset is -1": lambda: cf.calibrate(boxes([0, 0]), (9, 9), maximum_offset=-1),
     "block_length must": lambda: bootstrap(detection_metrics([], [], [0]), block_length=None),
     "Expected numbers, got <U1 values": lambda: calibration_curve(["a"], [1]),
-    "must be EvidenceSettings, got dict": lambda: cf.Settings(evidence={"gap": 2}),
-    "settings.rays must be RaySettings, got NoneType": lambda: cf.Settings(rays=None),
-    "settings.calibration must be": lambda: cf.Settings(calibration=cf.Settings()),
+    "Settings.evidence is {'gap': 2}; it must be": lambda: cf.Settings(evidence={"gap": 2}),
+    "Settings.rays is None; it must be RaySettings(...)": lambda: cf.Settings(rays=None),
+    "it must be CalibrationSettings(...)": lambda: cf.Settings(calibration=cf.Settings()),
+    "must be one of 'paper', 'evidence'": lambda: cf.Settings(method="Paper"),
+    "must be one of 'rays', 'best_pair'": lambda: TriangulationSettings(estimator="ray"),
+    "track is 1; it must be True or False": lambda: EvidenceSettings(track=1),
+    "passes is 2.5; it must be a whole number": lambda: EvidenceSettings(passes=2.5),
+    "must be a tuple of 3 numbers, each 0 or": lambda: EvidenceSettings(edge_noise=(0.1, 0.1)),
+    "must be a tuple of 2 numbers, each 0 or": lambda: EvidenceSettings(cover_ramp=[0.1, 0.2]),
     "frame goes from": lambda: boxes([-(2**62), 2**62]),
     "camera 0 is 1": lambda: write_scene_json(f"{folder}/scene.json", scene, names),
 }

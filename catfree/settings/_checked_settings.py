@@ -1,0 +1,74 @@
+"""What every class of settings refuses: values that its fields cannot have."""
+
+from dataclasses import fields
+from functools import lru_cache
+from numbers import Integral, Real
+from types import UnionType
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from catfree.errors import InvalidInputError, quoted
+
+
+class CheckedSettings:
+    """Base of the settings, which checks all fields when they are set."""
+
+    def __post_init__(self) -> None:
+        """Refuse values that a field cannot have.
+
+        Raises:
+            InvalidInputError: naming the field, if a value is of another kind than the default,
+                NaN, or negative where the default is not; or if a range ends before it begins.
+        """
+        kinds = _kinds(type(self))
+        for one in fields(self):  # pyright: ignore[reportArgumentType]
+            value, kind = getattr(self, one.name), kinds[one.name]
+            expected = _expected(value, kind, one.default)
+            if expected:
+                raise InvalidInputError(
+                    f"{type(self).__name__}.{one.name} is {quoted(value)}; it must be {expected}."
+                )
+
+
+@lru_cache
+def _kinds(settings: type) -> dict[str, Any]:
+    return get_type_hints(settings)
+
+
+def _expected(value: Any, kind: Any, default: Any) -> str:
+    """Say what a field takes; empty if that includes the value."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin is Literal:
+        return "" if value in parts else f"one of {', '.join(map(repr, parts))}"
+    if origin is UnionType:
+        expected = "" if value is None else _expected(value, parts[0], 0.0)
+        return expected and f"None or {expected}"
+    if origin is tuple:
+        return _expected_numbers(value, parts, default)
+    if kind is bool:
+        return "" if isinstance(value, bool | np.bool_) else "True or False"
+    if kind in (int, float):
+        number = "a whole number" if kind is int else "a number"
+        return "" if _is_number(value, kind, default) else f"{number}, 0 or more"
+    return "" if isinstance(value, kind) else f"{kind.__name__}(...)"
+
+
+def _expected_numbers(value: Any, kinds: tuple[Any, ...], default: tuple[float, ...]) -> str:
+    """Say what a field of several numbers takes; empty if that includes the value."""
+    least = min(default)
+    sign = "" if least < 0 else ", each 0 or more"
+    count = "" if Ellipsis in kinds else f"{len(kinds)} "
+    fits = isinstance(value, tuple) and (not count or len(value) == len(kinds))
+    if not fits or not all(_is_number(one, float, least) for one in value):
+        return f"a tuple of {count}numbers{sign}"
+    if len(kinds) == 2 and count and value[0] > value[1]:
+        return "the lower and the upper end of a range"
+    return ""
+
+
+def _is_number(value: Any, kind: type, default: int | float) -> bool:
+    """Whether a value is a number of this kind, and negative only if the default is."""
+    if isinstance(value, bool) or not isinstance(value, Integral if kind is int else Real):
+        return False
+    return float(value) >= (-np.inf if default < 0 else 0)  # which NaN is not
