@@ -32,13 +32,16 @@ def check_first_calls(function: Any = None, **checker: Any) -> Any:
     name = f"{function.__module__}.{function.__qualname__}"
     if _calls[name] >= CHECKS:  # of a function within another one
         return function
-    checked = _jaxtyped(function, **checker)
+    checked = None
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
+        nonlocal checked
         if _calls[name] >= CHECKS:
             return function(*args, **kwargs)
         _calls[name] += 1
+        if checked is None:  # writing the checks of all functions takes half of the imports' time
+            checked = _jaxtyped(function, **checker)
         return checked(*args, **kwargs)
 
     return call
@@ -83,9 +86,20 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", seconds)
 
 
-def pytest_xdist_auto_num_workers() -> int:
-    """One worker more than processors: some tests wait for other processes, files and brokers."""
-    return (os.cpu_count() or 1) + 1
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> None:
+    """Tests of a file share a worker, and what it compiled, if nothing else is asked for."""
+    if getattr(config.option, "numprocesses", None) and config.option.dist == "no":
+        config.option.dist = "loadfile"
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """One worker more than processors: slow tests wait for other processes, files and brokers.
+
+    Quick tests do not wait, and each worker imports all files.
+    """
+    quick = config.option.markexpr == "not slow"
+    return (os.cpu_count() or 1) + (not quick)
 
 
 # Linux grants a process 65,530 memory mappings; each compiled function takes about ten of them.

@@ -116,11 +116,13 @@ def explained():
     return re.findall(r"^\| `([^`]+)` \|", text, re.MULTILINE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sentence", explained())
 def test_explained_sentences_are_those_of_the_code(sentence):
     assert sentence in error_sentences.texts()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["CalibrationError", "GroundRejectedError"])
 def test_every_failure_of_a_calibration_is_explained(kind):
     for sentence in error_sentences.sentences()[kind]:

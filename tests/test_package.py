@@ -110,6 +110,7 @@ def test_the_entries_of_a_folder_have_an_order(folder):
     assert list(TopologicalSorter(needs).static_order())  # raises where imports go in a circle
 
 
+@pytest.mark.slow
 def test_folders_are_short_and_modules_are_private_or_meant_to_be_imported():
     public_modules = {"errors.py", "testing.py", "__main__.py", "adapters/protocols.py"}
     for folder in {path.parent for path in source_files()}:

@@ -47,6 +47,7 @@ def test_the_default_quality_is_the_models():
     assert dataclasses.asdict(wanted) == pytest.approx(dataclasses.asdict(default))
 
 
+@pytest.mark.slow
 def test_rig_and_ground_are_off_by_what_the_axis_says():
     for study in (rig, tilt):
         assert study.STUDY.values[0] == 0
@@ -110,6 +111,7 @@ def test_a_quick_study_writes_its_table_and_its_figure(tmp_path, capsys):
     assert "tilt 2: MODA paper" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_figure_can_hold_values_without_any_pair(tmp_path):
     nothing = {
         "moda": 0.0,

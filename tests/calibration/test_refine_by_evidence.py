@@ -37,6 +37,7 @@ def disturbed() -> tuple[World, Refinement]:
     return world, refine(world.detections, world.scene)
 
 
+@pytest.mark.slow
 @given(
     frames=st.lists(st.integers(0, 10_000), min_size=1, max_size=300),
     most=st.integers(1, 200),

@@ -211,6 +211,7 @@ def test_reference_similarities(shared):
     assert compared >= 15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wide", [False, True])
 def test_scores_on_a_map_keep_their_digits(wide):
     """Eastings and northings of a UTM zone: single precision resolves 0.25 to 0.5 m there."""

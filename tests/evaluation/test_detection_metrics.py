@@ -81,6 +81,7 @@ def test_a_perfect_prediction_scores_one_hundred(truth):
     assert [getattr(metrics, rate) for rate in RATES] == [100.0] * 4
 
 
+@pytest.mark.slow
 @given(sequences, st.data())
 def test_order_of_rows_and_identities_do_not_matter(sequence, data):
     truth, predicted = rows([t for t, _ in sequence]), rows([p for _, p in sequence])
@@ -120,6 +121,7 @@ def test_swapping_the_roles_swaps_precision_and_recall(sequence):
     assert swapped.precision == metrics.recall
 
 
+@pytest.mark.slow
 @given(sequences)
 def test_scaling_positions_and_threshold_together_does_not_matter(sequence):
     doubled = [
@@ -143,6 +145,7 @@ def test_a_prediction_inside_the_gate_is_found(distance, angle):
     assert metrics.modp == pytest.approx(100 * (1 - distance / 0.5), abs=1e-6)
 
 
+@pytest.mark.slow
 @given(sequences, sequences)
 def test_combining_adds_the_counts(first, second):
     combined = evaluation.combine_detection([measure(first), measure(second)])

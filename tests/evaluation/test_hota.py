@@ -117,6 +117,7 @@ def test_every_value_is_a_percentage_and_hota_is_the_geometric_mean(tables):
     np.testing.assert_array_equal(metrics.tp + metrics.fp, len(tables[1]))
 
 
+@pytest.mark.slow
 @given(generic_tables(frames=5, identities=4), st.floats(-3, 3), st.integers(0, 10**6))
 def test_labels_row_order_and_rigid_motion_do_not_matter(tables, angle, seed):
     random = np.random.default_rng(seed)
@@ -132,6 +133,7 @@ def test_labels_row_order_and_rigid_motion_do_not_matter(tables, angle, seed):
         assert getattr(metrics, name) == pytest.approx(getattr(expected, name), abs=1e-9)
 
 
+@pytest.mark.slow
 @given(generic_tables())
 def test_swapping_the_roles_swaps_precision_and_recall(tables):
     metrics, swapped = evaluation.hota(*tables), evaluation.hota(*tables[::-1])
@@ -150,6 +152,7 @@ def test_a_perfect_tracker_scores_one_hundred(tables):
         assert [getattr(metrics, name) for name in NAMES] == pytest.approx([100.0] * 8)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(generic_tables(frames=4), generic_tables(frames=4))
 def test_combining_equals_one_long_sequence(first, second):

@@ -137,6 +137,7 @@ def test_identity_scores_equal_the_best_of_all_assignments(truth, predicted):
     assert evaluation.tracking_metrics(truth, predicted).idtp == best
 
 
+@pytest.mark.slow
 @given(tables(), tables(), tables(), tables())
 def test_combining_adds_the_counts(truth, predicted, other_truth, other_predicted):
     parts = [

@@ -77,6 +77,7 @@ def test_float32_decides_as_float64(x64, view, factor):
     assert low.dtype == np.int32
 
 
+@pytest.mark.slow
 @given(view=views(), data=st.data())
 def test_order_of_cameras_does_not_matter(view, data):
     position, origins, directions, weights = view

@@ -51,6 +51,7 @@ def test_suppress_equals_a_loop(drawn, radius):
     )
 
 
+@pytest.mark.slow
 @given(drawn=places, radius=radii)
 def test_kept_are_apart_and_removed_are_near_something_stronger(drawn, radius):
     positions, priority, where = arrays(drawn)

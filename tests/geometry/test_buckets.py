@@ -95,6 +95,7 @@ def test_blocks_compile_once_and_keep_shapes_without_rows():
     assert function._cache_size() == 1
 
 
+@pytest.mark.slow
 @given(st.integers(0, 5), st.integers(0, 5), st.integers(0, 3), st.integers(0, 3))
 def test_padding_keeps_the_array_and_adds_zeros(rows, columns, more, extra):
     array = np.ones((rows, columns, 2), np.float32)

@@ -202,6 +202,7 @@ def test_the_minimum_is_that_of_scipy(seed):
     np.testing.assert_allclose(flat(found.value), peer.x, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_other_data_and_numbers_of_steps_need_no_compilation():
     solve(*drawn(0), "linear", 3)
     before = len(traces)
@@ -274,6 +275,7 @@ def test_the_covariance_is_that_of_the_dense_problem_and_considers_what_is_held(
     np.testing.assert_allclose(found[size:, size:], spread)
 
 
+@pytest.mark.slow
 def test_views_alone_need_no_blocks():
     start, (uncertain, data) = drawn(3)
 
@@ -294,6 +296,7 @@ def test_views_alone_need_no_blocks():
     np.testing.assert_allclose(found.value.view, dense.value.view, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_start_without_a_finite_cost_stays():
     start, (uncertain, (measured, weight, tie)) = drawn(2)
     found = solve(start, (uncertain, (measured * jnp.inf, weight, tie)), "cauchy")

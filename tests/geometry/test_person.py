@@ -53,6 +53,7 @@ def test_edges_are_the_pixels_of_head_and_foot(x64, seed, offset):
     np.testing.assert_allclose(found, [(head[0] + foot[0]) / 2, head[1], foot[1]], rtol=1e-9)
 
 
+@pytest.mark.slow
 @given(seeds, st.floats(0, 0.4))
 def test_derivatives_are_those_of_finite_differences(x64, seed, offset):
     K, R, t, center, person = drawn(seed)
@@ -77,6 +78,7 @@ def test_under_and_behind_the_camera_everything_is_finite(x64, away):
     assert all(np.isfinite(part).all() for part in (values, *slopes))
 
 
+@pytest.mark.slow
 def test_the_projected_points_pass_through_a_lens(x64):
     K, R, t, center, person = drawn(1)
     pose, bend = np.column_stack([R, t]), np.array([-0.2, 0.05, 1e-3, -2e-3, 0.01])
@@ -88,6 +90,7 @@ def test_the_projected_points_pass_through_a_lens(x64):
     np.testing.assert_allclose(found, edges_of(head, foot)[0], rtol=1e-9)
 
 
+@pytest.mark.slow
 @given(seeds, st.floats(0, 0.4))
 def test_every_lens_shows_head_and_foot_where_opencv_does(seed, offset):
     K, R, t, center, person = drawn(seed)
@@ -112,6 +115,7 @@ def test_every_lens_shows_head_and_foot_where_opencv_does(seed, offset):
     np.testing.assert_allclose(height, person[2], rtol=1e-6)
 
 
+@pytest.mark.slow
 @given(seeds)
 def test_numpy_broadcasts_to_what_jax_computes_one_by_one(x64, seed):
     cases = [drawn(seed + i) for i in range(3)]
@@ -127,6 +131,7 @@ def test_numpy_broadcasts_to_what_jax_computes_one_by_one(x64, seed):
             assert heights[i, j] == pytest.approx(people[j, 2], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_slopes_are_the_derivatives_of_the_edges(x64):
     K, R, t, center, person = drawn(3)
     at = jnp.asarray(matrix(K, R, t)), jnp.asarray(center[:2]), jnp.asarray(person), 0.15

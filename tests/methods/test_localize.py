@@ -436,6 +436,7 @@ def test_a_sequence_of_another_length_compiles_nothing():
     assert [message for message in compiled if "Finished XLA compilation" in message] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", [Settings(), PAPER])
 def test_images_of_another_size_are_told(settings):
     """The rig of a copy of the videos at half the size."""

@@ -145,6 +145,7 @@ def test_a_missing_file_is_named_before_anything_is_opened(option, tmp_path):
     assert done.returncode == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("command", "module"), [("run", "_run"), ("calibrate", "_stages")])
 def test_clock_offsets_are_searched_on_request(command, module, tmp_path, monkeypatch):
     asked = []
@@ -161,6 +162,7 @@ def test_clock_offsets_are_searched_on_request(command, module, tmp_path, monkey
     assert asked == [7]
 
 
+@pytest.mark.slow
 def test_equal_videos_are_refused_before_anybody_looks(tmp_path, capsys):
     paths = write_noise(tmp_path)
     for picture in paths[0].iterdir():

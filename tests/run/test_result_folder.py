@@ -48,6 +48,7 @@ def boxes_with_a_gap():
     return boxes, world.scene
 
 
+@pytest.mark.slow
 def test_boxes_are_written_with_the_numbers_they_had(tmp_path):
     boxes, scene = boxes_with_a_gap()
     outcome = run_boxes(boxes, scene)
@@ -60,6 +61,7 @@ def test_boxes_are_written_with_the_numbers_they_had(tmp_path):
     np.testing.assert_array_equal(np.sort(tracks), np.sort(outcome.localization.tracks.frame))
 
 
+@pytest.mark.slow
 def test_numbered_boxes_take_the_names_of_the_scene(tmp_path):
     boxes, scene = boxes_with_a_gap()
     numbered = replace(boxes, camera_names=("C1", "C2", "C3"))
@@ -73,6 +75,7 @@ def test_numbered_boxes_take_the_names_of_the_scene(tmp_path):
     assert moved.camera_names == numbered.camera_names
 
 
+@pytest.mark.slow
 def test_the_report_lists_the_overlay_among_the_files(tmp_path):
     boxes, scene = boxes_with_a_gap()
     outcome = run_boxes(boxes, scene)
@@ -125,6 +128,7 @@ def test_a_run_leaves_what_it_leaves_in_an_empty_folder(tmp_path):
     assert not any(path.suffix in (".jpg", ".png", ".webm") for path in fresh.rglob("*"))
 
 
+@pytest.mark.slow
 def test_boxes_beside_a_rig_are_not_taken_for_those_of_a_run(tmp_path):
     boxes, scene = boxes_with_a_gap()
     write_rig(tmp_path, scene, ("a", "b", "c"))

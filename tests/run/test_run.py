@@ -424,6 +424,7 @@ def test_ctrl_c_leaves_finished_pieces_in_the_cache(pictures, tmp_path):
     assert detector.calls == (FRAMES - PIECE) * CAMERAS
 
 
+@pytest.mark.slow
 def test_learnt_backgrounds_are_kept(tmp_path):
     rng = np.random.default_rng(0)
     for camera in range(2):
@@ -531,6 +532,7 @@ def test_clock_offsets_are_removed_and_stated(pictures, monkeypatch):
     assert [frame, *(image[0, 0, 0] for image in images)] == [10, 10, 0, 10]
 
 
+@pytest.mark.slow
 def test_boxes_that_are_no_people_explain_a_failed_calibration(pictures):
     world = small_world()
     low = world.detections.box * 1.0

@@ -121,6 +121,7 @@ def test_columns_hide_people_behind_them_only():
         assert (blocked.visible[row].mean() < free.visible[row].mean() - 0.3) == changes
 
 
+@pytest.mark.slow
 def test_hidden_people_are_missed_more_often():
     layout, walkers = crowd(1, people=40, frames=60)
     model = replace(DetectorModel(), false_positives=0.0, embedding_size=0)

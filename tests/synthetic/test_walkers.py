@@ -73,6 +73,7 @@ def test_bystanders_never_enter_the_area(seed):
     assert not walkers.inside[:, walkers.background].any()
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
 def test_mean_height_is_off_the_assumed_one(seed):
     walkers = simulate_walkers(AREA, frames=1, people=800, seed=seed)

@@ -123,6 +123,7 @@ def test_rows_are_chosen_as_in_numpy():
                 np.testing.assert_array_equal(getattr(chosen, name), column[wanted])
 
 
+@pytest.mark.slow
 @given(
     st.integers(0, 5),
     st.sampled_from([np.float32, np.float64]),

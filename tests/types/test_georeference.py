@@ -44,6 +44,7 @@ def test_places_are_those_of_an_independent_computation(given_reference, x, y):
     assert np.linalg.norm(np.cross(point - below, vertical)) < 1e-6
 
 
+@pytest.mark.slow
 @given(references, st.floats(-2000, 2000), st.floats(-2000, 2000))
 def test_there_and_back(given_reference, x, y):
     earth = cf.GeoReference(*given_reference)
@@ -53,6 +54,7 @@ def test_there_and_back(given_reference, x, y):
                                atol=1e-6)  # fmt: skip
 
 
+@pytest.mark.slow
 @given(references, st.integers(0, 99))
 def test_a_moved_scene_stays_where_it_is_on_earth(given_reference, seed):
     earth = cf.GeoReference(*given_reference)

@@ -167,6 +167,7 @@ def test_a_rig_with_names_is_taken_for_its_rig():
         Scene.from_rig("rig.json", plane)
 
 
+@pytest.mark.slow
 @given(st.none() | st.floats(0, 1e3), st.floats(1e-3, 1e3))
 def test_the_deviation_of_the_rig_is_kept_and_scales(tmp_path_factory, deviation, scale):
     known = dataclasses.replace(make_layout("ring4").scene, rig_sd=deviation)

@@ -69,6 +69,7 @@ def test_ai_city_matrices_agree_with_each_other(rig, tmp_path):
     require_same(read_ai_city(path).rig, rig)  # from cameraMatrix alone
 
 
+@pytest.mark.slow
 @given(
     scale=st.floats(-100, 100).filter(lambda x: abs(x) > 1e-2),
     turn=st.lists(st.floats(-3, 3), min_size=3, max_size=3),

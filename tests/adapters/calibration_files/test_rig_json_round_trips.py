@@ -130,6 +130,7 @@ def test_reading_gives_back_the_written_rig(form, drawn, tmp_path_factory):
     assert [Path(name).stem for name in named.names] == [Path(name).stem for name in names]
 
 
+@pytest.mark.slow
 @given(drawn=rigs(), text=st.text(max_size=20))
 def test_any_name_survives_toml_and_json(drawn, text, tmp_path_factory):
     folder = tmp_path_factory.mktemp("names")
@@ -235,6 +236,7 @@ def test_json_says_of_every_camera_whether_it_is_registered(tmp_path, value):
     assert read_rig_json(path).rig.registered.all()
 
 
+@pytest.mark.slow
 @given(drawn=rigs(), above=_numbers(0.01, 10), metric=st.booleans())
 def test_scene_json_round_trip(drawn, above, metric, tmp_path_factory):
     path = tmp_path_factory.mktemp("scene") / "scene.json"

@@ -243,6 +243,7 @@ def test_two_images_of_coco_are_not_taken_for_one(described, tmp_path):
     assert read_coco(path).camera_names == ("a", "b")
 
 
+@pytest.mark.slow
 @given(order=st.permutations(range(3)), ending=st.sampled_from(["", ".png", "/000000.jpg"]))
 def test_files_find_their_cameras_by_name(order, ending, tmp_path_factory):
     boxes = cf.Detections([1, 1, 1], [0, 1, 2], [[0, 0, 1, 1], [0, 0, 2, 2], [0, 0, 3, 3]])

@@ -210,6 +210,7 @@ def test_a_world_behind_all_cameras_is_refused(tmp_path):
         read_uniform_json(write(tmp_path / "two.json", content))
 
 
+@pytest.mark.slow
 @given(where=st.floats(0, 1, exclude_max=True))
 def test_a_file_cut_anywhere_is_named(where, tmp_path_factory):
     path = write(tmp_path_factory.mktemp("cut") / "two.json", document())

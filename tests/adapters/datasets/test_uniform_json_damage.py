@@ -96,6 +96,7 @@ def scene_document(tmp_path_factory) -> dict:
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(data=st.data(), junk=JUNK)
 @pytest.mark.parametrize("read", [read_rig_json, read_scene_json])

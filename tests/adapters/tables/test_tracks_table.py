@@ -58,6 +58,7 @@ def track_arguments(draw) -> dict:
     }
 
 
+@pytest.mark.slow
 @given(drawn=track_arguments())
 def test_csv_gives_back_the_tracks_bit_for_bit(drawn, tmp_path_factory):
     path = tmp_path_factory.mktemp("csv") / "tracks.csv"
@@ -123,6 +124,7 @@ def test_a_table_of_version_0_2_gives_no_clock(tmp_path):
     assert read_tracks_csv(path).clock is None
 
 
+@pytest.mark.slow
 @given(drawn=track_arguments(), clock=st.none() | st.builds(Clock, POSITIVE, FINITE))
 def test_parquet_gives_back_the_table_bit_for_bit(drawn, clock, tmp_path_factory):
     path = tmp_path_factory.mktemp("parquet") / "t.parquet"

@@ -71,6 +71,7 @@ def test_no_picture_that_can_be_decoded(tmp_path):
         detect_videos(videos, BrightSpot())
 
 
+@pytest.mark.slow
 def test_a_pose_network_sees_all_cameras_at_once(tmp_path, red_finder):
     videos = write_folders(tmp_path)
     found = detect_videos(videos, YoloPoseOnnx(red_finder(128, 64, batch="batch")))

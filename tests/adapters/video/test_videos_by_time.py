@@ -105,6 +105,7 @@ def test_even_footage_is_shown_as_frame_numbers_tell(cameras, offsets):
     assert [one.dropped for one in videos.footage] == [0] * len(cameras)
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.sampled_from([25.0, 25.2, 29.97, 30.0]), min_size=2, max_size=4),
     st.integers(1, 10**5),
@@ -116,6 +117,7 @@ def test_even_cameras_never_drift_apart(rates, tick):
         assert abs(late) * fps <= 0.5 + 1e-6
 
 
+@pytest.mark.slow
 @given(st.lists(timelines(), min_size=1, max_size=3), st.integers(1, 3))
 def test_a_tick_shows_the_frames_nearest_in_time_or_is_not_delivered(times, stride):
     rate, start = min(map(rate_of, times)), min(own[0] for own in times)

@@ -152,6 +152,7 @@ def test_another_file_than_the_published_one_is_not_kept(published, server, fold
     assert leftovers(folder) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("failure", ["cut", "missing", "refused"])
 def test_failures_say_what_to_fetch_by_hand(failure, published, server, folder, monkeypatch):
     if failure == "cut":

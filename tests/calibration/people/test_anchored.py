@@ -220,6 +220,7 @@ def test_a_crowd_of_another_height_gives_way_to_an_anchor(seed, size):
     assert "but 1.70 m" in said
 
 
+@pytest.mark.slow
 def test_lengths_that_no_crowd_explains_are_errors():
     calibration, rng = drawn(1)
     found = anchored(calibration, [distance(0, rng, 10.0)])
@@ -353,6 +354,7 @@ def test_cameras_may_be_named_and_unregistered_ones_are_told():
         anchored(dataclasses.replace(calibration, scene=scene), points)
 
 
+@pytest.mark.slow
 def test_anchors_that_cannot_be_are_refused():
     calibration, rng = drawn(5)
     sky = cf.KnownDistance(0, ((600.0, -300.0), (700.0, -300.0)), 3.0)

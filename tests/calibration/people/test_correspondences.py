@@ -45,6 +45,7 @@ def adjusted(measurements: BoxMeasurements, parameters: np.ndarray) -> np.ndarra
     return found.parameters
 
 
+@pytest.mark.slow
 def test_exact_boxes_keep_the_rig():
     boxes, parameters = measured(np.random.default_rng(0))
     np.testing.assert_allclose(adjusted(boxes, parameters), parameters, atol=1e-3)

@@ -182,6 +182,7 @@ def seen_by(camera, xy, height, data, count):
     return MatchedPeople(box, np.ones(len(box)), people, covariance)
 
 
+@pytest.mark.slow
 def test_resection_is_exact_on_exact_people_alone_or_with_other_fits():
     xy, height, data = exact_boxes(2)
     off = np.array([0.03, 0.02, 0.01, -0.03, 0.2, -0.2, 0.1])

@@ -18,6 +18,7 @@ def ideal(point, focal, k1):
     return point / radius * real[real > 0].min()
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.sampled_from([-0.3, -0.1, 0.0, 0.2]))
 def test_straightened_boxes_solve_the_lens_equation(seed, k1):
     rng = np.random.default_rng(seed)

@@ -11,6 +11,7 @@ from catfree.methods import localize
 from catfree.synthetic import make_world
 
 NOISE = np.array([0.05, 0.04, 0.05])
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

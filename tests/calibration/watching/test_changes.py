@@ -30,6 +30,7 @@ def windows(errors, seed=0, *, noise=1.0, groups=4):
     return result
 
 
+@pytest.mark.slow
 def test_nothing_changes_where_nothing_changed():
     alarms = 0
     for seed in range(40):
@@ -71,6 +72,7 @@ def test_changes_of_one_camera_add_up():
     np.testing.assert_allclose((last - none)[[0, 2]], 0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [2.0, 6.0])
 def test_people_tell_the_noise(noise):
     errors = np.zeros((WINDOWS, 8 * CAMERAS))
@@ -78,6 +80,7 @@ def test_people_tell_the_noise(noise):
     assert np.mean([course.noise for course in courses]) == pytest.approx(noise, rel=0.15)
 
 
+@pytest.mark.slow
 def test_rates_are_within_their_deviations():
     within, total = 0, 0
     time = 10 * np.arange(WINDOWS) + 5

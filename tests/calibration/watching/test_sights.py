@@ -33,6 +33,7 @@ _SHIFTED = jax.jit(
 )
 
 
+@pytest.mark.slow
 @given(finite, finite, st.floats(0.5, 2.2), finite, finite)
 def test_derivatives_are_those_of_finite_differences(x, y, height, vx, vy):
     state, velocity = np.array([[x, y, height]]), np.array([[vx, vy]])
@@ -53,6 +54,7 @@ def test_degenerate_people_have_finite_predictions_and_derivatives(state):
         assert np.isfinite(slope).all()
 
 
+@pytest.mark.slow
 def test_angles_are_those_of_the_pixels_of_a_person():
     world = make_world("ring4", 3, frames=2, people=2)
     scene = world.true_scene

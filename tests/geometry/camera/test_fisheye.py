@@ -59,6 +59,7 @@ def test_rays_beyond_180_degrees_meet_their_pixels(x64, lens, angle, turn):
     np.testing.assert_allclose(jacobian, np.eye(2), atol=1e-6)
 
 
+@pytest.mark.slow
 @given(around, st.floats(0.02, 0.98), st.floats(-0.3, -0.05))
 def test_points_beyond_the_fold_are_not_imaged(x64, turn, share, k1):
     # The image radius a (1 + k1 a²) is largest at a² = -1 / (3 k1).

@@ -58,6 +58,7 @@ def test_the_ray_of_a_pixel_meets_it_again(x64, pixel, lens):
     np.testing.assert_allclose(again, pixel, atol=1e-7)
 
 
+@pytest.mark.slow
 @given(st.floats(0, 2 * np.pi), st.floats(0.02, 0.99), st.floats(-0.4, -0.05))
 def test_points_beyond_the_fold_of_a_lens_are_not_imaged(x64, around, share, k1):
     # The image radius r (1 + k1 r²) is largest at r² = -1 / (3 k1).

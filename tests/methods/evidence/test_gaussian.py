@@ -51,6 +51,7 @@ def test_written_out_algebra_equals_numpy(items):
     np.testing.assert_allclose(inverse(M) @ M, np.eye(3), atol=1e-8)
 
 
+@pytest.mark.slow
 @given(informations(2), st.floats(0.01, 1.0), st.floats(0.03, 0.2))
 def test_evidence_is_the_integral_of_the_likelihoods(items, density, spread):
     """The height is integrated numerically, the plane in closed form."""

@@ -56,6 +56,7 @@ def test_six_thousand_random_boxes_of_one_instant_are_answered(method):
     assert seconds < 90  # of computing: a bound for slow machines
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chosen", [cf.Settings(), cf.Settings.paper()], ids=["evidence", "paper"])
 def test_more_boxes_of_one_picture_are_refused_at_once_unless_their_scores_are_low(chosen):
     scene = make_world("ring6", 3, frames=2, people=2).scene
@@ -95,6 +96,7 @@ def searches(monkeypatch):
     return found
 
 
+@pytest.mark.slow
 def test_pairs_looked_at_grow_with_the_boxes_and_not_with_their_square(searches):
     total = []
     for count in (500, 8000):
@@ -121,6 +123,7 @@ def test_searches_of_any_size_find_the_same_pairs(seed, count, at_a_time):
         np.testing.assert_array_equal(association.candidate_pairs(*boxes, GATE), whole)
 
 
+@pytest.mark.slow
 def test_hidden_shares_take_no_more_memory_than_a_few_boxes_against_their_image():
     boxes, shape = 8192, jax.ShapeDtypeStruct
     program = visibility.covered_feet.lower(

@@ -304,6 +304,7 @@ def test_what_was_learned_of_speed_holds_at_another_rate():
     np.testing.assert_allclose(after.steps, before.steps * [factor**2, 1])
 
 
+@pytest.mark.slow
 def test_a_refused_time_changes_nothing():
     tracker = cf.Tracker(SCENE, lag=1.0)
     tracker.update(boxes_of(0), 0.0)

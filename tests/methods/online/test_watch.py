@@ -26,6 +26,7 @@ def line(camera="north", time=0.0, boxes=((0, 0, 10, 30),), **more):
     return json.dumps({"camera": camera, "time": time, "boxes": boxes, **more})
 
 
+@pytest.mark.slow
 @given(anything | st.fixed_dictionaries({"camera": anything, "time": anything, "boxes": anything}))
 def test_any_json_is_read_or_refused(value):
     text = json.dumps(value)

@@ -299,6 +299,7 @@ def test_looks_of_two_lengths_are_refused_across_processes(tmp_path, workers, sa
         detect_with_cache(videos, cameras, LooksOfTwoLengths(), None)
 
 
+@pytest.mark.slow
 def test_work_that_cannot_be_sent_is_done_here(folders):
     videos = SynchronizedVideos(folders[::2])
     with CameraDetectors(videos, Fits("local", FRAMES), workers=2) as cameras:

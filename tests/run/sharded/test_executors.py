@@ -101,6 +101,7 @@ def test_a_failing_site_stops_no_other(cheap, tmp_path):
     assert table.people == 4
 
 
+@pytest.mark.slow
 def test_a_plan_of_fewer_shards_replaces_an_earlier_one(cheap, tmp_path):
     options = {"scene": SCENE, "out": tmp_path, "executor": AtOnce()}
     cf.run_shards(plan_of(100, 25, 10), **options)
@@ -110,6 +111,7 @@ def test_a_plan_of_fewer_shards_replaces_an_earlier_one(cheap, tmp_path):
         assert {path.stem for path in folder.glob("part-*")} == {"part-00000", "part-00001"}
 
 
+@pytest.mark.slow
 def test_a_plan_that_fails_leaves_an_earlier_one_alone(cheap, tmp_path, monkeypatch):
     options = {"scene": SCENE, "out": tmp_path, "executor": AtOnce()}
     (table,) = cf.run_shards(plan_of(100, 25, 10), **options)
@@ -258,6 +260,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("own", [None, "2"])
 def test_workers_start_in_their_environment_and_this_process_keeps_its_own(tmp_path, own):
     script = tmp_path / "script.py"

@@ -63,6 +63,7 @@ anything = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(st.data())
 def test_a_damaged_plan_is_read_or_refused_by_name(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("plan") / "plan.json"

@@ -22,6 +22,7 @@ def boxes(frames, cameras=2):
     return Detections(frame, np.arange(count) % cameras, np.hstack([corner, corner + 10]))
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.integers(-200, 500), min_size=1, max_size=20),
     st.floats(20, 400),
@@ -51,6 +52,7 @@ def test_every_frame_is_reported_once_and_seen_by_neighbors(frames, every, share
         assert seen.clock == shard.clock == Clock(rate)
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.integers(-9, 70), st.integers(0, 2)), max_size=40), st.integers(0, 9))
 @settings(max_examples=40, deadline=None)
 def test_each_shard_knows_which_of_its_pictures_do_not_exist(silent, overlap):

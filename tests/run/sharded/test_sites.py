@@ -69,6 +69,7 @@ def write(folder, head, sites):
     return path
 
 
+@pytest.mark.slow
 @given(heads, st.lists(rows, min_size=1, max_size=3))
 def test_a_list_is_read_as_it_stands(tmp_path_factory, head, sites):
     folder = tmp_path_factory.mktemp("sites")
@@ -340,6 +341,7 @@ def test_another_date_has_the_scene_of_its_site(folder, tmp_path, calibrations):
     assert len(list((tmp_path / "site=north" / "_calibration").iterdir())) == 4
 
 
+@pytest.mark.slow
 def test_videos_of_other_sizes_are_of_other_cameras(tmp_path, calibrations):
     for day, width in (("monday", 64), ("tuesday", 64), ("wednesday", 80)):
         site = Site("north", pictures(tmp_path / day, width), day, frame_rate=5.0)
@@ -378,6 +380,7 @@ def test_anchors_of_a_site_are_used_once_for_all_its_dates(folder, tmp_path, mon
         run_sites(days, out=tmp_path)
 
 
+@pytest.mark.slow
 def test_missing_pictures_of_a_site(folder, tmp_path, monkeypatch):
     """Who finds the cameras knows what is missing, and so do the shards."""
     given, plans = [], []

@@ -33,6 +33,7 @@ def tracks(count: int, dtype=np.float64, *, existence: bool = False) -> Tracks:
     )
 
 
+@pytest.mark.slow
 @given(st.integers(0, 6), st.sampled_from([np.float32, np.float64]), st.booleans())
 def test_a_file_gives_back_every_bit(tmp_path, count, dtype, existence):
     wanted = tracks(count, dtype, existence=existence)
@@ -200,6 +201,7 @@ def supported():
     return Tracks(**columns), boxes
 
 
+@pytest.mark.slow
 def test_boxes_get_the_identity_that_all_cameras_share():
     pytest.importorskip("supervision")
     found, boxes = supported()

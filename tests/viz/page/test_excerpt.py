@@ -59,6 +59,7 @@ def test_a_crowd_makes_an_excerpt_shorter():
     assert len(choose_excerpt(frames, crowd, 4, 5.0, pictured=False).frames) == 50
 
 
+@pytest.mark.slow
 @given(
     sizes=st.lists(st.tuples(st.integers(64, 4000), st.integers(64, 4000)), min_size=1, max_size=40)
 )

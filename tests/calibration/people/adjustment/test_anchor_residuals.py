@@ -29,6 +29,7 @@ def measured(kind, pixels):
     return Measurement(0, kind, 0, pixels, np.zeros(1), np.ones(1), 1.0)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10**6))
 def test_points_of_the_ground_project_to_their_pixels(seed):
     camera, pixels = drawn(seed)

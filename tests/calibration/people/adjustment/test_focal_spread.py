@@ -12,6 +12,7 @@ RULES = CalibrationSettings()
 ALIKE = RULES.shared_focal_sd
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10**6), st.sampled_from([0.0, 0.02, 0.1, 0.4]))
 def test_cameras_are_of_one_kind_unless_another_spread_is_surely_likelier(seed, spread):
     rng = np.random.default_rng(seed)

@@ -158,6 +158,7 @@ def test_a_second_rig_of_like_size_needs_no_compilation():
     assert _people_bundle._solve._cache_size() == before
 
 
+@pytest.mark.slow
 def test_a_camera_that_no_rig_can_have_is_left_by_no_step():
     data, (cameras, xy, height), _ = drawn(1, known=False)
     far = KnownCameras(cameras + 200.0 * np.eye(7)[Z], np.full((CAMERAS, 7), 1e9))

@@ -95,6 +95,7 @@ def derivatives(camera, person, offset):
     return jax.jacfwd(box, (0, 1, 2))(camera, person, offset)
 
 
+@pytest.mark.slow
 @given(seeds, st.floats(0, 0.3))
 def test_what_moves_cameras_and_people_together_moves_no_box(x64, seed, offset):
     camera, xy, height = drawn(seed)
@@ -131,6 +132,7 @@ def test_boxes_of_numpy_are_those_of_jax(x64, seed, offset):
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 @given(seeds)
 def test_under_and_behind_a_camera_everything_is_finite(x64, seed):
     camera, xy, height = drawn(seed)

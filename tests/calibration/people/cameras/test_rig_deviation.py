@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -46,12 +47,11 @@ def test_the_deviation_of_the_shape_is_what_a_similarity_leaves(
     half = rng.normal(size=(7 * (cameras + 1), 7)) * 1e-3
     covariance = (half @ half.T).reshape(cameras + 1, 7, cameras + 1, 7)
     found = shape_deviation(parameters, covariance, known)
-    left = []
-    for draw in rng.normal(size=(400, 7)):
-        moved = parameters + (half @ draw).reshape(-1, 7)
-        centers = parameters[known, 4:]
-        fitted = fit_similarity(moved[known, 4:], centers)
-        left.append(((np.asarray(fitted(moved[known, 4:])) - centers) ** 2).sum(-1).mean())
+    centers = parameters[known, 4:]
+    draws = rng.normal(size=(400, 7)) @ half.T
+    moved = (parameters + draws.reshape(400, -1, 7))[:, known, 4:]
+    fitted = jax.vmap(lambda points: fit_similarity(points, centers)(points))(moved)
+    left = ((np.asarray(fitted) - centers) ** 2).sum(-1).mean(-1)
     assert found == pytest.approx(np.sqrt(np.mean(left)), rel=0.25)
     larger = shape_deviation(parameters * scale, covariance * scale**2, known)
     assert larger == pytest.approx(scale * found, rel=1e-6)

@@ -54,6 +54,7 @@ def errors(plane, camera):
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(cameras, st.integers(0, 10**6))
 def test_exact_boxes_give_the_exact_ground(camera, seed):

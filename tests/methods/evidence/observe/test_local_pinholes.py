@@ -26,6 +26,7 @@ WIDTH, HEIGHT = RIG.image_size[0]
 pixels = st.tuples(st.floats(0, WIDTH - 1), st.floats(0, HEIGHT - 1)).map(np.array)
 
 
+@pytest.mark.slow
 @given(pixels, st.floats(0, 2 * np.pi))
 def test_near_the_pixel_the_pinhole_is_the_lens(pixel, around):
     K, R, usable = local_pinholes(RIG, CAMERA, pixel[None])

@@ -50,6 +50,7 @@ def in_scene(scene, views, place, height):
     return foot + views.unit * height * normal
 
 
+@pytest.mark.slow
 @given(worlds, places, st.floats(0.3, 2))
 def test_the_map_is_the_projection_of_the_scene(world, place, metres):
     scene, scale = scene_of(world)
@@ -82,6 +83,7 @@ def test_feet_and_heads_drop_back_to_where_they_are(world, place, camera):
     assert float(column) == pytest.approx(np.mean([end[0] / end[2] for end in ends]))
 
 
+@pytest.mark.slow
 @given(worlds, st.floats(0.2, 5))
 def test_a_larger_unit_makes_smaller_numbers_and_the_same_picture(world, factor):
     scene, scale = scene_of(world)
@@ -120,6 +122,7 @@ def test_a_camera_that_looks_straight_down_heads_where_its_picture_is_up():
     np.testing.assert_allclose(ground_views(scene, 1.7).heading, [up], atol=1e-12)
 
 
+@pytest.mark.slow
 @given(worlds, st.integers(0, CAMERAS - 1))
 def test_an_unknown_camera_may_hold_anything_and_moves_no_other(world, camera):
     scene, scale = scene_of(world)

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hypothesis import given, strategies as st
 
 from catfree.methods.evidence.report._residual_patterns import (
@@ -34,6 +35,7 @@ def fitted(residual, columns, block):
         return jax.tree.map(np.asarray, found)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 def test_noise_and_constant_offsets_have_no_pattern(seed):
     columns, block, noise = drawn(seed)
@@ -52,6 +54,7 @@ def test_a_planted_pattern_is_found_with_its_share(seed, kind):
     assert (np.delete(found.share, kind) < 0.03).all()
 
 
+@pytest.mark.slow
 def test_without_residuals_everything_is_finite():
     def total(residual, columns):
         found = explained(residual, columns, jnp.zeros(len(residual), int))

@@ -136,6 +136,7 @@ def test_a_few_people_close_to_a_camera_take_nobody_out(usual, close):
     assert in_working_area(apart(len(sigma)), sigma, whole, 4, SETTINGS).all()
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(st.integers(1, 300), st.integers(1, 300), st.floats(0.05, 0.25))
 def test_who_stands_for_long_counts_once(standing, again, spread):
@@ -152,5 +153,6 @@ def test_who_stands_for_long_counts_once(standing, again, spread):
     assert usual_place(*twice, np.append(whole, whole[rows]), SETTINGS) == pytest.approx(same)
 
 
+@pytest.mark.slow
 def test_nobody_is_nowhere():
     assert within(np.zeros((0, 6))).shape == (0,)

@@ -96,6 +96,7 @@ def test_who_should_be_seen_better_is_believed_less_where_missed_and_more_where_
     assert more >= less if seen[camera] else more <= less
 
 
+@pytest.mark.slow
 @given(seen_by, rates, st.integers(0, CAMERAS - 1), st.floats(0.01, 3))
 def test_more_evidence_of_any_kind_is_more_belief(seen, rate, camera, more):
     plain = one(seen).judged(rate).log_odds[0]

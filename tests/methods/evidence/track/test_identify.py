@@ -113,6 +113,7 @@ def test_a_sweep_never_lowers_the_evidence_of_the_chains(seed):
     assert after > before - 1e-3
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10**6))
 def test_no_identity_occurs_twice_in_a_frame_and_none_is_left_out(seed):
     rng = np.random.default_rng(seed)
@@ -126,6 +127,7 @@ def test_no_identity_occurs_twice_in_a_frame_and_none_is_left_out(seed):
     assert first == sorted(first)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10**6), st.randoms(use_true_random=False))
 def test_names_and_the_order_within_a_frame_change_no_identity(seed, random):
     person, nodes = crowd(seed)
@@ -195,6 +197,7 @@ def test_two_places_too_far_apart_to_walk_are_two_people():
     np.testing.assert_array_equal(new, [0] * 6 + [1] * 6)
 
 
+@pytest.mark.slow
 def test_looks_decide_whether_two_who_met_passed_or_turned_back():
     frames = np.arange(20)
     x = 0.3 * np.abs(frames - 9.5)

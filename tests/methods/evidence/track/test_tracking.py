@@ -88,6 +88,7 @@ def dense_solution(observed, time):
     return (covariance @ vector).reshape(T, 5), np.array([covariance[b, b] for b in blocks])
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10**6), st.integers(1, 9), st.floats(0.02, 0.3))
 def test_a_smoothed_track_is_the_solution_of_all_its_moments_at_once(seed, frames, deviation):
     rng = np.random.default_rng(seed)
@@ -128,6 +129,7 @@ def crowd(seed, people=6, frames=20, deviation=0.05, recall=0.9):
     return person[keep], true[:, :2], groups
 
 
+@pytest.mark.slow
 @settings(max_examples=10)
 @given(st.integers(0, 10**6))
 def test_people_keep_their_track_and_its_smoothing_helps(seed):

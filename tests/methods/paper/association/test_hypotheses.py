@@ -195,6 +195,7 @@ def test_exclusive_support_leaves_a_ray_to_its_nearest_position():
     np.testing.assert_array_equal(exclusive_support(support), [[-1, -1], [0, 2], [-1, 1]])
 
 
+@pytest.mark.slow
 def test_no_groups_give_no_positions():
     none = np.zeros((0, 4), np.int64)
     position, residual = triangulate_groups(

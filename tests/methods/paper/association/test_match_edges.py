@@ -3,6 +3,7 @@
 import itertools
 
 import numpy as np
+import pytest
 from hypothesis import given, settings, strategies as st
 
 from catfree.methods.paper.association._match_edges import chain_labels, match_edges
@@ -32,6 +33,7 @@ def columns(edges):
     return problem, source + 10 * problem, target + 10 * problem, cost
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(EDGES)
 def test_as_many_as_possible_then_the_smallest_cost(edges):
@@ -43,6 +45,7 @@ def test_as_many_as_possible_then_the_smallest_cost(edges):
     np.testing.assert_allclose(cost[chosen].sum(), best[1], atol=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(EDGES, COST)
 def test_with_a_price_for_the_unmatched(edges, price):
