@@ -40,6 +40,13 @@ def furthest(found, right):
 
 
 @pytest.mark.slow
+def test_straight_lenses_have_no_distortion(right):
+    for found in (calibrated_ring(), right):
+        assert found.scene.rig.is_ideal
+        np.testing.assert_array_equal(found.distortion_sd, 0)
+
+
+@pytest.mark.slow
 def test_a_rig_in_order_stays_as_it_is(loop, right):
     assert loop.replace_outliers(right) is right
 
