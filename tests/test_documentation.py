@@ -131,6 +131,7 @@ def test_every_failure_of_a_calibration_is_explained(kind):
         )
 
 
+@pytest.mark.slow
 def test_the_listing_has_every_class_and_escapes_what_it_shows():
     listing = error_sentences.on_page_markdown(f"above\n{error_sentences.MARK}\nbelow")
     assert listing.startswith("above\n### CatFreeError")

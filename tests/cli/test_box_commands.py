@@ -93,6 +93,7 @@ def test_nothing_is_concluded_from_missing_pictures(world, boxes, tmp_path):
     assert not np.array_equal(cf.localize(seen, world.scene).tracks.existence, expected.existence)
 
 
+@pytest.mark.slow
 def test_a_box_in_a_missing_picture_is_told_before_the_cameras_are_found(boxes, tmp_path, capsys):
     (tmp_path / "missing.csv").write_text("frame,camera\n3,west\n")
     words = ["localize", str(boxes), "--image-size", *map(str, SIZE), "--out", str(tmp_path / "o")]

@@ -272,6 +272,7 @@ def test_masks_may_be_zeros_and_ones():
     assert float(filters.otsu(np.array([1.0, np.nan, 5.0]), mask)) == 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(), (2, 3)])
 def test_a_sample_is_flat(shape):
     with pytest.raises(InvalidInputError, match=r"use jax\.vmap"):

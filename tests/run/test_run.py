@@ -343,6 +343,7 @@ def test_videos_must_be_a_list_with_videos(pictures):
             run(videos)
 
 
+@pytest.mark.slow
 def test_nobody_to_calibrate_from(pictures):
     nobody = ReadsItsPicture(small_world().detections[:0])
     with pytest.raises((CalibrationError, InsufficientDataError)):

@@ -46,6 +46,7 @@ def test_layouts_are_seeded_rigs_above_the_ground_that_see_the_area(name, seed):
     assert np.mean(covering(layout) >= 2) > needed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_no_focal_length_is_a_usual_guess(name, seed):

@@ -110,6 +110,7 @@ def test_every_format_gives_the_same_boxes(boxes, tmp_path):
         assert names in (NAMES, ("C1", "C2", "C3"))
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.tuples(st.integers(-5, 99), st.integers(0, 2)), max_size=8),
     st.sampled_from(["csv", "parquet"]),

@@ -73,6 +73,7 @@ def test_every_format_gives_the_same_scene(rig, tmp_path):
         np.testing.assert_allclose(scene.ground.normal, [0, 0, 1])
 
 
+@pytest.mark.slow
 @given(unit=st.sampled_from([("mm", 0.001), ("cm", 0.01), ("ft", 0.3048), ("m", 1.0)]))
 def test_units_and_ground_are_those_of_the_file(unit, rig, tmp_path_factory):
     name, meters = unit

@@ -40,6 +40,7 @@ def embed(index, rng, **changes):
     return ColorEmbedder()(image, [box])[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [

@@ -22,6 +22,8 @@ from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry import fit_similarity
 from catfree.settings import CalibrationSettings
 
+pytestmark = pytest.mark.slow
+
 RULES = CalibrationSettings()
 CAMERAS = 4
 SIZE = np.tile([1280, 720], (CAMERAS, 1))
@@ -107,7 +109,6 @@ def parameters_of(calibration):
     return from_matrices(*(np.asarray(a, np.float64) for a in (rig.K, rig.R, rig.t)))
 
 
-@pytest.mark.slow
 def test_errors_of_the_scale_are_as_large_as_stated():
     ratios = []
     for seed in range(60):
@@ -118,7 +119,6 @@ def test_errors_of_the_scale_are_as_large_as_stated():
     assert 0.58 < np.mean(np.square(ratios)) < 1.55
 
 
-@pytest.mark.slow
 @settings(max_examples=8)
 @given(st.integers(0, 10**6))
 def test_one_more_consistent_anchor_never_makes_the_rig_less_sure(seed):
@@ -134,7 +134,6 @@ def test_one_more_consistent_anchor_never_makes_the_rig_less_sure(seed):
     np.testing.assert_allclose(parameters_of(after), parameters_of(before), atol=1e-6)
 
 
-@pytest.mark.slow
 @settings(max_examples=8)
 @given(st.integers(0, 10**6), st.permutations(range(5)))
 def test_the_order_of_anchors_changes_nothing(seed, order):
@@ -145,7 +144,6 @@ def test_the_order_of_anchors_changes_nothing(seed, order):
     assert sorted(one.contradictions) == sorted(other.contradictions)
 
 
-@pytest.mark.slow
 @settings(max_examples=8)
 @given(st.integers(0, 10**6), st.floats(0.5, 2))
 def test_a_world_of_another_size_gives_a_rig_of_that_size(seed, size):
@@ -166,7 +164,6 @@ def test_a_world_of_another_size_gives_a_rig_of_that_size(seed, size):
     assert other.crowd_height == pytest.approx(size * one.crowd_height, rel=1e-6)
 
 
-@pytest.mark.slow
 @settings(max_examples=8)
 @given(st.integers(0, 10**6), st.floats(-3, 3), st.floats(-500, 500), st.floats(-500, 500))
 def test_the_scene_comes_out_in_the_frame_of_the_map(seed, turn, x, y):
@@ -187,7 +184,6 @@ def test_the_scene_comes_out_in_the_frame_of_the_map(seed, turn, x, y):
         assert off[camera] @ np.linalg.solve(covariance, off[camera]) < 30
 
 
-@pytest.mark.slow
 @settings(max_examples=8)
 @given(st.integers(0, 10**6))
 def test_an_anchor_that_contradicts_the_others_is_named_and_not_used(seed):
@@ -204,7 +200,6 @@ def test_an_anchor_that_contradicts_the_others_is_named_and_not_used(seed):
     assert off == pytest.approx(bad.meters * 0.4 / 1.4, abs=4 * sd)
 
 
-@pytest.mark.slow
 @settings(max_examples=8)
 @given(st.integers(0, 10**6), st.sampled_from([0.7, 0.8, 1.25]))
 def test_a_crowd_of_another_height_gives_way_to_an_anchor(seed, size):
@@ -220,7 +215,6 @@ def test_a_crowd_of_another_height_gives_way_to_an_anchor(seed, size):
     assert "but 1.70 m" in said
 
 
-@pytest.mark.slow
 def test_lengths_that_no_crowd_explains_are_errors():
     calibration, rng = drawn(1)
     found = anchored(calibration, [distance(0, rng, 10.0)])
@@ -229,7 +223,6 @@ def test_lengths_that_no_crowd_explains_are_errors():
     np.testing.assert_allclose(parameters_of(found), parameters_of(calibration), atol=1e-9)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_fit_is_that_of_the_dense_problem(seed):
     calibration, rng = drawn(seed, size=0.3)
@@ -354,7 +347,6 @@ def test_cameras_may_be_named_and_unregistered_ones_are_told():
         anchored(dataclasses.replace(calibration, scene=scene), points)
 
 
-@pytest.mark.slow
 def test_anchors_that_cannot_be_are_refused():
     calibration, rng = drawn(5)
     sky = cf.KnownDistance(0, ((600.0, -300.0), (700.0, -300.0)), 3.0)

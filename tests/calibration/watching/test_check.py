@@ -101,6 +101,7 @@ def test_errors_before_a_trusted_frame_do_not_count(world, quiet):
     assert check(world.true_scene, turned, since=60).cameras[0].verdict == Verdict.FITS
 
 
+@pytest.mark.slow
 def test_a_recording_without_boxes_is_refused(world):
     nobody = cf.Detections([], [], np.zeros((0, 4)))
     with pytest.raises(InsufficientDataError, match="boxes"):

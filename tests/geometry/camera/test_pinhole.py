@@ -95,6 +95,7 @@ def test_projection_agrees_with_opencv(x64, turn, t, point, lens):
     np.testing.assert_allclose(depth, in_camera[2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", [WIDE_LENS, RATIONAL_LENS])
 @given(pixel=pixels)
 def test_undistortion_agrees_with_opencv(x64, lens, pixel):

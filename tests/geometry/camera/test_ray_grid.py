@@ -91,6 +91,7 @@ def test_degenerate_points_have_finite_pixels_and_gradients(point):
     assert np.isfinite(pixel_jacobian(grid, SIZE, point)).all()
 
 
+@pytest.mark.slow
 def test_far_outside_the_image_rays_are_finite():
     grid = GRID.astype(np.float32)
     for pixel in ([-1e6, 500], [3000, 1e9], [2000, 1000]):

@@ -244,6 +244,7 @@ def test_given_axes_are_used(world, localization):
     assert pyplot.get_fignums() == [figure.number]
 
 
+@pytest.mark.slow
 def test_without_matplotlib_the_error_names_the_command(world, localization, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
     with pytest.raises(MissingDependencyError, match=r"pip install 'catfree\[plot\]'"):

@@ -13,6 +13,7 @@ from catfree.viz import write_glb, write_rerun
 from catfree.viz.scene3d._scene_geometry import TUBE_SIDES, frustum_corners, track_lines, tube
 
 
+@pytest.mark.slow
 def test_glb_loads_back_with_every_node(world, localization, tmp_path):
     cloud = np.random.default_rng(0).normal(size=(50, 3))
     path = write_glb(tmp_path / "scene.glb", world.scene, localization, points=cloud)
@@ -107,6 +108,7 @@ def test_a_track_that_turns_right_back_has_a_tube():
     assert faces.max() == len(vertices) - 1
 
 
+@pytest.mark.slow
 def test_people_who_stand_still_have_no_path(localization):
     tracks = localization.tracks
     lines = track_lines(tracks)
@@ -117,6 +119,7 @@ def test_people_who_stand_still_have_no_path(localization):
     assert track_lines(tracks[:1]) == {}
 
 
+@pytest.mark.slow
 def test_rerun_is_optional(world, localization, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(MissingDependencyError, match=r"pip install 'catfree\[rerun\]'"):
@@ -124,6 +127,7 @@ def test_rerun_is_optional(world, localization, monkeypatch, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_rerun_writes_a_recording(world, localization, tmp_path):
     pytest.importorskip("rerun")
     path = write_rerun(tmp_path / "scene.rrd", world.scene, localization, points=np.zeros((2, 3)))

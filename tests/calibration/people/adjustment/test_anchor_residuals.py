@@ -15,6 +15,8 @@ from catfree.calibration.people.adjustment._anchor_residuals import (
 )
 from catfree.calibration.people.cameras._camera_model import to_matrices
 
+pytestmark = pytest.mark.slow
+
 FRAME = np.array([0.2, 0.7, 12.0, -3.0])
 
 
@@ -29,7 +31,6 @@ def measured(kind, pixels):
     return Measurement(0, kind, 0, pixels, np.zeros(1), np.ones(1), 1.0)
 
 
-@pytest.mark.slow
 @given(st.integers(0, 10**6))
 def test_points_of_the_ground_project_to_their_pixels(seed):
     camera, pixels = drawn(seed)
@@ -44,7 +45,6 @@ def test_points_of_the_ground_project_to_their_pixels(seed):
     np.testing.assert_allclose(np.exp(found[2, 0]), apart, rtol=1e-9)
 
 
-@pytest.mark.slow
 @settings(max_examples=5)
 @given(st.integers(0, 10**6), st.integers(0, len(QUANTITIES) - 1))
 def test_derivatives_are_finite_differences(seed, kind):

@@ -17,6 +17,8 @@ from catfree.geometry._least_squares import CAUCHY
 from catfree.settings import CalibrationSettings
 from tests.calibration.people.boxes_of_rows import boxes_of_rows
 
+pytestmark = pytest.mark.slow
+
 RULES = CalibrationSettings()
 CAMERAS, PEOPLE = 4, 12
 PRIOR = np.full(CAMERAS, 7.0)
@@ -89,7 +91,6 @@ def full_problem(data, state, known, spread):
     return J, residuals(np.zeros(size), weights)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("spread", "known"), [(np.inf, False), (0.003, False), (np.inf, True)])
 @settings(max_examples=3)
 @given(seed=st.integers(0, 10**6))
@@ -119,7 +120,6 @@ def test_minimum_and_covariance_are_those_of_the_full_problem(seed, spread, know
     )
 
 
-@pytest.mark.slow
 @settings(max_examples=5)
 @given(st.integers(0, 10**6), st.floats(-1e4, 1e4))
 def test_an_edge_of_no_weight_is_absent(seed, error):
@@ -140,7 +140,6 @@ def test_an_edge_of_no_weight_is_absent(seed, error):
     np.testing.assert_allclose(results[0].xy, results[1].xy, rtol=1e-9)
 
 
-@pytest.mark.slow
 def test_one_focal_length_is_shared_by_all():
     data, state, _ = drawn(3, known=False)
     spread = [
@@ -150,7 +149,6 @@ def test_one_focal_length_is_shared_by_all():
     assert spread[0] < RULES.shared_focal_sd < spread[1]
 
 
-@pytest.mark.slow
 def test_a_second_rig_of_like_size_needs_no_compilation():
     adjusted(*drawn(1, known=False))
     before = _people_bundle._solve._cache_size()
@@ -158,7 +156,6 @@ def test_a_second_rig_of_like_size_needs_no_compilation():
     assert _people_bundle._solve._cache_size() == before
 
 
-@pytest.mark.slow
 def test_a_camera_that_no_rig_can_have_is_left_by_no_step():
     data, (cameras, xy, height), _ = drawn(1, known=False)
     far = KnownCameras(cameras + 200.0 * np.eye(7)[Z], np.full((CAMERAS, 7), 1e9))

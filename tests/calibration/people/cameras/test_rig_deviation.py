@@ -35,6 +35,13 @@ def test_a_rig_that_swells_by_some_percent_is_that_uncertain(
     assert found == pytest.approx(sd**2, abs=1e-9)
 
 
+@jax.jit
+def fitted_to(centers: jax.Array, moved: jax.Array) -> jax.Array:
+    """Each of the moved rigs, by the similarity that takes it to the centers."""
+    return jax.vmap(lambda points: fit_similarity(points, centers)(points))(moved)
+
+
+@pytest.mark.slow
 @given(seed=st.integers(0, 1000), cameras=st.integers(3, 6), scale=st.floats(1e-3, 1e3))
 @settings(deadline=None, max_examples=15)
 def test_the_deviation_of_the_shape_is_what_a_similarity_leaves(
@@ -50,7 +57,7 @@ def test_the_deviation_of_the_shape_is_what_a_similarity_leaves(
     centers = parameters[known, 4:]
     draws = rng.normal(size=(400, 7)) @ half.T
     moved = (parameters + draws.reshape(400, -1, 7))[:, known, 4:]
-    fitted = jax.vmap(lambda points: fit_similarity(points, centers)(points))(moved)
+    fitted = fitted_to(centers, moved)
     left = ((np.asarray(fitted) - centers) ** 2).sum(-1).mean(-1)
     assert found == pytest.approx(np.sqrt(np.mean(left)), rel=0.25)
     larger = shape_deviation(parameters * scale, covariance * scale**2, known)

@@ -90,6 +90,7 @@ def test_twice_the_picture_and_focal_length_is_the_same_ground(camera, seed, fac
     assert errors(one[0], other[0]).max() < 0.02
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(cameras, st.integers(0, 10**6))
 def test_a_third_of_boxes_without_a_person_is_outvoted(camera, seed):

@@ -41,7 +41,7 @@ CHANGED = {
     add_pose_errors: {"position_covariance"},
 }
 
-pytestmark = pytest.mark.usefixtures("x64")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("x64")]
 
 
 @cache
@@ -64,13 +64,11 @@ def differs(one, two):
     )
 
 
-@pytest.mark.slow
 def test_solve_runs_the_passes_in_their_order():
     _, detections, scene = walk(PEOPLE, FRAMES)
     assert not differs(solve(detections, scene), states()[-1])
 
 
-@pytest.mark.slow
 def test_an_unfinished_solve_ends_with_what_is_reported():
     _, detections, scene = walk(PEOPLE, FRAMES)
     chosen = states()[ALL.index(choose_reported) + 1]
@@ -119,7 +117,6 @@ def test_errors_of_poses_widen_ellipses_and_never_narrow_them():
     assert not differs(alone, before)
 
 
-@pytest.mark.slow
 def test_a_single_instant_has_groups_that_are_judged_on_their_own():
     _, detections, scene = walk(PEOPLE, FRAMES)
     state = observe_boxes(detections[detections.frame == 0], scene, RULES)
@@ -132,7 +129,6 @@ def test_a_single_instant_has_groups_that_are_judged_on_their_own():
     assert len(set(named.identity[named.kept])) == PEOPLE
 
 
-@pytest.mark.slow
 def test_without_passes_of_tracking_every_group_is_judged_on_its_own():
     _, detections, scene = walk(PEOPLE, FRAMES)
     none = solve(detections, scene, EvidenceSettings(passes=0))

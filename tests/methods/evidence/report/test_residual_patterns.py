@@ -44,6 +44,7 @@ def test_noise_and_constant_offsets_have_no_pattern(seed):
     np.testing.assert_allclose(found.variance, (noise - noise.mean(0)).var(), rtol=0.2)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(0, 1))
 def test_a_planted_pattern_is_found_with_its_share(seed, kind):
     columns, block, noise = drawn(seed)
