@@ -20,11 +20,12 @@ from benchmarks.paper.variants import BF, BK, BS, BT, I, K, Q, changed
 from catfree.evaluation import Interval, detection_metrics
 from catfree.geometry._similarity import transform_scene
 
+pytestmark = pytest.mark.slow
+
 TINY = Options(seeds=(0,), frames=5)
 TWIN_COLUMNS = ["WildTrack twin", "MultiviewX twin", "GMVD twin"]
 
 
-@pytest.mark.slow
 def test_a_table_as_markdown_and_csv():
     table = Table("T", ["name", "a|b"], [("x", 1.25), ("y", None)], ["A note."], ["A claim."])
     assert table.markdown() == (
@@ -34,14 +35,12 @@ def test_a_table_as_markdown_and_csv():
     assert table.csv() == "name,a|b\nx,1.25\ny,\n"
 
 
-@pytest.mark.slow
 def test_an_interval_has_three_columns_as_csv_and_one_as_markdown():
     table = Table("T", ["name", "MODA"], [("x", Interval(1.0, 3.5, 2.25)), ("y", "-")])
     assert table.csv() == "name,MODA,MODA low,MODA high\nx,2.25,1.0,3.5\ny,-,,\n"
     assert "| x | 2.2 [1.0, 3.5] |" in table.markdown()
 
 
-@pytest.mark.slow
 @given(st.lists(st.tuples(st.text(), st.floats(allow_nan=False)), max_size=5))
 def test_csv_keeps_every_cell(rows):
     rows = [(text.replace("\r", ""), number) for text, number in rows]
@@ -50,13 +49,11 @@ def test_csv_keeps_every_cell(rows):
     assert [(text, float(number)) for text, number in read[1:]] == rows
 
 
-@pytest.mark.slow
 def test_a_row_of_another_length_is_refused():
     with pytest.raises(ValueError, match="1 cells for 2 columns"):
         Table("T", ["a", "b"], [("x",)])
 
 
-@pytest.mark.slow
 def test_a_table_is_written_twice(tmp_path):
     table = Table("T", ["a"], [(1,)])
     table.write(tmp_path / "new", "t")
@@ -78,7 +75,6 @@ def scored(found: list[tuple[int, int]]) -> Score:
 FRAMES = st.lists(st.integers(0, 4).map(lambda hits: (hits, 4 - hits)), min_size=4, max_size=12)
 
 
-@pytest.mark.slow
 @given(FRAMES, st.randoms(use_true_random=False))
 def test_the_difference_is_that_of_moda_and_changes_sign(one, random):
     other = random.sample(one, len(one))
@@ -91,13 +87,11 @@ def test_the_difference_is_that_of_moda_and_changes_sign(one, random):
     assert (itself.low, itself.value, itself.high) == (0, 0, 0)
 
 
-@pytest.mark.slow
 def test_differences_of_different_frames_are_refused():
     with pytest.raises(ValueError, match="different frames"):
         claims.difference(scored([(4, 0)] * 4), scored([(4, 0)] * 5))
 
 
-@pytest.mark.slow
 def test_pooled_scores_add_their_counts():
     one, two = scored([(4, 0)] * 4), scored([(2, 2)] * 4)
     assert pool([one, two]).moda == pytest.approx(75.0)
@@ -109,7 +103,6 @@ def test_pooled_scores_add_their_counts():
 BETTER, WORSE, UNSURE = Interval(1, 3, 2), Interval(-3, -1, -2), Interval(-1, 2, 1)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gains", "verdict"),
     [
@@ -128,14 +121,12 @@ def test_a_verdict_follows_from_the_intervals(gains, verdict):
     assert ("open on" in sentence) == any(gain.low <= 0 <= gain.high for gain in gains.values())
 
 
-@pytest.mark.slow
 def test_only_a_sure_loss_is_harm():
     assert f"**{claims.REPRODUCED}**" in claims.not_lower("No harm", {"A": BETTER, "B": UNSURE})
     assert f"**{claims.CONDITIONAL}**" in claims.not_lower("No harm", {"A": BETTER, "B": WORSE})
     assert f"**{claims.NOT_REPRODUCED}**" in claims.not_lower("No harm", {"B": WORSE})
 
 
-@pytest.mark.slow
 def test_a_change_within_the_tolerance_is_none():
     gains = {"A": Interval(-1, 1, -0.4), "B": Interval(-1, 2, 0.6)}
     assert f"**{claims.REPRODUCED}**" in claims.alike("No effect", gains, 0.6)
@@ -143,7 +134,6 @@ def test_a_change_within_the_tolerance_is_none():
     assert f"**{claims.NOT_REPRODUCED}**" in claims.alike("No effect", gains, 0.3)
 
 
-@pytest.mark.slow
 def test_the_papers_value_inside_or_outside_our_worlds():
     said = claims.within("MODA", {"A": 82.0, "B": 60.0}, {"A": [80, 84], "B": [70, 75]})
     assert said == (
@@ -152,7 +142,6 @@ def test_the_papers_value_inside_or_outside_our_worlds():
     )
 
 
-@pytest.mark.slow
 def test_missing_data_is_one_sentence(capsys, tmp_path):
     assert list(real(tmp_path)) == []
     assert list(scenarios(tmp_path)) == []
@@ -164,7 +153,6 @@ def test_missing_data_is_one_sentence(capsys, tmp_path):
     ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("made", TWINS, ids=lambda made: made.layout)
 def test_twins_have_bystanders_groups_and_people_who_stand(made):
     sequence = twin(made.paper, 0, 4)
@@ -183,7 +171,6 @@ def test_twins_have_bystanders_groups_and_people_who_stand(made):
     np.testing.assert_array_equal(bare.detections.box, sequence.detections.box)
 
 
-@pytest.mark.slow
 def test_the_truth_scores_one_hundred():
     sequence = twin("WildTrack", 0, 4)
     assert score_rows(sequence.ground_truth, sequence).moda == 100
@@ -204,7 +191,6 @@ VARIANTS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("four_cameras")
 @pytest.mark.parametrize("name", VARIANTS)
 def test_remembered_stages_change_nothing(name):
@@ -219,7 +205,6 @@ def test_remembered_stages_change_nothing(name):
     assert found.thresholds.tau_g == wanted.thresholds.tau_g
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("four_cameras")
 def test_the_gauge_of_a_scene_does_not_change_the_score():
     sequence = twin("WildTrack", 0, 5)
@@ -233,7 +218,6 @@ def test_the_gauge_of_a_scene_does_not_change_the_score():
     np.testing.assert_allclose(again, rows, atol=2e-3)  # float32 in a gauge of another size
 
 
-@pytest.mark.slow
 @given(
     st.lists(st.tuples(st.booleans(), st.integers(0, 5)), min_size=2, max_size=12).filter(
         lambda pairs: len({right for right, _ in pairs}) == 2
@@ -247,7 +231,6 @@ def test_the_area_under_the_curve_counts_ordered_pairs(pairs):
     assert coverage.area_under_curve(right, distance) == pytest.approx(expected)
 
 
-@pytest.mark.slow
 def test_the_nearest_row_is_of_the_same_frame():
     points = np.array([[0, 0, 0.0, 0.0], [1, 0, 0.0, 0.0], [2, 0, 0.0, 0.0]])
     others = np.array([[0, 0, 3.0, 4.0], [1, 0, 0.3, 0.4], [1, 1, 9.0, 9.0]])
@@ -270,7 +253,6 @@ EXPECTED = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("four_cameras")
 @pytest.mark.parametrize(
     "name",

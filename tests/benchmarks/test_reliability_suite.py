@@ -7,12 +7,13 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 
 pytest.importorskip("resource", reason="limits of processes are not known to this system")
 
 
-@pytest.mark.slow
 def test_every_failure_is_one_sentence():
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks.reliability", "--short", "--seed", "1"],

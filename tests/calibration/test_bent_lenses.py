@@ -11,10 +11,11 @@ from catfree.calibration import calibrate
 from catfree.geometry import fit_similarity
 from tests.calibration.ring_world import ring_of_six
 
+pytestmark = pytest.mark.slow
+
 K1 = -0.3
 
 
-@pytest.mark.slow
 def test_the_distortion_of_bent_lenses_is_found():
     world = ring_of_six()
     boxes, truth = world.detections, world.true_rig

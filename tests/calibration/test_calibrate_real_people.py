@@ -13,6 +13,8 @@ from catfree.calibration import Calibration, KnownCamera, anchored, calibrate
 from catfree.geometry import fit_similarity
 from tests.known_sequences import real_path
 
+pytestmark = pytest.mark.slow
+
 DISTURBED = 1  # the camera whose frames are at other times
 
 
@@ -59,7 +61,6 @@ def without(room):
     return aligned_centers(calibration, np.asarray(room.rig.centers))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cmc1", "cmc3"])
 def test_a_real_room_is_registered_whole_and_states_its_scale(shared, room, calibrated, name):
     sequence, calibration = room, calibrated
@@ -71,7 +72,6 @@ def test_a_real_room_is_registered_whole_and_states_its_scale(shared, room, cali
     assert abs(scale - 1) < 2 * calibration.scale_sd
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["late", "shuffled"])
 def test_a_camera_of_other_times_is_flagged_and_the_others_stay(room, without, kind):
     """Of the same few people in the same room, its matches 5 s late beat every other lateness."""
@@ -87,7 +87,6 @@ def test_a_camera_of_other_times_is_flagged_and_the_others_stay(room, without, k
     np.testing.assert_allclose(centers, alone, atol=0.05)
 
 
-@pytest.mark.slow
 def test_known_positions_make_the_scale_of_a_real_room_sure(room, calibrated):
     calibration = calibrated
     truth = np.asarray(room.rig.centers)

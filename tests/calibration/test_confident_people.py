@@ -8,8 +8,9 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Detections
 from tests.calibration.ring_world import ring_of_six
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 def test_somebody_who_stays_says_nothing_new():
     """People who walk are at a new place in nearly every frame; who stands is at one."""
     world, settings = ring_of_six(), EvidenceSettings()

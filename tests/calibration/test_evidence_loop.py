@@ -12,6 +12,8 @@ from catfree.errors import CalibrationError
 from catfree.settings import Settings
 from tests.calibration.ring_world import calibrated_ring, moved, ring_of_six
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = Settings()
 WRONG, MISSING = 2, 5
 
@@ -39,19 +41,16 @@ def furthest(found, right):
     return np.nanmax(np.linalg.norm(away, axis=1))
 
 
-@pytest.mark.slow
 def test_straight_lenses_have_no_distortion(right):
     for found in (calibrated_ring(), right):
         assert found.scene.rig.is_ideal
         np.testing.assert_array_equal(found.distortion_sd, 0)
 
 
-@pytest.mark.slow
 def test_a_rig_in_order_stays_as_it_is(loop, right):
     assert loop.replace_outliers(right) is right
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("step", [(1.5, -1.0), (2.5, -1.7), (-2.0, 2.0)])
 def test_a_camera_beside_its_place_is_taken_to_it(loop, right, step):
     found = loop.settle(moved(right, WRONG, *step))
@@ -59,7 +58,6 @@ def test_a_camera_beside_its_place_is_taken_to_it(loop, right, step):
     assert furthest(found, right) < 0.3
 
 
-@pytest.mark.slow
 def test_a_camera_without_people_is_placed_anew(loop, right):
     away = loop.refine(moved(right, WRONG, 2.5, -1.7))
     assert furthest(away, right) > 1.0
@@ -68,7 +66,6 @@ def test_a_camera_without_people_is_placed_anew(loop, right):
     assert furthest(found, right) < 0.3
 
 
-@pytest.mark.slow
 def test_a_rig_that_lacks_a_camera_and_has_another_beside_its_place(loop, right):
     lacking = without_camera(moved(right, WRONG, 1.5, -1.0), MISSING, SETTINGS.calibration)
     found = loop.settle(lacking)
@@ -76,7 +73,6 @@ def test_a_rig_that_lacks_a_camera_and_has_another_beside_its_place(loop, right)
     assert furthest(found, right) < 0.3
 
 
-@pytest.mark.slow
 def test_three_cameras_do_not_tell_which_of_them_is_wrong(loop, right):
     few = moved(right, WRONG, 1.5, -1.0)
     for camera in (0, 1, MISSING):
@@ -84,7 +80,6 @@ def test_three_cameras_do_not_tell_which_of_them_is_wrong(loop, right):
     assert loop.replace_outliers(few) is few
 
 
-@pytest.mark.slow
 def test_a_camera_that_fits_nowhere_is_flagged_in_the_end(world, loop, right):
     assert loop.without_outliers(right) is right
     beside = moved(right, WRONG, 2.5, -1.7)
@@ -95,7 +90,6 @@ def test_a_camera_that_fits_nowhere_is_flagged_in_the_end(world, loop, right):
     assert furthest(found, right) < 0.3
 
 
-@pytest.mark.slow
 def test_cameras_that_agree_on_nobody_do_not_outvote_one(world, right):
     class Thin(EvidenceLoop):
         def refine_once(self, calibration):
@@ -113,7 +107,6 @@ def test_cameras_that_agree_on_nobody_do_not_outvote_one(world, right):
     assert pair.scene.rig.registered.tolist() == [c in (3, 4) for c in range(6)]
 
 
-@pytest.mark.slow
 def test_where_nobody_is_sure_nothing_moves(world, right):
     empty = world.detections[:0]
     loop = EvidenceLoop(empty, SETTINGS, lambda *_: None)
@@ -121,7 +114,6 @@ def test_where_nobody_is_sure_nothing_moves(world, right):
     assert loop.refine(right) is right
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rounds", "chosen", "done"),
     [
@@ -152,7 +144,6 @@ def test_rounds_go_on_until_the_rig_rests(world, right, rounds, chosen, done):
     assert len(rounds) - len(left) == done
 
 
-@pytest.mark.slow
 @given(
     step=st.tuples(*[st.floats(-3, 3)] * 2),
     camera=st.integers(0, 5),

@@ -18,6 +18,8 @@ from catfree.synthetic import RigError, make_layout, make_world
 from catfree.types import Rig, Scene
 from tests.calibration.partial_scene import without_camera
 
+pytestmark = pytest.mark.slow
+
 seeds = st.integers(0, 2**31 - 1)
 PAPER = Settings.paper()
 
@@ -37,7 +39,6 @@ def small_problem(seed: int, *, noise: float = 0.0, people: int = 12):
     return rng, cameras, points, Sightings(pixel, weight)
 
 
-@pytest.mark.slow
 def test_finds_the_minimum_that_scipy_finds():
     rng, cameras, points, sightings = small_problem(3, noise=2.0, people=6)
     start = cameras.moved(np.column_stack([rng.normal(0, 0.01, (4, 6)), rng.normal(0, 0.02, 4)]))
@@ -59,7 +60,6 @@ def test_finds_the_minimum_that_scipy_finds():
     assert found.cost <= 2 * best.cost * (1 + 1e-4)
 
 
-@pytest.mark.slow
 def test_exact_sightings_bring_the_cameras_back():
     # A weak tie, since every error of the start is paid for.
     rng, cameras, points, sightings = small_problem(1, people=60)
@@ -76,7 +76,6 @@ def test_exact_sightings_bring_the_cameras_back():
     )
 
 
-@pytest.mark.slow
 def test_nobody_seen_leaves_the_cameras_alone():
     _, cameras, points, sightings = small_problem(0)
     nothing = Sightings(sightings.pixel, np.zeros_like(sightings.weight))
@@ -84,7 +83,6 @@ def test_nobody_seen_leaves_the_cameras_alone():
     np.testing.assert_allclose(found.away_from(cameras), 0, atol=1e-12)
 
 
-@pytest.mark.slow
 @given(seed=seeds, outliers=st.integers(0, 15))
 @settings(max_examples=15)
 def test_ground_follows_the_feet_of_most_people(seed, outliers):
@@ -97,7 +95,6 @@ def test_ground_follows_the_feet_of_most_people(seed, outliers):
     np.testing.assert_allclose(found, true, atol=0.0025)
 
 
-@pytest.mark.slow
 def test_people_in_a_row_leave_the_slope_across_alone():
     line = np.column_stack([np.linspace(-0.4, 0.4, 50), np.zeros(50), np.full(50, 0.01)])
     found = ground_under_people(line, tilt=0.035, offset=0.03)
@@ -117,13 +114,11 @@ def disturbed():
     return world, refine(world.detections, world.scene, PAPER, rounds=4)
 
 
-@pytest.mark.slow
 def test_halves_the_error_of_a_disturbed_rig(disturbed):
     world, found = disturbed
     assert centre_error(found.scene, world) < 0.5 * centre_error(world.scene, world)
 
 
-@pytest.mark.slow
 def test_trace_holds_every_round_and_the_best_one_wins(disturbed):
     world, found = disturbed
     assert found.residuals.shape == found.people.shape == (5,)
@@ -135,7 +130,6 @@ def test_trace_holds_every_round_and_the_best_one_wins(disturbed):
     assert again.scene is found.scene
 
 
-@pytest.mark.slow
 def test_keeps_scale_principal_points_and_extent(disturbed):
     world, found = disturbed
     before, after = world.scene, found.scene
@@ -147,7 +141,6 @@ def test_keeps_scale_principal_points_and_extent(disturbed):
     assert spread[1] == pytest.approx(spread[0], rel=0.02)
 
 
-@pytest.mark.slow
 def test_ground_fits_the_people_after_refinement(disturbed):
     world, found = disturbed
     to_world = align_centres(np.asarray(found.scene.rig.centers), world.true_centres)
@@ -155,7 +148,6 @@ def test_ground_fits_the_people_after_refinement(disturbed):
     assert np.degrees(np.linalg.norm(normal[:2])) < 0.5
 
 
-@pytest.mark.slow
 def test_similarity_of_the_scene_moves_the_result():
     world = make_world("gmvd6", 0, frames=6, rig_error=RigError(1.0, 0.3, 0.02))
     turn = Rotation.from_euler("xyz", [1.0, 2.0, 3.0]).as_matrix()
@@ -168,7 +160,6 @@ def test_similarity_of_the_scene_moves_the_result():
     np.testing.assert_allclose(np.asarray(there.scene.rig.centers), expected, atol=2e-3 * extent)
 
 
-@pytest.mark.slow
 def test_a_camera_that_is_not_registered_stays_out():
     world = make_world("ring5", 0, frames=8, rig_error=RigError(1.0, 0.3, 0.02))
     scene, known = without_camera(world.scene, 2)
@@ -179,7 +170,6 @@ def test_a_camera_that_is_not_registered_stays_out():
     np.testing.assert_array_equal(np.asarray(found.scene.rig.K)[2], np.asarray(scene.rig.K)[2])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", [PAPER, Settings()], ids=["paper", "evidence"])
 def test_what_cannot_be_refined_is_refused(method):
     world = make_world("ring4", 0, frames=3, people=4)

@@ -15,6 +15,8 @@ from catfree.synthetic import DetectorModel, RigError, World, make_world
 from catfree.types import Detections, Scene
 from tests.calibration.partial_scene import without_camera
 
+pytestmark = pytest.mark.slow
+
 LOOKS = DetectorModel(embedding_size=16)
 DEGREE_OFF = RigError(1.0, 0.3, 0.02, 0.5, 0.05)
 RIGHT = RigError(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -37,7 +39,6 @@ def disturbed() -> tuple[World, Refinement]:
     return world, refine(world.detections, world.scene)
 
 
-@pytest.mark.slow
 @given(
     frames=st.lists(st.integers(0, 10_000), min_size=1, max_size=300),
     most=st.integers(1, 200),
@@ -59,13 +60,11 @@ def test_runs_are_few_frames_in_neighbours(frames, most):
         assert min(map(len, runs)) >= min(RUN, most)
 
 
-@pytest.mark.slow
 def test_halves_the_error_of_a_disturbed_rig(disturbed):
     world, found = disturbed
     assert centre_error(found.scene, world) < 0.5 * centre_error(world.scene, world)
 
 
-@pytest.mark.slow
 def test_stops_when_the_residual_stops_falling_and_the_best_round_wins(disturbed):
     world, found = disturbed
     assert len(found.residuals) == len(found.people) < 26
@@ -76,7 +75,6 @@ def test_stops_when_the_residual_stops_falling_and_the_best_round_wins(disturbed
     assert again.residuals[0] == pytest.approx(found.residuals[found.chosen], rel=1e-3)
 
 
-@pytest.mark.slow
 def test_the_rig_as_a_whole_stays_in_place_and_size(disturbed):
     world, found = disturbed
     before, after = world.scene, found.scene
@@ -92,7 +90,6 @@ def test_the_rig_as_a_whole_stays_in_place_and_size(disturbed):
     np.testing.assert_allclose(mean, 0, atol=1e-4)
 
 
-@pytest.mark.slow
 def test_a_right_rig_stays():
     world = small_world(RIGHT)
     found = refine(world.detections, world.scene)
@@ -106,7 +103,6 @@ def test_a_right_rig_stays():
     assert np.degrees(turn.magnitude()).max() < 0.5
 
 
-@pytest.mark.slow
 def test_order_of_cameras_does_not_matter(disturbed):
     world, found = disturbed
     order = np.array([3, 0, 4, 1, 2])
@@ -126,7 +122,6 @@ def test_order_of_cameras_does_not_matter(disturbed):
     np.testing.assert_allclose(np.asarray(again.scene.rig.centers), expected, atol=atol)
 
 
-@pytest.mark.slow
 def test_similarity_of_the_scene_moves_the_result(disturbed):
     world, _ = disturbed
     turn = Rotation.from_euler("xyz", [1.0, 2.0, 3.0]).as_matrix()
@@ -140,7 +135,6 @@ def test_similarity_of_the_scene_moves_the_result(disturbed):
     np.testing.assert_allclose(np.asarray(there.scene.rig.centers), expected, atol=atol)
 
 
-@pytest.mark.slow
 def test_a_camera_that_is_not_registered_stays_out_and_the_ground_may_stay(disturbed):
     world, _ = disturbed
     scene, known = without_camera(world.scene, 2)
@@ -153,7 +147,6 @@ def test_a_camera_that_is_not_registered_stays_out_and_the_ground_may_stay(distu
     np.testing.assert_array_equal(found.scene.ground.normal, scene.ground.normal)
 
 
-@pytest.mark.slow
 def test_edges_that_the_image_border_cuts_do_not_stop_it(disturbed):
     world, _ = disturbed
     boxes, rig = world.detections, world.scene.rig
@@ -165,7 +158,6 @@ def test_edges_that_the_image_border_cuts_do_not_stop_it(disturbed):
     assert centre_error(found.scene, world) < 0.6 * centre_error(world.scene, world)
 
 
-@pytest.mark.slow
 def test_a_rig_on_a_map_stays_where_it_is():
     world = make_world("ring5", seed=0, frames=16, people=6)
     here, east = world.true_scene, np.array([4.5e5 + 0.3, 5.2e6 + 0.7, 100.0])

@@ -19,6 +19,8 @@ from catfree.synthetic import make_world
 from catfree.synthetic._layouts import ring
 from catfree.types import Tracks
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("tyro")
 
 FRAMES, SIZE = 60, (1280, 720)
@@ -46,7 +48,6 @@ def sentence(capsys):
     return error
 
 
-@pytest.mark.slow
 def test_boxes_in_another_order_than_the_scene(world, boxes, tmp_path, capsys):
     turned = np.array([2, 0, 1])
     rig = world.true_rig.select(turned)
@@ -74,7 +75,6 @@ def test_boxes_in_another_order_than_the_scene(world, boxes, tmp_path, capsys):
     assert float(moda.split("│")[2]) > 80
 
 
-@pytest.mark.slow
 def test_nothing_is_concluded_from_missing_pictures(world, boxes, tmp_path):
     missing = np.array([[frame, 1] for frame in range(30, 45)])
     seen = world.detections
@@ -93,7 +93,6 @@ def test_nothing_is_concluded_from_missing_pictures(world, boxes, tmp_path):
     assert not np.array_equal(cf.localize(seen, world.scene).tracks.existence, expected.existence)
 
 
-@pytest.mark.slow
 def test_a_box_in_a_missing_picture_is_told_before_the_cameras_are_found(boxes, tmp_path, capsys):
     (tmp_path / "missing.csv").write_text("frame,camera\n3,west\n")
     words = ["localize", str(boxes), "--image-size", *map(str, SIZE), "--out", str(tmp_path / "o")]
@@ -102,7 +101,6 @@ def test_a_box_in_a_missing_picture_is_told_before_the_cameras_are_found(boxes, 
     assert not (tmp_path / "o").exists() or not list((tmp_path / "o").rglob("*.npz"))
 
 
-@pytest.mark.slow
 def test_cameras_from_boxes(world, boxes, tmp_path, capsys):
     out = tmp_path / "rig"
     words = ["calibrate", str(boxes), "--out", str(out)]
@@ -135,7 +133,6 @@ def sentence_after_table(capsys):
     return capsys.readouterr().err.strip().splitlines()[-1]
 
 
-@pytest.mark.slow
 def test_mistakes_are_one_sentence(world, boxes, tmp_path, capsys):
     scene = tmp_path / "calibration.toml"
     write_anipose_toml(scene, world.true_rig, NAMES)
@@ -156,7 +153,6 @@ def test_mistakes_are_one_sentence(world, boxes, tmp_path, capsys):
     assert "which are not all among them" in sentence_after_table(capsys)
 
 
-@pytest.mark.slow
 def test_a_benchmark_is_scored_by_its_protocol(tmp_path, capsys):
     folder = tmp_path / "annotations_positions"
     folder.mkdir()

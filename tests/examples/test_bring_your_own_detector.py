@@ -6,8 +6,9 @@ import pytest
 from catfree.adapters import Detector, FittedToCamera, SynchronizedVideos, write_scene_json
 from catfree.synthetic._silhouettes import observe
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 def test_its_boxes_lie_on_people(load_example, rendered):
     videos, world = rendered
     finder = load_example("bring_your_own_detector").Moving()
@@ -28,7 +29,6 @@ def test_its_boxes_lie_on_people(load_example, rendered):
     assert np.mean(on_somebody) > 0.7
 
 
-@pytest.mark.slow
 def test_positions_are_printed(load_example, rendered, monkeypatch, tmp_path, capsys):
     videos, world = rendered
     scene = write_scene_json(tmp_path / "scene.json", world.true_scene, ["a", "b", "c"])

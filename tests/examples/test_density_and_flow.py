@@ -8,6 +8,8 @@ import pytest
 from catfree import Clock, Tracks
 from catfree.adapters import write_tracks_csv
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("pedpy", reason="PedPy is not installed")
 
 
@@ -30,7 +32,6 @@ def column_of_walkers(people=6, frames=60) -> Tracks:
     )
 
 
-@pytest.mark.slow
 def test_pedpy_measures_what_was_walked(load_example, tmp_path, monkeypatch, capsys):
     example = load_example("density_and_flow")
     density, speed, flow = example.measure(column_of_walkers(), [-8, 2, 0, 2], [-2, 0, -2, 3])

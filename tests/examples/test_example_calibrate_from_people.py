@@ -3,8 +3,9 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 def test_finds_the_cameras_and_scores_all_three_rigs(
     load_example, write_sequence, monkeypatch, capsys
 ):

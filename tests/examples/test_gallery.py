@@ -4,10 +4,11 @@ from pathlib import Path
 import cv2
 import pytest
 
+pytestmark = pytest.mark.slow
+
 STORED = Path(__file__).parents[2] / "docs" / "gallery"
 
 
-@pytest.mark.slow
 def test_it_draws_the_pictures_of_the_documentation(load_example, monkeypatch, tmp_path, capsys):
     monkeypatch.setenv("MPLBACKEND", "Agg")
     monkeypatch.setattr(sys, "argv", ["gallery.py", "--out", str(tmp_path)])

@@ -4,8 +4,9 @@ import pytest
 
 from catfree.adapters import write_scene_json
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 def test_from_videos_to_a_report(load_example, rendered, monkeypatch, tmp_path, capsys):
     videos, world = rendered
     scene = write_scene_json(tmp_path / "scene.json", world.true_scene, ["a", "b", "c"])

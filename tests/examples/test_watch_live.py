@@ -15,6 +15,8 @@ import pytest
 from catfree.adapters import write_scene_json
 from catfree.synthetic import make_world
 
+pytestmark = pytest.mark.slow
+
 RATE = 5
 
 
@@ -53,7 +55,6 @@ def near(people, world, frame):
     return np.mean([np.linalg.norm(found - at, axis=1).min() < 0.5 for at in truth])
 
 
-@pytest.mark.slow
 def test_positions_come_back_through_the_broker(load_example, broker, tmp_path, monkeypatch):
     mqtt = pytest.importorskip("paho.mqtt.client")
     world = make_world("ring4", frames=30, people=4)
@@ -106,7 +107,6 @@ def test_positions_come_back_through_the_broker(load_example, broker, tmp_path, 
     assert any(topic == "people/provisional" for topic, _ in received)
 
 
-@pytest.mark.slow
 def test_segments_are_followed_while_cameras_write_them(
     load_example, rendered, tmp_path, monkeypatch, capsys
 ):

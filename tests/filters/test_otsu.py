@@ -12,6 +12,8 @@ import catfree.filters as filters
 from catfree.errors import InvalidInputError
 from catfree.filters._sample_arrays import as_mask, as_sample
 
+pytestmark = pytest.mark.slow
+
 SIZE = 12  # one shape, so that everything compiles once
 
 whole_numbers = st.lists(st.integers(-20, 20), min_size=1, max_size=SIZE)
@@ -49,14 +51,12 @@ def exact_otsu(sample):
     return (lower + upper) / 2
 
 
-@pytest.mark.slow
 @settings(max_examples=300)
 @given(sample=whole_numbers)
 def test_otsu_equals_exact_arithmetic(x64, sample):
     assert filters.otsu(*padded(sample, np.float64)) == float(exact_otsu(sample))
 
 
-@pytest.mark.slow
 @given(sample=st.lists(st.floats(-1e6, 1e6, width=32), min_size=1, max_size=SIZE))
 def test_otsu_attains_the_largest_criterion(dtype, sample):
     threshold = float(filters.otsu(*padded(sample, dtype)))
@@ -70,7 +70,6 @@ def test_otsu_attains_the_largest_criterion(dtype, sample):
     assert attained[0] >= best * (1 - 40 * np.finfo(dtype).eps)
 
 
-@pytest.mark.slow
 @given(sample=whole_numbers, shift=st.integers(-50, 50), factor=st.sampled_from([1e-3, 0.7, 900.0]))
 def test_otsu_follows_shift_and_scale(dtype, sample, shift, factor):
     values, member = padded(sample, dtype)
@@ -80,7 +79,6 @@ def test_otsu_follows_shift_and_scale(dtype, sample, shift, factor):
     np.testing.assert_allclose(moved, expected, rtol=1e-5, atol=1e-5 * factor)
 
 
-@pytest.mark.slow
 @given(sample=positive_numbers, factor=st.sampled_from([1e-6, 0.3, 7.0, 1e9]))
 def test_log_otsu_follows_scale(dtype, sample, factor):
     values, member = padded(sample, dtype)
@@ -89,7 +87,6 @@ def test_log_otsu_follows_scale(dtype, sample, factor):
     np.testing.assert_allclose(scaled, threshold * dtype.type(factor), rtol=4 * np.finfo(dtype).eps)
 
 
-@pytest.mark.slow
 @given(sample=positive_floats)
 def test_log_otsu_is_otsu_of_the_logarithms(x64, sample):
     values, member = padded(sample, np.float64)
@@ -97,7 +94,6 @@ def test_log_otsu_is_otsu_of_the_logarithms(x64, sample):
     np.testing.assert_allclose(filters.log_otsu(values, member), expected, rtol=1e-12)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["otsu", "log_otsu", "otsu_separability"])
 @given(sample=positive_floats, data=st.data())
 def test_order_does_not_matter(name, sample, data):
@@ -107,7 +103,6 @@ def test_order_does_not_matter(name, sample, data):
     assert estimate(values, member) == estimate(values[order], member[order])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["otsu", "log_otsu", "otsu_separability"])
 @pytest.mark.parametrize("filler", [np.nan, np.inf, -np.inf, 0.0, 1e30])
 @given(sample=positive_floats)
@@ -117,7 +112,6 @@ def test_masked_out_is_left_out(name, filler, sample):
     assert estimate(*padded(sample, np.float32, filler)) == alone
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["otsu", "log_otsu", "otsu_separability"])
 def test_mask_equals_a_shorter_array(dtype, name):
     estimate = getattr(filters, name)
@@ -128,7 +122,6 @@ def test_mask_equals_a_shorter_array(dtype, name):
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["otsu", "log_otsu", "otsu_separability"])
 def test_jit_and_vmap_equal_the_plain_function(dtype, name):
     estimate = getattr(filters, name)
@@ -141,7 +134,6 @@ def test_jit_and_vmap_equal_the_plain_function(dtype, name):
     np.testing.assert_allclose(batched, plain, rtol=tolerance)
 
 
-@pytest.mark.slow
 @given(sample=whole_numbers)
 def test_separability_is_the_explained_share_of_the_variance(x64, sample):
     splits = exact_splits(sample)
@@ -153,7 +145,6 @@ def test_separability_is_the_explained_share_of_the_variance(x64, sample):
     np.testing.assert_allclose(measured, expected, rtol=1e-12)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sample", "expected"),
     [
@@ -173,7 +164,6 @@ def test_otsu_by_hand(dtype, sample, expected):
     assert threshold.dtype == dtype
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sample", "expected"),
     [
@@ -189,7 +179,6 @@ def test_log_otsu_by_hand(dtype, sample, expected):
     assert filters.log_otsu(np.array(sample, dtype)) == dtype.type(expected)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("estimate", [filters.otsu, filters.log_otsu])
 def test_without_values_nothing_is_too_large(dtype, estimate):
     assert estimate(np.zeros(0, dtype)) == np.inf
@@ -199,20 +188,17 @@ def test_without_values_nothing_is_too_large(dtype, estimate):
     assert filters.log_otsu(np.zeros(3, dtype)) == np.inf
 
 
-@pytest.mark.slow
 def test_separability_without_anything_to_split(dtype):
     for sample in ([], [1], [2, 2, 2], [np.nan, np.nan]):
         assert filters.otsu_separability(np.array(sample, dtype)) == 0
     np.testing.assert_allclose(filters.otsu_separability(np.array([0, 1, 1], dtype)), 1, rtol=1e-6)
 
 
-@pytest.mark.slow
 def test_whole_numbers_become_the_default_float():
     assert filters.otsu(np.array([1, 2, 9, 10])) == 5.5
     assert filters.otsu(jnp.array([1, 2, 9, 10])).dtype == jnp.float32
 
 
-@pytest.mark.slow
 def test_neighbouring_floats_are_still_separated(dtype):
     low = dtype.type(1)
     high = np.nextafter(low, dtype.type(2))
@@ -221,14 +207,12 @@ def test_neighbouring_floats_are_still_separated(dtype):
     assert low <= np.asarray(filters.log_otsu(np.array([low, high], dtype))) < high
 
 
-@pytest.mark.slow
 def test_large_floats_do_not_overflow(dtype):
     largest = np.finfo(dtype).max / 100  # its square does not exist
     assert filters.otsu(np.array([0, largest / 4, largest], dtype)) > largest / 4
     assert np.isfinite(filters.log_otsu(np.array([largest / 4, largest], dtype)))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("draw", ["lognormal", "two clumps", "far from zero"])
 def test_many_float32_values_split_as_in_float64(x64, draw):
     random = np.random.default_rng(5)
@@ -248,7 +232,6 @@ def test_many_float32_values_split_as_in_float64(x64, draw):
     assert abs(np.searchsorted(ordered, threshold, "right") - (best + 1)) <= 30
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["otsu", "log_otsu", "otsu_separability"])
 @pytest.mark.parametrize(
     "sample", [[1, 2, 4, 8], [3, 3, 3, 3], [np.nan, np.inf, 0, 2], [np.nan] * 4, [0, 0, 0, 0]]
@@ -259,20 +242,17 @@ def test_gradient_is_finite(dtype, name, sample):
     assert np.isfinite(gradient).all()
 
 
-@pytest.mark.slow
 def test_gradient_is_that_of_the_midpoint(dtype):
     gradient = jax.grad(filters.otsu)(jnp.asarray(np.array([1, 2, 9, 10], dtype)))
     np.testing.assert_array_equal(gradient, [0, 0.5, 0.5, 0])
 
 
-@pytest.mark.slow
 def test_masks_may_be_zeros_and_ones():
     mask = as_mask(np.array([1, 0, 1]), (3,))
     assert mask.dtype == bool
     assert float(filters.otsu(np.array([1.0, np.nan, 5.0]), mask)) == 3.0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(), (2, 3)])
 def test_a_sample_is_flat(shape):
     with pytest.raises(InvalidInputError, match=r"use jax\.vmap"):

@@ -13,6 +13,8 @@ from hypothesis.extra import numpy as hnp
 
 from catfree import Plane, geometry
 
+pytestmark = pytest.mark.slow
+
 SIGMA_THETA = 0.0206
 FLOOR = Plane(np.array([0.0, 0, 1]), 0.0)
 
@@ -52,7 +54,6 @@ def sigma(*case):
     return float(traced_sigma(*case))
 
 
-@pytest.mark.slow
 @given(sightings())
 def test_information_is_the_printed_sum(x64, case):
     position, origins, directions, weights = case
@@ -68,7 +69,6 @@ def test_information_is_the_printed_sum(x64, case):
     np.testing.assert_allclose(ground_sigma(found, FLOOR) ** 2, np.trace(inverse) / 2, rtol=1e-9)
 
 
-@pytest.mark.slow
 @given(sightings(count=4))
 def test_another_ray_never_raises_sigma(x64, case):
     position, origins, directions, weights = case
@@ -79,7 +79,6 @@ def test_another_ray_never_raises_sigma(x64, case):
     ) * (1 + 1e-9)
 
 
-@pytest.mark.slow
 @given(sightings(), st.floats(-3, 3))
 def test_sigma_scales_with_the_scene(x64, case, exponent):
     position, origins, directions, weights = case
@@ -91,7 +90,6 @@ def test_sigma_scales_with_the_scene(x64, case, exponent):
     )
 
 
-@pytest.mark.slow
 @given(sightings(), st.floats(0, 7))
 def test_sigma_does_not_depend_on_the_basis_of_the_plane(x64, case, angle):
     position, origins, directions, weights = case
@@ -108,7 +106,6 @@ def test_sigma_does_not_depend_on_the_basis_of_the_plane(x64, case, angle):
     )
 
 
-@pytest.mark.slow
 @given(sightings(count=3), st.permutations(range(3)))
 def test_order_of_rays_and_absent_rays_do_not_matter(x64, case, order):
     position, origins, directions, weights = case
@@ -123,7 +120,6 @@ def test_order_of_rays_and_absent_rays_do_not_matter(x64, case, order):
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
-@pytest.mark.slow
 def test_two_perpendicular_rays_by_hand(x64):
     # Rays along x and y from 10 m: the first fixes y and z, the second x and z.
     origins = np.array([[-10.0, 0, 0], [0, -10, 0]])
@@ -136,7 +132,6 @@ def test_two_perpendicular_rays_by_hand(x64):
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize(
     ("directions", "weights"),
@@ -162,7 +157,6 @@ def test_one_ray_or_parallel_rays_give_infinite_sigma_and_finite_gradients(
     assert (covariance == np.diag([np.inf, np.inf])).all()
 
 
-@pytest.mark.slow
 def test_a_position_at_a_camera_centre_is_finite():
     origins = jnp.array([[0.0, 0, 0], [5, 0, 1], [0, 5, 1]])
     directions = jnp.array([[1.0, 0, 0], [-1, 0, 0], [0, -1, 0]])
@@ -171,7 +165,6 @@ def test_a_position_at_a_camera_centre_is_finite():
     assert np.isfinite(gradients[0]).all()
 
 
-@pytest.mark.slow
 @given(sightings())
 def test_gradient_agrees_with_finite_differences_in_both_modes(x64, case):
     reverse, forward = gradient_reverse(*case), gradient_forward(*case)
@@ -187,7 +180,6 @@ def test_gradient_agrees_with_finite_differences_in_both_modes(x64, case):
             np.testing.assert_allclose(a[index], slope, rtol=1e-5, atol=1e-6 * sigma(*case))
 
 
-@pytest.mark.slow
 @given(sightings(), st.sampled_from([1e-3, 1.0, 1e3]))
 def test_float32_agrees_with_float64_far_from_the_origin(x64, case, scale):
     position, origins, directions, weights = case
@@ -206,7 +198,6 @@ def test_float32_agrees_with_float64_far_from_the_origin(x64, case, scale):
     np.testing.assert_allclose(found, sigma(*case64), rtol=1e-3)
 
 
-@pytest.mark.slow
 def test_sigma_predicts_the_error_of_noisy_rays():
     """Monte Carlo: isotropic angular noise, weighted by the inverse squared distance."""
     rng = np.random.default_rng(5)
@@ -238,7 +229,6 @@ def test_sigma_predicts_the_error_of_noisy_rays():
     assert (ratio < 1.05).all()
 
 
-@pytest.mark.slow
 def test_wildtrack_sigma_by_number_of_cameras(shared):
     """Medians over people in the area, seen by the first k cameras that have them in the image."""
     record = json.loads((shared / "data/real/wildtrack_0_715.json").read_text())

@@ -16,6 +16,8 @@ from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry._similarity import Similarity, transform_scene
 from catfree.synthetic import make_world
 
+pytestmark = pytest.mark.slow
+
 PAPER = Settings.paper()
 with jax.enable_x64(True):  # so that the scene's rotations are exact to float64
     WORLD = make_world("ring6", seed=1, frames=10, people=10)
@@ -81,7 +83,6 @@ def reference():
         return cf.localize(WORLD.detections, WORLD.scene, PAPER)
 
 
-@pytest.mark.slow
 @hypothesis_settings(max_examples=12)
 @given(
     st.floats(-3, 3),
@@ -116,7 +117,6 @@ def test_a_similarity_and_any_order_give_the_same_tracks(
     )
 
 
-@pytest.mark.slow
 def test_supports_point_at_the_callers_rows(reference):
     """A supporting detection belongs to the camera of its column and the frame of its row."""
     candidates, seen = reference.candidates, WORLD.detections
@@ -126,7 +126,6 @@ def test_supports_point_at_the_callers_rows(reference):
     np.testing.assert_array_equal(seen.frame[chosen], candidates.frame[row])
 
 
-@pytest.mark.slow
 def test_tracks_are_on_the_ground_and_sorted(reference):
     tracks, ground = reference.tracks, WORLD.scene.ground
     assert len(tracks) > 30
@@ -143,7 +142,6 @@ def test_tracks_are_on_the_ground_and_sorted(reference):
     )
 
 
-@pytest.mark.slow
 def test_people_are_where_they_are(x64, reference):
     truth = np.asarray(WORLD.scene_from_world.inverse()(reference.tracks.position))
     rows = np.column_stack(
@@ -153,7 +151,6 @@ def test_people_are_where_they_are(x64, reference):
     assert metrics.moda > 80
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_float32_far_away_is_close_to_float64(reference, scale):
     extent = float(WORLD.scene.extent)
@@ -169,7 +166,6 @@ def test_float32_far_away_is_close_to_float64(reference, scale):
     assert agreement >= 0.98
 
 
-@pytest.mark.slow
 def test_a_rig_of_float32_and_of_jax_arrays(reference):
     rig = WORLD.scene.rig
     narrow = [np.asarray(a, np.float32) for a in (rig.K, rig.R, rig.t)]
@@ -192,7 +188,6 @@ def first_frames(count: int) -> Detections:
     return WORLD.detections[WORLD.detections.frame < count]
 
 
-@pytest.mark.slow
 def test_no_detections_at_all():
     found = cf.localize(Detections([], [], []), WORLD.scene, PAPER)
     assert len(found.tracks) == len(found.candidates) == 0
@@ -200,7 +195,6 @@ def test_no_detections_at_all():
     assert np.isnan(found.reliability.median_sigma)
 
 
-@pytest.mark.slow
 def test_all_scores_below_the_confidence():
     weak = Detections(**(vars(WORLD.detections) | {"score": np.full(len(WORLD.detections), 0.1)}))
     assert len(cf.localize(weak, WORLD.scene, PAPER).candidates) == 0
@@ -208,7 +202,6 @@ def test_all_scores_below_the_confidence():
     assert len(cf.localize(weak, WORLD.scene, trusting).tracks) > 0
 
 
-@pytest.mark.slow
 def test_a_frame_without_detections_ends_tracks_but_not_the_run():
     seen = WORLD.detections[WORLD.detections.frame != 4]
     found = cf.localize(seen, WORLD.scene, change(PAPER, trajectories={"extend": False}))
@@ -218,7 +211,6 @@ def test_a_frame_without_detections_ends_tracks_but_not_the_run():
         assert (frames < 4).all() or (frames > 4).all()
 
 
-@pytest.mark.slow
 def test_a_single_frame_has_positions_but_no_tracks():
     found = cf.localize(first_frames(1), WORLD.scene, PAPER)
     assert len(found.tracks) == 0
@@ -229,7 +221,6 @@ def test_a_single_frame_has_positions_but_no_tracks():
     assert (found.tracks.track_id == -1).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("registered", [0, 1])
 def test_fewer_than_two_registered_cameras_is_one_clear_error(registered):
     rig = WORLD.scene.rig
@@ -242,14 +233,12 @@ def test_fewer_than_two_registered_cameras_is_one_clear_error(registered):
         cf.localize(WORLD.detections, scene, PAPER)
 
 
-@pytest.mark.slow
 def test_one_camera_is_one_clear_error():
     scene = Scene(WORLD.scene.rig.select([0]), WORLD.scene.ground, WORLD.scene.extent)
     with pytest.raises(InsufficientDataError, match="at least 2 registered cameras"):
         cf.localize(WORLD.detections[WORLD.detections.camera == 0], scene, PAPER)
 
 
-@pytest.mark.slow
 def test_a_camera_that_the_rig_does_not_have():
     at = int(np.argmax(WORLD.detections.camera == 5))
     scene = Scene(WORLD.scene.rig.select(range(5)), WORLD.scene.ground, WORLD.scene.extent)
@@ -257,7 +246,6 @@ def test_a_camera_that_the_rig_does_not_have():
         cf.localize(WORLD.detections, scene, PAPER)
 
 
-@pytest.mark.slow
 def test_an_unregistered_camera_is_as_good_as_none(reference):
     rig = WORLD.scene.rig
     wrong = [np.array(a) for a in (rig.K, rig.R, rig.t)]
@@ -279,7 +267,6 @@ def test_an_unregistered_camera_is_as_good_as_none(reference):
     np.testing.assert_allclose(found.tracks.position, wanted.tracks.position, atol=1e-4)
 
 
-@pytest.mark.slow
 def test_two_cameras_and_cameras_without_detections():
     seen = WORLD.detections[np.isin(WORLD.detections.camera, [1, 2])]
     found = cf.localize(seen, WORLD.scene, PAPER)
@@ -287,20 +274,17 @@ def test_two_cameras_and_cameras_without_detections():
     assert set(found.tracks.supporting_cameras.tolist()) == {2}
 
 
-@pytest.mark.slow
 def test_boxes_of_one_camera_only():
     found = cf.localize(WORLD.detections[WORLD.detections.camera == 2], WORLD.scene, PAPER)
     assert len(found.tracks) == len(found.candidates) == 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("without", ["embedding", "ankles_confirmed", "score"])
 def test_each_cue_is_optional(without):
     seen = Detections(**(vars(WORLD.detections) | {without: None}))
     assert len(cf.localize(seen, WORLD.scene, PAPER).tracks) > 0
 
 
-@pytest.mark.slow
 def test_boxes_alone_in_whole_pixels():
     seen = WORLD.detections
     box = np.round(seen.box).astype(int)
@@ -308,7 +292,6 @@ def test_boxes_alone_in_whole_pixels():
     assert len(found.tracks) > 0
 
 
-@pytest.mark.slow
 def test_zero_embeddings_are_finite():
     nothing = np.zeros((len(WORLD.detections), 4))
     seen = Detections(**(vars(WORLD.detections) | {"embedding": nothing}))
@@ -316,7 +299,6 @@ def test_zero_embeddings_are_finite():
     assert np.isfinite(found.tracks.position).all()
 
 
-@pytest.mark.slow
 def test_doubled_detections_do_not_double_people(reference):
     twice = np.concatenate([np.arange(len(WORLD.detections))] * 2)
     found = cf.localize(WORLD.detections[twice], WORLD.scene, PAPER)
@@ -327,7 +309,6 @@ def test_doubled_detections_do_not_double_people(reference):
         assert (apart + np.eye(len(apart)) * 2 * radius > radius).all()
 
 
-@pytest.mark.slow
 def test_lens_distortion_bends_the_rays_back(reference):
     rig = WORLD.scene.rig
     coefficients = np.array([-0.2, 0.05, 0.001, -0.001, 0.0])
@@ -383,7 +364,6 @@ def crowd(cameras: int, frames: int, people: int, seed: int = 0) -> tuple[Detect
     return Detections(frame, camera, box, embedding=embedding), Scene.from_rig(rig, ground, True)
 
 
-@pytest.mark.slow
 def test_forty_cameras():
     detections, scene = crowd(40, 3, 5)
     # Every hypothesis is right here, so the adaptive gates have nothing to separate.
@@ -392,7 +372,6 @@ def test_forty_cameras():
     assert (found.tracks.supporting_cameras >= 35).all()
 
 
-@pytest.mark.slow
 def test_ten_thousand_detections():
     detections, scene = crowd(CAMERAS, 50, 34)
     assert len(detections) > 10_000
@@ -401,7 +380,6 @@ def test_ten_thousand_detections():
     assert len(np.unique(found.tracks.track_id)) > 17
 
 
-@pytest.mark.slow
 def test_progress_is_reported_to_the_end():
     calls = []
     cf.localize(WORLD.detections, WORLD.scene, PAPER, lambda *call: calls.append(call))
@@ -412,7 +390,6 @@ def test_progress_is_reported_to_the_end():
     assert calls[-1] == ("trajectories", 1, 1)
 
 
-@pytest.mark.slow
 def test_a_sequence_of_another_length_compiles_nothing():
     cf.localize(WORLD.detections, WORLD.scene, PAPER)
     other = make_world(WORLD.layout, seed=8, frames=13, people=9)
@@ -436,7 +413,6 @@ def test_a_sequence_of_another_length_compiles_nothing():
     assert [message for message in compiled if "Finished XLA compilation" in message] == []
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("settings", [Settings(), PAPER])
 def test_images_of_another_size_are_told(settings):
     """The rig of a copy of the videos at half the size."""

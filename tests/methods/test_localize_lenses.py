@@ -9,6 +9,8 @@ import catfree as cf
 from catfree.geometry.camera import rays_of_pixels
 from catfree.synthetic import make_world, shop
 
+pytestmark = pytest.mark.slow
+
 METHODS = {"evidence": cf.Settings(), "paper": cf.Settings.paper()}
 
 
@@ -45,7 +47,6 @@ def errors(world, localization: cf.Localization) -> np.ndarray:
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_people_are_found_through_fisheyes(world, method):
     found = cf.localize(world.detections, world.scene, METHODS[method])
@@ -56,7 +57,6 @@ def test_people_are_found_through_fisheyes(world, method):
     assert np.quantile(error, 0.9) < 0.5
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_grids_of_rays_give_what_their_lenses_give(world, method):
     rays = replace(world.scene, rig=as_rays(world.scene.rig, [0, 2]))
@@ -72,7 +72,6 @@ def test_grids_of_rays_give_what_their_lenses_give(world, method):
     assert np.quantile(apart, 0.95) < 0.002 * extent
 
 
-@pytest.mark.slow
 def test_fisheyes_find_the_people_that_pinholes_find(world):
     """Evidence method; `benchmarks/lenses.py` compares both methods in longer worlds."""
     pinholes = make_world(shop(fisheye=False), 3, frames=12, people=6, background=0)

@@ -12,6 +12,8 @@ from catfree import Detections, Origin, Scene, Settings
 from catfree.synthetic import make_world
 from tests.known_sequences import sequence_of
 
+pytestmark = pytest.mark.slow
+
 METHODS = {"evidence": Settings(), "paper": Settings.paper()}
 BOTH = pytest.mark.parametrize("method", METHODS)
 CAMERAS = 6
@@ -29,7 +31,6 @@ def found(method: str) -> cf.Localization:
         return cf.localize(world().detections, world().scene, METHODS[method])
 
 
-@pytest.mark.slow
 @BOTH
 def test_support_is_of_the_frame_and_the_camera(method):
     tracks, seen = found(method).tracks, world().detections
@@ -41,7 +42,6 @@ def test_support_is_of_the_frame_and_the_camera(method):
     np.testing.assert_array_equal(seen.camera[boxes], camera)
 
 
-@pytest.mark.slow
 @BOTH
 def test_a_detection_shows_one_person(method):
     localization = found(method)
@@ -54,7 +54,6 @@ def test_a_detection_shows_one_person(method):
     assert (np.delete(identity, boxes) == -1).all()
 
 
-@pytest.mark.slow
 @BOTH
 def test_boxes_of_one_track_show_one_person(method):
     identity, truth = found(method).identity, world().identities
@@ -65,7 +64,6 @@ def test_boxes_of_one_track_show_one_person(method):
     assert np.mean(pure) > 0.9
 
 
-@pytest.mark.slow
 def test_cameras_are_counted_by_their_boxes():
     tracks = found("evidence").tracks
     np.testing.assert_array_equal((tracks.support >= 0).sum(1), tracks.supporting_cameras)
@@ -76,7 +74,6 @@ def test_cameras_are_counted_by_their_boxes():
     assert ((tracks.support >= 0).sum(1) <= tracks.supporting_cameras).all()
 
 
-@pytest.mark.slow
 @BOTH
 def test_boxes_that_take_no_part_belong_to_nobody(method):
     """Boxes below the confidence, in between the others, shift no row and have no identity."""
@@ -114,7 +111,6 @@ def assert_the_same(one: cf.Localization, two: cf.Localization, cameras, rows, s
     np.testing.assert_array_equal(one.identity[rows], two.identity)
 
 
-@pytest.mark.slow
 @BOTH
 @hypothesis_settings(max_examples=5)
 @given(st.permutations(range(CAMERAS)), st.integers(0, 2**32 - 1))
@@ -127,7 +123,6 @@ def test_the_order_of_cameras_and_boxes_changes_no_number(method, cameras, seed)
     assert_the_same(found(method), again, cameras, rows, float(world().scene.extent))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("name", "frames"), [("cmc3", 72), ("wildtrack_0_715", 16)])
 def test_the_order_of_real_cameras_changes_no_number(shared, name, frames):
     sequence = sequence_of(shared / "data", name)
@@ -173,7 +168,6 @@ def straight_walk(step: int) -> tuple[Detections, Scene, np.ndarray, np.ndarray]
     return boxes, world().true_scene, place, 0.6 * ahead / step
 
 
-@pytest.mark.slow
 @BOTH
 @pytest.mark.parametrize("step", [1, 5])
 def test_velocities_are_those_of_people_who_walk_straight_on(method, step):
@@ -201,7 +195,6 @@ def test_velocities_are_those_of_people_who_walk_straight_on(method, step):
     assert method == "paper" or square.mean() / 2 > 0.1
 
 
-@pytest.mark.slow
 @BOTH
 def test_covariances_of_velocities_are_covariances(method):
     spread = found(method).tracks.velocity_covariance
@@ -211,7 +204,6 @@ def test_covariances_of_velocities_are_covariances(method):
     assert (np.linalg.eigvalsh(spread) > 0).all()
 
 
-@pytest.mark.slow
 def test_one_instant_has_no_velocity():
     boxes = world().detections
     for settings in METHODS.values():
@@ -221,7 +213,6 @@ def test_one_instant_has_no_velocity():
     assert len(cf.localize(boxes[boxes.frame == 3], world().scene).tracks) > 3
 
 
-@pytest.mark.slow
 def test_velocity_is_per_frame_number_and_tracks_keep_the_clock():
     boxes = world().detections
     columns = vars(boxes) | {"frame": 10 * boxes.frame + 7}
@@ -237,7 +228,6 @@ def test_velocity_is_per_frame_number_and_tracks_keep_the_clock():
         )
 
 
-@pytest.mark.slow
 @BOTH
 def test_nobody_is_on_a_clock_too(method):
     boxes = Detections([], [], [], clock=cf.Clock(2))

@@ -5,6 +5,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 CHILD = """
 import multiprocessing, warnings
 import numpy as np
@@ -30,7 +32,6 @@ for _ in range(2):
 """
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no fork")
 def test_a_process_forked_after_jax_was_used_says_so():
     done = subprocess.run(

@@ -19,6 +19,8 @@ from catfree.adapters.background._height_profile import Blobs, HeightProfile, fi
 from catfree.adapters.detectors._box_suppression import box_overlap
 from catfree.errors import InsufficientDataError, InvalidInputError
 
+pytestmark = pytest.mark.slow
+
 # A small drawn world: one static camera 4.5 m above a paved square, shaded people with walking
 # legs and cast shadows, sensor noise and JPEG coding.
 
@@ -170,7 +172,6 @@ def matches(truth, found):
     return rows[good], columns[good]
 
 
-@pytest.mark.slow
 def test_recall_precision_and_feet(street):
     frames, detector = street
     seen = found = true = 0
@@ -192,7 +193,6 @@ def test_recall_precision_and_feet(street):
     assert np.std(feet) < 0.025
 
 
-@pytest.mark.slow
 def test_knowing_where_people_stand_finds_more_of_them_and_nobody_else(street):
     frames, detector = street
     rng = np.random.default_rng(0)
@@ -212,7 +212,6 @@ def test_knowing_where_people_stand_finds_more_of_them_and_nobody_else(street):
     assert right[1] / found[1] > right[0] / found[0] - 0.01
 
 
-@pytest.mark.slow
 def test_hints_without_anybody_there_change_nothing(street):
     frames, detector = street
     for image, boxes, _ in frames[::20]:
@@ -222,7 +221,6 @@ def test_hints_without_anybody_there_change_nothing(street):
         np.testing.assert_array_equal(again.box, result.box)
 
 
-@pytest.mark.slow
 def test_shadows_are_not_people_and_do_not_lower_feet(street):
     _, detector = street
     rng = np.random.default_rng(0)
@@ -243,7 +241,6 @@ def test_shadows_are_not_people_and_do_not_lower_feet(street):
     assert same >= 0.9 * seen  # a shadow behind a pair shifts where the two are told apart
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("blur", [1.0, 2.0])
 def test_shadows_towards_the_camera_do_not_lower_feet(street, blur):
     """Their blurred rim must not count as a body that they rest on."""
@@ -263,7 +260,6 @@ def test_shadows_towards_the_camera_do_not_lower_feet(street, blur):
     assert np.median(np.abs(np.concatenate(below))) < 0.02
 
 
-@pytest.mark.slow
 def test_hair_paler_than_the_face_belongs_to_the_person(street):
     """An edge is where the difference falls to half of what it is next to that edge."""
     _, detector = street
@@ -275,7 +271,6 @@ def test_hair_paler_than_the_face_belongs_to_the_person(street):
     np.testing.assert_array_equal(sixty.find_people(foreground)[:, :4], [[40, 30, 60, 90]])
 
 
-@pytest.mark.slow
 def test_how_dark_shadows_are_is_learned(street):
     """The drawn shadows leave 55 % of the light; darker grey clothes are no shadow."""
     _, detector = street
@@ -290,14 +285,12 @@ def test_how_dark_shadows_are_is_learned(street):
     assert mask[205:275, 405:435].mean() > 0.8
 
 
-@pytest.mark.slow
 def test_the_empty_scene_holds_nobody(street):
     _, detector = street
     rng = np.random.default_rng(0)
     assert len(detector(draw(paved_square(rng), [], 0.0, rng)[0])) == 0
 
 
-@pytest.mark.slow
 def test_exposure_may_change(street):
     frames, detector = street
     found = again = 0
@@ -309,7 +302,6 @@ def test_exposure_may_change(street):
     assert again / found > 0.85
 
 
-@pytest.mark.slow
 def test_a_larger_picture_gives_the_same_boxes_in_its_pixels(street):
     frames, detector = street
     doubled = BackgroundDetector().fit(np.kron(f[0], np.ones((2, 2, 1), np.uint8)) for f in frames)
@@ -320,7 +312,6 @@ def test_a_larger_picture_gives_the_same_boxes_in_its_pixels(street):
     np.testing.assert_array_equal(large.score, small.score)
 
 
-@pytest.mark.slow
 def test_live_pictures_are_learned_from_as_they_come(street):
     frames, fitted = street
     detector = BackgroundDetector()
@@ -330,7 +321,6 @@ def test_live_pictures_are_learned_from_as_they_come(street):
     assert 0.8 < later / sum(len(fitted(image)) for image, _, _ in frames[64:80]) < 1.2
 
 
-@pytest.mark.slow
 def test_protocols_and_fingerprints(street):
     frames, detector = street
     assert isinstance(BackgroundDetector(), Detector)
@@ -343,7 +333,6 @@ def test_protocols_and_fingerprints(street):
     assert other.fingerprint != detector.fingerprint
 
 
-@pytest.mark.slow
 def test_too_few_pictures_and_another_camera(street):
     frames, detector = street
     with pytest.raises(InsufficientDataError, match="at least 8 pictures"):
@@ -357,7 +346,6 @@ def test_too_few_pictures_and_another_camera(street):
 # The parts.
 
 
-@pytest.mark.slow
 @given(st.integers(0, 1000))
 def test_samples_spread_evenly_over_a_stream(count):
     samples = PictureSamples()
@@ -370,7 +358,6 @@ def test_samples_spread_evenly_over_a_stream(count):
     assert len(steps) <= 1
 
 
-@pytest.mark.slow
 @given(
     st.floats(0.05, 0.5),
     st.floats(-0.03, 0.03),
@@ -395,7 +382,6 @@ def test_the_height_profile_survives_groups(slope, lean, base, seed):
     assert np.median(error) < 0.05
 
 
-@pytest.mark.slow
 def test_no_profile_without_people():
     assert fit_height_profile([]) is None
 
@@ -408,7 +394,6 @@ def body(canvas, u, v, height):
         canvas[rows, round(u + left * height) : round(u + right * height)] = 1
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "people",
     [
@@ -431,7 +416,6 @@ def test_merged_bodies_are_told_apart(people):
     np.testing.assert_allclose(feet, sorted(people), atol=6)
 
 
-@pytest.mark.slow
 def test_a_person_behind_a_wall_is_split_off_without_legs():
     """The template's feet lie where the height says, below what is seen."""
     profile = HeightProfile(np.array([0.3, 0.0, 25.0]))
@@ -444,7 +428,6 @@ def test_a_person_behind_a_wall_is_split_off_without_legs():
     assert abs(person.v - 150) <= 8
 
 
-@pytest.mark.slow
 def test_two_people_as_wide_as_one_are_two():
     """One behind the other: the silhouette has one person's height and width, not the shape."""
     profile = HeightProfile(np.array([0.3, 0.0, 25.0]))
@@ -457,7 +440,6 @@ def test_two_people_as_wide_as_one_are_two():
     assert len(split_blob(canvas, blobs.box[0], profile)) == 2
 
 
-@pytest.mark.slow
 def test_somebody_almost_hidden_is_found_where_expected():
     """Behind two others one explains too little anywhere but where one is expected."""
     profile = HeightProfile(np.array([0.3, 0.0, 25.0]))
@@ -473,7 +455,6 @@ def test_somebody_almost_hidden_is_found_where_expected():
     np.testing.assert_allclose(feet, sorted(people), atol=5)
 
 
-@pytest.mark.slow
 def test_a_person_cut_in_two_by_a_pole_is_one_group():
     canvas = np.zeros((240, 320), np.uint8)
     body(canvas, 100, 150, 70)
@@ -493,7 +474,6 @@ def test_a_person_cut_in_two_by_a_pole_is_one_group():
     ]
 
 
-@pytest.mark.slow
 @given(shift=st.integers(-40, 60), down=st.integers(-20, 40))
 def test_splitting_moves_with_the_blob(shift, down):
     profile = HeightProfile(np.array([0.0, 0.0, 70.0]))

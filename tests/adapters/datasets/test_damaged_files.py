@@ -19,6 +19,8 @@ from catfree.adapters import (
 from catfree.errors import CatFreeError
 from catfree.synthetic import make_layout
 
+pytestmark = pytest.mark.slow
+
 NAMES = ("a", "b", "c", "d")
 BOX = {"image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4], "score": 0.5}
 IMAGE = {"id": 1, "file_name": "C1/0005.png", "width": 9, "height": 9}
@@ -55,7 +57,6 @@ def texts(tmp_path_factory):
     return TEXTS | {name: path.read_text() for name, path in calibrations.items()}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(READERS))
 @given(changes=st.lists(st.tuples(st.floats(0, 1), st.sampled_from(PIECES)), max_size=4))
 def test_damage_raises_no_other_error(name, changes, texts, tmp_path_factory):

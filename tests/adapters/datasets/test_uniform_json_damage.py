@@ -19,6 +19,8 @@ from catfree.adapters import (
 from catfree.errors import CatFreeError
 from catfree.types import Plane, Rig, Scene
 
+pytestmark = pytest.mark.slow
+
 LOOKING_EAST = [[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]
 LOOKING_WEST = [[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]
 K = [[1000.0, 0.0, 960.0], [0.0, 1000.0, 540.0], [0.0, 0.0, 1.0]]
@@ -77,7 +79,6 @@ def answers_in_a_sentence(read, path) -> bool:
     return True
 
 
-@pytest.mark.slow
 @settings(max_examples=150)
 @given(data=st.data(), junk=JUNK)
 def test_uniform_json(data, junk, tmp_path_factory):
@@ -96,7 +97,6 @@ def scene_document(tmp_path_factory) -> dict:
     )
 
 
-@pytest.mark.slow
 @settings(max_examples=100)
 @given(data=st.data(), junk=JUNK)
 @pytest.mark.parametrize("read", [read_rig_json, read_scene_json])
@@ -107,7 +107,6 @@ def test_rig_and_scene_json(read, data, junk, scene_document, tmp_path_factory):
     assert answers_in_a_sentence(read, path)
 
 
-@pytest.mark.slow
 @settings(max_examples=100)
 @given(data=st.data(), junk=JUNK)
 def test_scenario(data, junk, tmp_path_factory):

@@ -9,6 +9,8 @@ from catfree.adapters import VggtOnnx
 from catfree.adapters.protocols import RaySource
 from catfree.synthetic import make_world
 
+pytestmark = pytest.mark.slow
+
 WIDTH, HEIGHT = 168, 112
 
 
@@ -54,7 +56,6 @@ def network_of(K, size, constant_graph, name):
     return VggtOnnx(constant_graph(shape, answers, lead=2, name=name))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", [cf.Settings(), cf.Settings.paper()], ids=["evidence", "paper"])
 def test_people_are_where_they_are_through_the_rays_of_a_network(constant_graph, method):
     world = make_world("ring4", 2, frames=20, people=5, background=0)

@@ -19,6 +19,8 @@ from catfree.settings import CalibrationSettings
 from catfree.types import Detections
 from tests.calibration.ring_world import calibrated_ring, moved, ring_of_six
 
+pytestmark = pytest.mark.slow
+
 RULES = CalibrationSettings()
 CAMERA = 2
 
@@ -33,7 +35,6 @@ def calibration():
     return calibrated_ring()
 
 
-@pytest.mark.slow
 def test_a_missing_camera_is_found(world, calibration) -> None:
     rig = calibration.scene.rig
     missing = without_camera(calibration, CAMERA, RULES)
@@ -45,7 +46,6 @@ def test_a_missing_camera_is_found(world, calibration) -> None:
     assert found.log_likelihood_ratio[CAMERA] > RULES.minimum_margin
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("late", [0, -9])
 def test_a_camera_that_is_missing_for_lateness_gets_its_offset(world, calibration, late) -> None:
     missing = without_camera(calibration, CAMERA, RULES)
@@ -55,7 +55,6 @@ def test_a_camera_that_is_missing_for_lateness_gets_its_offset(world, calibratio
     assert offset_for(missing, boxes, CAMERA, 12, RULES) == late
 
 
-@pytest.mark.slow
 def test_a_misplaced_camera_is_moved_back(world, calibration) -> None:
     rig = calibration.scene.rig
     beside = moved(calibration, CAMERA, 0.9, -0.9)
@@ -65,7 +64,6 @@ def test_a_misplaced_camera_is_moved_back(world, calibration) -> None:
     assert np.linalg.norm(distance[CAMERA]) < 0.6
 
 
-@pytest.mark.slow
 def test_a_camera_of_another_time_is_neither_found_nor_confirmed(world, calibration) -> None:
     boxes = world.detections
     mine = boxes.camera == CAMERA
@@ -81,7 +79,6 @@ def test_a_camera_of_another_time_is_neither_found_nor_confirmed(world, calibrat
     assert again is None or not again.scene.rig.registered[CAMERA]
 
 
-@pytest.mark.slow
 def test_a_right_rig_is_confirmed_with_evidence(world, calibration) -> None:
     checked = confirm(calibration, world.detections, RULES)
     assert checked.scene.rig.registered.all()
@@ -89,7 +86,6 @@ def test_a_right_rig_is_confirmed_with_evidence(world, calibration) -> None:
     np.testing.assert_allclose(checked.scene.rig.centers, calibration.scene.rig.centers, atol=1e-6)
 
 
-@pytest.mark.slow
 def test_without_a_camera_the_others_stay(calibration) -> None:
     rest = without_camera(calibration, CAMERA, RULES)
     kept = np.arange(6) != CAMERA
@@ -104,7 +100,6 @@ def test_without_a_camera_the_others_stay(calibration) -> None:
     )
 
 
-@pytest.mark.slow
 def test_places_for_a_missing_camera_hold_its_own(world, calibration) -> None:
     rest = without_camera(calibration, CAMERA, RULES)
     places = places_for(rest, world.detections, CAMERA, RULES)
@@ -119,7 +114,6 @@ def test_places_for_a_missing_camera_hold_its_own(world, calibration) -> None:
         )
 
 
-@pytest.mark.slow
 def test_a_camera_whose_focal_length_nobody_knows_is_flagged(calibration) -> None:
     focal = np.asarray(calibration.scene.rig.K)[:, 0, 0]
     deviation = np.full(6, 0.9 * RULES.largest_focal_sd)
@@ -130,7 +124,6 @@ def test_a_camera_whose_focal_length_nobody_knows_is_flagged(calibration) -> Non
     assert found.scene.rig.registered.tolist() == [c != CAMERA for c in range(6)]
 
 
-@pytest.mark.slow
 def test_a_rig_whose_focal_lengths_nobody_knows_is_refused(calibration) -> None:
     focal = np.asarray(calibration.scene.rig.K)[:, 0, 0]
     vague = replace(calibration, focal_sd=focal * [0.01, 0.1, 0.2, 0.1, 0.3, 0.1])

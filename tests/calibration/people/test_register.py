@@ -17,6 +17,8 @@ from catfree.settings import CalibrationSettings
 from catfree.synthetic import DetectorModel, make_world
 from catfree.types import Detections, Rig, Scene
 
+pytestmark = pytest.mark.slow
+
 DETECTOR = DetectorModel(pixel_noise=3.0, embedding_size=0, false_positives=0.5)
 SIZE = (1920, 1080)
 
@@ -66,7 +68,6 @@ def assert_without(detections, camera, centers):
     assert center_errors(found, centers)[0].mean() < 0.3
 
 
-@pytest.mark.slow
 def test_a_small_world_is_recovered_in_metres(world, recovered):
     found, stages = recovered
     errors, scale = center_errors(found, world.true_centres)
@@ -87,7 +88,6 @@ def test_a_small_world_is_recovered_in_metres(world, recovered):
     assert {"pairs", "seeds", "growth"} <= set(stages)
 
 
-@pytest.mark.slow
 def test_the_order_of_boxes_does_not_matter(world, recovered):
     order = np.random.default_rng(0).permutation(len(world.detections))
     one, _ = recovered
@@ -109,7 +109,6 @@ def true_members(world):
     return members
 
 
-@pytest.mark.slow
 def test_true_correspondences_do_not_harm_a_rig(world, recovered):
     found, _ = recovered
     members = true_members(world)
@@ -136,7 +135,6 @@ def enlarged(world, found, zoomed):
     return larger, replace(found, scene=scene), focal * zoom
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("zoomed", "shared"), [(1.0, True), (1.25, False)])
 def test_people_tell_whether_one_focal_length_serves_all(world, recovered, zoomed, shared):
     boxes, start, focal = enlarged(world, recovered[0], zoomed)
@@ -146,7 +144,6 @@ def test_people_tell_whether_one_focal_length_serves_all(world, recovered, zoome
     np.testing.assert_allclose(ratio / np.median(ratio), 1, atol=0.05)
 
 
-@pytest.mark.slow
 def test_a_few_people_part_no_focal_lengths(world, recovered):
     boxes, start, focal = enlarged(world, recovered[0], 1.0)
     refined = refine_with_correspondences(start, boxes, true_members(world)[:25], repeats=4.0)
@@ -155,7 +152,6 @@ def test_a_few_people_part_no_focal_lengths(world, recovered):
     np.testing.assert_allclose(ratio / np.median(ratio), 1, atol=0.01)
 
 
-@pytest.mark.slow
 def test_focal_lengths_that_differ_a_little_are_drawn_to_their_mean(world, recovered):
     boxes, start, focal = enlarged(world, recovered[0], 1.12)
     refined = refine_with_correspondences(start, boxes, true_members(world), repeats=60.0)
@@ -163,7 +159,6 @@ def test_focal_lengths_that_differ_a_little_are_drawn_to_their_mean(world, recov
     assert np.abs(np.log(ratio) - np.log(ratio).mean()).max() < 0.05
 
 
-@pytest.mark.slow
 def test_a_shuffled_camera_is_flagged(world):
     rng = np.random.default_rng(0)
     frames = np.unique(world.detections.frame)
@@ -172,7 +167,6 @@ def test_a_shuffled_camera_is_flagged(world):
     assert_without(shuffled, 1, world.true_centres)
 
 
-@pytest.mark.slow
 def test_a_mirrored_camera_is_flagged(world):
     mirrored = replaced(
         world.detections,
@@ -182,7 +176,6 @@ def test_a_mirrored_camera_is_flagged(world):
     assert_without(mirrored, 2, world.true_centres)
 
 
-@pytest.mark.slow
 def test_a_camera_that_looks_elsewhere_is_flagged(world):
     elsewhere = make_world("ring4", 9, frames=60, people=7, detector=DETECTOR).detections
     ours, theirs = world.detections, elsewhere[elsewhere.camera == 0]
@@ -195,13 +188,11 @@ def test_a_camera_that_looks_elsewhere_is_flagged(world):
     assert_without(mixed, 0, world.true_centres)
 
 
-@pytest.mark.slow
 def test_a_camera_without_boxes_is_flagged(world):
     found = register(world.detections[world.detections.camera != 3], np.tile(SIZE, (4, 1)))
     assert found.scene.rig.registered.tolist() == [True, True, True, False]
 
 
-@pytest.mark.slow
 def test_people_who_stand_still_prove_nothing(world):
     first = world.detections[world.detections.frame == 0]
     rng = np.random.default_rng(0)
@@ -215,20 +206,17 @@ def test_people_who_stand_still_prove_nothing(world):
         register(still, SIZE)
 
 
-@pytest.mark.slow
 def test_ten_frames_are_too_few(world):
     with pytest.raises(CalibrationError, match="at least 20 frames with boxes, and has 10"):
         register(world.detections[world.detections.frame < 10], SIZE)
 
 
-@pytest.mark.slow
 def test_identical_boxes_prove_nothing(world):
     box = np.tile([900.0, 400.0, 1000.0, 650.0], (len(world.detections), 1))
     with pytest.raises(CalibrationError, match="No two cameras see the same people: of 6 pairs"):
         register(Detections(world.detections.frame, world.detections.camera, box), SIZE)
 
 
-@pytest.mark.slow
 def test_one_person_makes_no_rig_to_be_trusted():
     world = make_world(
         "ring4",
@@ -249,13 +237,11 @@ def test_one_person_makes_no_rig_to_be_trusted():
         without_vague_cameras(found, CalibrationSettings())
 
 
-@pytest.mark.slow
 def test_no_boxes_at_all():
     with pytest.raises(CalibrationError, match="needs 2 cameras"):
         register(Detections([], [], np.zeros((0, 4))), np.tile(SIZE, (3, 1)))
 
 
-@pytest.mark.slow
 def test_wrong_sizes_and_names_are_named(world):
     with pytest.raises(InvalidInputError, match="image_size has 2 rows"):
         register(world.detections, np.tile(SIZE, (2, 1)))
@@ -265,7 +251,6 @@ def test_wrong_sizes_and_names_are_named(world):
         register(world.detections, SIZE, camera_names=["left"])
 
 
-@pytest.mark.slow
 def test_a_late_clock_is_found_and_corrected(world):
     late = replaced(world.detections, 1, frame=lambda f: f + 6)
     found = register(late, SIZE, maximum_offset=10)

@@ -12,6 +12,8 @@ from catfree.geometry import Similarity, transform_plane, transform_rig
 from catfree.synthetic import RigError, World, make_world
 from catfree.types import Plane, Rig
 
+pytestmark = pytest.mark.slow
+
 NO_ERROR = RigError(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -49,7 +51,6 @@ def assert_is_floor(found: Ground, *, normal=(0.0, 0.0, 1.0), rig: Rig, height: 
     assert abs(found.plane.signed_distance(under)) < 0.05
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("with_people", [True, False])
 @pytest.mark.parametrize(
     "contents",
@@ -68,7 +69,6 @@ def test_finds_the_floor(world, contents, with_people):
     assert found.inliers.sum() > 0.9 * contents["floor"]
 
 
-@pytest.mark.slow
 def test_evidence_says_what_was_seen(world):
     points = room(np.random.default_rng(1), floor=500, walls=2500, ceiling=2000)
     candidates = find_ground(points, world.true_rig, world.detections).candidates
@@ -83,7 +83,6 @@ def test_evidence_says_what_was_seen(world):
     assert floor.feet_apart < 0.3
 
 
-@pytest.mark.slow
 def test_people_on_a_slope_stand_upright(world):
     # The world is turned by 12 degrees, gravity is not: cameras and people lean on their ground.
     turn = Rotation.from_euler("x", 12, degrees=True).as_matrix()
@@ -94,7 +93,6 @@ def test_people_on_a_slope_stand_upright(world):
     assert np.linalg.norm(found.plane.normal - turn[:, 2]) < np.radians(1)
 
 
-@pytest.mark.slow
 def test_a_table_is_not_the_ground(world):
     # Larger than the floor's share of points, level, below the cameras: only feet tell.
     rng = np.random.default_rng(3)
@@ -103,7 +101,6 @@ def test_a_table_is_not_the_ground(world):
     assert_is_floor(find_ground(points, world.true_rig, world.detections), rig=world.true_rig)
 
 
-@pytest.mark.slow
 def test_walls_alone_are_refused_with_reasons(world):
     points = room(np.random.default_rng(4), floor=0, walls=1500, ceiling=800)
     with pytest.raises(GroundRejectedError, match=r"plane 1 .* a wall.*degrees.*known\s+ground"):
@@ -112,7 +109,6 @@ def test_walls_alone_are_refused_with_reasons(world):
         find_ground(points, world.true_rig)
 
 
-@pytest.mark.slow
 def test_a_floor_that_lies_behind_the_feet_is_refused(world):
     # A level plane above half of the cameras.
     height = float(np.median(np.asarray(world.true_rig.centers)[:, 2]))
@@ -121,7 +117,6 @@ def test_a_floor_that_lies_behind_the_feet_is_refused(world):
         find_ground(points, world.true_rig, world.detections)
 
 
-@pytest.mark.slow
 @given(seed=st.integers(0, 2**31 - 1))
 @settings(max_examples=8)
 def test_similarity_of_the_scene_moves_the_ground(seed):
@@ -145,7 +140,6 @@ def test_similarity_of_the_scene_moves_the_ground(seed):
     np.testing.assert_array_equal(here.inliers, there.inliers)
 
 
-@pytest.mark.slow
 def test_doubtful_and_missing_points_do_not_count(world):
     rng = np.random.default_rng(7)
     good = room(rng, floor=1000, walls=0)
@@ -157,7 +151,6 @@ def test_doubtful_and_missing_points_do_not_count(world):
     assert not found.inliers[len(good) :].any()
 
 
-@pytest.mark.slow
 def test_same_seed_same_ground(world):
     points = room(np.random.default_rng(8), floor=400, walls=800)
     one, two = (find_ground(points, world.true_rig, seed=3).plane for _ in range(2))
@@ -165,13 +158,11 @@ def test_same_seed_same_ground(world):
     assert float(one.offset) == float(two.offset)
 
 
-@pytest.mark.slow
 def test_too_little_is_refused(world):
     with pytest.raises(InsufficientDataError, match="got 2 points"):
         find_ground(np.zeros((2, 3)), world.true_rig)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["public_ring5", "public_uneven7", "public_mvx6", "public_gmvd8"])
 def test_simulated_clouds_give_their_ground(shared, name):
     from catfree.adapters.datasets._scenario import read_scenario

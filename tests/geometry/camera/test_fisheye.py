@@ -8,6 +8,8 @@ from hypothesis import given, strategies as st
 
 from catfree.geometry import camera
 
+pytestmark = pytest.mark.slow
+
 K = np.array([[420.0, 0, 960], [0, 400, 540], [0, 0, 1]])
 LENS = np.array([-0.02, 0.003, -0.001, 0.0002])
 
@@ -27,7 +29,6 @@ def direction(angle: float, around: float) -> np.ndarray:
     return np.array([aside * np.cos(around), aside * np.sin(around), np.cos(angle)])
 
 
-@pytest.mark.slow
 @given(lenses, st.floats(0.01, 1.5), around, st.floats(0.1, 30))
 def test_pixels_agree_with_opencv(x64, lens, angle, turn, distance):
     point = distance * direction(angle, turn)
@@ -38,7 +39,6 @@ def test_pixels_agree_with_opencv(x64, lens, angle, turn, distance):
     np.testing.assert_allclose(pixel, expected, atol=1e-7)
 
 
-@pytest.mark.slow
 @given(lenses, st.floats(0, 1.3), around)
 def test_rays_agree_with_opencv(x64, lens, angle, turn):
     pixel = np.asarray(fisheye_pixel(K, direction(angle, turn), lens)[0])
@@ -48,7 +48,6 @@ def test_rays_agree_with_opencv(x64, lens, angle, turn):
     np.testing.assert_allclose(np.cross(ray, np.append(ideal, 1)), 0, atol=1e-6)
 
 
-@pytest.mark.slow
 @given(lenses, st.floats(0, 1.9), around)
 def test_rays_beyond_180_degrees_meet_their_pixels(x64, lens, angle, turn):
     point = direction(angle, turn)
@@ -59,7 +58,6 @@ def test_rays_beyond_180_degrees_meet_their_pixels(x64, lens, angle, turn):
     np.testing.assert_allclose(jacobian, np.eye(2), atol=1e-6)
 
 
-@pytest.mark.slow
 @given(around, st.floats(0.02, 0.98), st.floats(-0.3, -0.05))
 def test_points_beyond_the_fold_are_not_imaged(x64, turn, share, k1):
     # The image radius a (1 + k1 a²) is largest at a² = -1 / (3 k1).
@@ -70,7 +68,6 @@ def test_points_beyond_the_fold_are_not_imaged(x64, turn, share, k1):
         assert not fisheye_pixel(K, direction(fold / share, turn), lens)[1]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("point", [[0, 0, 0], [0, 0, -2.0], [0, 0, 3], [1e-20, 0, 1], [5, 1, 0]])
 def test_degenerate_points_have_finite_pixels_and_gradients(point):
     k, lens, point = (np.asarray(a, np.float32) for a in (K, LENS, point))

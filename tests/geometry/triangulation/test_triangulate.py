@@ -13,6 +13,8 @@ from scipy.spatial.transform import Rotation
 from catfree import geometry
 from catfree.geometry import Similarity
 
+pytestmark = pytest.mark.slow
+
 DELTA = 0.2
 
 # Compiled once a shape and dtype.
@@ -65,7 +67,6 @@ def huber_loss(position, origins, directions, weights, delta=DELTA):
     return np.sum(weights * near * (distances - near / 2))
 
 
-@pytest.mark.slow
 @given(sightings(noise=0.0))
 def test_exact_rays_meet_in_their_point(x64, case):
     origins, directions, _ = case
@@ -75,7 +76,6 @@ def test_exact_rays_meet_in_their_point(x64, case):
     np.testing.assert_allclose(least_squares(*case), found.position, atol=1e-9)
 
 
-@pytest.mark.slow
 @given(sightings(noise=0.3))
 def test_no_other_point_has_a_smaller_loss(x64, case):
     found = np.asarray(triangulate_once(*case, DELTA).position)
@@ -127,7 +127,6 @@ def by_kernel(*case):
     return minimizer(*case), jax.jacrev(minimizer, (0, 1, 2))(*case)
 
 
-@pytest.mark.slow
 @given(sightings(noise=0.3))
 def test_minimizer_and_derivatives_are_those_of_optimistix(x64, case):
     position, slopes = by_kernel(*case)
@@ -143,7 +142,6 @@ def test_minimizer_and_derivatives_are_those_of_optimistix(x64, case):
         np.testing.assert_allclose(found, expected, atol=1e-4 * (1 + np.abs(expected).max()))
 
 
-@pytest.mark.slow
 @given(sightings(noise=0.3))
 def test_least_squares_solves_the_normal_equations(x64, case):
     origins, directions, weights = case
@@ -153,7 +151,6 @@ def test_least_squares_solves_the_normal_equations(x64, case):
     np.testing.assert_allclose(least_squares(*case), np.linalg.solve(matrix, right), atol=1e-8)
 
 
-@pytest.mark.slow
 @given(sightings(noise=0.3))
 def test_refit_is_the_robust_fit_of_the_inliers_alone(x64, case):
     origins, directions, weights = case
@@ -181,7 +178,6 @@ def test_refit_is_the_robust_fit_of_the_inliers_alone(x64, case):
         # Else the kept rays are one line, and any point of it fits as well as another.
 
 
-@pytest.mark.slow
 @given(sightings(noise=0.1), st.floats(-3, 3), hnp.arrays(float, 6, elements=st.floats(-3, 3)))
 def test_a_similarity_moves_the_result(x64, case, exponent, motion):
     origins, directions, weights = case
@@ -194,7 +190,6 @@ def test_a_similarity_moves_the_result(x64, case, exponent, motion):
     np.testing.assert_allclose(found.distances, scale * expected.distances, atol=1e-6 * scale)
 
 
-@pytest.mark.slow
 @given(sightings(noise=0.1), st.permutations(range(4)))
 def test_the_order_of_rays_does_not_matter(x64, case, order):
     expected = triangulate(*case, DELTA)
@@ -203,7 +198,6 @@ def test_the_order_of_rays_does_not_matter(x64, case, order):
     np.testing.assert_allclose(found.distances, expected.distances[np.array(order)], atol=1e-7)
 
 
-@pytest.mark.slow
 @given(sightings(noise=0.1), st.floats(0.01, 100))
 def test_only_the_ratio_of_weights_matters(x64, case, factor):
     origins, directions, weights = case
@@ -212,7 +206,6 @@ def test_only_the_ratio_of_weights_matters(x64, case, factor):
     np.testing.assert_allclose(found, expected, atol=1e-7)
 
 
-@pytest.mark.slow
 @given(sightings(count=3, noise=0.1))
 def test_a_ray_of_weight_zero_is_a_ray_left_out(x64, case):
     padded = [np.concatenate([a, np.full((1, *a.shape[1:]), np.nan)]) for a in case]
@@ -228,7 +221,6 @@ def test_a_ray_of_weight_zero_is_a_ray_left_out(x64, case):
             assert (np.asarray(b[:, 3]) == 0).all()
 
 
-@pytest.mark.slow
 @given(sightings(noise=0.1))
 def test_a_batch_under_jit_gives_what_single_calls_give(x64, case):
     batch = [np.stack([a, a[::-1]]) for a in case]
@@ -239,7 +231,6 @@ def test_a_batch_under_jit_gives_what_single_calls_give(x64, case):
         np.testing.assert_array_equal(together.inliers[row], alone.inliers)
 
 
-@pytest.mark.slow
 def test_large_batches_are_cut_and_packed_without_a_trace():
     # More than a block; an eighth has an absent ray, a third a wrong one.
     count, rng = 16384 + 100, np.random.default_rng(0)
@@ -261,7 +252,6 @@ def test_large_batches_are_cut_and_packed_without_a_trace():
         assert np.mean(found.inliers[rows] == apart.inliers) > 0.999
 
 
-@pytest.mark.slow
 @given(sightings(noise=0.04))
 def test_derivatives_agree_with_finite_differences_in_both_modes(x64, case):
     reverse, forward = jacobians(*case)
@@ -285,7 +275,6 @@ def test_derivatives_agree_with_finite_differences_in_both_modes(x64, case):
             )
 
 
-@pytest.mark.slow
 @given(sightings(noise=0.03), st.sampled_from([1e-3, 1.0, 1e3]), st.booleans())
 def test_float32_agrees_with_float64_far_away_and_at_any_scale(x64, case, scale, far):
     origins, directions, weights = case
@@ -318,7 +307,6 @@ DEGENERATE = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("name", DEGENERATE)
 def test_degenerate_rays_give_finite_values_and_gradients(x64, name, dtype):
@@ -333,7 +321,6 @@ def test_degenerate_rays_give_finite_values_and_gradients(x64, name, dtype):
         assert np.isfinite(jacobian).all()
 
 
-@pytest.mark.slow
 def test_degenerate_answers_by_hand(x64):
     def solve(name):
         case = [np.asarray(a, np.float64) for a in DEGENERATE[name]]
@@ -345,7 +332,6 @@ def test_degenerate_answers_by_hand(x64):
     np.testing.assert_allclose(solve("coincident centres"), [1, 2, 3], atol=1e-9)
 
 
-@pytest.mark.slow
 def test_one_wrong_ray_among_four_is_rejected_by_hand(x64):
     origins = np.array([[10.0, 0, 0], [-10, 1e-9, 0], [0, 10, 0], [0, 0, 10]])
     directions = np.array([[-1.0, 0, 0], [1, 0, 0], [0, -1, 0], [1, 0, 0]])
@@ -355,7 +341,6 @@ def test_one_wrong_ray_among_four_is_rejected_by_hand(x64):
     np.testing.assert_allclose(found.distances, [0, 0, 0, 10], atol=1e-8)
 
 
-@pytest.mark.slow
 def test_two_far_rays_settle_at_the_balance_of_their_weights(x64):
     # Along the common perpendicular of length 1 the heavier ray pulls w x, the lighter w' delta.
     origins = np.array([[-10.0, 0, 0], [0, -10, 1]])
@@ -367,7 +352,6 @@ def test_two_far_rays_settle_at_the_balance_of_their_weights(x64):
     np.testing.assert_allclose(middle, [0, 0, 0.5], atol=1e-9)
 
 
-@pytest.mark.slow
 def test_an_infinite_huber_scale_is_least_squares(x64):
     rng = np.random.default_rng(0)
     directions = rng.normal(size=(4, 3))

@@ -7,6 +7,8 @@ import catfree as cf
 from catfree.evaluation import align_centres, crop, detection_metrics
 from catfree.synthetic import make_world
 
+pytestmark = pytest.mark.slow
+
 
 def with_random_boxes(world, count, seed=0):
     """The world's boxes without embeddings, and as many random ones."""
@@ -22,7 +24,6 @@ def with_random_boxes(world, count, seed=0):
     )
 
 
-@pytest.mark.slow
 def test_random_boxes_leave_finite_tracks_of_the_same_people():
     world = make_world("ring6", 3, frames=12, people=12)
     clean = cf.localize(with_random_boxes(world, 0), world.scene).tracks
@@ -39,7 +40,6 @@ def moda(world, boxes, settings):
     return detection_metrics(world.ground_truth, rows, frames=np.arange(12)).moda
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 5, 6])
 def test_four_wrong_cameras_and_random_boxes_lose_nobody(seed):
     # So few boxes and so wrong a rig that the usual start of self-calibration joins no three

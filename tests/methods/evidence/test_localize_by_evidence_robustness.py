@@ -18,6 +18,8 @@ from benchmarks.robustness import (
 from catfree.methods.evidence.observe._boxes import undistort
 from catfree.synthetic import RigError
 
+pytestmark = pytest.mark.slow
+
 FRAMES = 8
 
 
@@ -26,7 +28,6 @@ def world():
     return simulated("ring6", 8, frames=FRAMES)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "least"),
     [
@@ -42,14 +43,12 @@ def test_bad_input_costs_less_than_it_costs_the_papers_method(world, name, least
     assert evidence >= paper
 
 
-@pytest.mark.slow
 def test_a_rolled_camera_is_understood():
     paper, evidence = modas(simulated("ring6", 8, frames=FRAMES, roll=ROLL))
     assert evidence > 85
     assert evidence >= paper
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("layout", "seed", "degrees"), [("gmvd8", 33, 0.5), ("wildtrack", 38, 1.0)]
 )
@@ -62,7 +61,6 @@ def test_cameras_that_disagree_make_no_camps(layout, seed, degrees):
     assert found.recall > 65
 
 
-@pytest.mark.slow
 def test_a_camera_that_drops_frames_costs_nothing(world):
     def moda(sequence):
         return score(cf.localize(sequence.detections, sequence.scene), sequence).moda
@@ -70,7 +68,6 @@ def test_a_camera_that_drops_frames_costs_nothing(world):
     assert moda(with_dropped_frames(world, 0.2)) > moda(world) - 2
 
 
-@pytest.mark.slow
 def test_the_changes_are_what_they_say(world):
     boxes = world.detections
     assert len(thinned(world, 0.5).detections) == pytest.approx(0.5 * len(boxes), rel=0.1)

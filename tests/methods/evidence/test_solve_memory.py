@@ -10,10 +10,11 @@ from catfree.methods.evidence.group import _appearance as appearance
 from catfree.methods.evidence.observe._measurement import measure_all
 from catfree.synthetic import make_world
 
+pytestmark = pytest.mark.slow
+
 WORLD = make_world("ring4", 7, frames=10, people=6)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kept", [0, 1 << 26], ids=["computed each pass", "kept"])
 def test_tables_of_pairs_a_few_frames_at_a_time_give_the_same_people(monkeypatch, kept):
     whole = localize_by_evidence(WORLD.detections, WORLD.scene).tracks
@@ -34,7 +35,6 @@ def test_tables_of_pairs_a_few_frames_at_a_time_give_the_same_people(monkeypatch
     np.testing.assert_allclose(parts.position, whole.position, rtol=1e-12)
 
 
-@pytest.mark.slow
 def test_other_numbers_compile_nothing_new():
     boxes = WORLD.detections[WORLD.detections.frame < 4]
     localize_by_evidence(boxes, WORLD.scene)

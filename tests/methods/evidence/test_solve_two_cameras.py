@@ -12,6 +12,8 @@ from catfree.methods.evidence import solve
 from catfree.methods.evidence.learn import _self_calibration
 from catfree.synthetic import DetectorModel, RigError, make_world
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def world():
@@ -45,7 +47,6 @@ def score(world, found):
     return detection_metrics_in_area(world.ground_truth, rows, world.area).metrics
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("cameras", [(0, 2), (2, 4), (3, 5), (0, 3)])
 def test_most_people_are_found_and_more_than_by_the_paper(world, cameras):
     detections, scene = seen_by(world, cameras)
@@ -58,7 +59,6 @@ def test_most_people_are_found_and_more_than_by_the_paper(world, cameras):
     assert found.moda > paper.moda
 
 
-@pytest.mark.slow
 def test_crowding_is_learned_from_pairs(world):
     detections, scene = seen_by(world, (0, 2))
     rules = cf.Settings().evidence
@@ -68,7 +68,6 @@ def test_crowding_is_learned_from_pairs(world):
     assert 0.02 < solve(detections, scene).noise.density < 0.2
 
 
-@pytest.mark.slow
 def test_what_separates_two_cameras_is_shared_and_stays_so(world, monkeypatch):
     detections, scene = seen_by(world, (0, 2))
     fields = []

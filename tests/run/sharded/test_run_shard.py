@@ -17,6 +17,8 @@ from catfree.synthetic import DetectorModel, make_world
 from catfree.types import Detections
 from catfree.types._archive import load_arrays
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def world():
@@ -43,7 +45,6 @@ def out(world, plan, tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow
 def test_shards_find_the_people_that_one_run_finds(world, out):
     whole = cf.localize(world.detections, world.true_scene, EVERYWHERE).tracks
     joined = cf.join(out)
@@ -56,7 +57,6 @@ def test_shards_find_the_people_that_one_run_finds(world, out):
     assert abs(scores[0] - scores[1]) < 3
 
 
-@pytest.mark.slow
 def test_a_finished_shard_is_not_run_again(world, plan, out, monkeypatch):
     options = {"scene": world.true_scene, "out": out, "settings": EVERYWHERE}
     receipts = [cf.run_shard(shard, **options) for shard in plan]
@@ -74,7 +74,6 @@ def test_a_finished_shard_is_not_run_again(world, plan, out, monkeypatch):
             cf.run_shard(plan[0], scene=world.true_scene, out=out, settings=settings)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("what", ["receipt", "part", "pieces"])
 def test_a_damaged_shard_runs_again(world, plan, tmp_path, what, monkeypatch):
     runs = []
@@ -92,7 +91,6 @@ def test_a_damaged_shard_runs_again(world, plan, tmp_path, what, monkeypatch):
         assert len(runs) == expected
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("which", range(4))
 def test_a_full_disk_is_said_and_loses_no_finished_shard(world, plan, tmp_path, which, monkeypatch):
     monkeypatch.setattr(module, "boxes_of", lambda shard: shard.detections[:0])
@@ -117,7 +115,6 @@ def test_a_full_disk_is_said_and_loses_no_finished_shard(world, plan, tmp_path, 
     assert len(cf.join(tmp_path)) == 0
 
 
-@pytest.mark.slow
 def test_a_shard_keeps_one_appearance_vector_per_track(world, plan, out):
     size = world.detections.embedding.shape[1]
     for shard in plan:
@@ -128,14 +125,12 @@ def test_a_shard_keeps_one_appearance_vector_per_track(world, plan, out):
         assert shapes == [(tracks, size)]
 
 
-@pytest.mark.slow
 def test_a_folder_holds_one_scene(world, plan, out):
     other = dataclasses.replace(world.true_scene, extent=np.asarray(3.0))
     with pytest.raises(InvalidInputError, match=r"holds shards of another scene .*Name another"):
         cf.run_shard(plan[0], scene=other, out=out)
 
 
-@pytest.mark.slow
 def test_settings_scene_and_code_change_the_fingerprint(world):
     scene = world.true_scene
     other = dataclasses.replace(scene, extent=np.asarray(3.0))
@@ -152,7 +147,6 @@ class Named:
         self.fingerprint = fingerprint
 
 
-@pytest.mark.slow
 def test_a_camera_that_failed_takes_nobody_with_it(world, tmp_path):
     """Its missing pictures say nothing, in a shard as in `localize`."""
     boxes = world.detections
@@ -165,14 +159,12 @@ def test_a_camera_that_failed_takes_nobody_with_it(world, tmp_path):
     assert len(alone) > len(cf.localize(failed, world.true_scene, EVERYWHERE).tracks)
 
 
-@pytest.mark.slow
 def test_boxes_need_no_detector(world, plan, tmp_path):
     detector = cf.adapters.BackgroundDetector()
     with pytest.raises(InvalidInputError, match="consists of boxes"):
         cf.run_shard(plan[0], scene=world.true_scene, out=tmp_path, detector=detector)
 
 
-@pytest.mark.slow
 def test_boxes_of_an_unknown_camera_are_refused(world, tmp_path):
     boxes = Detections([0, 1], [0, 9], np.tile([0.0, 0, 10, 30], (2, 1)))
     (shard,) = cf.shards(boxes, frame_rate=5)
@@ -181,7 +173,6 @@ def test_boxes_of_an_unknown_camera_are_refused(world, tmp_path):
     assert not list(tmp_path.glob("_shards/part-*"))
 
 
-@pytest.mark.slow
 def test_an_empty_shard_is_a_shard(world, tmp_path):
     """Nobody is there between the first and the last minute."""
     boxes = world.detections[world.detections.frame < 5]
@@ -197,7 +188,6 @@ def test_an_empty_shard_is_a_shard(world, tmp_path):
     assert not ((joined.frame > 5) & (joined.frame < 600)).any()
 
 
-@pytest.mark.slow
 def test_a_receipt_of_another_version_is_refused_by_name(plan, world, tmp_path):
     cf.run_shard(plan[0], scene=world.true_scene, out=tmp_path)
     path = files_of(tmp_path, 0).receipt

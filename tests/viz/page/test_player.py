@@ -14,6 +14,8 @@ from catfree._run._run import RunOutcome
 from catfree.adapters import SynchronizedVideos
 from catfree.viz import write_overlay_video
 
+pytestmark = pytest.mark.slow
+
 NAMES = ("<script>document.title='broken'</script>", "</script>&amp;", "a'b\"c", "plain")
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 FIREFOX = ("firefox-esr", "firefox")
@@ -93,7 +95,6 @@ def pixel(page, canvas, x, y):
     return cv2.imdecode(np.frombuffer(shot, np.uint8), cv2.IMREAD_COLOR)[0, 0, ::-1].tolist()
 
 
-@pytest.mark.slow
 def test_it_plays_pauses_and_steps(page):
     assert instant(page) == 0
     page.keyboard.press(" ")
@@ -115,7 +116,6 @@ def test_it_plays_pauses_and_steps(page):
     page.wait_for_function("Number(document.getElementById('instant').value) < 5", timeout=5000)
 
 
-@pytest.mark.slow
 def test_the_slider_moves_plan_and_pictures_together(page):
     page.uncheck("#show-boxes")
     plan = page.locator("#plan").screenshot()
@@ -132,7 +132,6 @@ def test_the_slider_moves_plan_and_pictures_together(page):
     assert page.locator("#plan").screenshot() != plan
 
 
-@pytest.mark.slow
 def test_a_click_enlarges_a_camera_and_another_shows_all(page):
     page.uncheck("#show-boxes")
     whole = page.locator("#views").screenshot()
@@ -144,7 +143,6 @@ def test_a_click_enlarges_a_camera_and_another_shows_all(page):
     assert page.locator("#views").screenshot() == whole
 
 
-@pytest.mark.slow
 def test_the_overlay_video_plays(page):
     assert page.evaluate("document.querySelector('video').play().then(() => 'plays')") == "plays"
     page.wait_for_function("document.querySelector('video').currentTime > 0.5", timeout=9000)
@@ -152,7 +150,6 @@ def test_the_overlay_video_plays(page):
     assert page.evaluate(video) == [None, 640]
 
 
-@pytest.mark.slow
 def test_layers_can_be_hidden(page):
     for layer, canvas in (
         ("boxes", "#views"),
@@ -166,7 +163,6 @@ def test_layers_can_be_hidden(page):
         assert page.locator(canvas).screenshot() != shown
 
 
-@pytest.mark.slow
 def test_text_is_escaped(page, report):
     assert page.title() == "catfree report"
     text = page.inner_text("body")
@@ -181,7 +177,6 @@ def test_text_is_escaped(page, report):
     assert names == list(NAMES)
 
 
-@pytest.mark.slow
 def test_warnings_player_and_checks_come_first_and_settings_are_folded(page):
     tops = [
         page.locator(name).bounding_box()["y"]
@@ -194,7 +189,6 @@ def test_warnings_player_and_checks_come_first_and_settings_are_folded(page):
     assert page.locator("text=rays.sigma_theta").is_visible()
 
 
-@pytest.mark.slow
 def test_light_and_dark_follow_the_reader(page):
     for scheme, bright in (("light", True), ("dark", False), ("light", True)):
         page.emulate_media(color_scheme=scheme)
@@ -205,7 +199,6 @@ def test_light_and_dark_follow_the_reader(page):
         assert (color == "rgb(255, 255, 255)") is bright
 
 
-@pytest.mark.slow
 def test_every_control_is_reached_by_the_keyboard(page):
     reached = set()
     for _ in range(24):  # the controls of the video among them
@@ -215,7 +208,6 @@ def test_every_control_is_reached_by_the_keyboard(page):
     assert wanted | {f"show-{n}" for n in ("ellipses", "trails", "boxes", "coverage")} <= reached
 
 
-@pytest.mark.slow
 def test_missing_pictures_are_told(browser, report, tmp_path):
     """The page alone, copied elsewhere, still plays the plan and the boxes."""
     copied = shutil.copy(report, tmp_path / "report.html")
@@ -282,7 +274,6 @@ def eventually(firefox, condition):
 
 
 @leaves_sockets_open
-@pytest.mark.slow
 def test_firefox_plays_the_page(firefox):
     def value():
         return int(firefox.execute_script("return document.getElementById('instant').value"))
@@ -301,7 +292,6 @@ def test_firefox_plays_the_page(firefox):
 
 
 @leaves_sockets_open
-@pytest.mark.slow
 def test_firefox_plays_the_overlay_video(firefox):
     firefox.execute_script("document.querySelector('video').muted = true")
     assert firefox.execute_async_script(

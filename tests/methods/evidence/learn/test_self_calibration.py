@@ -9,10 +9,11 @@ from catfree.methods.evidence.learn._self_calibration import self_calibrate
 from catfree.settings import EvidenceSettings
 from tests.methods.evidence.evidence_worlds import make_scene, walk
 
+pytestmark = pytest.mark.slow
+
 RULES = EvidenceSettings()
 
 
-@pytest.mark.slow
 @settings(max_examples=25)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.integers(1, 3), st.floats(0.0, 0.3))
 def test_the_calibration_error_is_never_beyond_its_bounds(seed, people, frames, off):

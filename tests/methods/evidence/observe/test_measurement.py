@@ -27,7 +27,7 @@ VIEWS = ground_views(make_scene(make_rig(CAMERAS, roll=0.15)), HEIGHT)
 SIDE, TOP, BOTTOM = range(3)
 shown = jax.vmap(box_edges, (0, None, 0))
 
-pytestmark = pytest.mark.usefixtures("x64")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("x64")]
 
 
 @dataclasses.dataclass
@@ -80,7 +80,6 @@ def disturbed(seed):
 seeds = st.integers(0, 10**6)
 
 
-@pytest.mark.slow
 @settings(max_examples=20)
 @given(st.integers(0, 10**6))
 def test_feet_and_height_that_a_box_in_a_rolled_camera_implies(seed):
@@ -92,7 +91,6 @@ def test_feet_and_height_that_a_box_in_a_rolled_camera_implies(seed):
     np.testing.assert_allclose(position, state[:, :2], atol=0.02)
 
 
-@pytest.mark.slow
 @given(seeds)
 def test_an_exact_box_is_a_person_of_usual_height_where_they_stand(seed):
     state, rows = people(seed)
@@ -101,7 +99,6 @@ def test_an_exact_box_is_a_person_of_usual_height_where_they_stand(seed):
     np.testing.assert_allclose(found.state, state, atol=1e-9)
 
 
-@pytest.mark.slow
 @given(seeds)
 def test_the_likelihood_is_that_of_the_edges_about_the_state(seed):
     found = (rows := disturbed(seed)).measured()
@@ -124,7 +121,6 @@ def test_the_likelihood_is_that_of_the_edges_about_the_state(seed):
         np.testing.assert_allclose(b - matrix @ s, J.T @ W @ away, rtol=1e-4, atol=1e-5 * size)
 
 
-@pytest.mark.slow
 @given(seeds)
 def test_the_state_is_the_most_likely_one(seed):
     found = disturbed(seed).measured()
@@ -142,7 +138,6 @@ def test_the_state_is_the_most_likely_one(seed):
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("edge", [TOP, BOTTOM])
 @given(seeds, st.floats(-80, 80))
 def test_an_edge_that_the_border_cuts_says_nothing(edge, seed, error):
@@ -157,7 +152,6 @@ def test_an_edge_that_the_border_cuts_says_nothing(edge, seed, error):
     np.testing.assert_array_equal(plain.valid, wrong.valid)
 
 
-@pytest.mark.slow
 def test_a_box_without_feet_and_head_is_no_measurement():
     _, rows = people(0)
     rows.cut[:6, TOP] = rows.cut[:6, BOTTOM] = True
@@ -170,7 +164,6 @@ def area(found):
     return np.linalg.det(found.position_covariance)
 
 
-@pytest.mark.slow
 @given(seeds, st.floats(0, 1), st.floats(0, 1))
 def test_hidden_feet_and_unseen_ankles_are_vaguer(seed, one, other):
     _, rows = people(seed)
@@ -185,7 +178,6 @@ def test_hidden_feet_and_unseen_ankles_are_vaguer(seed, one, other):
     assert (area(few.measured()) > area(rows.measured())).all()
 
 
-@pytest.mark.slow
 @given(seeds, st.permutations(range(12)))
 def test_every_box_is_measured_on_its_own(seed, order):
     rows = disturbed(seed)
@@ -194,7 +186,6 @@ def test_every_box_is_measured_on_its_own(seed, order):
         np.testing.assert_array_equal(all_[np.array(order)], some)
 
 
-@pytest.mark.slow
 @given(seeds, st.sampled_from([np.nan, np.inf, 0.0, -1e9, 1e9]))
 def test_an_absent_row_may_hold_anything_and_counts_nothing(seed, junk):
     rows = disturbed(seed)
@@ -210,7 +201,6 @@ def test_an_absent_row_may_hold_anything_and_counts_nothing(seed, junk):
             np.testing.assert_array_equal(after[~absent], before[~absent])
 
 
-@pytest.mark.slow
 @settings(max_examples=50)
 @given(seeds)
 def test_boxes_of_nobody_on_the_ground_are_finite_and_bounded(seed):
@@ -227,7 +217,6 @@ def test_boxes_of_nobody_on_the_ground_are_finite_and_bounded(seed):
     assert (sigma < RULES.largest_sigma).all()
 
 
-@pytest.mark.slow
 @given(seeds, st.integers(0, CAMERAS - 1), st.floats(-0.01, 0.01))
 def test_a_learned_offset_is_taken_off_its_own_camera_only(seed, camera, offset):
     state, rows = people(seed)
