@@ -99,6 +99,11 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return SLOW_FILE.search(collection_path.read_text(encoding="utf-8")) is not None or None
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the tests of whole documents first: the last files of a run should be short ones."""
+    items.sort(key=lambda item: item.path.parent != Path(__file__).parent)
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config: pytest.Config) -> None:
     """Tests of a file share a worker, and what it compiled, if nothing else is asked for."""
