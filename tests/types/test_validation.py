@@ -113,6 +113,7 @@ tracks = empty_localization(4).tracks
 rig, pixels, points, up = scene.rig, np.ones((7, 2)), np.ones((7, 3)), np.eye(3)[2]
 pose, lens = (rig.K[0], rig.R[0], rig.t[0]), np.zeros(5)
 boxes = lambda frames: cf.Detections(frames, [0, 1], [[0, 0, 9, 9.0]] * 2)
+none = cf.Detections([], [], [])
 calls = {
     "stride[0] is": lambda: open_(stride=[1.5]),
     "stride is 1.5": lambda: open_(stride=1.5),
@@ -166,6 +167,7 @@ calls = {
     "passes is 2.5; it must be a whole number": lambda: EvidenceSettings(passes=2.5),
     "must be a tuple of 3 numbers, each 0 or": lambda: EvidenceSettings(edge_noise=(0.1, 0.1)),
     "must be a tuple of 2 numbers, each 0 or": lambda: EvidenceSettings(cover_ramp=[0.1, 0.2]),
+    "Each part must be a Detections, got int": lambda: cf.Detections.concatenate([none, 3]),
     "frame goes from": lambda: boxes([-(2**62), 2**62]),
     "camera 0 is 1": lambda: write_scene_json(f"{folder}/scene.json", scene, names),
 }

@@ -91,9 +91,7 @@ class Painter:
         fixed = np.round(np.clip(corner, -4000, 4000) * 16).astype(np.int32)
         starts = np.flatnonzero(np.diff(self.mesh.tube, prepend=-1))
         pieces = list(zip(starts, [*starts[1:], len(self.mesh.tube)], strict=True))
-        for body, depths in zip(fixed, depth, strict=True):
-            if depths.min() < NEAREST:
-                continue
+        for body in fixed[depth.min(1) >= NEAREST]:
             for first, last in pieces[:-1]:  # the bag's shadow is within the torso's
                 hull = cv2.convexHull(body[first:last])
                 cv2.fillConvexPoly(mask, hull, 255, cv2.LINE_AA, 4)
@@ -128,14 +126,12 @@ class Painter:
         nearness = depth[:, mesh.faces].mean(-1)
         color = np.round(self._colors(people, vertices) * 255).clip(0, 255)
         rows, columns = picture.shape[:2]
-        for body in range(len(people)):
-            if depth[body].min() < NEAREST:
-                continue
-            low = np.floor(pixel[body].min(0)).astype(int) - 1
-            high = np.ceil(pixel[body].max(0)).astype(int) + 2
-            low, high = np.maximum(low, 0), np.minimum(high, [columns, rows])
-            if (high - low < 2).any():
-                continue
+        lows = np.maximum(np.floor(pixel.min(1)).astype(int) - 1, 0)
+        highs = np.minimum(np.ceil(pixel.max(1)).astype(int) + 2, [columns, rows])
+        away = np.linalg.norm(vertices.mean(1) - self.center, axis=-1)
+        drawable = (depth.min(1) >= NEAREST) & (highs - lows >= 2).all(1)
+        for body in np.flatnonzero(drawable):
+            low, high = lows[body], highs[body]
             window = (slice(low[1], high[1]), slice(low[0], high[0]))
             faces = np.flatnonzero(facing[body])
             faces = faces[np.argsort(-nearness[body, faces])]
@@ -154,9 +150,7 @@ class Painter:
             drawn = cv2.resize(
                 patch, (high[0] - low[0], high[1] - low[1]), interpolation=cv2.INTER_AREA
             )
-            in_front = self.background.distance[window] < np.linalg.norm(
-                vertices[body].mean(0) - self.center
-            )
+            in_front = self.background.distance[window] < away[body]
             if in_front.any():
                 drawn = np.where(in_front[..., None], picture[window], drawn)
             picture[window] = drawn
