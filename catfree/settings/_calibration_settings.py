@@ -80,6 +80,25 @@ class CalibrationSettings(CheckedSettings):
             method refine the rig, until it converges; 0 keeps the registered rig.
     """
 
+    not_zero = frozenset(
+        {
+            "person_height",
+            "person_height_sd",
+            "focal_shares",
+            "focal_log_sd",
+            "roll_sd",
+            "maximum_frames",
+            "voting_frames",
+            "scoring_frames",
+            "voting_angle",
+            "voting_cell",
+            "shared_focal_sd",
+            "distortion_sd",
+            "detection_rates",
+            "seed_pairs",
+        }
+    )
+
     person_height: float = 1.70
     person_height_sd: float = 0.09
     crowd_height_sd: float = 0.04

@@ -4,7 +4,7 @@ from dataclasses import fields
 from functools import lru_cache
 from numbers import Integral, Real
 from types import UnionType
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -12,19 +12,28 @@ from catfree.errors import InvalidInputError, quoted
 
 
 class CheckedSettings:
-    """Base of the settings, which checks all fields when they are set."""
+    """Base of the settings, which checks all fields when they are set.
+
+    Attributes:
+        not_zero: names of the numbers that divide, or without which nothing is computed.
+    """
+
+    not_zero: ClassVar[frozenset[str]] = frozenset()
 
     def __post_init__(self) -> None:
         """Refuse values that a field cannot have.
 
         Raises:
             InvalidInputError: naming the field, if a value is of another kind than the default,
-                NaN, or negative where the default is not; or if a range ends before it begins.
+                NaN, or negative where the default is not; if it is 0 in `not_zero`; or if a range
+                ends before it begins.
         """
         kinds = _kinds(type(self))
         for one in fields(self):  # pyright: ignore[reportArgumentType]
             value, kind = getattr(self, one.name), kinds[one.name]
             expected = _expected(value, kind, one.default)
+            if one.name in self.not_zero and not expected and not np.all(value):
+                expected = "more than 0"
             if expected:
                 raise InvalidInputError(
                     f"{type(self).__name__}.{one.name} is {quoted(value)}; it must be {expected}."

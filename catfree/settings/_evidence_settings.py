@@ -115,6 +115,24 @@ class EvidenceSettings(CheckedSettings):
             anybody. If the typical place is in fewer images than that, none is excluded.
     """
 
+    not_zero = frozenset(
+        {
+            "calibration_frames",
+            "fewest_samples",
+            "gate",
+            "density_start",
+            "fastest",
+            "report_radius",
+            "height_spread_range",
+            "field_prior",
+            "foot_outlier",
+            "clutter_range",
+            "detection_rate_start",
+            "detection_rate_range",
+            "working_sigma",
+        }
+    )
+
     use_misses: bool = True
     self_calibrate: bool = True
     residual_field: bool = True

@@ -78,3 +78,13 @@ def test_confidences_are_scores() -> None:
     assert Settings(confidence=1.0).confidence == 1
     with pytest.raises(InvalidInputError, match=r"confidence is 30\.0; it must be a score between"):
         Settings(confidence=30.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [(kind, name) for kind in CLASSES for name in sorted(kind.not_zero)]
+)
+def test_what_divides_is_not_zero(kind: type, name: str) -> None:
+    default = getattr(kind(), name)
+    nothing = (0.0,) * len(default) if isinstance(default, tuple) else type(default)(0)
+    with pytest.raises(InvalidInputError, match=rf"{name} is .*; it must be more than 0"):
+        kind(**{name: nothing})
