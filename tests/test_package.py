@@ -230,6 +230,22 @@ def test_a_command_compiles_quickly_unless_told_otherwise(command, given, flags)
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("given", "threads"), [(None, "1"), ("2", "2")])
+def test_a_command_multiplies_matrices_in_one_thread_unless_told_otherwise(given, threads):
+    environment = {} if given is None else {"OPENBLAS_NUM_THREADS": given}
+    code = (
+        "import os, sys, contextlib\n"
+        "os.environ.pop('OPENBLAS_NUM_THREADS', None)\n"
+        f"os.environ |= {environment}\n"
+        "from catfree.__main__ import main\n"
+        "sys.argv = ['catfree', 'calibrate', '--help']\n"
+        "with contextlib.suppress(SystemExit): main()\n"
+        "print(os.environ['OPENBLAS_NUM_THREADS'])"
+    )
+    assert fresh(code).splitlines()[-1] == threads
+
+
+@pytest.mark.slow
 def test_every_listed_name_can_be_imported_and_no_other():
     code = (
         "from catfree import *\n"
