@@ -101,6 +101,8 @@ def bootstrap(
         raise InvalidInputError(
             f"samples is {samples} and level {level}; give at least 1 and a share inside (0, 1)."
         )
+    if not isinstance(seed, np.random.Generator):
+        seed = as_count(seed, "seed", least=0)
     generator = np.random.default_rng(seed)
     starts = generator.integers(n, size=(samples, -(-n // block_length)))
     blocks = starts[:, :, None] + np.arange(block_length)

@@ -2,10 +2,11 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from catfree.errors import InvalidInputError
-from catfree.types._validation import as_boolean, is_traced, require_shape
+from catfree.errors import InvalidInputError, quoted
+from catfree.types._validation import as_boolean, as_float, is_traced, require_shape
 
 
 def as_floating(values: jax.typing.ArrayLike) -> Float[Array, "..."]:
@@ -26,10 +27,22 @@ def as_sample(values: jax.typing.ArrayLike) -> Float[Array, " n"]:
     return array
 
 
-def as_mask(where: jax.typing.ArrayLike | None, shape: tuple[int, ...]) -> Bool[Array, "..."]:
+def as_mask(
+    where: jax.typing.ArrayLike | None, shape: tuple[int, ...], name: str = "where"
+) -> Bool[Array, "..."]:
     """Convert to a boolean JAX array; None means all true."""
     if where is None:
         return jnp.ones(shape, bool)
-    mask = jnp.asarray(where if is_traced(where) else as_boolean(where, "where"), bool)
-    require_shape(mask, shape, "where")
+    mask = jnp.asarray(where if is_traced(where) else as_boolean(where, name), bool)
+    require_shape(mask, shape, name)
     return mask
+
+
+def as_radius(radius: jax.typing.ArrayLike, dtype: jnp.dtype) -> Float[Array, ""]:
+    """Convert to one JAX number; infinite ones are allowed, negative ones are not."""
+    if is_traced(radius):
+        return jnp.asarray(radius, dtype)
+    number = np.asarray(as_float(radius), np.float64)
+    if number.shape != () or not number >= 0:
+        raise InvalidInputError(f"radius is {quoted(radius)}; it must be one number, 0 or more.")
+    return jnp.asarray(number, dtype)

@@ -8,8 +8,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Num, ScalarLike
 
 from catfree.errors import InvalidInputError
-from catfree.filters._sample_arrays import as_floating, as_mask
+from catfree.filters._sample_arrays import as_floating, as_mask, as_radius
 from catfree.types._annotations import HostOrDevice
+from catfree.types._validation import require_shape
 
 
 def suppress(
@@ -36,7 +37,8 @@ def suppress(
 
     Raises:
         InvalidInputError: if the numbers of priorities and positions differ, positions do not have
-            2 coordinates, or `where` does not hold true and false.
+            2 coordinates, the radius is not a number, 0 or more, or `where` does not hold true and
+            false.
 
     Source: paper, Sec. "Selecting pedestrian positions", duplicate removal.
     """
@@ -76,9 +78,14 @@ def outside(
     Returns:
         (H,) bool; false where `where` is false, and for accepted positions.
 
+    Raises:
+        InvalidInputError: as `suppress`, or if `accepted` does not hold true and false.
+
     Source: paper, Sec. "Selecting pedestrian positions", recovery.
     """
-    positions, accepted = as_floating(positions), jnp.asarray(accepted)
+    positions = as_floating(positions)
+    require_shape(positions, (None, 2), "positions")
+    accepted = as_mask(accepted, positions.shape[:1], "accepted")
     tested = as_mask(where, accepted.shape) & ~accepted
     return tested & ~jnp.any(_within(positions, positions, radius, tested, accepted), axis=1)
 
@@ -95,7 +102,7 @@ def _within(
     columns = jnp.where(column_present[:, None], columns, 0)
     x = rows[:, 0][:, None] - columns[:, 0][None, :]
     y = rows[:, 1][:, None] - columns[:, 1][None, :]
-    near = jnp.hypot(x, y) <= jnp.asarray(radius, rows.dtype)
+    near = jnp.hypot(x, y) <= as_radius(radius, rows.dtype)
     return near & row_present[:, None] & column_present[None, :]
 
 

@@ -188,3 +188,16 @@ def test_a_mask_that_is_none_is_named(where, message):
         inspect.unwrap(filters.suppress)(positions, np.arange(3), 1.0, where)
     with pytest.raises(InvalidInputError, match=message):
         inspect.unwrap(filters.outside)(positions, np.zeros(3, bool), 1.0, where)
+
+
+@pytest.mark.parametrize("radius", [-1.0, np.nan, -np.inf])
+@pytest.mark.parametrize("function", [filters.suppress, filters.outside])
+def test_a_radius_is_0_or_more(function, radius):
+    with pytest.raises(InvalidInputError, match=r"^radius is .*; it must be one number, 0 or more"):
+        function(
+            np.zeros((3, 2)), np.ones(3, bool if function is filters.outside else float), radius
+        )
+
+
+def test_an_infinite_radius_keeps_one():
+    assert filters.suppress(np.eye(3)[:, :2], np.ones(3), np.inf).sum() == 1

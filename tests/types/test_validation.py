@@ -100,6 +100,7 @@ from catfree.evaluation import align_centres, bootstrap, calibration_curve, dete
 from catfree.evaluation import tracking_metrics
 from catfree.geometry import angular_residual, back_project, distort, intersect_ray, pixel_to_ray
 from catfree.geometry import plane_distance, project, undistort
+from catfree.filters import outside, suppress
 from catfree.methods.paper._assemble import empty_localization
 from catfree.settings import EvidenceSettings, TriangulationSettings
 from catfree.synthetic import make_layout
@@ -157,6 +158,10 @@ calls = {
     "offset is 1.5": lambda: cf.calibrate(boxes([0, 0]), (9, 9), maximum_offset=1.5),
     "offset is -1": lambda: cf.calibrate(boxes([0, 0]), (9, 9), maximum_offset=-1),
     "block_length must": lambda: bootstrap(detection_metrics([], [], [0]), block_length=None),
+    "seed must hold whole numbers": lambda: bootstrap(detection_metrics([], [], [0]), seed="a"),
+    "seed is -1": lambda: bootstrap(detection_metrics([], [], [0]), seed=-1),
+    "radius is None; it must be": lambda: suppress(pixels, np.ones(7), None),
+    "accepted[2] is neither": lambda: outside(pixels, np.arange(7), 1.0),
     "Expected numbers, got <U1 values": lambda: calibration_curve(["a"], [1]),
     "Settings.evidence is {'gap': 2}; it must be": lambda: cf.Settings(evidence={"gap": 2}),
     "Settings.rays is None; it must be RaySettings(...)": lambda: cf.Settings(rays=None),
