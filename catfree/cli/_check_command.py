@@ -2,6 +2,7 @@
 
 import importlib.util
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,6 +13,7 @@ from catfree.cli._inputs import open_boxes, open_scene, open_videos
 from catfree.cli._terminal import print_table, print_text, progress_bars, warn
 
 PAPER = 90  # gray level of a camera without a picture
+NAMED = "It agrees with the others. See the warning that names it."
 
 
 def check_command(tyro: Any) -> Callable[..., None]:
@@ -65,6 +67,7 @@ def check_command(tyro: Any) -> Callable[..., None]:
                 localization=outcome.localization,
                 progress=progress,
             )
+        result = refer_to_warnings(result, outcome)
         warn(outcome.warnings)
         print_table(check_table(result, outcome.camera_names))
         for name, one in zip(outcome.camera_names, result.cameras, strict=True):
@@ -74,6 +77,23 @@ def check_command(tyro: Any) -> Callable[..., None]:
             print_text(f"The page is {page}.")
 
     return check
+
+
+def refer_to_warnings(result: Any, outcome: Any) -> Any:
+    """Refer cameras that fit, but are named in a warning, to it, where there was nothing to do.
+
+    Args:
+        result: a `Check`.
+        outcome: the `RunOutcome` of the same boxes, whose warnings give names in quotes.
+    """
+    said = " ".join(outcome.warnings)
+    cameras = tuple(
+        replace(one, advice=NAMED)
+        if one.verdict is catfree.Verdict.FITS and repr(name) in said
+        else one
+        for name, one in zip(outcome.camera_names, result.cameras, strict=True)
+    )
+    return replace(result, cameras=cameras)
 
 
 def check_table(result: Any, camera_names: tuple[str, ...]) -> Any:

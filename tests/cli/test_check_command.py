@@ -1,12 +1,16 @@
 """`check` on files of boxes: a table, and a page."""
 
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
 
 from catfree.adapters import write_scene_json
+from catfree.calibration import CameraCheck, Check, Verdict
 from catfree.cli import _commands as cli
-from catfree.synthetic import make_world
+from catfree.cli._check_command import NAMED
+from catfree.synthetic import make_layout, make_world
 from catfree.types import Detections
 from tests.calibration.watching.bumped import on_clock, turn_camera
 
@@ -88,6 +92,30 @@ def test_people_on_the_page_can_be_made_unrecognizable(first, tmp_path, capsys):
     moved.save(tmp_path / "boxes.npz")
     assert cli.main([*words, "--blur"]) == 1
     assert "do not number frames as the videos do" in capsys.readouterr().err
+
+
+def test_a_camera_that_fits_refers_to_the_warning_that_names_it(tmp_path, monkeypatch, capsys):
+    def judged(camera, verdict, advice):
+        numbers = dict.fromkeys(("degrees", "degrees_sd", "pixels", "ground", "lag", "lag_sd"), 0.0)
+        turn = {"turn": np.zeros(3), "turn_covariance": np.eye(3), "matched": 1.0}
+        return CameraCheck(camera, verdict, None, None, advice=advice, **numbers, **turn)
+
+    fits, moved = (Verdict.FITS, "Nothing to do."), (Verdict.MOVED, "Calibrate again.")
+    verdicts = (fits, fits, moved)
+    cameras = tuple(judged(camera, *found) for camera, found in enumerate(verdicts))
+    outcome = SimpleNamespace(
+        scene=None, detections=None, localization=None, camera_names=("C1", "C10", "C2"),
+        warnings=("Camera 'C10' is late.", "Camera 'C2' has a wrong lens."),
+    )  # fmt: skip
+    Detections([0], [0], [[0.0, 0, 10, 30]]).save(tmp_path / "boxes.npz")
+    write_scene_json(tmp_path / "scene.json", make_layout("ring4", 0).scene)
+    monkeypatch.setattr("catfree._run._run.run_boxes", lambda *args, **options: outcome)
+    result = Check(cameras, 0, 3, 1.0, True)
+    monkeypatch.setattr("catfree.check", lambda *args, **options: result)
+    words = ["check", str(tmp_path / "boxes.npz"), "--scene", str(tmp_path / "scene.json")]
+    assert cli.main(words) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-3:] == ["C1: Nothing to do.", f"C10: {NAMED}", "C2: Calibrate again."]
 
 
 def test_a_missing_scene_is_one_sentence(tmp_path, capsys):
