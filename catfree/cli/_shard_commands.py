@@ -68,22 +68,24 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
             raise InvalidInputError(
                 f"{boxes} holds boxes, so that --detector and --embedder have nothing to do."
             )
-        warn(_scene_for(scene, () if boxes is not None else recording)[1])  # before shards fail
+        known, names, said = _scene_for(scene, () if boxes is not None else recording)
+        warn(said)  # before shards fail
         parts = shards(
             recording if boxes is None else boxes,
             every,
             overlap,
             frame_rate,
             offsets=offsets,
-            silent=None if silent is None else _missing_pictures(silent, scene),
+            silent=None if silent is None else _missing_pictures(silent, known, names),
+            camera_names=names,
         )
         # Beside the other working files, which readers of Parquet folders leave out.
         folder = make_folder(out / WORK_FOLDER)
-        names = {
+        files = {
             role: "" if path is None else _absolute(network_file(path))
             for role, path in networks.items()
         }
-        document = PlanFile(parts, _absolute(scene), _absolute(out), method, **names)
+        document = PlanFile(parts, _absolute(scene), _absolute(out), method, **files)
         path = write_plan(folder / "plan.json", document)
         print_text(
             f"{path} has {len(parts)} shards. Run each with `catfree shard --plan {path} --index "
@@ -102,7 +104,7 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
 
         document = read_plan(plan)
         chosen = shard_at(document.shards, index)
-        scene, _ = _scene_for(Path(document.scene), [Path(video) for video in chosen.videos])
+        scene, _, _ = _scene_for(Path(document.scene), [Path(video) for video in chosen.videos])
         receipt = run_shard(
             chosen,
             scene=scene,
@@ -178,21 +180,29 @@ def _absolute(path: Path) -> str:
     return os.path.abspath(path)
 
 
-def _scene_for(path: Path, videos: Sequence[Path]) -> tuple[Any, tuple[str, ...]]:
-    """Read a scene, its cameras in the order of the videos, if there are any; and warnings."""
+def _scene_for(
+    path: Path, videos: Sequence[Path]
+) -> tuple[Any, tuple[str, ...] | None, tuple[str, ...]]:
+    """Read a scene, its cameras in the order of the videos, if there are any.
+
+    Returns:
+        The scene, the names of its cameras where boxes do not name them, and warnings.
+    """
     from catfree._run._input_checks import order_like
     from catfree.adapters.files._camera_names import names_of_files
 
     scene, names = open_scene(path)
-    return order_like(scene, names, names_of_files(videos)) if videos else (scene, ())
+    if not videos:
+        return scene, names, ()
+    ordered, said = order_like(scene, names, names_of_files(videos))
+    return ordered, None, said
 
 
-def _missing_pictures(path: Path, scene: Path) -> Any:
+def _missing_pictures(path: Path, scene: Any, names: tuple[str, ...] | None) -> Any:
     """Read which pictures do not exist, by the names that the scene gives its cameras."""
     from catfree.adapters.datasets import read_missing_pictures
 
-    known, names = open_scene(scene)
-    return read_missing_pictures(path, names or [str(c) for c in range(known.rig.camera_count)])
+    return read_missing_pictures(path, names or [str(c) for c in range(scene.rig.camera_count)])
 
 
 def _path(text: str) -> Path | None:

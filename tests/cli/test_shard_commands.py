@@ -29,7 +29,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recording")
     world = make_world("ring4", frames=60, people=4)
     write_detections_parquet(folder / "boxes.parquet", world.detections)
-    write_scene_json(folder / "scene.json", world.scene)
+    write_scene_json(folder / "scene.json", world.scene, list("abcd"))
     site = '[[site]]\nname = "{}"\nframe_rate = 5\nscene = "scene.json"\ndetections = "{}"\n'
     options = "every = 6\noverlap = 3\n"
     lists = {
@@ -96,6 +96,7 @@ def test_a_plan_can_be_run_from_any_folder(files, tmp_path, monkeypatch):
     words = ["boxes.parquet", "--scene", "scene.json", "--method", "paper", *CUT]
     assert cli.main(["plan", *words, "--out", str(tmp_path)]) == 0
     document = json.loads((tmp_path / "_shards" / "plan.json").read_text())
+    assert {tuple(row["camera_names"]) for row in document["shards"]} == {("a", "b", "c", "d")}
     assert document["scene"] == str(files / "scene.json")
     assert document["out"] == str(tmp_path)
     assert document["method"] == "paper"
@@ -259,9 +260,9 @@ def test_cameras_of_a_scene_belong_to_the_videos_of_their_name(tmp_path):
     scene = make_world("ring4", 0, frames=2, people=1).scene
     path = write_scene_json(tmp_path / "scene.json", scene, ["north", "east", "south", "west"])
     videos = [Path(f"{name}.mp4") for name in ("south", "west", "north", "east")]
-    ordered, (said,) = _scene_for(path, videos)
+    ordered, _, (said,) = _scene_for(path, videos)
     assert "matched by name" in said
     np.testing.assert_allclose(ordered.rig.centers, scene.rig.centers[[2, 3, 0, 1]], atol=1e-5)
-    same, nothing = _scene_for(path, ())
-    assert nothing == ()
+    same, names, nothing = _scene_for(path, ())
+    assert (names, nothing) == (("north", "east", "south", "west"), ())
     np.testing.assert_allclose(same.rig.centers, scene.rig.centers, atol=1e-5)

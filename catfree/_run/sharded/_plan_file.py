@@ -108,6 +108,7 @@ def _shard(row: dict[str, Any]) -> Shard:
     values = dict(row)
     values["clock"] = Clock(**values["clock"])
     values["videos"] = tuple(map(str, values["videos"]))
+    values["camera_names"] = tuple(map(str, values.get("camera_names", ())))
     offsets = values["offsets"]
     values["offsets"] = None if offsets is None else tuple(map(int, offsets))
     silent = [tuple(map(int, stretch)) for stretch in values.get("silent", ())]

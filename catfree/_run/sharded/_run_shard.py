@@ -40,7 +40,7 @@ from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene, Tracks
 from catfree.types._archive import save_arrays
 from catfree.types._forks import require_own_process
-from catfree.types._validation import require_instance
+from catfree.types._validation import require_instance, shown_camera
 from catfree.types._writing import make_folder
 
 if TYPE_CHECKING:
@@ -111,6 +111,7 @@ def run_shard(
     if finished is not None:
         return finished
     scene_file = _write_scene(folder, scene, shard.videos)
+    names = names_of_files(list(map(Path, shard.videos))) or shard.camera_names or None
     begin = time.perf_counter()
     # The working area is relative to all places of the recording, so joining decides on it.
     wide = everywhere(settings)
@@ -118,8 +119,10 @@ def run_shard(
         detections, localization = _from_videos(shard, scene, wide, detector, embedder)
     else:
         detections = boxes_of(shard)
-        localization = localize_people(detections, scene, wide, silent_pictures(shard))
-    verdicts, said = _verdicts(detections, localization, scene, settings)
+        localization = localize_people(
+            detections, scene, wide, silent_pictures(shard), camera_names=names
+        )
+    verdicts, said = _verdicts(detections, localization, scene, settings, names)
     localization = dataclasses.replace(localization, warnings=(*localization.warnings, *said))
     seconds = time.perf_counter() - begin
     return write_shard(
@@ -224,7 +227,11 @@ def run_fingerprint(
 
 
 def _verdicts(
-    detections: Detections, localization: Localization, scene: Scene, settings: Settings
+    detections: Detections,
+    localization: Localization,
+    scene: Scene,
+    settings: Settings,
+    camera_names: Sequence[str] | None,
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Verdicts on the cameras, and sentences about those that are moved, late or dead."""
     try:
@@ -233,7 +240,7 @@ def _verdicts(
         return (), ()
     fine = (Verdict.FITS, Verdict.DOUBTFUL)
     said = [
-        f"Camera {one.camera} is {one.verdict.value}. {one.advice}"
+        f"Camera {shown_camera(one.camera, camera_names)} is {one.verdict.value}. {one.advice}"
         for one in found.cameras
         if one.verdict not in fine
     ]

@@ -51,6 +51,8 @@ class Shard:
         date: of the recording, empty if there is only one.
         silent: camera, first frame and the frame after the last of each stretch of frames of which
             boxes say nothing, because there are no pictures.
+        camera_names: names of the cameras of boxes for warnings, empty if they are not known;
+            those of videos are named by their files.
     """
 
     index: int
@@ -67,6 +69,7 @@ class Shard:
     site: str = ""
     date: str = ""
     silent: tuple[tuple[int, int, int], ...] = ()
+    camera_names: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -98,6 +101,7 @@ def shards(
     silent: Any = None,
     site: str = "",
     date: str = "",
+    camera_names: Sequence[str] | None = None,
 ) -> tuple[Shard, ...]:
     """Cut a recording into shards that any number of processes or machines can localize.
 
@@ -120,6 +124,8 @@ def shards(
             boxes; of videos it is known.
         site: name of the site if the plan holds shards of several.
         date: of the recording if the plan holds shards of several.
+        camera_names: (C,) names of the scene's cameras for warnings about boxes, which give numbers
+            without them; cameras of videos are named by their files.
 
     Returns:
         The shards in order of time. The last one is up to one and a half times as long as the
@@ -162,6 +168,7 @@ def shards(
             replace(
                 whole, index=index, count=count, first=first, stop=stop, first_seen=seen[0],
                 stop_seen=seen[1], detections=boxes, site=site, date=date, silent=_stretches(rows),
+                camera_names=tuple(camera_names or ()),
             )
         )  # fmt: skip
     return tuple(plan)

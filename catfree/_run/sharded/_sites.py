@@ -155,7 +155,9 @@ def run_sites(
     failed: dict[str, CatFreeError] = {}
     reasons: list[str] = []
     with executor_for(executor) as pool:
-        scenes = _scenes(sites, out, settings, detector, pool, progress or no_progress, failed)
+        scenes, camera_names = _scenes(
+            sites, out, settings, detector, pool, progress or no_progress, failed
+        )
         reasons += [f"{name}: {error}" for name, error in failed.items()]
         cause: CatFreeError | None = next(iter(failed.values()), None)
         plan: list[Shard] = []
@@ -166,7 +168,7 @@ def run_sites(
                 silent = _silent(site, scenes[site.name].rig.camera_count)
                 plan += shards(
                     site.recording, every, overlap, site.frame_rate, silent=silent,
-                    site=site.name, date=site.date,
+                    site=site.name, date=site.date, camera_names=camera_names.get(site.name),
                 )  # fmt: skip
             except CatFreeError as error:
                 reasons.append(f"{site.name} {site.date}".strip() + f": {error}")
@@ -345,9 +347,14 @@ def _scenes(
     pool: Executor,
     progress: Progress,
     failed: dict[str, CatFreeError],
-) -> dict[str, Scene]:
-    """Read or find the scene of each site, in parallel; put the reasons of failures in `failed`."""
+) -> tuple[dict[str, Scene], dict[str, Sequence[str] | None]]:
+    """Read or find the scene of each site, in parallel; put the reasons of failures in `failed`.
+
+    Returns:
+        The scenes, and the names that their files give to the cameras of boxes.
+    """
     scenes: dict[str, Scene] = {}
+    names: dict[str, Sequence[str] | None] = {}
     tasks: dict[Any, str] = {}
     for site in sites:
         if site.name in scenes or site.name in failed or site.name in tasks.values():
@@ -359,7 +366,7 @@ def _scenes(
             elif isinstance(site.scene, Scene):
                 scenes[site.name] = site.scene
             else:
-                scenes[site.name] = _read_scene(site.scene, site)
+                scenes[site.name], names[site.name] = _read_scene(site.scene, site)
         except CatFreeError as error:
             failed[site.name] = error
     if tasks:
@@ -371,25 +378,25 @@ def _scenes(
         else:
             scenes[tasks[task]] = task.result()
         progress("calibration", done, len(tasks))
-    return scenes
+    return scenes, names
 
 
-def _read_scene(path: str, site: Site) -> Scene:
-    """Read the scene of a site, its cameras in the order of the videos.
+def _read_scene(path: str, site: Site) -> tuple[Scene, Sequence[str] | None]:
+    """Read the scene of a site, its cameras in the order of the videos, and their names.
 
     Raises:
         InvalidInputError: if the names of cameras and videos do not tell which belongs to which.
     """
     scene, names = read_scene(path)
     if names is None or isinstance(site.recording, str):
-        return scene
+        return scene, names
     ordered, said = order_like(scene, names, names_of_files([Path(p) for p in site.recording]))
     if said and ordered is scene:
         raise InvalidInputError(
             f"{path} names its cameras {', '.join(names)}, but the videos of {site.name!r} "
             "have other names. Name the files as the cameras, so that none is taken for another."
         )
-    return ordered
+    return ordered, None
 
 
 def calibrate_site(

@@ -33,12 +33,13 @@ texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
     silent=st.lists(st.tuples(*[st.integers(0, 99)] * 3), max_size=3).map(tuple),
     method=st.sampled_from(METHODS),
     paths=st.tuples(texts, texts, texts, texts),
+    names=st.lists(texts, max_size=3).map(tuple),
 )
 def test_a_plan_is_read_as_it_was_written(
-    tmp_path_factory, detections, videos, offsets, clock, site, silent, method, paths
+    tmp_path_factory, detections, videos, offsets, clock, site, silent, method, paths, names
 ):
     change = {"detections": detections, "videos": videos, "offsets": offsets, "site": site}
-    change["silent"] = silent
+    change |= {"silent": silent, "camera_names": names}
     parts = [dataclasses.replace(shard, clock=Clock(*clock), **change) for shard in SHARDS]
     plan = PlanFile(tuple(parts), *paths[:2], method, *paths[2:])
     path = write_plan(tmp_path_factory.mktemp("plan") / "plan.json", plan)

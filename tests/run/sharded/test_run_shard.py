@@ -3,6 +3,7 @@
 import dataclasses
 import errno
 import os
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -186,6 +187,23 @@ def test_an_empty_shard_is_a_shard(world, tmp_path):
     assert [receipt.boxes > 0 for receipt in receipts] == [True, False, False, True]
     joined = cf.join(tmp_path)
     assert not ((joined.frame > 5) & (joined.frame < 600)).any()
+
+
+@pytest.mark.parametrize(("names", "shown"), [(list("abcd"), "'b'"), (None, "1")])
+def test_sentences_name_cameras_of_boxes(world, tmp_path, monkeypatch, names, shown):
+    moved = SimpleNamespace(camera=1, verdict=cf.Verdict.MOVED, advice="Calibrate again.")
+    monkeypatch.setattr(module, "check", lambda *_, **__: SimpleNamespace(cameras=[moved]))
+    given, real = [], module.localize_people
+    monkeypatch.setattr(
+        module,
+        "localize_people",
+        lambda *some, camera_names, **more: given.append(camera_names) or real(*some, **more),
+    )
+    (shard,) = cf.shards(world.detections, frame_rate=5, camera_names=names)
+    shard = dataclasses.replace(shard, detections=world.detections[:0])  # nobody: fast
+    receipt = cf.run_shard(shard, scene=world.true_scene, out=tmp_path)
+    assert f"Camera {shown} is moved. Calibrate again." in receipt.warnings
+    assert given == [None if names is None else tuple(names)]
 
 
 def test_a_receipt_of_another_version_is_refused_by_name(plan, world, tmp_path):

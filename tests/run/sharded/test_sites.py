@@ -485,12 +485,24 @@ def test_cameras_of_a_scene_belong_to_the_videos_of_their_name(tmp_path):
     scene = make_world("ring4", 0, frames=2, people=1).scene
     path = write_scene_json(tmp_path / "scene.json", scene, ["north", "east", "south", "west"])
     site = Site("a", ("south.mp4", "west.mp4", "north.mp4", "east.mp4"))
-    centers = _sites._read_scene(str(path), site).rig.centers
+    centers = _sites._read_scene(str(path), site)[0].rig.centers
     np.testing.assert_allclose(centers, scene.rig.centers[[2, 3, 0, 1]], atol=1e-5)
     other = dataclasses.replace(site, recording=("1.mp4", "2.mp4", "3.mp4", "4.mp4"))
     with pytest.raises(InvalidInputError, match=r"names its cameras north, .* videos of 'a' have"):
         _sites._read_scene(str(path), other)
     write_scene_json(path, scene)  # numbered cameras tell nothing
     np.testing.assert_allclose(
-        _sites._read_scene(str(path), other).rig.centers, scene.rig.centers, atol=1e-5
+        _sites._read_scene(str(path), other)[0].rig.centers, scene.rig.centers, atol=1e-5
     )
+
+
+def test_boxes_of_a_site_have_the_cameras_of_its_scene(folder, tmp_path, monkeypatch):
+    plans = []
+    monkeypatch.setattr(_sites, "run_shards", lambda plan, **_: plans.append(plan) or ())
+    scene = make_world("ring4", 0, frames=2, people=2).scene
+    make_world("ring4", 0, frames=20, people=2).detections.save(folder / "few.npz")
+    names = ["north", "east", "south", "west"]
+    path = write_scene_json(tmp_path / "scene.json", scene, names)
+    site = cf.Site("a", str(folder / "few.npz"), frame_rate=5, scene=str(path))
+    run_sites([site], out=tmp_path, executor=ThreadPoolExecutor(1))
+    assert {shard.camera_names for shard in plans[0]} == {tuple(names)}
