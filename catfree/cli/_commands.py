@@ -41,6 +41,13 @@ NO_TRUTH = (
     "have no true position: everybody found there counts as wrong. If the truth is of some frames "
     "only, give --frames truth."
 )
+# Of the positions of either side. By chance, a crowd of 20 in a hall of 12 by 36 m meets 0.04.
+HARDLY_ANY = 0.1
+ELSEWHERE = (
+    "meet: the two may be in different frames of reference or units. Cameras from people have a "
+    "frame of their own: run with the --scene of the truth (and its --unit) or with --anchors, or "
+    "align the cameras in Python by cf.evaluation.align_centres."
+)
 STRIDED = (
     "are evenly spaced among those of the truth: whoever is in the others counts as missed. If the "
     "run had a --stride, give --frames tracks."
@@ -504,6 +511,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         elif _are_strided(tracked, known, even):
             warn([f"The {len(tracked)} frames of {tracks} {STRIDED}"])
         found = found[np.isin(found[:, 0], scored)]
+        anywhere = detection_metrics(truth, found, scored, near)
         if within is not None:
             truth, found = crop(truth, within), crop(found, within)
         if not len(truth):
@@ -513,6 +521,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             )
         if 2 * alone > len(tracked):
             warn([f"{alone} of the {len(tracked)} frames of {tracks} {NO_TRUTH}"])
+        if anywhere.tp < HARDLY_ANY * min(anywhere.tp + anywhere.fp, anywhere.tp + anywhere.fn):
+            warn([f"Hardly any positions of {tracks} and {ground_truth} {ELSEWHERE}"])
         people = detection_metrics(truth, found, scored, near)
         rows = [
             (f"MODA ({near:g} m)", f"{people.moda:.2f}"),

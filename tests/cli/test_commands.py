@@ -348,6 +348,32 @@ def test_evaluate_of_a_run_with_a_stride(results, tmp_path, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda xy: xy, False),
+        (lambda xy: xy + 300, True),  # the frame of a map
+        (lambda xy: 100 * xy, True),  # centimeters
+        (lambda xy: xy[:, ::-1] * [-1, 1], True),  # axes of its own: a few meet by chance
+    ],
+)
+def test_evaluate_of_positions_in_another_frame(results, tmp_path, capsys, change, told):
+    rows = read_tracks_csv(results / "tracks.csv").to_rows()
+    rows[:, 2:] = change(rows[:, 2:])
+    truth = tmp_path / "truth.csv"
+    truth.write_text("\n".join(["frame,id,x,y", *(",".join(map(repr, r)) for r in rows.tolist())]))
+    assert cli.main(["evaluate", str(results), str(truth)]) == 0
+    shown = capsys.readouterr()
+    assert (shown.err.count("\n") == 1 and "different frames of reference" in shown.err) == told
+    assert told or shown.err == ""
+    # In an area of its own frame, where nobody was found, too.
+    low, high = rows[:, 2:].min(0), rows[:, 2:].max(0)
+    area = [repr(float(value)) for value in (low[0], high[0], low[1], high[1])]
+    assert cli.main(["evaluate", str(results), str(truth), "--area", *area]) == 0
+    assert ("different frames of reference" in capsys.readouterr().err) == told
+
+
+@pytest.mark.slow
 def test_positions_without_identities_are_scored_and_no_tracks(world, outcome, tmp_path, capsys):
     settings = Settings.paper()
     off = dataclasses.replace(settings.trajectories, enabled=False)
