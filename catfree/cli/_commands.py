@@ -35,7 +35,7 @@ from catfree.cli._terminal import (
 )
 from catfree.cli._watch_command import watch_command
 from catfree.cli._weights_commands import weights_commands
-from catfree.errors import CatFreeError, InsufficientDataError, InvalidInputError
+from catfree.errors import CatFreeError, InsufficientDataError
 
 NO_TRUTH = (
     "have no true position: everybody found there counts as wrong. If the truth is of some frames "
@@ -200,10 +200,6 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             workers: processes that find people by background subtraction; one per processor if not
                 given.
         """
-        if all(path.is_file() for path in videos) and are_boxes(videos):
-            raise InvalidInputError(
-                f"{videos[0]} holds boxes, not a video. Give the boxes to catfree localize."
-            )
         require_files(
             videos,
             detector=detector,

@@ -8,7 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.errors import CatFreeError, FileFormatError, InvalidInputError, shortened
+
+VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".wmv")
+TO_LOCALIZE = "Give the boxes to catfree localize."
 
 
 def settings_of(method: str) -> Any:
@@ -20,16 +23,28 @@ def settings_of(method: str) -> Any:
     return Settings.paper() if method == "paper" else Settings(method="evidence")
 
 
-def require_files(videos: tuple[Path, ...], **others: Path | None) -> None:
-    """Raise if a named file is missing, before anything slow begins.
+def require_files(
+    videos: tuple[Path, ...], boxes_go: str = TO_LOCALIZE, **others: Path | None
+) -> None:
+    """Raise if a named file is missing, or no video, before anything slow begins.
 
     Args:
         videos: the cameras' videos.
+        boxes_go: what to do with boxes.
         others: further files by option; None for an option that was not given.
 
     Raises:
-        InvalidInputError: naming the first missing file.
+        InvalidInputError: naming the first missing file, or saying what is in its place.
     """
+    for path in videos:
+        inside = _footage_in(path)
+        if inside and inside != [path]:
+            raise InvalidInputError(
+                f"{path} is a folder of videos or image folders. Name these instead, one per "
+                f"camera: {shortened(' '.join(map(str, inside)))}."
+            )
+    if all(path.exists() for path in videos) and are_boxes(videos):
+        raise InvalidInputError(f"{videos[0]} holds boxes, not a video. {boxes_go}")
     _require_two(videos)
     for camera, path in enumerate(videos):
         if not path.exists():
@@ -42,6 +57,18 @@ def require_files(videos: tuple[Path, ...], **others: Path | None) -> None:
         )
         if not there:
             raise InvalidInputError(f"There is no file {path} (--{option}). Check the path.")
+
+
+def _footage_in(path: Path) -> list[Path]:
+    """The path, if it is a video or a folder of images, or those that a folder holds, or none."""
+    from catfree.adapters.datasets._detection_files import has_images
+
+    def is_footage(one: Path) -> bool:
+        return one.suffix.lower() in VIDEO_SUFFIXES if not one.is_dir() else has_images(one)
+
+    if is_footage(path):
+        return [path]
+    return sorted(filter(is_footage, path.iterdir())) if path.is_dir() else []
 
 
 def network_file(path: Path) -> Path:
@@ -138,12 +165,28 @@ def open_boxes(
         frame_rate: frames per second, if known.
         image_size: width and height in pixels of all images, if known.
         silent: table of the pictures that do not exist, if some do not.
+
+    Raises:
+        CatFreeError: if these are no boxes, saying which command takes what they are.
     """
     from dataclasses import replace
 
-    from catfree.adapters.datasets._detection_files import read_camera_boxes, read_missing_pictures
+    from catfree.adapters.datasets._detection_files import (
+        holds_boxes,
+        read_camera_boxes,
+        read_missing_pictures,
+    )
 
-    boxes = read_camera_boxes(paths, frame_rate=frame_rate)
+    try:
+        boxes = read_camera_boxes(paths, frame_rate=frame_rate)
+    except CatFreeError as error:
+        footage = [one for path in paths for one in _footage_in(path)]
+        if not footage or any(map(holds_boxes, paths)):
+            raise
+        raise type(error)(
+            f"{error} Videos and image folders are for catfree run and catfree calibrate, one per "
+            f"camera: {shortened(' '.join(map(str, footage)))}."
+        ) from error
     if silent is not None:
         boxes = replace(boxes, silent=read_missing_pictures(silent, boxes.camera_names))
     if image_size is None:

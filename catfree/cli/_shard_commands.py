@@ -18,6 +18,7 @@ from catfree.cli._terminal import fail, print_text, progress_bars, warn
 from catfree.errors import InvalidInputError, MissingDependencyError, ShardError, quoted
 
 BOXES = (".npz", ".parquet")
+IN_ONE_FILE = "Save the boxes to one file first: cf.read_detections(...)[0].save('boxes.npz')."
 
 
 def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
@@ -63,7 +64,7 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
         networks = {"detector": detector, "embedder": embedder}
         boxes = recording[0] if len(recording) == 1 and _holds_boxes(recording[0]) else None
         if boxes is None:
-            require_files(recording, scene=scene, **networks)
+            require_files(recording, IN_ONE_FILE, scene=scene, **networks)
         elif detector is not None or embedder is not None:
             raise InvalidInputError(
                 f"{boxes} holds boxes, so that --detector and --embedder have nothing to do."

@@ -1,18 +1,22 @@
 """What the words of the command line become: settings, videos, scenes, truth."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from catfree.adapters import write_scene_json
 from catfree.cli._inputs import (
+    open_boxes,
     open_detector,
     open_embedder,
     open_reconstructor,
     open_scene,
     open_videos,
+    require_files,
     settings_of,
 )
-from catfree.errors import InvalidInputError
+from catfree.errors import CatFreeError, InvalidInputError
 from catfree.settings import Settings
 from catfree.synthetic import make_layout
 
@@ -26,6 +30,70 @@ def test_methods_are_named():
 def test_one_video_is_too_few(tmp_path):
     with pytest.raises(InvalidInputError, match="at least 2 videos, got 1"):
         open_videos((tmp_path,))
+
+
+@pytest.fixture
+def folders(tmp_path, monkeypatch):
+    """Folders of videos, of image folders and of files of boxes, of two cameras each."""
+    monkeypatch.chdir(tmp_path)
+    for camera in "ab":
+        for name in (f"videos/{camera}.mp4", f"images/{camera}/0.png", f"boxes/{camera}.txt"):
+            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / name).write_text("1,-1,10,10,20,50,0.9,-1,-1,-1\n")
+    (tmp_path / "empty").mkdir()
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("paths", "sentence"),
+    [
+        ("videos", "folder of videos .* one per camera: videos/a.mp4 videos/b.mp4"),
+        ("images", "image folders.* one per camera: images/a images/b"),
+        ("videos images/a", "folder of videos"),
+        ("boxes", "boxes holds boxes, not a video. Give the boxes to catfree localize"),
+        ("boxes/a.txt boxes/b.txt", "a.txt holds boxes, not a video"),
+        ("boxes/a.txt videos/a.mp4", "Name either videos or files of boxes"),
+        ("images/a", "at least 2 videos, got 1"),
+        ("empty", "at least 2 videos, got 1"),
+        ("none.mp4 videos/a.mp4", "Camera 0: There is no video file"),
+    ],
+)
+def test_what_is_no_video_is_said(folders, paths, sentence):
+    with pytest.raises(InvalidInputError, match=sentence):
+        require_files(tuple(map(Path, paths.split())))
+
+
+def test_videos_and_image_folders_are_videos(folders):
+    require_files((Path("videos/a.mp4"), Path("images/b")))
+
+
+@pytest.mark.parametrize(
+    ("paths", "named"),
+    [
+        ("videos", "videos/a.mp4 videos/b.mp4"),
+        ("images", "images/a images/b"),
+        ("videos/a.mp4 videos/b.mp4", "videos/a.mp4 videos/b.mp4"),
+        ("images/a images/b", "images/a images/b"),
+        ("empty", None),
+        ("none.txt", None),
+    ],
+)
+def test_what_takes_videos_is_said_where_boxes_are_wanted(folders, paths, named):
+    pytest.importorskip("pyarrow")
+    with pytest.raises(CatFreeError) as caught:
+        open_boxes(tuple(map(Path, paths.split())))
+    ending = f"are for catfree run and catfree calibrate, one per camera: {named}."
+    assert str(caught.value).endswith(ending) == (named is not None)
+
+
+def test_boxes_beside_videos_are_boxes(folders):
+    for camera in "ab":
+        (folders / "videos" / f"{camera}.txt").write_text("1,-1,10,10,20,50,0.9,-1,-1,-1\n")
+    assert open_boxes((Path("videos"),)).camera_names == ("a", "b")
+    (folders / "videos" / "a.txt").write_text("1,-1,ten\n")
+    with pytest.raises(CatFreeError, match=r"a\.txt") as caught:
+        open_boxes((Path("videos"),))
+    assert "catfree run" not in str(caught.value)
 
 
 def test_what_is_not_given_is_not_opened():

@@ -39,6 +39,8 @@ def files(tmp_path_factory):
         "unknown": "colour = 3\n" + site.format("north", "boxes.parquet"),
         "empty": "every = 6\n",
     }
+    (folder / "mot").mkdir()
+    (folder / "mot" / "a.txt").write_text("1,-1,10,10,20,50,0.9,-1,-1,-1\n")
     for name, text in lists.items():
         (folder / f"{name}.toml").write_text(text)
     return folder
@@ -119,6 +121,7 @@ def test_a_plan_knows_which_pictures_are_missing(files, tmp_path, monkeypatch):
         (["a.mp4", "--scene", "scene.json"], "at least 2 videos, got 1"),
         (["a.mp4", "b.mp4", "--scene", "scene.json"], "Camera 0: There is no video file"),
         (["x.npz", "--scene", "scene.json"], "x.npz"),
+        (["mot", "--scene", "scene.json"], "mot holds boxes, not a video. Save the boxes to one"),
         (["boxes.parquet", "--scene", "scene.json"], "has no clock"),
         (["boxes.parquet", "--scene", "scene.json", *CUT[2:], "--every", "2"], "longer than"),
         (["boxes.parquet", "--scene", "scene.json", *CUT, "--detector", "a"], "--detector and"),

@@ -199,8 +199,16 @@ def holds_boxes(path: StrPath) -> bool:
     """Return whether a path is one of boxes rather than of a video or a folder of images."""
     place = Path(path)
     if place.is_dir():
-        return not any(p.suffix.lower() in IMAGE_SUFFIXES for p in place.iterdir())
+        try:
+            return not has_images(place) and bool(_files_of(place))
+        except InvalidInputError:
+            return False
     return place.suffix.lower() in SUFFIXES
+
+
+def has_images(folder: Path) -> bool:
+    """Return whether a folder holds images, as that of a camera."""
+    return any(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.iterdir())
 
 
 def _files_of(source: Path) -> list[Path]:
