@@ -9,7 +9,12 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree._run._report import describe_footage, describe_warnings
-from catfree._run._result_folder import numbers_of_files, remove_pictures, write_boxes
+from catfree._run._result_folder import (
+    earlier_results,
+    numbers_of_files,
+    remove_pictures,
+    write_boxes,
+)
 from catfree._run._run import Unfinished
 from catfree.adapters.video import SynchronizedVideos
 from catfree.errors import CatFreeError
@@ -35,7 +40,8 @@ def write_failure(
     """Write the partial results of a failed run.
 
     Args:
-        folder: created if it does not exist; pictures of an earlier run are removed.
+        folder: created if it does not exist; pictures of an earlier run are removed, its tracks and
+            cameras stay, and the report lists them.
         error: why it failed.
         unfinished: the partial results; nothing is written before detection has finished.
         embeddings: write the boxes' appearance vectors, too.
@@ -67,12 +73,15 @@ def write_failure(
         files.append(sheet)
         shown.append(Picture("pictures/boxes.jpg", "the instant with the most boxes"))
     remove_pictures(root, files)
+    left = [path.relative_to(root).as_posix() for path in earlier_results(root, files)]
+    earlier = f"Not of this run, but left from an earlier one in this folder: {', '.join(left)}."
     cameras = range(len(videos.camera_names))
     per_camera = [detections[detections.camera == camera] for camera in cameras]
     feet = [share_of_feet(per_camera[camera], videos.image_size[camera]) for camera in cameras]
     blocks: list[Block] = [
         Heading("catfree report", 1),
         Notice("Why this run failed", (str(error), *hidden_feet(videos.camera_names, feet))),
+        *([Notice("Files of an earlier run", (earlier,))] if left else []),
         *describe_warnings(unfinished.warnings),
         Heading("What the detector saw"),
         *shown,

@@ -177,6 +177,13 @@ def remove_unless_written(earlier: Sequence[Path], written: Sequence[Path]) -> N
             path.unlink()
 
 
+def earlier_results(root: Path, written: Sequence[Path]) -> list[Path]:
+    """List tracks, cameras and boxes of an earlier run, which `written` of this one are beside."""
+    names = ("tracks.csv", "tracks_mot.txt", LOCALIZATION_FILE, SCENE_FILE, *SOMETIMES)
+    earlier = [*(root / name for name in names), *_earlier_boxes(root)]
+    return [path for path in earlier if path not in written and path.is_file()]
+
+
 def _earlier_boxes(root: Path) -> list[Path]:
     """The files of boxes of an earlier run, by the names of its cameras."""
     if not (root / LOCALIZATION_FILE).is_file():

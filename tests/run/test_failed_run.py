@@ -78,6 +78,27 @@ def test_no_picture_of_people_is_written_unless_wanted(tmp_path):
     assert "data:image" not in page
 
 
+def test_files_of_an_earlier_run_stay_and_are_named(tmp_path):
+    videos = SynchronizedVideos(write_noise(tmp_path))
+    boxes = Detections([3, 3], [0, 1], np.array([[10.0, 10, 20, 30], [40, 10, 50, 40]]))
+    out = tmp_path / "out"
+    write_failure(out, CalibrationError("No."), Unfinished(videos, boxes))
+    assert "earlier" not in (out / "report.md").read_text()
+    write_scene_json(out / "scene.json", scene_of_three(), ["cam0", "cam1", "cam2"])
+    for name in ("tracks.csv", "localization.npz", "boxes/cam2.txt", "notes.txt"):
+        (out / name).write_text(name)
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    written = write_failure(out, CalibrationError("No."), Unfinished(videos, boxes))
+    assert {path: path.read_bytes() for path in before if path not in written} == {
+        path: content for path, content in before.items() if path not in written
+    }
+    page = (out / "report.md").read_text()
+    listed = "in this folder: tracks.csv, localization.npz, scene.json, boxes/cam2.txt."
+    assert listed in page
+    assert page.index("Why this run failed") < page.index(listed) < page.index("What the detector")
+    assert listed in (out / "report.html").read_text()
+
+
 def test_cameras_that_see_no_feet_are_named(tmp_path):
     videos = SynchronizedVideos(write_noise(tmp_path))
     cut, whole = [10.0, 40, 30, SIZE[1] - 1], [40.0, 10, 50, 40]
