@@ -145,7 +145,7 @@ def print_table(table: Any, *, aside: bool = False) -> None:
 
     drawn = Table()
     for at, name in enumerate(table.header):
-        drawn.add_column(name, justify="left" if at == 0 else "right")
+        drawn.add_column(name, justify="left" if at == 0 else "right", overflow="fold")
     for row in table.rows:
         drawn.add_row(*row)
     Console(stderr=aside).print(drawn)

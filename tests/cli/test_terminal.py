@@ -102,6 +102,20 @@ def test_tables_are_printed_whole(capsys):
         assert word in shown
 
 
+def test_names_of_cameras_fold_where_the_terminal_is_narrow(capsys, monkeypatch):
+    pytest.importorskip("rich")
+    monkeypatch.setenv("COLUMNS", "80")
+    name = "entrance_hall_north_side_above_the_door"
+    header = ("camera", "verdict", "since frame", "turned (degrees)", "pixels", "late (frames)")
+    print_table(Table(header, ((name, "moved", "12345 +- 3", "10.00 +- 0.12", "123", "0.01"),)))
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= 80
+    assert "\N{HORIZONTAL ELLIPSIS}" not in shown
+    cells = [line.split("\N{BOX DRAWINGS LIGHT VERTICAL}") for line in shown.splitlines()]
+    rows = [row for row in cells if len(row) > 1]
+    assert "".join(row[1].strip() for row in rows) == name
+
+
 def test_failures_are_one_line_with_the_name_of_the_program(capsys):
     assert fail("No video.") == FAILURE
     assert capsys.readouterr().err == "catfree: No video.\n"
