@@ -142,12 +142,13 @@ def print_table(table: Any, *, aside: bool = False) -> None:
     """Print a table of `catfree._run._report`; on standard error if `aside`."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     drawn = Table()
     for at, name in enumerate(table.header):
         drawn.add_column(name, justify="left" if at == 0 else "right", overflow="fold")
     for row in table.rows:
-        drawn.add_row(*row)
+        drawn.add_row(*map(Text, row))  # as it stands: names may look like markup
     Console(stderr=aside).print(drawn)
 
 

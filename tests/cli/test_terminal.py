@@ -116,6 +116,13 @@ def test_names_of_cameras_fold_where_the_terminal_is_narrow(capsys, monkeypatch)
     assert "".join(row[1].strip() for row in rows) == name
 
 
+@pytest.mark.parametrize("name", ["hall [north]", "x[/b]", "gate :smile:"])
+def test_names_of_cameras_are_no_markup(capsys, name):
+    pytest.importorskip("rich")
+    print_table(Table(("camera",), ((name,),)))
+    assert name in capsys.readouterr().out
+
+
 def test_failures_are_one_line_with_the_name_of_the_program(capsys):
     assert fail("No video.") == FAILURE
     assert capsys.readouterr().err == "catfree: No video.\n"
