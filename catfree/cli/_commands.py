@@ -48,6 +48,10 @@ ELSEWHERE = (
     "frame of their own: run with the --scene of the truth (and its --unit) or with --anchors, or "
     "align the cameras in Python by cf.evaluation.align_centres."
 )
+BLANK = (
+    "No cell was visited by {} people or more, so all stay blank. A larger --cell has more; a "
+    "smaller --k shows cells of fewer people, and with it more of each person."
+)
 STRIDED = (
     "are evenly spaced among those of the truth: whoever is in the others counts as missed. If the "
     "run had a --stride, give --frames tracks."
@@ -584,7 +588,10 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         localization, scene, _ = read_results(results)
         heat = count(localization.tracks, cell, k)
         path = write_heat_map(results / "heat_map.csv" if out is None else out, heat)
-        print_text(f"{path}: {int(np.isfinite(heat.positions).sum())} cells")
+        shown = int(np.isfinite(heat.positions).sum())
+        print_text(
+            f"{path}: {shown} cells" if shown else f"{path}: 0 cells. {BLANK.format(heat.k)}"
+        )
         if importlib.util.find_spec("matplotlib") is not None:
             print_text(str(draw_heat_map(path.with_suffix(".png"), heat, scene)))
 

@@ -259,6 +259,9 @@ def test_heat_map_shows_what_many_people_did(results, tmp_path, capsys):
     assert f"{len(rows) - 1} cells" in capsys.readouterr().out
     assert not cli.main(["heat-map", str(results), "--k", "1000"])
     assert (results / "heat_map.csv").read_text() == "x,y,positions\n"
+    said = capsys.readouterr().out.splitlines()[0]
+    assert "0 cells. No cell was visited by 1000 people" in said
+    assert "--k" in said
     assert cli.main(["heat-map", str(results), "--k", "0"]) == 1
 
 
