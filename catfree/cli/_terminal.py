@@ -16,10 +16,12 @@ from catfree.errors import MissingDependencyError
 
 FAILURE, INTERRUPTED = 1, 130
 
-# Advice in terms of library arguments, and the same in terms of command-line options.
+# Advice in terms of the library, and the same in terms of commands and their options.
 OPTIONS = {
     "pass on_error='keep'": "give --keep-before-damage",
     "Pass a detector": "Give --detector, a detector",
+    "cf.run_shard": "catfree shard",
+    "again with cf.shards": "again with catfree plan",
 }
 OFFSETS = re.compile(r"pass offsets=\(([-\d, ]+)\)")
 

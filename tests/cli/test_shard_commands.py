@@ -168,7 +168,7 @@ def test_a_shard_that_cannot_be_run(planned, tmp_path, capsys, index, change, se
     [
         (["shard", "--plan", "none.json", "--index", "0"], "There is no file none.json"),
         (["join", "nowhere"], "There is no folder nowhere"),
-        (["join", "."], "holds no finished shard"),
+        (["join", "."], "holds no finished shard. Run catfree shard first."),
         (["run-sites", "none.toml", "--out", "o"], "catfree: There is no file none.toml"),
         (["run-sites", "unknown.toml", "--out", "o"], "no key 'colour'; it has every"),
         (["run-sites", "twice.toml", "--out", "o"], "'north'"),

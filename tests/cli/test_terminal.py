@@ -81,6 +81,18 @@ def test_advice_names_the_options_of_the_command_line(capsys):
     assert error.endswith("Repair it, or give --keep-before-damage to use what came before it.\n")
 
 
+@pytest.mark.parametrize(
+    ("library", "command"),
+    [
+        ("1 of 4 shards are not finished (2). Run them with cf.run_shard.", "with catfree shard."),
+        ("It changed. Make the plan again with cf.shards.", "again with catfree plan."),
+    ],
+)
+def test_advice_names_commands(capsys, library, command):
+    fail(library)
+    assert capsys.readouterr().err.endswith(f"{command}\n")
+
+
 def test_warnings_are_lines_with_the_words_of_the_shell(capsys):
     warn(("If so, pass offsets=(0, -10, 0).", "Too\nlow. Pass a detector of people."))
     assert capsys.readouterr().err.splitlines() == [
