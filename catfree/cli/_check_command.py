@@ -4,12 +4,12 @@ import importlib.util
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 
 import catfree
-from catfree.cli._inputs import open_boxes, open_scene, open_videos
+from catfree.cli._inputs import Unit, open_boxes, open_scene, open_videos
 from catfree.cli._terminal import print_table, print_text, progress_bars, warn
 
 PAPER = 90  # gray level of a camera without a picture
@@ -25,7 +25,7 @@ def check_command(tyro: Any) -> Callable[..., None]:
         scene: Path,
         out: Path | None = None,
         videos: tuple[Path, ...] = (),
-        unit: Literal["m", "cm", "mm", "ft", "arbitrary"] = "m",
+        unit: Unit = "m",
         since: int | None = None,
         image_size: tuple[int, int] | None = None,
         frame_rate: float | None = None,

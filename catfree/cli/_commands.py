@@ -11,6 +11,7 @@ import numpy as np
 import catfree
 from catfree.cli._check_command import check_command
 from catfree.cli._inputs import (
+    Unit,
     are_boxes,
     open_anchors,
     open_boxes,
@@ -155,7 +156,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         embedder: Path | None = None,
         reconstructor: Path | None = None,
         scene: Path | None = None,
-        unit: Literal["m", "cm", "mm", "ft", "arbitrary"] = "m",
+        unit: Unit = "m",
         method: Literal["default", "paper", "evidence"] = "default",
         cache: Path | None = None,
         stride: int = 1,
@@ -268,7 +269,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         boxes: Annotated[tuple[Path, ...], positional],
         out: Path = Path("catfree_results"),
         scene: Path | None = None,
-        unit: Literal["m", "cm", "mm", "ft", "arbitrary"] = "m",
+        unit: Unit = "m",
         method: Literal["default", "paper", "evidence"] = "default",
         image_size: tuple[int, int] | None = None,
         frame_rate: float | None = None,

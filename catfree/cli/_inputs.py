@@ -4,12 +4,13 @@ Adapters are imported where a file is opened, so that `catfree --help` loads no 
 """
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from catfree.errors import CatFreeError, FileFormatError, InvalidInputError, shortened
 
+Unit = Literal["m", "cm", "mm", "ft", "arbitrary"]
 VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".wmv")
 TO_LOCALIZE = "Give the boxes to catfree localize."
 
@@ -135,14 +136,14 @@ def open_reconstructor(path: Path | None) -> Any:
 
 
 def open_scene(
-    path: Path | None, unit: str = "m", image_size: tuple[int, int] | None = None
+    path: Path | None, unit: Unit = "m", image_size: tuple[int, int] | None = None
 ) -> tuple[Any, tuple[str, ...] | None]:
     """Read cameras and ground in any format, and the cameras' names if it has any."""
     from catfree.adapters.datasets import read_scene
 
     if path is None:
         return None, None
-    return read_scene(path, unit=unit, image_size=image_size)  # type: ignore[arg-type]
+    return read_scene(path, unit=unit, image_size=image_size)
 
 
 def open_anchors(path: Path | None) -> tuple[Any, ...]:

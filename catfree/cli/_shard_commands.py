@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from catfree.cli._inputs import (
+    Unit,
     network_file,
     open_detector,
     open_embedder,
@@ -29,6 +30,7 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
         recording: Annotated[tuple[Path, ...], positional],
         scene: Path,
         out: Path,
+        unit: Unit = "m",
         every: float = 600.0,
         overlap: float = 20.0,
         frame_rate: float | None = None,
@@ -45,6 +47,7 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
                 (.npz or .parquet), or a folder of Parquet files.
             scene: known cameras and ground (scene.json, or any calibration format).
             out: folder for the results; the plan is `_shards/plan.json` in it.
+            unit: length of one unit of a scene whose file does not state it.
             every: seconds per shard.
             overlap: seconds that neighboring shards share.
             frame_rate: frames per second; that of the videos or of the saved boxes if not given.
@@ -69,7 +72,7 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
             raise InvalidInputError(
                 f"{boxes} holds boxes, so that --detector and --embedder have nothing to do."
             )
-        known, names, said = _scene_for(scene, () if boxes is not None else recording)
+        known, names, said = _scene_for(scene, () if boxes is not None else recording, unit)
         warn(said)  # before shards fail
         parts = shards(
             recording if boxes is None else boxes,
@@ -86,7 +89,7 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
             role: "" if path is None else _absolute(network_file(path))
             for role, path in networks.items()
         }
-        document = PlanFile(parts, _absolute(scene), _absolute(out), method, **files)
+        document = PlanFile(parts, _absolute(scene), _absolute(out), method, unit=unit, **files)
         path = write_plan(folder / "plan.json", document)
         print_text(
             f"{path} has {len(parts)} shards. Run each with `catfree shard --plan {path} --index "
@@ -105,7 +108,9 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
 
         document = read_plan(plan)
         chosen = shard_at(document.shards, index)
-        scene, _, _ = _scene_for(Path(document.scene), [Path(video) for video in chosen.videos])
+        scene, _, _ = _scene_for(
+            Path(document.scene), [Path(video) for video in chosen.videos], document.unit
+        )
         receipt = run_shard(
             chosen,
             scene=scene,
@@ -182,7 +187,7 @@ def _absolute(path: Path) -> str:
 
 
 def _scene_for(
-    path: Path, videos: Sequence[Path]
+    path: Path, videos: Sequence[Path], unit: Any = "m"
 ) -> tuple[Any, tuple[str, ...] | None, tuple[str, ...]]:
     """Read a scene, its cameras in the order of the videos, if there are any.
 
@@ -192,7 +197,7 @@ def _scene_for(
     from catfree._run._input_checks import order_like
     from catfree.adapters.files._camera_names import names_of_files
 
-    scene, names = open_scene(path)
+    scene, names = open_scene(path, unit)
     if not videos:
         return scene, names, ()
     ordered, said = order_like(scene, names, names_of_files(videos))

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from catfree.cli._inputs import open_scene
+from catfree.cli._inputs import Unit, open_scene
 from catfree.cli._terminal import print_text, warn
 
 ASIDE = {
@@ -25,6 +25,7 @@ def watch_command() -> dict[str, Callable[..., None]]:
         lag: float = 2.0,
         timeout: float = 0.0,
         provisional: bool = True,
+        unit: Unit = "m",
     ) -> None:
         """Track people live: lines of boxes on standard input, of positions on standard output.
 
@@ -38,11 +39,12 @@ def watch_command() -> dict[str, Callable[..., None]]:
             timeout: seconds, by the times in the lines, to wait for missing cameras although a
                 newer instant began; a newer one that is complete ends the wait.
             provisional: also write the positions of now, which later frames may correct.
+            unit: length of one unit of a scene whose file does not state it.
         """
         from catfree.methods.online import Tracker
         from catfree.methods.online._watch import watch as records_of_lines
 
-        known, names = open_scene(scene)
+        known, names = open_scene(scene, unit)
         tracker = Tracker(known, lag=lag)
         names = names or tuple(str(camera) for camera in range(known.rig.camera_count))
         records = records_of_lines(

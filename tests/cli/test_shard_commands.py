@@ -12,9 +12,10 @@ import pytest
 
 import catfree as cf
 from catfree._run._worker import ONE_THREAD
-from catfree.adapters import write_detections_parquet, write_scene_json
+from catfree.adapters import write_anipose_toml, write_detections_parquet, write_scene_json
 from catfree.cli import _commands as cli
 from catfree.cli._shard_commands import _scene_for
+from catfree.errors import InvalidInputError
 from catfree.synthetic import make_world
 
 pytest.importorskip("tyro")
@@ -103,6 +104,23 @@ def test_a_plan_can_be_run_from_any_folder(files, tmp_path, monkeypatch):
     assert document["out"] == str(tmp_path)
     assert document["method"] == "paper"
     assert {row["detections"] for row in document["shards"]} == {str(files / "boxes.parquet")}
+
+
+def test_shards_of_a_scene_of_another_unit_are_in_meters(files, tmp_path, monkeypatch):
+    scene = make_world("ring4", frames=2, people=1).true_scene
+    path = write_anipose_toml(tmp_path / "c.toml", scene.rig, list("abcd"), metres_per_unit=0.01)
+    given = []
+
+    def run(shard, *, scene, **options):
+        given.append(scene.rig.centers)
+        raise InvalidInputError("Enough.")
+
+    monkeypatch.setattr("catfree._run.sharded._run_shard.run_shard", run)
+    words = [str(files / "boxes.parquet"), "--scene", str(path), "--unit", "cm", *CUT]
+    assert cli.main(["plan", *words, "--out", str(tmp_path)]) == 0
+    plan = str(tmp_path / "_shards" / "plan.json")
+    assert cli.main(["shard", "--plan", plan, "--index", "0"]) == 1
+    np.testing.assert_allclose(given[0], scene.rig.centers, atol=1e-4)
 
 
 def test_a_plan_knows_which_pictures_are_missing(files, tmp_path, monkeypatch):

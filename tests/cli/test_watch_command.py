@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from catfree.adapters import write_scene_json
+from catfree.adapters import write_anipose_toml, write_scene_json
 from catfree.cli import _commands as cli
 from catfree.synthetic import make_world
 
@@ -38,3 +38,14 @@ def test_a_missing_scene_is_one_sentence(tmp_path, capsys):
     code = cli.main(["watch", "--scene", str(tmp_path / "no.json"), "--frame-rate", "5"])
     assert code == 1
     assert "no.json" in capsys.readouterr().err
+
+
+def test_a_scene_of_another_unit_is_in_meters(tmp_path, monkeypatch):
+    scene = make_world("ring4", frames=2, people=1).true_scene
+    path = write_anipose_toml(tmp_path / "c.toml", scene.rig, list("abcd"), metres_per_unit=0.01)
+    given = []
+    monkeypatch.setattr("catfree.methods.online.Tracker", lambda scene, **_: given.append(scene))
+    monkeypatch.setattr("catfree.methods.online._watch.watch", lambda *_, **__: [])
+    words = ["watch", "--scene", str(path), "--unit", "cm", "--frame-rate", "5"]
+    assert cli.main(words) == 0
+    np.testing.assert_allclose(given[0].rig.centers, scene.rig.centers, atol=1e-4)

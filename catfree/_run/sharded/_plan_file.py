@@ -28,6 +28,7 @@ class PlanFile:
         method: "default", "paper" or "evidence".
         detector: path of an ONNX file, empty for none.
         embedder: path of an ONNX file, empty for none.
+        unit: length of one unit of a scene whose file does not state it, as `read_scene` takes it.
     """
 
     shards: tuple[Shard, ...]
@@ -36,6 +37,7 @@ class PlanFile:
     method: str = "default"
     detector: str = ""
     embedder: str = ""
+    unit: str = "m"
 
 
 def write_plan(path: StrPath, plan: PlanFile) -> Path:
@@ -77,6 +79,7 @@ def read_plan(path: StrPath) -> PlanFile:
             "Make it again with catfree plan."
         )
     try:
+        document.setdefault("unit", PlanFile.unit)  # which earlier plans do not have
         values = {field.name: document[field.name] for field in dataclasses.fields(PlanFile)}
         values["shards"] = tuple(map(_shard, values["shards"]))
         require_declared_types(PlanFile, values)

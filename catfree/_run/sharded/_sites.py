@@ -36,6 +36,7 @@ from catfree.adapters.calibration_files._rig_json import (
 )
 from catfree.adapters.datasets import read_missing_pictures, read_scene
 from catfree.adapters.datasets._detection_files import CameraBoxes
+from catfree.adapters.datasets._scene_files import METERS, Unit
 from catfree.adapters.files._camera_names import names_of_files
 from catfree.adapters.files._documents import read_text
 from catfree.adapters.files._fingerprint import hash_parameters
@@ -79,6 +80,8 @@ class Site:
             `calibrate` takes it, or a JSON file that `read_anchors` reads.
         silent: frame and camera number of pictures that do not exist, where the recording is saved
             boxes, or a CSV or Parquet table with these columns.
+        unit: length of one unit of a scene whose file does not state it, as `read_scene` takes it;
+            None for meters.
     """
 
     name: str
@@ -89,6 +92,7 @@ class Site:
     frame_rate: float | int | None = None
     anchors: tuple[Anchor, ...] | str = ()
     silent: tuple[tuple[int, int], ...] | str = ()
+    unit: Unit | None = None
 
 
 def run_sites(
@@ -127,7 +131,7 @@ def run_sites(
         ShardError: after everything else has finished, naming each site that failed and why; its
             attribute `finished` holds the other tables.
         InvalidInputError: if two recordings have the same name and date, or one site has two
-            scenes or two lists of anchors, or as `run_shards`.
+            scenes, units or lists of anchors, or as `run_shards`.
     """
     names = [(site.name, site.date) for site in sites]
     for name in names:
@@ -141,12 +145,14 @@ def run_sites(
         raise InvalidInputError("There are no sites to run.")
     given = _one_of_each(sites, "scene", "scenes")
     anchors = _one_of_each(sites, "anchors", "lists of anchors")
+    units = _one_of_each(sites, "unit", "units")
     # Workers may be in another folder.
     sites = [
         dataclasses.replace(
             site,
             recording=_absolute(site.recording),
             scene=given.get(site.name),
+            unit=units.get(site.name),
             anchors=_absolute_if_file(anchors.get(site.name, ())),
             silent=_absolute_if_file(site.silent),
         )
@@ -239,9 +245,9 @@ def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
 
     Args:
         path: the file. Each `[[site]]` has a `name`, either `videos` or `detections` (a file of
-            saved boxes) and optionally `date`, `scene`, `image_size`, `frame_rate`, `anchors` and
-            `silent` (files) as in `Site`; paths are relative to the file. The options `every`,
-            `overlap`, `method`, `detector` and `embedder` (ONNX files) hold for all sites.
+            saved boxes) and optionally `date`, `scene`, `image_size`, `frame_rate`, `anchors`,
+            `silent` (files) and `unit` as in `Site`; paths are relative to the file. The options
+            `every`, `overlap`, `method`, `detector` and `embedder` (ONNX files) hold for all sites.
 
     Returns:
         The sites, and the options that the file gives.
@@ -282,7 +288,7 @@ def _site(row: Any, source: Path, where: str) -> Site:
     kinds: dict[str, type | tuple[type, ...]] = {
         "name": str, "date": (str, date), "videos": list, "detections": str, "scene": str,
         "image_size": list, "frame_rate": (int, float), "anchors": str,
-        "silent": str,
+        "silent": str, "unit": str,
     }  # fmt: skip
     _require_keys(row, kinds, source, where)
     if "name" not in row or ("videos" in row) == ("detections" in row):
@@ -300,6 +306,11 @@ def _site(row: Any, source: Path, where: str) -> Site:
                 f"{source}: image_size of {where} must list width and height of each camera."
             )
         size = tuple((width, height) for width, height in size)
+    if row.get("unit", "m") not in METERS:
+        known = ", ".join(METERS)
+        raise FileFormatError(
+            f"{source}: unit of {where} is {quoted(row['unit'])}, not of {known}."
+        )
     rate = row.get("frame_rate")
     return Site(
         name=row["name"],
@@ -310,6 +321,7 @@ def _site(row: Any, source: Path, where: str) -> Site:
         frame_rate=None if rate is None else _number(rate, source, f"frame_rate of {where}"),
         anchors=str(source.parent / row["anchors"]) if "anchors" in row else (),
         silent=str(source.parent / row["silent"]) if "silent" in row else (),
+        unit=row.get("unit"),
     )
 
 
@@ -387,7 +399,7 @@ def _read_scene(path: str, site: Site) -> tuple[Scene, Sequence[str] | None]:
     Raises:
         InvalidInputError: if the names of cameras and videos do not tell which belongs to which.
     """
-    scene, names = read_scene(path)
+    scene, names = read_scene(path, unit=site.unit or "m")
     if names is None or isinstance(site.recording, str):
         return scene, names
     ordered, said = order_like(scene, names, names_of_files([Path(p) for p in site.recording]))

@@ -32,7 +32,7 @@ texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
     site=texts,
     silent=st.lists(st.tuples(*[st.integers(0, 99)] * 3), max_size=3).map(tuple),
     method=st.sampled_from(METHODS),
-    paths=st.tuples(texts, texts, texts, texts),
+    paths=st.tuples(texts, texts, texts, texts, texts),
     names=st.lists(texts, max_size=3).map(tuple),
 )
 def test_a_plan_is_read_as_it_was_written(
@@ -116,6 +116,14 @@ def test_a_plan_of_another_version_and_none_at_all(tmp_path):
         read_plan(path)
     with pytest.raises(InvalidInputError, match=r"There is no file .*none\.json"):
         read_plan(tmp_path / "none.json")
+
+
+def test_a_plan_without_a_unit_is_of_a_scene_in_meters(tmp_path):
+    path = write_plan(tmp_path / "plan.json", PlanFile(SHARDS, "scene.json", "out"))
+    document = json.loads(path.read_text())
+    del document["unit"]
+    path.write_text(json.dumps(document))
+    assert read_plan(path).unit == "m"
 
 
 def test_boxes_in_memory_do_not_fit_into_a_file(tmp_path):

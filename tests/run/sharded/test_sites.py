@@ -19,9 +19,10 @@ from catfree._run._run import run_boxes
 from catfree._run.sharded import _sites
 from catfree._run.sharded._plan_file import METHODS
 from catfree._run.sharded._sites import Site, read_sites, run_sites
-from catfree.adapters import write_detections_parquet, write_scene_json
+from catfree.adapters import write_anipose_toml, write_detections_parquet, write_scene_json
 from catfree.adapters.calibration_files._rig_json import scene_text
 from catfree.adapters.datasets._detection_files import CameraBoxes
+from catfree.adapters.datasets._scene_files import METERS
 from catfree.errors import CalibrationError, FileFormatError, InvalidInputError, ShardError
 from catfree.synthetic import make_world
 
@@ -34,7 +35,7 @@ recordings = st.lists(texts, max_size=3).map(lambda v: {"videos": v}) | texts.ma
 options = {
     "date": st.dates(date(1900, 1, 1)) | texts, "scene": texts, "image_size": sizes,
     "frame_rate": rates, "anchors": texts,
-    "silent": texts,
+    "silent": texts, "unit": st.sampled_from(sorted(METERS)),
 }  # fmt: skip
 rows = st.builds(
     lambda name, recording, more: {"name": name} | recording | more,
@@ -85,6 +86,7 @@ def test_a_list_is_read_as_it_stands(tmp_path_factory, head, sites):
         assert site.frame_rate == row.get("frame_rate")
         assert site.scene == (str(folder / row["scene"]) if "scene" in row else None)
         assert site.silent == (str(folder / row["silent"]) if "silent" in row else ())
+        assert site.unit == row.get("unit")
         if "videos" in row:
             assert site.recording == tuple(str(folder / video) for video in row["videos"])
         else:
@@ -135,6 +137,10 @@ def heads_and_rows():
         ("[[site]]\ndetections = 'a'", "needs a name"),
         ("[[site]]\nname = 'a'\nvideos = [1, 2]", "videos of site 0 must be paths"),
         ("[[site]]\nname = 'a'\ndetections = 'a'\nfps = 5", "site 0 has no key 'fps'"),
+        (
+            "[[site]]\nname = 'a'\ndetections = 'a'\nunit = 'km'",
+            "unit of site 0 is 'km', not of m,",
+        ),
         ("[[site]]\nname = 'a'\ndetections = 'a'\nframe_rate = '5'", "frame_rate of site 0 is '5'"),
         ("[[site]]\nname = 'a'\ndetections = 'a'\nimage_size = [[1], [2, 3]]", "image_size of"),
         ("[[site]]\nname = 'a'\ndetections = 'a'\nimage_size = [1920, 1080]", "image_size of"),
@@ -479,6 +485,18 @@ def test_a_site_has_one_scene(tmp_path):
     with pytest.raises(InvalidInputError, match="Site 'north' has two scenes"):
         cf.run_sites(sites, out=tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_all_dates_of_a_site_have_its_scene_in_its_unit(tmp_path):
+    scene = make_world("ring4", 0, frames=2, people=1).true_scene
+    path = write_anipose_toml(tmp_path / "c.toml", scene.rig, list("abcd"), metres_per_unit=0.01)
+    site = Site("a", "boxes.npz", scene=str(path), unit="cm")
+    found, names = _sites._read_scene(str(path), site)
+    np.testing.assert_allclose(found.rig.centers, scene.rig.centers, atol=1e-4)
+    assert names == tuple("abcd")
+    days = [dataclasses.replace(site, date=unit, unit=unit) for unit in ("cm", "mm")]
+    with pytest.raises(InvalidInputError, match="has two units"):
+        run_sites(days, out=tmp_path)
 
 
 def test_cameras_of_a_scene_belong_to_the_videos_of_their_name(tmp_path):
