@@ -10,10 +10,10 @@ from jaxtyping import Float, Int
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.evaluation._detection_metrics import GATE_TOLERANCE
 from catfree.evaluation._position_matching import matched_rows
-from catfree.evaluation._rows import Number, as_positive, read_sequence
+from catfree.evaluation._rows import Number, read_sequence
 from catfree.geometry import Similarity, fit_similarity
 from catfree.geometry._arrays import ArrayInput
-from catfree.types._validation import as_boolean, as_float
+from catfree.types._validation import as_boolean, as_float, as_positive
 
 MINIMUM_CENTERS = 3
 

@@ -9,9 +9,9 @@ from jaxtyping import Float, Int
 
 from catfree.errors import InvalidInputError
 from catfree.evaluation._position_matching import match
-from catfree.evaluation._rows import Frames, Number, Sequence, as_positive, read_sequence
+from catfree.evaluation._rows import Frames, Number, Sequence, read_sequence
 from catfree.geometry._arrays import ArrayInput
-from catfree.types._validation import as_instances
+from catfree.types._validation import as_instances, as_positive
 
 # Positions of the public data sets lie on grids of 2.5 cm, so distances of exactly 0.5 m are
 # common; the tolerance keeps them inside the gate after the conversion from cells to meters.

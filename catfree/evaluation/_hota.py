@@ -8,9 +8,9 @@ from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
 from catfree.errors import InvalidInputError
-from catfree.evaluation._rows import Frames, Number, Sequence, as_positive, read_sequence
+from catfree.evaluation._rows import Frames, Number, Sequence, read_sequence
 from catfree.geometry._arrays import ArrayInput
-from catfree.types._validation import as_instances
+from catfree.types._validation import as_instances, as_positive
 
 # The expression of the reference evaluator: similarities on a grid fall exactly on these values,
 # and any other expression differs in the last bit.

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.errors import InvalidInputError, quoted
+from catfree.errors import InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.types._validation import as_float, as_integer
 
@@ -60,21 +60,6 @@ def _refuse(array: Rows, bad: Any, name: str, reason: str) -> None:
     if bad.any():
         row = int(np.argmax(bad))
         raise InvalidInputError(f"{name}[{row}] is {array[row].tolist()}: {reason}.")
-
-
-def as_positive(value: Any, name: str) -> float:
-    """Convert to float and check that the number is finite and above zero.
-
-    Raises:
-        InvalidInputError: if it is not.
-    """
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InvalidInputError(f"{name} is {quoted(value)}; it must be a length.") from None
-    if not (np.isfinite(number) and number > 0):
-        raise InvalidInputError(f"{name} is {number}; it must be a finite length above zero.")
-    return number
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,9 +10,9 @@ from scipy.optimize import linear_sum_assignment
 
 from catfree.errors import InvalidInputError
 from catfree.evaluation._position_matching import match
-from catfree.evaluation._rows import Frames, Number, Sequence, as_positive, read_sequence
+from catfree.evaluation._rows import Frames, Number, Sequence, read_sequence
 from catfree.geometry._arrays import ArrayInput
-from catfree.types._validation import as_instances
+from catfree.types._validation import as_instances, as_positive
 
 MOSTLY_TRACKED = 0.8  # shares of a person's annotated frames, as in the MOT benchmarks
 MOSTLY_LOST = 0.2

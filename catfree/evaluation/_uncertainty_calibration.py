@@ -8,9 +8,9 @@ from jaxtyping import Bool, Float, Int
 from catfree.errors import InvalidInputError
 from catfree.evaluation._detection_metrics import GATE_TOLERANCE
 from catfree.evaluation._position_matching import matched_rows
-from catfree.evaluation._rows import Frames, Number, as_positive, read_sequence
+from catfree.evaluation._rows import Frames, Number, read_sequence
 from catfree.geometry._arrays import ArrayInput
-from catfree.types._validation import as_boolean, as_count, as_float, as_number
+from catfree.types._validation import as_boolean, as_count, as_float, as_number, as_positive
 
 
 def matched_predictions(

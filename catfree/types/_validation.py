@@ -146,7 +146,7 @@ def as_positive(value: Any, name: str) -> float:
     """
     number = _finite_number(value)
     if number is None or not number > 0:
-        raise InvalidInputError(f"{name} must be a positive number, got {quoted(value)}.")
+        raise InvalidInputError(f"{name} is {quoted(value)}; it must be a positive number.")
     return number
 
 

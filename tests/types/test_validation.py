@@ -124,7 +124,7 @@ calls = {
     "offsets[0] is nan": lambda: open_(offsets=[float("nan"), 0]),
     "offsets[1] is 1.7": lambda: open_(offsets=[0, 1.7]),
     "one number per camera (2), got 3": lambda: open_(offsets=3),
-    "frame_rate must be a positive number, got '2'": lambda: open_(frame_rate="2"),
+    "frame_rate is '2'; it must be a positive number": lambda: open_(frame_rate="2"),
     "paths must list one video per camera": lambda: SynchronizedVideos(5),
     "at least one video": lambda: SynchronizedVideos(None),
     "Camera 0 must be a path, got a NoneType": lambda: SynchronizedVideos([None]),

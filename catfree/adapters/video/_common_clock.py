@@ -1,8 +1,6 @@
 """One clock for cameras whose frames have times of their own."""
 
-import math
 from collections.abc import Sequence
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -13,6 +11,7 @@ from catfree.types import Clock, Detections
 from catfree.types._clock import ABSOLUTE
 from catfree.types._validation import (
     as_float,
+    as_positive,
     first_index,
     require_finite,
     require_instance,
@@ -109,15 +108,14 @@ def common_rate(rates: dict[str, float], frame_rate: float | int | None) -> floa
     """
     if frame_rate is None:
         return min(rates.values(), default=None)
-    if not isinstance(frame_rate, Real) or not (math.isfinite(frame_rate) and frame_rate > 0):
-        raise InvalidInputError(f"frame_rate must be a positive number, got {frame_rate!r}.")
+    wanted = as_positive(frame_rate, "frame_rate")
     for name, rate in rates.items():
-        if frame_rate > rate * (1 + RATE_TOLERANCE):
+        if wanted > rate * (1 + RATE_TOLERANCE):
             raise InvalidInputError(
-                f"frame_rate is {frame_rate:g}, but camera {name!r} has only {rate:g} frames "
+                f"frame_rate is {wanted:g}, but camera {name!r} has only {rate:g} frames "
                 "per second. Pass at most the lowest rate."
             )
-    return float(frame_rate)
+    return wanted
 
 
 def common_start(times: Sequence[Times], names: Sequence[str]) -> tuple[float, bool]:

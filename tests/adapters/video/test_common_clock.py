@@ -124,7 +124,7 @@ def test_gaps_and_rounding_leave_the_rate_alone():
         ([3], [[0.0, 1, 2]], None, r"frame\[0\] is 3, but camera 0 has 3 timestamps"),
         ([-1], [[0.0, 1, 2]], None, r"frame\[0\] is -1"),
         ([0], [[0.0, 1, 2]], 1.5, "frame_rate is 1.5, but camera '0' has only 1 frames"),
-        ([0], [[0.0, 1, 2]], -1, "frame_rate must be a positive number"),
+        ([0], [[0.0, 1, 2]], -1, "frame_rate is -1; it must be a positive number"),
         ([0], [[[0.0, 1, 2]]], None, r"timestamps\[0\] must have shape"),
     ],
 )

@@ -127,8 +127,8 @@ def test_the_clock_of_the_boxes_is_used():
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"every": 0}, "every must be a positive number"),
-        ({"every": np.nan}, "every must be a positive number"),
+        ({"every": 0}, "every is 0; it must be a positive number"),
+        ({"every": np.nan}, "every is nan; it must be a positive number"),
         ({"overlap": -1}, "overlap must be a number of seconds, 0 or more"),
         ({"every": 10, "overlap": 10}, "Make the shards longer than their overlap"),
         ({"frame_rate": None}, "have no clock, so that seconds mean nothing. Pass frame_rate"),
