@@ -10,7 +10,7 @@ def main() -> int:
     """Run the command line; what OpenCV and FFmpeg would say is said in its own sentences."""
     # Cameras have threads of their own, which would only wait for OpenCV's.
     os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
-    # Matrices are small: dividing them takes longer than multiplying them.
+    # Matrices are small: sharing one among threads takes longer than multiplying it.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet

@@ -47,6 +47,7 @@ MATCHING_METERS = 1.0
 FOLDERS = ("", "boxes", "pictures", "pictures/instants", "rig", "rig/colmap")
 INSTANTS, OVERLAY_FILE = "pictures/instants", "overlay.webm"
 LOCALIZATION_FILE, SCENE_FILE = "localization.npz", "scene.json"
+TABLE_FILE, MOT_FILE = "tracks.csv", "tracks_mot.txt"
 PICTURES = (
     "bird_eye.png",
     "coverage.png",
@@ -179,7 +180,7 @@ def remove_unless_written(earlier: Sequence[Path], written: Sequence[Path]) -> N
 
 def earlier_results(root: Path, written: Sequence[Path]) -> list[Path]:
     """List tracks, cameras and boxes of an earlier run, which `written` of this one are beside."""
-    names = ("tracks.csv", "tracks_mot.txt", LOCALIZATION_FILE, SCENE_FILE, *SOMETIMES)
+    names = (TABLE_FILE, MOT_FILE, LOCALIZATION_FILE, SCENE_FILE, *SOMETIMES)
     earlier = [*(root / name for name in names), *_earlier_boxes(root)]
     return [path for path in earlier if path not in written and path.is_file()]
 
@@ -446,8 +447,8 @@ def _write_tables(
     reach = MATCHING_METERS if scene.metric else settings.trajectories.link_radius * extent
     numbers = numbers_of_files(outcome.frames, from_one=outcome.videos is None)
     files = [
-        write_tracks_csv(root / "tracks.csv", tracks),
-        write_mot_ground(root / "tracks_mot.txt", tracks, numbers, threshold=reach),
+        write_tracks_csv(root / TABLE_FILE, tracks),
+        write_mot_ground(root / MOT_FILE, tracks, numbers, threshold=reach),
     ]
     fits = tracks.support.shape[1] <= MOST_CAMERAS
     if fits and importlib.util.find_spec("pyarrow") is not None:

@@ -27,6 +27,7 @@ from catfree.geometry._least_squares import (
     minimize,
     robust,
 )
+from catfree.settings._checked_settings import CheckedSettings
 
 RAYLEIGH_MEDIAN = 1.1774  # median length of a 2-D normal vector, in standard deviations
 SMALLEST_NOISE = 0.1  # px: no box is more exact; avoids division by zero for exact data
@@ -36,7 +37,7 @@ PEOPLE_BLOCK, CAMERA_BLOCK = 1024, 4  # what people and cameras are padded to
 
 
 @dataclass(frozen=True)
-class CameraTie:
+class CameraTie(CheckedSettings):
     """Standard deviations of the cameras from their start.
 
     Attributes:
@@ -44,6 +45,8 @@ class CameraTie:
         center: along each axis, as a fraction of E.
         log_focal: of the natural logarithm of the focal length.
     """
+
+    not_zero = frozenset({"rotation", "center", "log_focal"})
 
     rotation: float = np.deg2rad(2.0)
     center: float = 0.03

@@ -6,13 +6,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.calibration._bundle_adjustment import CameraTie
+from catfree.settings._checked_settings import CheckedSettings
 from catfree.types import Scene
 
 SAME_RESIDUAL = 0.01  # relative difference below which residuals count as equal
 
 
 @dataclass(frozen=True)
-class RefinementSettings:
+class RefinementSettings(CheckedSettings):
     """Settings of the refinement.
 
     Attributes:
@@ -28,6 +29,8 @@ class RefinementSettings:
         ground_offset: standard deviation of the ground's offset as a fraction of E; used only by
             the paper's method.
     """
+
+    not_zero = frozenset({"cameras", "maximum_frames", "ground_tilt", "ground_offset"})
 
     cameras: int = 3
     iterations: int = 10

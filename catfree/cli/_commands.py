@@ -512,9 +512,10 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         elif _are_strided(tracked, known, even):
             warn([f"The {len(tracked)} frames of {tracks} {STRIDED}"])
         found = found[np.isin(found[:, 0], scored)]
-        anywhere = detection_metrics(truth, found, scored, near)
+        people = anywhere = detection_metrics(truth, found, scored, near)
         if within is not None:
             truth, found = crop(truth, within), crop(found, within)
+            people = detection_metrics(truth, found, scored, near)
         if not len(truth):
             raise InsufficientDataError(
                 f"No position of {ground_truth} lies in the area {within}, so nothing can be "
@@ -524,7 +525,6 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             warn([f"{alone} of the {len(tracked)} frames of {tracks} {NO_TRUTH}"])
         if anywhere.tp < HARDLY_ANY * min(anywhere.tp + anywhere.fp, anywhere.tp + anywhere.fn):
             warn([f"Hardly any positions of {tracks} and {ground_truth} {ELSEWHERE}"])
-        people = detection_metrics(truth, found, scored, near)
         rows = [
             (f"MODA ({near:g} m)", f"{people.moda:.2f}"),
             ("MODP", f"{people.modp:.2f}"),

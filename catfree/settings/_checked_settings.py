@@ -31,9 +31,7 @@ class CheckedSettings:
         kinds = _kinds(type(self))
         for one in fields(self):  # pyright: ignore[reportArgumentType]
             value, kind = getattr(self, one.name), kinds[one.name]
-            expected = _expected(value, kind, one.default)
-            if one.name in self.not_zero and not expected and not np.all(value):
-                expected = "more than 0"
+            expected = _expected(value, kind, one.default, one.name in self.not_zero)
             if expected:
                 raise InvalidInputError(
                     f"{type(self).__name__}.{one.name} is {quoted(value)}; it must be {expected}."
@@ -45,39 +43,51 @@ def _kinds(settings: type) -> dict[str, Any]:
     return get_type_hints(settings)
 
 
-def _expected(value: Any, kind: Any, default: Any) -> str:
+def _expected(value: Any, kind: Any, default: Any, not_zero: bool) -> str:
     """Say what a field takes; empty if that includes the value."""
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Literal:
         return "" if value in parts else f"one of {', '.join(map(repr, parts))}"
     if origin is UnionType:
-        expected = "" if value is None else _expected(value, parts[0], 0.0)
+        expected = "" if value is None else _expected(value, parts[0], 0.0, not_zero)
         return expected and f"None or {expected}"
     if origin is tuple:
-        return _expected_numbers(value, parts, default)
+        return _expected_numbers(value, parts, default, not_zero)
     if kind is bool:
         return "" if isinstance(value, bool | np.bool_) else "True or False"
     if kind in (int, float):
         number = "a whole number" if kind is int else "a number"
-        return "" if _is_number(value, kind, default) else f"{number}, 0 or more"
+        fits = _is_number(value, kind, default, not_zero)
+        return "" if fits else f"{number}, {_least(not_zero)}"
     return "" if isinstance(value, kind) else f"{kind.__name__}(...)"
 
 
-def _expected_numbers(value: Any, kinds: tuple[Any, ...], default: tuple[float, ...]) -> str:
+def _expected_numbers(
+    value: Any, kinds: tuple[Any, ...], default: tuple[float, ...], not_zero: bool
+) -> str:
     """Say what a field of several numbers takes; empty if that includes the value."""
-    least = min(default)
-    sign = "" if least < 0 else ", each 0 or more"
-    count = "" if Ellipsis in kinds else f"{len(kinds)} "
-    fits = isinstance(value, tuple) and (not count or len(value) == len(kinds))
-    if not fits or not all(_is_number(one, float, least) for one in value):
+    lowest, of_any_length = min(default), Ellipsis in kinds
+    if not_zero and value == ():
+        return "a tuple of at least one number"
+    fits = isinstance(value, tuple) and (of_any_length or len(value) == len(kinds))
+    if not fits or not all(_is_number(one, float, lowest, not_zero) for one in value):
+        count = "" if of_any_length else f"{len(kinds)} "
+        sign = "" if lowest < 0 else f", each {_least(not_zero)}"
         return f"a tuple of {count}numbers{sign}"
-    if len(kinds) == 2 and count and value[0] > value[1]:
+    if len(kinds) == 2 and not of_any_length and value[0] > value[1]:
         return "the lower and the upper end of a range"
     return ""
 
 
-def _is_number(value: Any, kind: type, default: int | float) -> bool:
+def _is_number(value: Any, kind: type, default: int | float, not_zero: bool) -> bool:
     """Whether a value is a number of this kind, and negative only if the default is."""
     if isinstance(value, bool) or not isinstance(value, Integral if kind is int else Real):
         return False
-    return float(value) >= (-np.inf if default < 0 else 0)  # which NaN is not
+    number = float(value)
+    if np.isnan(number) or (not_zero and number == 0):
+        return False
+    return number >= 0 or default < 0
+
+
+def _least(not_zero: bool) -> str:
+    return "more than 0" if not_zero else "0 or more"

@@ -30,3 +30,10 @@ def test_the_distortion_of_bent_lenses_is_found():
     similarity = fit_similarity(np.asarray(rig.centers), world.true_centres)
     moved = np.asarray(similarity(np.asarray(rig.centers))) - world.true_centres
     assert np.linalg.norm(moved, axis=1).max() < 0.5
+
+
+def test_straight_lenses_have_no_distortion():
+    world = ring_of_six()
+    straight = calibrate(world.detections, world.true_rig.image_size)
+    assert straight.scene.rig.is_ideal
+    np.testing.assert_array_equal(straight.distortion_sd, 0)

@@ -41,12 +41,6 @@ def furthest(found, right):
     return np.nanmax(np.linalg.norm(away, axis=1))
 
 
-def test_straight_lenses_have_no_distortion(right):
-    for found in (calibrated_ring(), right):
-        assert found.scene.rig.is_ideal
-        np.testing.assert_array_equal(found.distortion_sd, 0)
-
-
 def test_a_rig_in_order_stays_as_it_is(loop, right):
     assert loop.replace_outliers(right) is right
 

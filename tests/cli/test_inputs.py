@@ -1,12 +1,15 @@
 """What the words of the command line become: settings, videos, scenes, truth."""
 
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from catfree.adapters import write_scene_json
+from catfree.adapters.datasets import _scene_files
 from catfree.cli._inputs import (
+    Unit,
     open_boxes,
     open_detector,
     open_embedder,
@@ -25,6 +28,10 @@ def test_methods_are_named():
     assert settings_of("default") == Settings()
     assert settings_of("paper") == Settings.paper()
     assert settings_of("evidence") == Settings(method="evidence")
+
+
+def test_units_are_those_of_the_reader():
+    assert get_args(Unit) == get_args(_scene_files.Unit)
 
 
 def test_one_video_is_too_few(tmp_path):

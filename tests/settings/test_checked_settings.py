@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree import settings
+from catfree.calibration._bundle_adjustment import CameraTie
+from catfree.calibration._refinement import RefinementSettings
 from catfree.errors import InvalidInputError
 from catfree.settings import (
     CalibrationSettings,
@@ -19,7 +21,7 @@ CLASSES = [
     value
     for value in vars(settings).values()
     if isinstance(value, type) and dataclasses.is_dataclass(value)
-]
+] + [CameraTie, RefinementSettings]
 NUMBERS = [
     (kind, field.name)
     for kind in CLASSES
@@ -35,7 +37,7 @@ RANGES = [
 
 
 def test_every_class_and_number_is_covered() -> None:
-    assert len(CLASSES) == 9
+    assert len(CLASSES) == 11
     assert (EvidenceSettings, "gate") in NUMBERS
     assert (EvidenceSettings, "cover_ramp") in RANGES
 
@@ -50,7 +52,8 @@ def test_numbers_below_zero_and_nan_are_named(
 ) -> None:
     kind, name = field
     value = whole if isinstance(getattr(kind(), name), int) else number
-    with pytest.raises(InvalidInputError, match=rf"^{kind.__name__}\.{name} is .*0 or more"):
+    least = "more than 0" if name in kind.not_zero else "0 or more"
+    with pytest.raises(InvalidInputError, match=rf"^{kind.__name__}\.{name} is .*number, {least}"):
         kind(**{name: value})
 
 
@@ -86,5 +89,11 @@ def test_confidences_are_scores() -> None:
 def test_what_divides_is_not_zero(kind: type, name: str) -> None:
     default = getattr(kind(), name)
     nothing = (0.0,) * len(default) if isinstance(default, tuple) else type(default)(0)
-    with pytest.raises(InvalidInputError, match=rf"{name} is .*; it must be more than 0"):
+    with pytest.raises(InvalidInputError, match=rf"{name} is .*; it must be .*more than 0"):
         kind(**{name: nothing})
+
+
+def test_something_to_try_is_needed() -> None:
+    assert CalibrationSettings(bent_lenses=()).bent_lenses == ()
+    with pytest.raises(InvalidInputError, match=r"focal_shares is \(\); .* at least one number"):
+        CalibrationSettings(focal_shares=())
