@@ -183,11 +183,11 @@ def test_looks_become_ratios_a_few_at_a_time(monkeypatch):
     embedding /= np.linalg.norm(embedding, axis=1, keepdims=True)
     first = np.array([0, 7, 12])
     slot = np.column_stack([np.repeat([0, 1], [7, 5]), [*range(7), *range(5)]])
-    looks = appearance.Appearance(embedding, slot, first, 8)
+    looks = appearance.Appearance(embedding, slot, first, 7)
     likeness = appearance.Likeness((0.2, 0.1), (0.9, 0.2), 3.0)
-    whole = appearance.PairRatios(looks, likeness, 0.5)[0]
+    whole = appearance.PairRatios(looks, likeness, 0.5).of_run(0, 2)
     monkeypatch.setattr(appearance, "ENTRIES", 5)
-    parts = appearance.PairRatios(looks, likeness, 0.5)[0]
+    parts = appearance.PairRatios(looks, likeness, 0.5).of_run(0, 2)
     np.testing.assert_array_equal(parts, whole)
     np.testing.assert_allclose(
         whole[1, :5, :5], 0.5 * likeness(1 - embedding[7:] @ embedding[7:].T), rtol=1e-4

@@ -7,6 +7,7 @@ import pytest
 
 from catfree.methods.evidence import EvidenceSettings, localize_by_evidence
 from catfree.methods.evidence.group import _appearance as appearance
+from catfree.methods.evidence.observe import _boxes as prepared
 from catfree.methods.evidence.observe._measurement import measure_all
 from catfree.synthetic import make_world
 
@@ -27,10 +28,10 @@ def test_tables_of_pairs_a_few_frames_at_a_time_give_the_same_people(monkeypatch
         return build(self, frames)
 
     monkeypatch.setattr(appearance.Appearance, "distances", spy)
-    monkeypatch.setattr(appearance, "TABLE_ENTRIES", 3 * 32**2)
+    monkeypatch.setattr(prepared, "PAIRS_AT_A_TIME", 3 * 32**2)
     monkeypatch.setattr(appearance, "KEPT_ENTRIES", kept)
     parts = localize_by_evidence(WORLD.detections, WORLD.scene).tracks
-    assert 0 < max(largest) <= appearance.TABLE_ENTRIES
+    assert 0 < max(largest) <= prepared.PAIRS_AT_A_TIME
     np.testing.assert_array_equal(parts.track_id, whole.track_id)
     np.testing.assert_allclose(parts.position, whole.position, rtol=1e-12)
 

@@ -8,13 +8,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
-from catfree.geometry._buckets import coarse_length, fine_length
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.settings import EvidenceSettings
 
 SMALLEST_SPREAD = 0.01  # cosine distance: narrower samples are copies
-TABLE_ENTRIES = 1 << 24  # of pairwise ratios computed at a time: 64 MB
 ENTRIES = 1 << 20  # of pairwise distances turned into ratios at a time
 KEPT_ENTRIES = 1 << 26  # of pairwise ratios kept from pass to pass: 256 MB
 
@@ -46,17 +44,6 @@ class Appearance:
         distance = block @ block.transpose(0, 2, 1)
         return np.subtract(1, distance, out=distance)
 
-    @property
-    def frames_at_a_time(self) -> int:
-        """Frames whose tables fit into memory together."""
-        return max(1, TABLE_ENTRIES // self.width**2)
-
-    def blocks(self) -> list[tuple[int, int]]:
-        """Runs of frames, as (first, end), whose tables fit into memory together."""
-        frames = len(self.first) - 1
-        step = self.frames_at_a_time
-        return [(i, min(i + step, frames)) for i in range(0, frames, step)]
-
 
 def compare_frames(boxes: Boxes) -> Appearance | None:
     """Arrange the embeddings by frame; None without embeddings."""
@@ -67,8 +54,7 @@ def compare_frames(boxes: Boxes) -> Appearance | None:
     slot = np.zeros((len(boxes.frame), 2), np.int64)
     slot[:n, 0] = boxes.frame[:n]
     slot[:n, 1] = np.arange(n) - boxes.first[boxes.frame[:n]]
-    width = coarse_length(int(count.max(initial=1)), 8, 2)
-    return Appearance(boxes.embedding, slot, boxes.first, width)
+    return Appearance(boxes.embedding, slot, boxes.first, int(count.max(initial=1)))
 
 
 @jax.tree_util.register_dataclass
@@ -123,7 +109,7 @@ def learn_ratio(
 
 
 class PairRatios:
-    """Weighted log-likelihood ratios of all pairs of boxes, by blocks of frames.
+    """Weighted log-likelihood ratios of all pairs of boxes, by runs of frames.
 
     All passes of the association use the same ratios, so they are cached unless the sequence is too
     long.
@@ -131,26 +117,20 @@ class PairRatios:
 
     def __init__(self, appearance: Appearance, likeness: Likeness, weight: float) -> None:
         self.appearance, self.likeness, self.weight = appearance, likeness, weight
-        self.blocks = appearance.blocks()
         self._keep = (len(appearance.first) - 1) * appearance.width**2 <= KEPT_ENTRIES
-        self._kept: dict[int, np.ndarray] = {}
+        self._kept: dict[tuple[int, int], np.ndarray] = {}
 
-    def __getitem__(self, index: int) -> Float[np.ndarray, "f slot slot"]:
-        """Ratios of the frames of one block, padded to one of few lengths."""
-        if index in self._kept:
-            return self._kept[index]
-        begin, end = self.blocks[index]
-        longest = self.blocks[0][1] - self.blocks[0][0]
-        longest = min(fine_length(longest), self.appearance.frames_at_a_time)
+    def of_run(self, begin: int, end: int) -> Float[np.ndarray, "f slot slot"]:
+        """Ratios of the frames from `begin` up to `end`."""
+        if (begin, end) in self._kept:
+            return self._kept[begin, end]
         ratios = self.appearance.distances(np.arange(begin, end))
         entries = ratios.reshape(-1)
         for first in range(0, len(entries), ENTRIES):
             part = entries[first : first + ENTRIES]
             part[:] = self.weight * self.likeness(part)
-        if len(ratios) < longest:
-            ratios = np.pad(ratios, ((0, longest - len(ratios)), (0, 0), (0, 0)))
         if self._keep:
-            self._kept[index] = ratios
+            self._kept[begin, end] = ratios
         return ratios
 
 

@@ -6,8 +6,6 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from catfree.geometry._buckets import fine_length
-from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.group._appearance import PairRatios, group_agreement
 from catfree.methods.evidence.group._groups import Groups, Priors
 from catfree.methods.evidence.group._merge import associate
@@ -23,69 +21,35 @@ def group(
     priors: Priors | None = None,
     ratios: PairRatios | None = None,
 ) -> Groups:
-    """Run `associate` by position and height, and by looks if there are `ratios` of them."""
-    if ratios is not None:
-        return _group_by_looks(boxes, measured, noise, gate, priors, ratios)
-    return associate(
-        measured.info,
-        np.asarray(measured.state)[:, :2],
-        np.asarray(measured.position_covariance),
-        np.minimum(boxes.frame, len(boxes.frames) - 1),
-        boxes.camera,
-        np.asarray(measured.valid),
-        boxes.table.shape[1],
-        float(noise.density),
-        float(noise.spread),
-        gate,
-        priors=priors,
-    )
+    """Group the boxes of every frame, a run of frames at a time.
 
-
-def _group_by_looks(
-    boxes: Boxes,
-    measured: Measurements,
-    noise: Noise,
-    gate: float,
-    priors: Priors | None,
-    ratios: PairRatios,
-) -> Groups:
-    """Run `associate` block by block, which limits the size of its tables."""
+    Args:
+        boxes: the boxes.
+        measured: the boxes as likelihoods; those that are not valid stay out.
+        noise: for the density of people and the spread of their heights.
+        gate: largest squared Mahalanobis distance of two boxes that may start or join a group.
+        priors: where tracks expect people, if any.
+        ratios: compares embeddings; None to use positions and heights alone.
+    """
     parts = []
-    for index, (begin, end) in enumerate(ratios.blocks):
-        low, high = int(boxes.first[begin]), int(boxes.first[end])
-        length = fine_length(high - low)
-
-        def rows(values, low=low, high=high, length=length):
-            out = np.zeros((length, *values.shape[1:]), values.dtype)
-            out[: high - low] = values[low:high]
-            return out
-
-        slot = rows(ratios.appearance.slot)
-        slot[: high - low, 0] -= begin
-        info = measured.info
-        block_priors = None
-        if priors is not None:
-            chosen = (priors.frame >= begin) & (priors.frame < end)
-            block_priors = Priors(
-                priors.frame[chosen], priors.mean[chosen], priors.covariance[chosen]
-            )
+    for begin, end in boxes.runs:
+        rows = slice(int(boxes.first[begin]), int(boxes.first[end]))
         part = associate(
-            Information(rows(info.matrix), rows(info.vector), rows(info.constant)),
-            rows(measured.state)[:, :2],
-            rows(measured.position_covariance),
-            rows(boxes.frame),
-            rows(boxes.camera),
-            rows(np.asarray(measured.valid)),
+            measured.info[rows],
+            np.asarray(measured.state)[rows, :2],
+            np.asarray(measured.position_covariance)[rows],
+            boxes.frame[rows],
+            boxes.camera[rows],
+            np.asarray(measured.valid)[rows],
             boxes.table.shape[1],
             float(noise.density),
             float(noise.spread),
             gate,
-            ratios[index],
-            slot,
-            block_priors,
+            looks=None if ratios is None else ratios.of_run(begin, end),
+            slot=None if ratios is None else ratios.appearance.slot[rows] - [begin, 0],
+            priors=None if priors is None else priors.between(begin, end),
         )
-        member = np.where(part.member >= 0, part.member + low, -1)
-        parts.append(replace(part, member=member))
+        parts.append(replace(part, member=np.where(part.member >= 0, part.member + rows.start, -1)))
     return jax.tree.map(lambda *values: np.concatenate(values), *parts)
 
 

@@ -47,6 +47,11 @@ class Priors:
     mean: np.ndarray
     covariance: np.ndarray
 
+    def between(self, begin: int, end: int) -> "Priors":
+        """Select those of the frames from `begin` up to `end`."""
+        rows = (self.frame >= begin) & (self.frame < end)
+        return Priors(self.frame[rows], self.mean[rows], self.covariance[rows])
+
 
 def priors_of(
     frame: Int[np.ndarray, " prior"],

@@ -5,22 +5,18 @@ other's best partner. A gain depends only on the two groups, so the result is ex
 merging one best pair at a time.
 """
 
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from catfree.geometry._buckets import coarse_length, fine_length
 from catfree.methods.evidence._gaussian import Information, log_evidence
 from catfree.methods.evidence.group._groups import Groups, Priors, collect_groups, prior_information
 
 PAIR_BLOCK = 2**11  # pairs computed at a time: fits a cache
-FEWEST_PAIRS = 2**14  # to pad to: padding takes less time than another compilation
-BITS = 31  # cameras per word, with or without 64-bit integers
 PAIRS_AT_A_TIME = 1 << 18  # neighbors processed together: fits a cache
 
 
@@ -101,98 +97,90 @@ def _searches(reach: np.ndarray, crowd: int) -> list[tuple[int, int]]:
     ]
 
 
-@partial(jax.jit, static_argnames=("appearance",))
 def merge_groups(
-    info, camera, pairs, count, members, looks, slot, density, spread, appearance: bool
-):
+    info: Information,
+    camera: Int[np.ndarray, " item"],
+    pairs: Int[np.ndarray, "pair 2"],
+    member: Int[np.ndarray, "item cam"],
+    density: float,
+    spread: float,
+    looks: Float[np.ndarray, "frame slot slot"] | None = None,
+    slot: Int[np.ndarray, "item 2"] | None = None,
+) -> Int[np.ndarray, " item"]:
     """Merge while any pair gains.
 
     Args:
         info: (N) information of each item.
         camera: (N,) camera of each item (C for a track prior); a group has each at most once.
-        pairs: (P, 2) candidate pairs, padded with (0, 0) to a multiple of `PAIR_BLOCK`.
-        count: of the pairs without padding; blocks of nothing but padding cost nothing.
-        members: (N, C) the item's own index at its camera, -1 elsewhere.
-        looks: (F, D, D) weighted appearance log-likelihood ratios, or (1, 1, 1).
-        slot: (N, 2) frame and position in `looks` of each item.
+        pairs: (P, 2) rows of candidate pairs.
+        member: (N, C) the item's own row at its camera, -1 elsewhere.
         density: people per H0².
         spread: of heights in H0.
-        appearance: whether to use `looks`.
+        looks: (F, D, D) weighted appearance log-likelihood ratios, or None.
+        slot: (N, 2) frame and place in `looks` of each item.
 
     Returns:
-        (N,) the row that represents each item's group.
+        (N,) the row that represents each item's group, its first.
     """
-    N = camera.shape[0]
-    item_evidence = log_evidence(info, density, spread)
-    rows = jnp.arange(N)
-    blocks = (count + PAIR_BLOCK - 1) // PAIR_BLOCK
+    count = len(camera)
+    root, member = np.arange(count), member.copy()
+    info = jax.tree.map(np.array, info)  # a copy: the sums of the groups
+    has = camera[:, None] == np.arange(member.shape[1] + 1)
+    evidence, items = np.zeros(count), np.unique(pairs)
+    evidence[items] = log_evidence(info[items], density, spread)
 
-    def roots(root, block):
-        pair = root[jax.lax.dynamic_slice_in_dim(pairs, block * PAIR_BLOCK, PAIR_BLOCK)]
-        return pair.min(1), pair.max(1)
+    def gain_of(one: Int[np.ndarray, " pair"], two: Int[np.ndarray, " pair"]) -> np.ndarray:
+        joint = jax.tree.map(np.add, info[one], info[two])
+        gain = log_evidence(joint, density, spread) - evidence[one] - evidence[two]
+        if looks is not None and slot is not None:
+            left, right = member[one], member[two]
+            pair, of, to = np.nonzero((left >= 0)[:, :, None] & (right >= 0)[:, None, :])
+            at, other = slot[left[pair, of]].T, slot[right[pair, to], 1]
+            gain += np.bincount(pair, looks[*at, other], len(one))
+        return gain
 
-    def gains(a, b, matrix, vector, constant, evidence, mask, members):
-        joint = Information(matrix[a] + matrix[b], vector[a] + vector[b], constant[a] + constant[b])
-        gain = log_evidence(joint, density, spread) - evidence[a] - evidence[b]
-        if appearance:
-            left, right = members[a], members[b]
-            where = (left[:, :, None] >= 0) & (right[:, None, :] >= 0)
-            at = slot[jnp.maximum(left, 0), 1][:, :, None]
-            other = slot[jnp.maximum(right, 0), 1][:, None, :]
-            ratio = looks[slot[a, 0][:, None, None], at, other].astype(gain.dtype)
-            gain = gain + jnp.where(where, ratio, 0.0).sum((1, 2))
-        allowed = (a != b) & ((mask[a] & mask[b]) == 0).all(-1)
-        return jnp.where(allowed & (gain > 0), gain, -jnp.inf)
+    one, two, gain = (np.zeros(0, kind) for kind in (int, int, float))
+    added = pairs.T
+    while True:
+        blocks = range(0, added.shape[1], PAIR_BLOCK)
+        gained = [gain_of(*added[:, block : block + PAIR_BLOCK]) for block in blocks]
+        gain = np.concatenate([gain, *gained])
+        one, two = (np.concatenate(rows) for rows in zip((one, two), added, strict=True))
+        kept, absorbed = _mutually_best(one, two, gain, count)
+        if not len(kept):
+            return root
+        for part in (info.matrix, info.vector, info.constant):
+            part[kept] += part[absorbed]
+        evidence[kept] = log_evidence(info[kept], density, spread)
+        has[kept] |= has[absorbed]
+        member[kept] = np.maximum(member[kept], member[absorbed])
+        target, changed = np.arange(count), np.zeros(count, bool)
+        target[absorbed], changed[kept], changed[absorbed] = kept, True, True
+        root = target[root]
+        # Only pairs of groups that changed gain something else than before.
+        again = changed[one] | changed[two]
+        ends = np.sort(target[np.stack([one[again], two[again]])], axis=0)
+        added = np.stack(np.divmod(np.unique(ends[0] * count + ends[1]), count))
+        added = added[:, ~(has[added[0]] & has[added[1]]).any(1)]
+        one, two, gain = one[~again], two[~again], gain[~again]
 
-    def step(carry):
-        root, *groups, _ = carry
-        matrix, vector, constant, evidence, mask, members = groups
 
-        def find_best(block, carry):
-            gain, best = carry
-            a, b = roots(root, block)
-            here = gains(a, b, *groups)
-            gain = jax.lax.dynamic_update_slice_in_dim(gain, here, block * PAIR_BLOCK, 0)
-            return gain, best.at[a].max(here).at[b].max(here)
-
-        def find_partner(block, partner):
-            a, b = roots(root, block)
-            here = jax.lax.dynamic_slice_in_dim(gain, block * PAIR_BLOCK, PAIR_BLOCK)
-            hopeful = jnp.isfinite(here)
-            return (
-                partner
-                .at[a].min(jnp.where(hopeful & (here == best[a]), b, N))
-                .at[b].min(jnp.where(hopeful & (here == best[b]), a, N))
-            )  # fmt: skip
-
-        no_gain = [jnp.full(n, -jnp.inf, evidence.dtype) for n in (len(pairs), N)]
-        gain, best = jax.lax.fori_loop(0, blocks, find_best, tuple(no_gain))
-        partner = jax.lax.fori_loop(0, blocks, find_partner, jnp.full(N, N))
-        safe = jnp.minimum(partner, N - 1)
-        mutual = (partner < N) & (partner[safe] == rows)
-        absorbs = mutual & (rows < partner)
-        absorbed = mutual & (rows > partner)
-        target = jnp.where(absorbed, safe, rows)
-        add = lambda x: jnp.where(  # noqa: E731
-            absorbs.reshape(-1, *(1,) * (x.ndim - 1)), x + x[safe], x
-        )
-        matrix, vector, constant = add(matrix), add(vector), add(constant)
-        mask = jnp.where(absorbs[:, None], mask | mask[safe], mask)
-        members = jnp.where(absorbs[:, None], jnp.maximum(members, members[safe]), members)
-        evidence = jnp.where(
-            absorbs, log_evidence(Information(matrix, vector, constant), density, spread), evidence
-        )
-        return target[root], matrix, vector, constant, evidence, mask, members, mutual.any()
-
-    # One bit per camera and one for track priors, in as many words as needed.
-    words = members.shape[1] // BITS + 1
-    bits = jnp.left_shift(1, camera % BITS)[:, None]
-    mask = jnp.where(camera[:, None] // BITS == jnp.arange(words)[None], bits, 0)
-    start = (
-        rows, info.matrix, info.vector, info.constant, item_evidence, mask, members,
-        jnp.array(True),
-    )  # fmt: skip
-    return jax.lax.while_loop(lambda carry: carry[-1], step, start)[0]
+def _mutually_best(
+    one: Int[np.ndarray, " pair"],
+    two: Int[np.ndarray, " pair"],
+    gain: Float[np.ndarray, " pair"],
+    count: int,
+) -> tuple[Int[np.ndarray, " merge"], Int[np.ndarray, " merge"]]:
+    """Find the groups that gain most from each other, the first row of each pair first."""
+    best, partner = np.zeros(count), np.full(count, count)
+    np.maximum.at(best, one, gain)
+    np.maximum.at(best, two, gain)
+    for own, other in ((one, two), (two, one)):
+        at = np.flatnonzero((gain > 0) & (gain == best[own]))
+        np.minimum.at(partner, own[at], other[at])
+    kept = np.flatnonzero(partner < count)
+    kept = kept[(kept < partner[kept]) & (partner[partner[kept]] == kept)]
+    return kept, partner[kept]
 
 
 def associate(
@@ -231,40 +219,23 @@ def associate(
         One group per person, including single boxes, sorted by frame and first member.
     """
     if priors is not None and len(priors.frame):
-        # Use existing padding for the priors first.
-        begin = int(np.flatnonzero(valid).max(initial=-1)) + 1
-        count = begin + len(priors.frame)
-        length = max(len(frame), fine_length(count))
-        extend = partial(_extend, begin=begin, length=length)
-        info = jax.tree.map(extend, info, prior_information(priors, density, spread))
-        position = extend(position, priors.mean[:, :2])
-        covariance = extend(covariance, priors.covariance[:, :2, :2])
-        camera = extend(camera, np.full(len(priors.frame), cameras))
-        frame = extend(frame, priors.frame)
-        valid = extend(valid, np.ones(len(priors.frame), bool))
+        count = len(priors.frame)
+        info = _joined(info, prior_information(priors, density, spread))
+        position = _joined(position, priors.mean[:, :2])
+        covariance = _joined(covariance, priors.covariance[:, :2, :2])
+        frame, camera = _joined(frame, priors.frame), _joined(camera, np.full(count, cameras))
+        valid = _joined(valid, np.ones(count, bool))
         if slot is not None:
-            slot = extend(slot, np.zeros((len(priors.frame), 2), np.int64))
-    total = len(frame)
+            slot = _joined(slot, np.zeros((count, 2), np.int64))
     items = np.flatnonzero(valid)
     pairs = candidate_pairs(position, covariance, frame, camera, items, gate)
-    padded = np.zeros((coarse_length(len(pairs), FEWEST_PAIRS, 8), 2), np.int64)
-    padded[: len(pairs)] = pairs
-    members = np.full((total, cameras), -1)
+    member = np.full((len(frame), cameras), -1)
     boxes = items[camera[items] < cameras]
-    members[boxes, camera[boxes]] = boxes
-    use = looks is not None
-    root = merge_groups(
-        info, camera, padded, np.asarray(len(pairs)), members,
-        looks if use else np.zeros((1, 1, 1)), slot if use else np.zeros((total, 2), np.int64),
-        np.asarray(density), np.asarray(spread), appearance=use,
-    )  # fmt: skip
-    root = np.asarray(root)
+    member[boxes, camera[boxes]] = boxes
+    root = merge_groups(info, camera, pairs, member, density, spread, looks, slot)
     return collect_groups(root, items, info, frame, camera, cameras, density, spread)
 
 
-def _extend(values: Any, more: Any, *, begin: int, length: int) -> np.ndarray:
-    """Rows up to `begin`, followed by more rows and zero padding."""
-    host = np.asarray(values)
-    out = np.zeros((length, *host.shape[1:]), host.dtype)
-    out[:begin], out[begin : begin + len(more)] = host[:begin], more
-    return out
+def _joined(values: Any, more: Any) -> Any:
+    """Rows followed by more rows."""
+    return jax.tree.map(lambda *parts: np.concatenate(parts), values, more)

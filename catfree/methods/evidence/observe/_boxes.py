@@ -15,6 +15,7 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Lens, Rig
 
 BLOCK = 4096  # embeddings normalized together
+PAIRS_AT_A_TIME = 1 << 24  # of boxes of one instant: 64 MB in single precision
 LONGEST_PAUSE = 1e6  # usual steps, after which anybody may be anywhere: longer ones say no more
 
 
@@ -67,6 +68,13 @@ class Boxes:
     def step(self) -> float:
         """The usual step between frame numbers: their median; 1 for fewer than two."""
         return float(np.median(np.diff(self.frames))) if len(self.frames) > 1 else 1.0
+
+    @property
+    def runs(self) -> list[tuple[int, int]]:
+        """Runs of frames, as (first, end), whose pairs of boxes fit into memory together."""
+        frames, fullest = len(self.frames), int(np.diff(self.first).max(initial=1))
+        step = max(1, PAIRS_AT_A_TIME // fullest**2)
+        return [(begin, min(begin + step, frames)) for begin in range(0, frames, step)]
 
     @property
     def time(self) -> Float[np.ndarray, " frame"]:

@@ -139,10 +139,11 @@ def lens_bends(
     residual = np.where(found.used, found.residual / focal, 0.0)
     by_end = np.array([[0, 1], [0, 2]])
     bend = np.zeros(groups.member.shape[1])
-    for one in np.flatnonzero(np.bincount(camera, minlength=1) >= FEWEST_BOXES):
+    count = np.bincount(camera, minlength=1)
+    length = coarse_length(2 * int(count.max()), BLOCK)  # of all cameras: compiled once
+    for one in np.flatnonzero(count >= FEWEST_BOXES):
         rows = camera == one
         own = residual[rows][:, by_end], offset[rows], precision[rows][:, by_end]
-        length = coarse_length(2 * int(rows.sum()), BLOCK)
         pattern = _fit(*(padded(part.reshape(1, -1, 2), 1, length) for part in own))
         strength, deviation = np.abs(pattern.strength[0]), pattern.deviation[0]
         outer = np.quantile(np.linalg.norm(own[1], axis=-1), OUTER)

@@ -2,7 +2,6 @@
 
 import itertools
 
-import jax
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -33,11 +32,10 @@ def greedy(info, camera, cameras):
     precision = info.matrix[:n, 0, 0]
     position[:n] = info.vector[:n, :2] / precision[:, None]
     covariance[:n] = np.eye(2) / precision[:, None, None]
-    with jax.enable_x64(True):
-        groups = associate(
-            info, position, covariance, np.zeros(ROWS, int), np.pad(camera, (0, ROWS - n)),
-            np.arange(ROWS) < n, cameras, DENSITY, SPREAD, GATE,
-        )  # fmt: skip
+    groups = associate(
+        info, position, covariance, np.zeros(ROWS, int), np.pad(camera, (0, ROWS - n)),
+        np.arange(ROWS) < n, cameras, DENSITY, SPREAD, GATE,
+    )  # fmt: skip
     return sorted(sorted(row[row >= 0].tolist()) for row in groups.member)
 
 
@@ -99,7 +97,6 @@ def test_all_partitions_are_enumerated_once():
     assert len(partitions(np.array([0, 0, 1, 1]))) == 7
 
 
-@pytest.mark.slow
 @settings(max_examples=20)
 @given(crowds())
 def test_the_evidence_of_a_group_is_its_integral_over_places_and_heights(crowd):
@@ -131,7 +128,6 @@ def test_no_merge_improves_what_greedy_merging_leaves_and_nothing_beats_the_like
             assert evidence_of(info, [one + two]) <= evidence_of(info, [one, two]) + 1e-9
 
 
-@pytest.mark.slow
 @settings(max_examples=40)
 @given(crowds(most_cameras=2))
 def test_between_two_cameras_greedy_merging_gains_at_least_half_of_what_can_be_gained(crowd):
