@@ -3,6 +3,8 @@ import numpy as np
 import pytest
 
 import catfree as cf
+from catfree.methods.evidence._gaussian import Information
+from catfree.methods.evidence.observe._measurement import Measurements
 
 HEIGHT = 1.7
 
@@ -29,6 +31,15 @@ def make_rig(count=5, radius=9.0, height=3.0, focal=900.0, roll=0.0):
 
 def make_scene(rig):
     return cf.Scene(rig, cf.Plane([0.0, 0.0, 1.0], 0.0), 18.0, metric=True)
+
+
+def measured(count, deviation):
+    """Measurements of boxes of which only the deviation of the edges is known."""
+    return Measurements(
+        Information(np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros(count)),
+        np.zeros((count, 3)), np.zeros((count, 2, 2)), np.full((count, 3), float(deviation)),
+        np.zeros((count, 3)), np.ones((count, 3), bool), np.ones(count, bool),
+    )  # fmt: skip
 
 
 def box_of(rig, camera, xy, height=HEIGHT):

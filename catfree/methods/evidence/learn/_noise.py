@@ -11,13 +11,13 @@ from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
 from catfree.geometry._buckets import in_blocks
 from catfree.geometry._person import drop_to_height, edges_and_slopes, height_at
 from catfree.methods.evidence._gaussian import mean_and_covariance
+from catfree.methods.evidence._huber_regression import huber_regression
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise, field_features
 from catfree.methods.evidence.observe._views import GroundViews
 from catfree.settings import EvidenceSettings
 
-HUBER = 1.5  # standard deviations beyond which the loss is linear (Huber 1981)
 LARGEST_CHANGE = 2.0  # factor of noise per round: groups were made with the old noise
 STEP = 2 / np.pi**0.5  # H0: 4 H0² of ground around each person are in use
 SPACING = STEP / 6  # of the lattice that measures this area: a few percent error for one person
@@ -156,10 +156,14 @@ def learn_noise(
             for k in range(3):
                 of_edge = used[:, k] & (c == camera)
                 if of_edge.sum() >= settings.fewest_samples:
-                    learned = _robust_ridge(
-                        features[of_edge, k], residual[of_edge, k], sd[of_edge, k],
-                        np.array(settings.field_prior), k,
-                    )  # fmt: skip
+                    columns = features[of_edge, k] / sd[of_edge, k, None]
+                    if k == 0:
+                        columns[:, 3] = 0
+                    learned, _ = huber_regression(
+                        columns,
+                        residual[of_edge, k] / sd[of_edge, k],
+                        np.array(settings.field_prior),
+                    )
                     field[camera, k] += share * (learned - field[camera, k])
     corrected = residual - np.einsum("nkf,nkf->nk", features, field[c])
     z = corrected / sd
@@ -207,18 +211,3 @@ def crowding(position: Float[np.ndarray, "n 2"], frame: Int[np.ndarray, " n"]) -
     walked = len(np.unique((x << 32) + y)) * SPACING**2
     people = len(position) / max(len(np.unique(frame)), 1)
     return people / max(walked, ellipse)
-
-
-def _robust_ridge(X, y, sd, prior, component) -> np.ndarray:
-    """Huber regression with a zero-mean Gaussian prior, by iterative reweighting."""
-    X, y = X / sd[:, None], y / sd
-    weight, coefficients = np.ones(len(y)), np.zeros(X.shape[1])
-    if component == 0:
-        X = X * np.array([1.0, 1.0, 1.0, 0.0])
-    for _ in range(4):
-        A = (X * weight[:, None]).T @ X + np.diag(1 / prior**2)
-        coefficients = np.linalg.solve(A, (X * weight[:, None]).T @ y)
-        error = np.abs(y - X @ coefficients)
-        scale = max(MEDIAN_TO_DEVIATION * float(np.median(error)), 1e-6)
-        weight = np.minimum(1, HUBER * scale / np.maximum(error, 1e-12))
-    return coefficients

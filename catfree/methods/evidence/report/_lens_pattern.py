@@ -5,25 +5,11 @@ What a wrong lens adds begins with the third power of the distance, along the ra
 """
 
 from collections.abc import Sequence
-from functools import partial
-from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
-from catfree.geometry._buckets import coarse_length, padded
-from catfree.geometry._least_squares import (
-    HUBER,
-    NormalEquations,
-    Residuals,
-    SchurLevenbergMarquardt,
-    Unknowns,
-    huber,
-    minimize,
-    robust,
-)
+from catfree.methods.evidence._huber_regression import huber_regression
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.learn._noise import left_out_residuals
 from catfree.methods.evidence.observe._boxes import Boxes
@@ -31,77 +17,41 @@ from catfree.methods.evidence.observe._measurement import Measurements, Noise
 from catfree.methods.evidence.observe._views import GroundViews
 from catfree.types._validation import shown_camera
 
-CONVERGED = 1e-6  # relative decrease of the cost that ends the iteration
-_PARAMETERS = 7  # shift (2), linear map (2 by 2), radial
 FEWEST_CAMERAS = 3  # with one other camera, nobody knows which of the two is wrong
 FEWEST_BOXES = 50  # of a camera
 OUTER = 0.95  # share of the boxes' ends that are nearer to the middle than where the bend counts
 SIGNIFICANT = 6.0  # standard deviations; boxes of one person are not independent
 NOTICEABLE = 0.02  # radians; right lenses left up to 0.012, fisheyes taken for pinholes 0.04
-BLOCK = 1024  # ends of boxes are padded to this number times a power of four
-
-
-class LensPattern(NamedTuple):
-    """Radial residuals of each camera.
-
-    Attributes:
-        strength: (C,) coefficient of offset * |offset|² in the residual, as in Brown-Conrady's k1.
-        deviation: (C,) its standard deviation if residuals are independent; 1 without residuals.
-    """
-
-    strength: Float[Array, " cam"]
-    deviation: Float[Array, " cam"]
 
 
 def lens_pattern(
-    residual: Float[Array, "cam n 2"],
-    offset: Float[Array, "cam n 2"],
-    precision: Float[Array, "cam n 2"],
-) -> LensPattern:
-    """Fit what a wrong lens leaves to the residuals of each camera, beside an affine map.
+    residual: Float[np.ndarray, "n 2"],
+    offset: Float[np.ndarray, "n 2"],
+    precision: Float[np.ndarray, "n 2"],
+) -> tuple[float, float]:
+    """Fit what a wrong lens leaves to the residuals of a camera, beside an affine map.
 
     Args:
-        residual: (C, n, 2) observed minus predicted image points, in focal lengths; n > 0.
-        offset: (C, n, 2) the points, relative to the principal point, in focal lengths.
-        precision: (C, n, 2) inverse standard deviations of the residuals; 0 for none.
+        residual: (n, 2) observed minus predicted image points, in focal lengths.
+        offset: (n, 2) the points, relative to the principal point, in focal lengths.
+        precision: (n, 2) inverse standard deviations of the residuals; 0 for none.
 
     Returns:
-        The pattern of each camera, by Huber's loss on each coordinate.
+        strength: coefficient of offset * |offset|² in the residual, as in Brown-Conrady's k1.
+        deviation: its standard deviation if residuals are independent; 1 without residuals.
 
     Source:
         Brown, "Close-range camera calibration" (1971), for the first radial coefficient.
     """
-    x, y = offset[..., 0], offset[..., 1]
-    one, zero = jnp.ones_like(x), jnp.zeros_like(x)
-    square = x**2 + y**2
-    columns = jnp.stack([one, zero, x, y, zero, zero, x * square], -1)
-    rows = jnp.stack([zero, one, zero, zero, x, y, y * square], -1)
-    design = jnp.stack([columns, rows], -2) * precision[..., None]
-    cameras, n = x.shape
-    start = Unknowns(jnp.zeros((cameras, _PARAMETERS), x.dtype), jnp.zeros((n, 0), x.dtype))
-    solution = minimize(
-        _problem,
-        start,
-        (jnp.zeros(0, x.dtype), (design, residual * precision)),
-        SchurLevenbergMarquardt(CONVERGED, 0.0),
+    x, y = offset.T
+    one, zero, square = np.ones_like(x), np.zeros_like(x), x**2 + y**2
+    columns = np.stack([one, zero, x, y, zero, zero, x * square], -1)
+    rows = np.stack([zero, one, zero, zero, x, y, y * square], -1)
+    design = np.stack([columns, rows], 1) * precision[..., None]
+    found, covariance = huber_regression(
+        design.reshape(-1, 7), (residual * precision).ravel(), np.ones(7), scale=1.0
     )
-    equations: NormalEquations = solution.stats["equations"]
-    variance = jnp.diagonal(equations.covariance(jnp.zeros((0, 0), x.dtype)))
-    last = jnp.arange(1, cameras + 1) * _PARAMETERS - 1
-    return LensPattern(solution.value.view[:, -1], jnp.sqrt(jnp.maximum(variance[last], 0)))
-
-
-def _problem(
-    unknowns: Unknowns,
-    args: tuple[Float[Array, "0"], tuple[Float[Array, "cam n 2 7"], Float[Array, "cam n 2"]]],
-) -> tuple[Residuals, Residuals]:
-    design, target = args[1]
-    left = target - jnp.einsum("cnkp,cp->cnk", design, unknowns.view)
-    nothing = jnp.zeros(0, left.dtype), jnp.zeros((left.shape[1], 0), left.dtype)
-    return robust(Residuals(left[..., None], *nothing), partial(huber, width=HUBER))
-
-
-_fit = jax.jit(lens_pattern)
+    return float(found[-1]), float(np.sqrt(covariance[-1, -1]))
 
 
 def lens_bends(
@@ -139,16 +89,13 @@ def lens_bends(
     residual = np.where(found.used, found.residual / focal, 0.0)
     by_end = np.array([[0, 1], [0, 2]])
     bend = np.zeros(groups.member.shape[1])
-    count = np.bincount(camera, minlength=1)
-    length = coarse_length(2 * int(count.max()), BLOCK)  # of all cameras: compiled once
-    for one in np.flatnonzero(count >= FEWEST_BOXES):
+    for one in np.flatnonzero(np.bincount(camera, minlength=1) >= FEWEST_BOXES):
         rows = camera == one
         own = residual[rows][:, by_end], offset[rows], precision[rows][:, by_end]
-        pattern = _fit(*(padded(part.reshape(1, -1, 2), 1, length) for part in own))
-        strength, deviation = np.abs(pattern.strength[0]), pattern.deviation[0]
+        strength, deviation = lens_pattern(*(part.reshape(-1, 2) for part in own))
         outer = np.quantile(np.linalg.norm(own[1], axis=-1), OUTER)
-        if strength > SIGNIFICANT * deviation:
-            bend[one] = strength * outer**3
+        if abs(strength) > SIGNIFICANT * deviation:
+            bend[one] = abs(strength) * outer**3
     return bend
 
 

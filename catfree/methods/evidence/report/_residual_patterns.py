@@ -9,19 +9,16 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
-from catfree.geometry._buckets import fine_length
-from catfree.geometry._person import edges_and_slopes
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements
+from catfree.methods.evidence.observe._sightings import sightings_by_camera
 from catfree.methods.evidence.observe._views import GroundViews
 from catfree.methods.evidence.track._tracking import Trails
-from catfree.types._annotations import HostOrDevice
 from catfree.types._validation import shown_camera
 
 # Columns of a late clock, and of a move (across, down); the first three are constant offsets.
@@ -44,15 +41,15 @@ class Explained(NamedTuple):
         variance: () mean square of the standardized residuals without constant offsets.
     """
 
-    share: Float[HostOrDevice, "*cam 2"]
-    coefficient: Float[HostOrDevice, "*cam 3"]
-    variance: Float[HostOrDevice, "*cam"]
+    share: Float[np.ndarray, "*cam 2"]
+    coefficient: Float[np.ndarray, "*cam 3"]
+    variance: Float[np.ndarray, "*cam"]
 
 
 def explained(
-    residual: Float[Array, "n 3"],
-    columns: Float[Array, "n 3 6"],
-    block: Int[Array, " n"],
+    residual: Float[np.ndarray, "n 3"],
+    columns: Float[np.ndarray, "n 3 6"],
+    block: Int[np.ndarray, " n"],
 ) -> Explained:
     """Fit patterns to the residuals of one camera.
 
@@ -63,35 +60,34 @@ def explained(
         residual: (n, 3) standardized residuals of the edges.
         columns: (n, 3, 6) what each pattern adds: an offset of each coordinate in pixels, and the
             columns of `_GROUPS`; all 0 where there is no residual.
-        block: (n,) which rows count as one, below n.
+        block: (n,) rows of one number count as one.
 
     Source:
         Liang and Zeger, "Longitudinal data analysis using generalized linear models" (1986), for
         the variance of sums over blocks.
     """
-    present = jnp.any(columns != 0, axis=-1)
-    size = jnp.where(present, jnp.abs(residual), jnp.nan)
-    usual = jnp.nan_to_num(MEDIAN_TO_DEVIATION * jnp.nanmedian(size))
-    r = jnp.where(present, jnp.clip(residual, -LARGEST * usual, LARGEST * usual), 0.0)
-    scale = jnp.sqrt(jnp.maximum((columns**2).sum((0, 1)), 1e-30))
-    X = columns / scale[None, None]
-    normal = jnp.einsum("nka,nkb->ab", X, X)
-    inverse = jnp.linalg.inv(normal + 1e-6 * jnp.eye(len(scale), dtype=X.dtype))
-    beta = inverse @ jnp.einsum("nka,nk->a", X, r)
-    left = r - X @ beta
-    score = jax.ops.segment_sum(jnp.einsum("nka,nk->na", X, left), block, len(r))
+    present = (columns != 0).any(-1)
+    usual = MEDIAN_TO_DEVIATION * np.median(np.abs(residual[present])) if present.any() else 0.0
+    r = np.where(present, np.clip(residual, -LARGEST * usual, LARGEST * usual), 0.0)
+    scale = np.sqrt(np.maximum((columns**2).sum((0, 1)), 1e-30))
+    X = columns / scale
+    normal = np.einsum("nka,nkb->ab", X, X)
+    inverse = np.linalg.inv(normal + 1e-6 * np.eye(len(scale)))
+    beta = inverse @ np.einsum("nka,nk->a", X, r)
+    score = np.zeros((int(block.max(initial=-1)) + 1, len(scale)))
+    np.add.at(score, block, np.einsum("nka,nk->na", X, r - X @ beta))
     spread = inverse @ (score.T @ score) @ inverse
-    constant = normal[:3, :3] + 1e-6 * jnp.eye(3, dtype=X.dtype)
-    offset = jnp.linalg.solve(constant, jnp.einsum("nka,nk->a", X[..., :3], r))
+    constant = normal[:3, :3] + 1e-6 * np.eye(3)
+    offset = np.linalg.solve(constant, np.einsum("nka,nk->a", X[..., :3], r))
     plain = r - X[..., :3] @ offset
-    total = jnp.maximum((plain**2).sum(), 1e-12)
+    total = max(float((plain**2).sum()), 1e-12)
     shares = []
     for group in _GROUPS:
-        weight = jnp.linalg.inv(inverse[group, group])
+        weight = np.linalg.inv(inverse[group, group])
         saved = beta[group] @ weight @ beta[group]
-        shares.append((saved - jnp.trace(weight @ spread[group, group])) / total)
-    count = jnp.maximum(present.sum(), 1).astype(total.dtype)
-    return Explained(jnp.stack(shares), (beta / scale)[3:], total / count)
+        shares.append((saved - np.trace(weight @ spread[group, group])) / total)
+    variance = total / max(int(present.sum()), 1)
+    return Explained(np.array(shares), (beta / scale)[3:], np.array(variance))
 
 
 class Patterns(NamedTuple):
@@ -143,34 +139,6 @@ class Patterns(NamedTuple):
         return tuple(said)
 
 
-@jax.jit
-def _explained(state, velocity, half, block, member, edges, noise, used, view, matrix):
-    """`Explained` of all cameras."""
-
-    def one(state, velocity, half, row):
-        at = jnp.maximum(row, 0)
-        predicted, slopes = edges_and_slopes(matrix[view[at]], None, state)
-        weight = jnp.where((row >= 0) & used[at], 1 / noise[at], 0.0)
-        across, down = jnp.array([1.0, 0.0, 0.0]), jnp.array([0.0, 1.0, 1.0])
-        columns = jnp.stack(
-            [
-                across,
-                jnp.array([0.0, 1.0, 0.0]),
-                jnp.array([0.0, 0.0, 1.0]),
-                slopes @ jnp.append(velocity, 0.0),
-                half * across,
-                half * down,
-            ],
-            -1,
-        )
-        return (edges[at] - predicted) * weight, columns * weight[:, None]
-
-    def camera(rows):
-        return explained(*jax.vmap(one)(state, velocity, half, rows), block)
-
-    return jax.lax.map(camera, member.T)  # one camera at a time: columns are large
-
-
 def residual_patterns(
     trails: Trails,
     kept: np.ndarray,
@@ -200,31 +168,30 @@ def residual_patterns(
         return None
     group = trails.group[rows]
     member = groups.member[group]
-    n, length = len(rows), fine_length(len(rows))
     frame = trails.frame[rows]
     half = np.where(frame < np.median(frame), -1.0, 1.0)
     _, block = np.unique(
         np.stack([trails.track[rows], frame // BLOCK], -1), axis=0, return_inverse=True
     )
-
-    def pad(values: np.ndarray, fill: int = 0) -> np.ndarray:
-        return np.pad(
-            values,
-            [(0, length - n)] + [(0, 0)] * (values.ndim - 1),
-            constant_values=fill,
-        )
-
     velocity = np.nan_to_num(trails.mean[rows, 3:])
+    found = []
     with jax.enable_x64(True):
-        found = _explained(
-            pad(trails.mean[rows, :3], 1), pad(velocity), pad(half), pad(block), pad(member, -1),
-            np.asarray(measurements.edges), np.asarray(measurements.noise),
-            np.asarray(measurements.used), boxes.view, np.asarray(views.matrix),
-        )  # fmt: skip
+        for seen in sightings_by_camera(
+            trails.mean[rows, :3], member, measurements, boxes.view, views
+        ):
+            columns = np.zeros((len(seen.person), 3, 6))
+            columns[:, range(3), range(3)] = 1
+            columns[..., 3] = np.einsum("nki,ni->nk", seen.slopes[..., :2], velocity[seen.person])
+            columns[:, 0, 4] = columns[:, 1, 5] = columns[:, 2, 5] = half[seen.person]
+            residual = (np.asarray(measurements.edges)[seen.box] - seen.edges) * seen.precision
+            found.append(
+                explained(residual, columns * seen.precision[..., None], block[seen.person])
+            )
     speed = np.linalg.norm(velocity, axis=1)
     walks = speed >= np.median(speed)
     return Patterns(
-        Explained(*map(np.asarray, found)), seen_together(member[walks] >= 0, rate[group][walks])
+        Explained(*map(np.array, zip(*found, strict=True))),
+        seen_together(member[walks] >= 0, rate[group][walks]),
     )
 
 

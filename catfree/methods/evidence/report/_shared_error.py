@@ -22,14 +22,13 @@ two cameras are not informative.
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.special import ndtri, stdtrit
 
-from catfree.geometry._buckets import fine_length
-from catfree.geometry._person import edges_and_slopes
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise, field_features
+from catfree.methods.evidence.observe._sightings import sightings_by_camera
 from catfree.methods.evidence.observe._views import GroundViews
 from catfree.methods.evidence.track._tracking import Trails
 from catfree.settings import EvidenceSettings
@@ -77,27 +76,33 @@ def shared_covariance(
         return none
     middle = trails.mean[rows, :2].mean(0)
     modes = map_modes(trails.mean[:, :3], middle)
-    n = len(rows)
-    extra = fine_length(n) - n
-    normal, lever = map(
-        np.asarray,
-        _sums(
-            np.pad(trails.mean[rows, :3], ((0, extra), (0, 0)), constant_values=1.0),
-            np.pad(member, ((0, extra), (0, 0)), constant_values=-1),
-            np.pad(modes[rows], ((0, extra), (0, 0), (0, 0))),
-            np.asarray(measurements.noise),
-            np.asarray(measurements.used),
-            boxes.view,
-            np.asarray(views.matrix),
-            np.asarray(views.focal),
-        ),
-    )
+    state = trails.mean[rows, :3]
+    normal, lever = mode_sums(state, modes[rows], member, measurements, boxes.view, views)
     spread = lever @ scatter @ lever.transpose(0, 2, 1)
     # One person at one position cannot separate rotation from shift; such modes get no variance.
     inverse = np.linalg.pinv(normal, rcond=1e-9, hermitian=True)
     covariance = inverse @ spread.sum(0) @ inverse
     flat = modes[:, :2]
     return flat @ covariance @ flat.transpose(0, 2, 1)
+
+
+def mode_sums(
+    state: Float[np.ndarray, "n 3"],
+    modes: Float[np.ndarray, "n 3 4"],
+    member: Int[np.ndarray, "n cam"],
+    measurements: Measurements,
+    view: Int[np.ndarray, " box"],
+    views: GroundViews,
+) -> tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "cam 4 3"]]:
+    """Information on the modes of the map, and the leverage of each camera's offsets on them."""
+    normal, lever = np.zeros((MODES, MODES)), np.zeros((member.shape[1], MODES, 3))
+    of_cameras = sightings_by_camera(state, member, measurements, view, views)
+    for camera, seen in enumerate(of_cameras):
+        moved = seen.precision[..., None] * (seen.slopes[..., :3] @ modes[seen.person])
+        normal += np.einsum("nki,nkj->ij", moved, moved)
+        focal = np.asarray(views.focal)[view[seen.box]]
+        lever[camera] = np.einsum("nki,nk,n->ik", moved, seen.precision, focal)
+    return normal, lever
 
 
 def map_modes(state: np.ndarray, middle: np.ndarray) -> Float[np.ndarray, "node 3 4"]:
@@ -172,23 +177,3 @@ def _offsets(edges, size, camera, view, field, focal, center):
         return (features * jnp.asarray(field)[c]).sum(-1) / take(focal)
 
     return jax.vmap(one)(edges, size, camera, view)
-
-
-@jax.jit
-def _sums(state, member, modes, noise, used, view, matrix, focal):
-    """(4, 4) information on the modes of the map, and (C, 4, 3) leverage of each camera on them."""
-
-    def one(state, row, modes):
-        at = jnp.maximum(row, 0)
-        v = view[at]
-        _, slopes = edges_and_slopes(matrix[v], None, state)
-        weight = jnp.where((row >= 0) & used[at], 1 / noise[at] ** 2, 0.0)
-        moved = slopes @ modes
-        weighted = (moved * weight[:, None]).T
-        return weighted @ moved, weighted * focal[v]
-
-    def camera(rows):
-        return jax.tree.map(lambda a: a.sum(0), jax.vmap(one)(state, rows, modes))
-
-    normal, lever = jax.lax.map(camera, member.T)
-    return normal.sum(0), lever

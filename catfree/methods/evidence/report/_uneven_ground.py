@@ -10,38 +10,15 @@ and both sums add over cameras. A smoothed position depends on its neighbors in 
 movement around it is used; a single chance match with another camera must not determine it.
 """
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.geometry._buckets import in_blocks
-from catfree.geometry._person import box_edges
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._measurement import Measurements, Noise
-from catfree.methods.evidence.observe._views import PEOPLE_BLOCKS, GroundViews
+from catfree.methods.evidence.observe._sightings import sightings_by_camera
+from catfree.methods.evidence.observe._views import GroundViews
 from catfree.methods.evidence.track._tracking import Trails
 from catfree.settings import EvidenceSettings
-
-
-@jax.jit
-def _sums(state, member, noise, used, view, matrix):
-    """(M, 3, 3) J'W J and (M, 3) J'W j of the boxes of every row."""
-
-    def edges(matrix, extended):
-        raised = jnp.asarray(matrix).at[:, 3].add(extended[3] * matrix[:, 2])
-        return box_edges(raised, None, extended[:3])
-
-    def one(state, row):
-        extended = jnp.append(state, jnp.zeros((), state.dtype))
-        at = jnp.maximum(row, 0)
-        slopes = jax.jacfwd(edges, argnums=1)(matrix[view[at]], extended)
-        weight = jnp.where((row >= 0) & used[at], 1 / noise[at] ** 2, 0.0)
-        weighted = slopes[:, :3] * weight[:, None]
-        return weighted.T @ slopes
-
-    total = jax.vmap(jax.vmap(one, in_axes=(None, 0)))(state, member).sum(1)
-    return total[..., :3], total[..., 3]
 
 
 def ground_shift(
@@ -73,13 +50,11 @@ def ground_shift(
         return np.zeros((M, 2))
     has_group = trails.group >= 0
     member = np.where(has_group[:, None], groups.member[trails.group], -1)
-    shared = measurements.noise, measurements.used, view, views.matrix
-    on_device = tuple(map(jnp.asarray, shared))  # once, not for each block
-    normal, cross = in_blocks(
-        lambda *rows: _sums(*rows, *on_device),
-        (trails.mean[:, :3], member),
-        *PEOPLE_BLOCKS,
-    )
+    normal, cross = np.zeros((M, 3, 3)), np.zeros((M, 3))
+    for seen in sightings_by_camera(trails.mean[:, :3], member, measurements, view, views):
+        slopes = seen.slopes * seen.precision[..., None]
+        normal[seen.person] += np.einsum("nki,nkj->nij", slopes[..., :3], slopes[..., :3])
+        cross[seen.person] += np.einsum("nki,nk->ni", slopes[..., :3], slopes[..., 3])
     normal[:, 2, 2] += 1 / float(noise.spread) ** 2
     scale = np.trace(normal, axis1=1, axis2=2)[:, None, None]
     movement = np.linalg.solve(normal + 1e-9 * scale * np.eye(3), cross[..., None])[:, :2, 0]

@@ -1,7 +1,5 @@
 """Patterns planted in residuals are found, and noise has none."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -29,42 +27,30 @@ def drawn(seed):
     return columns, block, noise
 
 
-def fitted(residual, columns, block):
-    with jax.enable_x64(True):
-        found = explained(jnp.asarray(residual), jnp.asarray(columns), jnp.asarray(block))
-        return jax.tree.map(np.asarray, found)
-
-
-@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 def test_noise_and_constant_offsets_have_no_pattern(seed):
     columns, block, noise = drawn(seed)
-    found = fitted(noise + np.array([1.0, -0.5, 0.3]), columns, block)
+    found = explained(noise + np.array([1.0, -0.5, 0.3]), columns, block)
     assert (found.share < 0.03).all()
     np.testing.assert_allclose(found.variance, (noise - noise.mean(0)).var(), rtol=0.2)
 
 
-@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(0, 1))
 def test_a_planted_pattern_is_found_with_its_share(seed, kind):
     columns, block, noise = drawn(seed)
     at = _GROUPS[kind].start
-    found = fitted(noise + 0.6 * columns[..., at], columns, block)
+    found = explained(noise + 0.6 * columns[..., at], columns, block)
     np.testing.assert_allclose(found.coefficient[at - 3], 0.6, atol=0.15)
     np.testing.assert_allclose(found.share[kind], 0.36 / 1.36, atol=0.08)
     assert (np.delete(found.share, kind) < 0.03).all()
 
 
-@pytest.mark.slow
-def test_without_residuals_everything_is_finite():
-    def total(residual, columns):
-        found = explained(residual, columns, jnp.zeros(len(residual), int))
-        return found.share.sum() + found.coefficient.sum() + found.variance
-
-    nothing = jnp.zeros((5, 3)), jnp.zeros((5, 3, 6))
-    assert np.isfinite(total(*nothing))
-    for slope in jax.grad(total, (0, 1))(*nothing):
-        assert np.isfinite(slope).all()
+@pytest.mark.parametrize("rows", [0, 5])
+def test_without_residuals_there_is_no_pattern(rows):
+    found = explained(np.zeros((rows, 3)), np.zeros((rows, 3, 6)), np.zeros(rows, int))
+    assert (found.share == 0).all()
+    assert (found.coefficient == 0).all()
+    assert found.variance < 1e-9
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 5))

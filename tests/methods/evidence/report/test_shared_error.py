@@ -12,15 +12,15 @@ from catfree.geometry._person import box_edges
 from catfree.methods.evidence import solve
 from catfree.methods.evidence.observe._views import ground_views
 from catfree.methods.evidence.report._shared_error import (
-    _sums,
     map_modes,
+    mode_sums,
     offset_scatter,
     scatter_between,
     shared_covariance,
 )
 from catfree.settings import EvidenceSettings
 from catfree.synthetic import RigError, make_world
-from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene, walk
+from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene, measured, walk
 
 SETTINGS = EvidenceSettings()
 
@@ -43,11 +43,8 @@ def test_sums_predict_how_offsets_of_cameras_move_the_map():
     state = np.column_stack([rng.uniform(-2, 2, (9, 2)), np.ones(9)])
     modes = map_modes(state, state[:, :2].mean(0))
     member = np.arange(45).reshape(9, 5)
-    normal, lever = map(
-        np.asarray,
-        _sums(state, member, modes, np.full((45, 3), 4.0), np.ones((45, 3), bool),
-              np.tile(np.arange(5), 9), views.matrix, views.focal),
-    )  # fmt: skip
+    view = np.tile(np.arange(5), 9)
+    normal, lever = mode_sums(state, modes, member, measured(45, 4), view, views)
     offset = 1e-4 * rng.standard_normal((5, 3))
     predicted = np.linalg.solve(normal, (lever @ offset[..., None])[..., 0].sum(0))
 

@@ -4,12 +4,12 @@ import pytest
 from catfree.methods.evidence import EvidenceSettings, solve
 from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.group._groups import Groups
-from catfree.methods.evidence.observe._measurement import Measurements, start_noise
+from catfree.methods.evidence.observe._measurement import start_noise
 from catfree.methods.evidence.observe._views import ground_views
 from catfree.methods.evidence.report._sharp_positions import sharp_positions
 from catfree.methods.evidence.report._uneven_ground import ground_shift
 from catfree.methods.evidence.track._tracking import Trails
-from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene, walk
+from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene, measured, walk
 
 RULES = EvidenceSettings()
 
@@ -28,14 +28,8 @@ def shift_seen_by(cameras, rig, unit=HEIGHT, rules=RULES):
     empty = Information(np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros(1))
     groups = Groups(np.zeros(1, int), member, empty, np.zeros(1))
 
-    n = len(cameras)
-    measurements = Measurements(
-        Information(np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros(n)),
-        np.zeros((n, 3)), np.zeros((n, 2, 2)), np.full((n, 3), 3.0), np.zeros((n, 3)),
-        np.ones((n, 3), bool), np.ones(n, bool),
-    )  # fmt: skip
     view, noise = np.array(cameras), start_noise(C, rules)
-    return ground_shift(trails, groups, measurements, view, views, noise, rules)[0], xy
+    return ground_shift(trails, groups, measured(len(cameras), 3), view, views, noise, rules)[0], xy
 
 
 @pytest.mark.slow

@@ -1,0 +1,73 @@
+"""The boxes that people should have, beside those that they have, camera by camera."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from catfree.geometry._buckets import in_blocks
+from catfree.geometry._person import box_edges
+from catfree.methods.evidence.observe._measurement import Measurements
+from catfree.methods.evidence.observe._views import GroundViews
+
+BLOCKS = (256, 4096)  # block sizes: boxes predicted together
+
+
+class Sightings(NamedTuple):
+    """The people whom one camera sees.
+
+    Attributes:
+        person: (n,) which of the people.
+        box: (n,) their boxes.
+        edges: (n, 3) where center column, top and bottom row should be, in pixels.
+        slopes: (n, 3, 4) derivatives by (y1, y2, H) and by z, by which a person stands above the
+            plane.
+        precision: (n, 3) inverse standard deviations of the edges of the boxes, 0 for unused ones.
+    """
+
+    person: Int[np.ndarray, " n"]
+    box: Int[np.ndarray, " n"]
+    edges: Float[np.ndarray, "n 3"]
+    slopes: Float[np.ndarray, "n 3 4"]
+    precision: Float[np.ndarray, "n 3"]
+
+
+def sightings_by_camera(
+    state: Float[np.ndarray, "person 3"],
+    member: Int[np.ndarray, "person cam"],
+    measurements: Measurements,
+    view: Int[np.ndarray, " box"],
+    views: GroundViews,
+) -> Iterator[Sightings]:
+    """Predict the boxes of people, one camera at a time: all slopes together would be large.
+
+    Args:
+        state: (P, 3) positions and heights in H0.
+        member: (P, C) the box of each person in each camera, -1 for none.
+        measurements: the noise of the boxes.
+        view: (N,) the pinhole of each box.
+        views: the cameras.
+    """
+    for column in member.T:
+        person = np.flatnonzero(column >= 0)
+        box = column[person]
+        matrix = np.asarray(views.matrix)[view[box]]
+        edges, slopes = in_blocks(_edges_and_slopes, (state[person], matrix), *BLOCKS)
+        used, noise = (np.asarray(part)[box] for part in (measurements.used, measurements.noise))
+        yield Sightings(person, box, edges, slopes, np.where(used, 1 / noise, 0.0))
+
+
+@jax.jit
+@jax.vmap
+def _edges_and_slopes(
+    state: Float[Array, "3"], matrix: Float[Array, "3 4"]
+) -> tuple[Float[Array, "3"], Float[Array, "3 4"]]:
+    def edges(raised: Float[Array, "4"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        shown = box_edges(matrix.at[:, 3].add(raised[3] * matrix[:, 2]), None, raised[:3])
+        return shown, shown
+
+    slopes, shown = jax.jacfwd(edges, has_aux=True)(jnp.append(state, 0))
+    return shown, slopes
