@@ -4,9 +4,9 @@ No constant here was chosen to favor a method; each states what it imitates.
 """
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
-import scipy  # its signal processing, which takes long to import, where it is used
 from jaxtyping import Bool, Float, Int
 from scipy.special import expit, ndtr
 
@@ -137,7 +137,7 @@ def _draw_detected(
     frames, people = walkers.present.shape
     drive = rng.standard_normal((frames, people, cameras))
     drive[1:] *= np.sqrt(1 - memory**2)
-    luck = ndtr(scipy.signal.lfilter([1.0], [1.0, -memory], drive, axis=0))
+    luck = ndtr(list(accumulate(drive, lambda before, now: memory * before + now)))
     return luck[bodies.frame, bodies.person, bodies.camera] < rate
 
 

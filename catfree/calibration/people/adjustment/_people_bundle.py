@@ -49,7 +49,7 @@ CAMERA_HEIGHTS = (0.3, 80.0)  # meters
 # People are padded to this number times a power of 3: most adjustments are of one pair of cameras,
 # or of as many people as are used at most. Cameras are padded to a multiple of theirs.
 PEOPLE_BLOCK = 1360
-CAMERA_BLOCK = 4
+CAMERA_BLOCK = 2
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from catfree.calibration.people.cameras._camera_model import PAN, X, Z
 from catfree.calibration.people.cameras._ground_map import GroundMap
 from catfree.settings import CalibrationSettings
 
+VOTES_AT_A_TIME = 2**16  # fit a cache
 NEAREST_PEOPLE = 24  # people per frame that vote: those with the most precise positions
 
 
@@ -141,27 +142,24 @@ def _count(
     p = (target.xy[frame, slot].astype(np.float32).T + np.float32(radius)) / np.float32(cell)
     q = source.xy[frame, other].astype(np.float32).T / np.float32(cell)
     side = int(2 * radius / cell)
-
-    def layer(index: int) -> Float[np.ndarray, "x y"]:
-        angle = np.float32(index * 2 * np.pi / bins)
-        c, s = np.cos(angle), np.sin(angle)
+    angle = (np.arange(bins) * 2 * np.pi / bins).astype(np.float32)[:, None]
+    counts = np.zeros((bins, side + 1, side + 1))
+    step = max(1, VOTES_AT_A_TIME // max(len(weight), 1))
+    for first in range(0, bins, step):
+        c, s = (turned(angle[first : first + step]) for turned in (np.cos, np.sin))
         x = (p[0] - (c * q[0] - s * q[1])).astype(np.int32)
         y = (p[1] - (s * q[0] + c * q[1])).astype(np.int32)
         # Those out of range are counted in the first and in an additional row or column.
-        x, y = x.clip(0, side), y.clip(0, side)
-        count = np.bincount(x * (side + 1) + y, weight, (side + 1) ** 2)
-        count = count.reshape(side + 1, side + 1)[:side, :side]
-        count[0] = count[:, 0] = 0
-        return count
-
-    votes = np.empty((bins, side, side))
-    following = layer(0)
-    for index in range(bins):
-        present, following = following, layer((index + 1) % bins)
-        blurred = np.add(present, following, out=votes[index])
-        blurred[:-1] += blurred[1:]
-        blurred[:, :-1] += blurred[:, 1:]
-    return votes
+        x, y, layer = x.clip(0, side), y.clip(0, side), np.arange(len(c), dtype=np.int32)[:, None]
+        at = (layer * (side + 1) + x) * (side + 1) + y
+        here = counts[first : first + step]
+        here += np.bincount(at.ravel(), np.tile(weight, len(c)), here.size).reshape(here.shape)
+    counts = counts[:, :side, :side]
+    counts[:, 0] = counts[:, :, 0] = 0
+    blurred = counts + np.roll(counts, -1, axis=0)
+    blurred[:, :-1] += blurred[:, 1:]
+    blurred[:, :, :-1] += blurred[:, :, 1:]
+    return blurred
 
 
 def align_rigidly(
