@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
@@ -53,7 +52,8 @@ def fine_length(count: int, minimum: int = 64) -> int:
 def padded(array: np.ndarray, *lengths: int) -> Array:
     """Pad the first axes of an array with zeros to these lengths, on the device."""
     widths = [(0, length - n) for length, n in zip(lengths, array.shape, strict=False)]
-    return jnp.asarray(np.pad(array, widths + [(0, 0)] * (array.ndim - len(lengths))))
+    whole = np.pad(array, widths + [(0, 0)] * (array.ndim - len(lengths)))
+    return jax.device_put(whole)  # `jnp.asarray` would compile a copy of each shape
 
 
 def in_blocks(function: Callable[..., Any], rows: tuple[Any, ...], *blocks: int) -> Any:

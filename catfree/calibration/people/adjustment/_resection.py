@@ -157,7 +157,7 @@ def fit_cameras(
         table = np.zeros((fits, n, *rows[0].shape[1:]))
         for at, row in enumerate(rows):
             table[at, : len(row)] = row
-        return jnp.asarray(table)
+        return jax.device_put(table)
 
     with jax.enable_x64(True):
         fitted = _fit_all(

@@ -94,8 +94,8 @@ def fit_planes(
             jnp.asarray(settings.foot_offset),
             jnp.asarray(1 / settings.roll_sd),
         )
-        member = jnp.pad(jnp.asarray(member), ((0, 0), (0, n - len(boxes))))
-        planes, quality = map(np.asarray, _polish(jnp.asarray(start), member, sample))
+        member = padded(member, len(member), n)
+        planes, quality = map(np.asarray, _polish(jax.device_put(start), member, sample))
     fits: list[tuple[float, np.ndarray]] = []
     for subset in begun:
         for at in (2 * subset, 2 * subset + 1):
