@@ -1,5 +1,3 @@
-import itertools
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -8,27 +6,7 @@ from hypothesis import given, settings, strategies as st
 from catfree.methods.evidence._gaussian import probability_within
 from catfree.methods.evidence.observe._boxes import undistort
 from catfree.methods.evidence.observe._visibility import COLUMNS, covered_share
-from catfree.methods.evidence.track._presence import presence
-from catfree.methods.evidence.track._tracking import Trails
 from catfree.types import Rig
-
-
-@given(st.lists(st.floats(-5, 5), min_size=1, max_size=7), st.floats(0, 6))
-def test_presence_is_the_sum_over_all_histories(evidence, change):
-    n = len(evidence)
-    trails = Trails(
-        np.zeros(n, int), np.arange(n), np.arange(n), np.zeros((n, 5)), np.zeros((n, 5, 5))
-    )
-    got = presence(trails, np.array(evidence), change)
-    on, total = np.zeros(n), 0.0
-    for history in itertools.product([0, 1], repeat=n):
-        h = np.array(history)
-        # The person may leave with the last frame at no cost.
-        starts = (np.diff(np.r_[0, h]) == 1).sum()
-        stops = (np.diff(h) == -1).sum()
-        weight = np.exp(h @ np.array(evidence) - change * (starts + stops))
-        on, total = on + weight * h, total + weight
-    np.testing.assert_allclose(got, on / total, rtol=1e-6, atol=1e-9)
 
 
 @settings(max_examples=10)

@@ -21,14 +21,10 @@ def presence(trails: Trails, evidence: np.ndarray, change: float) -> np.ndarray:
     Returns:
         (M,) probability.
     """
-    if len(trails) == 0:
-        return np.zeros(0)
-    table, real, place = _by_track(trails, evidence)
-    forward = _chain(table, real, change)
-    backward = _chain(table[:, ::-1], real[:, ::-1], change, last=True)[:, ::-1]
-    on = forward[..., 0] + backward[..., 0] - table
-    off = forward[..., 1] + backward[..., 1]
-    return expit(on - off)[place]
+    forward = _chain(trails, evidence, change)
+    backward = later_frames(trails, evidence, change)
+    on, off = (forward + backward).T
+    return expit(on - off - evidence)
 
 
 def step_forward(
@@ -57,41 +53,29 @@ def later_frames(
         evidence: (M,) log-odds of each row.
         change: cost of appearing, and of disappearing.
     """
-    if len(trails) == 0:
-        return np.zeros((0, 2))
-    table, real, place = _by_track(trails, evidence)
-    return _chain(table[:, ::-1], real[:, ::-1], change, last=True)[:, ::-1][place]
+    return _chain(trails, evidence, change, last=True)
 
 
-def _by_track(
-    trails: Trails, evidence: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Evidence as a table of tracks and their frames, where it is known, and each row's place."""
-    new = np.r_[True, np.diff(trails.track) != 0]
-    track = np.cumsum(new) - 1
-    column = np.arange(len(trails)) - np.flatnonzero(new)[track]
-    table = np.zeros((track[-1] + 1, column.max() + 1))
-    real = np.zeros(table.shape, bool)
-    table[track, column], real[track, column] = evidence, True
-    return table, real, (track, column)
-
-
-def _chain(table, real, change, last=False):
-    """Log weights (on, off) of all histories up to each column; rows may start late.
+def _chain(
+    trails: Trails, evidence: np.ndarray, change: float, *, last: bool = False
+) -> Float[np.ndarray, "node 2"]:
+    """Log weights (on, off) of all histories up to each row, or from each row on (`last`).
 
     A track starts off and may end on: at its first row, the on state costs `change`, but nothing in
-    the backward pass (`last`).
+    the backward pass.
     """
-    out = np.zeros((*table.shape, 2))
-    on = np.full(len(table), 0.0 if last else -change)
-    off = np.zeros(len(table))
-    begun = np.zeros(len(table), bool)
-    for i in range(table.shape[1]):
-        is_real = real[:, i]
-        stay_on = np.where(begun, np.logaddexp(on, off - change), on)
-        stay_off = np.where(begun, np.logaddexp(off, on - change), off)
-        on = np.where(is_real, stay_on + table[:, i], on)
-        off = np.where(is_real, stay_off, off)
-        begun |= is_real
-        out[:, i, 0], out[:, i, 1] = on, off
-    return out
+    weights = np.zeros((len(trails), 2))
+    _, begin, length = np.unique(trails.track, return_index=True, return_counts=True)
+    longest = np.argsort(-length, kind="stable")
+    begin, length = begin[longest], length[longest]
+    on, off = np.full(len(begin), 0.0 if last else -change), np.zeros(len(begin))
+    for step in range(int(length.max(initial=0))):
+        active = np.count_nonzero(length > step)  # the first ones: they are sorted
+        row = begin[:active] + (length[:active] - 1 - step if last else step)
+        on, off = on[:active], off[:active]
+        if step == 0:
+            on = on + evidence[row]
+        else:
+            on, off = step_forward(on, off, evidence[row], change)
+        weights[row, 0], weights[row, 1] = on, off
+    return weights
