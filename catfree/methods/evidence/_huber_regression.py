@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
 
-HUBER = 1.5  # standard deviations beyond which the loss is linear (Huber 1981)
+WIDTH = 1.5  # standard deviations beyond which the loss is linear (Huber 1981)
 REWEIGHTED = 3  # times; more changes little
 
 
@@ -18,9 +18,10 @@ def huber_regression(
     """Fit coefficients to rows that are divided by their standard deviations.
 
     Args:
-        columns: (n, p) what each coefficient adds.
+        columns: (n, p) what each coefficient adds; without rows, `scale` must be given.
         target: (n,) to be explained.
-        prior: (p,) standard deviations of the coefficients about zero.
+        prior: (p,) standard deviations of the coefficients about zero; infinite for those that the
+            rows determine.
         scale: standard deviation of the rows, learned from their median residual if None.
 
     Returns:
@@ -39,6 +40,8 @@ def huber_regression(
     fitted = ridge(np.ones(len(target)))
     for _ in range(REWEIGHTED):
         error = np.abs(target - columns @ fitted[0])
-        usual = scale or max(MEDIAN_TO_DEVIATION * float(np.median(error)), 1e-6)
-        fitted = ridge(np.minimum(1, HUBER * usual / np.maximum(error, 1e-12)))
+        usual = scale
+        if usual is None:
+            usual = max(MEDIAN_TO_DEVIATION * float(np.median(error)), 1e-6)
+        fitted = ridge(np.minimum(1, WIDTH * usual / np.maximum(error, 1e-12)))
     return fitted

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.optimize import least_squares
 
-from catfree.methods.evidence._huber_regression import HUBER, huber_regression
+from catfree.methods.evidence._huber_regression import WIDTH, huber_regression
 
 
 def drawn(seed, outliers):
@@ -22,7 +22,7 @@ def test_with_a_known_scale_it_minimizes_the_loss(seed):
     columns, target = drawn(seed, outliers=10)
     found, covariance = huber_regression(columns, target, np.full(2, 1e3), scale=1.0)
     expected = least_squares(
-        lambda p: target - columns @ p, np.zeros(2), loss="huber", f_scale=HUBER
+        lambda p: target - columns @ p, np.zeros(2), loss="huber", f_scale=WIDTH
     )
     np.testing.assert_allclose(found, expected.x, atol=0.01)
     assert (np.abs(found - [2, -1]) < 5 * np.sqrt(np.diag(covariance))).all()
@@ -35,6 +35,8 @@ def test_a_learned_scale_is_that_of_the_rows(seed):
     found, _ = huber_regression(columns, target, prior)
     ten_times, _ = huber_regression(columns, 10 * target, prior)
     np.testing.assert_allclose(ten_times, 10 * found, rtol=1e-6)
+    plain = np.linalg.lstsq(columns, target, rcond=None)[0]
+    assert np.linalg.norm(found - [2, -1]) < max(0.3, np.linalg.norm(plain - [2, -1]))
 
 
 def test_a_narrow_prior_and_no_rows_give_the_prior():

@@ -28,10 +28,11 @@ def test_tables_of_pairs_a_few_frames_at_a_time_give_the_same_people(monkeypatch
         return build(self, frames)
 
     monkeypatch.setattr(appearance.Appearance, "distances", spy)
-    monkeypatch.setattr(prepared, "PAIRS_AT_A_TIME", 3 * 32**2)
+    monkeypatch.setattr(prepared, "PAIRS_OF_A_RUN", 3 * 32**2)
     monkeypatch.setattr(appearance, "KEPT_ENTRIES", kept)
     parts = localize_by_evidence(WORLD.detections, WORLD.scene).tracks
-    assert 0 < max(largest) <= prepared.PAIRS_AT_A_TIME
+    assert len(largest) > 1
+    assert max(largest) <= prepared.PAIRS_OF_A_RUN
     np.testing.assert_array_equal(parts.track_id, whole.track_id)
     np.testing.assert_allclose(parts.position, whole.position, rtol=1e-12)
 

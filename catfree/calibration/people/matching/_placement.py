@@ -143,23 +143,24 @@ def _count(
     q = source.xy[frame, other].astype(np.float32).T / np.float32(cell)
     side = int(2 * radius / cell)
     angle = (np.arange(bins) * 2 * np.pi / bins).astype(np.float32)[:, None]
-    counts = np.zeros((bins, side + 1, side + 1))
+    votes = np.empty((bins, side, side))
     step = max(1, VOTES_AT_A_TIME // max(len(weight), 1))
     for first in range(0, bins, step):
-        c, s = (turned(angle[first : first + step]) for turned in (np.cos, np.sin))
+        # A blurred bin sums itself and the next one: one heading more than are stored.
+        here = angle[np.arange(first, min(first + step, bins) + 1) % bins]
+        c, s, layer = np.cos(here), np.sin(here), np.arange(len(here), dtype=np.int32)[:, None]
         x = (p[0] - (c * q[0] - s * q[1])).astype(np.int32)
         y = (p[1] - (s * q[0] + c * q[1])).astype(np.int32)
         # Those out of range are counted in the first and in an additional row or column.
-        x, y, layer = x.clip(0, side), y.clip(0, side), np.arange(len(c), dtype=np.int32)[:, None]
-        at = (layer * (side + 1) + x) * (side + 1) + y
-        here = counts[first : first + step]
-        here += np.bincount(at.ravel(), np.tile(weight, len(c)), here.size).reshape(here.shape)
-    counts = counts[:, :side, :side]
-    counts[:, 0] = counts[:, :, 0] = 0
-    blurred = counts + np.roll(counts, -1, axis=0)
-    blurred[:, :-1] += blurred[:, 1:]
-    blurred[:, :, :-1] += blurred[:, :, 1:]
-    return blurred
+        at = (layer * (side + 1) + x.clip(0, side)) * (side + 1) + y.clip(0, side)
+        count = np.bincount(
+            at.ravel(), np.tile(weight, len(here)), len(here) * (side + 1) ** 2
+        ).reshape(len(here), side + 1, side + 1)[:, :side, :side]
+        count[:, 0] = count[:, :, 0] = 0
+        blurred = np.add(count[:-1], count[1:], out=votes[first : first + step])
+        blurred[:, :-1] += blurred[:, 1:]
+        blurred[:, :, :-1] += blurred[:, :, 1:]
+    return votes
 
 
 def align_rigidly(

@@ -30,6 +30,9 @@ def group(
         gate: largest squared Mahalanobis distance of two boxes that may start or join a group.
         priors: where tracks expect people, if any.
         ratios: compares embeddings; None to use positions and heights alone.
+
+    Returns:
+        One group per person and frame, including single boxes, sorted by frame and first member.
     """
     parts = []
     for begin, end in boxes.runs:

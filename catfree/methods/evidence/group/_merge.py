@@ -1,8 +1,8 @@
 """Greedy merging of boxes into people by the gain in log evidence.
 
-All frames are merged together in rounds. Each round merges every pair of groups that are each
-other's best partner. A gain depends only on the two groups, so the result is exactly that of
-merging one best pair at a time.
+The frames of a run are merged together in rounds. Each round merges every pair of groups that are
+each other's best partner. A gain depends only on the two groups: the result is exactly that of
+merging one best pair at a time, and only pairs of groups that changed are weighed again.
 """
 
 from itertools import pairwise
@@ -137,7 +137,7 @@ def merge_groups(
             pair, of, to = np.nonzero((left >= 0)[:, :, None] & (right >= 0)[:, None, :])
             at, other = slot[left[pair, of]].T, slot[right[pair, to], 1]
             gain += np.bincount(pair, looks[*at, other], len(one))
-        return gain
+        return np.where((gain > 0) & np.isfinite(gain), gain, 0.0)
 
     one, two, gain = (np.zeros(0, kind) for kind in (int, int, float))
     added = pairs.T

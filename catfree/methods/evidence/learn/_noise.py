@@ -156,11 +156,8 @@ def learn_noise(
             for k in range(3):
                 of_edge = used[:, k] & (c == camera)
                 if of_edge.sum() >= settings.fewest_samples:
-                    columns = features[of_edge, k] / sd[of_edge, k, None]
-                    if k == 0:
-                        columns[:, 3] = 0
                     learned, _ = huber_regression(
-                        columns,
+                        features[of_edge, k] / sd[of_edge, k, None],
                         residual[of_edge, k] / sd[of_edge, k],
                         np.array(settings.field_prior),
                     )

@@ -15,7 +15,7 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Lens, Rig
 
 BLOCK = 4096  # embeddings normalized together
-PAIRS_AT_A_TIME = 1 << 24  # of boxes of one instant: 64 MB in single precision
+PAIRS_OF_A_RUN = 1 << 24  # of boxes of the same instant; their appearance ratios take 64 MB
 LONGEST_PAUSE = 1e6  # usual steps, after which anybody may be anywhere: longer ones say no more
 
 
@@ -73,8 +73,8 @@ class Boxes:
     def runs(self) -> list[tuple[int, int]]:
         """Runs of frames, as (first, end), whose pairs of boxes fit into memory together."""
         frames, fullest = len(self.frames), int(np.diff(self.first).max(initial=1))
-        step = max(1, PAIRS_AT_A_TIME // fullest**2)
-        return [(begin, min(begin + step, frames)) for begin in range(0, frames, step)]
+        step = max(1, PAIRS_OF_A_RUN // fullest**2)
+        return [(begin, min(begin + step, frames)) for begin in range(0, max(frames, 1), step)]
 
     @property
     def time(self) -> Float[np.ndarray, " frame"]:

@@ -44,12 +44,17 @@ def sightings_by_camera(
 ) -> Iterator[Sightings]:
     """Predict the boxes of people, one camera at a time: all slopes together would be large.
 
+    The precision of the numbers is that of JAX while they are taken from the iterator.
+
     Args:
-        state: (P, 3) positions and heights in H0.
+        state: (P, 3) positions and heights in H0 of P people.
         member: (P, C) the box of each person in each camera, -1 for none.
         measurements: the noise of the boxes.
         view: (N,) the pinhole of each box.
         views: the cameras.
+
+    Yields:
+        The sightings of each camera, in order.
     """
     for column in member.T:
         person = np.flatnonzero(column >= 0)

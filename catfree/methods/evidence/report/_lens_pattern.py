@@ -21,6 +21,7 @@ FEWEST_CAMERAS = 3  # with one other camera, nobody knows which of the two is wr
 FEWEST_BOXES = 50  # of a camera
 OUTER = 0.95  # share of the boxes' ends that are nearer to the middle than where the bend counts
 SIGNIFICANT = 6.0  # standard deviations; boxes of one person are not independent
+UNKNOWN = 1e3  # standard deviation of a coefficient without residuals: no lens bends as much
 NOTICEABLE = 0.02  # radians; right lenses left up to 0.012, fisheyes taken for pinholes 0.04
 
 
@@ -38,7 +39,7 @@ def lens_pattern(
 
     Returns:
         strength: coefficient of offset * |offset|² in the residual, as in Brown-Conrady's k1.
-        deviation: its standard deviation if residuals are independent; 1 without residuals.
+        deviation: its standard deviation if residuals are independent; `UNKNOWN` without residuals.
 
     Source:
         Brown, "Close-range camera calibration" (1971), for the first radial coefficient.
@@ -49,7 +50,7 @@ def lens_pattern(
     rows = np.stack([zero, one, zero, zero, x, y, y * square], -1)
     design = np.stack([columns, rows], 1) * precision[..., None]
     found, covariance = huber_regression(
-        design.reshape(-1, 7), (residual * precision).ravel(), np.ones(7), scale=1.0
+        design.reshape(-1, 7), (residual * precision).ravel(), np.full(7, UNKNOWN), scale=1.0
     )
     return float(found[-1]), float(np.sqrt(covariance[-1, -1]))
 

@@ -60,7 +60,7 @@ def explained(
         residual: (n, 3) standardized residuals of the edges.
         columns: (n, 3, 6) what each pattern adds: an offset of each coordinate in pixels, and the
             columns of `_GROUPS`; all 0 where there is no residual.
-        block: (n,) rows of one number count as one.
+        block: (n,) rows of the same number count as one; small numbers from 0.
 
     Source:
         Liang and Zeger, "Longitudinal data analysis using generalized linear models" (1986), for

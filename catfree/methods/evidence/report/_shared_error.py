@@ -94,7 +94,20 @@ def mode_sums(
     view: Int[np.ndarray, " box"],
     views: GroundViews,
 ) -> tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "cam 4 3"]]:
-    """Information on the modes of the map, and the leverage of each camera's offsets on them."""
+    """Sum what the boxes of n people say about the modes of the map.
+
+    Args:
+        state: (n, 3) positions and heights in H0.
+        modes: (n, 3, 4) result of `map_modes`.
+        member: (n, C) the box of each person in each camera, -1 for none.
+        measurements: the noise of the boxes.
+        view: (N,) the pinhole of each box.
+        views: the cameras.
+
+    Returns:
+        normal: (4, 4) information on the modes.
+        lever: (C, 4, 3) right-hand side per radian by which a camera's edges are off.
+    """
     normal, lever = np.zeros((MODES, MODES)), np.zeros((member.shape[1], MODES, 3))
     of_cameras = sightings_by_camera(state, member, measurements, view, views)
     for camera, seen in enumerate(of_cameras):

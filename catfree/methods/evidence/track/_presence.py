@@ -52,6 +52,9 @@ def later_frames(
         trails: rows sorted by track and frame.
         evidence: (M,) log-odds of each row.
         change: cost of appearing, and of disappearing.
+
+    Returns:
+        (M, 2) on and off; only their difference counts.
     """
     return _chain(trails, evidence, change, last=True)
 
@@ -61,6 +64,7 @@ def _chain(
 ) -> Float[np.ndarray, "node 2"]:
     """Log weights (on, off) of all histories up to each row, or from each row on (`last`).
 
+    Only the difference of the two counts, see `step_forward`.
     A track starts off and may end on: at its first row, the on state costs `change`, but nothing in
     the backward pass.
     """

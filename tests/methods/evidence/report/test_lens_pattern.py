@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import least_squares
 
 import catfree as cf
-from catfree.methods.evidence._huber_regression import HUBER
-from catfree.methods.evidence.report._lens_pattern import lens_pattern, lens_warnings
+from catfree.methods.evidence._huber_regression import WIDTH
+from catfree.methods.evidence.report._lens_pattern import UNKNOWN, lens_pattern, lens_warnings
 from catfree.synthetic import make_world, shop
 
 
@@ -35,7 +35,7 @@ def test_the_pattern_minimizes_the_loss_of_huber():
             return ((residual - model) * precision).ravel()
 
         strength, deviation = lens_pattern(residual, offset, precision)
-        expected = least_squares(misfit, np.zeros(7), loss="huber", f_scale=HUBER)
+        expected = least_squares(misfit, np.zeros(7), loss="huber", f_scale=WIDTH)
         assert strength == pytest.approx(expected.x[6], abs=2e-4)
         # An outlier counts less in the curvature of the loss than in its approximation.
         curvature = np.sqrt(np.linalg.inv(expected.jac.T @ expected.jac)[6, 6])
@@ -54,7 +54,16 @@ def test_the_deviation_holds_the_error():
 
 def test_without_residuals_nothing_is_known_of_a_lens():
     residual, offset, precision = (part[0] for part in drawn(0, (0.3,), 0.01))
-    assert lens_pattern(residual, offset, 0 * precision) == (0, 1)
+    assert lens_pattern(residual, offset, 0 * precision) == (0, pytest.approx(UNKNOWN))
+
+
+@pytest.mark.parametrize("k1", [5.0, -20.0])
+def test_the_bend_of_a_long_lens_is_not_drawn_to_zero(k1):
+    rng = np.random.default_rng(0)
+    offset = rng.uniform(-0.1, 0.1, (400, 2))
+    residual = k1 * (offset**2).sum(-1, keepdims=True) * offset + rng.normal(0, 1e-3, offset.shape)
+    strength, deviation = lens_pattern(residual, offset, np.full(offset.shape, 1e3))
+    assert abs(strength - k1) < 3 * deviation < 1.5
 
 
 @pytest.mark.slow
