@@ -100,32 +100,32 @@ def _searches(reach: np.ndarray, crowd: int) -> list[tuple[int, int]]:
 def merge_groups(
     info: Information,
     camera: Int[np.ndarray, " item"],
+    cameras: int,
     pairs: Int[np.ndarray, "pair 2"],
-    member: Int[np.ndarray, "item cam"],
     density: float,
     spread: float,
     looks: Float[np.ndarray, "frame slot slot"] | None = None,
-    slot: Int[np.ndarray, "item 2"] | None = None,
+    slot: Int[np.ndarray, "box 2"] | None = None,
 ) -> Int[np.ndarray, " item"]:
     """Merge while any pair gains.
 
     Args:
         info: (N) information of each item.
         camera: (N,) camera of each item (C for a track prior); a group has each at most once.
+        cameras: C.
         pairs: (P, 2) rows of candidate pairs.
-        member: (N, C) the item's own row at its camera, -1 elsewhere.
         density: people per H0².
         spread: of heights in H0.
         looks: (F, D, D) weighted appearance log-likelihood ratios, or None.
-        slot: (N, 2) frame and place in `looks` of each item.
+        slot: (n, 2) frame and place in `looks` of each box; boxes come before priors.
 
     Returns:
         (N,) the row that represents each item's group, its first.
     """
     count = len(camera)
-    root, member = np.arange(count), member.copy()
+    root = np.arange(count)
     info = jax.tree.map(np.array, info)  # a copy: the sums of the groups
-    has = camera[:, None] == np.arange(member.shape[1] + 1)
+    member = np.where(camera[:, None] == np.arange(cameras + 1), root[:, None], -1)
     evidence, items = np.zeros(count), np.unique(pairs)
     evidence[items] = log_evidence(info[items], density, spread)
 
@@ -133,7 +133,7 @@ def merge_groups(
         joint = jax.tree.map(np.add, info[one], info[two])
         gain = log_evidence(joint, density, spread) - evidence[one] - evidence[two]
         if looks is not None and slot is not None:
-            left, right = member[one], member[two]
+            left, right = member[one, :cameras], member[two, :cameras]
             pair, of, to = np.nonzero((left >= 0)[:, :, None] & (right >= 0)[:, None, :])
             at, other = slot[left[pair, of]].T, slot[right[pair, to], 1]
             gain += np.bincount(pair, looks[*at, other], len(one))
@@ -152,7 +152,6 @@ def merge_groups(
         for part in (info.matrix, info.vector, info.constant):
             part[kept] += part[absorbed]
         evidence[kept] = log_evidence(info[kept], density, spread)
-        has[kept] |= has[absorbed]
         member[kept] = np.maximum(member[kept], member[absorbed])
         target, changed = np.arange(count), np.zeros(count, bool)
         target[absorbed], changed[kept], changed[absorbed] = kept, True, True
@@ -161,7 +160,8 @@ def merge_groups(
         again = changed[one] | changed[two]
         ends = np.sort(target[np.stack([one[again], two[again]])], axis=0)
         added = np.stack(np.divmod(np.unique(ends[0] * count + ends[1]), count))
-        added = added[:, ~(has[added[0]] & has[added[1]]).any(1)]
+        both = (member[added[0]] >= 0) & (member[added[1]] >= 0)
+        added = added[:, ~both.any(1)]
         one, two, gain = one[~again], two[~again], gain[~again]
 
 
@@ -225,14 +225,9 @@ def associate(
         covariance = _joined(covariance, priors.covariance[:, :2, :2])
         frame, camera = _joined(frame, priors.frame), _joined(camera, np.full(count, cameras))
         valid = _joined(valid, np.ones(count, bool))
-        if slot is not None:
-            slot = _joined(slot, np.zeros((count, 2), np.int64))
     items = np.flatnonzero(valid)
     pairs = candidate_pairs(position, covariance, frame, camera, items, gate)
-    member = np.full((len(frame), cameras), -1)
-    boxes = items[camera[items] < cameras]
-    member[boxes, camera[boxes]] = boxes
-    root = merge_groups(info, camera, pairs, member, density, spread, looks, slot)
+    root = merge_groups(info, camera, cameras, pairs, density, spread, looks, slot)
     return collect_groups(root, items, info, frame, camera, cameras, density, spread)
 
 
