@@ -1,7 +1,5 @@
 """Register all cameras: pairs, seeds, growth, focal lengths, and removal of wrong cameras."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -83,15 +81,11 @@ def _search_pairs(work: Workspace, report: Progress) -> list[PairHypothesis]:
     """Find the best hypothesis of every pair of cameras, sorted by decreasing margin."""
     couples = list(combinations(range(work.grid.camera_count), 2))
     hypotheses = []
-    pool = ThreadPoolExecutor(min(len(couples), os.cpu_count() or 1) or 1)
-    try:
-        found = pool.map(lambda couple: search_pair(work, *couple), couples)
-        for done, pair in enumerate(found, start=1):
-            if pair is not None:
-                hypotheses.append(pair)
-            report("pairs", done, len(couples))
-    finally:
-        pool.shutdown(cancel_futures=True)
+    for done, couple in enumerate(couples, start=1):
+        pair = search_pair(work, *couple)
+        if pair is not None:
+            hypotheses.append(pair)
+        report("pairs", done, len(couples))
     return sorted(hypotheses, key=lambda pair: -pair.margin)
 
 
