@@ -48,7 +48,8 @@ def localize(
     """Track people on the ground from their boxes in several calibrated views.
 
     Args:
-        detections: person boxes of all cameras and frames, in any order.
+        detections: person boxes of all cameras and frames, in any order. Boxes in float32 are
+            measured in single precision.
         scene: cameras, ground and extent in any units and any frame of reference.
         settings: `Settings()`, the default method, if None.
         progress: called as `progress(stage, done, total)`.

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import expit
@@ -13,6 +12,7 @@ from catfree.geometry._plane import from_plan
 from catfree.methods.evidence._gaussian import probability_within
 from catfree.methods.evidence._solve import solve
 from catfree.methods.evidence._state import EvidenceState
+from catfree.methods.evidence.observe._boxes import float_width_of
 from catfree.methods.evidence.report._blind_cameras import blind_camera_warnings
 from catfree.methods.evidence.report._lens_pattern import lens_bends, lens_warnings
 from catfree.methods.evidence.report._ray_diagnostics import ray_diagnostics
@@ -155,10 +155,13 @@ def describe(
     fate[s.trails.group[likely & s.suppressed]] = Fate.SUPPRESSED
     fate[s.trails.group[likely & s.outside]] = Fate.WORKING_AREA
     fate[trails.group[is_detected]] = Fate.ACCEPTED
-    with jax.enable_x64(True):
+    with float_width_of(s.boxes.box):
         rays = ray_diagnostics(s.boxes, s.measurements, s.groups, s.views)
         bend = lens_bends(
             trails.group[is_detected], s.groups, s.measurements, s.boxes, s.views, s.noise
+        )
+        patterns = residual_patterns(
+            s.trails, s.kept, s.groups, s.existence.rate, s.boxes, s.measurements, s.views
         )
     candidates = Candidates(
         frame=s.boxes.frames[s.groups.frame],
@@ -173,9 +176,6 @@ def describe(
     radius = settings.report_radius * unit
     used = s.groups.member[trails.group[is_detected]]
     median = float(np.median(tracks.sigma)) if len(tracks) else float("nan")
-    patterns = residual_patterns(
-        s.trails, s.kept, s.groups, s.existence.rate, s.boxes, s.measurements, s.views
-    )
     precision, recall = _expected_rates(s, rows, fate, settings.report_radius)
     height = rays.ground_height(fate == Fate.ACCEPTED) * unit
     reliability = Reliability(

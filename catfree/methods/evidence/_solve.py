@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 
-import jax
 import numpy as np
 from jaxtyping import Int
 
 from catfree.methods.evidence._state import EvidenceState
+from catfree.methods.evidence.observe._boxes import float_width_of
 from catfree.methods.evidence.passes._add_pose_errors import add_pose_errors
 from catfree.methods.evidence.passes._choose_reported import choose_reported
 from catfree.methods.evidence.passes._follow_people import follow_people
@@ -37,7 +37,8 @@ def solve(
     """Find the people of a sequence from the evidence of boxes and of missing boxes.
 
     Args:
-        detections: boxes of all cameras and frames, in any order.
+        detections: boxes of all cameras and frames, in any order; compiled functions compute in
+            their float width.
         scene: rig and ground in any units; cameras that are not registered are ignored.
         settings: constants and switches.
         silent: (K, 2) frame and camera of pictures that do not exist.
@@ -46,14 +47,14 @@ def solve(
             to the covariances. A bundle adjustment needs neither.
 
     Returns:
-        Tracks and all intermediate results, in float64 regardless of JAX's configuration.
+        Tracks and all intermediate results, regardless of JAX's configuration.
 
     Raises:
         InsufficientDataError: if no box of a registered camera stands on the ground.
     """
     settings = settings or EvidenceSettings()
     report = progress or no_progress
-    with jax.enable_x64(True):
+    with float_width_of(detections.box):
         report("self-calibration", 0, 1)
         state = observe_boxes(detections, scene, settings, silent)
         # The tracks of one round are the priors of the next.

@@ -12,6 +12,7 @@ from jaxtyping import Int
 from catfree.errors import InvalidInputError, quoted
 from catfree.geometry._plane import from_plan
 from catfree.methods._localize import localize, usable
+from catfree.methods.evidence.observe._boxes import float_width_of
 from catfree.methods.online._advance import advance
 from catfree.methods.online._common_columns import concatenate_common
 from catfree.methods.online._finalize import (
@@ -126,7 +127,7 @@ class Tracker:
         own = np.flatnonzero(usable(detections, self.scene, self.settings))
         boxes = _at(detections, own, 0)
         settings = self.settings.evidence
-        with jax.enable_x64(True):
+        with float_width_of(detections.box):
             state = learn_step(state, time)
             state = add_to_sample(state, boxes, silent, settings)
             due = is_due(int(state.count) + 1) or np.isnan(state.learned.unit)

@@ -78,6 +78,22 @@ def test_a_similarity_of_the_scene_is_one_of_the_result(scale, rotation, shift):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("east", [0.0, 500_000.0])
+def test_boxes_in_single_precision_are_measured_in_single_precision(east):
+    _, detections, scene = walk(seed=0)
+    rig, shift = scene.rig, np.array([east, -10 * east, 0])
+    scene = make_scene(cf.Rig(rig.K, rig.R, rig.t - np.asarray(rig.R) @ shift, rig.image_size))
+    narrow = replace(detections, box=detections.box.astype(np.float32))
+    same = replace(narrow, box=narrow.box.astype(np.float64))
+    single, double = (localize_by_evidence(boxes, scene).tracks for boxes in (narrow, same))
+    np.testing.assert_array_equal(single.frame, double.frame)
+    np.testing.assert_array_equal(single.support, double.support)
+    np.testing.assert_allclose(single.ground_xy, double.ground_xy, atol=1e-3)
+    np.testing.assert_allclose(single.covariance, double.covariance, rtol=1e-2, atol=1e-6)
+    assert (single.sigma != double.sigma).any()  # other digits, so it was computed otherwise
+
+
+@pytest.mark.slow
 @settings(max_examples=4)
 @given(st.randoms(use_true_random=False))
 def test_the_order_of_detections_and_cameras_has_no_effect(random):

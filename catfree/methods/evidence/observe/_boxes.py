@@ -1,5 +1,6 @@
 """Detections as padded arrays in canonical order, with a table per frame and camera."""
 
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import jax
@@ -29,7 +30,7 @@ class Boxes:
         frames: (F,) distinct frame numbers, sorted.
         frame: (N,) index into `frames`; F marks padding.
         camera: (N,) camera index, 0 for padding.
-        box: (N, 4) x1, y1, x2, y2 in original pixels.
+        box: (N, 4) x1, y1, x2, y2 in original pixels, in the caller's float width.
         edges: (N, 3) center column, top row, bottom row in pixels of the box's pinhole: that of its
             camera without distortion, or one of its own (`local_pinholes`) in a camera with
             another lens.
@@ -84,6 +85,15 @@ class Boxes:
         longest = int(min(LONGEST_PAUSE * self.step, 2.0**62))
         beyond = np.cumsum(np.maximum(pause - longest, 0))
         return (self.frames - self.frames[:1] - beyond).astype(float) / self.step
+
+
+def float_width_of(box: Float[np.ndarray, "n 4"]) -> AbstractContextManager[None]:
+    """Let compiled functions compute in the caller's float width: that of the boxes.
+
+    Single precision costs up to 0.23 MODA on real boxes. Sums over boxes, which need all digits,
+    stay in double precision on the host.
+    """
+    return jax.enable_x64(box.dtype == np.float64)
 
 
 def undistort(
@@ -206,7 +216,7 @@ def prepare_boxes(
         frames=frames,
         frame=pad(frame, F),
         camera=pad(camera, 0),
-        box=pad(box, 1.0),
+        box=pad(detections.box[rows], 1.0),
         edges=pad(edges, 1.0),
         size=pad(np.maximum(edges[:, 2] - edges[:, 1], 1.0), 1.0),
         view=pad(view, 0),

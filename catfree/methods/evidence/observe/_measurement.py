@@ -206,7 +206,9 @@ def measure(
     predicted, slopes = edges_and_slopes(matrix, None, state)
     residual = edges - predicted + slopes @ state
     weighted = slopes * precision[:, None]
-    info = (weighted.T @ slopes, weighted.T @ residual, (precision * residual**2).sum())
+    normal = weighted.T @ slopes
+    normal = (normal + normal.T) / 2  # rounding differs between the halves
+    info = (normal, weighted.T @ residual, (precision * residual**2).sum())
     _, _, nearest = box_ends(matrix, None, state)
     finite = jnp.isfinite(state).all() & jnp.isfinite(info[0]).all() & jnp.isfinite(info[2])
     # Steps that reach the camera's plane produce unbounded slopes, which would outweigh all other
@@ -257,14 +259,16 @@ def measure_all(
 def measure_boxes(
     boxes: Boxes, covered, views: GroundViews, noise: Noise, settings: EvidenceSettings
 ) -> Measurements:
-    """Compute the likelihoods of all boxes of a sequence, on the host."""
+    """Compute the likelihoods of all boxes of a sequence, on the host in double precision."""
     constants = BoxConstants.of(settings)
     rows = (
         boxes.edges, boxes.size, boxes.cut, boxes.ankles, covered, boxes.camera, boxes.view,
         boxes.valid,
     )  # fmt: skip
-    return in_blocks(
+    measured = in_blocks(
         lambda *part: measure_all(*part, views, noise, constants),
         rows,
         *BLOCKS,
     )
+    wide = lambda a: a.astype(np.float64, copy=False) if a.dtype.kind == "f" else a  # noqa: E731
+    return jax.tree.map(wide, measured)

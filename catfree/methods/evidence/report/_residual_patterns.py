@@ -8,7 +8,6 @@ what a wrong lens leaves, see `_lens_pattern`.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -175,18 +174,13 @@ def residual_patterns(
     )
     velocity = np.nan_to_num(trails.mean[rows, 3:])
     found = []
-    with jax.enable_x64(True):
-        for seen in sightings_by_camera(
-            trails.mean[rows, :3], member, measurements, boxes.view, views
-        ):
-            columns = np.zeros((len(seen.person), 3, 6))
-            columns[:, range(3), range(3)] = 1
-            columns[..., 3] = np.einsum("nki,ni->nk", seen.slopes[..., :2], velocity[seen.person])
-            columns[:, 0, 4] = columns[:, 1, 5] = columns[:, 2, 5] = half[seen.person]
-            residual = (np.asarray(measurements.edges)[seen.box] - seen.edges) * seen.precision
-            found.append(
-                explained(residual, columns * seen.precision[..., None], block[seen.person])
-            )
+    for seen in sightings_by_camera(trails.mean[rows, :3], member, measurements, boxes.view, views):
+        columns = np.zeros((len(seen.person), 3, 6))
+        columns[:, range(3), range(3)] = 1
+        columns[..., 3] = np.einsum("nki,ni->nk", seen.slopes[..., :2], velocity[seen.person])
+        columns[:, 0, 4] = columns[:, 1, 5] = columns[:, 2, 5] = half[seen.person]
+        residual = (np.asarray(measurements.edges)[seen.box] - seen.edges) * seen.precision
+        found.append(explained(residual, columns * seen.precision[..., None], block[seen.person]))
     speed = np.linalg.norm(velocity, axis=1)
     walks = speed >= np.median(speed)
     return Patterns(
