@@ -15,7 +15,8 @@ starts. Without a GPU, only the processor is measured.
 | gpu | float64 | 75.8 | 0.77 | 93.52 |
 | gpu | float32 | 89.2 | 0.91 | 93.52 |
 
-Each line was measured once. Most of the time passes on the host, where boxes are grouped.
+Each line was measured once and varies by a quarter. Most of the time passes on the host, where
+boxes are grouped.
 """
 
 import argparse
