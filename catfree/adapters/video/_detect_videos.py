@@ -245,7 +245,8 @@ def collect_detections(
     return Detections(
         np.repeat(frame, rows),
         np.repeat(camera, rows),
-        np.concatenate([people.box for people in detected]),
+        # Whatever width a detector's network has, people are localized in double precision.
+        np.concatenate([people.box for people in detected]).astype(np.float64),
         score=np.concatenate([people.score for people in detected]),
         ankles_confirmed=None if keypoints is None else ankles_confirmed(keypoints),
         embedding=None if embedding is None else join_descriptions(embedding),
