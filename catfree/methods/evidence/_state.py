@@ -85,8 +85,8 @@ def first_state(
     settings: EvidenceSettings,
 ) -> EvidenceState:
     """What is known of boxes before any pass: there are no groups and no tracks yet."""
-    cameras, n = boxes.table.shape[1], len(boxes.row)
-    heights = usual_heights(boxes.size[:n], boxes.camera[:n], cameras, settings)
+    cameras = boxes.table.shape[1]
+    heights = usual_heights(boxes.size, boxes.camera, cameras, settings)
     rows, numbers, flags = np.zeros(0, np.int64), np.zeros(0), np.zeros(0, bool)
     nothing = Information(np.zeros((0, 3, 3)), np.zeros((0, 3)), numbers)
     return EvidenceState(

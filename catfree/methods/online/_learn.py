@@ -121,11 +121,10 @@ def learn_noise_and_unit(
     except InsufficientDataError:  # no whole person on the ground yet
         return state
     boxes = prepare_boxes(sample, scene.rig, settings, state.missing)
-    n = len(boxes.row)
     views = ground_views(scene, unit, boxes)
     measured = measure_boxes(boxes, foot_cover(boxes, settings), views, noise, settings)
     groups = group(boxes, measured, noise, settings.gate)
-    heights = usual_heights(boxes.size[:n], boxes.camera[:n], scene.rig.camera_count, settings)
+    heights = usual_heights(boxes.size, boxes.camera, scene.rig.camera_count, settings)
     appearance = compare_frames(boxes) if settings.use_appearance else None
     ratios = None
     known = learned.likeness

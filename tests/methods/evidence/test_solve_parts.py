@@ -1,11 +1,10 @@
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence._gaussian import probability_within
 from catfree.methods.evidence.observe._boxes import undistort
-from catfree.methods.evidence.observe._visibility import COLUMNS, covered_share
+from catfree.methods.evidence.observe._visibility import COLUMNS, hidden_shares
 from catfree.types import Rig
 
 
@@ -21,13 +20,13 @@ def test_probability_within_a_radius_matches_sampling(a, b, angle, radius):
 
 @pytest.mark.slow
 def test_a_box_hides_what_lies_below_its_top():
-    region = jnp.array([0.0, 0.0, 8.0, 10.0])
-    others = jnp.array([[-1.0, 5.0, 3.9, 12.0], [0.0, 0.0, 8.0, 9.0], [2.0, 8.0, 9.0, 11.0]])
-    active = jnp.array([True, True, False])
+    region = np.tile([0.0, 0.0, 8.0, 10.0], (2, 1))
+    box = np.array([[-1.0, 5.0, 3.9, 12.0], [0.0, 0.0, 8.0, 9.0], [2.0, 8.0, 9.0, 11.0]])
     # The first hides the lower half of half the columns; the second ends higher, so it is behind.
-    assert float(covered_share(region, region[3], others, active)) == 0.25
-    both = jnp.array([True, True, True])
-    assert float(covered_share(region, region[3], others, both)) == pytest.approx(0.35)
+    nobody, camera, first = np.full(2, -1), np.arange(2), np.zeros(2, int)
+    table = np.array([[[0, 1, -1], [0, 1, 2]]])
+    found = hidden_shares(region, nobody, first, camera, box, table)
+    assert found == pytest.approx([0.25, 0.35])
     assert COLUMNS == 8
 
 

@@ -37,8 +37,10 @@ def _implied(edges, view, matrix, inverse):
 
 def median_height(boxes: Boxes, views: GroundViews) -> float:
     """Median height implied by whole boxes, in units of the views' H0; NaN if there are none."""
-    height, depth = map(
-        np.asarray, _implied(boxes.edges, boxes.view, views.matrix, views.ground_inverse)
+    height, depth = in_blocks(
+        lambda *part: _implied(*part, views.matrix, views.ground_inverse),
+        (boxes.edges, boxes.view),
+        BLOCK,
     )
     good = boxes.valid & ~boxes.cut.any(1) & (depth > 0) & (height > 0) & np.isfinite(height)
     return float(np.median(height[good])) if good.any() else float("nan")

@@ -1,4 +1,4 @@
-"""Detections as padded arrays in canonical order, with a table per frame and camera."""
+"""Detections in canonical order, with a table per frame and camera."""
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.geometry import back_project
-from catfree.geometry._buckets import coarse_length, fine_length
+from catfree.geometry._buckets import fine_length
 from catfree.geometry._person import cut_by_border, edges_of
 from catfree.geometry.camera import rays_of_pixels
 from catfree.methods.evidence.observe._local_pinholes import local_pinholes, project_rays
@@ -23,13 +23,13 @@ LONGEST_PAUSE = 1e6  # usual steps, after which anybody may be anywhere: longer 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """Boxes sorted by frame, camera and edges, padded to N rows.
+    """Boxes sorted by frame, camera and edges.
 
     Attributes:
-        row: (n,) original index of each of the n rows without padding.
+        row: (N,) original index.
         frames: (F,) distinct frame numbers, sorted.
-        frame: (N,) index into `frames`; F marks padding.
-        camera: (N,) camera index, 0 for padding.
+        frame: (N,) index into `frames`.
+        camera: (N,) camera index.
         box: (N, 4) x1, y1, x2, y2 in original pixels, in the caller's float width.
         edges: (N, 3) center column, top row, bottom row in pixels of the box's pinhole: that of its
             camera without distortion, or one of its own (`local_pinholes`) in a camera with
@@ -40,14 +40,14 @@ class Boxes:
         R: (V, 3, 3) their rotations from the world.
         cut: (N, 3) whether the side, top or bottom is cut by the image border.
         ankles: (N,) whether ankles are confirmed; true if ankles were not checked.
-        valid: (N,) whether the row is not padding, and its pixels have rays.
+        valid: (N,) whether the pixels have rays.
         table: (F, C, B) rows of each frame and camera, -1 for none.
         embedding: (N, D) unit vectors in single precision, or None.
         first: (F + 1,) first row of each frame.
         silent: (F, C) whether a camera is known to have no picture of a frame.
     """
 
-    row: Int[np.ndarray, " n"]
+    row: Int[np.ndarray, " box"]
     frames: Int[np.ndarray, " frame"]
     frame: Int[np.ndarray, " box"]
     camera: Int[np.ndarray, " box"]
@@ -60,7 +60,7 @@ class Boxes:
     cut: Bool[np.ndarray, "box 3"]
     ankles: Bool[np.ndarray, " box"]
     valid: Bool[np.ndarray, " box"]
-    table: Int[np.ndarray, "padded cam slot"]
+    table: Int[np.ndarray, "frame cam slot"]
     embedding: Float[np.ndarray, "box dim"] | None
     first: Int[np.ndarray, " bounds"]
     silent: Bool[np.ndarray, "frame cam"]
@@ -135,7 +135,7 @@ def prepare_boxes(
     silent: Int[np.ndarray, "k 2"] | None = None,
     frames: Int[np.ndarray, " frame"] | None = None,
 ) -> Boxes:
-    """Sort, undistort and pad detections; those of unregistered cameras are omitted.
+    """Sort and undistort detections; those of unregistered cameras are omitted.
 
     Args:
         detections: boxes in any order.
@@ -145,7 +145,7 @@ def prepare_boxes(
         frames: (F,) sorted frame numbers, with boxes or without; None for those with boxes.
 
     Returns:
-        Padded arrays in an order that does not depend on the input order.
+        Arrays in an order that does not depend on the input order.
     """
     registered = np.asarray(rig.registered)
     rows = np.flatnonzero(
@@ -167,7 +167,6 @@ def prepare_boxes(
     if frames is None:
         frames = np.unique(detections.frame[rows])
     frame = np.searchsorted(frames, detections.frame[rows])
-    N = fine_length(n)
     camera = detections.camera[rows]
     box = box[rows]
     middle = (box[:, 0] + box[:, 2]) / 2
@@ -197,16 +196,11 @@ def prepare_boxes(
         else detections.ankles_confirmed[rows]
     )
 
-    def pad(values: np.ndarray, fill) -> np.ndarray:
-        out = np.full((N, *values.shape[1:]), fill, values.dtype)
-        out[:n] = values
-        return out
-
     F = len(frames)
     table = _row_table(frame, camera, F, rig.camera_count)
     embedding = None
     if detections.embedding is not None:
-        embedding = np.zeros((N, detections.embedding.shape[1]), np.float32)
+        embedding = np.zeros((n, detections.embedding.shape[1]), np.float32)
         for begin in range(0, n, BLOCK):  # the wide numbers of all boxes would fill the memory
             raw = np.asarray(detections.embedding[rows[begin : begin + BLOCK]], np.float64)
             length = np.maximum(np.linalg.norm(raw, axis=-1, keepdims=True), 1e-12)
@@ -214,17 +208,17 @@ def prepare_boxes(
     return Boxes(
         row=rows,
         frames=frames,
-        frame=pad(frame, F),
-        camera=pad(camera, 0),
-        box=pad(detections.box[rows], 1.0),
-        edges=pad(edges, 1.0),
-        size=pad(np.maximum(edges[:, 2] - edges[:, 1], 1.0), 1.0),
-        view=pad(view, 0),
+        frame=frame,
+        camera=camera,
+        box=detections.box[rows],
+        edges=edges,
+        size=np.maximum(edges[:, 2] - edges[:, 1], 1.0),
+        view=view,
         K=K,
         R=R,
-        cut=pad(cut, True),
-        ankles=pad(ankles, True),
-        valid=pad(valid, False),
+        cut=cut,
+        ankles=ankles,
+        valid=valid,
         table=table,
         embedding=embedding,
         first=np.searchsorted(frame, np.arange(F + 1)),
@@ -248,7 +242,6 @@ def _row_table(frame: np.ndarray, camera: np.ndarray, F: int, C: int) -> np.ndar
     key = frame * C + camera
     start = np.searchsorted(key, np.arange(F * C))
     slot = np.arange(len(key)) - start[key] if len(key) else np.zeros(0, int)
-    B = coarse_length(int(slot.max()) + 1 if len(slot) else 1, 4, 2)
-    table = np.full((fine_length(F, 8) * C, B), -1)
+    table = np.full((F * C, slot.max(initial=0) + 1), -1)
     table[key, slot] = np.arange(len(key))
-    return table.reshape(-1, C, B)
+    return table.reshape(F, C, table.shape[1])

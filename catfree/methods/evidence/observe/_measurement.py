@@ -1,6 +1,6 @@
 """One box as a measurement of (ground position, height)."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -22,6 +22,7 @@ from catfree.methods.evidence._gaussian import Information, mean_and_covariance
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._views import GroundViews
 from catfree.settings import EvidenceSettings
+from catfree.types._annotations import HostOrDevice
 
 
 class Noise(eqx.Module):
@@ -102,15 +103,21 @@ def start_noise(cameras: int, settings: EvidenceSettings) -> Noise:
     )
 
 
-def field_features(edges: Array, size: Array, focal: Array, center: Array) -> Float[Array, "3 4"]:
-    """Features of each edge's systematic offset: focal length, column, row, box height."""
-    rows = jnp.stack([(edges[1] + edges[2]) / 2, edges[1], edges[2]])
-    flat = jnp.ones(3, edges.dtype)
+def field_features(
+    edges: Float[HostOrDevice, "*n 3"],
+    size: Float[HostOrDevice, "*n"],
+    focal: Float[HostOrDevice, "*n"],
+    center: Float[HostOrDevice, "*n 2"],
+) -> Any:
+    """Features (3, 4) of each edge's systematic offset: focal length, column, row, box height."""
+    xp = edges.__array_namespace__()
+    column, top, bottom = (edges[..., i] for i in range(3))
+    rows = xp.stack([(top + bottom) / 2, top, bottom], -1)
+    flat = xp.ones_like(rows)
     # The center column does not depend on the box height.
-    height = size * jnp.array([0.0, 1.0, 1.0], edges.dtype)
-    return jnp.stack(
-        [focal * flat, (edges[0] - center[0]) * flat, rows - center[1], height], axis=-1
-    )
+    height = xp.stack([xp.zeros_like(size), size, size], -1)
+    along = (column - center[..., 0])[..., None]
+    return xp.stack([focal[..., None] * flat, along * flat, rows - center[..., 1:], height], -1)
 
 
 def implied_person(matrix, ground_inverse, edges):

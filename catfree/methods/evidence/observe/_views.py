@@ -4,10 +4,8 @@ from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from catfree.geometry._person import box_ends, edges_of, people_in_rig
 from catfree.methods.evidence.observe._boxes import Boxes
@@ -136,21 +134,13 @@ def people_in_cameras(
         imaged: (H, C) whether the camera images both foot and head; false if it is unregistered.
     """
     count = len(views.registered)
-    edges, imaged = (np.array(part) for part in _edges_of_pinholes(state, views.matrix[:count]))
+    head, foot, depth = box_ends(views.matrix[:count], None, np.asarray(state)[:, None])
+    edges, imaged = edges_of(head, foot), depth > IN_FRONT
     if views.rig is not None:
         for camera in np.flatnonzero(views.registered):
             head, foot, imaged[:, camera] = people_in_rig(views.rig, camera, np.asarray(state))
             edges[:, camera] = edges_of(head, foot)
     return edges, imaged & views.registered
-
-
-@jax.jit
-def _edges_of_pinholes(state: Array, matrix: Array) -> tuple[Array, Array]:
-    def one(state: Array, matrix: Array) -> tuple[Array, Array]:
-        head, foot, depth = box_ends(matrix, None, state)
-        return edges_of(head, foot), depth > IN_FRONT
-
-    return jax.vmap(jax.vmap(one, (None, 0)), (0, None))(state, jnp.asarray(matrix))
 
 
 def pinholes_towards(

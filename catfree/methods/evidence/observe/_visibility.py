@@ -1,57 +1,83 @@
 """Expected visibility of people: occlusion, image borders, and the learned detection rate."""
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from catfree.geometry._person import ASPECT
 from catfree.methods.evidence.observe._views import GroundViews, people_in_cameras
 from catfree.settings import EvidenceSettings
 
-ENTRIES = 1 << 17  # boxes compared with regions at a time: fits a cache
+BOXES_AT_A_TIME = 1 << 20  # compared with regions: 8 MB for each number that is kept of a pair
 COLUMNS = 8  # sampled columns of a box; rows are integrated exactly
 
 
-def covered_share(region: Array, floor: Array, others: Array, active: Array) -> Float[Array, ""]:
-    """Share of a rectangle hidden by boxes that reach lower, that is, by nearer people.
+def hidden_shares(
+    region: Float[np.ndarray, "n 4"],
+    own: Int[np.ndarray, " n"],
+    frame: Int[np.ndarray, " n"],
+    camera: Int[np.ndarray, " n"],
+    box: Float[np.ndarray, "box 4"],
+    table: Int[np.ndarray, "frame cam slot"],
+) -> Float[np.ndarray, " n"]:
+    """Share of each rectangle hidden by boxes that reach lower, that is, by nearer people.
 
     In each column such a box covers everything below its top edge, so the union is exact.
 
     Args:
-        region: (4,) x1, y1, x2, y2 in pixels.
-        floor: () the row that a box must pass to be nearer.
-        others: (B, 4) boxes of the same image.
-        active: (B,) which boxes to use.
+        region: (n, 4) x1, y1, x2, y2 in pixels.
+        own: (n,) the box that does not hide it, or -1.
+        frame: (n,) frame index.
+        camera: (n,) camera.
+        box: (N, 4) all boxes in pixels.
+        table: (F, C, B) rows of each frame and camera, -1 for none.
 
     Returns:
-        () share in [0, 1].
+        (n,) shares in [0, 1].
     """
-    steps = (jnp.arange(COLUMNS, dtype=region.dtype) + 0.5) / COLUMNS
-    columns = region[0] + steps * (region[2] - region[0])
-    inside = (others[:, :1] <= columns[None, :]) & (columns[None, :] <= others[:, 2:3])
-    nearer = active & (others[:, 3] > floor)
-    rows = jnp.minimum(others[:, 3], region[3]) - jnp.maximum(others[:, 1], region[1])
-    rows = jnp.where(nearer[:, None] & inside, jnp.maximum(rows, 0)[:, None], 0.0)
-    height = jnp.maximum(region[3] - region[1], 1e-9)
-    return jnp.clip(rows.max(0).mean() / height, 0, 1)
+    left, top, right, bottom = np.vstack([box, [0.0, 0.0, 0.0, -np.inf]]).T
+    shares = np.zeros(len(region))
+    at_a_time = max(1, BOXES_AT_A_TIME // table.shape[2])
+    steps = (np.arange(COLUMNS) + 0.5) / COLUMNS
+    for first in range(0, len(region), at_a_time):
+        part = slice(first, first + at_a_time)
+        x1, y1, x2, y2 = region[part].T
+        others = table[frame[part], camera[part]]
+        row, slot = np.nonzero(bottom[others] > y2[:, None])
+        near = others[row, slot]
+        overlap = (top[near] < y2[row]) & (left[near] <= x2[row]) & (right[near] >= x1[row])
+        overlap &= near != own[part][row]
+        row, near = row[overlap], near[overlap]
+        if not len(row):
+            continue
+        column = x1[row, None] + steps * (x2 - x1)[row, None]
+        inside = (left[near, None] <= column) & (column <= right[near, None])
+        hidden = np.where(inside, (y2[row] - np.maximum(top[near], y1[row]))[:, None], 0.0)
+        begin = np.flatnonzero(np.diff(row, prepend=-1))
+        hidden, row = np.maximum.reduceat(hidden, begin), row[begin]
+        shares[first + row] = hidden.mean(1) / np.maximum(y2 - y1, 1e-9)[row]
+    return np.clip(shares, 0, 1)
 
 
-@jax.jit
-def covered_feet(box, frame, camera, table, lower_body) -> Float[Array, " box"]:
-    """Share of the lower part of each box that is hidden by boxes in front of it."""
-    rows = jnp.arange(box.shape[0])
+def covered_feet(
+    box: Float[np.ndarray, "box 4"],
+    frame: Int[np.ndarray, " box"],
+    camera: Int[np.ndarray, " box"],
+    table: Int[np.ndarray, "frame cam slot"],
+    lower_body: float,
+) -> Float[np.ndarray, " box"]:
+    """Share of the lower part of each box that is hidden by boxes in front of it.
 
-    def one(row_of_box):
-        row, box_, f, c = row_of_box
-        others = jnp.asarray(table)[jnp.minimum(f, table.shape[0] - 1), c]
-        active = (others >= 0) & (others != row) & (f < table.shape[0])
-        low = jnp.stack([box_[0], box_[3] - lower_body * (box_[3] - box_[1]), box_[2], box_[3]])
-        return covered_share(low, box_[3], box[jnp.maximum(others, 0)], active)
-
-    batch = max(1, ENTRIES // table.shape[2])
-    return jax.lax.map(one, (rows, box, frame, camera), batch_size=batch)
+    Args:
+        box: (N, 4) all boxes in pixels.
+        frame: (N,) frame index.
+        camera: (N,) camera.
+        table: (F, C, B) rows of each frame and camera, -1 for none.
+        lower_body: share of the height that counts as feet.
+    """
+    low = box.astype(np.float64)
+    low[:, 1] = low[:, 3] - lower_body * (low[:, 3] - low[:, 1])
+    return hidden_shares(low, np.arange(len(box)), frame, camera, box, table)
 
 
 class Views(eqx.Module):
@@ -64,18 +90,18 @@ class Views(eqx.Module):
         share: (H, C) share of the body inside the image.
     """
 
-    inside: Float[Array | np.ndarray, "person cam"]
-    height: Float[Array | np.ndarray, "person cam"]
-    cover: Float[Array | np.ndarray, "person cam"]
-    share: Float[Array | np.ndarray, "person cam"]
+    inside: Float[np.ndarray, "person cam"]
+    height: Float[np.ndarray, "person cam"]
+    cover: Float[np.ndarray, "person cam"]
+    share: Float[np.ndarray, "person cam"]
 
 
 def expected_views(
     state: Float[np.ndarray, "person 3"],
     frame: Int[np.ndarray, " person"],
     member: Int[np.ndarray, "person cam"],
-    box: Float[Array | np.ndarray, "box 4"],
-    table: Int[Array | np.ndarray, "frame cam slot"],
+    box: Float[np.ndarray, "box 4"],
+    table: Int[np.ndarray, "frame cam slot"],
     views: GroundViews,
     settings: EvidenceSettings,
 ) -> Views:
@@ -86,50 +112,30 @@ def expected_views(
         frame: (H,) frame index.
         member: (H, C) the person's own detection in each camera or -1; it does not hide the person.
         box: (N, 4) all boxes in pixels.
-        table: (F, C, B) rows of each frame and camera.
+        table: (F, C, B) rows of each frame and camera, -1 for none.
         views: the cameras.
         settings: for the share of the body that must be in view.
 
     Returns:
         (H, C) arrays.
     """
+    low, high = settings.body_ramp
     edges, imaged = people_in_cameras(state, views)
-    return _expected_views(
-        edges, imaged, frame, member, box, table, views.image_size, settings.body_ramp
-    )
-
-
-@jax.jit
-def _expected_views(edges, imaged, frame, member, box, table, image_size, ramp) -> Views:
-    table, box = jnp.asarray(table), jnp.asarray(box)
-    low, high = ramp
-
-    def one(edges, front, f, detection, size, c):
-        u, top, bottom = edges
-        height = jnp.maximum(bottom - top, 1e-6)
-        half = 0.5 * ASPECT * height
-        wide = jnp.clip(jnp.minimum(u + half, size[0]) - jnp.maximum(u - half, 0.0), 0)
-        tall = jnp.clip(jnp.minimum(bottom, size[1]) - jnp.maximum(top, 0.0), 0)
-        share = wide * tall / (2 * half * height)
-        inside = jnp.clip((share - low) / (high - low), 0, 1)
-        others = table[f, c]
-        active = (others >= 0) & (others != detection)
-        region = jnp.stack(
-            [u - half, jnp.maximum(top, 0.0), u + half, jnp.minimum(bottom, size[1])]
-        )
-        region = jnp.where(front, region, 0.0)
-        cover = covered_share(region, region[3], box[jnp.maximum(others, 0)], active)
-        inside, share = (jnp.where(front, x, 0.0) for x in (inside, share))
-        return inside, jnp.where(front, height, 1.0), cover, share
-
-    per_camera = jax.vmap(one, in_axes=(0, 0, None, 0, 0, 0))
-    cameras = (jnp.asarray(image_size), jnp.arange(len(image_size)))
-    inside, height, cover, share = jax.lax.map(
-        lambda person: per_camera(person[0], person[1], person[2], person[3], *cameras),
-        tuple(map(jnp.asarray, (edges, imaged, frame, member))),
-        batch_size=max(1, ENTRIES // (table.shape[1] * table.shape[2])),
-    )
-    return Views(inside, height, cover, share)
+    column, head, foot = np.moveaxis(edges, -1, 0)
+    height = np.maximum(foot - head, 1e-6)
+    half = 0.5 * ASPECT * height
+    width, rows = views.image_size.T
+    left, right = column - half, column + half
+    top, bottom = np.maximum(head, 0), np.minimum(foot, rows)
+    wide = np.clip(np.minimum(right, width) - np.maximum(left, 0), 0, None)
+    share = wide * np.clip(bottom - top, 0, None) / (2 * half * height)
+    share = np.where(imaged, share, 0.0)
+    inside = np.clip((share - low) / (high - low), 0, 1)
+    cover = np.zeros(imaged.shape)
+    who, camera = np.nonzero(imaged)
+    region = np.stack([left, top, right, bottom], -1)[who, camera]
+    cover[who, camera] = hidden_shares(region, member[who, camera], frame[who], camera, box, table)
+    return Views(inside, np.where(imaged, height, 1.0), cover, share)
 
 
 class DetectionRate(eqx.Module):

@@ -35,7 +35,7 @@ def choose_reported(state: EvidenceState, settings: EvidenceSettings) -> Evidenc
         whole_views(seen, settings),
     )
     if settings.working_area:
-        cameras = len(np.unique(boxes.camera[: len(boxes.row)]))
+        cameras = len(np.unique(boxes.camera))
         kept[rows] = in_working_area(place[:, :2], sigma[rows], whole[rows], cameras, settings)
     return replace(
         state,

@@ -19,8 +19,6 @@ This is the usual correction for few clusters (Cameron and Miller, 2015) with a 
 two cameras are not informative.
 """
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import ndtri, stdtrit
@@ -165,28 +163,14 @@ def offset_scatter(
     Returns:
         (3, 3), or None if fewer than two cameras have offsets.
     """
-    offset = np.asarray(
-        _offsets(
-            boxes.edges, boxes.size, boxes.camera, boxes.view,
-            noise.field, views.focal, views.center,
-        )
-    )  # fmt: skip
     means = []
     for camera, has_offset in enumerate((noise.field != 0).any((1, 2))):
         rows = member[member[:, camera] >= 0, camera]
         rows = rows[np.asarray(measurements.used)[rows].all(1)]
         if has_offset and len(rows):
-            means.append(offset[rows].mean(0))
+            focal, center = (part[boxes.view[rows]] for part in (views.focal, views.center))
+            features = field_features(boxes.edges[rows], boxes.size[rows], focal, center)
+            means.append(((features * noise.field[camera]).sum(-1) / focal[:, None]).mean(0))
     if len(means) < 2:
         return None
     return scatter_between(np.array(means), settings.angular_noise)
-
-
-@jax.jit
-def _offsets(edges, size, camera, view, field, focal, center):
-    def one(edges, size, c, v):
-        take = lambda a: jnp.asarray(a)[v]  # noqa: E731
-        features = field_features(edges, size, take(focal), take(center))
-        return (features * jnp.asarray(field)[c]).sum(-1) / take(focal)
-
-    return jax.vmap(one)(edges, size, camera, view)

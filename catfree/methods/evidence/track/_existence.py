@@ -3,16 +3,14 @@
 from dataclasses import dataclass, replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import expit
 
-from catfree.geometry._buckets import in_blocks
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements
-from catfree.methods.evidence.observe._views import PEOPLE_BLOCKS, GroundViews
+from catfree.methods.evidence.observe._views import GroundViews
 from catfree.methods.evidence.observe._visibility import Views, expected_views
 from catfree.settings import EvidenceSettings
 
@@ -45,15 +43,8 @@ def predict_views(
     views: GroundViews,
     settings: EvidenceSettings,
 ) -> Views:
-    """Compute `expected_views` on the host."""
-    box, table = map(jnp.asarray, (boxes.box, boxes.table))  # once, not for each block
-    return in_blocks(
-        lambda state, frame, member: expected_views(
-            state, frame, member, box, table, views, settings
-        ),
-        (state, frame, member),
-        *PEOPLE_BLOCKS,
-    )
+    """Predict how the cameras see people among the boxes; see `expected_views`."""
+    return expected_views(state, frame, member, boxes.box, boxes.table, views, settings)
 
 
 def with_pictures(seen: Views, frame: Int[np.ndarray, " person"], boxes: Boxes) -> Views:
@@ -73,7 +64,7 @@ def delivered(
     expected = np.zeros((F, C))
     strong = (member >= 0).sum(1) >= 2
     np.add.at(expected, frame[strong], rate[strong])
-    empty = (boxes.table[:F] >= 0).sum(-1) == 0
+    empty = (boxes.table >= 0).sum(-1) == 0
     return ~(empty & (expected > settings.outage_expected))
 
 

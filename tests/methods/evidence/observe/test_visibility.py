@@ -14,8 +14,8 @@ from catfree.methods.evidence.observe._visibility import (
     Views,
     count_detections,
     covered_feet,
-    covered_share,
     expected_views,
+    hidden_shares,
     rate_of_counts,
     usual_heights,
 )
@@ -56,9 +56,11 @@ def test_the_hidden_share_is_that_of_pixels_inside_nearer_boxes(others, data):
     hidden = np.zeros((SIDE, COLUMNS), bool)
     for left, top, right, _ in others[nearer]:
         hidden |= (rows > top) & (columns >= left) & (columns <= right)
-    region = jnp.array([0.0, 0.0, SIDE, SIDE])
-    found = covered_share(region, region[3], jnp.asarray(others), jnp.asarray(active))
-    assert float(found) == pytest.approx(hidden.mean())
+    region = np.array([[0.0, 0.0, SIDE, SIDE]])
+    table = np.where(active, np.arange(len(others)), -1)[None, None]
+    first = np.zeros(1, int)
+    found = hidden_shares(region, np.array([-1]), first, first, others, table)
+    assert found[0] == pytest.approx(hidden.mean())
 
 
 def seen(state, member=None, box=None, frame=None, table=None):
@@ -181,8 +183,6 @@ def test_only_boxes_that_stand_in_front_of_the_feet_hide_them():
     assert found[0] == pytest.approx(1 / 3)
     assert found[1] == found[3] == found[4] == 0
     assert found[2] == 1  # by the first, which stands a pixel lower
-    # A row of padding belongs to no frame.
-    assert np.asarray(covered_feet(box, frame + 2, camera, table, 0.3)).max() == 0
 
 
 def _learned(views, member, heights):
