@@ -163,7 +163,9 @@ def _height(
 ) -> Float[Array, ""]:
     """Height of a person that a box implies over a plane; NaN above the horizon."""
     matrix = projection(plane)
-    inverse = jnp.linalg.inv(matrix[:, jnp.array([0, 1, 3])])
+    a, b, c = matrix[:, 0], matrix[:, 1], matrix[:, 3]
+    adjugate = jnp.stack([jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)])
+    inverse = adjugate / (a @ adjugate[0])
     ground = drop_to_height(inverse, box[jnp.array([0, 2])])
     depth = matrix[2, :2] @ ground + matrix[2, 3]
     ahead = ground * (1 + foot_offset / jnp.maximum(safe_norm(ground), 1e-6))
