@@ -169,7 +169,9 @@ def cut_by_border(
     return np.stack([side, box[:, 1] <= near, box[:, 3] >= height - 1 - near], -1)
 
 
-def drop_to_height(inverse: Float[Array, "3 3"], pixel: Float[Array, "2"]) -> Float[Array, "2"]:
+def drop_to_height(
+    inverse: Float[HostOrDevice, "*#n 3 3"], pixel: Float[HostOrDevice, "*#n 2"]
+) -> Any:
     """Position of a person whose foot, or point at another height, is at a pixel.
 
     Args:
@@ -179,10 +181,11 @@ def drop_to_height(inverse: Float[Array, "3 3"], pixel: Float[Array, "2"]) -> Fl
     Returns:
         (2,) position; arbitrary where the ray does not reach the plane.
     """
-    point = inverse @ jnp.stack([pixel[0], pixel[1], jnp.ones((), pixel.dtype)])
-    denominator = point[2]
-    small = jnp.abs(denominator) < 1e-12
-    return point[:2] / jnp.where(small, 1e-12, denominator)
+    xp = pixel.__array_namespace__()
+    column, row = pixel[..., 0, None], pixel[..., 1, None]
+    point = inverse[..., 0] * column + inverse[..., 1] * row + inverse[..., 2]
+    denominator = point[..., 2:]
+    return point[..., :2] / xp.where(xp.abs(denominator) < 1e-12, 1e-12, denominator)
 
 
 def height_at(

@@ -3,65 +3,33 @@
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
-from catfree.geometry._buckets import in_blocks
-from catfree.geometry._person import drop_to_height, edges_and_slopes, height_at
+from catfree.geometry._person import drop_to_height, height_at
 from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence._huber_regression import huber_regression
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise, field_features
+from catfree.methods.evidence.observe._sightings import predicted_edges
 from catfree.methods.evidence.observe._views import GroundViews
 from catfree.settings import EvidenceSettings
 
 LARGEST_CHANGE = 2.0  # factor of noise per round: groups were made with the old noise
 STEP = 2 / np.pi**0.5  # H0: 4 H0² of ground around each person are in use
 SPACING = STEP / 6  # of the lattice that measures this area: a few percent error for one person
-BLOCK = 2048  # block size: residuals computed together
-
-
-@jax.jit
-def _implied(edges, view, matrix, inverse):
-    def one(edges, v):
-        position = drop_to_height(jnp.asarray(inverse)[v], edges[jnp.array([0, 2])])
-        m = jnp.asarray(matrix)[v]
-        depth = m[2, 0] * position[0] + m[2, 1] * position[1] + m[2, 3]
-        return height_at(m, position, edges[1]), depth
-
-    return jax.vmap(one)(edges, view)
 
 
 def median_height(boxes: Boxes, views: GroundViews) -> float:
     """Median height implied by whole boxes, in units of the views' H0; NaN if there are none."""
-    height, depth = in_blocks(
-        lambda *part: _implied(*part, views.matrix, views.ground_inverse),
-        (boxes.edges, boxes.view),
-        BLOCK,
-    )
+    matrix, inverse = views.matrix[boxes.view], views.ground_inverse[boxes.view]
+    place = drop_to_height(inverse, boxes.edges[:, [0, 2]])
+    height = height_at(matrix, place, boxes.edges[:, 1])
+    depth = (matrix[:, 2, :2] * place).sum(-1) + matrix[:, 2, 3]
     good = boxes.valid & ~boxes.cut.any(1) & (depth > 0) & (height > 0) & np.isfinite(height)
     return float(np.median(height[good])) if good.any() else float("nan")
-
-
-@jax.jit
-def _left_out(edges, size, view, info, total, views: GroundViews, spread):
-    """Residual of each box with respect to the person estimated from the other boxes."""
-
-    def one(edges, size, matrix, focal, center, info, total):
-        others = jax.tree.map(lambda a, b: a - b, total, info)
-        state, covariance = mean_and_covariance(others, spread)
-        predicted, slopes = edges_and_slopes(matrix, None, state)
-        variance = jnp.einsum("ij,jk,ik->i", slopes, covariance, slopes)
-        features = field_features(edges, size, focal, center)
-        return edges - predicted, variance, features
-
-    take = lambda a: jnp.asarray(a)[view]  # noqa: E731
-    return jax.vmap(one)(
-        edges, size, take(views.matrix), take(views.focal), take(views.center), info, total
-    )
 
 
 class LeftOut(NamedTuple):
@@ -93,15 +61,13 @@ def left_out_residuals(
     """Compare each box of the chosen groups (g,) with the other boxes of its group."""
     g, c = np.nonzero(groups.member[chosen] >= 0)
     rows = groups.member[chosen][g, c]
-    spread = np.asarray(noise.spread)
-    residual, variance, features = in_blocks(
-        lambda *part: _left_out(*part, views, spread),
-        (
-            boxes.edges[rows], boxes.size[rows], boxes.view[rows], measurements.info[rows],
-            groups.info[chosen[g]],
-        ),
-        BLOCK,
-    )  # fmt: skip
+    edges, size, view = boxes.edges[rows], boxes.size[rows], boxes.view[rows]
+    others = jax.tree.map(np.subtract, groups.info[chosen[g]], measurements.info[rows])
+    state, covariance = mean_and_covariance(others, noise.spread)
+    predicted, slopes = predicted_edges(state, views.matrix[view])
+    residual, slopes = edges - predicted, slopes[..., :3]
+    variance = np.einsum("nij,njk,nik->ni", slopes, covariance, slopes)
+    features = field_features(edges, size, views.focal[view], views.center[view])
     used = np.asarray(measurements.used)[rows] & np.isfinite(residual).all(1, keepdims=True)
     # Boxes cut at the side are not informative about the usual noise.
     used &= ~boxes.cut[rows, :1]

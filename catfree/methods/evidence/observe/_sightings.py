@@ -59,10 +59,21 @@ def sightings_by_camera(
     for column in member.T:
         person = np.flatnonzero(column >= 0)
         box = column[person]
-        matrix = np.asarray(views.matrix)[view[box]]
-        edges, slopes = in_blocks(_edges_and_slopes, (state[person], matrix), *BLOCKS)
+        edges, slopes = predicted_edges(state[person], np.asarray(views.matrix)[view[box]])
         used, noise = (np.asarray(part)[box] for part in (measurements.used, measurements.noise))
         yield Sightings(person, box, edges, slopes, np.where(used, 1 / noise, 0.0))
+
+
+def predicted_edges(
+    state: Float[np.ndarray, "n 3"], matrix: Float[np.ndarray, "n 3 4"]
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 4"]]:
+    """Edges of the boxes that people should have, and their slopes; see `Sightings`.
+
+    Args:
+        state: (n, 3) positions and heights in H0.
+        matrix: (n, 3, 4) projection of the pinhole that sees each of them.
+    """
+    return in_blocks(_edges_and_slopes, (state, matrix), *BLOCKS)
 
 
 @jax.jit

@@ -3,21 +3,17 @@
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from catfree.filters import log_otsu
-from catfree.geometry._buckets import coarse_length, in_blocks
-from catfree.geometry._person import edge_deviation, edges_and_slopes
+from catfree.geometry._buckets import coarse_length
+from catfree.geometry._person import edge_deviation
 from catfree.methods.evidence._gaussian import Information, mean_and_covariance
 from catfree.methods.evidence.observe._measurement import Noise
-from catfree.methods.evidence.observe._views import (
-    PEOPLE_BLOCKS,
-    GroundViews,
-    pinholes_towards,
-)
+from catfree.methods.evidence.observe._sightings import predicted_edges
+from catfree.methods.evidence.observe._views import GroundViews, pinholes_towards
 from catfree.methods.evidence.observe._visibility import Views
 from catfree.settings import EvidenceSettings
 from catfree.types._sampling import evenly_spread
@@ -28,33 +24,21 @@ MOST_SAMPLES = 16 * SAMPLE_BLOCK  # positions that teach what is usual
 _log_otsu = jax.jit(log_otsu)
 
 
-@jax.jit
-def _design(state, inside, height, matrix, focal, noise: Noise):
-    def one(state, inside, height, matrix, focal, edge):
-        _, slopes = edges_and_slopes(matrix, None, state)
-        deviation = edge_deviation(height, edge, jnp.asarray(noise.angular) * focal)
-        weighted = slopes * (inside / deviation**2)[:, None]
-        return weighted.T @ slopes
-
-    cameras = jax.vmap(one, in_axes=(None, 0, 0, 0, 0, 0))
-    people = jax.vmap(cameras, in_axes=(0, 0, 0, 0, 0, None))
-    info = people(state, inside, height, matrix, focal, jnp.asarray(noise.edge)).sum(1)
-    # Positions that no camera sees are vague, not undefined.
-    info = info + 1e-6 * jnp.eye(3, dtype=info.dtype)[None]
-    flat = Information(info, jnp.zeros_like(state), jnp.zeros_like(state[:, 0]))
-    _, covariance = mean_and_covariance(flat, jnp.asarray(noise.spread))
-    return jnp.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
-
-
 def design_sigma(
     state: np.ndarray, seen: Views, views: GroundViews, noise: Noise
 ) -> Float[np.ndarray, " person"]:
     """Ground uncertainty of a person without occlusion, in H0."""
-    return in_blocks(
-        lambda state, *seen: _design(state, *seen, *pinholes_towards(state, views), noise),
-        (state, seen.inside, seen.height),
-        *PEOPLE_BLOCKS,
-    )
+    matrix, focal = pinholes_towards(state, views)
+    # Positions that no camera sees are vague, not undefined.
+    info = np.tile(1e-6 * np.eye(3), (len(state), 1, 1))
+    for camera, edge in enumerate(noise.edge):  # all slopes together would be large
+        _, slopes = predicted_edges(state, matrix[:, camera])
+        height, floor = seen.height[:, camera, None], noise.angular * focal[:, camera, None]
+        weight = seen.inside[:, camera, None] / edge_deviation(height, edge, floor) ** 2
+        info += np.einsum("nki,nk,nkj->nij", slopes[..., :3], weight, slopes[..., :3])
+    flat = Information(info, np.zeros(state.shape), np.zeros(len(state)))
+    _, covariance = mean_and_covariance(flat, noise.spread)
+    return np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
 
 
 def in_working_area(
