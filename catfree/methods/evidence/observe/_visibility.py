@@ -35,16 +35,17 @@ def hidden_shares(
     Returns:
         (n,) shares in [0, 1].
     """
-    left, top, right, bottom = np.vstack([box, [0.0, 0.0, 0.0, -np.inf]]).T
+    left, top, right, bottom = box.T
+    bottoms = np.where(table < 0, -np.inf, bottom[table])
     shares = np.zeros(len(region))
     at_a_time = max(1, BOXES_AT_A_TIME // table.shape[2])
     steps = (np.arange(COLUMNS) + 0.5) / COLUMNS
     for first in range(0, len(region), at_a_time):
         part = slice(first, first + at_a_time)
         x1, y1, x2, y2 = region[part].T
-        others = table[frame[part], camera[part]]
-        row, slot = np.nonzero(bottom[others] > y2[:, None])
-        near = others[row, slot]
+        picture = frame[part], camera[part]
+        row, slot = np.nonzero(bottoms[picture] > y2[:, None])
+        near = table[picture][row, slot]
         overlap = (top[near] < y2[row]) & (left[near] <= x2[row]) & (right[near] >= x1[row])
         overlap &= near != own[part][row]
         row, near = row[overlap], near[overlap]
@@ -132,7 +133,7 @@ def expected_views(
     share = np.where(imaged, share, 0.0)
     inside = np.clip((share - low) / (high - low), 0, 1)
     cover = np.zeros(imaged.shape)
-    who, camera = np.nonzero(imaged)
+    who, camera = np.nonzero(share)
     region = np.stack([left, top, right, bottom], -1)[who, camera]
     cover[who, camera] = hidden_shares(region, member[who, camera], frame[who], camera, box, table)
     return Views(inside, np.where(imaged, height, 1.0), cover, share)
