@@ -268,14 +268,14 @@ class Detections(eqx.Module):
             images = [found] if hasattr(found, "xyxy") else found
             if not isinstance(images, Sequence):
                 raise InvalidInputError(
-                    f"Camera {camera} has a {type(images).__name__} instead of "
+                    f"Camera {camera} has a value of type {type(images).__name__} instead of "
                     "supervision.Detections or a sequence of them."
                 )
             for number, image in enumerate(images, start=first):
                 if not hasattr(image, "xyxy"):
                     raise InvalidInputError(
-                        f"Camera {camera} has a {type(image).__name__} in frame {number} instead "
-                        "of supervision.Detections."
+                        f"Camera {camera} has a value of type {type(image).__name__} in frame "
+                        f"{number} instead of supervision.Detections."
                     )
                 n = len(image.xyxy)
                 where, score = np.full(n, camera), image.confidence

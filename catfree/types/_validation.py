@@ -46,7 +46,7 @@ def require_instance(value: Any, kind: type, name: str) -> None:
 def as_path(value: Any, name: str) -> Path:
     """Convert a path of text or of any path type."""
     if not isinstance(value, str | os.PathLike):
-        raise InvalidInputError(f"{name} must be a path, got a {type(value).__name__}.")
+        raise InvalidInputError(f"{name} must be a path, got {type(value).__name__}.")
     return Path(value)
 
 

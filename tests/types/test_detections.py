@@ -261,8 +261,8 @@ def test_boxes_of_supervision():
     np.testing.assert_array_equal(found.score, [0.5, 0.25, 0.5])
     assert len(Detections.from_supervision({})) == 0
     for given_boxes, sentence in [
-        ({0: 3}, "Camera 0 has a int instead of supervision.Detections"),
-        ({0: [3]}, "has a int in frame 0"),
+        ({0: 3}, "Camera 0 has a value of type int instead of supervision.Detections"),
+        ({0: [3]}, "has a value of type int in frame 0"),
         ({"a": image}, "Cameras are named"),
     ]:
         with pytest.raises(InvalidInputError, match=sentence):

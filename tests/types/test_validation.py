@@ -18,6 +18,7 @@ from catfree.types._validation import (
     as_float,
     as_integer,
     as_number,
+    as_path,
     require_boxes_in_images,
     require_different_cameras,
     require_few_people,
@@ -127,7 +128,7 @@ calls = {
     "frame_rate is '2'; it must be a positive number": lambda: open_(frame_rate="2"),
     "paths must list one video per camera": lambda: SynchronizedVideos(5),
     "at least one video": lambda: SynchronizedVideos(None),
-    "Camera 0 must be a path, got a NoneType": lambda: SynchronizedVideos([None]),
+    "Camera 0 must be a path, got NoneType": lambda: SynchronizedVideos([None]),
     "no camera 9; the videos belong to cameras 0 to 1": lambda: next(footage.pictures_of(9)),
     "no camera -1": lambda: next(footage.pictures_of(-1)),
     "first is -1": lambda: next(footage.instants_from(-1)),
@@ -204,6 +205,12 @@ def test_instances_are_named_by_argument_and_type():
     require_instance(Detections([], [], []), Detections, "detections")
     with pytest.raises(InvalidInputError, match="detections must be a Detections, got list"):
         require_instance([], Detections, "detections")
+
+
+@pytest.mark.parametrize(("value", "kind"), [(None, "NoneType"), (3, "int"), (["a"], "list")])
+def test_what_is_no_path_is_named_by_its_type(value, kind):
+    with pytest.raises(InvalidInputError, match=rf"^path must be a path, got {kind}\.$"):
+        as_path(value, "path")
 
 
 @pytest.mark.parametrize(

@@ -325,8 +325,8 @@ def _fit_here(
         return replace(fitted, memory=None)
     if not _can_be_sent(fitted):
         raise CatFreeError(
-            f"The detector fitted to camera {camera}, a {type(fitted).__name__}, cannot be pickled "
-            "and so cannot leave its process. Call run with workers=1."
+            f"The detector fitted to camera {camera} is of type {type(fitted).__name__}, which "
+            "cannot be pickled and so cannot leave its process. Call run with workers=1."
         )
     return fitted
 

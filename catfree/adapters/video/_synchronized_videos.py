@@ -29,7 +29,7 @@ from catfree.adapters.video._common_clock import (
 from catfree.adapters.video._video_sources import FrameReader, VideoSource, open_source
 from catfree.errors import CatFreeError, FileFormatError, InsufficientDataError, InvalidInputError
 from catfree.types import Clock
-from catfree.types._validation import as_count, as_integer
+from catfree.types._validation import as_count, as_integer, as_path
 
 # Instants that are compared with the times of frames at once.
 _BLOCK = 1 << 16
@@ -606,9 +606,8 @@ def _hash_of(times: Times | None) -> str | None:
 
 
 def _open_camera(camera: int, path: str | os.PathLike[str]) -> VideoSource:
-    if not isinstance(path, str | os.PathLike):
-        raise InvalidInputError(f"Camera {camera} must be a path, got a {type(path).__name__}.")
+    source = as_path(path, f"Camera {camera}")
     try:
-        return open_source(path)
+        return open_source(source)
     except CatFreeError as error:
         raise type(error)(f"Camera {camera}: {error}") from error

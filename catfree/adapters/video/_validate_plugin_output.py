@@ -107,4 +107,4 @@ def _kind(answer: Any) -> str:
     shape = getattr(answer, "shape", None)
     if shape is not None:
         return f"an array of shape {tuple(shape)}"
-    return "nothing" if answer is None else f"a {type(answer).__name__}"
+    return "nothing" if answer is None else f"a value of type {type(answer).__name__}"

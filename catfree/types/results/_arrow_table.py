@@ -100,7 +100,7 @@ def from_table(table: "pyarrow.Table") -> dict[str, Any]:
     arrow = require_pyarrow()
     if not isinstance(table, arrow.Table):
         raise InvalidInputError(
-            f"Tracks come from a pyarrow.Table, not from a {type(table).__name__}."
+            f"Tracks come from a pyarrow.Table, got {type(table).__name__}. Pass a table."
         )
     missing = [name for name in _COLUMNS if name not in table.column_names]
     if missing:

@@ -142,7 +142,7 @@ class Batch(Answers):
 @pytest.mark.parametrize(
     ("people", "message"),
     [
-        ([[0, 0, 1, 1]], "returned a list; it must return FrameDetections"),
+        ([[0, 0, 1, 1]], "returned a value of type list; it must return FrameDetections"),
         (None, "returned nothing; it must return FrameDetections"),
         (np.zeros((1, 4)), r"returned an array of shape \(1, 4\)"),
     ],
@@ -175,7 +175,7 @@ def test_batches_have_an_answer_a_picture(tmp_path):
     for answers in ([nobody], None):
         with pytest.raises(InvalidInputError, match=r"2 pictures of frame 0, must return 2"):
             detect_videos(videos, Batch(answers))
-    with pytest.raises(InvalidInputError, match="camera 1 at frame 0, returned a dict"):
+    with pytest.raises(InvalidInputError, match="at frame 0, returned a value of type dict"):
         detect_videos(videos, Batch([nobody, {}]))
 
 
@@ -183,7 +183,7 @@ def test_batches_have_an_answer_a_picture(tmp_path):
     ("vectors", "message"),
     [
         (None, "returned nothing for 1 boxes"),
-        ([], "returned a list for 1 boxes"),
+        ([], "returned a value of type list for 1 boxes"),
         (np.zeros((2, 3)), r"returned an array of shape \(2, 3\) for 1 boxes.*\(1, D\)"),
         (np.zeros((1, 0)), r"shape \(1, 0\)"),
         ([["a"]], "failed: Expected numbers"),

@@ -271,7 +271,7 @@ def test_detectors_that_cannot_be_sent_work_here_or_say_so(tmp_path):
         assert len(detect_with_cache(videos, cameras, None, None)) == 4
     with (
         CameraDetectors(videos, Fits("locked", 9, FittedLocked), workers=2) as cameras,
-        pytest.raises(CatFreeError, match=r"camera \d, a FittedLocked, cannot be pickled.*=1"),
+        pytest.raises(CatFreeError, match=r"is of type FittedLocked, which cannot be pickled.*=1"),
     ):
         detect_with_cache(videos, cameras, None, None)
 

@@ -202,7 +202,7 @@ def changed(name, values, kind):
         (lambda t: changed("cameras", [1, None], pyarrow.uint64()), FileFormatError, "'cameras'"),
         (lambda t: changed("origin", ["detected", "lost"], None), FileFormatError, "'lost'"),
         (lambda t: changed("sigma", [1.0, -1], None), InvalidInputError, r"sigma\[1\] is .*-1"),
-        (lambda t: t.to_pandas(), InvalidInputError, "not from a DataFrame"),
+        (lambda t: t.to_pandas(), InvalidInputError, "got DataFrame"),
     ],
 )
 def test_what_is_not_a_table_of_tracks(make, error, message):
