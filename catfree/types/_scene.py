@@ -124,8 +124,8 @@ class Scene(eqx.Module):
         """Validate and store.
 
         Raises:
-            InvalidInputError: if rig, ground or georeference is something else, the extent is not
-                positive, `rig_sd` is negative, or the cameras are below the ground.
+            InvalidInputError: if rig, ground, metric or georeference is something else, the extent
+                is not positive, `rig_sd` is negative, or the cameras are below the ground.
         """
         require_instance(rig, Rig, "rig")
         require_instance(ground, Plane, "ground")
@@ -133,7 +133,9 @@ class Scene(eqx.Module):
             require_instance(georeference, GeoReference, "georeference")
         self.georeference = georeference
         self.rig, self.ground, self.extent = rig, ground, as_float(extent)
-        self.metric = bool(metric)
+        flag = as_boolean(metric, "metric")
+        require_shape(flag, (), "metric")
+        self.metric = bool(flag)
         self.rig_sd = rig_sd if rig_sd is None or is_traced(rig_sd) else float(rig_sd)
         require_shape(self.extent, (), "extent")
         if is_traced(self.extent, rig.R, rig.t, ground.normal, ground.offset):
