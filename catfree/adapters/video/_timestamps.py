@@ -68,7 +68,7 @@ def read_timestamps(path: Path, frame_count: int) -> Times:
     return np.array(times, np.float64)
 
 
-def _parsed(line: str, path: Path, times: "array[float]") -> float:
+def _parsed(line: str, path: Path, times: array) -> float:
     """Return the time of the next frame."""
     number = len(times) + 2
     try:

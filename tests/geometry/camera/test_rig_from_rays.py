@@ -22,7 +22,7 @@ def panorama(camera: int, pixels: np.ndarray) -> np.ndarray:
 
 def poses(count: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(0)
-    return Rotation.random(count, rng=rng).as_matrix(), rng.normal(size=(count, 3))
+    return Rotation.random(count, rng).as_matrix(), rng.normal(size=(count, 3))
 
 
 @pytest.mark.slow

@@ -86,7 +86,7 @@ def test_log_odds_are_gain_and_finds_and_misses_written_out(seen, rate, gain):
     assert one(seen, gain).judged(rate).log_odds[0] == pytest.approx(expected, abs=1e-9)
 
 
-@given(seen_by, rates, st.integers(0, CAMERAS - 1), st.floats(0, 1))
+@given(seen_by, rates, st.integers(0, CAMERAS - 1), st.floats(0, 0.99))
 def test_who_should_be_seen_better_is_believed_less_where_missed_and_more_where_found(
     seen, rate, camera, other
 ):
