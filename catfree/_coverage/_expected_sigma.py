@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree._coverage._sight import look
-from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.errors import InsufficientDataError, InvalidInputError, quoted
 from catfree.settings import RaySettings, SelectionSettings
 from catfree.types import Scene
 from catfree.types._validation import require_instance
@@ -202,7 +202,7 @@ def _bounds(area: Area) -> tuple[float, float, float, float]:
         x_min, x_max, y_min, y_max = (float(edge) for edge in area)
     except (TypeError, ValueError) as error:
         raise InvalidInputError(
-            f"area is {area!r}; it must be (x_min, x_max, y_min, y_max)."
+            f"area is {quoted(area)}; it must be (x_min, x_max, y_min, y_max)."
         ) from error
     bounds = (x_min, x_max, y_min, y_max)
     if not (np.isfinite(bounds).all() and x_min < x_max and y_min < y_max):

@@ -17,7 +17,7 @@ from catfree._run._result_folder import (
 )
 from catfree._run._run import Unfinished
 from catfree.adapters.video import SynchronizedVideos
-from catfree.errors import CatFreeError
+from catfree.errors import CatFreeError, shortened
 from catfree.geometry._person import cut_by_border
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections
@@ -120,7 +120,7 @@ def share_of_feet(boxes: Detections, image_size: Int[np.ndarray, " axis"]) -> fl
 def hidden_feet(names: Sequence[str], feet: Sequence[float | None]) -> tuple[str, ...]:
     """One sentence on the cameras that see the feet of less than half of the people."""
     few = [
-        f"{name} ({share:.0%} of the boxes)"
+        f"{shortened(name)} ({share:.0%} of the boxes)"
         for name, share in zip(names, feet, strict=True)
         if share is not None and share < MOSTLY_HIDDEN
     ]

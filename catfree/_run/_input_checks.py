@@ -20,7 +20,7 @@ from catfree.adapters.video._video_sources import ImageFolder
 from catfree.calibration import Calibration, remove_offsets
 from catfree.calibration.people import offset_for
 from catfree.calibration.watching import WHOLE_FRAME, estimate_clocks
-from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.errors import InsufficientDataError, InvalidInputError, quoted
 from catfree.geometry._person import edge_deviation
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Localization, Scene
@@ -154,9 +154,9 @@ def missing_pictures(videos: SynchronizedVideos) -> tuple[str, ...]:
     """
     total = len(videos)
     return tuple(
-        f"Camera {one.name!r} has no picture of {total - one.pictures} of {total} instants: it "
-        "dropped frames, or recorded later or for a shorter time. There the other cameras locate "
-        "people alone."
+        f"Camera {quoted(one.name)} has no picture of {total - one.pictures} of {total} instants: "
+        "it dropped frames, or recorded later or for a shorter time. There the other cameras "
+        "locate people alone."
         for one in videos.footage
         if one.dropped or total - one.pictures > WORTH_SAYING * total
     )
@@ -172,7 +172,7 @@ def dropped_instants(videos: SynchronizedVideos) -> tuple[str, ...]:
         One sentence per such camera: how many instants are left out because of it.
     """
     return tuple(
-        f"Camera {one.name!r} has no frame near {one.dropped} instants, which are not used "
+        f"Camera {quoted(one.name)} has no frame near {one.dropped} instants, which are not used "
         f"({len(videos)} are): it dropped frames, or its frame rate varies."
         for one in videos.footage
         if one.dropped
@@ -191,8 +191,8 @@ def unknown_times(videos: SynchronizedVideos) -> tuple[str, ...]:
     if videos.clock is None:
         return ()
     return tuple(
-        f"Nothing tells the times of the frames of camera {one.name!r}; they are taken to be even, "
-        f"{videos.clock.frame_rate if one.fps is None else one.fps:g} per second."
+        f"Nothing tells the times of the frames of camera {quoted(one.name)}; they are taken to be "
+        f"even, {videos.clock.frame_rate if one.fps is None else one.fps:g} per second."
         for one, timeless in zip(videos.footage, videos.timeless, strict=True)
         if timeless
     )
@@ -219,8 +219,8 @@ def lost_footage(videos: SynchronizedVideos) -> tuple[str, ...]:
         lasted = f"{unused} instants" + (f" ({unused / rate:.1f} s)" if rate else "")
         others = "1 other camera shows" if going_on == 1 else f"{going_on} other cameras show"
         said.append(
-            f"Camera {one.name!r} ends early: {lasted} after it, which {others}, are not used, "
-            f"and {len(videos)} are."
+            f"Camera {quoted(one.name)} ends early: {lasted} after it, which {others}, are not "
+            f"used, and {len(videos)} are."
             + (" Leave the camera out to use them." if going_on > 1 else "")
         )
     return tuple(said)
@@ -279,9 +279,9 @@ def clock_warnings(
         return ()
     offset = clocks.whole_offsets(step, WHOLE_FRAME)
     return tuple(
-        f"Camera {videos.camera_names[c]!r} seems to have {_started(int(offset[c]), videos)}: "
-        f"with that shift its people match theirs best. Nothing was shifted. "
-        f"{_advice(offset, videos)}"
+        f"Camera {quoted(videos.camera_names[c])} seems to have "
+        f"{_started(int(offset[c]), videos)}: with that shift its people match theirs best. "
+        f"Nothing was shifted. {_advice(offset, videos)}"
         for c in np.flatnonzero(offset)
     )
 
@@ -302,8 +302,8 @@ def calibration_warnings(
     """
     offset = calibration.frame_offset
     said = [
-        f"Camera {videos.camera_names[c]!r} was found to have {_started(int(offset[c]), videos)}; "
-        "its clock was corrected by that."
+        f"Camera {quoted(videos.camera_names[c])} was found to have "
+        f"{_started(int(offset[c]), videos)}; its clock was corrected by that."
         for c in np.flatnonzero(offset)
     ]
     said += calibration.contradictions
@@ -318,8 +318,8 @@ def calibration_warnings(
             alone = offset.copy()
             alone[camera] = found
             said.append(
-                f"Camera {videos.camera_names[camera]!r} could not be placed, but would fit if it "
-                f"had {_started(found, videos)}. {_advice(alone, videos)}"
+                f"Camera {quoted(videos.camera_names[camera])} could not be placed, but would fit "
+                f"if it had {_started(found, videos)}. {_advice(alone, videos)}"
             )
     return tuple(said)
 
@@ -354,7 +354,7 @@ def _started(offset: int, videos: Recording) -> str:
 def _advice(offset: Int[np.ndarray, " cam"], videos: Recording) -> str:
     if isinstance(videos, CameraBoxes):
         shifts = ", ".join(
-            f"{offset[c]:+d} from those of {videos.camera_names[c]!r}"
+            f"{offset[c]:+d} from those of {quoted(videos.camera_names[c])}"
             for c in np.flatnonzero(offset)
         )
         return f"If so, subtract from the frame numbers {shifts}."

@@ -39,7 +39,7 @@ from catfree.adapters.protocols import (
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.calibration import Calibration, remove_offsets
 from catfree.calibration.people import Anchor, resolve_anchors
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
@@ -226,7 +226,7 @@ def run_stages(
     for name, stage in stages.items():
         if not (stage is None or callable(stage) or hasattr(stage, "fit")):
             raise InvalidInputError(
-                f"{name} must be a callable such as those of catfree.adapters, got {stage!r}."
+                f"{name} must be a callable such as those of catfree.adapters, got {quoted(stage)}."
             )
     if scene is not None and reconstructor is not None:
         raise InvalidInputError("Pass a scene or a reconstructor, not both.")
@@ -235,7 +235,7 @@ def run_stages(
     if not isinstance(videos, SynchronizedVideos):
         if isinstance(videos, str | os.PathLike) or not videos:
             raise InvalidInputError(
-                f"videos must list one video file or image folder per camera, got {videos!r}."
+                f"videos must list one video file or image folder per camera, got {quoted(videos)}."
             )
         videos = SynchronizedVideos(videos, fewest_cameras=min(len(videos), 2))
     so_far = Unfinished() if unfinished is None else unfinished
@@ -398,6 +398,6 @@ def _require_same_cameras(scene: Scene, videos: SynchronizedVideos) -> None:
         at = int(np.argmax(differs))
         raise InvalidInputError(
             f"Camera {at} of the scene has images of {' x '.join(map(str, rig.image_size[at]))} "
-            f"px, but its video {videos.camera_names[at]!r} has "
+            f"px, but its video {quoted(videos.camera_names[at])} has "
             f"{' x '.join(map(str, videos.image_size[at]))} px."
         )

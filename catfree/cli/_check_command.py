@@ -11,6 +11,7 @@ import numpy as np
 import catfree
 from catfree.cli._inputs import Unit, open_boxes, open_scene, open_videos
 from catfree.cli._terminal import print_table, print_text, progress_bars, warn
+from catfree.errors import quoted
 
 PAPER = 90  # gray level of a camera without a picture
 NAMED = "It agrees with the others. See the warning that names it."
@@ -89,7 +90,7 @@ def refer_to_warnings(result: Any, outcome: Any) -> Any:
     said = " ".join(outcome.warnings)
     cameras = tuple(
         replace(one, advice=NAMED)
-        if one.verdict is catfree.Verdict.FITS and repr(name) in said
+        if one.verdict is catfree.Verdict.FITS and quoted(name) in said
         else one
         for name, one in zip(outcome.camera_names, result.cameras, strict=True)
     )

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 from catfree.evaluation._detection_metrics import DetectionMetrics, detection_metrics
 from catfree.evaluation._rows import Frames, Number, as_rows, read_sequence
 from catfree.geometry._arrays import ArrayInput
@@ -53,11 +53,14 @@ def _within(rows: Float[np.ndarray, "n 4"], area: Any) -> Bool[np.ndarray, " n"]
         x_min, x_max, y_min, y_max = (float(bound) for bound in bounds)
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidInputError(
-            f"area is {area!r}; give (x_min, x_max, y_min, y_max) or a mapping with x and y ranges."
+            f"area is {quoted(area)}; give (x_min, x_max, y_min, y_max) or a mapping with x and y "
+            "ranges."
         ) from error
     # In this form nan fails too; infinite bounds are valid.
     if not (x_min < x_max and y_min < y_max):
-        raise InvalidInputError(f"area is {area!r}; it must have x_min < x_max and y_min < y_max.")
+        raise InvalidInputError(
+            f"area is {quoted(area)}; it must have x_min < x_max and y_min < y_max."
+        )
     x, y = rows[:, 2], rows[:, 3]
     return (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
 
@@ -118,7 +121,9 @@ def detection_metrics_in_area(
         InvalidInputError: naming the first bad row or argument.
     """
     if outside not in ("ignore", "false_positive"):
-        raise InvalidInputError(f"outside is {outside!r}; it must be 'ignore' or 'false_positive'.")
+        raise InvalidInputError(
+            f"outside is {quoted(outside)}; it must be 'ignore' or 'false_positive'."
+        )
     sequence = read_sequence(ground_truth, predictions, frames)
     truth_inside = _within(sequence.truth, area)
     predicted_inside = _within(sequence.predicted, area)

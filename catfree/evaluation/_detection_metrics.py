@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 from catfree.evaluation._position_matching import match
 from catfree.evaluation._rows import Frames, Number, Sequence, read_sequence
 from catfree.geometry._arrays import ArrayInput
@@ -211,7 +211,7 @@ def _evaluated(sequence: Sequence, compat: str | None) -> np.ndarray:
         last = both[-1] if len(both) else -1
         return predicted & (np.arange(len(predicted)) <= last)
     raise InvalidInputError(
-        f"compat is {compat!r}; it must be None, 'mvdet_python' or 'mvdet_frames'."
+        f"compat is {quoted(compat)}; it must be None, 'mvdet_python' or 'mvdet_frames'."
     )
 
 

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Num
 
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 from catfree.filters._otsu import log_otsu, otsu
 from catfree.filters._sample_arrays import as_floating, as_mask
 from catfree.settings import Selection
@@ -129,7 +129,7 @@ def select(
     if fixed_quantile is not None and not 0 <= fixed_quantile <= 1:
         raise InvalidInputError(f"fixed_quantile is {fixed_quantile}; it must be between 0 and 1.")
     if gates not in ORDERS:
-        raise InvalidInputError(f"gates is {gates!r}; it must be one of {', '.join(ORDERS)}.")
+        raise InvalidInputError(f"gates is {quoted(gates)}; it must be one of {', '.join(ORDERS)}.")
     sigma, ground_distance = as_floating(sigma), as_floating(ground_distance)
     weighted_support = as_floating(weighted_support)
     candidate = jnp.asarray(candidate)

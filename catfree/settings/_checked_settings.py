@@ -83,7 +83,10 @@ def _is_number(value: Any, kind: type, default: int | float, not_zero: bool) -> 
     """Whether a value is a number of this kind, and negative only if the default is."""
     if isinstance(value, bool) or not isinstance(value, Integral if kind is int else Real):
         return False
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # no float is as large
+        return False
     if np.isnan(number) or (not_zero and number == 0):
         return False
     return number >= 0 or default < 0

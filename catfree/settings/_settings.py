@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 from catfree.settings._calibration_settings import CalibrationSettings
 from catfree.settings._checked_settings import CheckedSettings
 from catfree.settings._evidence_settings import EvidenceSettings
@@ -62,7 +62,7 @@ class Settings(CheckedSettings):
             value = getattr(self, name)
             if value > 1:
                 raise InvalidInputError(
-                    f"Settings.{name} is {value!r}; it must be a score between 0 and 1."
+                    f"Settings.{name} is {quoted(value)}; it must be a score between 0 and 1."
                 )
 
     @classmethod

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 from catfree.synthetic._walkers import Area
 from catfree.types import Lens, Plane, Rig, Scene
 
@@ -208,10 +208,10 @@ def make_layout(name: str, seed: int = 0) -> Layout:
     if name in LAYOUTS:
         return LAYOUTS[name](seed)
     count = name.removeprefix("ring")
-    if name.startswith("ring") and count.isdigit() and int(count) >= 2:
+    if name.startswith("ring") and count.isdecimal() and len(count) < 5 and int(count) >= 2:
         return ring(int(count), seed=seed)
     raise InvalidInputError(
-        f"There is no layout {name!r}. Use one of {', '.join(LAYOUTS)}, or ringN with N >= 2."
+        f"There is no layout {quoted(name)}. Use one of {', '.join(LAYOUTS)}, or ringN with N >= 2."
     )
 
 

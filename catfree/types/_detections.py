@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from catfree.errors import InvalidInputError, MissingDependencyError, quoted
+from catfree.errors import InvalidInputError, MissingDependencyError, quoted, shortened
 from catfree.types._archive import load_arrays, naming_file, save_arrays
 from catfree.types._clock import Clock, clock_from_array, clock_to_array, require_clock
 from catfree.types._validation import (
@@ -365,7 +365,9 @@ def _camera_indices(cameras: np.ndarray, names: Sequence[str] | None) -> np.ndar
         raise InvalidInputError("camera_names must be a sequence of names, not one text.")
     index = {str(name): at for at, name in enumerate(names)}
     if len(index) < len(names):
-        raise InvalidInputError(f"camera_names has a name twice: {', '.join(map(str, names))}.")
+        raise InvalidInputError(
+            f"camera_names has a name twice: {shortened(', '.join(map(str, names)))}."
+        )
     distinct, place = np.unique(cameras.astype(str), return_inverse=True)
     for name in distinct.tolist():
         if name not in index:

@@ -290,7 +290,7 @@ def require_few_people(
 
 def shown_camera(camera: int, names: Sequence[str] | None) -> str:
     """The name of a camera in a message, or its number if it has none."""
-    return str(camera) if names is None or camera >= len(names) else repr(names[camera])
+    return str(camera) if names is None or camera >= len(names) else quoted(names[camera])
 
 
 def require_different_cameras(

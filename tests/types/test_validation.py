@@ -23,6 +23,7 @@ from catfree.types._validation import (
     require_different_cameras,
     require_few_people,
     require_instance,
+    shown_camera,
 )
 
 # Without the import hook of these tests, which would object to the types first.
@@ -201,6 +202,69 @@ def test_mistaken_arguments_are_one_sentence(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["videos"]
 
 
+# As above: the sentence must stay short, however long the argument is.
+LONG = """
+import numpy as np
+import catfree as cf
+from catfree.adapters import ReIdOnnx, SynchronizedVideos, VggtOnnx
+from catfree.evaluation import crop, detection_metrics, detection_metrics_in_area
+from catfree.filters import select
+from catfree.methods.paper._assemble import empty_localization
+from catfree.synthetic import make_layout
+from catfree.synthetic.render._stage import build_stage
+from catfree.viz import plot_bird_eye, plot_coverage
+
+long = "x" * 5000
+many = list(range(5000))
+scene = make_layout("ring4", 0).scene
+boxes = cf.Detections([0, 0], [0, 1], [[0, 0, 9, 9.0]] * 2)
+rows = np.zeros((0, 4))
+known = cf.KnownCamera(long, height=3.0)
+names = [long, long + "y", "b", "c"]
+calls = {
+    "detector": lambda: cf.run(["a", "b"], detector=long),
+    "videos": lambda: cf.run(long),
+    "layout": lambda: make_layout(long),
+    "number of a layout": lambda: make_layout("ring" + "9" * 5000),
+    "raised number of a layout": lambda: make_layout("ring\u00b2"),
+    "camera of an anchor": lambda: cf.calibrate(boxes, (9, 9), anchors=[known]),
+    "names of cameras": lambda: cf.calibrate(
+        boxes, (9, 9), anchors=[cf.KnownCamera("a", height=3.0)], camera_names=names[:2]
+    ),
+    "anchor of nothing": lambda: cf.KnownCamera(long),
+    "position of an anchor": lambda: cf.KnownCamera("a", position=["u"] * 5000),
+    "compat": lambda: detection_metrics(rows, rows, compat=long),
+    "area of crop": lambda: crop(rows, many),
+    "order of an area": lambda: crop(rows, {"x": (2, 1), "y": (2, 1), long: long}),
+    "outside": lambda: detection_metrics_in_area(rows, rows, (0, 1, 0, 1), outside=long),
+    "area of coverage": lambda: cf.coverage(scene, many),
+    "gates": lambda: select(np.ones(1), np.ones(1), np.ones(1), np.ones(1, bool), gates=long),
+    "quantity": lambda: plot_coverage(cf.coverage(scene), scene, quantity=long),
+    "area of a plot": lambda: plot_bird_eye(empty_localization(4), scene, area=many),
+    "preprocessing": lambda: ReIdOnnx("a.onnx", preprocessing=long),
+    "mode": lambda: VggtOnnx("a.onnx", mode=long),
+    "site": lambda: cf.shards(["a.csv"], site=long),
+    "shadows": lambda: build_stage((0, 1, 0, 1), rows, scene.rig.centers, seed=0, shadows=long),
+    "on_error": lambda: SynchronizedVideos(["a", "b"], on_error=long),
+    "confidence": lambda: cf.Settings(confidence=10**5000),
+    "twice": lambda: cf.Detections.from_supervision({long: []}, camera_names=[long, long]),
+}
+for name, call in calls.items():
+    try:
+        call()
+    except cf.CatFreeError as error:
+        assert len(str(error)) < 500, f"{name}: {len(str(error))}, {error}"
+    else:
+        raise AssertionError(name)
+"""
+
+
+@pytest.mark.slow
+def test_long_arguments_make_no_long_sentence():
+    done = subprocess.run([sys.executable, "-c", LONG], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
 def test_instances_are_named_by_argument_and_type():
     require_instance(Detections([], [], []), Detections, "detections")
     with pytest.raises(InvalidInputError, match="detections must be a Detections, got list"):
@@ -330,3 +394,9 @@ def test_a_picture_of_more_people_than_any_is_named(crowded, number, seed):
         require_few_people(frame[order], camera[order])
     with pytest.raises(InvalidInputError, match=f"Camera '{'abc'[crowded]}' has 1001 boxes"):
         require_few_people(frame[order], camera[order], ["a", "b", "c"])
+
+
+def test_names_of_cameras_are_cut_only_if_they_are_long():
+    assert [shown_camera(at, ["a", "it's"]) for at in range(3)] == ["'a'", '"it\'s"', "2"]
+    assert shown_camera(0, ["x" * 100]) == repr("x" * 100)
+    assert len(shown_camera(0, ["x" * 5000])) < 150

@@ -25,7 +25,7 @@ from catfree._run.sharded._run_shard import run_shard
 from catfree._run.sharded._shard import Shard, StrPath
 from catfree._run.sharded._stored_tracks import StoredTracks
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
-from catfree.errors import CatFreeError, ForkedProcessError, InvalidInputError, ShardError
+from catfree.errors import CatFreeError, ForkedProcessError, InvalidInputError, ShardError, quoted
 from catfree.settings import Settings
 from catfree.types import Scene
 from catfree.types._annotations import Progress, no_progress
@@ -241,7 +241,7 @@ def _by_recording(plan: Sequence[Shard]) -> dict[Recording, list[Shard]]:
         if len(set(indices)) < len(indices):
             raise InvalidInputError(
                 f"The plan has {parts[0].name} twice, of different recordings or of one. Give "
-                f"each recording its own site or date (here {site!r}, {date!r})."
+                f"each recording its own site or date (here {quoted(site)}, {quoted(date)})."
             )
     return recordings
 
@@ -251,7 +251,7 @@ def _scene_of(scene: Scene | Mapping[str, Scene], site: str) -> Scene:
         return scene
     require_instance(scene, Mapping, "scene")
     if site not in scene:
-        raise InvalidInputError(f"There is no scene for site {site!r}. Add it to the scenes.")
+        raise InvalidInputError(f"There is no scene for site {quoted(site)}. Add it to the scenes.")
     return scene[site]
 
 

@@ -22,7 +22,7 @@ from catfree.adapters.tables._detections_table import (
     read_detections_parquet,
 )
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 from catfree.types import Clock, Detections
 from catfree.types._validation import as_duration, as_pictures, as_positive
 
@@ -349,5 +349,5 @@ def require_folder_name(value: str, name: str) -> None:
     bad = not isinstance(value, str) or value in (".", "..") or set(value) & set('/\\\0=:*?"<>|')
     if bad or len(value) > 100:
         raise InvalidInputError(
-            f"{name} is {value!r}, but it names a folder: use letters, digits, '-' and '_'."
+            f"{name} is {quoted(value)}, but it names a folder: use letters, digits, '-' and '_'."
         )

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.adapters.files._documents import StrPath
-from catfree.errors import FileFormatError, InvalidInputError
+from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Lens, Rig
 
 
@@ -94,6 +94,6 @@ def require_undistorted(rig: Rig, names: Sequence[str], target: StrPath) -> None
 def _refuse(bad: np.ndarray, what: str, advice: str, names: Sequence[str], target: StrPath) -> None:
     if bad.any():
         raise InvalidInputError(
-            f"Cannot write {target}: camera {names[int(np.argmax(bad))]!r} {what}, which this "
-            f"format cannot hold. {advice}."
+            f"Cannot write {target}: camera {quoted(names[int(np.argmax(bad))])} {what}, which "
+            f"this format cannot hold. {advice}."
         )

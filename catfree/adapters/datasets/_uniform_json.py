@@ -195,19 +195,21 @@ class _BoxTable:
         vectors = read_npz(archive, "appearance vectors", (name,))[name]
         index = self.column("emb_index", ())
         if vectors.dtype.kind not in "biuf":
-            raise FileFormatError(f"{archive}: {name!r} has type {vectors.dtype}, not numbers.")
+            raise FileFormatError(
+                f"{archive}: {quoted(name)} has type {vectors.dtype}, not numbers."
+            )
         if vectors.ndim != 2 or index is None:
             raise FileFormatError(
                 f"{self.source}: the boxes have no 'emb_index' into the rows of {archive}."
                 if vectors.ndim == 2
-                else f"{archive}: {name!r} must be a matrix of embeddings, one per row."
+                else f"{archive}: {quoted(name)} must be a matrix of embeddings, one per row."
             )
         outside = (index < 0) | (index >= len(vectors))
         if outside.any():
             at = int(np.argmax(outside))
             raise InvalidInputError(
                 f"{self.source}: {self.place(at)} has emb_index {index[at]:.0f}, but {archive} "
-                f"has {len(vectors)} rows of {name!r}."
+                f"has {len(vectors)} rows of {quoted(name)}."
             )
         return vectors[index.astype(np.int64)].astype(np.float32)
 

@@ -15,7 +15,7 @@ from catfree.adapters.onnx._input_size import choose_input_size
 from catfree.adapters.onnx._onnx_batching import run_batched
 from catfree.adapters.onnx._onnx_session import OnnxGraph
 from catfree.adapters.protocols import Image
-from catfree.errors import FileFormatError
+from catfree.errors import FileFormatError, quoted
 
 _KEYPOINT_CHANNELS = 17 * 3
 _END_TO_END_CHANNELS = 6 + _KEYPOINT_CHANNELS  # x1, y1, x2, y2, confidence, class, keypoints
@@ -120,7 +120,7 @@ def _find_head(graph: OnnxGraph, target: tuple[int, int]) -> tuple[str, int | No
     """Find the head's output and its number of classes, None for the end-to-end head."""
     task = graph.metadata.get("task", "pose")
     if task != "pose":
-        raise graph.mismatch(f"its metadata say that its task is {task!r}")
+        raise graph.mismatch(f"its metadata say that its task is {quoted(task)}")
     shapes = graph.output_shapes
     if any(shape[1:] == (None, None) or not shape for shape in shapes.values()):
         blank = np.zeros((graph.input_shape[0] or 1, 3, target[1], target[0]), np.float32)

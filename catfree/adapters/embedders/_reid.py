@@ -12,7 +12,7 @@ from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.onnx._onnx_batching import run_batched
 from catfree.adapters.onnx._onnx_session import OnnxGraph, Shape
 from catfree.adapters.protocols import Image, as_image
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 
 Preprocessing = Literal["rgb_imagenet", "bgr_raw"]
 
@@ -59,7 +59,8 @@ class ReIdOnnx:
         """
         if preprocessing not in (None, "rgb_imagenet", "bgr_raw"):
             raise InvalidInputError(
-                f"preprocessing must be 'rgb_imagenet', 'bgr_raw' or None, got {preprocessing!r}."
+                "preprocessing must be 'rgb_imagenet', 'bgr_raw' or None, got "
+                f"{quoted(preprocessing)}."
             )
         self._graph = OnnxGraph(path, needed=_NEEDED, providers=providers)
         self._graph.require_image_input(None)
@@ -99,7 +100,9 @@ class ReIdOnnx:
         inputs = [self._normalize(crop).transpose(2, 0, 1) for crop in crops]
         values = run_batched(self._graph, inputs, self._output, _LARGEST_BATCH)
         if any(value.size != value.shape[0] for value in values):
-            raise self._graph.mismatch(f"its output {self._output!r} has maps instead of vectors")
+            raise self._graph.mismatch(
+                f"its output {quoted(self._output)} has maps instead of vectors"
+            )
         return [value.ravel() for value in values]
 
     def _normalize(self, crop: Image) -> Float[np.ndarray, "h w 3"]:

@@ -124,7 +124,7 @@ def read_npz(path: StrPath, meaning: str, names: tuple[str, ...]) -> dict[str, n
         with zipfile.ZipFile(path) as archive:
             stored = sorted(name.removesuffix(".npy") for name in archive.namelist())
         raise FileFormatError(
-            f"{path} ({meaning}) has no array {missing[0]!r}; it holds "
+            f"{path} ({meaning}) has no array {quoted(missing[0])}; it holds "
             f"{shortened(', '.join(stored))}."
         )
     return arrays

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from catfree.adapters.onnx._onnx_session import OnnxGraph
+from catfree.errors import quoted
 
 
 def run_batched(
@@ -35,7 +36,7 @@ def run_batched(
         values = graph.run(np.stack(items))[output]
         if len(values) != len(items):
             raise graph.mismatch(
-                f"its output {output!r} has {len(values)} rows for a batch of {len(items)}"
+                f"its output {quoted(output)} has {len(values)} rows for a batch of {len(items)}"
             )
         rows.extend(values[:count])
     return rows

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from catfree.adapters.files._fingerprint import hash_file
-from catfree.errors import FileFormatError, InvalidInputError, MissingDependencyError
+from catfree.errors import FileFormatError, InvalidInputError, MissingDependencyError, quoted
 
 _ELEMENT_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 Shape = tuple[int | None, ...]
@@ -52,10 +52,10 @@ class OnnxGraph:
         self._session = _open(self.path, needed, providers)
         inputs = self._session.get_inputs()
         if len(inputs) != 1:
-            raise self.mismatch(f"it has the inputs {[value.name for value in inputs]}")
+            raise self.mismatch(f"it has the inputs {quoted([value.name for value in inputs])}")
         self._input_name = inputs[0].name
         if inputs[0].type not in _ELEMENT_TYPES:
-            raise self.mismatch(f"its input {self._input_name!r} is {inputs[0].type}")
+            raise self.mismatch(f"its input {quoted(self._input_name)} is {inputs[0].type}")
         self._input_type = _ELEMENT_TYPES[inputs[0].type]
         self.input_shape = _axes(inputs[0].shape)
         self.output_shapes = {o.name: _axes(o.shape) for o in self._session.get_outputs()}
@@ -76,11 +76,11 @@ class OnnxGraph:
             want is None or got in (want, None) for got, want in zip(shape, leading, strict=False)
         )
         if not fits:
-            raise self.mismatch(f"its input {self._input_name!r} is {describe_shape(shape)}")
+            raise self.mismatch(f"its input {quoted(self._input_name)} is {describe_shape(shape)}")
 
     def describe_outputs(self) -> str:
         """Format names and axes of all outputs for an error message."""
-        listed = (f"{name!r} {describe_shape(s)}" for name, s in self.output_shapes.items())
+        listed = (f"{quoted(name)} {describe_shape(s)}" for name, s in self.output_shapes.items())
         return "its outputs are " + ", ".join(listed)
 
     def run(self, images: np.ndarray) -> dict[str, np.ndarray]:
@@ -141,7 +141,7 @@ def _open(path: Path, needed: str, providers: Sequence[Any] | None) -> Any:
         name = provider if isinstance(provider, str) else provider[0]
         if name not in available:
             raise InvalidInputError(
-                f"ONNX Runtime has no execution provider {name!r} here; it has {available}."
+                f"ONNX Runtime has no execution provider {quoted(name)} here; it has {available}."
             )
     options = onnxruntime.SessionOptions()
     options.log_severity_level = 3

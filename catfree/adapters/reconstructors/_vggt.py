@@ -12,7 +12,7 @@ from catfree.adapters.files._fingerprint import hash_parameters
 from catfree.adapters.onnx._letterbox import Letterbox
 from catfree.adapters.onnx._onnx_session import OnnxGraph
 from catfree.adapters.protocols import Image, as_image
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 from catfree.types._sampling import evenly_spread
 from catfree.types.results._reconstruction import Reconstruction
 
@@ -63,7 +63,7 @@ class VggtOnnx:
             FileFormatError: if the file is not a VGGT network.
         """
         if mode not in ("crop", "pad"):
-            raise InvalidInputError(f"mode must be 'crop' or 'pad', got {mode!r}.")
+            raise InvalidInputError(f"mode must be 'crop' or 'pad', got {quoted(mode)}.")
         if maximum_points < 1:
             raise InvalidInputError(f"maximum_points must be positive, got {maximum_points}.")
         self._graph = OnnxGraph(path, needed=_NEEDED, providers=providers)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.errors import InsufficientDataError, InvalidInputError, quoted
 from catfree.types import Clock, Detections
 from catfree.types._clock import ABSOLUTE
 from catfree.types._validation import (
@@ -112,7 +112,7 @@ def common_rate(rates: dict[str, float], frame_rate: float | int | None) -> floa
     for name, rate in rates.items():
         if wanted > rate * (1 + RATE_TOLERANCE):
             raise InvalidInputError(
-                f"frame_rate is {wanted:g}, but camera {name!r} has only {rate:g} frames "
+                f"frame_rate is {wanted:g}, but camera {quoted(name)} has only {rate:g} frames "
                 "per second. Pass at most the lowest rate."
             )
     return wanted
@@ -132,9 +132,9 @@ def common_start(times: Sequence[Times], names: Sequence[str]) -> tuple[float, b
     absolute = [start > ABSOLUTE for start in first]
     if any(absolute) and not all(absolute):
         raise InvalidInputError(
-            f"Camera {names[absolute.index(True)]!r} has absolute times (seconds since 1970), but "
-            f"camera {names[absolute.index(False)]!r} does not: it has no place on that clock. "
-            "Give all cameras absolute times, or none."
+            f"Camera {quoted(names[absolute.index(True)])} has absolute times (seconds since "
+            f"1970), but camera {quoted(names[absolute.index(False)])} does not: it has no place "
+            "on that clock. Give all cameras absolute times, or none."
         )
     return min(first, default=0.0), any(absolute)
 

@@ -26,7 +26,7 @@ from catfree.adapters.video._validate_plugin_output import (
     join_descriptions,
     require_people,
 )
-from catfree.errors import InsufficientDataError, InvalidInputError
+from catfree.errors import InsufficientDataError, InvalidInputError, quoted
 from catfree.types import Clock, Detections
 from catfree.types._annotations import Progress
 
@@ -159,12 +159,12 @@ def fit_to_camera(
         lacks_pictures = videos.footage[camera].pictures < videos.frame_count
         if isinstance(error, InsufficientDataError) and lacks_pictures:
             return Blind()
-        name = f"Camera {camera} ({videos.camera_names[camera]!r})"
+        name = f"Camera {camera} ({quoted(videos.camera_names[camera])})"
         raise type(error)(f"{name}: {error}") from error
     if not callable(fitted):
         raise InvalidInputError(
             f"{type(detector).__name__}.fit returned {type(fitted).__name__} for camera {camera} "
-            f"({videos.camera_names[camera]!r}); it must return a detector."
+            f"({quoted(videos.camera_names[camera])}); it must return a detector."
         )
     return fitted
 

@@ -27,7 +27,13 @@ from catfree.adapters.video._common_clock import (
     nearest_frame,
 )
 from catfree.adapters.video._video_sources import FrameReader, VideoSource, open_source
-from catfree.errors import CatFreeError, FileFormatError, InsufficientDataError, InvalidInputError
+from catfree.errors import (
+    CatFreeError,
+    FileFormatError,
+    InsufficientDataError,
+    InvalidInputError,
+    quoted,
+)
 from catfree.types import Clock
 from catfree.types._validation import as_count, as_integer, as_path
 
@@ -143,7 +149,7 @@ class SynchronizedVideos:
                 f"{fewest_cameras}."
             )
         if on_error not in ("raise", "keep"):
-            raise InvalidInputError(f"on_error must be 'raise' or 'keep', got {on_error!r}.")
+            raise InvalidInputError(f"on_error must be 'raise' or 'keep', got {quoted(on_error)}.")
         listed = np.zeros(len(paths)) if offsets is None else offsets
         shifts = as_integer(listed, "offsets").tolist()
         if np.shape(shifts) != (len(paths),):
@@ -424,7 +430,7 @@ class SynchronizedVideos:
         source = self._sources[camera]
         frame = self._source_frame(camera, tick)
         image = reader.read(frame)
-        name = f"Camera {camera} ({self.camera_names[camera]!r})"
+        name = f"Camera {camera} ({quoted(self.camera_names[camera])})"
         advice = "Repair the file."
         if not self._keep:
             advice = f"Repair it, or pass on_error='keep' to use the {done} instants before it."
@@ -505,9 +511,9 @@ class SynchronizedVideos:
         if not enough.any():
             camera = int(np.argmax(dropped))
             raise InsufficientDataError(
-                f"No instant is in {self._enough} videos: camera {self.camera_names[camera]!r} has "
-                f"no frame near {dropped[camera]} of the {len(span)} ticks. Check the times of its "
-                "frames."
+                f"No instant is in {self._enough} videos: camera "
+                f"{quoted(self.camera_names[camera])} has no frame near {dropped[camera]} of the "
+                f"{len(span)} ticks. Check the times of its frames."
             )
         return np.array(span, np.int64)[enough], tuple(dropped.tolist())
 
@@ -573,15 +579,15 @@ class SynchronizedVideos:
         if begin < first:
             camera = [span[0] for span in spans].index(first)
             raise InvalidInputError(
-                f"start is {begin}, but camera {self.camera_names[camera]!r} has its first picture "
-                f"at tick {first}."
+                f"start is {begin}, but camera {quoted(self.camera_names[camera])} has its first "
+                f"picture at tick {first}."
             )
         if begin >= stop:
             camera = [span[1] for span in spans].index(last)
             raise InsufficientDataError(
                 f"No instant is in {self._enough} videos from tick {begin} to before "
-                f"{'the end' if end is None else end}: camera {self.camera_names[camera]!r} ends "
-                f"after tick {last}. Check start, end and offsets."
+                f"{'the end' if end is None else end}: camera {quoted(self.camera_names[camera])} "
+                f"ends after tick {last}. Check start, end and offsets."
             )
         return range(begin, stop, stride)
 
@@ -606,8 +612,8 @@ def _hash_of(times: Times | None) -> str | None:
 
 
 def _open_camera(camera: int, path: str | os.PathLike[str]) -> VideoSource:
-    source = as_path(path, f"Camera {camera}")
+    as_path(path, f"Camera {camera}")
     try:
-        return open_source(source)
+        return open_source(path)
     except CatFreeError as error:
         raise type(error)(f"Camera {camera}: {error}") from error

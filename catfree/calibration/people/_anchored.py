@@ -45,7 +45,7 @@ from catfree.calibration.people.cameras._camera_model import (
     to_matrices,
 )
 from catfree.calibration.people.cameras._rig_deviation import scale_variance, shape_deviation
-from catfree.errors import CalibrationError, InvalidInputError
+from catfree.errors import CalibrationError, InvalidInputError, shortened
 from catfree.methods.evidence.observe._boxes import undistort
 from catfree.settings import CalibrationSettings
 from catfree.types import GeoReference, Rig, Scene
@@ -135,7 +135,8 @@ def anchored(
         unseen = sorted({c for c in index if not registered[c]})
         raise CalibrationError(
             "The anchors on the map are seen by cameras that are not registered "
-            f"({', '.join(str(names[c]) for c in unseen)}). Add points or positions of others."
+            f"({shortened(', '.join(str(names[c]) for c in unseen))}). Add points or positions of "
+            "others."
         )
     problem = _Problem(
         usable,
@@ -516,7 +517,8 @@ def _check_of_crowd(
 
 def _name(measurement: Measurement, names: Sequence[str]) -> str:
     """Name a stated quantity at the beginning of a sentence."""
-    kind, value, camera = measurement.kind, measurement.value, names[measurement.camera]
+    kind, value = measurement.kind, measurement.value
+    camera = shortened(names[measurement.camera])
     if kind == DISTANCE:
         return f"The distance of {np.exp(value[0]):.2f} m in camera {camera}"
     if kind in (HEIGHT, FOCAL):

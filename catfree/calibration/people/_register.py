@@ -14,7 +14,7 @@ from catfree.calibration.people.cameras._rig_deviation import crowd_deviation, s
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._clock_offsets import find_offsets
 from catfree.calibration.people.search._register_cameras import RegisteredRig, register_cameras
-from catfree.errors import CalibrationError, InvalidInputError
+from catfree.errors import CalibrationError, InvalidInputError, shortened
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Plane, Rig, Scene
@@ -194,7 +194,7 @@ def prepare(
     seeing = int(work.useful.sum())
     if seeing < 2:
         boxes = grid.valid.sum((1, 2))
-        counts = ", ".join(f"{n}: {b}" for n, b in zip(names, boxes, strict=True))
+        counts = ", ".join(f"{shortened(n)}: {b}" for n, b in zip(names, boxes, strict=True))
         raise CalibrationError(
             f"Calibration from people needs 2 cameras with more than {settings.minimum_matches} "
             f"boxes inside the image each, but has {seeing} ({counts or 'no cameras'})."
@@ -267,7 +267,8 @@ def describe(
             evidence[camera] = verdict.margin
     if trusted.sum() < 2:
         reasons = "; ".join(
-            f"{names[c]}: {' and '.join(v.shortcomings) or 'enough, but no other trusted camera'}"
+            f"{shortened(names[c])}: "
+            f"{' and '.join(v.shortcomings) or 'enough, but no other trusted camera'}"
             for c, v in registered.verdicts.items()
         )
         raise CalibrationError(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 from catfree.synthetic._walkers import Area
 
 # Furniture as (radius, height) in meters; people walk around the circle.
@@ -164,7 +164,7 @@ def build_stage(
         InvalidInputError: if `shadows` is none of these.
     """
     if shadows not in (None, "hard", "soft"):
-        raise InvalidInputError(f"shadows is {shadows!r}; it must be 'hard', 'soft' or None.")
+        raise InvalidInputError(f"shadows is {quoted(shadows)}; it must be 'hard', 'soft' or None.")
     rng = np.random.default_rng([seed, 5])
     hard = rng.uniform() < 0.5 if shadows is None else shadows == "hard"
     bearing, elevation = rng.uniform(0, 2 * np.pi), np.deg2rad(rng.uniform(38, 58))

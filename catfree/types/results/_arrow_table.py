@@ -155,7 +155,7 @@ def _bits_of(support: Any, known: Any, names: list[str] | None) -> np.ndarray | 
     """(M,) the bit sets of the cameras that support each row, or None if nothing tells them."""
     count = support.shape[1]
     if count > MOST_CAMERAS:
-        name = repr(names[MOST_CAMERAS]) if names and len(names) == count else MOST_CAMERAS
+        name = quoted(names[MOST_CAMERAS]) if names and len(names) == count else MOST_CAMERAS
         raise InvalidInputError(
             f"The column cameras has one bit for each of at most {MOST_CAMERAS} cameras, but there "
             f"are {count}: camera {name} has none. Write the tracks as CSV or .npz."

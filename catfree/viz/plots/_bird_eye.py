@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 from catfree.types import Localization, Origin, Scene, Tracks
 from catfree.viz._palette import CAMERA_COLOR, TRUTH_COLOR, fraction, line_style, track_color
 from catfree.viz._plan_view import (
@@ -67,7 +67,7 @@ def plot_bird_eye(
     if not 0 < confidence < 1:
         raise InvalidInputError(f"confidence is {confidence}; it must be between 0 and 1.")
     if area is not None and not (len(area) == 4 and area[0] < area[1] and area[2] < area[3]):
-        raise InvalidInputError(f"area is {area!r}; it must be (x_min, x_max, y_min, y_max).")
+        raise InvalidInputError(f"area is {quoted(area)}; it must be (x_min, x_max, y_min, y_max).")
     tracks, truth = localization.tracks, _rows(ground_truth)
     if frames is not None:
         chosen = np.unique(np.asarray(list(frames), np.int64))

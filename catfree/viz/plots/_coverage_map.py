@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from catfree._coverage import Coverage
-from catfree.errors import InvalidInputError
+from catfree.errors import InvalidInputError, quoted
 from catfree.types import Localization, Scene
 from catfree.viz._palette import fraction, line_style, track_color
 from catfree.viz._plan_view import camera_names as names_of, length_unit, view_area
@@ -47,7 +47,7 @@ def plot_coverage(
         InvalidInputError: if `quantity` is unknown.
     """
     if quantity not in ("sigma", "cameras"):
-        raise InvalidInputError(f"quantity is {quantity!r}; it must be 'sigma' or 'cameras'.")
+        raise InvalidInputError(f"quantity is {quoted(quantity)}; it must be 'sigma' or 'cameras'.")
     view = view_area(scene, np.zeros((0, 2)), coverage.area)
     ax = axes_or_new(ax, view)
     if quantity == "sigma":

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from catfree.adapters.files._documents import read_json
-from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import GeoReference
 from catfree.types._validation import as_positive
 
@@ -87,8 +87,8 @@ class KnownCamera:
         known = (self.height, self.focal, self.position, self.longitude, self.rotation)
         if all(value is None for value in known):
             raise InvalidInputError(
-                f"KnownCamera({self.camera!r}) states nothing; give its height, focal, position, "
-                "longitude and latitude, or rotation."
+                f"KnownCamera({quoted(self.camera)}) states nothing; give its height, focal, "
+                "position, longitude and latitude, or rotation."
             )
         for name in ("height", "focal", "height_sd", "focal_sd", "position_sd", "rotation_sd"):
             if getattr(self, name) is not None:
@@ -258,8 +258,8 @@ def resolve_anchors(
             camera = list(names).index(camera)
         if not isinstance(camera, int | np.integer) or not 0 <= camera < cameras:
             raise InvalidInputError(
-                f"An anchor refers to camera {camera!r}, but the cameras are "
-                f"{', '.join(names) if names else f'0 to {cameras - 1}'}."
+                f"An anchor refers to camera {quoted(camera)}, but the cameras are "
+                f"{shortened(', '.join(names)) if names else f'0 to {cameras - 1}'}."
             )
         index.append(int(camera))
     placed = [anchor for anchor in anchors if not isinstance(anchor, KnownDistance)]
@@ -327,5 +327,7 @@ def _numbers(values: object, shape: tuple[int, ...], name: str) -> Float[np.ndar
     except ValueError:  # lists of different lengths
         array = np.array(None)
     if array.dtype.kind not in "fiu" or array.shape != shape or not np.isfinite(array).all():
-        raise InvalidInputError(f"{name} must be finite numbers of shape {shape}, got {values!r}.")
+        raise InvalidInputError(
+            f"{name} must be finite numbers of shape {shape}, got {quoted(values)}."
+        )
     return array.astype(np.float64)
