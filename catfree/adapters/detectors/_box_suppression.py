@@ -26,6 +26,8 @@ def suppress_boxes(
 ) -> Int[np.ndarray, " k"]:
     """Drop boxes greedily that overlap a better kept box too much.
 
+    OpenCV's suppression has one limit and does not know windows.
+
     Args:
         box: (n, 4) xyxy in pixels.
         score: (n,) higher is better; ties keep the earlier row.

@@ -40,6 +40,9 @@ def tube(
 ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
     """Build a closed tube around a polyline that lies in a plane.
 
+    In trimesh, this is a cylinder per step, which takes a second per two thousand, or a sweep,
+    which needs another package.
+
     Args:
         points: (N, 3) at least two points, successive ones distinct.
         radius: of the tube, in the units of the points.

@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 
 def match_edges(
@@ -50,7 +52,7 @@ def match_edges(
 
 
 def chain_labels(predecessor: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Number the chains of a predecessor map in order of their heads.
+    """Number the chains of a predecessor map in order of their lowest elements.
 
     Args:
         predecessor: (N,) index of the element before each one, or -1 at the head of a chain.
@@ -58,7 +60,6 @@ def chain_labels(predecessor: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     Returns:
         (N,) chain of each element, counted from 0.
     """
-    head = np.where(predecessor >= 0, predecessor, np.arange(len(predecessor)))
-    while not np.array_equal(head, head[head]):  # pointer doubling: log2 of the longest chain
-        head = head[head]
-    return np.unique(head, return_inverse=True)[1]
+    count, later = len(predecessor), np.flatnonzero(predecessor >= 0)
+    links = coo_array((np.ones(len(later)), (predecessor[later], later)), (count, count))
+    return connected_components(links, directed=False)[1].astype(np.int64)

@@ -57,7 +57,7 @@ def test_with_a_price_for_the_unmatched(edges, price):
 
 
 @given(st.lists(st.integers(1, 6), max_size=6), st.randoms())
-def test_chains_are_labelled_in_order_of_their_heads(lengths, random):
+def test_chains_are_labelled_in_order_of_their_lowest_elements(lengths, random):
     places = list(range(sum(lengths)))
     random.shuffle(places)
     predecessor = np.full(len(places), -1)
@@ -66,7 +66,7 @@ def test_chains_are_labelled_in_order_of_their_heads(lengths, random):
     for length in lengths:
         chains.append(places[begin : begin + length])
         begin += length
-    for number, chain in enumerate(sorted(chains, key=lambda chain: chain[0])):
+    for number, chain in enumerate(sorted(chains, key=min)):
         wanted[chain] = number
         predecessor[chain[1:]] = chain[:-1]
     np.testing.assert_array_equal(chain_labels(predecessor), wanted)
