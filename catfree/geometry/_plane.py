@@ -88,7 +88,7 @@ def fit_plane(
     Args:
         points: (N, 3) in scene units.
         weights: (N,) weight of each point, 0 for an absent one; None for all equal.
-        toward: (3,) a point that shall lie on the positive side, such as a camera centre; None
+        toward: (3,) a point on what is to be the positive side, such as a camera center; None
             leaves the sign of the normal open.
 
     Returns:
@@ -160,7 +160,7 @@ def fit_plane_ransac(
         iterations: number of random triples.
         where: (N,) bool, the points to use; None for all. Points that are not finite are never
             used.
-        toward: (3,) a point that shall lie on the positive side, such as the mean camera centre;
+        toward: (3,) a point on what is to be the positive side, such as the mean camera center;
             None for the mean of the points, which is above a ground that things stand on.
 
     Returns:

@@ -94,7 +94,7 @@ def inverse(matrix: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
 def reciprocal_condition(
     matrix: Float[Array, "3 3"], inverted: Float[Array, "3 3"]
 ) -> Float[Array, ""]:
-    """`1 / (tr(A) tr(A⁻¹))`: between a ninth of the smallest-to-largest eigenvalue ratio and it.
+    """`1 / (tr(A) tr(A⁻¹))`: the inverse of the condition number, or down to a ninth of it.
 
     Args:
         matrix: (3, 3) symmetric positive semi-definite A.

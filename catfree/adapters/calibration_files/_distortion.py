@@ -55,7 +55,7 @@ def distortion_of(coefficients: Sequence[np.ndarray]) -> Float[np.ndarray, "cam 
 
 
 def coefficients_of(rig: Rig, camera: int) -> Float[np.ndarray, "k"]:
-    """(5,) or (8,) coefficients of a camera's lens for a file, of a fisheye (4,)."""
+    """Coefficients of a camera's lens for a file: (4,) of a fisheye, else (5,) or (8,)."""
     lens = np.zeros(5) if rig.distortion is None else np.asarray(rig.distortion)[camera]
     if rig.lenses[camera] == Lens.FISHEYE:
         return lens[:4]

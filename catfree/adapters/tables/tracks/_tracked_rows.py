@@ -29,7 +29,7 @@ def numbered_frames(frame: Int[np.ndarray, " m"]) -> tuple[Int[np.ndarray, " m"]
     """Divide frame numbers by their common step, and return the step.
 
     Args:
-        frame: (M,) numbers that may all step by 5, as in WildTrack.
+        frame: (M,) numbers, for instance every fifth, as in WildTrack.
     """
     if not len(frame):
         return frame, 1

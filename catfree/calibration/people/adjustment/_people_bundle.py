@@ -137,7 +137,7 @@ def camera_prior(
     mean: Float[Array, "cam k"],
     precision: Float[Array, "cam k"],
 ) -> Float[Array, " prior"]:
-    """Residuals of a prior on cameras, infinite for those that no rig can have.
+    """Residuals of a prior on cameras; infinite where a camera is impossible.
 
     Args:
         cameras: (C, 7) cameras, or (C, 8) with their k1.

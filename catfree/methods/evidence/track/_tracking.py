@@ -93,7 +93,7 @@ def sure_groups(
     Args:
         member: boxes of each group, -1 for none.
         log_odds: of existence.
-        cameras: that see anybody.
+        cameras: how many see anybody.
         settings: constants.
     """
     enough = (member >= 0).sum(1) >= min(settings.witnesses, cameras)
