@@ -3,6 +3,7 @@
 Adapters are imported where a file is opened, so that `catfree --help` loads no video library.
 """
 
+import os
 from pathlib import Path
 from typing import Any, Literal
 
@@ -37,6 +38,14 @@ def require_files(
     Raises:
         InvalidInputError: naming the first missing file, or saying what is in its place.
     """
+    from catfree.types._validation import as_path
+
+    # `Path.exists` raises an OSError for a name that is too long.
+    for camera, path in enumerate(videos):
+        as_path(path, f"Camera {camera}")
+    for option, path in others.items():
+        if path is not None:
+            as_path(path, f"--{option}")
     for path in videos:
         inside = _footage_in(path)
         if inside and inside != [path]:
@@ -78,7 +87,7 @@ def network_file(path: Path) -> Path:
     Raises:
         InvalidInputError: if it is the name of weights that are not on this machine.
     """
-    if path.exists():
+    if os.path.exists(path):
         return path
     from catfree.adapters.weights import WEIGHTS, fetch_weights
 
@@ -203,7 +212,7 @@ def are_boxes(paths: tuple[Path, ...]) -> bool:
     """
     from catfree.adapters.datasets._detection_files import holds_boxes
 
-    kinds = [path.exists() and holds_boxes(path) for path in paths]
+    kinds = [os.path.exists(path) and holds_boxes(path) for path in paths]
     if any(kinds) and not all(kinds):
         raise InvalidInputError(
             f"{paths[kinds.index(True)]} holds boxes, but {paths[kinds.index(False)]} does not. "

@@ -78,7 +78,7 @@ def load_arrays(
         FileFormatError: if the file is not an archive of that kind with those names.
     """
     source = as_path(path, "path")
-    if not os.path.isfile(source):  # unlike Path.is_file, accepts overlong names
+    if not os.path.isfile(source):
         raise InvalidInputError(f"Cannot load {kind}: there is no file {source}.")
     arrays = read_archive(source)
     stored = str(arrays.pop(_KIND, "arrays that catfree did not save"))

@@ -1,6 +1,7 @@
 """Checks shared by the types: each names the first offending entry."""
 
 import dataclasses
+import errno
 import os
 import types
 import typing
@@ -44,10 +45,26 @@ def require_instance(value: Any, kind: type, name: str) -> None:
 
 
 def as_path(value: Any, name: str) -> Path:
-    """Convert a path of text or of any path type."""
-    if not isinstance(value, str | os.PathLike):
+    """Convert a path of text or of any path type.
+
+    Raises:
+        InvalidInputError: if it is something else, or no file can have such a path.
+    """
+    text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    if not isinstance(text, str):
         raise InvalidInputError(f"{name} must be a path, got {type(value).__name__}.")
-    return Path(value)
+    try:
+        os.lstat(text)
+    except ValueError as error:  # NUL, or half a surrogate pair
+        raise InvalidInputError(
+            f"{name} is {quoted(text)}, which has a character that no path has. Remove it."
+        ) from error
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise InvalidInputError(
+                f"{name} is {quoted(text)}, which is too long for a path. Shorten it."
+            ) from error
+    return Path(text)
 
 
 def as_paths(value: Any, name: str) -> list[Path]:

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import cv2
 import jax.numpy as jnp
@@ -263,6 +264,72 @@ for name, call in calls.items():
 def test_long_arguments_make_no_long_sentence():
     done = subprocess.run([sys.executable, "-c", LONG], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
+
+
+# As above: every reader refuses what is no path, and names that no file can have.
+PATHS = """
+import catfree as cf
+from catfree import adapters
+from catfree.adapters import SynchronizedVideos
+
+readers = {
+    name: getattr(module, name)
+    for module in (cf, adapters)
+    for name in dir(module)
+    if name.startswith("read_") and name != "read_sites"
+}
+readers |= {
+    "Scene.load": cf.Scene.load,
+    "Detections.load": cf.Detections.load,
+    "SynchronizedVideos": lambda path: SynchronizedVideos([path]),
+    "YoloPoseOnnx": adapters.YoloPoseOnnx,
+    "run": lambda path: cf.run([path, path]),
+    "run with a scene": lambda path: cf.run(["a", "b"], scene=path if path else 5),
+    "shards": lambda path: cf.shards(path),
+    "shards of videos": lambda path: cf.shards([path, path]),
+    "open_tracks": cf.open_tracks,
+    "join": cf.join,
+}
+wrong = {
+    "x" * 5000: "too long for a path",
+    "x/" * 5000 + "a": "too long for a path",
+    "a\\0b": "character that no path has",
+    None: "",
+    3: "",
+    ("a", None): "",
+}
+raised = []
+for name, read in readers.items():
+    for path, needle in wrong.items():
+        try:
+            read(list(path) if isinstance(path, tuple) else path)
+        except Exception as error:
+            said = f"{name}({str(path)[:20]}): {type(error).__name__}: {str(error)[:600]}"
+            if not isinstance(error, cf.CatFreeError) or needle not in said or len(said) > 600:
+                raised.append(said)
+        else:
+            raised.append(f"{name}({str(path)[:20]}) raises nothing")
+assert not raised, "\\n".join(raised)
+"""
+
+
+@pytest.mark.slow
+def test_every_reader_refuses_what_is_no_path():
+    done = subprocess.run([sys.executable, "-c", PATHS], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_names_of_existing_files_are_paths(tmp_path):
+    longest = tmp_path / ("x" * 255)
+    longest.write_text("")
+    assert as_path(str(longest), "path") == longest
+    assert as_path(longest, "path") == longest
+    assert as_path("nowhere/at/all", "path") == Path("nowhere/at/all")
+    name = "x" * 256
+    with pytest.raises(InvalidInputError, match=r"^path is 'xxx.*xxx', which is too long for a"):
+        as_path(name, "path")
+    with pytest.raises(InvalidInputError, match="has a character that no path has"):
+        as_path("a\0b", "path")
 
 
 def test_instances_are_named_by_argument_and_type():

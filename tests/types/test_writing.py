@@ -49,7 +49,7 @@ def test_a_name_as_long_as_file_systems_hold_can_be_written(tmp_path):
             stream.write(b"1")
         assert (tmp_path / name).read_bytes() == b"1"
     with (
-        pytest.raises(WriteError, match=r"too long\. Name another place"),
+        pytest.raises(InvalidInputError, match=r"too long for a path\. Shorten it"),
         replacing(tmp_path / ("x" * 256)),
     ):
         pass

@@ -11,7 +11,7 @@ from catfree._run.sharded._shard import Shard, StrPath
 from catfree.adapters.files._documents import read_json, write_text_atomically
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock
-from catfree.types._validation import require_declared_types
+from catfree.types._validation import as_path, require_declared_types
 
 METHODS = ("default", "paper", "evidence")
 _SCHEMA = "catfree plan 1"
@@ -70,7 +70,7 @@ def read_plan(path: StrPath) -> PlanFile:
         InvalidInputError: if there is no such file.
         FileFormatError: if it is damaged or of another version.
     """
-    source = Path(path)
+    source = as_path(path, "path")
     document = read_json(source, "plan")
     schema = document.get("schema") if isinstance(document, dict) else document
     if schema != _SCHEMA:

@@ -12,7 +12,7 @@ from catfree.adapters.files._fingerprint import hash_file
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.settings import EvidenceSettings
 from catfree.types import Clock
-from catfree.types._validation import require_declared_types
+from catfree.types._validation import as_path, require_declared_types
 
 SCHEMA = "catfree shards 2"  # of receipts and the tables beside them
 MANIFEST_SCHEMA = "catfree shards 1"  # of joined tables
@@ -96,7 +96,7 @@ class ShardFiles:
 
 def recording_folder(out: StrPath, site: str, date: str) -> Path:
     """The folder of one recording: `out`, or `out/site=.../date=...` as Hive names them."""
-    folder = Path(out)
+    folder = as_path(out, "out")
     for key, value in (("site", site), ("date", date)):
         folder = folder / f"{key}={value}" if value else folder
     return folder

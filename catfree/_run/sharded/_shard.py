@@ -24,7 +24,7 @@ from catfree.adapters.tables._detections_table import (
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import InvalidInputError, quoted
 from catfree.types import Clock, Detections
-from catfree.types._validation import as_duration, as_pictures, as_positive
+from catfree.types._validation import as_duration, as_path, as_pictures, as_positive
 
 StrPath = str | os.PathLike[str]
 MOST_SHARDS = 1_000_000
@@ -186,6 +186,11 @@ def _whole(
                 "offsets belong to videos; correct boxes with cf.calibration.remove_offsets."
             )
         return _boxes_as_one(recording, frame_rate)
+    if not isinstance(recording, Sequence):
+        raise InvalidInputError(
+            "recording must be a list of videos, Detections or a path, got "
+            f"{type(recording).__name__}."
+        )
     videos = open_recording(recording, frame_rate, offsets)
     require_distinct_videos(videos)
     clock = videos.clock
@@ -207,7 +212,7 @@ def _boxes_as_one(boxes: Detections | StrPath, frame_rate: float | int | None) -
         detections, source = boxes, content_hash(boxes)
         name, clock = "The detections", boxes.clock
     else:
-        path = Path(boxes)
+        path = as_path(boxes, "recording")
         name, detections = str(path), None
         if path.suffix == ".npz":
             detections = Detections.load(path)

@@ -24,6 +24,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, quoted
 from catfree.types import Rig
+from catfree.types._validation import as_path
 
 _WIDTH, _HEIGHT = "frameWidth", "frameHeight"
 
@@ -46,7 +47,7 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> N
         InvalidInputError: if there is no such file or a camera is invalid.
         FileFormatError: if it is not JSON of this form.
     """
-    source = Path(path)
+    source = as_path(path, "path")
     sensors = entry(read_json(source, "calibration"), "sensors", source, "the file")
     if not isinstance(sensors, list):
         raise FileFormatError(f"{source}: sensors must be a list.")

@@ -34,6 +34,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, quoted, shortened
 from catfree.types import Lens, Rig
+from catfree.types._validation import as_path
 
 # A camera takes about 500 bytes and nine decimal points per line. The parser's time and recursion
 # depth grow much faster than the file, and fastest with the parts of a dotted key.
@@ -62,7 +63,7 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
         InvalidInputError: if there is no such file or a camera is invalid.
         FileFormatError: if it is not TOML of this form, or two cameras have the same name.
     """
-    source = Path(path)
+    source = as_path(path, "path")
     text = read_text(source, "calibration")
     if len(text) > _LARGEST_FILE:
         raise FileFormatError(

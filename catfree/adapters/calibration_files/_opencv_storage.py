@@ -8,13 +8,13 @@ import json
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from catfree.adapters.files._documents import StrPath, numbers, read_text
 from catfree.errors import FileFormatError, quoted
+from catfree.types._validation import as_path
 
 _MATRIX = "opencv-matrix"
 _YAML_ENTRY = re.compile(r"([A-Za-z_][\w.-]*)\s*:\s*(.*)")
@@ -48,7 +48,7 @@ def read_storage(path: StrPath, meaning: str) -> Storage:
         InvalidInputError: if there is no such file.
         FileFormatError: if it is malformed (as when truncated), or holds no numbers.
     """
-    source = Path(path)
+    source = as_path(path, "path")
     text = read_text(source, meaning).strip()
     parse = {"<": _xml_entries, "{": _json_entries}.get(text[:1], _yaml_entries)
     storage = Storage({}, {})

@@ -22,6 +22,7 @@ from catfree.adapters.files._documents import (
 from catfree.errors import FileFormatError, quoted, shortened
 from catfree.types import GeoReference, Lens, Plane, Rig, Scene
 from catfree.types._scene import require_plausible_heights
+from catfree.types._validation import as_path
 
 _CONVENTIONS = {
     "camera": "x_camera = R x_world + t; x right, y down, z forward",
@@ -101,7 +102,7 @@ def read_rig_json(path: StrPath) -> NamedRig:
         InvalidInputError: if there is no such file or a camera is invalid.
         FileFormatError: if the file is not JSON of this form.
     """
-    source = Path(path)
+    source = as_path(path, "path")
     return _read_rig(read_json(source, "rig"), source)
 
 
@@ -118,7 +119,7 @@ def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
         InvalidInputError: if there is no such file or a value is invalid.
         FileFormatError: if the file is not JSON of this form.
     """
-    source = Path(path)
+    source = as_path(path, "path")
     document = read_json(source, "scene")
     named = _read_rig(document, source)
     ground = entry(document, "ground", source, "the file")

@@ -35,7 +35,7 @@ from catfree.adapters.tables._motchallenge import read_mot
 from catfree.adapters.tables._parquet import read_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Clock, Detections
-from catfree.types._validation import as_integer, as_paths
+from catfree.types._validation import as_integer, as_path, as_paths
 
 SUFFIXES = (".txt", ".csv", ".parquet", ".json", ".npz")
 MOST_CAMERAS = 10_000  # of files that number them
@@ -165,7 +165,7 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
         InvalidInputError: if there is no such file.
         FileFormatError: if it is not such a table, or names a camera that does not exist.
     """
-    source = Path(path)
+    source = as_path(path, "path")
     if not source.is_file():
         raise InvalidInputError(f"There is no file {source} of missing pictures.")
     first_row = 0
@@ -197,7 +197,7 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
 
 def holds_boxes(path: StrPath) -> bool:
     """Return whether a path is one of boxes rather than of a video or a folder of images."""
-    place = Path(path)
+    place = as_path(path, "path")
     if place.is_dir():
         try:
             return not has_images(place) and bool(_files_of(place))

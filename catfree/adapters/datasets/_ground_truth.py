@@ -27,6 +27,7 @@ from catfree.adapters.datasets._uniform_json import read_uniform_json
 from catfree.adapters.datasets._wildtrack import CAMERAS, GRID as WILDTRACK
 from catfree.adapters.files._documents import StrPath, read_json, read_text
 from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.types._validation import as_path
 
 Split = Literal["test", "train", "all"]
 COLUMNS = ("frame", "id", "x", "y")
@@ -83,7 +84,7 @@ def read_ground_truth(path: StrPath, split: Split = "test") -> GroundTruth:
         Split, area and 0.5 m for MODA as Hou et al. 2020 (MVDet), 1 m for tracking as Teepe et
         al. 2024 (EarlyBird).
     """
-    source = Path(path)
+    source = as_path(path, "path")
     if split not in ("test", "train", "all"):
         raise InvalidInputError(f"split is {quoted(split)}; it must be test, train or all.")
     if source.is_dir():

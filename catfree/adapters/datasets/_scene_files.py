@@ -26,7 +26,7 @@ from catfree.adapters.files._camera_names import natural_order
 from catfree.adapters.files._documents import StrPath, naming_file, read_json, read_text
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Plane, Rig, Scene
-from catfree.types._validation import as_paths
+from catfree.types._validation import as_path, as_paths
 
 Unit = Literal["m", "cm", "mm", "ft", "arbitrary"]
 METERS: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "arbitrary": 1.0}
@@ -71,7 +71,7 @@ def read_scene(
     if unit not in METERS:
         raise InvalidInputError(f"unit is {quoted(unit)}; it must be one of {', '.join(METERS)}.")
     if isinstance(path, str | os.PathLike):
-        source = Path(path)
+        source = as_path(path, "path")
         if not source.exists():
             raise InvalidInputError(f"There is no file {source} (calibration). Check the path.")
         source = _inside(source)

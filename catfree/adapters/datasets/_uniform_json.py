@@ -26,6 +26,7 @@ from catfree.adapters.files._documents import (
 from catfree.adapters.protocols import ankles_confirmed
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Detections, Rig
+from catfree.types._validation import as_path
 
 
 def read_uniform_json(
@@ -56,7 +57,7 @@ def read_uniform_json(
             message names file, frame, camera and index.
         FileFormatError: if the file is not JSON of this form.
     """
-    source = Path(path)
+    source = as_path(path, "path")
     document = read_json(source, "sequence")
     if entry(document, "units", source, "the file") != "m":
         raise FileFormatError(f"{source} has units {quoted(document['units'])}; convert it to 'm'.")

@@ -48,7 +48,7 @@ def require_file(path: StrPath, meaning: str) -> Path:
         InvalidInputError: if there is no such file.
     """
     source = as_path(path, meaning)
-    if not os.path.isfile(source):  # unlike Path.is_file, accepts overlong names
+    if not os.path.isfile(source):
         if os.path.isdir(source):
             raise InvalidInputError(
                 f"{source} is a folder, not a file ({meaning}). Name a file in it; cf.read_scene "
@@ -65,7 +65,7 @@ def require_folder(path: StrPath, meaning: str) -> Path:
         InvalidInputError: if there is no such folder.
     """
     source = as_path(path, meaning)
-    if not source.is_dir():
+    if not os.path.isdir(source):
         raise InvalidInputError(f"There is no folder {source} ({meaning}). Check the path.")
     return source
 

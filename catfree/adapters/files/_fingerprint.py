@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from catfree.errors import InvalidInputError
+from catfree.types._validation import as_path
 
 _CHUNK = 1 << 20
 _SAMPLES = 16
@@ -29,7 +30,7 @@ def hash_samples(path: str | os.PathLike[str]) -> str:
     Raises:
         InvalidInputError: if there is nothing at that path, or it cannot be read.
     """
-    source = Path(path)
+    source = as_path(path, "path")
     try:
         if source.is_dir():
             files = sorted(file for file in source.rglob("*") if file.is_file())

@@ -9,6 +9,7 @@ import numpy as np
 
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.errors import FileFormatError, InvalidInputError, MissingDependencyError, quoted
+from catfree.types._validation import as_path
 
 _ELEMENT_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 Shape = tuple[int | None, ...]
@@ -46,7 +47,7 @@ class OnnxGraph:
             FileFormatError: if it is not an ONNX graph with one image input.
             MissingDependencyError: if onnxruntime is not installed, or does not load.
         """
-        self.path, self.needed = Path(path), needed
+        self.path, self.needed = as_path(path, "path"), needed
         if not self.path.is_file():
             raise InvalidInputError(f"There is no file {self.path}; {needed} is needed there.")
         self._session = _open(self.path, needed, providers)

@@ -18,6 +18,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Detections
+from catfree.types._validation import as_path
 
 PERSON = 1  # COCO's category of people
 _NUMBER = re.compile(r"(\d+)(?!.*\d)")
@@ -63,7 +64,7 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
         FileFormatError: naming the first entry that has another form, or whose image is unknown,
             or two images of one camera and frame.
     """
-    source = Path(path)
+    source = as_path(path, "path")
     document = read_json(source, "boxes in COCO's form")
     described = document if isinstance(document, dict) else None
     if images is not None:

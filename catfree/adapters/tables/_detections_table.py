@@ -10,6 +10,7 @@ from catfree.adapters.tables._parquet import write_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock, Detections
 from catfree.types._clock import clock_from_text, clock_to_text
+from catfree.types._validation import as_path
 from catfree.types.results import require_pyarrow
 
 if TYPE_CHECKING:
@@ -159,7 +160,7 @@ def open_detections_table(path: StrPath) -> Any:
     require_pyarrow()
     import pyarrow.dataset
 
-    source = Path(path)
+    source = as_path(path, "path")
     if not source.exists():
         raise InvalidInputError(f"There is no table of detections {source}. Check the path.")
     try:

@@ -16,7 +16,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Detections, Tracks
-from catfree.types._validation import as_float, as_integer, require_shape
+from catfree.types._validation import as_float, as_integer, as_path, require_shape
 
 # TrackEval matches two boxes at an overlap of 0.5. Squares of side s that are shifted along one
 # axis by d overlap by (s - d) / (s + d), which is 0.5 at d = s / 3.
@@ -90,7 +90,7 @@ def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
         InvalidInputError: if there is no such file or a number is not finite.
         FileFormatError: naming the first malformed line.
     """
-    source = Path(path)
+    source = as_path(path, "path")
     rows, columns = [], None
     for line, text in enumerate(read_text(source, "MOTChallenge rows").splitlines(), start=1):
         if not text.strip():

@@ -1,11 +1,10 @@
 """`read_tracks`: tracks from any file or folder that the library writes."""
 
-from pathlib import Path
-
 from catfree.adapters.files._documents import StrPath
 from catfree.adapters.tables._tracks_table import read_tracks_csv, read_tracks_parquet
 from catfree.errors import InvalidInputError
 from catfree.types import Tracks
+from catfree.types._validation import as_path
 
 _IN_FOLDER = ("tracks.csv", "tracks.parquet", "tracks.npz")
 
@@ -24,7 +23,7 @@ def read_tracks(path: StrPath) -> Tracks:
         InvalidInputError: if there is no such file, or a value in it is out of range.
         FileFormatError: if it holds something else.
     """
-    source = Path(path)
+    source = as_path(path, "path")
     if source.is_dir():
         found = [source / name for name in _IN_FOLDER if (source / name).is_file()]
         if not found:

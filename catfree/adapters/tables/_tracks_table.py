@@ -18,6 +18,7 @@ from catfree.adapters.tables._parquet import read_parquet, write_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock, Origin, Plane, Tracks
 from catfree.types._clock import ABSOLUTE
+from catfree.types._validation import as_path
 from catfree.types.results import require_sound_tracks, symmetric
 
 _COLUMNS = (
@@ -92,7 +93,7 @@ def read_tracks_csv(path: StrPath) -> Tracks:
         FileFormatError: naming the first malformed column or line, or if the times are not those
             of one clock.
     """
-    source = Path(path)
+    source = as_path(path, "path")
     try:
         lines = list(csv.reader(io.StringIO(read_text(source, "tracks"))))
     except csv.Error as error:

@@ -1,6 +1,7 @@
 """Times of a camera's frames: from the packets of its video file, or from a table beside it."""
 
 import math
+import os
 from array import array
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ def sidecar_of(path: Path) -> Path | None:
         path: `NAME.mp4` has `NAME.timestamps.csv` beside it, a folder has `timestamps.csv` in it.
     """
     table = path / "timestamps.csv" if path.is_dir() else path.with_suffix(".timestamps.csv")
-    return table if table.is_file() else None
+    return table if os.path.isfile(table) else None  # its name may be too long
 
 
 def read_timestamps(path: Path, frame_count: int) -> Times:

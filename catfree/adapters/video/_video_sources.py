@@ -21,6 +21,7 @@ from catfree.adapters.video._timestamps import (
     sidecar_of,
 )
 from catfree.errors import FileFormatError, InvalidInputError
+from catfree.types._validation import as_path
 
 FARTHEST_DECODED = 1000  # frames: decoding up to there is faster than looking for a key frame
 JUMP_MARGIN = 50  # frames by which seeking may come out too late
@@ -88,7 +89,7 @@ def open_source(path: str | os.PathLike[str]) -> VideoSource:
             without images.
         FileFormatError: if its first picture cannot be decoded.
     """
-    place = Path(path)
+    place = as_path(path, "path")
     require_readable_name(place)
     if place.is_dir():
         return ImageFolder(place)

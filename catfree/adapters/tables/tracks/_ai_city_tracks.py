@@ -15,7 +15,7 @@ from catfree.adapters.files._documents import (
 from catfree.adapters.tables.tracks._tracked_rows import tracked
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Detections, Tracks
-from catfree.types._validation import as_count, as_positive
+from catfree.types._validation import as_count, as_path, as_positive
 
 _PERSON = 0  # class of people, 2025
 _OF_BOXES, _OF_IMAGES = 11, 9  # columns
@@ -109,7 +109,7 @@ def read_ai_city_tracks(path: StrPath, scene_id: int | None = None) -> Float[np.
             sequences and none is chosen.
         FileFormatError: naming the first line that has another form.
     """
-    source = Path(path)
+    source = as_path(path, "path")
     rows: list[list[float]] = []
     for line, text in enumerate(read_text(source, "tracks").splitlines(), start=1):
         words = text.split()
