@@ -23,7 +23,7 @@ from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, X, from_
 from catfree.errors import InsufficientDataError
 from catfree.geometry import CanonicalFrame, Similarity, transform_scene
 from catfree.geometry._person import edge_deviation
-from catfree.methods.evidence.observe._boxes import undistort
+from catfree.methods.evidence.observe._boxes import undistorted_pixels
 from catfree.methods.paper.association import (
     Observations,
     associate_in_two_passes,
@@ -256,7 +256,7 @@ def _ideal_boxes(detections: Detections, rig: Rig) -> Float[np.ndarray, "n 3"]:
     middle = (box[:, 0] + box[:, 2]) / 2
     columns, rows = [], []
     for row in (box[:, 1], box[:, 3]):
-        pixel = undistort(rig, camera, np.stack([middle, row], -1))
+        pixel = undistorted_pixels(rig, camera, np.stack([middle, row], -1))
         plane = np.linalg.solve(K, np.column_stack([pixel, np.ones(len(row))])[..., None])
         columns.append(K[:, 0, 0] * plane[:, 0, 0])
         rows.append(K[:, 0, 0] * plane[:, 1, 0])

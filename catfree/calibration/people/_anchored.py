@@ -46,7 +46,7 @@ from catfree.calibration.people.cameras._camera_model import (
 )
 from catfree.calibration.people.cameras._rig_deviation import scale_variance, shape_deviation
 from catfree.errors import CalibrationError, InvalidInputError, shortened
-from catfree.methods.evidence.observe._boxes import undistort
+from catfree.methods.evidence.observe._boxes import undistorted_pixels
 from catfree.settings import CalibrationSettings
 from catfree.types import GeoReference, Rig, Scene
 
@@ -315,7 +315,7 @@ def _ideal_pixels(anchor: Anchor, camera: int, rig: Rig) -> Float[np.ndarray, "2
     if not rig.registered[camera]:
         return np.zeros((2, 2))
     K = np.asarray(rig.K, np.float64)[camera]
-    pixel = undistort(rig, np.full(2, camera), given)
+    pixel = undistorted_pixels(rig, np.full(2, camera), given)
     plane = np.linalg.solve(K, np.column_stack([pixel, np.ones(2)]).T)
     return K[0, 0] * plane[:2].T
 

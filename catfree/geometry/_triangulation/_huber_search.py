@@ -10,7 +10,7 @@ from jaxtyping import Array
 from catfree.geometry._arrays import epsilon
 from catfree.geometry._symmetric3 import Vector
 from catfree.geometry._triangulation._ray_distances import (
-    Rays,
+    CenteredRays,
     batch_last,
     dot,
     gradient_of,
@@ -144,12 +144,12 @@ class _State(NamedTuple):
 class _Problem(NamedTuple):
     """Rays and Huber scale of a search; `reach` is each origin's distance from the center."""
 
-    rays: Rays
+    rays: CenteredRays
     delta: Array
     reach: Array
 
 
-def _iterate(rays: Rays, delta: Array, start: _Start) -> Vector:
+def _iterate(rays: CenteredRays, delta: Array, start: _Start) -> Vector:
     """Minimize the loss from a start: step until all problems have converged."""
     problem = _Problem(rays, delta, norm(rays.origins))
     state = _State(

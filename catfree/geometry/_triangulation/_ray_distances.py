@@ -16,7 +16,7 @@ from catfree.geometry._arrays import epsilon
 from catfree.geometry._symmetric3 import Triangle, Vector
 
 
-class Rays(NamedTuple):
+class CenteredRays(NamedTuple):
     """Present rays in centered coordinates; absent rows hold finite values and weight 0.
 
     Each coordinate is an array of its own, because slices of one array would be copied.
@@ -31,8 +31,8 @@ def present_rays(
     origins: Float[Array, "cam 3 *batch"],
     directions: Float[Array, "cam 3 *batch"],
     weights: Float[Array, "cam *batch"],
-) -> tuple[Rays, Float[Array, "3 *batch"]]:
-    """Rays in coordinates centered on the weighted mean of the present origins, and that mean."""
+) -> tuple[CenteredRays, Float[Array, "3 *batch"]]:
+    """Move present rays to the weighted mean of their origins; return that mean, too."""
     present = weights > 0  # false for NaN too
     weights = jnp.where(present, weights, 0)
 
@@ -47,7 +47,7 @@ def present_rays(
     cx, cy, cz = (jnp.sum(weights * each, axis=0) / total for each in from_world)
     x, y, z = from_world
     centered = x - cx[None], y - cy[None], z - cz[None]
-    return Rays(centered, coordinates(directions), weights), jnp.stack([cx, cy, cz])
+    return CenteredRays(centered, coordinates(directions), weights), jnp.stack([cx, cy, cz])
 
 
 def batch_last(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -85,7 +85,7 @@ def entries(vector: Array) -> Vector:
     return vector[0], vector[1], vector[2]
 
 
-def residuals_of(rays: Rays, position: Vector) -> Vector:
+def residuals_of(rays: CenteredRays, position: Vector) -> Vector:
     """Perpendicular vectors from each line to the position, (C, ...) per coordinate.
 
     Projects twice: the first projection leaves rounding errors along the ray of about the viewing
@@ -111,7 +111,7 @@ def gradient_of(weights: Array, residuals: Vector) -> Vector:
     return jnp.sum(weights * x, 0), jnp.sum(weights * y, 0), jnp.sum(weights * z, 0)
 
 
-def hessian_of(rays: Rays, weights: Array, bend: Array, residuals: Vector) -> Triangle:
+def hessian_of(rays: CenteredRays, weights: Array, bend: Array, residuals: Vector) -> Triangle:
     """Lower triangle of `sum_i weights_i (I - d_i d_iᵀ) - bend_i r_i r_iᵀ`."""
     (u, v, w), (x, y, z) = rays.directions, residuals
     return (

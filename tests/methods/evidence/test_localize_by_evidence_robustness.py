@@ -15,7 +15,7 @@ from benchmarks.robustness import (
     with_dropped_frames,
     with_false_boxes,
 )
-from catfree.methods.evidence.observe._boxes import undistort
+from catfree.methods.evidence.observe._boxes import undistorted_pixels
 from catfree.synthetic import RigError
 
 pytestmark = pytest.mark.slow
@@ -82,7 +82,7 @@ def test_the_changes_are_what_they_say(world):
     whole = (boxes.box[:, :2] > 10).all(1) & (boxes.box[:, 2:] < size - 10).all(1)
     feet = np.stack([bent.detections.box[:, [0, 2]].mean(1), bent.detections.box[:, 3]], -1)
     corner = (np.asarray(rig.K) - np.asarray(lens.K))[boxes.camera, :2, 2]
-    straight = undistort(lens, boxes.camera, feet) + corner
+    straight = undistorted_pixels(lens, boxes.camera, feet) + corner
     # The side middles are bent each for itself, so that the foot point is right to a pixel or two.
     error = np.abs(straight - np.stack([boxes.box[:, [0, 2]].mean(1), boxes.box[:, 3]], -1))
     assert np.median(error[whole]) < 1 < np.median(np.abs(bent.detections.box - boxes.box))

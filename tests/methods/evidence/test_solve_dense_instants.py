@@ -100,7 +100,7 @@ def test_pairs_looked_at_grow_with_the_boxes_and_not_with_their_square(searches)
     total = []
     for count in (500, 8000):
         searches.clear()
-        association.candidate_pairs(*crowd(count), GATE)
+        association.close_pairs(*crowd(count), GATE)
         total.append(sum(searches))
     # At the rim of a small crowd there are fewer neighbors.
     assert total[0] < total[1] < 2 * 16 * total[0]
@@ -108,7 +108,7 @@ def test_pairs_looked_at_grow_with_the_boxes_and_not_with_their_square(searches)
 
 def test_no_search_holds_more_than_fits(searches, monkeypatch):
     monkeypatch.setattr(association, "PAIRS_AT_A_TIME", 2000)
-    association.candidate_pairs(*crowd(1000, vagueness=10.0), GATE)
+    association.close_pairs(*crowd(1000, vagueness=10.0), GATE)
     assert len(searches) > 100
     assert max(searches) <= 2000
 
@@ -116,10 +116,10 @@ def test_no_search_holds_more_than_fits(searches, monkeypatch):
 @given(st.integers(0, 10**6), st.integers(2, 60), st.integers(1, 200))
 def test_searches_of_any_size_find_the_same_pairs(seed, count, at_a_time):
     boxes = crowd(count, seed)
-    whole = association.candidate_pairs(*boxes, GATE)
+    whole = association.close_pairs(*boxes, GATE)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(association, "PAIRS_AT_A_TIME", at_a_time)
-        np.testing.assert_array_equal(association.candidate_pairs(*boxes, GATE), whole)
+        np.testing.assert_array_equal(association.close_pairs(*boxes, GATE), whole)
 
 
 @pytest.mark.slow

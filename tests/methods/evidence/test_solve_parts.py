@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence._gaussian import probability_within
-from catfree.methods.evidence.observe._boxes import undistort
+from catfree.methods.evidence.observe._boxes import undistorted_pixels
 from catfree.methods.evidence.observe._visibility import COLUMNS, hidden_shares
 from catfree.types import Rig
 
@@ -35,7 +35,7 @@ def test_a_box_hides_what_lies_below_its_top():
 def test_undistorted_pixels_distort_back(k1, u, v):
     K = np.array([[900.0, 0, 640], [0, 900, 360], [0, 0, 1]])
     rig = Rig(K[None], np.eye(3)[None], np.zeros((1, 3)), (1280, 720), [[k1, 0.02, 1e-3, -1e-3, 0]])
-    ideal = undistort(rig, np.zeros(1, int), np.array([[u, v]]))[0]
+    ideal = undistorted_pixels(rig, np.zeros(1, int), np.array([[u, v]]))[0]
     x, y = (ideal[0] - 640) / 900, (ideal[1] - 360) / 900
     r2 = x * x + y * y
     radial = 1 + k1 * r2 + 0.02 * r2**2

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from catfree.methods.evidence.group._appearance import PairRatios, group_agreement
 from catfree.methods.evidence.group._groups import Groups, Priors
-from catfree.methods.evidence.group._merge import associate
+from catfree.methods.evidence.group._merge import merge_boxes
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements, Noise
 
@@ -37,7 +37,7 @@ def group(
     parts = []
     for begin, end in boxes.runs:
         rows = slice(int(boxes.first[begin]), int(boxes.first[end]))
-        part = associate(
+        part = merge_boxes(
             measured.info[rows],
             np.asarray(measured.state)[rows, :2],
             np.asarray(measured.position_covariance)[rows],

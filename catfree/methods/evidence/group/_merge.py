@@ -20,7 +20,7 @@ PAIR_BLOCK = 2**11  # pairs computed at a time: fits a cache
 PAIRS_AT_A_TIME = 1 << 18  # neighbors processed together: fits a cache
 
 
-def candidate_pairs(
+def close_pairs(
     position: np.ndarray,
     covariance: np.ndarray,
     frame: np.ndarray,
@@ -189,7 +189,7 @@ def _mutually_best(
     return kept, partner[kept]
 
 
-def associate(
+def merge_boxes(
     info: Information,
     position: np.ndarray,
     covariance: np.ndarray,
@@ -232,7 +232,7 @@ def associate(
         frame, camera = _joined(frame, priors.frame), _joined(camera, np.full(count, cameras))
         valid = _joined(valid, np.ones(count, bool))
     items = np.flatnonzero(valid)
-    pairs = candidate_pairs(position, covariance, frame, camera, items, gate)
+    pairs = close_pairs(position, covariance, frame, camera, items, gate)
     root = merge_groups(info, camera, cameras, pairs, density, spread, looks, slot)
     return collect_groups(root, items, info, frame, camera, cameras, density, spread)
 

@@ -96,7 +96,7 @@ def float_width_of(box: Float[np.ndarray, "n 4"]) -> AbstractContextManager[None
     return jax.enable_x64(box.dtype == np.float64)
 
 
-def undistort(
+def undistorted_pixels(
     rig: Rig, camera: Int[np.ndarray, " n"], pixel: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "n 2"]:
     """Undistort pixels to those of a pinhole camera with the same K.
@@ -174,7 +174,7 @@ def prepare_boxes(
     valid, view = np.ones(n, bool), camera
     K = R = np.zeros((0, 3, 3))
     own = np.flatnonzero(rig.lenses[camera] != Lens.PINHOLE)
-    straight_head, straight_foot = (undistort(rig, camera, p).copy() for p in (head, foot))
+    straight_head, straight_foot = (undistorted_pixels(rig, camera, p).copy() for p in (head, foot))
     if len(own):
         center = np.stack([middle, (box[:, 1] + box[:, 3]) / 2], -1)[own]
         K, R, usable = local_pinholes(rig, camera[own], center)

@@ -19,7 +19,7 @@ from catfree.types._annotations import Progress, no_progress
 CHUNK = 8192  # detections associated together: bounds memory and avoids recompilation
 
 
-class Groups(NamedTuple):
+class Correspondences(NamedTuple):
     """Detections that may be one person.
 
     Attributes:
@@ -36,7 +36,7 @@ def associate(
     rays: Rays,
     settings: Settings,
     report: Progress = no_progress,
-) -> Groups:
+) -> Correspondences:
     """Partition the detections of every frame into groups of one person each.
 
     Args:
@@ -85,7 +85,7 @@ def associate(
         first = last
     report("association", frames, frames)
     member = np.concatenate(members)
-    return Groups(member, observations.frame_index[member.max(axis=1)])
+    return Correspondences(member, observations.frame_index[member.max(axis=1)])
 
 
 def associate_in_two_passes(
@@ -93,7 +93,7 @@ def associate_in_two_passes(
     rays: Rays,
     settings: Settings,
     report: Progress = no_progress,
-) -> tuple[Groups, Rays, float]:
+) -> tuple[Correspondences, Rays, float]:
     """Group the detections twice: the first, unweighted pass provides the pose ratio of the second.
 
     Args:
@@ -125,7 +125,7 @@ def weigh_rays(observations: Observations, rays: Rays, ratio: float, settings: S
 
 
 def learn_pose_ratio(
-    observations: Observations, rays: Rays, groups: Groups, settings: Settings
+    observations: Observations, rays: Rays, groups: Correspondences, settings: Settings
 ) -> float:
     """Estimate the pose ratio from the residuals of an unweighted triangulation.
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.methods.paper._select import Hypotheses
-from catfree.methods.paper.association._associate import Groups
+from catfree.methods.paper.association._associate import Correspondences
 from catfree.methods.paper.association._hypotheses import (
     RayTable,
     Support,
@@ -42,7 +42,7 @@ def locate(
     observations: Observations,
     rays: Rays,
     rig: Rig,
-    groups: Groups,
+    groups: Correspondences,
     tracklet: Int[np.ndarray, " n"],
     settings: Settings,
 ) -> Located:

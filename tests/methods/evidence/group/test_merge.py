@@ -6,8 +6,8 @@ from catfree.methods.evidence._gaussian import Information, log_evidence
 from catfree.methods.evidence.group._groups import Priors
 from catfree.methods.evidence.group._merge import (
     PAIR_BLOCK,
-    associate,
-    candidate_pairs,
+    close_pairs,
+    merge_boxes,
 )
 
 DENSITY, SPREAD, GATE = 0.2, 0.05, 16.0
@@ -73,7 +73,7 @@ def test_merging_in_rounds_equals_one_best_pair_at_a_time(seed, people, noise, w
     half = np.random.default_rng(seed).normal(0, 2, (64, 64))
     looks = half + half.T if with_looks else np.zeros((64, 64))
     slot = np.column_stack([np.zeros(64, int), np.arange(64)])
-    groups = associate(
+    groups = merge_boxes(
         info, position, covariance, np.zeros(64, int), camera, valid, 3, DENSITY, SPREAD,
         1e6, looks=looks[None] if with_looks else None, slot=slot if with_looks else None,
     )  # fmt: skip
@@ -89,11 +89,12 @@ def test_frames_merged_together_give_the_groups_of_each_alone():
         np.concatenate([a[k] for a in alone]) for k in range(1, 5)
     )
     frame = np.repeat(np.arange(frames), rows)
-    pairs = candidate_pairs(position, covariance, frame, camera, np.flatnonzero(valid), GATE)
+    pairs = close_pairs(position, covariance, frame, camera, np.flatnonzero(valid), GATE)
     assert len(pairs) > PAIR_BLOCK  # else they are merged in one block
-    groups = associate(info, position, covariance, frame, camera, valid, 3, DENSITY, SPREAD, GATE)
+    groups = merge_boxes(info, position, covariance, frame, camera, valid, 3, DENSITY, SPREAD, GATE)
     for k in (0, 3, frames // 2, frames - 1):
-        one = associate(*alone[k][:3], np.zeros(rows, int), *alone[k][3:], 3, DENSITY, SPREAD, GATE)
+        parts = (*alone[k][:3], np.zeros(rows, int), *alone[k][3:])
+        one = merge_boxes(*parts, 3, DENSITY, SPREAD, GATE)
         here = groups.member[groups.frame == k]
         assert (np.where(here >= 0, here - rows * k, -1) == one.member).all()
 
@@ -102,7 +103,7 @@ def test_frames_merged_together_give_the_groups_of_each_alone():
 @given(st.integers(0, 10**6), st.integers(1, 6))
 def test_every_box_is_in_exactly_one_group_and_cameras_exclude_themselves(seed, people):
     info, position, covariance, camera, valid = boxes_near(seed, people, 4, 0.1)
-    groups = associate(
+    groups = merge_boxes(
         info, position, covariance, np.zeros(64, int), camera, valid, 4, DENSITY, SPREAD, GATE
     )
     rows = groups.member[groups.member >= 0]
@@ -128,7 +129,7 @@ def test_close_pairs_are_those_of_all_pairs(seed, count, spread):
     total = np.linalg.inv(covariance[i] + covariance[j])
     m2 = np.einsum("ni,nij,nj->n", apart, total, apart)
     close = (i < j) & (frame[i] == frame[j]) & (camera[i] != camera[j]) & (m2 < GATE)
-    found = candidate_pairs(position, covariance, frame, camera, items, GATE)
+    found = close_pairs(position, covariance, frame, camera, items, GATE)
     np.testing.assert_array_equal(found, np.column_stack([i[close], j[close]]))
 
 
@@ -146,7 +147,7 @@ def test_padding_changes_no_group(seed, people, tracks):
     def groups(extra):
         pad = lambda a: np.concatenate([a, np.zeros((extra, *a.shape[1:]), a.dtype)])  # noqa: E731
         padded = Information(pad(info.matrix), pad(info.vector), pad(info.constant))
-        return associate(
+        return merge_boxes(
             padded, pad(position), pad(covariance), pad(np.zeros(64, int)), pad(camera),
             pad(valid), 4, DENSITY, SPREAD, GATE, priors=priors,
         )  # fmt: skip

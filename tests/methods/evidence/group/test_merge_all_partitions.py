@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence._gaussian import Information, log_evidence
-from catfree.methods.evidence.group._merge import associate
+from catfree.methods.evidence.group._merge import merge_boxes
 
 DENSITY, SPREAD, GATE = 0.2, 0.05, 16.0
 MOST = 7  # boxes: 877 partitions
@@ -32,7 +32,7 @@ def greedy(info, camera, cameras):
     precision = info.matrix[:n, 0, 0]
     position[:n] = info.vector[:n, :2] / precision[:, None]
     covariance[:n] = np.eye(2) / precision[:, None, None]
-    groups = associate(
+    groups = merge_boxes(
         info, position, covariance, np.zeros(ROWS, int), np.pad(camera, (0, ROWS - n)),
         np.arange(ROWS) < n, cameras, DENSITY, SPREAD, GATE,
     )  # fmt: skip
