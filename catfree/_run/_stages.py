@@ -95,7 +95,8 @@ def calibrate_cameras(
             "To find the cameras from boxes, the sizes of the images are needed: pass image_size, "
             "or a scene."
         )
-    detections = detections[~np.isin(detections.frame, videos.silent[:, 0])]
+    incomplete = np.unique(videos.silent[:, 0])
+    detections = detections[~np.isin(detections.frame, incomplete)]
     resolve_anchors(anchors, len(size), names)
     options = {"camera_names": names, "progress": progress}
 
@@ -127,9 +128,10 @@ def calibrate_cameras(
         return anchored(remembered("calibration", compute), anchors, rules, camera_names=names)
     except CalibrationError as error:
         tiny = tiny_boxes(detections, rules)
-        if tiny is None:
-            raise
-        raise CalibrationError(f"{tiny} The calibration error was: {error}") from error
+        said = str(error) if tiny is None else f"{tiny} The calibration error was: {error}"
+        if len(incomplete):
+            said += f" {len(incomplete)} instants that some camera does not show were left out."
+        raise CalibrationError(said) from error
 
 
 def reconstruct(

@@ -22,6 +22,7 @@ from catfree.adapters import (
     FrameDetections,
     SynchronizedVideos,
 )
+from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.calibration import Calibration, KnownCamera, remove_offsets
 from catfree.errors import (
     CalibrationError,
@@ -594,3 +595,15 @@ def test_anchors_change_a_calibration_from_the_cache(pictures, tmp_path, monkeyp
         )
         assert len(got.anchors) == 2 * len(known)
     assert "but 1.70 m" in got.contradictions[0]
+
+
+def test_a_failed_calibration_says_how_many_instants_were_left_out():
+    boxes = Detections([0, 1], [0, 1], [[0.0, 0, 40, 100], [0.0, 0, 40, 100]])
+    for silent, said in (((), False), (((1, 0), (2, 0), (2, 1)), True)):
+        given = CameraBoxes(
+            boxes, ("a", "b"), np.full((2, 2), 640), np.array(silent, np.int64).reshape(-1, 2)
+        )
+        with pytest.raises(CalibrationError) as error:
+            stages_module.calibrate_cameras(given, None, boxes)
+        text = "2 instants that some camera does not show were left out."
+        assert str(error.value).endswith(text) == said
