@@ -8,14 +8,18 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from catfree.errors import FileFormatError
+from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.methods.evidence.observe._measurement import Noise, start_noise
 from catfree.methods.evidence.track._existence import CELLS
 from catfree.methods.evidence.track._identify import Pasts, no_pasts
 from catfree.methods.evidence.track._tracking import Heads, Node, no_heads
+from catfree.methods.online._sound_state import require_sound_arrays
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections
 from catfree.types._archive import load_arrays, save_arrays
+from catfree.types._validation import as_count
+
+_SIZES = ("cameras", "window", "recording")  # numbers of each in a file
 
 
 @jax.tree_util.register_dataclass
@@ -136,9 +140,9 @@ class TrackerState:
             InvalidInputError: if the folder does not exist.
             WriteError: if the disk is full or not writable.
         """
-        sizes = {"cameras": len(self.learned.active), "window": len(self.window)}
-        sizes["recording"] = len(self.recording)
-        save_arrays(path, "TrackerState", sizes | dict(_leaves(self)))
+        sizes = (len(self.learned.active), len(self.window), len(self.recording))
+        arrays = dict(zip(_SIZES, sizes, strict=True))
+        save_arrays(path, "TrackerState", arrays | dict(_leaves(self)))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "TrackerState":
@@ -146,29 +150,56 @@ class TrackerState:
 
         Raises:
             InvalidInputError: if there is no such file.
-            FileFormatError: if the file holds something else.
+            FileFormatError: if the file holds something else, or arrays that no tracker has.
         """
-        sizes = ("cameras", "window", "recording")
         arrays = load_arrays(path, "TrackerState", required=None)
         try:
-            cameras, window, recording = (int(arrays.pop(name)) for name in sizes)
-            empty = new_state(cameras, EvidenceSettings())
-            empty = replace(
-                empty,
-                window=(_no_instant(cameras),) * window,
-                recording=(no_boxes(),) * recording,
-            )
-            names = [name for name, _ in _leaves(empty)]
-            if set(arrays) - set(names):
-                raise KeyError
-            if arrays[".learned.places"].shape[1:] != empty.learned.places.shape[1:]:
-                raise ValueError
-            _, kind = jax.tree.flatten(empty, is_leaf=_is_none)
-            return jax.tree.unflatten(kind, [arrays.get(name) for name in names])
-        except (KeyError, TypeError, ValueError) as error:
+            return _state_of(arrays)
+        except InvalidInputError as error:
             raise FileFormatError(
-                f"{path} is not the state of a tracker of this version. Start a new tracker."
+                f"{path} is not the state of a tracker of this version: {error} Start a new "
+                "tracker."
             ) from error
+
+
+def _state_of(arrays: dict[str, np.ndarray]) -> TrackerState:
+    """The state that consists of these arrays and `_SIZES`.
+
+    Raises:
+        InvalidInputError: naming the first array that is missing, unknown or not as in any state.
+    """
+    missing = [name for name in _SIZES if name not in arrays]
+    if missing:
+        raise InvalidInputError(f"{missing[0]} is missing.")
+    cameras, window, recording = (as_count(arrays[name], name, least=0) for name in _SIZES)
+    for name, count in (("window", window), ("recording", recording)):
+        start = f".{name}["
+        held = {key.partition("]")[0] for key in arrays if key.startswith(start)}
+        if count != len(held):
+            raise InvalidInputError(f"{name} is {count}, but the file holds {len(held)}.")
+    empty = replace(
+        new_state(0, EvidenceSettings()),
+        window=(_no_instant(0),) * window,
+        recording=(no_boxes(),) * recording,
+    )
+    names = [name for name, _ in _leaves(empty)]
+    unknown = arrays.keys() - {*names, *_SIZES}
+    if unknown:
+        raise InvalidInputError(f"It holds the unknown {quoted(min(unknown))}.")
+    look = arrays.get(".heads.look", empty.heads.look)
+    dim = look.shape[1] if look.ndim == 2 else 0
+    require_sound_arrays(arrays, empty, {"cam": cameras, "cells": CELLS, "dim": dim})
+    _, kind = jax.tree.flatten(empty, is_leaf=_is_none)
+    state = jax.tree.unflatten(kind, [arrays.get(name) for name in names])
+    follows = [(state.heads.track, state.weight)]
+    follows += [(instant.node.track, instant.weight) for instant in state.window]
+    if any(len(tracks) != len(weights) for tracks, weights in follows):
+        raise InvalidInputError("It holds another number of tracks than of their weights.")
+    past, window = float(state.final_time), [float(instant.time) for instant in state.window]
+    times = [*window] if np.isnan(past) else [past, *window]
+    if (np.diff(times) <= 0).any() or max(times, default=-np.inf) > state.time:
+        raise InvalidInputError("final_time, window and time are not in order.")
+    return state
 
 
 def _is_none(value: object) -> bool:
