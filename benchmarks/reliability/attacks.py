@@ -25,7 +25,10 @@ from catfree.types._writing import ABANDONED_AFTER
 DEEP = 20_000
 DIGITS = b"9" * 5000
 ROW = "attacks"
-ARCHIVES = ("Detections.load", "Rig.load", "Scene.load", "Tracks.load", "read_results")
+ARCHIVES = (
+    *("Detections.load", "Rig.load", "Scene.load", "Tracks.load", "TrackerState.load"),
+    "read_results",
+)
 _XML = b"<opencv_storage><camera_matrix><data>&a;</data></camera_matrix></opencv_storage>"
 
 

@@ -44,6 +44,7 @@ from catfree.adapters import (
 from catfree.adapters.calibration_files._rotation_vectors import rotation_to_vector
 from catfree.adapters.calibration_files.colmap._colmap_models import MODELS, PARAMETERS
 from catfree.adapters.video._timestamps import read_timestamps
+from catfree.methods.online import Tracker, TrackerState
 from catfree.synthetic import make_world, ring
 from catfree.types import (
     Candidates,
@@ -99,6 +100,13 @@ class Material:
         rig = self.rig
         return Rig(rig.K, rig.R, rig.t, rig.image_size, distortion=lens)
 
+    def tracker_state(self) -> TrackerState:
+        """What a tracker remembers after all instants but the last."""
+        tracker = Tracker(self.scene, lag=1.0)
+        for frame in range(7):
+            tracker.update(self.detections[self.detections.frame == frame], frame / 2)
+        return tracker.state
+
 
 def readers(seed: int) -> list[Reader]:
     """Every reader of the library."""
@@ -109,6 +117,9 @@ def readers(seed: int) -> list[Reader]:
         Reader("Rig.load", lambda f: lens.save(f / "a.npz"), _load(Rig)),
         Reader("Scene.load", lambda f: m.scene.save(f / "a.npz"), _load(Scene)),
         Reader("Tracks.load", lambda f: m.tracks.save(f / "a.npz"), _load(Tracks)),
+        Reader(
+            "TrackerState.load", lambda f: m.tracker_state().save(f / "a.npz"), _load(TrackerState)
+        ),
         Reader("read_results", lambda f: _write_results(f, m), read_results),
         Reader(
             "cached Localization",

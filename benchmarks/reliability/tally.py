@@ -23,7 +23,11 @@ COLUMNS = ("clean error", "valid", "absent", "traceback", "silent NaN", "hang", 
 FAILURES = ("traceback", "silent NaN", "hang", "loss")
 # What documents NaN or infinity as an answer.
 _MAY_BE_NAN = (Candidates, Reliability, Thresholds)
-_COLUMNS_WITH_NAN = {"velocity", "velocity_covariance"}  # of `Tracks`, where it is not known
+# What else is not finite where it is not known: in `Tracks`, and in `TrackerState` at first.
+_UNKNOWN = {
+    "velocity": np.isnan,
+    "velocity_covariance": lambda value: np.isnan(value) | np.isposinf(value),
+} | dict.fromkeys(("unit", "step", "usual", "final_time"), np.isnan)
 
 
 @dataclasses.dataclass
@@ -122,9 +126,16 @@ def unsound(value: Any, name: str = "value") -> str | None:
     elif isinstance(value, tuple | list):
         value = {str(at): item for at, item in enumerate(value)}
     if isinstance(value, dict):
-        value = {k: v for k, v in value.items() if k not in _COLUMNS_WITH_NAN}
+        value = {k: _known(k, v) for k, v in value.items()}
         return next((f for k, v in value.items() if (f := unsound(v, f"{name}.{k}"))), None)
     return None
+
+
+def _known(name: str, value: Any) -> Any:
+    """The value with zeros where it says that something is not known."""
+    if name not in _UNKNOWN or not isinstance(value, np.ndarray) or value.dtype.kind != "f":
+        return value
+    return np.where(_UNKNOWN[name](value), 0.0, value)
 
 
 class _Late(BaseException):
