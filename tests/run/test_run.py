@@ -11,7 +11,11 @@ import numpy as np
 import pytest
 
 import catfree as cf
-from catfree._run import _cache as cache_module, _stages as stages_module
+from catfree._run import (
+    _cache as cache_module,
+    _input_checks as input_checks,
+    _stages as stages_module,
+)
 from catfree._run._cache import StageCache, content_hash
 from catfree._run._run import run, run_stages
 from catfree._run.detection._cached_detection import PIECE, detect_with_cache
@@ -34,7 +38,7 @@ from catfree.methods._localize import localize
 from catfree.settings import CalibrationSettings, EvidenceSettings, Settings
 from catfree.synthetic import make_world
 from catfree.synthetic._layouts import ring
-from catfree.types import Detections, Scene
+from catfree.types import Clock, Detections, Scene
 
 FRAMES, CAMERAS, SIZE = 2 * PIECE + 5, 3, (320, 180)
 
@@ -607,3 +611,23 @@ def test_a_failed_calibration_says_how_many_instants_were_left_out():
             stages_module.calibrate_cameras(given, None, boxes)
         text = "2 instants that some camera does not show were left out."
         assert str(error.value).endswith(text) == said
+
+
+def test_a_camera_that_could_not_be_placed_is_told_the_shift_with_which_it_fits(monkeypatch):
+    calibration = made_up_calibration([0] * CAMERAS)
+    rig = calibration.scene.rig
+    registered = np.arange(CAMERAS) != 1
+    missing = cf.Rig(rig.K, rig.R, rig.t, rig.image_size, registered=registered)
+    scene = Scene(missing, calibration.scene.ground, calibration.scene.extent)
+    calibration = replace(calibration, scene=scene)
+    boxes = Detections([0], [0], [[0.0, 0, 9, 20]], clock=Clock(5))
+    given = CameraBoxes(boxes, tuple("abcdefgh"[:CAMERAS]))
+    for offset, when in ((-10, "after"), (10, "before"), (0, None)):
+        monkeypatch.setattr(input_checks, "offset_for", lambda *a, offset=offset: offset)
+        said = input_checks.calibration_warnings(calibration, boxes, given, Settings())
+        expected = (
+            "Camera 'b' could not be placed, but would fit if it had started about 10 frames "
+            f"(2.0 s) {when} the others. If so, subtract from the frame numbers {offset:+d} from "
+            "those of 'b'."
+        )
+        assert said == ((expected,) if offset else ())
