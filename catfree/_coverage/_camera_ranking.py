@@ -211,7 +211,11 @@ def rank_cameras(
 
     Returns:
         Cameras sorted by the accuracy without them, the least important first.
+
+    Raises:
+        InvalidInputError: if the scene or the area is something else.
     """
+    require_instance(scene, Scene, "scene")
     area = visible_area(scene) if area is None else area
     cameras = np.flatnonzero(scene.rig.registered)
     without = [coverage_without(scene, int(camera), area, **options) for camera in cameras]

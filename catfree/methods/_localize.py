@@ -32,6 +32,7 @@ from catfree.types._validation import (
     require_few_people,
     require_instance,
     require_known_cameras,
+    require_names,
     require_no_boxes,
 )
 
@@ -67,8 +68,8 @@ def localize(
 
     Raises:
         InvalidInputError: if a detection or `silent` names a camera that the rig does not have,
-            there is a box in a picture that does not exist, or a picture has more than 1,000
-            boxes.
+            there is a box in a picture that does not exist, a picture has more than 1,000 boxes,
+            or there are more or fewer names than cameras.
         InsufficientDataError: if fewer than two cameras are registered.
         ForkedProcessError: in a process forked after JAX was used.
 
@@ -81,6 +82,7 @@ def localize(
     require_instance(detections, Detections, "detections")
     require_instance(scene, Scene, "scene")
     require_instance(settings, Settings, "settings")
+    require_names(camera_names, scene.rig.camera_count)
     report = progress or no_progress
     missing = _missing_pictures(silent, detections, scene, camera_names)
     keep = usable(detections, scene, settings, camera_names)

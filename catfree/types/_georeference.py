@@ -7,7 +7,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from catfree.errors import InvalidInputError
-from catfree.types._validation import as_float, require_finite, require_shape
+from catfree.types._validation import as_float, as_number, require_finite, require_shape
 
 # The ellipsoid of WGS 84.
 _EQUATOR, _FLATTENING = 6378137.0, 1 / 298.257223563
@@ -41,8 +41,11 @@ class GeoReference:
         Raises:
             InvalidInputError: if a number is not finite, or no place on Earth.
         """
-        require_shape(self.to_array(), (6,), "georeference")
-        require_finite(self.to_array(), "georeference")
+        for name in ("longitude", "latitude", "heading", "meters_per_unit"):
+            as_number(getattr(self, name), f"{name} of a georeference")
+        origin = as_float(self.origin)
+        require_shape(origin, (2,), "origin of a georeference")
+        require_finite(origin, "origin of a georeference")
         _require_on_earth(np.array([[self.longitude, self.latitude]]))
         if self.meters_per_unit <= 0:
             raise InvalidInputError("meters_per_unit of a georeference must be positive.")

@@ -86,10 +86,29 @@ def as_instances(values: Any, kind: type[T], name: str) -> list[T]:
     return listed
 
 
-def _as_array(value: Any) -> np.ndarray:
-    if hasattr(value, "to_rows"):
+def require_names(names: Sequence[str] | None, cameras: int) -> None:
+    """Raise unless there is one name per camera, or no names at all."""
+    if names is not None and len(names) != cameras:
         raise InvalidInputError(
-            f"Expected an array of numbers, got {type(value).__name__}. Pass its to_rows()."
+            f"camera_names has {len(names)} names, but there are {cameras} cameras."
+        )
+
+
+def _rows_in(value: Any) -> str | None:
+    """Say which part of a result are rows of numbers, if any is."""
+    for part in ("", "tracks", "localization.tracks"):
+        held = value
+        for name in filter(None, part.split(".")):
+            held = getattr(held, name, None)
+        if hasattr(held, "to_rows"):
+            return f"{part}.to_rows()".lstrip(".")
+    return None
+
+
+def _as_array(value: Any) -> np.ndarray:
+    if not isinstance(value, np.ndarray | list | tuple) and (part := _rows_in(value)):
+        raise InvalidInputError(
+            f"Expected an array of numbers, got {type(value).__name__}. Pass its {part}."
         )
     try:
         return np.asarray(value)
@@ -121,7 +140,8 @@ def as_float(value: Any) -> Any:
         try:
             array = array.astype(np.float64)
         except (TypeError, ValueError) as error:
-            raise InvalidInputError(f"Expected numbers, got {array.dtype} values.") from error
+            kind = f"{array.dtype} values" if array.ndim else type(value).__name__
+            raise InvalidInputError(f"Expected numbers, got {kind}.") from error
     return array
 
 

@@ -97,10 +97,10 @@ MISTAKEN = """
 import sys
 import numpy as np
 import catfree as cf
-from catfree.adapters import SynchronizedVideos, write_anipose_toml, write_colmap_text
-from catfree.adapters import write_scene_json
+from catfree.adapters import NamedRig, SynchronizedVideos, write_anipose_toml, write_colmap_text
+from catfree.adapters import write_opencv_yaml, write_rig_json, write_scene_json
 from catfree.evaluation import align_centres, bootstrap, calibration_curve, detection_metrics
-from catfree.evaluation import tracking_metrics
+from catfree.evaluation import hota, tracking_metrics
 from catfree.geometry import angular_residual, back_project, distort, intersect_ray, pixel_to_ray
 from catfree.geometry import plane_distance, project, undistort
 from catfree.filters import outside, suppress
@@ -116,6 +116,7 @@ names = [1, 2, 3, 4]
 tracks = empty_localization(4).tracks
 rig, pixels, points, up = scene.rig, np.ones((7, 2)), np.ones((7, 3)), np.eye(3)[2]
 pose, lens = (rig.K[0], rig.R[0], rig.t[0]), np.zeros(5)
+named = NamedRig(rig, tuple("abcd"))
 boxes = lambda frames: cf.Detections(frames, [0, 1], [[0, 0, 9, 9.0]] * 2)
 none = cf.Detections([], [], [])
 calls = {
@@ -153,9 +154,27 @@ calls = {
     "name of camera 0 is 1": lambda: write_anipose_toml(f"{folder}/a.toml", scene.rig, names),
     "of camera 0 is 1": lambda: write_colmap_text(f"{folder}/colmap", scene.rig, names),
     "got Tracks. Pass its to_rows().": lambda: detection_metrics([], tracks),
+    "got Localization. Pass its tracks.to_rows().": lambda: hota([], empty_localization(4)),
+    "Expected numbers, got Scene.": lambda: hota([], scene),
+    "camera_names has 1 names, but there are 4": lambda: cf.localize(none, scene, camera_names="a"),
+    "scene must be a Scene, got str": lambda: cf.check("scene.json", none),
+    "scene must be a Scene, got Detections": lambda: cf.rank_cameras(none),
+    "longitude of a georeference is 'a'; it must be a finite": lambda: cf.GeoReference("a", "b"),
+    "origin of a georeference must have shape (2), got": lambda: cf.GeoReference(1, 2, origin=3),
+    "source must be a function of a camera": lambda: cf.rig_from_rays(None, *pose[1:], (9, 9)),
+    "R must have shape (n, 3, 3), got (3, 3)": lambda: cf.rig_from_rays(print, *pose[1:], (9, 9)),
+    "t must have shape (4, 3), got (3,)": lambda: cf.rig_from_rays(print, rig.R, pose[2], (9, 9)),
+    "Expected numbers, got <U1 values": lambda: cf.rig_from_rays(print, ["R"], rig.t, (9, 9)),
+    "got NamedRig. Pass its .rig and, as": lambda: write_anipose_toml(f"{folder}/a.toml", named),
+    "must be a Rig, got NamedRig. Pass its": lambda: write_colmap_text(f"{folder}/colmap", named),
+    "rig must be a Rig, got NamedRig. Pass": lambda: write_opencv_yaml(folder, named),
+    "rig must be a Rig, got NamedRig": lambda: write_rig_json(f"{folder}/rig.json", named),
+    "rig must be a Rig, got Scene. Pass its .rig.": lambda: write_opencv_yaml(folder, scene),
+    "rig must be a Rig, got NoneType": lambda: write_opencv_yaml(folder, None),
+    "scene must be a Scene, got NamedRig": lambda: write_scene_json(f"{folder}/a.json", named),
     "ground_truth must be an (N, 4) array": lambda: tracking_metrics(tracks, []),
     "[frame, id, x, y]. Expected an array, got lists": lambda: detection_metrics([[1], [1, 2]], []),
-    "got object": lambda: detection_metrics(object(), []),
+    "Expected numbers, got object.": lambda: detection_metrics(object(), []),
     "rounds is 1.5": lambda: cf.refine(boxes([0, 0]), scene, rounds=1.5),
     "rounds is -1": lambda: cf.refine(boxes([0, 0]), scene, rounds=-1),
     "offset is 1.5": lambda: cf.calibrate(boxes([0, 0]), (9, 9), maximum_offset=1.5),

@@ -19,6 +19,7 @@ from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Plane, Rig, Scene
 from catfree.types._annotations import Progress, no_progress
+from catfree.types._validation import require_names
 
 FEWEST_FOR_LENSES = 3  # cameras; two never share confident people
 
@@ -119,11 +120,8 @@ def register(
     """
     settings = CalibrationSettings() if settings is None else settings
     size = camera_sizes(detections, image_size)
+    require_names(camera_names, len(size))
     names = [str(c) for c in range(len(size))] if camera_names is None else list(camera_names)
-    if len(names) != len(size):
-        raise InvalidInputError(
-            f"camera_names has {len(names)} names, but there are {len(size)} cameras."
-        )
     report = progress or no_progress
     offset = np.zeros(len(size), np.int64)
     work, registered = _register_bent(detections, size, settings, names, report)

@@ -192,6 +192,7 @@ def check(
         ForkedProcessError: in a process forked after JAX was used.
     """
     since = None if since is None else as_count(since, "since")
+    require_instance(scene, Scene, "scene")
     require_instance(detections, Detections, "detections")
     require_different_cameras(detections.frame, detections.camera, detections.box)
     require_known_cameras(detections.camera, scene.rig.camera_count)

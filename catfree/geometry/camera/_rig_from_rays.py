@@ -10,7 +10,7 @@ from jaxtyping import Float
 from catfree.errors import InvalidInputError
 from catfree.geometry.camera._rig_cameras import rays_of_pixels
 from catfree.types import Lens, Rig
-from catfree.types._validation import as_integer
+from catfree.types._validation import as_count, as_float, as_integer, require_shape
 
 FEWEST_NODES = 9  # along the shorter side
 LARGEST_ERROR = 2e-3  # radians of a ray between the nodes; a foot at 20 m moves by 4 cm
@@ -41,13 +41,22 @@ def rig_from_rays(
         middle of the image, which only says how large things appear.
 
     Raises:
-        InvalidInputError: naming the camera, if its rays have a wrong shape, are not unit vectors,
-            or differ so much between the nodes that the grid does not hold them.
+        InvalidInputError: if an argument is something else; or naming the camera, if its rays have
+            a wrong shape, are not unit vectors, or differ so much between the nodes that the grid
+            does not hold them.
     """
-    R, t = np.asarray(R, np.float64), np.asarray(t, np.float64)
+    if not callable(source):
+        raise InvalidInputError(
+            f"source must be a function of a camera and its pixels, got {type(source).__name__}."
+        )
+    R, t = np.asarray(as_float(R), np.float64), np.asarray(as_float(t), np.float64)
+    require_shape(R, (None, 3, 3), "R")
     count = len(R)
+    require_shape(t, (count, 3), "t")
+    nodes = as_count(nodes, "nodes", least=1)
     size = as_integer(image_size, "image_size")
     size = np.tile(size, (count, 1)) if size.shape == (2,) else size
+    require_shape(size, (count, 2), "image_size")
     shape = np.maximum(np.round(nodes * size.max(0) / size.max()).astype(int), FEWEST_NODES)
     grids = [_rays(source, camera, _nodes(size[camera], shape)) for camera in range(count)]
     K = np.tile(np.eye(3), (count, 1, 1))
