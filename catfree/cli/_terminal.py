@@ -70,7 +70,7 @@ def require_tyro() -> Any:
 
 
 @contextlib.contextmanager
-def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
+def progress_bars() -> Iterator[Callable[[str, int, int], None]]:  # `Progress` imports JAX
     """One bar per stage on standard error, with rate and time left."""
     from rich.console import Console
     from rich.progress import (
