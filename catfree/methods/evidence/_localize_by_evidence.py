@@ -96,10 +96,10 @@ def localize_by_evidence(
         InsufficientDataError: if no box of a registered camera stands on the ground.
     """
     solution = solve(detections, scene, settings, silent=silent, progress=progress)
-    found = describe(
+    localization = describe(
         solution, scene, settings, detection_count=len(detections), camera_names=camera_names
     )
-    return replace(found, tracks=replace(found.tracks, clock=detections.clock))
+    return replace(localization, tracks=replace(localization.tracks, clock=detections.clock))
 
 
 def describe(

@@ -54,7 +54,7 @@ def close_pairs(
     far = 4 * (np.abs(position[items]).max() + reach[-1]) + 1  # separates frames
     place = np.column_stack([x, y, instant * far])
     tree = KDTree(place)
-    found = []
+    pairs = []
     for begin, end in _searches(reach, int(np.unique(instant, return_counts=True)[1].max())):
         near = KDTree(place[begin:end]).sparse_distance_matrix(
             tree, reach[end - 1], output_type="ndarray"
@@ -71,8 +71,8 @@ def close_pairs(
         b = xy[i] + xy[j]
         m2 = (c * dx**2 - 2 * b * dx * dy + a * dy**2) / (a * c - b**2)
         close = m2 < gate
-        found.append((items[i[close]], items[j[close]]))
-    one, two = (np.concatenate(side) for side in zip(*found, strict=True))
+        pairs.append((items[i[close]], items[j[close]]))
+    one, two = (np.concatenate(side) for side in zip(*pairs, strict=True))
     total = int(items.max()) + 1
     return np.column_stack(
         np.divmod(np.sort(np.minimum(one, two) * total + np.maximum(one, two)), total)
@@ -181,9 +181,9 @@ def _mutually_best(
     best, partner = np.zeros(count), np.full(count, count)
     np.maximum.at(best, one, gain)
     np.maximum.at(best, two, gain)
-    for own, other in ((one, two), (two, one)):
-        at = np.flatnonzero((gain > 0) & (gain == best[own]))
-        np.minimum.at(partner, own[at], other[at])
+    for group, other in ((one, two), (two, one)):
+        at = np.flatnonzero((gain > 0) & (gain == best[group]))
+        np.minimum.at(partner, group[at], other[at])
     kept = np.flatnonzero(partner < count)
     kept = kept[(kept < partner[kept]) & (partner[partner[kept]] == kept)]
     return kept, partner[kept]

@@ -173,20 +173,20 @@ def prepare_boxes(
     head, foot = (np.stack([middle, box[:, edge]], -1) for edge in (1, 3))
     valid, view = np.ones(n, bool), camera
     K = R = np.zeros((0, 3, 3))
-    own = np.flatnonzero(rig.lenses[camera] != Lens.PINHOLE)
+    non_pinhole = np.flatnonzero(rig.lenses[camera] != Lens.PINHOLE)
     straight_head, straight_foot = (undistorted_pixels(rig, camera, p).copy() for p in (head, foot))
-    if len(own):
-        center = np.stack([middle, (box[:, 1] + box[:, 3]) / 2], -1)[own]
-        K, R, usable = local_pinholes(rig, camera[own], center)
+    if len(non_pinhole):
+        center = np.stack([middle, (box[:, 1] + box[:, 3]) / 2], -1)[non_pinhole]
+        K, R, usable = local_pinholes(rig, camera[non_pinhole], center)
         for pixel, straight in ((head, straight_head), (foot, straight_foot)):
-            ray = rays_of_pixels(rig, camera[own], pixel[own])
-            straight[own], in_front = project_rays(K, R, ray)
+            ray = rays_of_pixels(rig, camera[non_pinhole], pixel[non_pinhole])
+            straight[non_pinhole], in_front = project_rays(K, R, ray)
             usable &= in_front
-        valid[own] = usable
+        valid[non_pinhole] = usable
         view = view.copy()
-        view[own] = rig.camera_count + np.arange(len(own))
+        view[non_pinhole] = rig.camera_count + np.arange(len(non_pinhole))
         # Padded, so that few sizes compile.
-        rest = ((0, fine_length(len(own)) - len(own)), (0, 0), (0, 0))
+        rest = ((0, fine_length(len(non_pinhole)) - len(non_pinhole)), (0, 0), (0, 0))
         K, R = (np.pad(part, rest, mode="edge") for part in (K, R))
     edges = edges_of(straight_head, straight_foot)
     cut = cut_by_border(box, rig.image_size[camera], settings.border_margin)

@@ -90,8 +90,10 @@ def ground_views(scene: Scene, unit: float, boxes: Boxes | None = None) -> Groun
     bent = replace(rig, K=K, R=turn, t=place[..., 0]) if not rig.is_ideal else None
     center = K[:, :2, 2]
     if boxes is not None and len(boxes.K):
-        own = np.flatnonzero(boxes.view >= count)
-        camera = np.pad(boxes.camera[own], (0, len(boxes.K) - len(own)), mode="edge")
+        non_pinhole = np.flatnonzero(boxes.view >= count)
+        camera = np.pad(
+            boxes.camera[non_pinhole], (0, len(boxes.K) - len(non_pinhole)), mode="edge"
+        )
         K, R = np.concatenate([K, boxes.K]), boxes.R
         own_turn = np.concatenate([R @ basis, (R @ normal)[..., None]], -1)
         own_place = R @ ((start - centers[camera]) / unit)[..., None]

@@ -14,7 +14,7 @@ COLUMNS = 8  # sampled columns of a box; rows are integrated exactly
 
 def hidden_shares(
     region: Float[np.ndarray, "n 4"],
-    own: Int[np.ndarray, " n"],
+    own_box: Int[np.ndarray, " n"],
     frame: Int[np.ndarray, " n"],
     camera: Int[np.ndarray, " n"],
     box: Float[np.ndarray, "box 4"],
@@ -26,7 +26,7 @@ def hidden_shares(
 
     Args:
         region: (n, 4) x1, y1, x2, y2 in pixels.
-        own: (n,) the box that does not hide it, or -1.
+        own_box: (n,) the box that does not hide it, or -1.
         frame: (n,) frame index.
         camera: (n,) camera.
         box: (N, 4) all boxes in pixels.
@@ -47,7 +47,7 @@ def hidden_shares(
         row, slot = np.nonzero(bottoms[picture] > y2[:, None])
         near = table[picture][row, slot]
         overlap = (top[near] < y2[row]) & (left[near] <= x2[row]) & (right[near] >= x1[row])
-        overlap &= near != own[part][row]
+        overlap &= near != own_box[part][row]
         row, near = row[overlap], near[overlap]
         if not len(row):
             continue
@@ -152,18 +152,21 @@ class DetectionRate(eqx.Module):
     covers: Float[np.ndarray, "4"]
     rate: Float[np.ndarray, "cam 3 5"]
 
-    def __call__(self, seen: Views) -> np.ndarray:
+    def __call__(self, visibility: Views) -> np.ndarray:
         """(H, C) detection probability, including the inside weight."""
         camera = np.arange(self.rate.shape[0])[None, :]
-        return np.asarray(seen.inside) * self.rate[camera, *_bins(seen, self.heights, self.covers)]
+        return (
+            np.asarray(visibility.inside)
+            * self.rate[camera, *_bins(visibility, self.heights, self.covers)]
+        )
 
 
 def _bins(
-    seen: Views, heights: Float[np.ndarray, "cam 2"], covers: Float[np.ndarray, "4"]
+    visibility: Views, heights: Float[np.ndarray, "cam 2"], covers: Float[np.ndarray, "4"]
 ) -> tuple[np.ndarray, np.ndarray]:
     """The class of height and that of cover of each person in each camera (H, C)."""
-    height = (np.asarray(seen.height)[..., None] > heights[None]).sum(-1)
-    return height, np.searchsorted(covers, np.asarray(seen.cover))
+    height = (np.asarray(visibility.height)[..., None] > heights[None]).sum(-1)
+    return height, np.searchsorted(covers, np.asarray(visibility.cover))
 
 
 def usual_heights(
@@ -187,17 +190,17 @@ def rate_before_counting(
 
 
 def count_detections(
-    seen: Views,
+    visibility: Views,
     member: np.ndarray,
     heights: Float[np.ndarray, "cam 2"],
     settings: EvidenceSettings,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trials and hits (C, 3, 5) of people wholly in view whom other cameras confirm."""
     C = member.shape[1]
-    height, cover = _bins(seen, heights, np.array(settings.cover_edges))
+    height, cover = _bins(visibility, heights, np.array(settings.cover_edges))
     hit = member >= 0
     others = hit.sum(1, keepdims=True) - hit
-    trial = (others >= settings.witnesses) & (seen.inside == 1)
+    trial = (others >= settings.witnesses) & (visibility.inside == 1)
     w = trial.astype(float)
     index = (np.broadcast_to(np.arange(C), w.shape), height, cover)
     trials, hits = np.zeros((C, 3, 5)), np.zeros((C, 3, 5))

@@ -29,10 +29,10 @@ def choose_reported(state: EvidenceState, settings: EvidenceSettings) -> Evidenc
     rows = np.flatnonzero(alone)
     place, frame = trails.mean[rows, :3], trails.frame[rows]
     member = np.full((len(rows), boxes.table.shape[1]), -1)
-    seen = predict_views(place, frame, member, boxes, views, settings)
+    visibility = predict_views(place, frame, member, boxes, views, settings)
     sigma[rows], whole[rows] = (
-        design_sigma(place, seen, views, state.noise),
-        whole_views(seen, settings),
+        design_sigma(place, visibility, views, state.noise),
+        whole_views(visibility, settings),
     )
     if settings.working_area:
         cameras = len(np.unique(boxes.camera))

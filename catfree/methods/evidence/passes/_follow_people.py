@@ -56,6 +56,6 @@ def evidence_of_rows(
         frame = trails.frame[gaps]
         member = np.full((len(gaps), state.boxes.table.shape[1]), -1)
         place = trails.mean[gaps, :3]
-        seen = predict_views(place, frame, member, state.boxes, state.views, settings)
-        evidence[gaps] = misses(state.rate(with_pictures(seen, frame, state.boxes)), member)
+        visibility = predict_views(place, frame, member, state.boxes, state.views, settings)
+        evidence[gaps] = misses(state.rate(with_pictures(visibility, frame, state.boxes)), member)
     return np.clip(evidence, -settings.evidence_limit, settings.evidence_limit)

@@ -18,8 +18,8 @@ def group_boxes(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSta
             state.trails, state.evidence, state.probability > 0.5, settings.personal_space
         )
         priors = track_priors(state.trails[alone], state.groups)
-    seen = state.boxes, state.measurements, state.noise
-    return with_groups(state, group(*seen, settings.gate, priors, state.ratios))
+    observations = state.boxes, state.measurements, state.noise
+    return with_groups(state, group(*observations, settings.gate, priors, state.ratios))
 
 
 def track_priors(trails: Trails, groups: Groups) -> Priors:

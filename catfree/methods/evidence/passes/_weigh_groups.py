@@ -12,12 +12,14 @@ from catfree.settings import EvidenceSettings
 def weigh_groups(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
     """Learn how often each camera detects people, then the log-odds that each group is one."""
     boxes, groups, heights = state.boxes, state.groups, state.rate.heights
-    seen = predict_views(state.place, groups.frame, groups.member, boxes, state.views, settings)
-    seen = with_pictures(seen, groups.frame, boxes)
-    counts = count_detections(seen, groups.member, heights, settings)
+    visibility = predict_views(
+        state.place, groups.frame, groups.member, boxes, state.views, settings
+    )
+    visibility = with_pictures(visibility, groups.frame, boxes)
+    counts = count_detections(visibility, groups.member, heights, settings)
     rate = rate_of_counts(heights, *counts, settings)
     existence = judge_groups(
         groups, appearance_log_odds(groups, state.ratios), state.measurements, boxes, state.views,
-        rate(seen), settings,
+        rate(visibility), settings,
     )  # fmt: skip
     return replace(state, rate=rate, existence=existence)

@@ -49,10 +49,10 @@ def lens_pattern(
     columns = np.stack([one, zero, x, y, zero, zero, x * square], -1)
     rows = np.stack([zero, one, zero, zero, x, y, y * square], -1)
     design = np.stack([columns, rows], 1) * precision[..., None]
-    found, covariance = huber_regression(
+    coefficients, covariance = huber_regression(
         design.reshape(-1, 7), (residual * precision).ravel(), np.full(7, UNKNOWN), scale=1.0
     )
-    return float(found[-1]), float(np.sqrt(covariance[-1, -1]))
+    return float(coefficients[-1]), float(np.sqrt(covariance[-1, -1]))
 
 
 def lens_bends(
@@ -79,22 +79,22 @@ def lens_bends(
         distance from the middle.
     """
     strong = chosen[(groups.member[chosen] >= 0).sum(1) >= FEWEST_CAMERAS]
-    found = left_out_residuals(strong, groups, measurements, boxes, views, noise)
-    camera = boxes.camera[found.row]
-    box, focal = boxes.box[found.row], views.focal[boxes.view[found.row]][:, None]
+    residuals = left_out_residuals(strong, groups, measurements, boxes, views, noise)
+    camera = boxes.camera[residuals.row]
+    box, focal = boxes.box[residuals.row], views.focal[boxes.view[residuals.row]][:, None]
     middle = (box[:, 0] + box[:, 2]) / 2
     ends = np.stack([np.stack([middle, box[:, k]], -1) for k in (1, 3)], 1)
     offset = (ends - views.center[camera][:, None]) / views.focal[camera][:, None, None]
     # The center column is one residual of two ends.
-    precision = np.where(found.used, np.array([0.5, 1, 1]) ** 0.5 * focal / found.sd, 0.0)
-    residual = np.where(found.used, found.residual / focal, 0.0)
+    precision = np.where(residuals.used, np.array([0.5, 1, 1]) ** 0.5 * focal / residuals.sd, 0.0)
+    residual = np.where(residuals.used, residuals.residual / focal, 0.0)
     by_end = np.array([[0, 1], [0, 2]])
     bend = np.zeros(groups.member.shape[1])
     for one in np.flatnonzero(np.bincount(camera, minlength=1) >= FEWEST_BOXES):
         rows = camera == one
-        own = residual[rows][:, by_end], offset[rows], precision[rows][:, by_end]
-        strength, deviation = lens_pattern(*(part.reshape(-1, 2) for part in own))
-        outer = np.quantile(np.linalg.norm(own[1], axis=-1), OUTER)
+        samples = residual[rows][:, by_end], offset[rows], precision[rows][:, by_end]
+        strength, deviation = lens_pattern(*(part.reshape(-1, 2) for part in samples))
+        outer = np.quantile(np.linalg.norm(samples[1], axis=-1), OUTER)
         if abs(strength) > SIGNIFICANT * deviation:
             bend[one] = abs(strength) * outer**3
     return bend

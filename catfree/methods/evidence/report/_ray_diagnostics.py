@@ -101,9 +101,9 @@ def ray_diagnostics(
     usable = boxes.valid & np.asarray(measured.used)[:, 2] & (angle > 0)
     weight = np.where(usable, 1 / np.where(usable, angle, 1) ** 2, 0.0)
     weights = np.where(groups.member >= 0, weight[rows], 0.0)
-    found = in_blocks(
+    diagnostics = in_blocks(
         _diagnose,
         (np.broadcast_to(origins, (*rows.shape, 3)), direction[rows], weights),
         *PEOPLE_BLOCKS,
     )
-    return RayDiagnostics(*found)
+    return RayDiagnostics(*diagnostics)

@@ -173,29 +173,37 @@ def residual_patterns(
         np.stack([trails.track[rows], frame // BLOCK], -1), axis=0, return_inverse=True
     )
     velocity = np.nan_to_num(trails.mean[rows, 3:])
-    found = []
-    for seen in sightings_by_camera(trails.mean[rows, :3], member, measurements, boxes.view, views):
-        columns = np.zeros((len(seen.person), 3, 6))
+    explained_by_camera = []
+    for sightings in sightings_by_camera(
+        trails.mean[rows, :3], member, measurements, boxes.view, views
+    ):
+        columns = np.zeros((len(sightings.person), 3, 6))
         columns[:, range(3), range(3)] = 1
-        columns[..., 3] = np.einsum("nki,ni->nk", seen.slopes[..., :2], velocity[seen.person])
-        columns[:, 0, 4] = columns[:, 1, 5] = columns[:, 2, 5] = half[seen.person]
-        residual = (np.asarray(measurements.edges)[seen.box] - seen.edges) * seen.precision
-        found.append(explained(residual, columns * seen.precision[..., None], block[seen.person]))
+        columns[..., 3] = np.einsum(
+            "nki,ni->nk", sightings.slopes[..., :2], velocity[sightings.person]
+        )
+        columns[:, 0, 4] = columns[:, 1, 5] = columns[:, 2, 5] = half[sightings.person]
+        residual = (
+            np.asarray(measurements.edges)[sightings.box] - sightings.edges
+        ) * sightings.precision
+        explained_by_camera.append(
+            explained(residual, columns * sightings.precision[..., None], block[sightings.person])
+        )
     speed = np.linalg.norm(velocity, axis=1)
     walks = speed >= np.median(speed)
     return Patterns(
-        Explained(*map(np.array, zip(*found, strict=True))),
+        Explained(*map(np.array, zip(*explained_by_camera, strict=True))),
         seen_together(member[walks] >= 0, rate[group][walks]),
     )
 
 
 def seen_together(
-    seen: Bool[np.ndarray, "person cam"], rate: Float[np.ndarray, "person cam"]
+    is_seen: Bool[np.ndarray, "person cam"], rate: Float[np.ndarray, "person cam"]
 ) -> Float[np.ndarray, "cam cam"]:
     """How often two cameras see people together, over how often they would by chance.
 
     Args:
-        seen: (n, C) whether the camera sees the person.
+        is_seen: (n, C) whether the camera sees the person.
         rate: (n, C) probability that it does.
 
     Returns:
@@ -203,7 +211,7 @@ def seen_together(
     """
     together = np.full((rate.shape[1],) * 2, np.nan)
     expected = rate.T @ rate
-    observed = seen.T.astype(float) @ seen
+    observed = is_seen.T.astype(float) @ is_seen
     enough = (expected >= FEWEST_TOGETHER) & ~np.eye(len(expected), dtype=bool)
     together[enough] = observed[enough] / expected[enough]
     return together

@@ -108,11 +108,13 @@ def mode_sums(
     """
     normal, lever = np.zeros((MODES, MODES)), np.zeros((member.shape[1], MODES, 3))
     of_cameras = sightings_by_camera(state, member, measurements, view, views)
-    for camera, seen in enumerate(of_cameras):
-        moved = seen.precision[..., None] * (seen.slopes[..., :3] @ modes[seen.person])
+    for camera, sightings in enumerate(of_cameras):
+        moved = sightings.precision[..., None] * (
+            sightings.slopes[..., :3] @ modes[sightings.person]
+        )
         normal += np.einsum("nki,nkj->ij", moved, moved)
-        focal = np.asarray(views.focal)[view[seen.box]]
-        lever[camera] = np.einsum("nki,nk,n->ik", moved, seen.precision, focal)
+        focal = np.asarray(views.focal)[view[sightings.box]]
+        lever[camera] = np.einsum("nki,nk,n->ik", moved, sightings.precision, focal)
     return normal, lever
 
 

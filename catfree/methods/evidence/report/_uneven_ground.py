@@ -51,10 +51,10 @@ def ground_shift(
     has_group = trails.group >= 0
     member = np.where(has_group[:, None], groups.member[trails.group], -1)
     normal, cross = np.zeros((M, 3, 3)), np.zeros((M, 3))
-    for seen in sightings_by_camera(trails.mean[:, :3], member, measurements, view, views):
-        slopes = seen.slopes * seen.precision[..., None]
-        normal[seen.person] += np.einsum("nki,nkj->nij", slopes[..., :3], slopes[..., :3])
-        cross[seen.person] += np.einsum("nki,nk->ni", slopes[..., :3], slopes[..., 3])
+    for sightings in sightings_by_camera(trails.mean[:, :3], member, measurements, view, views):
+        slopes = sightings.slopes * sightings.precision[..., None]
+        normal[sightings.person] += np.einsum("nki,nkj->nij", slopes[..., :3], slopes[..., :3])
+        cross[sightings.person] += np.einsum("nki,nk->ni", slopes[..., :3], slopes[..., 3])
     normal[:, 2, 2] += 1 / float(noise.spread) ** 2
     scale = np.trace(normal, axis1=1, axis2=2)[:, None, None]
     movement = np.linalg.solve(normal + 1e-9 * scale * np.eye(3), cross[..., None])[:, :2, 0]

@@ -25,7 +25,7 @@ _log_otsu = jax.jit(log_otsu)
 
 
 def design_sigma(
-    state: np.ndarray, seen: Views, views: GroundViews, noise: Noise
+    state: np.ndarray, visibility: Views, views: GroundViews, noise: Noise
 ) -> Float[np.ndarray, " person"]:
     """Ground uncertainty of a person without occlusion, in H0."""
     matrix, focal = pinholes_towards(state, views)
@@ -33,8 +33,8 @@ def design_sigma(
     info = np.tile(1e-6 * np.eye(3), (len(state), 1, 1))
     for camera, edge in enumerate(noise.edge):  # all slopes together would be large
         _, slopes = predicted_edges(state, matrix[:, camera])
-        height, floor = seen.height[:, camera, None], noise.angular * focal[:, camera, None]
-        weight = seen.inside[:, camera, None] / edge_deviation(height, edge, floor) ** 2
+        height, floor = visibility.height[:, camera, None], noise.angular * focal[:, camera, None]
+        weight = visibility.inside[:, camera, None] / edge_deviation(height, edge, floor) ** 2
         info += np.einsum("nki,nk,nkj->nij", slopes[..., :3], weight, slopes[..., :3])
     flat = Information(info, np.zeros(state.shape), np.zeros(len(state)))
     _, covariance = mean_and_covariance(flat, noise.spread)
@@ -70,9 +70,9 @@ def in_working_area(
     return usual_place(xy, sigma, whole, settings).holds(sigma, whole, cameras, settings)
 
 
-def whole_views(seen: Views, settings: EvidenceSettings) -> Int[np.ndarray, " person"]:
+def whole_views(visibility: Views, settings: EvidenceSettings) -> Int[np.ndarray, " person"]:
     """Number of images with the whole body of each person."""
-    return (np.asarray(seen.share) >= settings.cover_edges[-1]).sum(1)
+    return (np.asarray(visibility.share) >= settings.cover_edges[-1]).sum(1)
 
 
 class UsualPlace(NamedTuple):

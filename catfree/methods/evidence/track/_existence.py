@@ -47,9 +47,9 @@ def predict_views(
     return expected_views(state, frame, member, boxes.box, boxes.table, views, settings)
 
 
-def with_pictures(seen: Views, frame: Int[np.ndarray, " person"], boxes: Boxes) -> Views:
+def with_pictures(visibility: Views, frame: Int[np.ndarray, " person"], boxes: Boxes) -> Views:
     """Nobody is inside the image of a camera that is known to have no picture of the frame."""
-    return replace(seen, inside=np.where(boxes.silent[frame], 0.0, seen.inside))
+    return replace(visibility, inside=np.where(boxes.silent[frame], 0.0, visibility.inside))
 
 
 def delivered(

@@ -125,8 +125,8 @@ def identify(
     if len(rows) == 0:
         return names
     position, group = trails.mean[rows, :2], trails.group[rows]
-    seen, _ = mean_and_covariance(groups.info[group[group >= 0]], population.spread)
-    position[group >= 0] = seen[:, :2]
+    measured, _ = mean_and_covariance(groups.info[group[group >= 0]], population.spread)
+    position[group >= 0] = measured[:, :2]
     nodes = nodes_of(trails, rows, error, groups, population.looks)
     chain = np.unique(trails.track[rows], return_inverse=True)[1]
     motion = estimate_walk(position, nodes.frame, chain, population)
@@ -152,11 +152,11 @@ def nodes_of(
 ) -> Nodes:
     """The boxes of each row, or the smoothed state in a gap, widened by the error."""
     group = trails.group[rows]
-    seen = group >= 0
+    is_detected = group >= 0
     small = np.linalg.inv(trails.covariance[rows, :3, :3])
     small_vector = np.einsum("nij,nj->ni", small, trails.mean[rows, :3])
-    small[seen] = groups.info.matrix[group[seen]]
-    small_vector[seen] = groups.info.vector[group[seen]]
+    small[is_detected] = groups.info.matrix[group[is_detected]]
+    small_vector[is_detected] = groups.info.vector[group[is_detected]]
     # (I⁻¹ + E)⁻¹ = (1 + I E)⁻¹ I, which needs no inverse of I: one view may leave it singular.
     wider = np.eye(3) + small @ np.pad(error[rows], ((0, 0), (0, 1), (0, 1)))
     matrix, vector = np.zeros((len(rows), 5, 5)), np.zeros((len(rows), 5))
@@ -164,8 +164,8 @@ def nodes_of(
     vector[:, :3] = np.linalg.solve(wider, small_vector[..., None])[..., 0]
     look, boxes = np.zeros((len(rows), 0)), np.zeros(len(rows), int)
     if looks is not None:
-        look = np.where(seen[:, None], looks.total[group], 0.0)
-        boxes = np.where(seen, looks.count[group], 0)
+        look = np.where(is_detected[:, None], looks.total[group], 0.0)
+        boxes = np.where(is_detected, looks.count[group], 0)
     return Nodes(trails.frame[rows], matrix, vector, look, boxes)
 
 
@@ -274,34 +274,34 @@ def futures_of(
 ) -> list[Futures]:
     """What each chain says of its person's state at each frame, from that frame on."""
     place = np.full(chain.max() + 1, -1)
-    now = Futures(np.zeros(0, int), np.zeros((0, 5, 5)), np.zeros((0, 5)), np.zeros(0, int))
-    found = []
+    future = Futures(np.zeros(0, int), np.zeros((0, 5, 5)), np.zeros((0, 5)), np.zeros(0, int))
+    futures = []
     for t in range(len(at) - 1, -1, -1):
-        name, matrix, vector, wait = now
-        if found:
+        name, matrix, vector, wait = future
+        if futures:
             A, Q = steps[t]
             # Backward over x' = A x + noise: A' (L⁻¹ + Q)⁻¹ A, without an inverse of L.
             loss = np.linalg.solve(np.eye(5) + matrix @ Q, np.eye(5))
             matrix, vector = A.T @ loss @ matrix @ A, (loss @ vector[..., None])[..., 0] @ A
             near = wait < HORIZON
             name, matrix, vector, wait = name[near], matrix[near], vector[near], wait[near] + 1
-        here = at[t]
+        rows = at[t]
         place[:] = -1
         place[name] = np.arange(len(name))
-        old = place[chain[here]]
-        hit, fresh = here[old >= 0], here[old < 0]
+        old = place[chain[rows]]
+        hit, fresh = rows[old >= 0], rows[old < 0]
         old = old[old >= 0]
         matrix[old] += nodes.matrix[hit]
         vector[old] += nodes.vector[hit]
         wait[old] = 0
-        now = Futures(
+        future = Futures(
             np.concatenate([name, chain[fresh]]),
             np.concatenate([matrix, nodes.matrix[fresh]]),
             np.concatenate([vector, nodes.vector[fresh]]),
             np.concatenate([wait, np.zeros(len(fresh), int)]),
         )
-        found.append(now)
-    return found[::-1]
+        futures.append(future)
+    return futures[::-1]
 
 
 def _of_known_and_any_height(
@@ -340,7 +340,7 @@ def sweep(
     look = np.zeros((chains, nodes.look.shape[1]))
     np.add.at(look, chain, nodes.look)
     boxes = np.bincount(chain, nodes.boxes, chains).astype(int)
-    seen = np.bincount(chain, nodes.boxes > 0, chains).astype(int)
+    sightings = np.bincount(chain, nodes.boxes > 0, chains).astype(int)
     names, count = np.zeros(len(chain), int), 0
     place = np.full(chains, -1)
     for t, (future, stranger) in enumerate(zip(futures, strangers, strict=True)):
@@ -348,19 +348,19 @@ def sweep(
             pasts = later(pasts, *steps[t - 1])
         name = future.chain
         past = match(
-            pasts, future, stranger, look[name], boxes[name], seen[name], habits, population
+            pasts, future, stranger, look[name], boxes[name], sightings[name], habits, population
         )
-        here = at[t]
+        rows = at[t]
         place[name] = np.arange(len(name))
-        linked = past[place[chain[here]]]
+        linked = past[place[chain[rows]]]
         new = linked < 0
-        names[here[~new]] = pasts.name[linked[~new]]
-        names[here[new]] = count + np.arange(new.sum())
+        names[rows[~new]] = pasts.name[linked[~new]]
+        names[rows[new]] = count + np.arange(new.sum())
         count += int(new.sum())
-        pasts = extend(pasts, linked, names[here], nodes.at(here), population)
-        look[chain[here]] -= nodes.look[here]
-        boxes[chain[here]] -= nodes.boxes[here]
-        seen[chain[here]] -= nodes.boxes[here] > 0
+        pasts = extend(pasts, linked, names[rows], nodes.at(rows), population)
+        look[chain[rows]] -= nodes.look[rows]
+        boxes[chain[rows]] -= nodes.boxes[rows]
+        sightings[chain[rows]] -= nodes.boxes[rows] > 0
     return names
 
 
@@ -407,7 +407,7 @@ def match(
     stranger: Strangers,
     look: Float[np.ndarray, "k dim"],
     boxes: Int[np.ndarray, " k"],
-    seen: Int[np.ndarray, " k"],
+    sightings: Int[np.ndarray, " k"],
     habits: Habits,
     population: Population,
 ) -> Int[np.ndarray, " k"]:
@@ -419,7 +419,7 @@ def match(
         stranger: (K) the same, each taken for somebody never seen before.
         look: (K, D) sum of the embeddings of their boxes.
         boxes: (K,) number of these.
-        seen: (K,) number of their positions with a box.
+        sightings: (K,) number of their positions with a box.
         habits: rates of leaving and hiding.
         population: what is the same for all chains.
 
@@ -450,7 +450,7 @@ def match(
     gain[i, j] = np.logaddexp(*same) - value[j] - surprise[i, j]
     if population.looks is not None:
         # A whole future counts like one usual position of it: its errors are common.
-        each = boxes / np.maximum(seen, 1)
+        each = boxes / np.maximum(sightings, 1)
         gain[i, j] += population.looks.compare(pasts.look, pasts.boxes, look, boxes, each)[i, j]
     rows, columns = linear_sum_assignment(-np.maximum(gain, 0))
     good = gain[rows, columns] > 0

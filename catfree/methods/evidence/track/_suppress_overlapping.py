@@ -33,9 +33,15 @@ def suppress_overlapping_tracks(
         (M,) whether the row is kept; false where `present` is false.
     """
     total = np.bincount(trails.track, np.where(present, evidence, 0.0)).astype(float)
-    seen = trails.group >= 0
+    is_detected = trails.group >= 0
     return one_per_place(
-        trails.frame, trails.mean, trails.covariance, seen, total[trails.track], present, radius
+        trails.frame,
+        trails.mean,
+        trails.covariance,
+        is_detected,
+        total[trails.track],
+        present,
+        radius,
     )
 
 
@@ -43,7 +49,7 @@ def one_per_place(
     frame: Int[np.ndarray, " row"],
     mean: Float[np.ndarray, "row state"],
     covariance: Float[np.ndarray, "row state state"],
-    seen: Bool[np.ndarray, " row"],
+    is_detected: Bool[np.ndarray, " row"],
     support: Float[np.ndarray, " row"],
     present: Bool[np.ndarray, " row"],
     radius: float,
@@ -52,5 +58,5 @@ def one_per_place(
     if radius <= 0 or not present.any():
         return present
     vagueness = np.trace(covariance[:, :2, :2], axis1=1, axis2=2)
-    priority = np.column_stack([seen, support, -vagueness])
+    priority = np.column_stack([is_detected, support, -vagueness])
     return suppress_by_frame(frame, mean[:, :2], priority, present, radius)

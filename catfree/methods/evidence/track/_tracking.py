@@ -262,9 +262,9 @@ def follow(
     heads = no_heads(0 if looks is None else looks.total.shape[1])
     history = []
     for t in range(len(time)):
-        here = slice(bounds[t], bounds[t + 1])
+        rows = slice(bounds[t], bounds[t + 1])
         step = float(time[t] - time[t - 1]) if t else 0.0
-        node, heads = linker.link(heads, info[here], alone.rows(here), likely[here], step)
+        node, heads = linker.link(heads, info[rows], alone.rows(rows), likely[rows], step)
         history.append(node)
     return smooth(history, time, motion)
 
@@ -439,13 +439,13 @@ def smooth(
     early = early[np.argsort(trails.frame[early], kind="stable")]
     bounds = np.searchsorted(trails.frame[early], np.arange(len(history)))
     for (begin, end), dt in list(zip(pairwise(bounds), np.diff(time), strict=True))[::-1]:
-        now, later = early[begin:end], early[begin:end] + 1
+        earlier, later = early[begin:end], early[begin:end] + 1
         A = transition(motion, float(dt))[0]
-        G = trails.covariance[now] @ A.T @ np.linalg.inv(expected_cov[later])
+        G = trails.covariance[earlier] @ A.T @ np.linalg.inv(expected_cov[later])
         more_mean = trails.mean[later] - expected_mean[later]
         more_cov = trails.covariance[later] - expected_cov[later]
-        trails.mean[now] += np.einsum("tij,tj->ti", G, more_mean)
-        trails.covariance[now] += G @ more_cov @ G.transpose(0, 2, 1)
+        trails.mean[earlier] += np.einsum("tij,tj->ti", G, more_mean)
+        trails.covariance[earlier] += G @ more_cov @ G.transpose(0, 2, 1)
     return trails
 
 
