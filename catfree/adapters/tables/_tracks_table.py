@@ -88,8 +88,8 @@ def read_tracks_csv(path: StrPath) -> Tracks:
         1e9 are UTC. Tables of version 0.1 give no velocities (NaN), those of version 0.2 no clock.
 
     Raises:
-        InvalidInputError: if the file does not exist, a number in it is not finite, or a sigma is
-            negative.
+        InvalidInputError: if the file does not exist, or a number in it is not finite or out of
+            range, as a negative variance is.
         FileFormatError: naming the first malformed column or line, or if the times are not those
             of one clock.
     """

@@ -31,6 +31,14 @@ if TYPE_CHECKING:
     import pyarrow
 
 
+_NOT_NEGATIVE = {
+    "sigma": "a length",
+    "design_sigma": "a length",
+    "supporting_cameras": "a number of cameras",
+    "whole_views": "a number of images",
+}
+
+
 class Origin(IntEnum):
     """The source of a track's position.
 
@@ -365,9 +373,10 @@ class Tracks(eqx.Module):
 
 
 def require_sound_tracks(tracks: Tracks) -> None:
-    """Raise unless tracks are finite, with lengths and probabilities in range.
+    """Raise unless tracks are finite, with lengths, variances, counts and probabilities in range.
 
-    A position that fewer than two cameras support may have an infinite sigma.
+    A position that fewer than two cameras support may have an infinite sigma, and velocities may
+    be unknown (NaN), with a covariance that is unknown or infinite.
 
     Raises:
         InvalidInputError: naming the first column and row.
@@ -378,7 +387,16 @@ def require_sound_tracks(tracks: Tracks) -> None:
             require_finite(getattr(tracks, name), name)
     for name in ("sigma", "covariance"):
         require_finite(getattr(tracks, name), name, ~unknown)
-    require((np.asarray(tracks.sigma) >= 0), tracks.sigma, "sigma", "a length")
+    for name in ("covariance", "velocity_covariance"):
+        entries = np.asarray(getattr(tracks, name))
+        negative = (entries < 0) & (np.eye(2, dtype=bool) | np.isinf(entries))
+        require(~negative, entries, name, "a variance")
+    velocity = np.asarray(tracks.velocity)
+    require(~np.isinf(velocity), velocity, "velocity", "a velocity, or NaN if it is not known")
+    for name, meaning in _NOT_NEGATIVE.items():
+        if getattr(tracks, name) is not None:
+            values = np.asarray(getattr(tracks, name))
+            require(values >= 0, values, name, meaning)
     require(np.isin(tracks.origin, list(Origin)), tracks.origin, "origin", "a known origin")
     if tracks.existence is not None:
         existence = np.asarray(tracks.existence)
@@ -387,5 +405,5 @@ def require_sound_tracks(tracks: Tracks) -> None:
 
 def require(good: Any, values: Any, name: str, meaning: str) -> None:
     if not np.all(good):
-        at = first_index(~good)
-        raise InvalidInputError(f"{name}[{at}] is {quoted(values[~good][0])}, not {meaning}.")
+        at, found = first_index(~good), quoted(values[~good][0].item())
+        raise InvalidInputError(f"{name}[{at}] is {found}, not {meaning}.")

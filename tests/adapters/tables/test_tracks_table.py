@@ -54,7 +54,7 @@ def track_arguments(draw) -> dict:
         "origin": np.array([r[5] for r in rows], np.int64),
         "existence": np.array([r[6] for r in rows], np.float64) if has_existence else None,
         "velocity": numbers[:, :2] if has_velocity else np.full((len(rows), 2), np.nan),
-        "velocity_covariance": -covariance.reshape(-1, 2, 2),
+        "velocity_covariance": 2 * covariance.reshape(-1, 2, 2),
     }
 
 
@@ -102,6 +102,25 @@ def test_frames_that_count_from_1970_come_back_from_csv(tmp_path_factory, rate, 
     tracks = one_track(clock=clock, frame=np.array([first, first + one, first + one + two]))
     path = tmp_path_factory.mktemp("csv") / "tracks.csv"
     assert read_tracks_csv(write_tracks_csv(path, tracks)).clock == clock
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "said"),
+    [
+        ("velocity_x", "1e400", r"velocity\[1, 0\] is inf, not a velocity"),
+        ("velocity_y", "-inf", r"velocity\[1, 1\] is -inf, not a velocity"),
+        ("velocity_covariance_xx", "-1.0", r"velocity_covariance\[1, 0, 0\] is -1.0, not a var"),
+        ("covariance_yy", "-0.5", r"covariance\[1, 1, 1\] is -0.5, not a variance"),
+        ("supporting_cameras", "-1", r"supporting_cameras\[1\] is -1, not a number of cameras"),
+    ],
+)
+def test_numbers_that_no_track_has_are_refused(column, value, said, tmp_path):
+    path = write_tracks_csv(tmp_path / "tracks.csv", one_track())
+    header, first, second, *rest = (line.split(",") for line in path.read_text().splitlines())
+    second[header.index(column)] = value
+    path.write_text("\n".join(",".join(line) for line in (header, first, second, *rest)))
+    with pytest.raises(InvalidInputError, match=rf"tracks\.csv: {said}"):
+        read_tracks_csv(path)
 
 
 @pytest.mark.parametrize("times", [(0.0, 1.0, 1.5), (2.0, 1.0, 0.0), (0, 0, 0), (0, "nan", 2)])

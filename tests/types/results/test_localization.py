@@ -39,6 +39,12 @@ WRONG = {
     "another shape": {"covariance": np.zeros((3, 3, 3))},
     "no probability": {"existence": np.array([0.0, 1.5, 1.0])},
     "an unknown origin": {"origin": np.array([0, 1, 99])},
+    "an infinite velocity": {"velocity": np.array([[0, 0], [0, -np.inf], [0, 0]])},
+    "a negative variance": {"covariance": np.tile(np.diag([1.0, -1.0]), (3, 1, 1))},
+    "a negative variance of speed": {"velocity_covariance": np.tile(-np.eye(2), (3, 1, 1))},
+    "fewer than no cameras": {"supporting_cameras": np.array([2, -1, 2])},
+    "a negative design": {"design_sigma": np.array([1, -1.0, 1])},
+    "fewer than no views": {"whole_views": np.array([2, -5, 2])},
 }
 
 

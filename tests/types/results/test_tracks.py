@@ -21,7 +21,7 @@ def tracks(count: int, dtype=np.float64, *, existence: bool = False) -> Tracks:
         position=rng.standard_normal((count, 3)).astype(dtype),
         ground_xy=rng.standard_normal((count, 2)).astype(dtype),
         sigma=np.where(cameras < 2, np.inf, 1.0).astype(dtype),
-        covariance=rng.standard_normal((count, 2, 2)).astype(dtype),
+        covariance=(np.eye(2) + rng.random((count, 2, 2)) / 2).astype(dtype),
         supporting_cameras=cameras,
         origin=rng.integers(0, 3, count),
         existence=rng.random(count).astype(dtype) if existence else None,
