@@ -221,6 +221,7 @@ def run_stages(
     workers = as_count(workers, "workers")
     if workers < 1:
         raise InvalidInputError(f"workers is {workers}; it must be at least 1.")
+    maximum_offset = as_count(maximum_offset, "maximum_offset", least=0)
     scene, scene_names = scene_of(scene, scene_names)
     stages = {"detector": detector, "embedder": embedder, "reconstructor": reconstructor}
     for name, stage in stages.items():
@@ -340,6 +341,7 @@ def run_boxes(
         CatFreeError: as `run`.
     """
     settings = Settings() if settings is None else settings
+    maximum_offset = as_count(maximum_offset, "maximum_offset", least=0)
     cache = None if cache_dir is None else StageCache(cache_dir)
     scene, scene_names = scene_of(scene, scene_names)
     detections, silent, calibration = boxes.detections, boxes.silent, None

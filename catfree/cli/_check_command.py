@@ -1,5 +1,6 @@
 """The command that checks a rig against the people it saw."""
 
+import contextlib
 import importlib.util
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,7 +10,14 @@ from typing import Annotated, Any
 import numpy as np
 
 import catfree
-from catfree.cli._inputs import Unit, open_boxes, open_scene, open_videos
+from catfree.cli._inputs import (
+    Unit,
+    folder_of_results,
+    open_boxes,
+    open_scene,
+    open_videos,
+    require_offset,
+)
 from catfree.cli._terminal import print_table, print_text, progress_bars, warn
 from catfree.errors import quoted
 
@@ -55,10 +63,12 @@ def check_command(tyro: Any) -> Callable[..., None]:
         """
         from catfree._run._run import run_boxes
 
+        require_offset(max_offset)
         found = open_boxes(boxes, frame_rate, image_size)
         known, names = open_scene(scene, unit, image_size)
         footage = open_videos(videos) if videos and out is not None else None
-        with progress_bars() as progress:
+        folder = contextlib.nullcontext() if out is None else folder_of_results(out)
+        with folder, progress_bars() as progress:
             outcome = run_boxes(found, known, cache_dir=cache, progress=progress, scene_names=names)
             result = catfree.check(
                 outcome.scene,

@@ -13,6 +13,7 @@ from catfree.cli._check_command import check_command
 from catfree.cli._inputs import (
     Unit,
     are_boxes,
+    folder_of_results,
     open_anchors,
     open_boxes,
     open_detector,
@@ -21,6 +22,7 @@ from catfree.cli._inputs import (
     open_scene,
     open_videos,
     require_files,
+    require_offset,
     settings_of,
 )
 from catfree.cli._shard_commands import shard_commands
@@ -96,13 +98,17 @@ def main(arguments: list[str] | None = None) -> int:
 def _report_of_failure(
     out: Path, *, embeddings: bool = False, blur: bool = False, pictures: bool = True
 ) -> Iterator[Any]:
-    """Yield the partial results of a run; if it fails, write them and name the report."""
+    """Yield the partial results of a run; if it fails, write them and name the report.
+
+    The folder of the report is made before the run begins.
+    """
     from catfree._run._failed_run import write_failure
     from catfree._run._run import Unfinished
 
     unfinished = Unfinished()
     try:
-        yield unfinished
+        with folder_of_results(out):
+            yield unfinished
     except CatFreeError as error:
         try:
             files = write_failure(
@@ -212,6 +218,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             reconstructor=reconstructor,
             scene=scene,
         )
+        require_offset(max_offset)
         from catfree._run._report import footage_table
         from catfree._run._result_folder import write_overlay, write_results
         from catfree._run._run import run_stages
@@ -304,11 +311,12 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree._run._result_folder import write_results
         from catfree._run._run import run_boxes
 
+        require_offset(max_offset)
         settings, known_anchors = settings_of(method), open_anchors(anchors)
         found = open_boxes(boxes, frame_rate, image_size, silent)
         known, names = open_scene(scene, unit, image_size)
         print_table(_box_table(found), aside=True)
-        with progress_bars() as progress:
+        with folder_of_results(out), progress_bars() as progress:
             outcome = run_boxes(
                 found,
                 known,
@@ -404,6 +412,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         known_anchors, of_boxes = open_anchors(anchors), are_boxes(videos)
         if not of_boxes:
             require_files(videos, detector=detector)
+        require_offset(max_offset)
         from catfree._run._cache import StageCache
         from catfree._run._input_checks import (
             calibration_warnings,

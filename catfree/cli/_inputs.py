@@ -3,7 +3,9 @@
 Adapters are imported where a file is opened, so that `catfree --help` loads no video library.
 """
 
+import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -67,6 +69,33 @@ def require_files(
         )
         if not there:
             raise InvalidInputError(f"There is no file {path} (--{option}). Check the path.")
+
+
+def require_offset(largest: int) -> None:
+    """Raise if the largest offset to look for is negative, before anything slow begins."""
+    from catfree.types._validation import as_count
+
+    as_count(largest, "--max-offset", least=0)
+
+
+@contextlib.contextmanager
+def folder_of_results(out: Path) -> Iterator[None]:
+    """Make the folder of the results before the work; remove it if nothing is written there.
+
+    Raises:
+        InvalidInputError: if no folder can have this path.
+        WriteError: if the folder cannot be made.
+    """
+    from catfree.types._writing import make_folder
+
+    is_new = not os.path.exists(out)
+    make_folder(out)
+    try:
+        yield
+    finally:
+        if is_new:
+            with contextlib.suppress(OSError):  # it holds something
+                out.rmdir()
 
 
 def _footage_in(path: Path) -> list[Path]:

@@ -558,6 +558,36 @@ def test_calibrate_and_run_on_footage_without_people(tmp_path, capsys):
         assert not list(tmp_path.glob("misspelled/cache/*"))
 
 
+@pytest.mark.parametrize("command", ["calibrate", "run", "localize", "check"])
+def test_impossible_options_are_told_before_the_work(command, tmp_path, capsys):
+    given = []
+    for camera in range(2):
+        folder = tmp_path / f"c{camera}"
+        folder.mkdir()
+        for frame in range(3):
+            picture = np.full((90, 160, 3), 100 + camera, np.uint8)
+            cv2.imwrite(str(folder / f"{frame}.png"), picture)
+        given.append(str(folder))
+    (tmp_path / "file").write_text("")
+    words = [command, *given, "--cache", str(tmp_path / "cache")]
+    if command in ("localize", "check"):
+        scene = make_world("ring4", seed=2, frames=4, people=2)
+        scene.detections.save(tmp_path / "boxes.npz")
+        write_scene_json(tmp_path / "scene.json", scene.scene)
+        words[1:3] = [str(tmp_path / "boxes.npz"), "--scene", str(tmp_path / "scene.json")]
+    for out, option, said in (
+        (tmp_path / "out", ["--max-offset", "-4"], "--max-offset is -4; it must be 0 or more."),
+        (tmp_path / "file" / "out", [], f"Cannot make the folder {tmp_path / 'file' / 'out'}: "),
+        (tmp_path / ("x" * 300), [], "which is too long for a path. Shorten it."),
+    ):
+        assert cli.main([*words, "--out", str(out), *option]) == 1
+        assert said in capsys.readouterr().err
+        assert not list(tmp_path.glob("cache/*"))
+    assert {path.name for path in tmp_path.iterdir()} <= {
+        "c0", "c1", "file", "cache", "boxes.npz", "scene.json"
+    }  # fmt: skip
+
+
 @pytest.mark.slow
 def test_run_with_a_known_scene(world, tmp_path, capsys):
     videos = []

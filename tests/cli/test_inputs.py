@@ -1,5 +1,6 @@
 """What the words of the command line become: settings, videos, scenes, truth."""
 
+import contextlib
 from pathlib import Path
 from typing import get_args
 
@@ -10,6 +11,7 @@ from catfree.adapters import write_scene_json
 from catfree.adapters.datasets import _scene_files
 from catfree.cli._inputs import (
     Unit,
+    folder_of_results,
     open_boxes,
     open_detector,
     open_embedder,
@@ -117,3 +119,15 @@ def test_scenes_of_both_formats(tmp_path):
         opened, names = open_scene(tmp_path / name)
         np.testing.assert_allclose(opened.rig.t, scene.rig.t)
         assert names == called
+
+
+def test_a_folder_of_results_is_left_only_with_results(tmp_path):
+    for folder in (tmp_path / "new", tmp_path):
+        with contextlib.suppress(ValueError), folder_of_results(folder):
+            assert folder.is_dir()
+            raise ValueError
+    assert list(tmp_path.parent.glob(tmp_path.name)) == [tmp_path]
+    assert not (tmp_path / "new").exists()
+    with folder_of_results(tmp_path / "new"):
+        (tmp_path / "new" / "tracks.csv").touch()
+    assert (tmp_path / "new" / "tracks.csv").exists()

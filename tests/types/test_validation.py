@@ -179,6 +179,7 @@ calls = {
     "rounds is -1": lambda: cf.refine(boxes([0, 0]), scene, rounds=-1),
     "offset is 1.5": lambda: cf.calibrate(boxes([0, 0]), (9, 9), maximum_offset=1.5),
     "offset is -1": lambda: cf.calibrate(boxes([0, 0]), (9, 9), maximum_offset=-1),
+    "maximum_offset is -2": lambda: cf.run(videos, maximum_offset=-2),
     "block_length must": lambda: bootstrap(detection_metrics([], [], [0]), block_length=None),
     "seed must hold whole numbers": lambda: bootstrap(detection_metrics([], [], [0]), seed="a"),
     "seed is -1": lambda: bootstrap(detection_metrics([], [], [0]), seed=-1),
