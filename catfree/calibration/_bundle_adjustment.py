@@ -128,7 +128,7 @@ def adjust(
     focal = start.K[:, :2, :2] * np.exp(start.log_scale)[:, None, None]
     pixel = np.where(sightings.present[..., None], sightings.pixel, 0.0)
     with jax.enable_x64(True):
-        found, cost = _solve(
+        solution, cost = _solve(
             Unknowns(padded(cameras.away_from(start), C), padded(points, P)),
             _Feet(
                 offset=padded((pixel - start.K[:, :2, 2]).swapaxes(0, 1), C, P),
@@ -141,7 +141,7 @@ def adjust(
             ),
             jnp.asarray(iterations, jnp.int32),
         )
-        step, points = np.array(found.view)[:count], np.array(found.block)[:people]
+        step, points = np.array(solution.view)[:count], np.array(solution.block)[:people]
         return Adjustment(start.moved(step), points, float(cost), noise)
 
 

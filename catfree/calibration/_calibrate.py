@@ -91,10 +91,10 @@ def calibrate(
         maximum_offset=maximum_offset,
         progress=progress,
     )
-    found = finish_calibration(
+    calibration = finish_calibration(
         begun, detections, settings, camera_names=camera_names, progress=progress
     )
-    return anchored(found, anchors, settings.calibration, camera_names=camera_names)
+    return anchored(calibration, anchors, settings.calibration, camera_names=camera_names)
 
 
 def begin_calibration(

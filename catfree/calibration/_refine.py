@@ -239,15 +239,15 @@ def _pixel_weight(observations: Observations, ratio: float) -> Float[np.ndarray,
 
 
 def _scene(
-    frame: CanonicalFrame, given: Scene, best: _Round, refinement: RefinementSettings
+    frame: CanonicalFrame, original: Scene, best: _Round, refinement: RefinementSettings
 ) -> Scene:
     """Transform the scene of a round to the world frame of the given scene."""
-    rig = best.cameras.rig(given.rig)
+    rig = best.cameras.rig(original.rig)
     R = np.asarray(rig.R, np.float64) @ frame.axes.T
     centers = frame.to_world(best.cameras.center)
     t = -np.einsum("cij,cj->ci", R, centers)
-    refined = with_registered(given.rig, np.asarray(rig.K, np.float64), R, t)
-    ground = given.ground
+    refined = with_registered(original.rig, np.asarray(rig.K, np.float64), R, t)
+    ground = original.ground
     if refinement.refit_ground:
         height, slope_x, slope_y = ground_under_people(
             best.points, tilt=refinement.ground_tilt, offset=refinement.ground_offset
@@ -255,7 +255,7 @@ def _scene(
         normal = frame.axes @ np.array([-slope_x, -slope_y, 1.0])
         normal /= np.linalg.norm(normal)
         ground = Plane(normal, -normal @ frame.to_world(np.array([0.0, 0.0, height])))
-    return replace(given, rig=refined, ground=ground)
+    return replace(original, rig=refined, ground=ground)
 
 
 def ground_under_people(

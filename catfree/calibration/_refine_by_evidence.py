@@ -187,7 +187,7 @@ def _adjusted(
     detections: Detections,
     scene: Scene,
     people: ConfidentPeople,
-    given: Scene,
+    original: Scene,
     settings: CalibrationSettings,
     refinement: RefinementSettings,
 ) -> Scene:
@@ -214,7 +214,7 @@ def _adjusted(
         focal_spread=np.inf,
         iterations=refinement.iterations,
         known=KnownCameras(
-            _parameters(frame, given.rig, unit_in_meters),
+            _parameters(frame, original.rig, unit_in_meters),
             np.broadcast_to(precision, start.shape),
         ),
     )
@@ -223,7 +223,7 @@ def _adjusted(
     K[:, :2, :2] *= np.exp(moved[:, LOG_FOCAL] - start[:, LOG_FOCAL])[:, None, None]
     R = rotation(moved) @ frame.axes.T
     t = -np.einsum("cij,cj->ci", R, frame.to_world(moved[:, X:] / unit_in_meters))
-    return _aligned_to(given, replace(scene, rig=with_registered(scene.rig, K, R, t)))
+    return _aligned_to(original, replace(scene, rig=with_registered(scene.rig, K, R, t)))
 
 
 def _parameters(
@@ -263,11 +263,11 @@ def _ideal_boxes(detections: Detections, rig: Rig) -> Float[np.ndarray, "n 3"]:
     return np.stack([(columns[0] + columns[1]) / 2, *rows], -1)
 
 
-def _aligned_to(given: Scene, moved: Scene) -> Scene:
+def _aligned_to(original: Scene, moved: Scene) -> Scene:
     """Rotate, scale and shift a scene so that its cameras as a whole match the given ones."""
-    registered = given.rig.registered
-    R, to = (np.asarray(s.rig.R, np.float64)[registered] for s in (moved, given))
-    center, place = (np.asarray(s.rig.centers, np.float64)[registered] for s in (moved, given))
+    registered = original.rig.registered
+    R, to = (np.asarray(s.rig.R, np.float64)[registered] for s in (moved, original))
+    center, place = (np.asarray(s.rig.centers, np.float64)[registered] for s in (moved, original))
     turn = Rotation.from_matrix(to.transpose(0, 2, 1) @ R).mean().as_matrix()
     away, apart = (center - center.mean(0)) @ turn.T, place - place.mean(0)
     scale = (away * apart).sum() / (away**2).sum()
@@ -276,4 +276,4 @@ def _aligned_to(given: Scene, moved: Scene) -> Scene:
         moved = transform_scene(similarity, moved)
     rig = moved.rig
     K, R, t = (np.asarray(value, np.float64) for value in (rig.K, rig.R, rig.t))
-    return replace(given, rig=with_registered(given.rig, K, R, t), ground=moved.ground)
+    return replace(original, rig=with_registered(original.rig, K, R, t), ground=moved.ground)

@@ -307,15 +307,15 @@ def _prior(calibration: Calibration) -> Float[np.ndarray, "n n"]:
 def _ideal_pixels(anchor: Anchor, camera: int, rig: Rig) -> Float[np.ndarray, "2 2"]:
     """Pixels of an anchor in an ideal camera, from the image center; 0 if it has none."""
     if isinstance(anchor, KnownDistance):
-        given = np.array(anchor.pixels, np.float64)
+        distorted_pixels = np.array(anchor.pixels, np.float64)
     elif isinstance(anchor, SurveyedPoint):
-        given = np.array([anchor.pixel, anchor.pixel], np.float64)
+        distorted_pixels = np.array([anchor.pixel, anchor.pixel], np.float64)
     else:
         return np.zeros((2, 2))
     if not rig.registered[camera]:
         return np.zeros((2, 2))
     K = np.asarray(rig.K, np.float64)[camera]
-    pixel = undistorted_pixels(rig, np.full(2, camera), given)
+    pixel = undistorted_pixels(rig, np.full(2, camera), distorted_pixels)
     plane = np.linalg.solve(K, np.column_stack([pixel, np.ones(2)]).T)
     return K[0, 0] * plane[:2].T
 
@@ -565,7 +565,7 @@ def _described(
         t=np.where(known[:, None], t, np.asarray(rig.t)),
     )
     scene = Scene.from_rig(rig, calibration.scene.ground, metric=True)
-    own = covariance[np.arange(count), :, np.arange(count)]
+    blocks = covariance[np.arange(count), :, np.arange(count)]
     scale = float(np.exp(fit.frame[0]))
     relative = np.sqrt(fit.covariance[-4, -4])
     return replace(
@@ -573,8 +573,8 @@ def _described(
         scene=replace(
             scene, georeference=earth, rig_sd=shape_deviation(cameras, covariance, known)
         ),
-        focal_sd=np.where(known, focal * np.sqrt(own[:, LOG_FOCAL, LOG_FOCAL]), np.nan),
-        center_covariance=np.where(known[:, None, None], own[:, X:, X:], np.nan),
+        focal_sd=np.where(known, focal * np.sqrt(blocks[:, LOG_FOCAL, LOG_FOCAL]), np.nan),
+        center_covariance=np.where(known[:, None, None], blocks[:, X:, X:], np.nan),
         camera_covariance=covariance,
         scale_sd=float(np.sqrt(scale_variance(cameras, covariance, known))),
         crowd_height=calibration.crowd_height * scale,

@@ -53,9 +53,11 @@ def scene_from_videos(
     for done, position in enumerate(chosen):
         report("reconstruction", done, count)
         _, images = next(iter(videos.instants_from(int(position))))
-        found = reconstructor(images)
-        require_instance(found, Reconstruction, f"What {type(reconstructor).__name__} returns")
-        reconstructions.append(found)
+        reconstruction = reconstructor(images)
+        require_instance(
+            reconstruction, Reconstruction, f"What {type(reconstructor).__name__} returns"
+        )
+        reconstructions.append(reconstruction)
     report("reconstruction", count, count)
     aggregated = aggregate(reconstructions, videos.image_size)
     ground = find_ground(

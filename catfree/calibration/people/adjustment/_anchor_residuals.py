@@ -89,12 +89,12 @@ def measurements_of(
         pixels: their pixels, from the image center of an ideal camera.
         positions: each one's position in the map frame, or None.
     """
-    found = []
+    measurements = []
 
     def add(at: int, kind: int, value: object, sd: object, pixel_sd: float = 0.0) -> None:
         values = np.atleast_1d(np.asarray(value, np.float64))
         sds = np.broadcast_to(np.asarray(sd, np.float64), values.shape)
-        found.append(Measurement(at, kind, cameras[at], pixels[at], values, sds, pixel_sd))
+        measurements.append(Measurement(at, kind, cameras[at], pixels[at], values, sds, pixel_sd))
 
     for at, (anchor, position) in enumerate(zip(anchors, positions, strict=True)):
         if isinstance(anchor, KnownDistance):
@@ -113,7 +113,7 @@ def measurements_of(
                 R = np.asarray(anchor.rotation, np.float64)
                 angles = from_matrices(np.eye(3)[None], R[None], np.zeros((1, 3)))[0]
                 add(at, ROTATION, angles[TILT : PAN + 1], np.deg2rad(anchor.rotation_sd))
-    return found
+    return measurements
 
 
 def on_map(camera: Float[Array, "7"], frame: Float[Array, "4"]) -> Float[Array, "7"]:
@@ -194,8 +194,8 @@ def linearize(
             padded(pixels, length),
             padded(kind, length),
         )
-        found = [np.asarray(array)[:count] for array in (value, by_camera, by_frame, by_pixel)]
-    return Linearized(found[0], found[1], found[2], found[3].reshape(count, 3, 4))
+        arrays = [np.asarray(array)[:count] for array in (value, by_camera, by_frame, by_pixel)]
+    return Linearized(arrays[0], arrays[1], arrays[2], arrays[3].reshape(count, 3, 4))
 
 
 @jax.jit

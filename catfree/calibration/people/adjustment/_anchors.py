@@ -191,7 +191,7 @@ def read_anchors(path: str | os.PathLike[str]) -> tuple[Anchor, ...]:
         raise FileFormatError(
             f"{path}: anchors are an object with the lists distances, cameras and points."
         )
-    found: list[Anchor] = []
+    anchors: list[Anchor] = []
     for name, kind in _LISTS.items():
         entries = document.get(name, [])
         if not isinstance(entries, list):
@@ -211,10 +211,10 @@ def read_anchors(path: str | os.PathLike[str]) -> tuple[Anchor, ...]:
                     key: value if key == "camera" else _floats(value)
                     for key, value in values.items()
                 }
-                found.append(kind(**stated))
+                anchors.append(kind(**stated))
             except (TypeError, ValueError, OverflowError, InvalidInputError) as error:
                 raise InvalidInputError(f"{where}: {error}") from error
-    return tuple(found)
+    return tuple(anchors)
 
 
 def _floats(value: Any) -> Any:

@@ -242,7 +242,7 @@ def adjust(
     shown = np.where(used[:, None], np.column_stack([parameters, bent]), 0.0)
     camera_precision = np.column_stack([np.sqrt(known.precision), np.full(cameras, 1 / lens_sd)])
     with jax.enable_x64(True):
-        found, cost, covariance, residual = jax.tree.map(
+        solution, cost, covariance, residual = jax.tree.map(
             np.asarray,
             _solve(
                 Unknowns(padded(shown, C), padded(np.column_stack([xy, height]), P)),
@@ -263,8 +263,8 @@ def adjust(
         )
     kept = np.append(np.repeat(used, K1), True)
     index = np.append(np.flatnonzero(np.arange(8 * cameras) % 8 != K1), len(covariance) - 1)
-    person = found.block[:people]
-    view = found.view[:cameras]
+    person = solution.block[:people]
+    view = solution.view[:cameras]
     residual = -residual[data.camera, data.person]
     k1_sd = np.sqrt(np.diag(covariance)[K1 : 8 * cameras : 8])
     return BundleResult(

@@ -219,10 +219,10 @@ def _polish(
     def fit(start: Array, member: Array) -> tuple[Array, Array]:
         view = jnp.stack([start[TILT], start[ROLL], jnp.log(start[Z])])[None]
         unknowns = Unknowns(view, jnp.zeros((len(member), 0), view.dtype))
-        own = sample._replace(precision=jnp.where(member, sample.precision, 0))
-        args = jnp.zeros(0, view.dtype), (start[LOG_FOCAL], own)
-        found = minimize(_problem, unknowns, args, solver).value.view[0]
-        plane = _plane(found, start[LOG_FOCAL])
+        inliers = sample._replace(precision=jnp.where(member, sample.precision, 0))
+        args = jnp.zeros(0, view.dtype), (start[LOG_FOCAL], inliers)
+        solution = minimize(_problem, unknowns, args, solver).value.view[0]
+        plane = _plane(solution, start[LOG_FOCAL])
         weight = 1 / (1 + _misfit(plane, sample) ** 2)
         return plane, jnp.mean(weight, where=sample.precision > 0)
 

@@ -151,11 +151,11 @@ class Judgment:
 
 
 def judge(
-    own: GroundMap,
+    candidate: GroundMap,
     others: GroundMap,
     density: ChanceDensity,
     others_expected: Bool[np.ndarray, "frame partner"],
-    own_expected: Bool[np.ndarray, "frame slot"],
+    candidate_expected: Bool[np.ndarray, "frame slot"],
     *,
     gate: float,
     detection_rates: tuple[float, float],
@@ -163,31 +163,31 @@ def judge(
     """Weigh the people of one camera against a map of the others.
 
     Args:
-        own: the camera's map in world coordinates.
+        candidate: the camera's map in world coordinates.
         others: the map of the other cameras.
         density: chance density of the camera's boxes.
         others_expected: (T, M) whether the camera should see each person of the map.
-        own_expected: (T, N) whether any other camera should see each person of the camera.
+        candidate_expected: (T, N) whether any other camera should see each person of the camera.
         gate: largest squared Mahalanobis distance of a match.
         detection_rates: bounds on the probability that a person expected to be visible has a box.
 
     Returns:
         The judgment; missing people reduce the evidence.
     """
-    time, slot, partner, distance, log_determinant = mutual_nearest(own, others, gate)
-    own_matched = np.zeros(own.valid.shape, bool)
-    own_matched[time, slot] = True
+    time, slot, partner, distance, log_determinant = mutual_nearest(candidate, others, gate)
+    candidate_matched = np.zeros(candidate.valid.shape, bool)
+    candidate_matched[time, slot] = True
     others_matched = np.zeros(others.valid.shape, bool)
     others_matched[time, partner] = True
     missed = int((others_expected & others.valid & ~others_matched).sum())
-    unmatched = int((own_expected & own.valid & ~own_matched).sum())
+    unmatched = int((candidate_expected & candidate.valid & ~candidate_matched).sum())
     matches = len(time)
     # Maximum likelihood detection rate, within the usual rates of detectors.
     rate = 2 * matches / max(1, 2 * matches + missed + unmatched)
     low, high = detection_rates
     rate = min(max(rate, low), high)
     miss = np.log(1 - rate)
-    chance = density(own.xy[time, slot])
+    chance = density(candidate.xy[time, slot])
     log_ratio = (
         np.log(rate) - distance / 2 - log_determinant / 2 - np.log(2 * np.pi) - np.log(chance)
     )

@@ -147,15 +147,16 @@ def _count(
     step = max(1, VOTES_AT_A_TIME // max(len(weight), 1))
     for first in range(0, bins, step):
         # A blurred bin sums itself and the next one: one heading more than are stored.
-        here = angle[np.arange(first, min(first + step, bins) + 1) % bins]
-        c, s, layer = np.cos(here), np.sin(here), np.arange(len(here), dtype=np.int32)[:, None]
+        headings = angle[np.arange(first, min(first + step, bins) + 1) % bins]
+        c, s = np.cos(headings), np.sin(headings)
+        layer = np.arange(len(headings), dtype=np.int32)[:, None]
         x = (p[0] - (c * q[0] - s * q[1])).astype(np.int32)
         y = (p[1] - (s * q[0] + c * q[1])).astype(np.int32)
         # Those out of range are counted in the first and in an additional row or column.
         at = (layer * (side + 1) + x.clip(0, side)) * (side + 1) + y.clip(0, side)
         count = np.bincount(
-            at.ravel(), np.tile(weight, len(here)), len(here) * (side + 1) ** 2
-        ).reshape(len(here), side + 1, side + 1)[:, :side, :side]
+            at.ravel(), np.tile(weight, len(headings)), len(headings) * (side + 1) ** 2
+        ).reshape(len(headings), side + 1, side + 1)[:, :side, :side]
         count[:, 0] = count[:, :, 0] = 0
         blurred = np.add(count[:-1], count[1:], out=votes[first : first + step])
         blurred[:, :-1] += blurred[:, 1:]

@@ -49,41 +49,41 @@ class Verdict:
 
 
 def judge_with_chance(
-    own: GroundMap,
+    candidate: GroundMap,
     others: GroundMap,
     others_expected: Bool[np.ndarray, "frame partner"],
-    own_expected: Bool[np.ndarray, "frame slot"],
+    candidate_expected: Bool[np.ndarray, "frame slot"],
     settings: CalibrationSettings,
     shifts: tuple[float, ...],
 ) -> tuple[Judgment, float]:
     """Judge a camera at the true time and at circularly shifted times.
 
     Args:
-        own: (T, N) the camera's map in world coordinates.
+        candidate: (T, N) the camera's map in world coordinates.
         others: (T, M) the map of the other cameras, same frames.
         others_expected: (T, M) whether the camera should see each person of the map.
-        own_expected: (T, N) whether any other camera should see each person of the camera.
+        candidate_expected: (T, N) whether any other camera should see each person of the camera.
         settings: constants.
         shifts: time shifts for the comparison, as fractions of the sequence.
 
     Returns:
         The judgment at the true time, and its evidence minus the highest at shifted times.
     """
-    density = chance_density(own)
+    density = chance_density(candidate)
 
     def at_shift(shift: int) -> Judgment:
         return judge(
-            own.rolled(shift),
+            candidate.rolled(shift),
             others,
             density,
             others_expected,
-            np.roll(own_expected, shift, axis=0),
+            np.roll(candidate_expected, shift, axis=0),
             gate=settings.match_gate,
             detection_rates=settings.detection_rates,
         )
 
     judgment = at_shift(0)
-    frames = len(own.xy)
+    frames = len(candidate.xy)
     steps = sorted({round(share * frames) % frames for share in shifts} - {0})
     chance = max((at_shift(step).evidence for step in steps), default=np.inf)
     return judgment, judgment.evidence - chance
