@@ -87,7 +87,7 @@ def solve_window(
     people, count = sights.people, len(sights.place)
     low, high = map(int, np.searchsorted(people.frame, [begin, stop]))
     person = np.arange(low, high)
-    now = list(start)
+    corrections = list(start)
     registered = np.flatnonzero(np.asarray(sights.scene.rig.registered)).tolist()
     present = (sights.boxes.frame >= begin) & (sights.boxes.frame < stop)
     boxes = np.bincount(sights.boxes.camera[present], minlength=count)
@@ -95,27 +95,27 @@ def solve_window(
         for camera in np.flatnonzero(boxes).tolist():
             others = sights.seen_by_others(camera, begin, stop)
             tried = candidates(sights, camera, others, shifts)
-            now[camera] = best(sights, camera, others, now[camera], tried)
+            corrections[camera] = best(sights, camera, others, corrections[camera], tried)
     state = people.state[person].copy()
-    begun = _parameters(now)
+    begun = _parameters(corrections)
     solved = _Solved.empty(count)
-    found: dict[int, Matches] = {}
+    matches_by_camera: dict[int, Matches] = {}
     for _ in range(ROUNDS):
-        matches = match(sights, person, state, [(c, now[c]) for c in registered])
-        found = dict(zip(registered, matches, strict=True))
-        solved = _solve(sights, person, state, found, now, begun, noise)
-        now, state = solved.corrections, solved.state
+        matches = match(sights, person, state, [(c, corrections[c]) for c in registered])
+        matches_by_camera = dict(zip(registered, matches, strict=True))
+        solved = _solve(sights, person, state, matches_by_camera, corrections, begun, noise)
+        corrections, state = solved.corrections, solved.state
     blank = np.zeros(count, np.int64)
     matched, expected, distinct = blank.copy(), blank.copy(), blank.copy()
-    for camera, matches in found.items():
+    for camera, matches in matches_by_camera.items():
         # A camera's own boxes do not make a person expected.
-        own = people.support[matches.expected]
-        others = (own >= 0).sum(-1) - (own[:, camera] >= 0) >= 2
+        support = people.support[matches.expected]
+        others = (support >= 0).sum(-1) - (support[:, camera] >= 0) >= 2
         expected[camera] = others.sum()
         matched[camera] = np.isin(matches.person, matches.expected[others]).sum()
         distinct[camera] = len(np.unique(people.track[matches.expected[others]]))
     window = Window(begin, stop, solved.matrix, solved.vector, matched, expected, distinct, boxes)
-    return window, now
+    return window, corrections
 
 
 def _parameters(corrections: Sequence[Correction]) -> Float[np.ndarray, " p"]:
@@ -169,7 +169,7 @@ class _Equations(NamedTuple):
             pull: the same times how much taller the prior is.
         """
         m, count = residual.shape[:2]
-        own, place = slice(0, PARAMETERS), slice(PARAMETERS, None)
+        errors, place = slice(0, PARAMETERS), slice(PARAMETERS, None)
         weighted = slope * precision[..., None]
         normal = weighted.swapaxes(-1, -2) @ slope
         right = np.einsum("mcei,mce->mci", weighted, residual)
@@ -177,9 +177,9 @@ class _Equations(NamedTuple):
         block[:, 2, 2] += held
         aim = right[..., place].sum(1)
         aim[:, 2] += pull
-        mixed = normal[..., place, own].swapaxes(1, 2).reshape(m, 3, PARAMETERS * count)
+        mixed = normal[..., place, errors].swapaxes(1, 2).reshape(m, 3, PARAMETERS * count)
         solution = np.linalg.inv(block) @ np.concatenate([mixed, aim[..., None]], 2)
-        return cls(normal[..., own, own], right[..., own], mixed, solution)
+        return cls(normal[..., errors, errors], right[..., errors], mixed, solution)
 
     def sums(self, rows) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
         """Information of some people on the errors, their places eliminated, and its product."""
@@ -196,8 +196,8 @@ def _solve(
     sights: Sights,
     person: Int[np.ndarray, " m"],
     state: Float[np.ndarray, "m 3"],
-    found: dict[int, Matches],
-    now: list[Correction],
+    matches_by_camera: dict[int, Matches],
+    present: list[Correction],
     begun: Float[np.ndarray, " p"],
     noise: Float[np.ndarray, "3"],
 ) -> _Solved:
@@ -207,19 +207,21 @@ def _solve(
     """
     people, boxes, count = sights.people, sights.boxes, len(sights.place)
     m, p = len(person), PARAMETERS * count
-    own, quick = slice(0, PARAMETERS), np.flatnonzero(np.arange(p) % PARAMETERS < 4)
+    errors, quick = slice(0, PARAMETERS), np.flatnonzero(np.arange(p) % PARAMETERS < 4)
     residual = np.zeros((m, count, 3))
     slope = np.zeros((m, count, 3, PARAMETERS + 3))
     precision = np.zeros((m, count, 3))
     nobody = np.zeros(0, np.int64)
-    camera = np.concatenate([nobody, *(np.full(len(one.box), c) for c, one in found.items())])
-    row = np.concatenate([nobody, *(one.person for one in found.values())])
+    camera = np.concatenate(
+        [nobody, *(np.full(len(one.box), c) for c, one in matches_by_camera.items())]
+    )
+    row = np.concatenate([nobody, *(one.person for one in matches_by_camera.values())])
     velocity, row = people.velocity[row], np.searchsorted(person, row)
-    box = np.concatenate([nobody, *(one.box for one in found.values())])
-    rest = np.array([at.lag - at.shift for at in now])
+    box = np.concatenate([nobody, *(one.box for one in matches_by_camera.values())])
+    rest = np.array([at.lag - at.shift for at in present])
     moved = state[row]
     moved[:, :2] -= rest[camera, None] * velocity
-    place = np.array([corrected_place(sights, c, at) for c, at in enumerate(now)])
+    place = np.array([corrected_place(sights, c, at) for c, at in enumerate(present)])
     value, slopes = linear(moved, velocity, place[camera])
     slopes[..., 4:7] *= sights.unit
     slope[row, camera], residual[row, camera] = slopes, boxes.angle[box] - value
@@ -229,13 +231,13 @@ def _solve(
     precision *= used[:, None, None]
     tall = people.state[person, 2]
     held = (HEIGHT_SD * tall) ** -2.0
-    theta = _parameters(now)
+    theta = _parameters(present)
     pull = held * (tall - state[:, 2])
     equations = _Equations.of(slope, residual, precision, held, pull)
     step, shift = np.zeros(p), np.zeros((m, 3))
     for again in range(REWEIGHTED):
         if again:
-            turned = np.einsum("mcei,ci->mce", slope[..., own], step.reshape(count, PARAMETERS))
+            turned = np.einsum("mcei,ci->mce", slope[..., errors], step.reshape(count, PARAMETERS))
             moved = np.einsum("mcei,mi->mce", slope[..., PARAMETERS:], shift)
             weight = 1 / (1 + (residual - turned - moved) ** 2 * precision / CAUCHY**2)
             equations = _Equations.of(slope, residual, precision * weight, held, pull)
@@ -250,7 +252,7 @@ def _solve(
     step[:, :3] = np.clip(step[:, :3], -LARGEST_STEP, LARGEST_STEP)
     corrections = [
         one._replace(turn=one.turn + step[c, :3], lag=float(one.lag + step[c, 3]))
-        for c, one in enumerate(now)
+        for c, one in enumerate(present)
     ]
     reach = FARTHEST * sights.unit
     kept = np.flatnonzero(used)

@@ -158,13 +158,13 @@ def fit_course(
     course = _fitted(course, windows)
     matrix, vector = _sums(windows)
     while len(course.changes) < MOST_CHANGES * cameras:
-        found = [
+        candidates = [
             _strongest(course, matrix, vector, camera, kind, first)
             for camera in range(cameras)
             for kind in kinds
             if sum(c.camera == camera and c.kind == kind for c in course.changes) < MOST_CHANGES
         ]
-        chance, change = min(found, default=(1.0, None), key=lambda item: item[0])
+        chance, change = min(candidates, default=(1.0, None), key=lambda item: item[0])
         if change is None or chance > alpha:
             break
         course = _fitted(replace(course, changes=(*course.changes, change)), windows)
@@ -205,9 +205,9 @@ def _fitted(course: Course, windows: Sequence[Window], *, held: bool = False) ->
     covariance = np.linalg.inv(total)
     course = replace(course, value=covariance @ right, covariance=covariance)
     noise, freedom = _noise(course, windows)
-    seen = np.flatnonzero(matrix.sum(0).diagonal()[3::PARAMETERS] > 0)
+    timed = np.flatnonzero(matrix.sum(0).diagonal()[3::PARAMETERS] > 0)
     lags = (course.design(len(matrix) // 2) @ course.value)[3::PARAMETERS]
-    reference = int(seen[np.argsort(lags[seen])[(len(seen) - 1) // 2]]) if len(seen) else 0
+    reference = int(timed[np.argsort(lags[timed])[(len(timed) - 1) // 2]]) if len(timed) else 0
     return replace(course, reference=reference, noise=noise, freedom=freedom)
 
 
@@ -236,10 +236,10 @@ def _noise(
         rest = window.vector - window.matrix @ errors
         for camera in range(cameras):
             for which, kind in enumerate(KINDS):
-                own = Change(camera, kind, 0).columns
-                found = _scatter(rest[:, own], window.matrix[:, own, own])
-                squared[camera, which] += found[0]
-                expected[camera, which] += found[1]
+                columns = Change(camera, kind, 0).columns
+                scatter = _scatter(rest[:, columns], window.matrix[:, columns, columns])
+                squared[camera, which] += scatter[0]
+                expected[camera, which] += scatter[1]
     pooled = (squared.sum(0) + POOLED) / (expected.sum(0) + POOLED)
     freedom = expected + POOLED
     return np.maximum((squared + POOLED * pooled) / freedom, 1.0), freedom
@@ -276,17 +276,17 @@ def _strongest(
     best: tuple[float, Change | None] = (1.0, None)
     if len(matrix) < FEWEST_WINDOWS:
         return best
-    own = Change(camera, kind, 0).columns
-    size, which = own.stop - own.start, KINDS.index(kind)
+    columns = Change(camera, kind, 0).columns
+    size, which = columns.stop - columns.start, KINDS.index(kind)
     rest = [
         b - A @ (course.design(w) @ course.value)
         for w, (A, b) in enumerate(zip(matrix, vector, strict=True))
     ]
-    score, information = np.array(rest)[:, own], matrix[:, own, own]
+    score, information = np.array(rest)[:, columns], matrix[:, columns, columns]
     floor = (TURN_FLOOR, LAG_FLOOR)[which] ** 2 * np.eye(size)
     noise, freedom = course.noise[camera, which], course.freedom[camera, which]
     # Information that a change shares with what is already in the model.
-    shared = [(matrix[w] @ course.design(w))[own] for w in range(len(matrix))]
+    shared = [(matrix[w] @ course.design(w))[columns] for w in range(len(matrix))]
     for window in range(first, len(matrix)):
         if any(
             c.camera == camera and c.kind == kind and c.window == window for c in course.changes
@@ -299,8 +299,8 @@ def _strongest(
         if values[-1] <= 0:
             continue
         # A direction in which nobody shows the change has no evidence.
-        told = values > 1e-9 * values[-1]
-        inverse = (vectors[:, told] / values[told]) @ vectors[:, told].T
+        informative = values > 1e-9 * values[-1]
+        inverse = (vectors[:, informative] / values[informative]) @ vectors[:, informative].T
         change = inverse @ score[window:].sum(0)
         covariance = noise * (inverse + 1e-12 * np.eye(size)) + floor
         squared = float(change @ np.linalg.solve(covariance, change))
@@ -313,7 +313,7 @@ def _strongest(
 def lost_since(
     matched: Int[np.ndarray, " w"],
     expected: Int[np.ndarray, " w"],
-    seen: Int[np.ndarray, " w"],
+    distinct: Int[np.ndarray, " w"],
     usual: float,
     alpha: float,
 ) -> int | None:
@@ -322,7 +322,7 @@ def lost_since(
     Args:
         matched: (W,) people matched with a box of the camera.
         expected: (W,) people who should be in its image.
-        seen: (W,) distinct people among them; each counts as one draw.
+        distinct: (W,) distinct people among them; each counts as one draw.
         usual: share of people matched when all is well.
         alpha: probability at which nothing may be missed by chance.
     """
@@ -335,5 +335,5 @@ def lost_since(
         if not lost[window]:
             break
         begin = window
-        chance += seen[window] * np.log1p(-min(usual, 0.95) * (1 - LOST))
+        chance += distinct[window] * np.log1p(-min(usual, 0.95) * (1 - LOST))
     return begin if chance < np.log(alpha) else None

@@ -218,9 +218,9 @@ def check(
     turns = as_turns(course, watched.windows)
     judge = _Judge(watched, course, turns, alpha, since is not None)
     cameras = tuple(judge.camera(c) for c in range(scene.rig.camera_count))
-    seen = watched.sights
-    last = seen.first + (seen.steps - 1) * seen.step
-    return Check(cameras, seen.first, last, watched.seconds, scene.metric)
+    sights = watched.sights
+    last = sights.first + (sights.steps - 1) * sights.step
+    return Check(cameras, sights.first, last, watched.seconds, scene.metric)
 
 
 class _Found(NamedTuple):
@@ -254,11 +254,11 @@ class _Judge:
         """Judge one camera."""
         sights = self.watched.sights
         value, covariance = self.course.at(len(self.watched.windows) - 1)
-        own = slice(PARAMETERS * camera, PARAMETERS * camera + 4)
-        value, covariance = value[own], covariance[own, own]
+        columns = slice(PARAMETERS * camera, PARAMETERS * camera + 4)
+        value, covariance = value[columns], covariance[columns, columns]
         lag = float(value[3])
         constant, constant_covariance = self.turns.at(len(self.watched.windows) - 1)
-        turn, turn_covariance = constant[own][:3], constant_covariance[own, own][:3, :3]
+        turn, turn_covariance = constant[columns][:3], constant_covariance[columns, columns][:3, :3]
         turns, jumps = (self._changes(camera, kind) for kind in (TURN, LAG))
         if turns:
             turn, turn_covariance = self.course.of_changes(turns)
@@ -269,19 +269,19 @@ class _Judge:
         angle, angle_sd = _angle(turn, turn_covariance)
         pixels, ground = self._displacement(camera, turn)
         lag_sd = float(np.sqrt(covariance[3, 3]))
-        found = self._without_people(camera)
-        measured = found is None
-        if found is None:
+        outcome = self._without_people(camera)
+        measured = outcome is None
+        if outcome is None:
             chance = float(-ndtri(self.alpha / 2))
             off = ground / sights.unit if angle > chance * angle_sd else 0.0
             is_late = abs(lag) > max(WHOLE_FRAME, chance * lag_sd)
-            found = self._from_errors(turns, jumps, off, is_late=is_late)
+            outcome = self._from_errors(turns, jumps, off, is_late=is_late)
         matched, expected = (self._counts(camera, name) for name in ("matched", "expected"))
         result = CameraCheck(
             camera=camera,
-            verdict=found.verdict,
-            since=found.since,
-            since_sd=found.since_sd,
+            verdict=outcome.verdict,
+            since=outcome.since,
+            since_sd=outcome.since_sd,
             turn=turn,
             turn_covariance=turn_covariance,
             degrees=angle,
@@ -291,10 +291,10 @@ class _Judge:
             lag=lag * sights.step,
             lag_sd=lag_sd * sights.step,
             matched=float(matched.sum() / expected.sum()) if expected.any() else float("nan"),
-            advice=found.advice,
+            advice=outcome.advice,
         )
         said = _measured(result, "m" if sights.scene.metric else "scene units") if measured else ""
-        return replace(result, advice=said + found.advice)
+        return replace(result, advice=said + outcome.advice)
 
     def _counts(self, camera: int, name: str) -> Int[np.ndarray, " window"]:
         return np.array([getattr(window, name)[camera] for window in self.watched.windows])
@@ -302,7 +302,7 @@ class _Judge:
     def _without_people(self, camera: int) -> _Found | None:
         """The verdict on a camera that shows nobody, or nobody for sure; None for others."""
         names = ("matched", "expected", "seen", "boxes")
-        matched, expected, seen, boxes = (self._counts(camera, name) for name in names)
+        matched, expected, distinct, boxes = (self._counts(camera, name) for name in names)
         if not self.watched.sights.scene.rig.registered[camera]:
             return _Found(Verdict.DOUBTFUL, None, None, UNREGISTERED)
         if expected.sum() < FEWEST_EXPECTED:
@@ -310,7 +310,7 @@ class _Judge:
         some = (expected > 0) & (boxes > 0)  # a camera that died early was alive before
         share = float(np.median(matched[some] / expected[some])) if some.any() else 0.0
         usual = max(share, LEAST_MATCHED)
-        lost = lost_since(matched, expected, seen, usual, self.alpha)
+        lost = lost_since(matched, expected, distinct, usual, self.alpha)
         if lost is not None:
             since = self._frame(self.watched.windows[lost].begin) if lost else None
             dead = not boxes[lost:].any()

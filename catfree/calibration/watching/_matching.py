@@ -158,7 +158,7 @@ def candidates(
     angle = predicted(state, velocity, place)
     middle = angle[:, 0], angle[:, 1:].mean(-1)
     size = angle[:, 2] - angle[:, 1]
-    seen = boxes.angle[begin:end, 0], boxes.angle[begin:end, 1:].mean(-1)
+    observed = boxes.angle[begin:end, 0], boxes.angle[begin:end, 1:].mean(-1)
     good: np.ndarray = np.asarray(boxes.whole[begin:end].all(-1))
     # Logarithms of both sizes; NaN is not alike.
     tall, high = (
@@ -170,7 +170,7 @@ def candidates(
         a, b = equal_pairs(people.frame[person] + int(shift), boxes.frame[begin:end])
         alike = good[b] & (np.abs(tall[b] - high[a]) < ALIKE)
         a, b = a[alike], b[alike]
-        i, j = (np.rint((seen[k][b] - middle[k][a]) / CELL).astype(int) + REACH for k in (0, 1))
+        i, j = (np.rint((observed[k][b] - middle[k][a]) / CELL).astype(int) + REACH for k in (0, 1))
         near = (i >= 0) & (i < side) & (j >= 0) & (j < side)
         votes.append(np.bincount((i * side + j)[near], minlength=side**2))
     wide = np.pad(np.array(votes).reshape(-1, side, side), ((0, 0), (1, 1), (1, 1)))
@@ -178,7 +178,7 @@ def candidates(
     stack = np.sum([rows[..., j : j + side] for j in range(3)], axis=0)
     # What standing people and chance bring is the same at most lags.
     excess = stack - np.median(stack, axis=0)[None] * (len(shifts) > 4)
-    found = []
+    corrections = []
     for _ in range(TRIED):
         peak = int(excess.argmax())
         if excess.ravel()[peak] <= 0:
@@ -186,10 +186,10 @@ def candidates(
         top = np.unravel_index(peak, excess.shape)
         azimuth, elevation = ((int(top[i]) - REACH) * CELL for i in (1, 2))
         # A camera that turns to the right by an angle sees everybody that much farther left.
-        found.append(Correction(np.array([-elevation, azimuth, 0.0]), float(shifts[top[0]])))
+        corrections.append(Correction(np.array([-elevation, azimuth, 0.0]), float(shifts[top[0]])))
         near = tuple(slice(max(0, int(i) - 2), int(i) + 3) for i in top[1:])
         excess[(slice(max(0, int(top[0]) - 1), int(top[0]) + 2), *near)] = 0
-    return found
+    return corrections
 
 
 def best(
@@ -201,11 +201,13 @@ def best(
 ) -> Correction:
     """The correction with most matches; the present one unless another is clearly better."""
     state = sights.people.state[person]
-    now, *found = match(sights, person, state, [(camera, one) for one in (present, *tried)])
-    least = max(BETTER * now.score, now.score + FEWEST)
+    present_matches, *tried_matches = match(
+        sights, person, state, [(camera, one) for one in (present, *tried)]
+    )
+    least = max(BETTER * present_matches.score, present_matches.score + FEWEST)
     better = [
         (other.score, -index)
-        for index, other in enumerate(found)
-        if other.score >= least and other.share > now.share
+        for index, other in enumerate(tried_matches)
+        if other.score >= least and other.share > present_matches.share
     ]
     return tried[-max(better)[1]] if better else present

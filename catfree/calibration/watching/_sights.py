@@ -91,8 +91,8 @@ class Sights:
     def seen_by_others(self, camera: int, begin: int, stop: int) -> Int[np.ndarray, " m"]:
         """(m,) people from step `begin` to before `stop` whom two or more other cameras see."""
         low, high = np.searchsorted(self.people.frame, [begin, stop])
-        seen = self.people.support[low:high] >= 0
-        return low + np.flatnonzero(seen.sum(-1) - seen[:, camera] >= 2)
+        has_box = self.people.support[low:high] >= 0
+        return low + np.flatnonzero(has_box.sum(-1) - has_box[:, camera] >= 2)
 
     def imaged(
         self, camera: Int[np.ndarray, " n"], state: Float[np.ndarray, "n 3"]
@@ -101,12 +101,12 @@ class Sights:
         ground = self.scene.ground
         basis, normal = (np.asarray(v, np.float64) for v in (ground.basis, ground.normal))
         height = state[:, 2:] / 2 - float(ground.offset)
-        pixel, seen = pixels_of_points(
+        pixel, is_imaged = pixels_of_points(
             self.scene.rig, camera, state[:, :2] @ basis.T + height * normal
         )
         size = np.asarray(self.scene.rig.image_size)[camera]
         with np.errstate(invalid="ignore"):
-            return seen & ((pixel >= 0) & (pixel <= size - 1)).all(-1)
+            return is_imaged & ((pixel >= 0) & (pixel <= size - 1)).all(-1)
 
 
 def sights(scene: Scene, detections: Detections, tracks: Tracks) -> Sights:
@@ -268,8 +268,8 @@ def _linear(state: Array, velocity: Array, place: Array) -> tuple[Array, Array]:
     def one(state: Array, velocity: Array, place: Array) -> tuple[Array, Array]:
         def shifted(shift: Float[Array, "11"]) -> tuple[Array, Array]:
             turn, lag, center, zoom, move = jnp.split(shift, [3, 4, 7, 8])
-            found = predict(turn, lag[0], state + move, velocity, place, center, zoom[0])
-            return found, found
+            angles = predict(turn, lag[0], state + move, velocity, place, center, zoom[0])
+            return angles, angles
 
         slope, value = jax.jacfwd(shifted, has_aux=True)(jnp.zeros(11, state.dtype))
         return value, slope

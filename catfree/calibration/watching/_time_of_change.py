@@ -63,9 +63,9 @@ def _matched_again(watched: Watched, course: Course, report: Progress) -> Watche
         inside = [cut for cut in cuts if window.begin < cut < window.stop]
         for begin, stop in pairwise([window.begin, *inside, window.stop]):
             start = _start(watched, course, index, begin, stop)
-            solved, found = solve_window(sights, begin, stop, start, watched.noise)
+            solved, window_corrections = solve_window(sights, begin, stop, start, watched.noise)
             windows.append(solved)
-            corrections.append(tuple(found))
+            corrections.append(tuple(window_corrections))
     report("changes", len(watched.windows), len(watched.windows))
     return replace(watched, windows=tuple(windows), corrections=tuple(corrections))
 
@@ -80,7 +80,7 @@ def _start(watched: Watched, course: Course, index: int, begin: int, stop: int) 
     tried = [_corrections(course.at(window)[0]) for window in nearby]
     for camera in {change.camera for change in course.changes}:
         others = watched.sights.seen_by_others(camera, begin, stop)
-        changed = [found[camera] for found in tried]
+        changed = [candidate[camera] for candidate in tried]
         start[camera] = best(watched.sights, camera, others, start[camera], changed)
     return start
 
@@ -127,18 +127,20 @@ def _costs(
     sights: Sights, camera: int, person: Int[np.ndarray, " m"], at: Correction
 ) -> Float[np.ndarray, " m"]:
     """Squared distance of each person from the nearest box, in deviations."""
-    (found,) = match(sights, person, sights.people.state[person], [(camera, at)])
+    (matches,) = match(sights, person, sights.people.state[person], [(camera, at)])
     boxes = sights.boxes
-    deviation = SHARPER * SPREAD * boxes.size[found.box, None]
-    off = np.where(boxes.whole[found.box], (boxes.angle[found.box] - found.angle) / deviation, 0.0)
+    deviation = SHARPER * SPREAD * boxes.size[matches.box, None]
+    off = np.where(
+        boxes.whole[matches.box], (boxes.angle[matches.box] - matches.angle) / deviation, 0.0
+    )
     cost = np.full(len(person), GATE**2)
-    cost[np.searchsorted(person, found.person)] = np.minimum((off**2).sum(-1), GATE**2)
+    cost[np.searchsorted(person, matches.person)] = np.minimum((off**2).sum(-1), GATE**2)
     return cost
 
 
 def _usual(watched: Watched, camera: int, reference: int, windows: range) -> Correction:
     """The middle error of a camera in some windows, each found from that window alone."""
-    found = [watched.corrections[window] for window in windows]
-    turn = np.median([one[camera].turn for one in found], axis=0)
-    lag = float(np.median([one[camera].lag - one[reference].lag for one in found]))
-    return found[0][camera]._replace(turn=turn, lag=lag)
+    corrections = [watched.corrections[window] for window in windows]
+    turn = np.median([one[camera].turn for one in corrections], axis=0)
+    lag = float(np.median([one[camera].lag - one[reference].lag for one in corrections]))
+    return corrections[0][camera]._replace(turn=turn, lag=lag)

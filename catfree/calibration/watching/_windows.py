@@ -93,44 +93,46 @@ def watch(
             "Checking a rig needs confident boxes of its registered cameras, but there are none. "
             "Check that the detections belong to the scene, and their scores."
         )
-    seen = sights(scene, confident, localization.tracks)
-    rate = UNKNOWN_RATE if detections.clock is None else detections.clock.frame_rate / seen.step
-    length = float(np.clip(seen.steps / WINDOWS, SHORTEST * rate, longest * rate))
+    recording = sights(scene, confident, localization.tracks)
+    rate = (
+        UNKNOWN_RATE if detections.clock is None else detections.clock.frame_rate / recording.step
+    )
+    length = float(np.clip(recording.steps / WINDOWS, SHORTEST * rate, longest * rate))
     steps = max(FEWEST_STEPS, round(length))
-    begins = _begins(seen, steps, since)
-    reach = min(maximum_offset // seen.step, seen.steps // 3)
+    begins = _begins(recording, steps, since)
+    reach = min(maximum_offset // recording.step, recording.steps // 3)
     shifts = np.array(sorted(range(-reach, reach + 1), key=abs))
     cameras = scene.rig.camera_count
-    now: Sequence[Correction] = [Correction(np.zeros(3), 0.0)] * cameras
+    present: Sequence[Correction] = [Correction(np.zeros(3), 0.0)] * cameras
     noise = np.array(settings.evidence.edge_noise)
     windows, corrections = [], []
     for index, (begin, stop) in enumerate(begins):
         report("windows", index, len(begins))
-        found, now = solve_window(seen, begin, stop, now, noise, shifts)
-        windows.append(found)
-        corrections.append(tuple(now))
+        window, present = solve_window(recording, begin, stop, present, noise, shifts)
+        windows.append(window)
+        corrections.append(tuple(present))
     known = np.flatnonzero(scene.rig.registered).tolist()
     for _ in range(SWEEPS):
-        corrections = [_relative(found, known) for found in corrections]
-        again = _likelier_starts(seen, windows, corrections, known)
+        corrections = [_relative(one, known) for one in corrections]
+        again = _likelier_starts(recording, windows, corrections, known)
         for index, start in again.items():
             begin, stop = windows[index].begin, windows[index].stop
-            windows[index], now = solve_window(seen, begin, stop, start, noise)
-            corrections[index] = tuple(now)
+            windows[index], present = solve_window(recording, begin, stop, start, noise)
+            corrections[index] = tuple(present)
         if not again:
             break
     report("windows", len(begins), len(begins))
-    return Watched(seen, tuple(windows), tuple(corrections), steps / rate, noise)
+    return Watched(recording, tuple(windows), tuple(corrections), steps / rate, noise)
 
 
-def _relative(found: Sequence[Correction], cameras: Sequence[int]) -> tuple[Correction, ...]:
+def _relative(corrections: Sequence[Correction], cameras: Sequence[int]) -> tuple[Correction, ...]:
     """The same errors with lags that count from the middle camera."""
-    middle = float(np.median([found[camera].lag for camera in cameras]))
-    return tuple(one._replace(lag=one.lag - middle) for one in found)
+    middle = float(np.median([corrections[camera].lag for camera in cameras]))
+    return tuple(one._replace(lag=one.lag - middle) for one in corrections)
 
 
 def _likelier_starts(
-    seen: Sights,
+    recording: Sights,
     windows: Sequence[Window],
     corrections: Sequence[Sequence[Correction]],
     cameras: Sequence[int],
@@ -149,8 +151,8 @@ def _likelier_starts(
             tried = [corrections[at][camera] for at in nearby]
             if all(_is_near(start[camera], one) for one in (usual[camera], *tried)):
                 continue
-            others = seen.seen_by_others(camera, window.begin, window.stop)
-            likely = best(seen, camera, others, usual[camera], tried)
+            others = recording.seen_by_others(camera, window.begin, window.stop)
+            likely = best(recording, camera, others, usual[camera], tried)
             if not _is_near(start[camera], likely):
                 start[camera] = likely
                 starts[index] = start
@@ -171,25 +173,29 @@ def _usual(
     The middle turn of each camera, and the line through the middle of its lags (Theil and Sen).
     """
     time = np.array([(w.begin + w.stop) / 2 for w in windows])
-    usual = [list(found) for found in corrections]
+    usual = [list(row) for row in corrections]
     for camera in cameras:
-        told = [i for i, w in enumerate(windows) if w.matched[camera] > 0]
-        if len(told) < FEWEST_TO_COMPARE:
+        matched_windows = [i for i, w in enumerate(windows) if w.matched[camera] > 0]
+        if len(matched_windows) < FEWEST_TO_COMPARE:
             continue
-        turn = np.median([corrections[w][camera].turn for w in told], axis=0)
-        lag = [corrections[w][camera].lag for w in told]
-        slope, at_zero, *_ = scipy.stats.theilslopes(lag, time[told])
+        turn = np.median([corrections[w][camera].turn for w in matched_windows], axis=0)
+        lag = [corrections[w][camera].lag for w in matched_windows]
+        slope, at_zero, *_ = scipy.stats.theilslopes(lag, time[matched_windows])
         for window in range(len(windows)):
             usual[window][camera] = Correction(turn, float(at_zero + slope * time[window]))
     return usual
 
 
-def _begins(seen: Sights, steps: int, since: int | None) -> list[tuple[int, int]]:
+def _begins(recording: Sights, steps: int, since: int | None) -> list[tuple[int, int]]:
     """First step and step after the last one of each window with boxes; one begins at `since`."""
-    cut = 0 if since is None else int(np.clip((since - seen.first) // seen.step, 0, seen.steps))
-    occupied = np.unique(seen.boxes.frame)
+    cut = (
+        0
+        if since is None
+        else int(np.clip((since - recording.first) // recording.step, 0, recording.steps))
+    )
+    occupied = np.unique(recording.boxes.frame)
     result = []
-    for low, high in ((0, cut), (cut, seen.steps)):
+    for low, high in ((0, cut), (cut, recording.steps)):
         inside = occupied[(occupied >= low) & (occupied < high)]
         count = max(1, (high - low) // steps)
         length = (high - low) / count
