@@ -56,7 +56,7 @@ def require_files(
                 f"camera: {shortened(' '.join(map(str, inside)))}."
             )
     if all(path.exists() for path in videos) and are_boxes(videos):
-        raise InvalidInputError(f"{videos[0]} holds boxes, not a video. {boxes_go}")
+        raise InvalidInputError(f"{_like_boxes(videos[0])}, not like a video. {boxes_go}")
     _require_two(videos)
     for camera, path in enumerate(videos):
         if not path.exists():
@@ -233,6 +233,13 @@ def open_boxes(
     return replace(boxes, image_size=np.tile(image_size, (len(boxes.camera_names), 1)))
 
 
+def _like_boxes(path: Path) -> str:
+    """Say what tells that a path is one of boxes: the endings of names, not what they hold."""
+    if path.is_dir():
+        return f"{path} holds files that end like boxes"
+    return f"{path} ends like a file of boxes ({path.suffix})"
+
+
 def are_boxes(paths: tuple[Path, ...]) -> bool:
     """Return whether these are files of boxes rather than videos.
 
@@ -244,7 +251,7 @@ def are_boxes(paths: tuple[Path, ...]) -> bool:
     kinds = [os.path.exists(path) and holds_boxes(path) for path in paths]
     if any(kinds) and not all(kinds):
         raise InvalidInputError(
-            f"{paths[kinds.index(True)]} holds boxes, but {paths[kinds.index(False)]} does not. "
+            f"{_like_boxes(paths[kinds.index(True)])}, but {paths[kinds.index(False)]} does not. "
             "Name either videos or files of boxes."
         )
     return any(kinds)

@@ -141,8 +141,8 @@ def test_mistakes_are_one_sentence(world, boxes, tmp_path, capsys):
     for words, expected in [
         (["localize", str(tmp_path / "none")], "There is no file or folder"),
         (["localize", north, east, "--scene", str(tmp_path / "no")], "There is no file"),
-        (["run", north, east], "north.txt holds boxes, not a video. Give the boxes to catfree"),
-        (["calibrate", north, str(tmp_path / "a.mp4")], "north.txt holds boxes, but"),
+        (["run", north, east], "(.txt), not like a video. Give the boxes to catfree"),
+        (["calibrate", north, str(tmp_path / "a.mp4")], "north.txt ends like a file of boxes"),
     ]:
         assert cli.main([*words, "--out", str(tmp_path / "out")]) == 1
         assert expected in sentence(capsys)
