@@ -181,17 +181,17 @@ def _has_neighbor(
     frame_index: Int[np.ndarray, " n"], ground_xy: Float[np.ndarray, "n 2"], radius: float
 ) -> Bool[np.ndarray, " n"]:
     """(N,) whether another position of the frame is within the radius; a few more may be true."""
-    found = np.ones(len(ground_xy), bool)
+    has_neighbor = np.ones(len(ground_xy), bool)
     finite = np.flatnonzero(np.isfinite(ground_xy).all(1))
     if len(finite) == 0:
-        return found
+        return has_neighbor
     xy = ground_xy[finite].astype(np.float64)
     # Positions may be rounded to single precision later.
     reach = 1.001 * float(radius) + 1e-6 * float(np.abs(xy).max()) + np.finfo(float).tiny
     apart = np.column_stack([xy / reach, 4.0 * frame_index[finite]])
     nearest, _ = KDTree(apart).query(apart, 2, distance_upper_bound=1.0)
-    found[finite] = np.isfinite(nearest[:, 1])
-    return found
+    has_neighbor[finite] = np.isfinite(nearest[:, 1])
+    return has_neighbor
 
 
 def outside_by_frame(
