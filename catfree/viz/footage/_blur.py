@@ -80,9 +80,9 @@ def people_regions(
     Returns:
         (N, 4) x1, y1, x2, y2 in pixels, possibly beyond the image.
     """
-    seen = detections.box[(detections.frame == frame) & (detections.camera == camera)]
+    boxes = detections.box[(detections.frame == frame) & (detections.camera == camera)]
     if not scene.rig.registered[camera]:
-        return seen
+        return boxes
     position = localization.tracks.position[localization.tracks.frame == frame]
     head, foot, in_front = posts(position, person_height, scene, camera)
     pixel = np.stack([foot, (foot + head) / 2, head], 1)
@@ -94,7 +94,7 @@ def people_regions(
     foot, head = foot[shown], head[shown]
     half = WIDTH_SHARE / 2 * np.linalg.norm(head - foot, axis=-1, keepdims=True)
     corners = [np.minimum(foot, head) - half, np.maximum(foot, head) + half]
-    return np.concatenate([seen, np.concatenate(corners, axis=1)])
+    return np.concatenate([boxes, np.concatenate(corners, axis=1)])
 
 
 def posts(

@@ -213,5 +213,5 @@ def _covered(coverage: Coverage) -> dict[str, Any]:
         "y": y_min,
         "dx": (x_max - x_min) / width * step,
         "dy": (y_max - y_min) / height * step,
-        "cells": ["".join("1" if seen else "0" for seen in row) for row in cells],
+        "cells": ["".join("1" if covered else "0" for covered in row) for row in cells],
     }
