@@ -137,7 +137,7 @@ def _draw_detected(
     frames, people = walkers.present.shape
     drive = rng.standard_normal((frames, people, cameras))
     drive[1:] *= np.sqrt(1 - memory**2)
-    luck = ndtr(list(accumulate(drive, lambda before, now: memory * before + now)))
+    luck = ndtr(list(accumulate(drive, lambda before, innovation: memory * before + innovation)))
     return luck[bodies.frame, bodies.person, bodies.camera] < rate
 
 

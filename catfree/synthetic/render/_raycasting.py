@@ -32,8 +32,8 @@ class Canvas:
         """Rows and columns of the rays that may hit a convex hull, or None."""
         pixel, depth = project(self.rig, self.camera, outline)
         if depth.min() < 0.2:
-            seen = depth.max() > 0.2 and not self._is_beside(outline)
-            return (slice(None), slice(None)) if seen else None
+            is_visible = depth.max() > 0.2 and not self._is_beside(outline)
+            return (slice(None), slice(None)) if is_visible else None
         low = np.floor((pixel.min(0) - 1) * OVERSAMPLING).astype(int)
         high = np.ceil((pixel.max(0) + 2) * OVERSAMPLING).astype(int)
         height, width = self.distance.shape
