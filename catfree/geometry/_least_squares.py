@@ -141,16 +141,18 @@ class NormalEquations(NamedTuple):
             of_views = jnp.moveaxis(of_views, 0, axis).reshape(shape)
             return jnp.concatenate([of_views, of_uncertain.sum(0)], axis)
 
-        own = jnp.einsum("kcvp,kcwp->kvw", by_common, by_common)
+        normal = jnp.einsum("kcvp,kcwp->kvw", by_common, by_common)
         mixed = (by_common[:, :, None] * by_block[:, :, :, None]).sum(1)
         right = jnp.einsum("kcvp,kcup->kv", by_common, r)
         axis = jnp.arange(views)
-        diagonal = jnp.zeros((views, v, views, v), own.dtype).at[axis, :, axis].set(own[:, :v, :v])
-        cross = own[:, :v, v:].reshape(size, -1)
+        diagonal = (
+            jnp.zeros((views, v, views, v), normal.dtype).at[axis, :, axis].set(normal[:, :v, :v])
+        )
+        cross = normal[:, :v, v:].reshape(size, -1)
         common = jnp.block(
             [
                 [diagonal.reshape(size, size) + prior.T @ prior, cross],
-                [cross.T, own[:, v:, v:].sum(0)],
+                [cross.T, normal[:, v:, v:].sum(0)],
             ]
         )
         equations = cls(

@@ -135,9 +135,9 @@ def people_in_rig(
     cameras = np.broadcast_to(camera, len(person))
     station = np.asarray(rig.centers, np.float64)[cameras, :2]
     foot = np.stack([*visible_foot(station, person, foot_offset), np.zeros(len(person))], -1)
-    pixel, seen = pixels_of_points(rig, np.tile(cameras, 2), np.concatenate([person, foot]))
-    (high, low), (high_seen, low_seen) = np.split(pixel, 2), np.split(seen, 2)
-    return high, low, high_seen & low_seen
+    pixel, imaged = pixels_of_points(rig, np.tile(cameras, 2), np.concatenate([person, foot]))
+    (high, low), (high_imaged, low_imaged) = np.split(pixel, 2), np.split(imaged, 2)
+    return high, low, high_imaged & low_imaged
 
 
 def edge_deviation(

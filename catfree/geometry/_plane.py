@@ -97,12 +97,12 @@ def fit_plane(
 
     Source: Pearson (1901), "On lines and planes of closest fit to systems of points in space".
     """
-    given = np.ones(points.shape[0], np.float32) if weights is None else weights
-    points, given, toward = float_arrays(points, given, toward)
-    present = jnp.asarray(given) > 0  # false for NaN too
+    point_weights = np.ones(points.shape[0], np.float32) if weights is None else weights
+    points, point_weights, toward = float_arrays(points, point_weights, toward)
+    present = jnp.asarray(point_weights) > 0  # false for NaN too
     points = jnp.where(present[:, None], points, 0)
-    total = jnp.sum(jnp.where(present, given, 0))
-    shares = jnp.where(present, given, 0) / jnp.where(total > 0, total, 1)
+    total = jnp.sum(jnp.where(present, point_weights, 0))
+    shares = jnp.where(present, point_weights, 0) / jnp.where(total > 0, total, 1)
     center = jnp.sum(shares[:, None] * points, axis=0)
     offsets = jnp.where(present[:, None], points - center[None, :], 0)
     scatter = jnp.einsum("n,ni,nj->ij", shares, offsets, offsets)

@@ -74,10 +74,10 @@ def angular_residual(
     sight = position - origin
     # Rescaled by its largest entry so that the squares of very small scenes do not vanish.
     largest = jnp.max(jnp.abs(sight))
-    seen = largest > 0
-    sight = jnp.where(seen, sight, direction) / jnp.where(seen, largest, 1)
+    is_apart = largest > 0
+    sight = jnp.where(is_apart, sight, direction) / jnp.where(is_apart, largest, 1)
     angle = jnp.arctan2(safe_norm(jnp.cross(direction, sight)), jnp.sum(direction * sight))
-    return jnp.where(seen, angle, math.pi / 2)
+    return jnp.where(is_apart, angle, math.pi / 2)
 
 
 def height_weight(height: Scalar, median_height: Scalar) -> Float[Array, ""]:

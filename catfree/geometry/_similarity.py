@@ -101,22 +101,22 @@ def fit_similarity(
     Source: Umeyama (1991), "Least-squares estimation of transformation parameters between two
         point patterns".
     """
-    source, target, given = float_arrays(source, target, weights)
+    source, target, weights = float_arrays(source, target, weights)
     if source.ndim != 2 or source.shape != target.shape or source.shape[0] == 0:
         raise InvalidInputError(
             "A similarity needs pairs of points: two arrays of the same shape (n, 3) or (n, 2), "
             f"n at least 1, got {source.shape} and {target.shape}."
         )
-    given = jnp.ones(source.shape[0], source.dtype) if given is None else given
-    if given.shape != source.shape[:1]:
+    weights = jnp.ones(source.shape[0], source.dtype) if weights is None else weights
+    if weights.shape != source.shape[:1]:
         raise InvalidInputError(
-            f"weights has shape {given.shape}; it must be one number for each of the "
+            f"weights has shape {weights.shape}; it must be one number for each of the "
             f"{source.shape[0]} pairs of points."
         )
-    fitted, covariance, spread = _fit(source, target, given, fixed_scale=fixed_scale)
+    fitted, covariance, spread = _fit(source, target, weights, fixed_scale=fixed_scale)
     if not is_traced(covariance, spread):
         _require_determined(
-            np.asarray(covariance), bool(spread), int(np.sum(np.asarray(given) > 0))
+            np.asarray(covariance), bool(spread), int(np.sum(np.asarray(weights) > 0))
         )
     return fitted
 
@@ -125,14 +125,14 @@ def fit_similarity(
 def _fit(
     source: Float[Array, "n dim"],
     target: Float[Array, "n dim"],
-    given: Float[Array, " n"],
+    weights: Float[Array, " n"],
     *,
     fixed_scale: bool,
 ) -> tuple[Similarity, Float[Array, "dim dim"], Bool[Array, ""]]:
     """The fitted similarity, the cross-covariance, and whether the points differ."""
-    present = given > 0  # false for NaN too
-    total = jnp.sum(jnp.where(present, given, 0))
-    shares = jnp.where(present, given, 0) / jnp.where(total > 0, total, 1)
+    present = weights > 0  # false for NaN too
+    total = jnp.sum(jnp.where(present, weights, 0))
+    shares = jnp.where(present, weights, 0) / jnp.where(total > 0, total, 1)
     source = jnp.where(present[:, None], source, 0)
     target = jnp.where(present[:, None], target, 0)
     source_mean, target_mean = shares @ source, shares @ target

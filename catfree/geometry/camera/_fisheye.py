@@ -58,17 +58,17 @@ def fisheye_pixel(
 
     Source: Kannala and Brandt (2006), as the documentation of `cv2.fisheye` states it.
     """
-    intrinsics, seen, lens = float_arrays(K, point, k)
-    require_vectors(3, point=seen)
-    largest = jnp.max(jnp.abs(seen))
+    intrinsics, xyz, lens = float_arrays(K, point, k)
+    require_vectors(3, point=xyz)
+    largest = jnp.max(jnp.abs(xyz))
     somewhere = largest > 0
-    seen = seen / jnp.where(somewhere, largest, 1)
-    radius = safe_norm(seen[:2])
+    xyz = xyz / jnp.where(somewhere, largest, 1)
+    radius = safe_norm(xyz[:2])
     aside = radius > 0
-    ahead = seen[2] > 0
-    angle = jnp.arctan2(radius, jnp.where(aside | ahead, seen[2], 1))
-    share = jnp.where(aside, angle / jnp.where(aside, radius, 1), 1 / jnp.where(ahead, seen[2], 1))
-    turned = share * seen[:2]
+    ahead = xyz[2] > 0
+    angle = jnp.arctan2(radius, jnp.where(aside | ahead, xyz[2], 1))
+    share = jnp.where(aside, angle / jnp.where(aside, radius, 1), 1 / jnp.where(ahead, xyz[2], 1))
+    turned = share * xyz[:2]
     fractions = jnp.arange(1, FOLD_SAMPLES + 1, dtype=turned.dtype) / FOLD_SAMPLES
     whole = inside_fold(lambda angle: _bend(angle, lens), jnp.outer(fractions, turned))
     return to_pixel(intrinsics, _bend(turned, lens)), somewhere & (aside | ahead) & whole

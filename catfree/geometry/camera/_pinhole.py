@@ -122,14 +122,14 @@ def pinhole_pixel(
     Raises:
         InvalidInputError: if point is not one vector.
     """
-    intrinsics, seen, lens = float_arrays(K, point, distortion)
-    require_vectors(3, point=seen)
-    normalized, in_front = _normalize(seen)
+    intrinsics, xyz, lens = float_arrays(K, point, distortion)
+    require_vectors(3, point=xyz)
+    normalized, in_front = _normalize(xyz)
     if lens is None:
         return to_pixel(intrinsics, normalized), in_front
     radius = safe_norm(normalized)
     off_axis = radius > 0
-    fractions = jnp.arange(1, FOLD_SAMPLES + 1, dtype=seen.dtype) / FOLD_SAMPLES
+    fractions = jnp.arange(1, FOLD_SAMPLES + 1, dtype=xyz.dtype) / FOLD_SAMPLES
     radii = jnp.tan(fractions * jnp.arctan(radius)) / jnp.where(off_axis, radius, 1)
     whole = inside_fold(lambda ideal: distort(ideal, lens), jnp.outer(radii, normalized))
     return to_pixel(intrinsics, distort(normalized, lens)), in_front & whole

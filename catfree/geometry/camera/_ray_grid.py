@@ -65,14 +65,14 @@ def grid_pixel(
     Raises:
         InvalidInputError: if point is not one vector.
     """
-    rays, size, seen = float_arrays(grid, image_size, point)
+    rays, size, xyz = float_arrays(grid, image_size, point)
     require_vectors(2, image_size=size)
-    require_vectors(3, point=seen)
+    require_vectors(3, point=xyz)
     extended = _extend(rays)
-    distance = safe_norm(seen)
+    distance = safe_norm(xyz)
     somewhere = distance > 0
     fallback = rays[rays.shape[0] // 2, rays.shape[1] // 2]
-    direction = jnp.where(somewhere, seen / jnp.where(somewhere, distance, 1), fallback)
+    direction = jnp.where(somewhere, xyz / jnp.where(somewhere, distance, 1), fallback)
     least = jnp.argmin(jnp.abs(direction))
     first = jnp.cross(direction, jnp.eye(3, dtype=rays.dtype)[least])
     first = first / safe_norm(first)
@@ -88,7 +88,7 @@ def grid_pixel(
     start = jnp.stack([strides[1] * column, strides[0] * row]).astype(rays.dtype)
     upper = jnp.asarray(rays.shape[1::-1], rays.dtype)
     tolerance = TOLERANCE * epsilon(rays.dtype) ** 0.5
-    found = optx.root_find(
+    root = optx.root_find(
         miss,
         optx.Newton(rtol=tolerance, atol=tolerance),
         start,
@@ -97,15 +97,15 @@ def grid_pixel(
         max_steps=STEPS,
         throw=False,
     ).value
-    found = jax.lax.stop_gradient(jnp.where(jnp.isfinite(found).all(), found, start))
+    root = jax.lax.stop_gradient(jnp.where(jnp.isfinite(root).all(), root, start))
     # One more step, whose derivative is that of the root by the implicit function theorem.
-    error = miss(found, sideways)
-    slope = jax.lax.stop_gradient(jax.jacfwd(miss)(found, sideways))
+    error = miss(root, sideways)
+    slope = jax.lax.stop_gradient(jax.jacfwd(miss)(root, sideways))
     determinant = slope[0, 0] * slope[1, 1] - slope[0, 1] * slope[1, 0]
     regular = jnp.abs(determinant) > SINGULAR
     adjugate = jnp.stack([jnp.stack([slope[1, 1], -slope[0, 1]]),
                           jnp.stack([-slope[1, 0], slope[0, 0]])])  # fmt: skip
-    cells = found - jnp.where(regular, 1, 0) * (adjugate @ error) / jnp.where(
+    cells = root - jnp.where(regular, 1, 0) * (adjugate @ error) / jnp.where(
         regular, determinant, 1
     )
     cells = jnp.clip(cells, -1, upper)

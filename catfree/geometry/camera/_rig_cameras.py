@@ -77,8 +77,8 @@ def _by_lens(
             if not len(part):
                 continue
             with jax.enable_x64(True):
-                found = _apply(functions[lens], lens, rig, camera[part], rows[part])
-            for result, values in zip(results, jax.tree.leaves(found), strict=True):
+                outputs = _apply(functions[lens], lens, rig, camera[part], rows[part])
+            for result, values in zip(results, jax.tree.leaves(outputs), strict=True):
                 result[part] = values
     return results
 
