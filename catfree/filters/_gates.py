@@ -73,8 +73,8 @@ def quantile(
     if values.shape[0] == 0:
         return jnp.asarray(jnp.inf, values.dtype)
     member = as_mask(where, values.shape) & jnp.isfinite(values)
-    found = jnp.nanquantile(jnp.where(member, values, jnp.nan), jnp.asarray(share, values.dtype))
-    return jnp.where(member.any(), found, jnp.inf)
+    estimate = jnp.nanquantile(jnp.where(member, values, jnp.nan), jnp.asarray(share, values.dtype))
+    return jnp.where(member.any(), estimate, jnp.inf)
 
 
 def support_threshold(
