@@ -1,8 +1,8 @@
 """`run_sites`: calibrate each site once, then run the shards of all of them."""
 
 import dataclasses
+import math
 import os
-import tomllib
 from collections.abc import Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
@@ -38,8 +38,8 @@ from catfree.adapters.datasets import read_missing_pictures, read_scene
 from catfree.adapters.datasets._detection_files import CameraBoxes
 from catfree.adapters.datasets._scene_files import METERS, Unit
 from catfree.adapters.files._camera_names import names_of_files
-from catfree.adapters.files._documents import read_text
 from catfree.adapters.files._fingerprint import hash_parameters
+from catfree.adapters.files._toml import read_toml
 from catfree.adapters.protocols import Detector, Embedder, FittedToCamera
 from catfree.adapters.video import detect_videos
 from catfree.calibration import read_anchors
@@ -62,6 +62,8 @@ from catfree.types._writing import make_folder
 
 MOST_TRIES = 4  # stretches of a recording from which its cameras may be found
 CALIBRATION_SECONDS = 300.0
+_LARGEST_LIST = 2**20  # characters; a recording takes a few hundred
+_MOST_DOTS = 16  # per line: a recording has a frame rate
 
 
 @dataclass(frozen=True)
@@ -257,11 +259,7 @@ def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
         FileFormatError: if it is not such a file, naming the key.
     """
     source = Path(path)
-    text = read_text(source, "list of sites")
-    try:
-        document = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        raise FileFormatError(f"{source} is not TOML: {quoted(error)}.") from error
+    document = read_toml(source, "list of sites", largest=_LARGEST_LIST, dots=_MOST_DOTS)
     kinds: dict[str, type | tuple[type, ...]] = {
         "every": (int, float), "overlap": (int, float), "method": str, "detector": str,
         "embedder": str, "site": list,
@@ -327,9 +325,12 @@ def _site(row: Any, source: Path, where: str) -> Site:
 
 def _number(value: int | float, source: Path, name: str) -> float:
     try:
-        return float(value)
-    except OverflowError as error:
-        raise FileFormatError(f"{source}: {name} is {quoted(value)}.") from error
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise FileFormatError(f"{source}: {name} is {quoted(value)}; it must be finite.")
+    return number
 
 
 def _require_keys(

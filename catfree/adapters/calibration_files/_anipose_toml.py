@@ -1,7 +1,5 @@
 """The `calibration.toml` that aniposelib, Pose2Sim, FreeMoCap and Caliscope exchange."""
 
-import re
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -28,19 +26,16 @@ from catfree.adapters.files._documents import (
     entry,
     naming_file,
     numbers,
-    read_text,
     text_of,
     write_text_atomically,
 )
-from catfree.errors import FileFormatError, quoted, shortened
+from catfree.adapters.files._toml import read_toml
+from catfree.errors import FileFormatError, shortened
 from catfree.types import Lens, Rig
 from catfree.types._validation import as_path
 
-# A camera takes about 500 bytes and nine decimal points per line. The parser's time and recursion
-# depth grow much faster than the file, and fastest with the parts of a dotted key.
-_LARGEST_FILE = 2**17
-_MOST_DOTS = 64
-_TOML_STRING = re.compile(r'"(?:[^"\\\n]|\\.)*"?|\'[^\'\n]*\'?')
+_LARGEST_FILE = 2**17  # characters; a camera takes about 500
+_MOST_DOTS = 64  # a camera has nine decimal points per line
 
 
 def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRig:
@@ -64,23 +59,7 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
         FileFormatError: if it is not TOML of this form, or two cameras have the same name.
     """
     source = as_path(path, "path")
-    text = read_text(source, "calibration")
-    if len(text) > _LARGEST_FILE:
-        raise FileFormatError(
-            f"{source} has {len(text)} characters; a calibration has at most {_LARGEST_FILE}."
-        )
-    for at, line in enumerate(_TOML_STRING.sub('""', text).split("\n"), start=1):
-        if line.count(".") > _MOST_DOTS:
-            raise FileFormatError(
-                f"{source}: line {at} has {line.count('.')} dots; a calibration has at most "
-                f"{_MOST_DOTS} per line."
-            )
-    try:
-        document = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise FileFormatError(
-            f"{source} is not valid TOML ({quoted(error)}). Is the file complete?"
-        ) from error
+    document = read_toml(source, "calibration", largest=_LARGEST_FILE, dots=_MOST_DOTS)
     cameras = {key: value for key, value in document.items() if _is_camera(value)}
     if not cameras:
         raise FileFormatError(f"{source} holds no camera (a table with a 'matrix').")

@@ -125,7 +125,14 @@ def heads_and_rows():
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("every = ", "is not TOML"),
+        ("every = ", "is not valid TOML"),
+        (".".join(["a"] * 20000) + " = 1", "line 1 has 19999 dots; a list of sites has at most 16"),
+        ("#" * 2**20 + "\n", "has 1048577 characters; a list of sites has at most 1048576"),
+        (
+            "every = nan\n[[site]]\nname = 'a'\ndetections = 'a'",
+            "every is nan; it must be finite",
+        ),
+        ("overlap = -inf\n[[site]]\nname = 'a'\ndetections = 'a'", "overlap is -inf; it must be"),
         ("every = 6", r"has no \[\[site\]\]"),
         ("site = 3", "site of the file is 3"),
         ("site = [3]", "site 0 must be a table"),
@@ -142,6 +149,7 @@ def heads_and_rows():
             "unit of site 0 is 'km', not of m,",
         ),
         ("[[site]]\nname = 'a'\ndetections = 'a'\nframe_rate = '5'", "frame_rate of site 0 is '5'"),
+        ("[[site]]\nname = 'a'\ndetections = 'a'\nframe_rate = inf", "frame_rate of site 0 is inf"),
         ("[[site]]\nname = 'a'\ndetections = 'a'\nimage_size = [[1], [2, 3]]", "image_size of"),
         ("[[site]]\nname = 'a'\ndetections = 'a'\nimage_size = [1920, 1080]", "image_size of"),
     ],
@@ -152,6 +160,17 @@ def test_mistakes_are_named(tmp_path, text, sentence):
     with pytest.raises(FileFormatError, match=sentence) as error:
         read_sites(path)
     assert str(path) in str(error.value)
+
+
+def test_lists_that_take_long_to_parse_are_refused(tmp_path):
+    path = tmp_path / "sites.toml"
+    for text, sentence in (
+        (".".join(["a"] * 20000) + " = 1", "line 1 has 19999 dots; a list of sites has at most 16"),
+        ("#" * 2**20 + "\n", "has 1048577 characters; a list of sites has at most 1048576"),
+    ):
+        path.write_text(text)
+        with pytest.raises(FileFormatError, match=sentence):
+            read_sites(path)
 
 
 def test_the_documented_list_can_be_read(tmp_path):
