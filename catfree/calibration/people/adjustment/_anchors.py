@@ -98,7 +98,8 @@ class KnownCamera:
         _map_place(self.position, self.longitude, self.latitude, "KnownCamera")
         if self.rotation is not None:
             R = _numbers(self.rotation, (3, 3), "rotation of a KnownCamera")
-            if np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
+            large = np.abs(R).max() > 2  # whose products may overflow
+            if large or np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
                 raise InvalidInputError("rotation of a KnownCamera must be a rotation matrix.")
 
 
@@ -205,6 +206,11 @@ def read_anchors(path: str | os.PathLike[str]) -> tuple[Anchor, ...]:
                 raise FileFormatError(
                     f"{where} has {quoted(min(values.keys() - known))}; it may have "
                     f"{', '.join(sorted(known))}."
+                )
+            camera = values.get("camera", 0)
+            if type(camera) not in (int, str):
+                raise InvalidInputError(
+                    f"{where}: camera is {quoted(camera)}; it must be the index or the name of one."
                 )
             try:
                 stated = {

@@ -70,6 +70,11 @@ def test_a_file_holds_anchors_of_all_kinds(tmp_path):
         ),
         ({"cameras": [{"camera": [0], "height": 3}]}, InvalidInputError, "entry 0 of cameras"),
         ({"cameras": [{"camera": 0, "height": 10**400}]}, InvalidInputError, "entry 0 of cameras"),
+        (
+            {"cameras": [{"camera": 0, "rotation": [[1e308, 0, 0], [0, 1, 0], [0, 0, 1]]}]},
+            InvalidInputError,
+            "must be a rotation matrix",
+        ),
         ({"cameras": [{"camera": 0, "position": [[1], 2]}]}, InvalidInputError, "entry 0 of cam"),
     ],
 )
@@ -77,6 +82,22 @@ def test_files_of_another_form_are_refused(tmp_path, document, error, sentence):
     path = tmp_path / "anchors.json"
     path.write_text(json.dumps(document))
     with pytest.raises(error, match=sentence):
+        cf.read_anchors(path)
+
+
+@pytest.mark.parametrize("camera", [math.nan, math.inf, 1.0, True, None, [0]])
+@pytest.mark.parametrize(
+    ("kind", "values"),
+    [
+        ("distances", {"pixels": ENDS, "meters": 5}),
+        ("cameras", {"height": 3}),
+        ("points", {"pixel": ENDS[0], "position": [1, 2]}),
+    ],
+)
+def test_a_camera_is_an_index_or_a_name(tmp_path, camera, kind, values):
+    path = tmp_path / "anchors.json"
+    path.write_text(json.dumps({kind: [{"camera": camera} | values]}))
+    with pytest.raises(InvalidInputError, match=r"0 of .* it must be the index or the name"):
         cf.read_anchors(path)
 
 
