@@ -76,13 +76,15 @@ def attack(tally: Tally, folder: Path) -> None:
             against(name, content, make)
     for content in _tomls():
         against("read_anipose_toml", content)
+        against("read_sites", content)
     for content in _yamls():
         against("read_opencv_yaml (YAML)", content)
     for content in _xmls(folder):
         against("read_opencv_yaml (XML)", content)
         against("read_wildtrack", content, "intr_CVLab1.xml")
         against("read_multiviewx", content, "intr_Camera1.xml")
-    for name in ("read_rig_json", "read_scene_json", "read_uniform_json", "read_scenario"):
+    names = ("read_rig_json", "read_scene_json", "read_uniform_json", "read_anchors")
+    for name in (*names, "read_scenario"):
         for content in _jsons():
             against(name, content, "rig.json" if name == "read_scenario" else None)
     for content in _jsons():

@@ -11,6 +11,7 @@ import numpy as np
 
 from catfree._run._cache import StageCache, to_arrays
 from catfree._run._result_folder import LOCALIZATION_FILE, SCENE_FILE, read_results
+from catfree._run.sharded._sites import read_sites
 from catfree.adapters import (
     read_ai_city,
     read_ai_city_tracks,
@@ -44,6 +45,7 @@ from catfree.adapters import (
 from catfree.adapters.calibration_files._rotation_vectors import rotation_to_vector
 from catfree.adapters.calibration_files.colmap._colmap_models import MODELS, PARAMETERS
 from catfree.adapters.video._timestamps import read_timestamps
+from catfree.calibration import read_anchors
 from catfree.methods.online import Tracker, TrackerState
 from catfree.synthetic import make_world, ring
 from catfree.types import (
@@ -226,6 +228,8 @@ def readers(seed: int) -> list[Reader]:
             lambda f: read_multiviewx(f, boxes="matchings"),
             only=(".txt",),
         ),
+        Reader("read_anchors", _write_anchors, lambda f: read_anchors(f / "a.json")),
+        Reader("read_sites", _write_sites, lambda f: read_sites(f / "a.toml")),
         Reader("read_scenario", lambda f: _write_scenario(f, m), read_scenario),
     ]
 
@@ -446,6 +450,23 @@ def _write_multiviewx(folder: Path) -> None:
             path.parent.mkdir(exist_ok=True)
             path.write_text(" ".join(f"{value:g}" for value in row) + "\n")
     _annotations(folder / "annotations_positions" / "00001.json", 500 + 1000 * 320, 6)
+
+
+def _write_anchors(folder: Path) -> None:
+    distance = {"camera": "north", "pixels": [[64, 50], [81, 50.5]], "meters": 5.0}
+    camera = {"camera": 1, "height": 4.1, "position": [1, 2, 4.1], "rotation": np.eye(3).tolist()}
+    point = {"camera": 0, "pixel": [51, 70], "longitude": 8.547, "latitude": 47.376, "sd": 0.1}
+    document = {"distances": [distance], "cameras": [camera], "points": [point]}
+    (folder / "a.json").write_text(json.dumps(document))
+
+
+def _write_sites(folder: Path) -> None:
+    options = "every = 600\noverlap = 9.5\nmethod = 'default'\ndetector = 'a.onnx'\n"
+    north = "[[site]]\nname = 'north'\ndate = 2026-11-20\nvideos = ['a.mp4', 'b.mp4']\n"
+    north += "scene = 'scene.json'\nframe_rate = 12.5\nsilent = 'silent.csv'\n"
+    south = "[[site]]\nname = 'south'\ndetections = 'boxes.csv'\nunit = 'cm'\n"
+    south += "image_size = [[320, 240], [640, 480]]\nanchors = 'anchors.json'\n"
+    (folder / "a.toml").write_text(options + north + south)
 
 
 def _write_scenario(folder: Path, m: Material) -> None:
