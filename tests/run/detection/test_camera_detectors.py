@@ -133,7 +133,7 @@ def test_a_worker_reports_a_wrong_answer_with_camera_and_frame(folders):
     videos = SynchronizedVideos(folders[::2])
     with (
         CameraDetectors(videos, Fits("wrong", CHUNK + 2), workers=2) as cameras,
-        pytest.raises(InvalidInputError, match=rf"camera 0 at frame {CHUNK + 2},.*a str"),
+        pytest.raises(InvalidInputError, match=rf"camera 0 at frame {CHUNK + 2},.*type str"),
     ):
         detect_with_cache(videos, cameras, None, None)
 
