@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Int
 
-from catfree.errors import InsufficientDataError
+from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry import CanonicalFrame
 from catfree.methods import evidence
 from catfree.methods._expectation import with_expectation
@@ -29,6 +29,7 @@ from catfree.types._forks import require_own_process
 from catfree.types._validation import (
     as_pictures,
     boxes_of_another_size,
+    require_different_cameras,
     require_few_people,
     require_instance,
     require_known_cameras,
@@ -103,6 +104,7 @@ def localize(
         detections.camera[keep], detections.box[keep], scene.rig.image_size, camera_names
     )
     warnings += () if fault is None else (fault,)
+    warnings += _same_cameras(detections, keep, camera_names)
     if keep.any() and not len(result.tracks):
         warnings += (
             f"Nobody is found among {int(keep.sum())} boxes. Check that boxes and scene are of the "
@@ -110,6 +112,22 @@ def localize(
         )
     tracks = replace(result.tracks, clock=detections.clock)
     return with_expectation(replace(result, tracks=tracks, warnings=warnings), settings)
+
+
+def _same_cameras(
+    detections: Detections, keep: Bool[np.ndarray, " n"], camera_names: Sequence[str] | None
+) -> tuple[str, ...]:
+    """Name the first two cameras with the same boxes among those to keep, if there are any."""
+    count = np.bincount(detections.camera[keep])
+    alike = np.bincount(count)[count] > 1  # sorting takes time, and most cameras differ in number
+    rows = np.flatnonzero(keep)
+    rows = rows[alike[detections.camera[rows]]]
+    frame, camera, box = (getattr(detections, name)[rows] for name in ("frame", "camera", "box"))
+    try:
+        require_different_cameras(frame, camera, box, camera_names)
+    except InvalidInputError as error:
+        return (str(error),)
+    return ()
 
 
 def _localize_by_evidence(

@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+import re
 
 import jax
 import jax.numpy as jnp
@@ -423,3 +424,20 @@ def test_images_of_another_size_are_told(settings):
     assert any("have their center outside its image" in warning for warning in warnings)
     warnings = cf.localize(WORLD.detections, WORLD.scene, settings).warnings
     assert not any("have their center outside" in warning for warning in warnings)
+
+
+@pytest.mark.parametrize("settings", [Settings(), PAPER])
+def test_one_video_under_two_names_is_told(settings):
+    boxes = WORLD.detections
+    names = [f"gate {camera}" for camera in range(WORLD.scene.rig.camera_count)]
+    rows = np.flatnonzero(boxes.camera != 2)
+    rows = np.concatenate([rows, np.flatnonzero(boxes.camera == 0)[::-1]])
+    camera = boxes.camera[rows]
+    camera[len(rows) - (boxes.camera == 0).sum() :] = 2
+    twice = dataclasses.replace(boxes[rows], camera=camera)
+    said = re.compile(
+        "Cameras 'gate 0' and 'gate 2' have the same [0-9]+ boxes: one video was read"
+    )
+    warnings = cf.localize(twice, WORLD.scene, settings, camera_names=names).warnings
+    assert any(said.match(warning) for warning in warnings)
+    assert not any("read twice" in w for w in cf.localize(boxes, WORLD.scene, settings).warnings)
