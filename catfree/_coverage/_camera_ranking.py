@@ -4,7 +4,7 @@ from typing import Any, Unpack
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from catfree._coverage._expected_sigma import (
     Area,
@@ -17,6 +17,7 @@ from catfree._coverage._expected_sigma import (
 from catfree.errors import DegenerateGeometryError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.types import Lens, Plane, Rig, Scene
+from catfree.types._annotations import HostOrDevice
 from catfree.types._validation import as_point, require_instance
 
 PARALLEL = 1e-6  # sine of the angle to the ground's normal below which upright is undefined
@@ -103,9 +104,9 @@ def coverage_without(
 
 def coverage_with(
     scene: Scene,
-    K: Float[np.ndarray | Array, "3 3"],
-    R: Float[np.ndarray | Array, "3 3"],
-    t: Float[np.ndarray | Array, "3"],
+    K: Float[HostOrDevice, "3 3"],
+    R: Float[HostOrDevice, "3 3"],
+    t: Float[HostOrDevice, "3"],
     image_size: ArrayInput,
     area: Area | None = None,
     **options: Unpack[CoverageOptions],
@@ -149,8 +150,8 @@ def coverage_with(
 
 def camera_gain(
     scene: Scene,
-    center: Float[np.ndarray | Array, "3"],
-    target: Float[np.ndarray | Array, "3"],
+    center: Float[HostOrDevice, "3"],
+    target: Float[HostOrDevice, "3"],
     area: Area | None = None,
     *,
     like: int | None = None,

@@ -20,7 +20,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
+
+from catfree.types._annotations import HostOrDevice
 
 LOG_2PI = float(np.log(2 * np.pi))
 
@@ -41,9 +43,9 @@ class Information:
         constant: (...) k.
     """
 
-    matrix: Float[Array | np.ndarray, "*n 3 3"]
-    vector: Float[Array | np.ndarray, "*n 3"]
-    constant: Float[Array | np.ndarray, "*n"]
+    matrix: Float[HostOrDevice, "*n 3 3"]
+    vector: Float[HostOrDevice, "*n 3"]
+    constant: Float[HostOrDevice, "*n"]
 
     def __getitem__(self, rows) -> "Information":
         return Information(self.matrix[rows], self.vector[rows], self.constant[rows])

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from catfree.geometry._buckets import in_blocks
 from catfree.geometry._person import (
@@ -58,12 +58,12 @@ class Measurements(eqx.Module):
     """
 
     info: Information
-    state: Float[Array | np.ndarray, "box 3"]
-    position_covariance: Float[Array | np.ndarray, "box 2 2"]
-    noise: Float[Array | np.ndarray, "box 3"]
-    edges: Float[Array | np.ndarray, "box 3"]
-    used: Bool[Array | np.ndarray, "box 3"]
-    valid: Bool[Array | np.ndarray, " box"]
+    state: Float[HostOrDevice, "box 3"]
+    position_covariance: Float[HostOrDevice, "box 2 2"]
+    noise: Float[HostOrDevice, "box 3"]
+    edges: Float[HostOrDevice, "box 3"]
+    used: Bool[HostOrDevice, "box 3"]
+    valid: Bool[HostOrDevice, " box"]
 
 
 class BoxConstants(NamedTuple):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
 
@@ -15,6 +15,7 @@ from catfree.methods.evidence._gaussian import Information, log_evidence, mean_a
 from catfree.methods.evidence.group._appearance import Looks
 from catfree.methods.evidence.group._groups import Groups
 from catfree.settings import EvidenceSettings
+from catfree.types._annotations import HostOrDevice
 
 CONSECUTIVE = 1.5  # usual steps: frames farther apart are not used for the speed
 LINKS_AT_A_TIME = 1 << 20  # pairs of a track and a group: 100 MB
@@ -189,8 +190,8 @@ class Alone(NamedTuple):
 def log_likelihood_of_states(
     mean: Float[np.ndarray, "*#t n"],
     covariance: Float[np.ndarray, "*#t n n"],
-    matrix: Float[Array | np.ndarray, "*#t n n"],
-    vector: Float[Array | np.ndarray, "*#t n"],
+    matrix: Float[HostOrDevice, "*#t n n"],
+    vector: Float[HostOrDevice, "*#t n"],
 ) -> Float[np.ndarray, "*#t"]:
     """Log of the mean of exp(-(s' M s - 2 v' s) / 2) over uncertain states s."""
     # With r = v - M m, of the density N(s; m, C): (C⁻¹ + M)⁻¹ r = C (1 + M C)⁻¹ r.
@@ -205,8 +206,8 @@ def log_likelihood_of_states(
 def corrected_states(
     mean: Float[np.ndarray, "t n"],
     covariance: Float[np.ndarray, "t n n"],
-    matrix: Float[Array | np.ndarray, "t d d"],
-    vector: Float[Array | np.ndarray, "t d"],
+    matrix: Float[HostOrDevice, "t d d"],
+    vector: Float[HostOrDevice, "t d"],
 ) -> tuple[Float[np.ndarray, "t n"], Float[np.ndarray, "t n n"]]:
     """Uncertain states after information (M, v) on their first d numbers."""
     # (C⁻¹ + M)⁻¹ = (1 + C M)⁻¹ C; nothing is subtracted, so that it remains positive definite.
