@@ -18,7 +18,7 @@ from catfree.methods._localize import usable
 from catfree.methods.paper._assemble import assemble
 from catfree.methods.paper._select import select_positions
 from catfree.methods.paper.association import (
-    Groups,
+    Correspondences,
     Observations,
     associate_in_two_passes,
     cast_rays,
@@ -38,7 +38,7 @@ class Associated(NamedTuple):
     rig: Rig
     observations: Observations
     rays: Rays
-    groups: Groups
+    groups: Correspondences
     tracklet: Int[np.ndarray, " n"]
 
 

@@ -70,7 +70,7 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
             require_files(recording, IN_ONE_FILE, scene=scene, **networks)
         elif detector is not None or embedder is not None:
             raise InvalidInputError(
-                f"{boxes} holds boxes, so that --detector and --embedder have nothing to do."
+                f"{boxes} is read as boxes, so that --detector and --embedder have nothing to do."
             )
         known, names, said = _scene_for(scene, () if boxes is not None else recording, unit)
         warn(said)  # before shards fail

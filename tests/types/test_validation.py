@@ -296,7 +296,7 @@ readers = {
     name: getattr(module, name)
     for module in (cf, adapters)
     for name in dir(module)
-    if name.startswith("read_") and name != "read_sites"
+    if name.startswith("read_")
 }
 readers |= {
     "Scene.load": cf.Scene.load,

@@ -57,7 +57,7 @@ from catfree.errors import (
 from catfree.settings import Settings
 from catfree.types import Detections, Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._validation import as_pictures
+from catfree.types._validation import as_path, as_pictures
 from catfree.types._writing import make_folder
 
 MOST_TRIES = 4  # stretches of a recording from which its cameras may be found
@@ -217,7 +217,7 @@ def _one_of_each(sites: Sequence[Site], field: str, kind: str) -> dict[str, Any]
         same = first is value if isinstance(value, Scene) else first == value
         if not same:
             raise InvalidInputError(
-                f"Site {site.name!r} has two {kind}. Give all its dates the same one, or its "
+                f"Site {quoted(site.name)} has two {kind}. Give all its dates the same one, or its "
                 "cameras another name after they were moved."
             )
     return given
@@ -258,7 +258,7 @@ def read_sites(path: StrPath) -> tuple[tuple[Site, ...], dict[str, Any]]:
         InvalidInputError: if there is no such file.
         FileFormatError: if it is not such a file, naming the key.
     """
-    source = Path(path)
+    source = as_path(path, "path")
     document = read_toml(source, "list of sites", largest=_LARGEST_LIST, dots=_MOST_DOTS)
     kinds: dict[str, type | tuple[type, ...]] = {
         "every": (int, float), "overlap": (int, float), "method": str, "detector": str,
@@ -406,7 +406,7 @@ def _read_scene(path: str, site: Site) -> tuple[Scene, Sequence[str] | None]:
     ordered, said = order_like(scene, names, names_of_files([Path(p) for p in site.recording]))
     if said and ordered is scene:
         raise InvalidInputError(
-            f"{path} names its cameras {', '.join(names)}, but the videos of {site.name!r} "
+            f"{path} names its cameras {', '.join(names)}, but the videos of {quoted(site.name)} "
             "have other names. Name the files as the cameras, so that none is taken for another."
         )
     return ordered, None
@@ -438,8 +438,8 @@ def calibrate_site(
     anchors = read_anchors(site.anchors) if isinstance(site.anchors, str) else site.anchors
     if isinstance(site.recording, str) and site.image_size is None:
         raise InvalidInputError(
-            f"The cameras of {site.name!r} are to be found from saved boxes: give image_size, or a "
-            "scene."
+            f"The cameras of {quoted(site.name)} are to be found from saved boxes: give image_size, "
+            "or a scene."
         )
     finder, size = None, site.image_size
     if not isinstance(site.recording, str):
@@ -465,8 +465,8 @@ def calibrate_site(
             continue
         return read_scene_json(write_scene_json(path, found.scene))[0]
     raise CalibrationError(
-        f"No stretch of the recording of {site.name!r} shows its cameras; the last one that was "
-        f"tried: {reason}"
+        f"No stretch of the recording of {quoted(site.name)} shows its cameras; the last one that "
+        f"was tried: {reason}"
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from catfree.errors import CatFreeError, InvalidInputError, quoted
+from catfree.errors import CatFreeError, InvalidInputError, quoted, shortened
 from catfree.methods.online._instant_assembler import (
     DroppedFrame,
     Instant,
@@ -62,7 +62,9 @@ def watch(
             f"The tracker's scene has {count} cameras, but {len(camera_names)} are named."
         )
     if len(set(camera_names)) < count:
-        raise InvalidInputError(f"Two cameras have one name: {', '.join(camera_names)}.")
+        raise InvalidInputError(
+            f"Two cameras have one name: {', '.join(map(shortened, camera_names))}."
+        )
     assembler = InstantAssembler(len(camera_names), frame_rate, timeout)
     waiting: deque[float] = deque()  # times of instants that are not final
     for number, line in enumerate(lines, 1):

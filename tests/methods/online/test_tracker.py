@@ -230,6 +230,17 @@ def test_instants_without_boxes_are_instants():
     assert len(tracker.finish().final) == 0
 
 
+@pytest.mark.slow
+def test_an_instant_without_boxes_is_one_after_people_are_known_too():
+    tracker = cf.Tracker(SCENE, lag=0.0)
+    for frame in FRAMES[:12]:
+        before = tracker.update(boxes_of(frame), frame / RATE)
+    assert len(before.provisional)
+    empty = tracker.update(DETECTIONS[:0], FRAMES[12] / RATE)
+    assert (empty.final.supporting_cameras == 0).all()
+    assert len(tracker.update(boxes_of(FRAMES[13]), FRAMES[13] / RATE).provisional)
+
+
 def test_what_makes_no_sense_is_refused(tmp_path):
     with pytest.raises(InvalidInputError, match="lag"):
         cf.Tracker(SCENE, lag=-1.0)

@@ -36,7 +36,7 @@ def hidden_shares(
         (n,) shares in [0, 1].
     """
     left, top, right, bottom = box.T
-    bottoms = np.where(table < 0, -np.inf, bottom[table])
+    bottoms = np.append(bottom, -np.inf)[table]
     shares = np.zeros(len(region))
     at_a_time = max(1, BOXES_AT_A_TIME // table.shape[2])
     steps = (np.arange(COLUMNS) + 0.5) / COLUMNS
