@@ -438,8 +438,8 @@ def calibrate_site(
     anchors = read_anchors(site.anchors) if isinstance(site.anchors, str) else site.anchors
     if isinstance(site.recording, str) and site.image_size is None:
         raise InvalidInputError(
-            f"The cameras of {quoted(site.name)} are to be found from saved boxes: give image_size, "
-            "or a scene."
+            f"The cameras of {quoted(site.name)} are to be found from saved boxes: give "
+            "image_size, or a scene."
         )
     finder, size = None, site.image_size
     if not isinstance(site.recording, str):
