@@ -206,7 +206,7 @@ def open_boxes(
         silent: table of the pictures that do not exist, if some do not.
 
     Raises:
-        CatFreeError: if these are no boxes, saying which command takes what they are.
+        CatFreeError: if these are not boxes, saying which command takes what they are.
     """
     from dataclasses import replace
 

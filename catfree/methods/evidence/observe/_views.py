@@ -12,7 +12,6 @@ from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._local_pinholes import local_pinholes
 from catfree.types import Lens, Rig, Scene
 
-PEOPLE_BLOCKS = (64, 512)  # block sizes: people processed together in all cameras
 IN_FRONT = 1e-6  # H0; points less far in front of a camera have no image
 
 

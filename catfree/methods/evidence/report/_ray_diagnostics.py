@@ -22,10 +22,11 @@ from catfree.geometry._buckets import in_blocks
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements
-from catfree.methods.evidence.observe._views import PEOPLE_BLOCKS, GroundViews
+from catfree.methods.evidence.observe._views import GroundViews
 from catfree.settings._calibration_settings import FOOT_AHEAD
 from catfree.types import Plane
 
+BLOCKS = (64, 512)  # block sizes: groups diagnosed together in all cameras
 FEWEST = 20  # heights that tell a wrong ground from the noise of a few boxes
 
 
@@ -104,6 +105,6 @@ def ray_diagnostics(
     diagnostics = in_blocks(
         _diagnose,
         (np.broadcast_to(origins, (*rows.shape, 3)), direction[rows], weights),
-        *PEOPLE_BLOCKS,
+        *BLOCKS,
     )
     return RayDiagnostics(*diagnostics)
