@@ -75,8 +75,8 @@ def calibrate(
         CalibrationError: if fewer than two cameras can be registered, or if they disagree; if only
             cameras that are not registered see the map.
         InvalidInputError: if shapes do not match, two cameras have the same boxes, many boxes of a
-            camera are outside its image, a picture has more than 1,000 boxes, or an anchor refers
-            to no camera or no ground.
+            camera are outside its image, a picture has more than 1,000 boxes or an instant more
+            than 5,000, or an anchor refers to no camera or no ground.
         ForkedProcessError: in a process forked after JAX was used.
     """
     detections, settings = _confident(detections, settings)

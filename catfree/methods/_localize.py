@@ -69,8 +69,8 @@ def localize(
 
     Raises:
         InvalidInputError: if a detection or `silent` names a camera that the rig does not have,
-            there is a box in a picture that does not exist, a picture has more than 1,000 boxes,
-            or there are more or fewer names than cameras.
+            there is a box in a picture that does not exist, a picture has more than 1,000 boxes
+            or an instant more than 5,000, or there are more or fewer names than cameras.
         InsufficientDataError: if fewer than two cameras are registered.
         ForkedProcessError: in a process forked after JAX was used.
 

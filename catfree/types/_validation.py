@@ -21,6 +21,7 @@ T = TypeVar("T")
 
 FEWEST_TWINS = 10  # boxes of a camera: fewer may be alike in two cameras by chance
 MOST_OUTSIDE = 0.25  # of the boxes of a camera: those of people who are mostly out of view
+MOST_BOXES = 5000  # at an instant: the densest benchmark crowd seen by 20 cameras
 MOST_PEOPLE = 1000  # in a picture: benchmarks of dense crowds have up to 250
 
 
@@ -302,7 +303,7 @@ def require_known_cameras(camera: np.ndarray, count: int) -> None:
 def require_few_people(
     frame: np.ndarray, camera: np.ndarray, names: Sequence[str] | None = None
 ) -> None:
-    """Raise if a picture has more boxes than there are people in any picture.
+    """Raise if a picture or an instant has more boxes than any crowd gives.
 
     The frame numbers are then lost, or the boxes are all that a detector ever considered.
 
@@ -314,15 +315,27 @@ def require_few_people(
     if len(frame) <= MOST_PEOPLE:
         return
     frames, instant = np.unique(frame, return_inverse=True)
-    count = np.bincount(instant * (camera.max() + 1) + camera)
-    most = int(np.argmax(count))
-    if count[most] > MOST_PEOPLE:
-        at, which = divmod(most, int(camera.max()) + 1)
-        raise InvalidInputError(
-            f"Camera {shown_camera(which, names)} has {count[most]} boxes in frame {frames[at]}; a "
-            f"picture shows at most {MOST_PEOPLE} people. Check that `frame` numbers the pictures, "
-            "and that the detector drops boxes of low score and several of one person."
+    shape = len(frames), int(camera.max()) + 1
+    count = np.bincount(instant * shape[1] + camera, minlength=shape[0] * shape[1]).reshape(shape)
+    at, which = divmod(int(np.argmax(count)), shape[1])
+    fullest = int(np.argmax(count.sum(1)))
+    if count[at, which] > MOST_PEOPLE:
+        crowd = (
+            f"Camera {shown_camera(which, names)} has {count[at, which]} boxes in frame "
+            f"{frames[at]}; a picture shows at most {MOST_PEOPLE} people."
         )
+    elif count[fullest].sum() > MOST_BOXES:
+        crowd = (
+            f"Frame {frames[fullest]} has {count[fullest].sum()} boxes in "
+            f"{np.count_nonzero(count[fullest])} cameras; all cameras together may have at most "
+            f"{MOST_BOXES}."
+        )
+    else:
+        return
+    raise InvalidInputError(
+        f"{crowd} Check that `frame` numbers the pictures, and that the detector drops boxes of "
+        "low score and several of one person."
+    )
 
 
 def shown_camera(camera: int, names: Sequence[str] | None) -> str:

@@ -13,6 +13,7 @@ from hypothesis import given, strategies as st
 from catfree.errors import InvalidInputError
 from catfree.types import Detections
 from catfree.types._validation import (
+    MOST_BOXES,
     MOST_PEOPLE,
     as_boolean,
     as_duration,
@@ -481,6 +482,20 @@ def test_a_picture_of_more_people_than_any_is_named(crowded, number, seed):
         require_few_people(frame[order], camera[order])
     with pytest.raises(InvalidInputError, match=f"Camera '{'abc'[crowded]}' has 1001 boxes"):
         require_few_people(frame[order], camera[order], ["a", "b", "c"])
+
+
+@given(st.integers(6, 12), st.integers(-(2**62), 2**62), st.integers(0, 10**6))
+def test_an_instant_of_more_boxes_than_any_crowd_gives_is_named(cameras, number, seed):
+    rng = np.random.default_rng(seed)
+    camera = np.arange(MOST_BOXES + 3000) % cameras
+    frame = np.where(np.arange(len(camera)) < MOST_BOXES, number, number + 1)
+    order = rng.permutation(len(frame))
+    require_few_people(frame[order], camera[order])
+    frame[MOST_BOXES] = number
+    with pytest.raises(
+        InvalidInputError, match=rf"Frame {number} has 5001 boxes in {cameras} cameras; .* 5000\."
+    ):
+        require_few_people(frame[order], camera[order])
 
 
 def test_names_of_cameras_are_cut_only_if_they_are_long():

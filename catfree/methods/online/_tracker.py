@@ -107,8 +107,8 @@ class Tracker:
 
         Raises:
             InvalidInputError: if the time is not later, a camera is not in the rig, there is a box
-                of a camera that delivered nothing, a camera has more than 1,000 boxes, or
-                embeddings have another length than before.
+                of a camera that delivered nothing, a camera has more than 1,000 boxes or all
+                together more than 5,000, or embeddings have another length than before.
             ForkedProcessError: in a process forked after JAX was used.
         """
         require_own_process()
