@@ -43,7 +43,7 @@ from catfree.errors import InvalidInputError, quoted
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
-from catfree.types._forks import require_own_process
+from catfree.types._processes import require_own_process
 from catfree.types._validation import as_count, require_instance, require_no_boxes
 
 _ONLY_FROM_PEOPLE = "Anchors are for cameras found from people; leave out scene and reconstructor."

@@ -61,12 +61,6 @@ def worker_environment() -> dict[str, str]:
     return {**ONE_THREAD, **KEPT_MEMORY, **compilation_environment()}
 
 
-def processor_count() -> int:
-    """Number of processors that this process may use."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
-
-
 @contextlib.contextmanager
 def inherited(environment: Mapping[str, str]) -> Iterator[None]:
     """Let processes that start meanwhile inherit variables, except those of JAX.

@@ -20,7 +20,7 @@ from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._forks import require_own_process
+from catfree.types._processes import require_own_process
 from catfree.types._validation import (
     as_count,
     require_boxes_in_images,

@@ -222,7 +222,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree._run._report import footage_table
         from catfree._run._result_folder import write_overlay, write_results
         from catfree._run._run import run_stages
-        from catfree._run._worker import processor_count
+        from catfree.types._processes import processor_count
 
         settings, known_anchors = settings_of(method), open_anchors(anchors)
         footage = open_videos(
@@ -422,11 +422,11 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree._run._report import camera_table, footage_table
         from catfree._run._result_folder import write_rig
         from catfree._run._stages import calibrate_cameras, detect
-        from catfree._run._worker import processor_count
         from catfree._run.detection._camera_detectors import CameraDetectors
         from catfree.adapters.background._background_detector import BackgroundDetector
         from catfree.calibration.people import resolve_anchors
         from catfree.settings import Settings
+        from catfree.types._processes import processor_count
 
         source: Any
         finder: Any

@@ -10,7 +10,6 @@ from jaxtyping import Float
 
 from catfree._run._result_folder import write_results
 from catfree._run._run import RunOutcome, run_stages
-from catfree._run._worker import processor_count
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import InvalidInputError
 from catfree.evaluation import (
@@ -27,6 +26,7 @@ from catfree.synthetic._world import World
 from catfree.synthetic.render import make_demo_world, render_videos
 from catfree.types import Scene
 from catfree.types._annotations import Progress
+from catfree.types._processes import processor_count
 from catfree.viz.page._blocks import Block, Heading, Paragraph, Table
 
 SMALLEST_PICTURE = 32  # pixels; people in smaller ones are mere dots

@@ -25,7 +25,7 @@ from catfree.methods.paper.trajectories import build_trajectories
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene, Thresholds
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._forks import require_own_process
+from catfree.types._processes import require_own_process
 from catfree.types._validation import (
     as_pictures,
     boxes_of_another_size,

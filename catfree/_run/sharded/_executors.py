@@ -15,7 +15,6 @@ from typing import Any
 
 from catfree._run._worker import (
     inherited,
-    processor_count,
     start_worker,
     worker_environment,
 )
@@ -29,6 +28,7 @@ from catfree.errors import CatFreeError, ForkedProcessError, InvalidInputError, 
 from catfree.settings import Settings
 from catfree.types import Scene
 from catfree.types._annotations import Progress, no_progress
+from catfree.types._processes import processor_count
 from catfree.types._validation import as_count, require_instance
 
 MEMORY_PER_WORKER = 1.5e9  # bytes for a shard of ten minutes

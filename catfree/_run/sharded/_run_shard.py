@@ -39,7 +39,7 @@ from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene, Tracks
 from catfree.types._archive import save_arrays
-from catfree.types._forks import require_own_process
+from catfree.types._processes import require_own_process
 from catfree.types._validation import require_instance, shown_camera
 from catfree.types._writing import make_folder
 

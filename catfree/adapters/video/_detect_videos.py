@@ -1,6 +1,5 @@
 """Running a detector and an embedder on every picture of synchronized videos, streaming."""
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -29,6 +28,7 @@ from catfree.adapters.video._validate_plugin_output import (
 from catfree.errors import InsufficientDataError, InvalidInputError, quoted
 from catfree.types import Clock, Detections
 from catfree.types._annotations import Progress
+from catfree.types._processes import processor_count
 
 
 def detect_videos(
@@ -126,7 +126,7 @@ def fit_to_cameras(
             learnt(camera, fitted)
         return fitted
 
-    with ThreadPoolExecutor(min(videos.camera_count, os.cpu_count() or 1)) as pool:
+    with ThreadPoolExecutor(min(videos.camera_count, processor_count())) as pool:
         return list(pool.map(fit, range(videos.camera_count)))
 
 

@@ -35,6 +35,7 @@ from catfree.errors import (
     quoted,
 )
 from catfree.types import Clock
+from catfree.types._processes import processor_count
 from catfree.types._validation import as_count, as_integer, as_path
 
 # Instants that are compared with the times of frames at once.
@@ -157,7 +158,7 @@ class SynchronizedVideos:
                 f"offsets must give one number per camera ({len(paths)}), got {offsets}."
             )
         # Reading the times of all frames is a pass over each file.
-        with ThreadPoolExecutor(min(len(paths), os.cpu_count() or 1)) as pool:
+        with ThreadPoolExecutor(min(len(paths), processor_count())) as pool:
             self._sources = list(pool.map(_open_camera, range(len(paths)), paths))
         self._offsets, self._keep, self._fewest = shifts, on_error == "keep", fewest
         self.camera_names: list[str] = names_of_files([s.path for s in self._sources])

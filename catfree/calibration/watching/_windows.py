@@ -15,7 +15,7 @@ from catfree.methods import localize
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._forks import require_own_process
+from catfree.types._processes import require_own_process
 from catfree.types._validation import as_count, require_instance
 
 WINDOWS = 12  # that a short recording is cut into

@@ -33,7 +33,7 @@ from catfree.methods.online._update import Update
 from catfree.settings import Settings
 from catfree.types import Clock, Detections, Origin, Scene, Tracks
 from catfree.types._clock import ABSOLUTE
-from catfree.types._forks import require_own_process
+from catfree.types._processes import require_own_process
 from catfree.types._validation import (
     as_duration,
     as_integer,

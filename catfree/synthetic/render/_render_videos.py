@@ -26,6 +26,7 @@ from catfree.synthetic.render._stage import Stage, build_stage, street_furniture
 from catfree.synthetic.render._textures import ground_picture
 from catfree.types import Rig
 from catfree.types._annotations import Progress
+from catfree.types._processes import processor_count
 from catfree.types._writing import make_folder, remove_abandoned, replacement
 
 STAGE_NAME = "render"
@@ -103,7 +104,7 @@ def render_videos(
     tasks = [
         (world.walkers, world.true_rig, camera, stage, path) for camera, path in enumerate(paths)
     ]
-    workers = min(os.cpu_count() or 1, cameras) if workers is None else workers
+    workers = min(processor_count(), cameras) if workers is None else workers
     if workers < 1:
         raise InvalidInputError(f"workers is {workers}; it must be at least 1.")
     total = cameras * len(world.walkers.present)

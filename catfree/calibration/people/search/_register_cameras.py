@@ -1,6 +1,8 @@
 """Register all cameras: pairs, seeds, growth, focal lengths, and removal of wrong cameras."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -14,6 +16,7 @@ from catfree.calibration.people.search._growth import drop_harmful, grow_rig, pr
 from catfree.calibration.people.search._seed_pairs import PairHypothesis, search_pair, seed_rig
 from catfree.errors import CalibrationError
 from catfree.types._annotations import Progress
+from catfree.types._processes import processor_count
 
 FINAL_PEOPLE = 4000
 FINAL_ITERATIONS = 15
@@ -96,17 +99,24 @@ def _adjust_seeds(work: Workspace, pairs: list[PairHypothesis], report: Progress
     """Adjust the best pairs and return the accepted ones, sorted by decreasing margin."""
     chosen = pairs[: work.settings.seed_pairs]
     seeds = []
-    for done, pair in enumerate(chosen):
-        report("seeds", done, len(chosen))
-        try:
-            seed = seed_rig(work, pair)
-        except CalibrationError:
-            continue
-        verdict = judge_camera(work, seed.state, pair.cameras[1])
-        if verdict.accepted:
-            seeds.append((verdict, seed, pair.cameras))
-    report("seeds", len(chosen), len(chosen))
+    report("seeds", 0, len(chosen))
+    # One thread compiles or solves while another prepares.
+    with ThreadPoolExecutor(processor_count()) as pool:
+        for done, seed in enumerate(pool.map(partial(_adjusted, work), chosen), start=1):
+            report("seeds", done, len(chosen))
+            if seed is not None:
+                seeds.append(seed)
     return sorted(seeds, key=lambda item: -item[0].margin)
+
+
+def _adjusted(work: Workspace, pair: PairHypothesis) -> Seed | None:
+    """Adjust a pair; None if its cameras do not see the same people."""
+    try:
+        seed = seed_rig(work, pair)
+    except CalibrationError:
+        return None
+    verdict = judge_camera(work, seed.state, pair.cameras[1])
+    return (verdict, seed, pair.cameras) if verdict.accepted else None
 
 
 def _focal_seems_shared(work: Workspace, seeds: list[Seed]) -> bool:

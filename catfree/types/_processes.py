@@ -1,7 +1,4 @@
-"""Detection of processes forked after JAX started its threads, in which JAX would deadlock.
-
-A fork is detected only if its parent had called catfree, not if the parent had used only JAX.
-"""
+"""This process: its processors, and whether it was forked from one that had used JAX."""
 
 import os
 
@@ -10,8 +7,16 @@ from catfree.errors import ForkedProcessError
 _worked_in: set[int] = set()  # the process in which catfree first used JAX
 
 
+def processor_count() -> int:
+    """Number of processors that this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
+
+
 def require_own_process() -> None:
     """Raise in a process that was forked from one in which catfree had used JAX.
+
+    If the parent had used only JAX, not catfree, the fork is not detected.
 
     Raises:
         ForkedProcessError: instead of waiting forever for threads that `fork` did not copy.
