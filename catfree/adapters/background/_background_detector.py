@@ -197,11 +197,11 @@ class FittedBackgroundDetector:
             alone = blobs.box[blobs.alone()]
             return np.column_stack([alone, np.full(len(alone), UNSPLIT_SCORE)]).astype(np.float64)
         rows = []
-        for parts, people in group_blobs(blobs.labels, len(blobs.box), expected):
-            blob = blobs.mask_of(parts)
-            corners = blobs.box[parts]
+        for members, people in group_blobs(blobs.labels, len(blobs.box), expected):
+            blob = blobs.mask_of(members)
+            corners = blobs.box[members]
             box = np.concatenate([corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)])
-            complete = bool(blobs.complete[parts].all())
+            complete = bool(blobs.complete[members].all())
             rows.extend(_people_of(blob, box, complete, self.profile, foreground, people))
         return np.array(rows, np.float64).reshape(-1, 5)
 
@@ -274,15 +274,15 @@ def _extent(
         line = np.rint(start - inner * np.arange(count)).astype(int).clip(0, rows - 1)
         if x1 >= x2:
             continue
-        level = (foreground.difference[line, x1:x2] * blob[line, x1:x2]).max(axis=1)
-        if not level.any():
+        contrast = (foreground.difference[line, x1:x2] * blob[line, x1:x2]).max(axis=1)
+        if not contrast.any():
             continue
-        strength = level[: count // 2 + 1].max()
-        outermost = int(np.flatnonzero(level)[-1])
+        strength = contrast[: count // 2 + 1].max()
+        outermost = int(np.flatnonzero(contrast)[-1])
         if end == 0 and outermost < count - 1:
             crown = max(2, round(CROWN * height))
-            strength = level[max(0, outermost + 1 - crown) : outermost + 1].max()
-        inside = np.flatnonzero(level >= 0.5 * strength)
+            strength = contrast[max(0, outermost + 1 - crown) : outermost + 1].max()
+        inside = np.flatnonzero(contrast >= 0.5 * strength)
         # Foreground that continues beyond the search range belongs to another person, too.
         if inside[-1] < count - 1:
             extent[end] = float(line[inside[-1]] + (1 if end else 0))

@@ -260,11 +260,11 @@ def _learn_channel(
     deviations is noise only.
     """
     # Partitioned along the last axis and in 16 bits, for which NumPy has vector instructions.
-    values = np.stack([picture[..., channel] for picture in pictures], axis=-1).astype(np.int16)
-    middle = values.shape[-1] // 2
-    values.partition(middle, axis=-1)
-    scene = values[..., middle].astype(np.uint8)
-    deviation = np.abs(values - scene[..., None])
+    samples = np.stack([picture[..., channel] for picture in pictures], axis=-1).astype(np.int16)
+    middle = samples.shape[-1] // 2
+    samples.partition(middle, axis=-1)
+    scene = samples[..., middle].astype(np.uint8)
+    deviation = np.abs(samples - scene[..., None])
     deviation.partition(middle, axis=-1)
     return scene, (deviation[..., :middle].astype(np.float32) ** 2).mean(axis=-1)
 

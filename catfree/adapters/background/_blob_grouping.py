@@ -32,8 +32,8 @@ def group_blobs(
     covered = _covered_shares(labels, count, expected)
     leader = np.arange(count)
     for shares in covered.T:
-        parts = np.unique(leader[shares > LEAST_PART])
-        leader[np.isin(leader, parts[1:])] = parts[0] if len(parts) else 0
+        leaders = np.unique(leader[shares > LEAST_PART])
+        leader[np.isin(leader, leaders[1:])] = leaders[0] if len(leaders) else 0
     order = sorted(range(len(expected)), key=lambda at: -expected[at].v)
     groups = []
     for first in np.unique(leader):

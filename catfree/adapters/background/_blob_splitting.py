@@ -94,16 +94,16 @@ def split_blob(
 
     anywhere = _candidates(blob.shape, box, profile)
     near = [_around(person) for person in expected]
-    places = np.concatenate([np.stack(p, -1) for p in (anywhere, *near)])
-    if not len(places):
+    candidates = np.concatenate([np.stack(p, -1) for p in (anywhere, *near)])
+    if not len(candidates):
         return []
     # Only the part of the picture that a template can reach is processed.
-    x, y, part = _window(blob, places)
-    table = cv2.integral(part)
+    x, y, window = _window(blob, candidates)
+    table = cv2.integral(window)
     grids = [_Templates(table, u - x, v - y, height) for u, v, height in (anywhere, *near)]
-    people = _settle_expected(part, grids[1:], [(e.u - x, e.v - y) for e in expected])
+    people = _settle_expected(window, grids[1:], [(e.u - x, e.v - y) for e in expected])
     if grids[0].count:
-        people = _split(part, grids[0], people)
+        people = _split(window, grids[0], people)
     return [person._replace(u=person.u + x, v=person.v + y) for person in people]
 
 
@@ -132,10 +132,10 @@ class _Templates:
         """Compute the newly explained share of some templates, less the background inside them."""
         import cv2
 
-        fresh = _sums(cv2.integral(unexplained), self._corners[..., rows])
+        unexplained_sums = _sums(cv2.integral(unexplained), self._corners[..., rows])
         zones = len(ZONES)
-        explained = np.minimum(fresh[:zones], self._filled[:, rows]).sum(axis=0)
-        around = SURROUNDINGS_COST * fresh[zones:].sum(axis=0)
+        explained = np.minimum(unexplained_sums[:zones], self._filled[:, rows]).sum(axis=0)
+        around = SURROUNDINGS_COST * unexplained_sums[zones:].sum(axis=0)
         return (explained - self._missing[rows] - around) / self._size[rows]
 
     def best(
@@ -236,10 +236,10 @@ def _around(
 
 
 def _window(
-    blob: UInt8[np.ndarray, "h w"], places: Float[np.ndarray, "n 3"]
+    blob: UInt8[np.ndarray, "h w"], candidates: Float[np.ndarray, "n 3"]
 ) -> tuple[int, int, UInt8[np.ndarray, "y x"]]:
     """Cut out the part of a picture that templates can reach, with its first column and row."""
-    u, v, height = places.T
+    u, v, height = candidates.T
     rows, columns = blob.shape
     x1, x2 = (u - 0.25 * height).min(), (u + 0.25 * height).max()
     y1, y2 = (v - 1.15 * height).min(), (v + 0.15 * height).max()
@@ -266,8 +266,8 @@ def _corners(
     return corners, ((x2 - x1) * (y2 - y1)).astype(np.float64)
 
 
-def _whole(place: Float[np.ndarray, "z n"], count: int) -> Int[np.ndarray, "z n"]:
-    return np.minimum(np.maximum(np.rint(place), 0), count - 1).astype(np.int64)
+def _whole(coordinate: Float[np.ndarray, "z n"], count: int) -> Int[np.ndarray, "z n"]:
+    return np.minimum(np.maximum(np.rint(coordinate), 0), count - 1).astype(np.int64)
 
 
 def _sums(

@@ -34,9 +34,9 @@ class ForegroundMemory:
     def __call__(self, picture: Image) -> Foreground:
         """Return the foreground of a reduced picture."""
         key = hashlib.sha256(np.ascontiguousarray(picture).data).digest()
-        kept = self._kept.get(key)
-        if kept is not None:
-            return _unpack(*kept, picture.shape[:2])
+        stored = self._kept.get(key)
+        if stored is not None:
+            return _unpack(*stored, picture.shape[:2])
         foreground = self._compare(picture)
         inside = foreground.mask > 0
         packed = np.packbits(inside), foreground.difference[inside]

@@ -70,12 +70,12 @@ class Blobs:
         _, labels = cv2.connectedComponents(joined, connectivity=8)
         # Few pixels of a picture are in any blob, so only those are counted.
         at = np.flatnonzero(joined.view(bool))
-        part = np.asarray(labels, np.int64).ravel()[at] - 1
-        area = np.bincount(part)
+        component = np.asarray(labels, np.int64).ravel()[at] - 1
+        area = np.bincount(component)
         kept = area >= least_area
-        number = np.where(kept, np.cumsum(kept), 0)
+        blob_number = np.where(kept, np.cumsum(kept), 0)
         numbered = np.zeros(mask.shape, np.int32)
-        numbered.ravel()[at] = number[part]
+        numbered.ravel()[at] = blob_number[component]
         corners = [(x.start, y.start, x.stop, y.stop) for y, x in find_objects(numbered)]
         box = np.array(corners, np.int64).reshape(-1, 4)
         rows, columns = mask.shape

@@ -51,7 +51,7 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> N
     sensors = entry(read_json(source, "calibration"), "sensors", source, "the file")
     if not isinstance(sensors, list):
         raise FileFormatError(f"{source}: sensors must be a list.")
-    names, parts, sizes = [], [], []
+    names, matrices, sizes = [], [], []
     for at, sensor in enumerate(sensors):
         where = f"sensor {at}"
         names.append(text_of(entry(sensor, "id", source, where), source, f"the id of {where}"))
@@ -65,14 +65,14 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> N
             if pose.size == 16:
                 pose = pose[:12]
             pose = numbers(pose, (3, 4), source, f"extrinsicMatrix of {where}")
-            parts.append((K, pose[:, :3], pose[:, 3]))
+            matrices.append((K, pose[:, :3], pose[:, 3]))
         else:
             matrix = entry(sensor, "cameraMatrix", source, where)
             matrix = numbers(matrix, (3, 4), source, f"cameraMatrix of {where}")
-            parts.append(naming_file(source, lambda matrix=matrix: decomposed(matrix)))
+            matrices.append(naming_file(source, lambda matrix=matrix: decomposed(matrix)))
     if not names:
         raise FileFormatError(f"{source} holds no camera.")
-    K, R, t = (np.stack(part) for part in zip(*parts, strict=True))
+    K, R, t = (np.stack(stack) for stack in zip(*matrices, strict=True))
     rig = naming_file(source, lambda: Rig(K, R, t, np.array(sizes)))
     return naming_file(source, lambda: NamedRig(rig, tuple(names)))
 

@@ -63,26 +63,26 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
     cameras = {key: value for key, value in document.items() if _is_camera(value)}
     if not cameras:
         raise FileFormatError(f"{source} holds no camera (a table with a 'matrix').")
-    found = []
+    file_cameras = []
     for key, camera in cameras.items():
         where = f"camera [{shortened(key)}]"
-        part = {name: entry(camera, name, source, where) for name in ("matrix", "size")}
-        part |= {name: entry(camera, name, source, where) for name in ("rotation", "translation")}
+        fields = {name: entry(camera, name, source, where) for name in ("matrix", "size")}
+        fields |= {name: entry(camera, name, source, where) for name in ("rotation", "translation")}
         lens = Lens.FISHEYE if camera.get("fisheye", False) else Lens.PINHOLE
-        K = numbers(part["matrix"], (3, 3), source, f"matrix of {where}")
-        size = numbers(part["size"], (2,), source, f"size of {where}")
-        vector = numbers(part["rotation"], (3,), source, f"rotation of {where}")
+        K = numbers(fields["matrix"], (3, 3), source, f"matrix of {where}")
+        size = numbers(fields["size"], (2,), source, f"size of {where}")
+        vector = numbers(fields["rotation"], (3,), source, f"rotation of {where}")
         R = rotation_from_vector(vector)
-        t = numbers(part["translation"], (3,), source, f"translation of {where}")
+        t = numbers(fields["translation"], (3,), source, f"translation of {where}")
         values = camera.get("distortions", [])
         coefficients = numbers(values, None, source, f"distortions of {where}")
         distortion = lens_coefficients(coefficients, source, where, lens)
-        found.append(FileCamera(K, R, t * metres_per_unit, size, distortion, lens))
+        file_cameras.append(FileCamera(K, R, t * metres_per_unit, size, distortion, lens))
     names = tuple(
         text_of(camera.get("name", key), source, f"the name of camera [{shortened(key)}]")
         for key, camera in cameras.items()
     )
-    rig = rig_of(found, source)
+    rig = rig_of(file_cameras, source)
     return naming_file(source, lambda: NamedRig(rig, names))
 
 

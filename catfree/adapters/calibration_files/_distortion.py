@@ -31,15 +31,15 @@ def lens_coefficients(
         raise FileFormatError(f"{source}: the distortion of {where} is not finite.")
     most = 4 if lens == Lens.FISHEYE else 8
     if values[most:].any():
-        held = "k1 to k4 of a fisheye" if most == 4 else "k1, k2, p1, p2, k3, k4, k5, k6"
+        supported = "k1 to k4 of a fisheye" if most == 4 else "k1, k2, p1, p2, k3, k4, k5, k6"
         raise FileFormatError(
-            f"{source}: the distortion of {where} has {len(values)} coefficients, but only {held} "
-            "are supported (no thin-prism or tilted model). Undistort the images or calibrate "
-            "again with fewer coefficients."
+            f"{source}: the distortion of {where} has {len(values)} coefficients, but only "
+            f"{supported} are supported (no thin-prism or tilted model). Undistort the images or "
+            "calibrate again with fewer coefficients."
         )
-    result = np.zeros(8)
-    result[: min(most, len(values))] = values[:most]
-    return result
+    coefficients = np.zeros(8)
+    coefficients[: min(most, len(values))] = values[:most]
+    return coefficients
 
 
 def distortion_of(coefficients: Sequence[np.ndarray]) -> Float[np.ndarray, "cam k"] | None:
@@ -91,9 +91,11 @@ def require_undistorted(rig: Rig, names: Sequence[str], target: StrPath) -> None
         _refuse(bent, "has lens distortion", advice, names, target)
 
 
-def _refuse(bad: np.ndarray, what: str, advice: str, names: Sequence[str], target: StrPath) -> None:
-    if bad.any():
+def _refuse(
+    refused: np.ndarray, reason: str, advice: str, names: Sequence[str], target: StrPath
+) -> None:
+    if refused.any():
         raise InvalidInputError(
-            f"Cannot write {target}: camera {quoted(names[int(np.argmax(bad))])} {what}, which "
-            f"this format cannot hold. {advice}."
+            f"Cannot write {target}: camera {quoted(names[int(np.argmax(refused))])} {reason}, "
+            f"which this format cannot hold. {advice}."
         )

@@ -109,10 +109,11 @@ def registered_cameras(
     if len(registered) == 0:
         raise InvalidInputError(f"Cannot write {target}: no camera of the rig is registered.")
     labels = default_names(rig, names)
-    part = rig.select(registered)
+    selected = rig.select(registered)
     names_of_floats = ("K", "R", "t", "distortion", "rays")
-    held = {name: getattr(part, name) for name in names_of_floats}
+    columns = {name: getattr(selected, name) for name in names_of_floats}
     exact = dataclasses.replace(
-        part, **{k: None if v is None else np.asarray(v, np.float64) for k, v in held.items()}
+        selected,
+        **{k: None if v is None else np.asarray(v, np.float64) for k, v in columns.items()},
     )
     return exact, tuple(labels[camera] for camera in registered)

@@ -88,19 +88,19 @@ def read_opencv_yaml(
     cameras = []
     for source in sources:
         storage = read_storage(source, "calibration")
-        values = storage.numbers
-        rotation = _first(values, _ROTATION, source, "rotation")
+        matrices = storage.numbers
+        rotation = _first(matrices, _ROTATION, source, "rotation")
         if rotation.size == 3:
             vector = numbers(rotation, (3,), source, "the rotation")
             rotation = rotation_from_vector(vector)
-        shift = _first(values, _TRANSLATION, source, "translation")
-        coefficients = _first(values, _DISTORTION, source, None)
+        shift = _first(matrices, _TRANSLATION, source, "translation")
+        coefficients = _first(matrices, _DISTORTION, source, None)
         lens = _lens(storage, coefficients, source)
         camera = FileCamera(
-            numbers(_first(values, _INTRINSICS, source, "intrinsics"), (3, 3), source, "K"),
+            numbers(_first(matrices, _INTRINSICS, source, "intrinsics"), (3, 3), source, "K"),
             numbers(rotation, (3, 3), source, "the rotation"),
             numbers(shift, (3,), source, "the translation") * metres_per_unit,
-            _image_size(values, source, image_size),
+            _image_size(matrices, source, image_size),
             lens_coefficients(coefficients, source, "the camera", lens),
             lens,
         )

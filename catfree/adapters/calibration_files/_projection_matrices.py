@@ -111,12 +111,12 @@ def decomposed(
     Raises:
         InvalidInputError: if it is not that of a camera at a finite place.
     """
-    left = projection[:, :3]
+    KR = projection[:, :3]
     with np.errstate(over="ignore", invalid="ignore"):
-        scale = np.cbrt(np.linalg.det(left))
-    if not (np.isfinite(scale) and abs(scale) > 1e-9 * np.abs(left).max(initial=0) > 0):
+        scale = np.cbrt(np.linalg.det(KR))
+    if not (np.isfinite(scale) and abs(scale) > 1e-9 * np.abs(KR).max(initial=0) > 0):
         raise InvalidInputError("The projection matrix is not that of a camera at a finite place.")
-    K, R = rq(left / scale)
+    K, R = rq(KR / scale)
     sign = np.diag(np.sign(np.diag(K)))  # a positive focal length; the determinant of R is 1
     K, R = K @ sign, sign @ R
     t = np.linalg.solve(K, projection[:, 3] / scale)

@@ -137,8 +137,8 @@ def read_scene_json(path: StrPath) -> tuple[Scene, tuple[str, ...]]:
         earth = np.concatenate([numbers(v, None, source, "the georeference") for v in values])
 
     def build() -> Scene:
-        place = None if earth is None else GeoReference.of_array(earth)
-        scene = Scene(named.rig, Plane(normal, offset), extent, metric, place, sd)
+        georeference = None if earth is None else GeoReference.of_array(earth)
+        scene = Scene(named.rig, Plane(normal, offset), extent, metric, georeference, sd)
         return require_plausible_heights(scene)
 
     return naming_file(source, build), named.names
@@ -254,9 +254,9 @@ def _grid(camera: Any, registered: bool, source: Path, where: str) -> np.ndarray
 
 def _stacked(rays: list[np.ndarray | None], source: Path) -> np.ndarray | None:
     """(C, rows, columns, 3) grids of rays, zero for cameras without one; None if there are none."""
-    held = [grid for grid in rays if grid is not None]
-    if not held:
+    grids = [grid for grid in rays if grid is not None]
+    if not grids:
         return None
-    if len({grid.shape for grid in held}) > 1:
+    if len({grid.shape for grid in grids}) > 1:
         raise FileFormatError(f"{source}: the cameras' rays have different numbers of nodes.")
-    return np.stack([np.zeros_like(held[0]) if grid is None else grid for grid in rays])
+    return np.stack([np.zeros_like(grids[0]) if grid is None else grid for grid in rays])

@@ -109,20 +109,20 @@ def read_detections(
             among `camera_names`.
         FileFormatError: if a file holds something else.
     """
-    found = read_camera_boxes(paths, frame_rate=frame_rate)
+    boxes = read_camera_boxes(paths, frame_rate=frame_rate)
     if camera_names is None:
-        return found.detections, found.camera_names
-    place = positions_of(found.camera_names, camera_names)
-    if place is None:
-        if not is_numbered(found.camera_names) or len(found.camera_names) > len(camera_names):
+        return boxes.detections, boxes.camera_names
+    camera_index = positions_of(boxes.camera_names, camera_names)
+    if camera_index is None:
+        if not is_numbered(boxes.camera_names) or len(boxes.camera_names) > len(camera_names):
             raise InvalidInputError(
-                f"The boxes are of the cameras {shortened(', '.join(found.camera_names))}, which "
+                f"The boxes are of the cameras {shortened(', '.join(boxes.camera_names))}, which "
                 f"are not all among {shortened(', '.join(camera_names))}. Rename the files like "
                 "the cameras."
             )
-        place = list(range(len(found.camera_names)))
-    columns = vars(found.detections)
-    columns = columns | {"camera": np.array(place, np.int64)[found.detections.camera]}
+        camera_index = list(range(len(boxes.camera_names)))
+    columns = vars(boxes.detections)
+    columns = columns | {"camera": np.array(camera_index, np.int64)[boxes.detections.camera]}
     return Detections(**columns), tuple(camera_names)
 
 
@@ -134,21 +134,21 @@ def read_camera_boxes(
     Raises:
         CatFreeError: as `read_detections`.
     """
-    given = as_paths(paths, "paths")
-    if not given:
+    files = as_paths(paths, "paths")
+    if not files:
         raise InvalidInputError("The list of files with boxes is empty. Name one per camera.")
-    for path in given:
+    for path in files:
         if not path.exists():
             raise InvalidInputError(f"There is no file or folder {path} with boxes.")
-    if len(given) == 1:
-        given = _files_of(given[0])
-    parts = _read_all(given)
-    found = _joined(parts, given)
+    if len(files) == 1:
+        files = _files_of(files[0])
+    parts = _read_all(files)
+    boxes = _joined(parts, files)
     if frame_rate is None:
-        return found
-    stated = found.detections.clock
+        return boxes
+    stated = boxes.detections.clock
     clock = Clock(frame_rate) if stated is None else replace(stated, frame_rate=frame_rate)
-    return replace(found, detections=replace(found.detections, clock=clock))
+    return replace(boxes, detections=replace(boxes.detections, clock=clock))
 
 
 def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.ndarray, "k 2"]:
@@ -173,18 +173,18 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
         columns = read_parquet(source, "missing pictures")
         table: dict[str, Any] | None = {n: columns[n].to_numpy() for n in columns.column_names}
     else:
-        table, first_row = _table_of(source), 2  # the header is row 1, as in what it says of rows
+        table, first_row = _table_of(source), 2  # the header is row 1, as in its messages
     plain = {} if table is None else {name.lower(): name for name in table}
     frame, camera = _first(_FRAME, plain), _first(_CAMERA, plain)
     if table is None or frame is None or camera is None:
         raise FileFormatError(
             f"{source} is not a table of missing pictures: it has no columns frame and camera."
         )
-    number = {str(index): index for index in range(len(camera_names))}
-    number |= {name: index for index, name in enumerate(camera_names)}
+    camera_index = {str(index): index for index in range(len(camera_names))}
+    camera_index |= {name: index for index, name in enumerate(camera_names)}
     words = [str(word).strip() for word in table[plain[camera]]]
     for row, word in enumerate(words, first_row):
-        if word not in number:
+        if word not in camera_index:
             raise FileFormatError(
                 f"{source}, row {row}: there is no camera {quoted(word)} among "
                 f"{shortened(', '.join(camera_names))}."
@@ -192,7 +192,7 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
     frames = naming_file(
         source, lambda: as_integer(_numbers(table[plain[frame]], plain[frame], source), "frame")
     )
-    return np.column_stack([frames, np.array([number[word] for word in words], np.int64)])
+    return np.column_stack([frames, np.array([camera_index[word] for word in words], np.int64)])
 
 
 def holds_boxes(path: StrPath) -> bool:
@@ -267,8 +267,8 @@ def _read(path: Path) -> _Part:
 
 
 def _part_of_coco(path: Path, images: Path | None) -> _Part:
-    found = read_coco(path, images)
-    return _Part(*found, one_camera=found.camera_names is None)
+    boxes = read_coco(path, images)
+    return _Part(*boxes, one_camera=boxes.camera_names is None)
 
 
 def _part_of_parquet(path: Path) -> _Part:

@@ -141,16 +141,16 @@ def read_annotations(
                         f"{source}: {where} has viewNum {camera}, but there are "
                         f"{len(camera_names)} cameras (counted from 0)."
                     )
-                place = f"the box of {where} in camera {camera_names[camera]}"
-                values = [entry(view, key, source, place) for key in _CORNERS]
-                box = numbers(values, (4,), source, place, finite=False)
+                box_name = f"the box of {where} in camera {camera_names[camera]}"
+                values = [entry(view, key, source, box_name) for key in _CORNERS]
+                box = numbers(values, (4,), source, box_name, finite=False)
                 if (box == -1).all():
                     continue
                 if not (box[2] > box[0] and box[3] > box[1] and np.isfinite(box).all()):
                     if invalid_boxes == "drop":
                         continue
                     raise InvalidInputError(
-                        f"{source}: {place} is {box.tolist()} as x1, y1, x2, y2, which has no "
+                        f"{source}: {box_name} is {box.tolist()} as x1, y1, x2, y2, which has no "
                         "area. Correct it or pass invalid_boxes='drop'."
                     )
                 is_seen = True

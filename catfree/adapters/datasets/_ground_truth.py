@@ -124,21 +124,22 @@ def _read_grid(source: Path, split: Split) -> GroundTruth:
         )
     frames = people.frames
     is_test = frames >= _TEST_FROM[name]
-    chosen = frames[{"test": is_test, "train": ~is_test, "all": frames >= 0}[split]]
-    if not len(chosen):
+    split_frames = frames[{"test": is_test, "train": ~is_test, "all": frames >= 0}[split]]
+    if not len(split_frames):
         raise InvalidInputError(
             f"{folder} has no annotations of the {split} split of {name}, whose test split begins "
             f"at frame {_TEST_FROM[name]}. Take the other split, or all."
         )
-    rows = people.ground_truth[np.isin(people.ground_truth[:, 0], chosen)]
+    rows = people.ground_truth[np.isin(people.ground_truth[:, 0], split_frames)]
     x_min, x_max, y_min, y_max = grid.area
-    words = "all frames" if split == "all" else f"{split} split"
+    split_name = "all frames" if split == "all" else f"{split} split"
     protocol = (
-        f"{name}, {words} ({len(chosen)} frames, {chosen[0]} to {chosen[-1]}), area "
+        f"{name}, {split_name} ({len(split_frames)} frames, "
+        f"{split_frames[0]} to {split_frames[-1]}), area "
         f"x {x_min:g} to {x_max:g} m, y {y_min:g} to {y_max:g} m, people seen by a camera; "
         f"MODA within {_DETECTION_GATE:g} m, MOTA and IDF1 within {_TRACKING_GATE:g} m"
     )
-    return GroundTruth(rows, chosen, grid.area, protocol)
+    return GroundTruth(rows, split_frames, grid.area, protocol)
 
 
 def _annotations(files: dict[int, Path], names: tuple[str, ...], grid: Grid) -> Annotations:

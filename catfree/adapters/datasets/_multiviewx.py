@@ -145,12 +145,14 @@ def _read_matchings(folder: Path, images: np.ndarray, first: int | None) -> Anno
     rows, corners = [], []
     positions: dict[tuple[int, int], tuple[float, float]] = {}
     for camera, name in enumerate(CAMERA_NAMES):
-        flat = folder / f"Camera{camera + 1}.txt"
-        solid = folder / f"Camera{camera + 1}_3d.txt"
-        pixels = _table(flat, 2 + 2 * _CORNER_POINTS, f"image points of camera {name}")
-        points = _table(solid, 2 + 3 * _CORNER_POINTS, f"world points of camera {name}")
+        pixels_path = folder / f"Camera{camera + 1}.txt"
+        points_path = folder / f"Camera{camera + 1}_3d.txt"
+        pixels = _table(pixels_path, 2 + 2 * _CORNER_POINTS, f"image points of camera {name}")
+        points = _table(points_path, 2 + 3 * _CORNER_POINTS, f"world points of camera {name}")
         if len(pixels) != len(points) or (pixels[:, :2] != points[:, :2]).any():
-            raise FileFormatError(f"{flat} and {solid} do not list the same people in each row.")
+            raise FileFormatError(
+                f"{pixels_path} and {points_path} do not list the same people in each row."
+            )
         cuboid = pixels[:, 2:-2].reshape(-1, _CORNER_POINTS - 1, 2)
         corners.append(np.concatenate([cuboid.min(1), cuboid.max(1)], axis=-1))
         index = pixels[:, :2].astype(np.int64)

@@ -134,9 +134,9 @@ def _inside(source: Path) -> Path:
         return source.parent if is_model else source
     if _is_model(source):
         return source
-    for part in ("sparse/0", "sparse", "0"):
-        if _is_model(source / part):
-            return source / part
+    for subfolder in ("sparse/0", "sparse", "0"):
+        if _is_model(source / subfolder):
+            return source / subfolder
     for name in ("scene.json", "rig.json", "calibration.toml", "Calibration.toml"):
         if (source / name).is_file():
             return source / name

@@ -215,15 +215,15 @@ class _BoxTable:
         return vectors[index.astype(np.int64)].astype(np.float32)
 
     def identity(self) -> np.ndarray | None:
-        values = [box.get("id") for *_, box in self.rows]
-        if all(value is None for value in values):
+        identities = [box.get("id") for *_, box in self.rows]
+        if all(value is None for value in identities):
             return None
-        for at, value in enumerate(values):
+        for at, value in enumerate(identities):
             if value is not None and not is_whole(value):
                 raise FileFormatError(
                     f"{self.source}: {self.place(at)} has id {quoted(value)}, not a whole number."
                 )
-        return np.array([-1 if value is None else value for value in values], np.int64)
+        return np.array([-1 if value is None else value for value in identities], np.int64)
 
 
 def _existing(folder: Path, name: Any) -> Path | None:
@@ -238,13 +238,15 @@ def _list(value: Any, source: Path, where: str) -> list[Any]:
 
 
 def _frame_numbers(records: list[Any], source: Path) -> np.ndarray:
-    values = [entry(record, "frame", source, f"frames[{i}]") for i, record in enumerate(records)]
-    for at, value in enumerate(values):
+    raw_numbers = [
+        entry(record, "frame", source, f"frames[{i}]") for i, record in enumerate(records)
+    ]
+    for at, value in enumerate(raw_numbers):
         if not is_whole(value):
             raise FileFormatError(
                 f"{source}: frames[{at}] has the number {quoted(value)}, not a whole number."
             )
-    frames = np.array(values, np.int64)
+    frames = np.array(raw_numbers, np.int64)
     distinct, counts = np.unique(frames, return_counts=True)
     if (counts > 1).any():
         raise FileFormatError(f"{source} holds frame {int(distinct[counts > 1][0])} twice.")
@@ -269,17 +271,17 @@ def _ground_truth(record: dict[str, Any], frame: int, source: Path) -> list[tupl
 def _read_rig(cameras: list[Any], source: Path) -> Rig | None:
     if not cameras or any("K" not in camera for camera in cameras):
         return None
-    parts: dict[str, list[np.ndarray]] = {"K": [], "R": [], "t": [], "size": [], "dist": []}
+    columns: dict[str, list[np.ndarray]] = {"K": [], "R": [], "t": [], "size": [], "dist": []}
     for camera in cameras:
         where = f"camera {shortened(str(camera['name']))}"
         for key, shape in (("K", (3, 3)), ("R", (3, 3)), ("t", (3,))):
-            parts[key].append(numbers(entry(camera, key, source, where), shape, source, where))
+            columns[key].append(numbers(entry(camera, key, source, where), shape, source, where))
         size = [entry(camera, key, source, where) for key in ("width", "height")]
-        parts["size"].append(numbers(size, (2,), source, where))
+        columns["size"].append(numbers(size, (2,), source, where))
         distortion = numbers(camera.get("dist") or [], None, source, f"dist of {where}")
-        parts["dist"].append(lens_coefficients(distortion, source, where))
-    K, R, t, size = (np.stack(parts[key]) for key in ("K", "R", "t", "size"))
-    distortion = distortion_of(parts["dist"])
+        columns["dist"].append(lens_coefficients(distortion, source, where))
+    K, R, t, size = (np.stack(columns[key]) for key in ("K", "R", "t", "size"))
+    distortion = distortion_of(columns["dist"])
     return naming_file(source, lambda: Rig(K, R, t, size, distortion))
 
 
@@ -295,9 +297,10 @@ def _images(
     records: list[Any], names: tuple[str, ...], source: Path
 ) -> tuple[tuple[Path | None, ...], ...]:
     """List (C, F) images, whose paths are relative to the JSON file's folder."""
-    listed = [record.get("images") for record in records]
-    listed = [paths if isinstance(paths, dict) else {} for paths in listed]
+    paths_by_camera = [record.get("images") for record in records]
+    paths_by_camera = [paths if isinstance(paths, dict) else {} for paths in paths_by_camera]
     images = tuple(
-        tuple(_existing(source.parent, paths.get(name)) for paths in listed) for name in names
+        tuple(_existing(source.parent, paths.get(name)) for paths in paths_by_camera)
+        for name in names
     )
     return images if any(path for row in images for path in row) else ()

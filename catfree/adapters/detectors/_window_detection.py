@@ -52,16 +52,16 @@ class WindowDetection:
         pictures = [as_image(image) for image in images]
         sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures]
         windows = [tile_windows(*size, self.tiles, self.tile_overlap) for size in sizes]
-        pieces = [
+        crops = [
             picture[y1:y2, x1:x2]
             for picture, its_windows in zip(pictures, windows, strict=True)
             for x1, y1, x2, y2 in its_windows
         ]
         letterboxes = [
             Letterbox.fit((p.shape[1], p.shape[0]), self.target, placement=self.placement)
-            for p in pieces
+            for p in crops
         ]
-        inputs = [fit.apply(p, self.target) for fit, p in zip(letterboxes, pieces, strict=True)]
+        inputs = [fit.apply(p, self.target) for fit, p in zip(letterboxes, crops, strict=True)]
         decoded = iter(zip(letterboxes, self.infer(inputs), strict=True))
         return [
             self._merge([(window, *next(decoded)) for window in its_windows], size)
@@ -70,11 +70,11 @@ class WindowDetection:
 
     def _merge(
         self,
-        pieces: list[tuple[tuple[int, int, int, int], Letterbox, DecodedBoxes]],
+        decoded_windows: list[tuple[tuple[int, int, int, int], Letterbox, DecodedBoxes]],
         size: tuple[int, int],
     ) -> FrameDetections:
         boxes, scores, keypoints, sources = [], [], [], []
-        for index, (window, letterbox, decoded) in enumerate(pieces):
+        for index, (window, letterbox, decoded) in enumerate(decoded_windows):
             corner = np.array(window[:2], np.float32)
             box = letterbox.boxes_to_original(decoded.box) + np.tile(corner, 2)[None, :]
             keep = ~cut_by_window(box, window, size, CUT_MARGIN / min(letterbox.gain))

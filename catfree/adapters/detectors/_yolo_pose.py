@@ -92,10 +92,12 @@ class YoloPoseOnnx(OnnxDetector):
 
     def _infer(self, pictures: Sequence[Image]) -> list[DecodedBoxes]:
         inputs = [picture.transpose(2, 0, 1).astype(np.float32) / 255 for picture in pictures]
-        values = run_batched(self._graph, inputs, self._output, _LARGEST_BATCH)
+        outputs = run_batched(self._graph, inputs, self._output, _LARGEST_BATCH)
         if self._classes is None:
-            return [_decode_end_to_end(value, self._person, self._confidence) for value in values]
-        return [_decode_raw(value, self._person, self._confidence) for value in values]
+            return [
+                _decode_end_to_end(output, self._person, self._confidence) for output in outputs
+            ]
+        return [_decode_raw(output, self._person, self._confidence) for output in outputs]
 
 
 def _decode_raw(channels: Float[np.ndarray, "c a"], person: int, confidence: float) -> DecodedBoxes:

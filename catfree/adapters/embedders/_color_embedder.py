@@ -63,7 +63,7 @@ def _describe(crops: UInt8[np.ndarray, "n h w 3"]) -> Float[np.ndarray, "n d"]:
     mean = np.average(high, axis=(1, 2), weights=weight, keepdims=True)
     mean = np.maximum(mean, 0.02).astype(np.float32)
     lightness = np.clip(0.5 + 0.25 * np.log2(np.maximum(high, 0.004) / mean), 0, 1)
-    parts = []
+    histograms = []
     for (top, bottom), share in zip(ZONES, ZONE_WEIGHTS, strict=True):
         rows = np.s_[:, round(top * CROP_HEIGHT) : round(bottom * CROP_HEIGHT)]
         color = _soft_histogram(hue[rows] * HUES, (weight * colored)[rows], HUES, circular=True)
@@ -74,21 +74,21 @@ def _describe(crops: UInt8[np.ndarray, "n h w 3"]) -> Float[np.ndarray, "n d"]:
             circular=False,
         )
         histogram = np.concatenate([color, gray], axis=1)
-        parts.append(np.sqrt(share * histogram / histogram.sum(axis=1, keepdims=True)))
-    return np.concatenate(parts, axis=1)
+        histograms.append(np.sqrt(share * histogram / histogram.sum(axis=1, keepdims=True)))
+    return np.concatenate(histograms, axis=1)
 
 
 def _soft_histogram(
-    place: Float[np.ndarray, "n h w"],
+    bin_coordinate: Float[np.ndarray, "n h w"],
     weight: Float[np.ndarray, "n h w"],
     bins: int,
     *,
     circular: bool,
 ) -> Float[np.ndarray, "n b"]:
     """Compute histograms that split each vote between the two nearest bins, to vary smoothly."""
-    lower = np.floor(place).astype(np.int64)
-    upper_share = place - lower
-    count = len(place)
+    lower = np.floor(bin_coordinate).astype(np.int64)
+    upper_share = bin_coordinate - lower
+    count = len(bin_coordinate)
     first = bins * np.arange(count)[:, None, None]
     votes = np.zeros(count * bins)
     for index, share in ((lower, 1 - upper_share), (lower + 1, upper_share)):

@@ -64,10 +64,12 @@ class ReIdOnnx:
             )
         self._graph = OnnxGraph(path, needed=_NEEDED, providers=providers)
         self._graph.require_image_input(None)
-        flat = [name for name, shape in self._graph.output_shapes.items() if _is_vector(shape)]
-        if not flat:
+        vector_outputs = [
+            name for name, shape in self._graph.output_shapes.items() if _is_vector(shape)
+        ]
+        if not vector_outputs:
             raise self._graph.mismatch(self._graph.describe_outputs())
-        self._output = flat[0]
+        self._output = vector_outputs[0]
         converted = "openvino" in self._graph.producer.lower()
         self._preprocessing: Preprocessing = preprocessing or (
             "bgr_raw" if converted else "rgb_imagenet"
@@ -98,12 +100,12 @@ class ReIdOnnx:
 
     def _embed(self, crops: Sequence[Image]) -> list[np.ndarray]:
         inputs = [self._normalize(crop).transpose(2, 0, 1) for crop in crops]
-        values = run_batched(self._graph, inputs, self._output, _LARGEST_BATCH)
-        if any(value.size != value.shape[0] for value in values):
+        outputs = run_batched(self._graph, inputs, self._output, _LARGEST_BATCH)
+        if any(output.size != output.shape[0] for output in outputs):
             raise self._graph.mismatch(
                 f"its output {quoted(self._output)} has maps instead of vectors"
             )
-        return [value.ravel() for value in values]
+        return [output.ravel() for output in outputs]
 
     def _normalize(self, crop: Image) -> Float[np.ndarray, "h w 3"]:
         if self._preprocessing == "bgr_raw":

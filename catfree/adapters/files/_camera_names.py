@@ -64,9 +64,9 @@ def names_of_files(paths: Sequence[Path]) -> list[str]:
             )
     places = [Path(os.path.abspath(path)) for path in paths]
     bare = [place.with_suffix("") if place.is_file() else place for place in places]
-    for kept in (bare, places):
+    for candidates in (bare, places):
         for depth in range(1, DEEPEST + 1):
-            names = ["/".join(_parts(place)[-depth:]) for place in kept]
+            names = ["/".join(_parts(place)[-depth:]) for place in candidates]
             if all(names) and len(set(names)) == len(names):
                 return names
     return [f"C{camera + 1}_{place.name}" for camera, place in enumerate(bare)]

@@ -29,14 +29,14 @@ def run_batched(
     length = fixed or largest_batch
     rows: list[np.ndarray] = []
     for start in range(0, len(inputs), length):
-        items = list(inputs[start : start + length])
-        count = len(items)
+        batch = list(inputs[start : start + length])
+        count = len(batch)
         if fixed:
-            items += [items[-1]] * (fixed - count)
-        values = graph.run(np.stack(items))[output]
-        if len(values) != len(items):
+            batch += [batch[-1]] * (fixed - count)
+        outputs = graph.run(np.stack(batch))[output]
+        if len(outputs) != len(batch):
             raise graph.mismatch(
-                f"its output {quoted(output)} has {len(values)} rows for a batch of {len(items)}"
+                f"its output {quoted(output)} has {len(outputs)} rows for a batch of {len(batch)}"
             )
-        rows.extend(values[:count])
+        rows.extend(outputs[:count])
     return rows

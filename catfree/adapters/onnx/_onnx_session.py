@@ -99,12 +99,12 @@ class OnnxGraph:
         names = list(self.output_shapes)
         feed = {self._input_name: np.ascontiguousarray(images, self._input_type)}
         try:
-            values = self._session.run(names, feed)
+            outputs = self._session.run(names, feed)
         except Exception as error:  # the runtime's own exceptions share no base class
             raise InvalidInputError(
                 f"{self.path} could not be run on an input of shape {images.shape}: {error}"
             ) from error
-        widened = (v.astype(np.float32) if v.dtype == np.float16 else v for v in values)
+        widened = (v.astype(np.float32) if v.dtype == np.float16 else v for v in outputs)
         return dict(zip(names, widened, strict=True))
 
 

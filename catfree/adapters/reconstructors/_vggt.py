@@ -101,8 +101,8 @@ class VggtOnnx:
             place.apply(picture, target, _WHITE)
             for place, picture in zip(placements, pictures, strict=True)
         ]
-        values = np.stack(inputs).transpose(0, 3, 1, 2).astype(np.float32) / 255
-        outputs = {name: value[0] for name, value in self._graph.run(values[None]).items()}
+        batch = np.stack(inputs).transpose(0, 3, 1, 2).astype(np.float32) / 255
+        outputs = {name: value[0] for name, value in self._graph.run(batch[None]).items()}
         encoding = outputs["pose_enc"].astype(np.float64)
         K_input, R, t, determined = decode_pose(encoding, target)
         K = [

@@ -74,18 +74,18 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
         rows = entry(document, "annotations", source, "the file")
     if not isinstance(rows, list):
         raise FileFormatError(f"{source} must hold a list of boxes in COCO's form.")
-    known = {} if described is None else _images(described, Path(images or source))
-    wanted = _people(described)
+    images_by_id = {} if described is None else _images(described, Path(images or source))
+    categories = _people(described)
     frame, camera, corners, score = [], [], [], []
     files: dict[tuple[str, int], Any] = {}
     for at, row in enumerate(rows):
         where = f"box {at}"
-        if row.get("category_id", PERSON) not in wanted if isinstance(row, dict) else False:
+        if row.get("category_id", PERSON) not in categories if isinstance(row, dict) else False:
             continue
         name = entry(row, "image_id", source, where)
         image = None
         if isinstance(name, int | str):
-            image = known.get(name) if described is not None else _image_of(name)
+            image = images_by_id.get(name) if described is not None else _image_of(name)
         if image is None:
             raise FileFormatError(
                 f"{source}: {where} is of the image {quoted(name)}, which is not listed, and whose "
@@ -106,7 +106,7 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
             score.append(float(numbers(row["score"], (), source, f"score of {where}")))
     if score and len(score) < len(frame):
         raise FileFormatError(f"{source}: some boxes have a score, but not all.")
-    names = {image.camera for image in known.values()} | set(camera)
+    names = {image.camera for image in images_by_id.values()} | set(camera)
     ordered = sorted(names, key=natural_order)
     index = {name: at for at, name in enumerate(ordered)}
     detections = naming_file(
@@ -118,7 +118,7 @@ def read_coco(path: StrPath, images: StrPath | None = None) -> CocoBoxes:
             np.array(score) if score else None,
         ),
     )
-    sizes = {image.camera: image.size for image in known.values()}
+    sizes = {image.camera: image.size for image in images_by_id.values()}
     stated = [sizes.get(name) for name in ordered]
     size = np.array(stated, np.int64) if stated and all(stated) else None
     return CocoBoxes(detections, None if set(ordered) <= {""} else tuple(ordered), size)
@@ -148,12 +148,12 @@ def _people(document: dict[str, Any] | None) -> Sequence[Any]:
 
 
 def _images(document: Any, source: Path) -> dict[Any, _Image]:
-    listed = entry(document, "images", source, "the file")
-    if not isinstance(listed, list):
+    rows = entry(document, "images", source, "the file")
+    if not isinstance(rows, list):
         raise FileFormatError(f"{source}: images must be a list.")
-    found: dict[Any, _Image] = {}
+    images_by_id: dict[Any, _Image] = {}
     files: dict[tuple[str, int], Any] = {}
-    for at, row in enumerate(listed):
+    for at, row in enumerate(rows):
         where = f"image {at}"
         name = entry(row, "file_name", source, where)
         image = _image_of(name) if isinstance(name, str) else None
@@ -173,19 +173,20 @@ def _images(document: Any, source: Path) -> dict[Any, _Image]:
         key = entry(row, "id", source, where)
         if not isinstance(key, int | str):
             raise FileFormatError(f"{source}: the id of {where} is {quoted(key)}.")
-        found[key] = image._replace(size=size)
-    return found
+        images_by_id[key] = image._replace(size=size)
+    return images_by_id
 
 
 def _require_own_place(
     files: dict[tuple[str, int], Any], image: _Image, name: Any, source: Path
 ) -> None:
     """Note the name of an image; raise if one of another name has its camera and frame."""
-    other = files.setdefault((image.camera, image.frame), name)
-    if other != name:
+    first_name = files.setdefault((image.camera, image.frame), name)
+    if first_name != name:
         raise FileFormatError(
-            f"{source}: the images {quoted(other)} and {quoted(name)} would be one picture, frame "
-            f"{image.frame} of one camera. Put the images of each camera into a folder of its own."
+            f"{source}: the images {quoted(first_name)} and {quoted(name)} would be one picture, "
+            f"frame {image.frame} of one camera. Put the images of each camera into a folder of "
+            "its own."
         )
 
 
@@ -195,9 +196,9 @@ def _image_of(name: Any) -> _Image | None:
         return _Image("", int(name), None)
     if not isinstance(name, str):
         return None
-    place = PurePosixPath(name)
-    number = _NUMBER.search(place.stem)
+    path = PurePosixPath(name)
+    number = _NUMBER.search(path.stem)
     if number is None or not is_whole(int(number[1])):
         return None
-    camera = "" if str(place.parent) == "." else str(place.parent)
+    camera = "" if str(path.parent) == "." else str(path.parent)
     return _Image(camera, int(number[1]), None)

@@ -95,14 +95,14 @@ def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
     for line, text in enumerate(read_text(source, "MOTChallenge rows").splitlines(), start=1):
         if not text.strip():
             continue
-        words = re.split(r"\s*,\s*|\s+", text.strip().rstrip(","))
-        columns = len(words) if columns is None else columns
-        if len(words) != columns or columns < 6:
+        fields = re.split(r"\s*,\s*|\s+", text.strip().rstrip(","))
+        columns = len(fields) if columns is None else columns
+        if len(fields) != columns or columns < 6:
             raise FileFormatError(
-                f"{source}: line {line} has {len(words)} columns instead of "
+                f"{source}: line {line} has {len(fields)} columns instead of "
                 f"{max(columns, 6)} (frame, id, left, top, width, height, ...)."
             )
-        rows.append(parse_numbers(words, source, line))
+        rows.append(parse_numbers(fields, source, line))
         _, _, left, top, width, height, *_ = rows[-1]
         if not np.isfinite([*rows[-1], left + width, top + height]).all():
             raise InvalidInputError(f"{source}: line {line} has a number that is not finite.")
@@ -116,14 +116,14 @@ def read_mot(path: StrPath, *, frames: ArrayLike | None = None) -> MotTable:
     table = np.array(rows, np.float64).reshape(-1, columns or 6)
     frame = table[:, 0].astype(np.int64)
     if frames is not None:
-        numbers = _ascending(frames)
-        outside = (frame < 1) | (frame > len(numbers))
+        frame_list = _ascending(frames)
+        outside = (frame < 1) | (frame > len(frame_list))
         if outside.any():
             raise InvalidInputError(
                 f"{source} has frame {frame[outside][0]}, but the sequence has frames 1 to "
-                f"{len(numbers)}."
+                f"{len(frame_list)}."
             )
-        frame = numbers[frame - 1]
+        frame = frame_list[frame - 1]
     has_world = table.shape[1] >= 10 and bool((table[:, 7:9] != -1).any())
     return MotTable(
         source=source,
@@ -239,15 +239,15 @@ def _write(
                 "Leave that row out."
             )
     if isinstance(frames, range) and frames.step > 0:  # not listed: it may be long
-        numbers, position = frames, (frame - frames.start) // frames.step
+        frame_list, position = frames, (frame - frames.start) // frames.step
         unknown = (position < 0) | (position >= len(frames))
         unknown |= frames.start + position * frames.step != frame
     else:
-        numbers = _ascending(frames)
-        position, unknown = np.searchsorted(numbers, frame), ~np.isin(frame, numbers)
+        frame_list = _ascending(frames)
+        position, unknown = np.searchsorted(frame_list, frame), ~np.isin(frame, frame_list)
     if unknown.any():
         raise InvalidInputError(
-            f"Cannot write {path}: frame {frame[unknown][0]} is not among the {len(numbers)} "
+            f"Cannot write {path}: frame {frame[unknown][0]} is not among the {len(frame_list)} "
             "frames of the sequence."
         )
     identity = np.where(identity < 0, -1, identity + 1)

@@ -25,10 +25,10 @@ def read_tracks(path: StrPath) -> Tracks:
     """
     source = as_path(path, "path")
     if source.is_dir():
-        found = [source / name for name in _IN_FOLDER if (source / name).is_file()]
-        if not found:
+        tables = [source / name for name in _IN_FOLDER if (source / name).is_file()]
+        if not tables:
             raise InvalidInputError(f"The folder {source} holds no tracks.csv or tracks.parquet.")
-        source = found[0]
+        source = tables[0]
     suffix = source.suffix.lower()
     if suffix == ".parquet":
         return read_tracks_parquet(source)

@@ -196,19 +196,19 @@ def _clock_of(source: Path, frame: np.ndarray, time: np.ndarray | None) -> Clock
         return None
     first, last = int(frame.argmin()), int(frame.argmax())
     with np.errstate(all="ignore"):
-        found = (frame[last] - frame[first]) / (time[last] - time[first])
-    if np.isfinite(time).all() and 0 < found < np.inf:
+        mean_rate = (frame[last] - frame[first]) / (time[last] - time[first])
+    if np.isfinite(time).all() and 0 < mean_rate < np.inf:
         utc = bool(time[first] > ABSOLUTE)
         # Prefer the short numbers that people choose to those that rounding leaves.
-        short = [round(found, digits) for digits in range(4)]
-        for rate in (*short, float(Fraction(found).limit_denominator(1001)), float(found)):
+        short = [round(mean_rate, digits) for digits in range(4)]
+        for rate in (*short, float(Fraction(mean_rate).limit_denominator(1001)), float(mean_rate)):
             begin = float(time[first] - frame[first] / rate) if rate > 0 else np.inf
             for start in (round(begin, 3), round(begin, 6), begin):
                 if rate > 0 and (Clock(rate, start).seconds(frame) == time).all():
                     return Clock(rate, start, utc)
-        start = float(time[first] - frame[first] / found)
-        if (np.abs(Clock(found, start).seconds(frame) - time) <= _OFF_CLOCK).all():
-            return Clock(found, start, utc)
+        start = float(time[first] - frame[first] / mean_rate)
+        if (np.abs(Clock(mean_rate, start).seconds(frame) - time) <= _OFF_CLOCK).all():
+            return Clock(mean_rate, start, utc)
     raise FileFormatError(f"{source}: column {_TIME!r} is invalid: no clock gives these times.")
 
 

@@ -154,33 +154,33 @@ def ticks_of_frames(times: Times, start: float, rate: float) -> Int[np.ndarray, 
         start: seconds of tick 0, not after any frame.
         rate: ticks per second.
     """
-    place = (times - start) * rate
-    tick = np.floor(place + 0.5).astype(np.int64)
+    exact = (times - start) * rate
+    tick = np.floor(exact + 0.5).astype(np.int64)
     if not len(tick):
         return tick
-    _make_room(tick, place, 0)
+    _make_room(tick, exact, 0)
     # The same toward later ticks, in the mirror.
     mirrored = -tick[::-1]
-    _make_room(mirrored, -place[::-1], -np.iinfo(np.int64).max)
+    _make_room(mirrored, -exact[::-1], -np.iinfo(np.int64).max)
     tick = -mirrored[::-1]
     # Of the frames that still share a tick, the nearest stays.
-    order = np.lexsort((np.abs(place - tick), tick))
+    order = np.lexsort((np.abs(exact - tick), tick))
     best = np.zeros(len(tick), bool)
     best[order[np.diff(tick[order], prepend=-1) > 0]] = True
     return np.where(best, tick, -1)
 
 
-def _make_room(tick: Int[np.ndarray, " n"], place: Times, lowest: int) -> None:
+def _make_room(tick: Int[np.ndarray, " n"], exact: Times, lowest: int) -> None:
     """Move frames that share a tick with the next one to the tick before, in place.
 
     Frames in the way move along, if a free tick follows and none ends farther than `REACH` away.
 
     Args:
         tick: of each frame, increasing or equal.
-        place: of each frame in ticks.
+        exact: tick of each frame before rounding.
         lowest: tick that no frame may go below.
     """
-    movable = tick - place >= 1 - REACH
+    movable = tick - exact >= 1 - REACH
     for last in np.flatnonzero((np.diff(tick) == 0) & movable[:-1]).tolist():
         first = last
         while movable[first] and first > 0 and tick[first - 1] == tick[first] - 1:

@@ -69,19 +69,19 @@ def detect_videos(
     # One common detector may process all cameras at once.
     shared = detector if isinstance(detector, BatchDetector) else None
     describe = None if embedder is None else Describer(embedder)
-    found, embedding = [], []
+    detections, embedding = [], []
     for done, (tick, pictures) in enumerate(videos.pictures_from(), start=1):
         instant = detect_instant(pictures, detectors, shared, tick)
         for index, people in instant.items():
-            found.append((tick, index, people))
+            detections.append((tick, index, people))
             if describe is not None:
                 embedding.append(describe(pictures[index], people.box, index, tick))
         if progress is not None:
             progress("detect", done, videos.frame_count)
-    if not found:
+    if not detections:
         raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
     vectors = embedding if embedder is not None else None
-    return collect_detections(found, vectors, clock=videos.clock)
+    return collect_detections(detections, vectors, clock=videos.clock)
 
 
 def fit_to_cameras(

@@ -317,13 +317,13 @@ class SynchronizedVideos:
         Raises:
             InsufficientDataError: if there are none.
         """
-        part = self._copy()
-        part._limits = (start, end)
-        if not part._keep_ticks(start, end):
+        excerpt = self._copy()
+        excerpt._limits = (start, end)
+        if not excerpt._keep_ticks(start, end):
             raise InsufficientDataError(
                 f"No instant from tick {start} to {end} is in {self._enough} videos."
             )
-        return part
+        return excerpt
 
     def before_interruption(self) -> "SynchronizedVideos":
         """Return the instants before the one at which the last iteration was interrupted."""

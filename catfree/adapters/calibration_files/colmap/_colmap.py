@@ -75,7 +75,7 @@ def read_colmap(folder: StrPath) -> NamedRig:
     if not images:
         raise FileFormatError(f"{source} holds no images.")
     images = sorted(images, key=lambda image: image[0])
-    found = []
+    file_cameras = []
     for name, camera_id, quaternion, translation in images:
         label = shortened(name)
         if camera_id not in cameras:
@@ -90,8 +90,8 @@ def read_colmap(folder: StrPath) -> NamedRig:
             raise InvalidInputError(f"{source}: image {label} has no valid rotation quaternion.")
         R = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
         size = np.array([width, height])
-        found.append(FileCamera(matrix, R, translation, size, coefficients, kind))
-    rig = rig_of(found, root)
+        file_cameras.append(FileCamera(matrix, R, translation, size, coefficients, kind))
+    rig = rig_of(file_cameras, root)
     names = tuple(image[0] for image in images)
     return naming_file(source, lambda: NamedRig(rig, names, points))
 

@@ -61,8 +61,8 @@ def binary_cameras(path: Path) -> dict[int, ColmapCamera]:
     stream = _Bytes(path, "COLMAP cameras")
     cameras = {}
     for _ in stream.records():
-        camera_id, number, width, height = stream.take("iiQQ")
-        model = supported_model(MODELS.get(number, (f"number {number}",))[0], path, camera_id)
+        camera_id, model_id, width, height = stream.take("iiQQ")
+        model = supported_model(MODELS.get(model_id, (f"number {model_id}",))[0], path, camera_id)
         parameters = np.array(stream.take(f"{len(PARAMETERS[model])}d"))
         cameras[camera_id] = (model, width, height, parameters)
     return cameras

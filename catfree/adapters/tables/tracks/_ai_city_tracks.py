@@ -112,16 +112,16 @@ def read_ai_city_tracks(path: StrPath, scene_id: int | None = None) -> Float[np.
     source = as_path(path, "path")
     rows: list[list[float]] = []
     for line, text in enumerate(read_text(source, "tracks").splitlines(), start=1):
-        words = text.split()
-        if not words:
+        fields = text.split()
+        if not fields:
             continue
-        wanted = (len(rows[0]),) if rows else (_OF_BOXES, _OF_IMAGES)
-        if len(words) not in wanted:
+        column_counts = (len(rows[0]),) if rows else (_OF_BOXES, _OF_IMAGES)
+        if len(fields) not in column_counts:
             raise FileFormatError(
-                f"{source}: line {line} has {len(words)} columns instead of "
-                f"{' or '.join(map(str, wanted))}."
+                f"{source}: line {line} has {len(fields)} columns instead of "
+                f"{' or '.join(map(str, column_counts))}."
             )
-        rows.append(parse_numbers(words, source, line))
+        rows.append(parse_numbers(fields, source, line))
         if not np.isfinite(rows[-1]).all():
             raise InvalidInputError(f"{source}: line {line} has a number that is not finite.")
     if not rows:
@@ -136,8 +136,8 @@ def read_ai_city_tracks(path: StrPath, scene_id: int | None = None) -> Float[np.
             )
         if scene_id is not None:
             table = table[table[:, 0] == scene_id]
-        found = table[:, [3, 2, 4, 5]]
+        positions = table[:, [3, 2, 4, 5]]
     else:
-        found = table[:, [2, 1, 7, 8]]
-    _, first = np.unique(found[:, :2], axis=0, return_index=True)
-    return found[first]
+        positions = table[:, [2, 1, 7, 8]]
+    _, first = np.unique(positions[:, :2], axis=0, return_index=True)
+    return positions[first]

@@ -39,13 +39,13 @@ def write_geojson(path: StrPath, tracks: Tracks, reference: GeoReference | Scene
             )
         reference = reference.georeference
     kept = tracked(tracks, path)
-    place = reference.to_longitude_latitude(kept.ground_xy)
+    longitude_latitude = reference.to_longitude_latitude(kept.ground_xy)
     time, scale = kept.time, reference.meters_per_unit
     features = []
     for person in np.unique(kept.track_id).tolist():
         rows = np.flatnonzero(kept.track_id == person)
         rows = rows[np.argsort(kept.frame[rows], kind="stable")]
-        points = place[rows].tolist()
+        points = longitude_latitude[rows].tolist()
         sigma = np.asarray(kept.sigma, np.float64)[rows] * scale
         properties: dict[str, Any] = {"track_id": person, "frame": kept.frame[rows].tolist()}
         properties["sigma"] = [value if np.isfinite(value) else None for value in sigma.tolist()]

@@ -40,7 +40,7 @@ def to_movement(tracks: Tracks) -> Any:
         raise InvalidInputError("There are no tracks, and movement takes no empty data sets.")
     frame, step = numbered_frames(kept.frame)
     frame = frame - frame.min()
-    people, place = np.unique(kept.track_id, return_inverse=True)
+    people, person_index = np.unique(kept.track_id, return_inverse=True)
     count = int(frame.max()) + 1
     if count * len(people) > _MOST:
         raise InvalidInputError(
@@ -48,10 +48,10 @@ def to_movement(tracks: Tracks) -> Any:
             "the tracks first."
         )
     position = np.full((count, 2, 1, len(people)), np.nan)
-    position[frame, :, 0, place] = kept.ground_xy
+    position[frame, :, 0, person_index] = kept.ground_xy
     confidence = np.full((count, 1, len(people)), np.nan)
     if kept.existence is not None:
-        confidence[frame, 0, place] = kept.existence
+        confidence[frame, 0, person_index] = kept.existence
     return load_poses.from_numpy(
         position_array=position,
         confidence_array=confidence,

@@ -52,17 +52,17 @@ def write_trackeval(
         if not name or name in (".", "..") or set(name) & set('/\\:\0,"\n'):
             raise InvalidInputError(f"{quoted(name)} cannot be the name of a folder.")
     root = Path(folder)
-    true = make_folder(root / "gt" / sequence / "gt")
-    found = make_folder(root / "trackers" / tracker / "data")
-    write_mot_ground(true / "gt.txt", ground_truth, frames, threshold=float(threshold))
-    write_mot_ground(found / f"{sequence}.txt", tracks, frames, threshold=float(threshold))
+    truth_folder = make_folder(root / "gt" / sequence / "gt")
+    tracker_folder = make_folder(root / "trackers" / tracker / "data")
+    write_mot_ground(truth_folder / "gt.txt", ground_truth, frames, threshold=float(threshold))
+    write_mot_ground(tracker_folder / f"{sequence}.txt", tracks, frames, threshold=float(threshold))
     count = len(np.unique(as_integer(frames, "frames")))
     info = configparser.ConfigParser()
     info.optionxform = str  # type: ignore[assignment,method-assign]
     info["Sequence"] = {"name": sequence, "seqLength": str(count)}
     text = io.StringIO()
     info.write(text)
-    write_text_atomically(true.parent / "seqinfo.ini", text.getvalue())
+    write_text_atomically(truth_folder.parent / "seqinfo.ini", text.getvalue())
     names = sorted(path.parent.name for path in (root / "gt").glob("*/seqinfo.ini"))
     maps = make_folder(root / "gt" / "seqmaps")
     write_text_atomically(maps / "MOT17-train.txt", "\n".join(["name", *names, ""]))
