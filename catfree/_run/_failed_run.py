@@ -73,15 +73,17 @@ def write_failure(
         files.append(sheet)
         shown.append(Picture("pictures/boxes.jpg", "the instant with the most boxes"))
     remove_pictures(root, files)
-    left = [path.relative_to(root).as_posix() for path in earlier_results(root, files)]
-    earlier = f"Not of this run, but left from an earlier one in this folder: {', '.join(left)}."
+    leftover = [path.relative_to(root).as_posix() for path in earlier_results(root, files)]
+    earlier = (
+        f"Not of this run, but left from an earlier one in this folder: {', '.join(leftover)}."
+    )
     cameras = range(len(videos.camera_names))
     per_camera = [detections[detections.camera == camera] for camera in cameras]
     feet = [share_of_feet(per_camera[camera], videos.image_size[camera]) for camera in cameras]
     blocks: list[Block] = [
         Heading("catfree report", 1),
         Notice("Why this run failed", (str(error), *hidden_feet(videos.camera_names, feet))),
-        *([Notice("Files of an earlier run", (earlier,))] if left else []),
+        *([Notice("Files of an earlier run", (earlier,))] if leftover else []),
         *describe_warnings(unfinished.warnings),
         Heading("What the detector saw"),
         *shown,
@@ -96,10 +98,10 @@ def box_table(
 ) -> Table:
     """Number, median height, median score and visible feet of the boxes, one row per camera."""
     rows = []
-    for name, boxes, seen in zip(names, per_camera, feet, strict=True):
+    for name, boxes, share in zip(names, per_camera, feet, strict=True):
         height = f"{np.median(boxes.height):.0f}" if len(boxes) else ""
         sure = "" if boxes.score is None or not len(boxes) else f"{np.median(boxes.score):.2f}"
-        rows.append((name, str(len(boxes)), height, sure, "" if seen is None else f"{seen:.0%}"))
+        rows.append((name, str(len(boxes)), height, sure, "" if share is None else f"{share:.0%}"))
     header = ("camera", "boxes", "median height (px)", "median score", "feet seen")
     return Table(header, tuple(rows))
 
@@ -111,10 +113,10 @@ def share_of_feet(boxes: Detections, image_size: Int[np.ndarray, " axis"]) -> fl
     """
     if not len(boxes):
         return None
-    seen = ~cut_by_border(boxes.box, image_size, EvidenceSettings().border_margin)[:, 2]
+    visible = ~cut_by_border(boxes.box, image_size, EvidenceSettings().border_margin)[:, 2]
     if boxes.ankles_confirmed is not None:
-        seen = seen & boxes.ankles_confirmed
-    return float(seen.mean())
+        visible = visible & boxes.ankles_confirmed
+    return float(visible.mean())
 
 
 def hidden_feet(names: Sequence[str], feet: Sequence[float | None]) -> tuple[str, ...]:
@@ -143,6 +145,8 @@ def _fullest_instant(
     boxes = detections[detections.frame == frame]
     drawn = []
     for camera, image in enumerate(images):
-        own = boxes[boxes.camera == camera]
-        drawn.append(draw_boxes(blur_regions(image, own.box) if blur else image, own))
+        camera_boxes = boxes[boxes.camera == camera]
+        drawn.append(
+            draw_boxes(blur_regions(image, camera_boxes.box) if blur else image, camera_boxes)
+        )
     return drawn

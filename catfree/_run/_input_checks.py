@@ -208,22 +208,22 @@ def lost_footage(videos: SynchronizedVideos) -> tuple[str, ...]:
         One sentence per such camera: how much footage of the others is not used.
     """
     footage, rate = videos.footage, videos.fps
-    ends = [one.available.stop for one in footage]
+    ends = [video.available.stop for video in footage]
     last, longest = sorted(ends)[-videos.fewest_cameras], max(ends)
-    said = []
-    for one, end in zip(footage, ends, strict=True):
-        unused = len(range(end, longest, one.available.step))
+    warnings = []
+    for video, end in zip(footage, ends, strict=True):
+        unused = len(range(end, longest, video.available.step))
         if end != last or unused <= WORTH_SAYING * (len(videos) + unused):
             continue
         going_on = sum(other > end for other in ends)
         lasted = f"{unused} instants" + (f" ({unused / rate:.1f} s)" if rate else "")
         others = "1 other camera shows" if going_on == 1 else f"{going_on} other cameras show"
-        said.append(
-            f"Camera {quoted(one.name)} ends early: {lasted} after it, which {others}, are not "
+        warnings.append(
+            f"Camera {quoted(video.name)} ends early: {lasted} after it, which {others}, are not "
             f"used, and {len(videos)} are."
             + (" Leave the camera out to use them." if going_on > 1 else "")
         )
-    return tuple(said)
+    return tuple(warnings)
 
 
 def tiny_boxes(detections: Detections, settings: CalibrationSettings) -> str | None:
@@ -301,27 +301,27 @@ def calibration_warnings(
         settings: of the run.
     """
     offset = calibration.frame_offset
-    said = [
+    warnings = [
         f"Camera {quoted(videos.camera_names[c])} was found to have "
         f"{_started(int(offset[c]), videos)}; its clock was corrected by that."
         for c in np.flatnonzero(offset)
     ]
-    said += calibration.contradictions
+    warnings += calibration.contradictions
     sure = detections
     if detections.score is not None:
         least = max(settings.confidence, settings.calibration_confidence)
         sure = detections[detections.score >= least]
     sure = remove_offsets(sure, offset)
     for camera in np.flatnonzero(~calibration.scene.rig.registered):
-        found = offset_for(calibration, sure, int(camera), LONGEST, settings.calibration)
-        if found:
+        likely_offset = offset_for(calibration, sure, int(camera), LONGEST, settings.calibration)
+        if likely_offset:
             alone = offset.copy()
-            alone[camera] = found
-            said.append(
+            alone[camera] = likely_offset
+            warnings.append(
                 f"Camera {quoted(videos.camera_names[camera])} could not be placed, but would fit "
-                f"if it had {_started(found, videos)}. {_advice(alone, videos)}"
+                f"if it had {_started(likely_offset, videos)}. {_advice(alone, videos)}"
             )
-    return tuple(said)
+    return tuple(warnings)
 
 
 def without_offsets(

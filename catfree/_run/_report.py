@@ -106,9 +106,9 @@ def describe_acceptance(outcome: RunOutcome, covered: Coverage | None = None) ->
     """
     reliability, rig = outcome.localization.reliability, outcome.scene.rig
     warned = len(outcome.warnings)
-    found, count = int(rig.registered.sum()), rig.camera_count
+    registered, count = int(rig.registered.sum()), rig.camera_count
     rows: list[tuple[str, str, bool | None]] = [
-        ("every camera has a place", f"{found} of {count}", found == count),
+        ("every camera has a place", f"{registered} of {count}", registered == count),
         (
             "the input raised no warning",
             f"{warned} warning{'s' * (warned > 1)}" if warned else "none",
@@ -158,12 +158,12 @@ def describe_footage(videos: SynchronizedVideos) -> list[Block]:
 def footage_table(videos: SynchronizedVideos) -> Table:
     """Length, frame rate, size, unused and dropped frames of the videos, one row per camera."""
     rows = []
-    for one in videos.footage:
-        rate = "" if one.fps is None else f"{one.fps:.4g}"
-        seconds = "" if one.seconds is None else f"{one.seconds:.1f}"
-        size = f"{one.image_size[0]} x {one.image_size[1]}"
-        unused = str(one.frame_count - one.pictures)
-        row = (one.name, str(one.frame_count), rate, seconds, size, unused, str(one.dropped))
+    for video in videos.footage:
+        rate = "" if video.fps is None else f"{video.fps:.4g}"
+        seconds = "" if video.seconds is None else f"{video.seconds:.1f}"
+        size = f"{video.image_size[0]} x {video.image_size[1]}"
+        unused = str(video.frame_count - video.pictures)
+        row = (video.name, str(video.frame_count), rate, seconds, size, unused, str(video.dropped))
         rows.append(row)
     header = ("camera", "frames", "frames per second", "seconds", "size (px)", "frames not used")
     return Table((*header, "dropped frames"), tuple(rows))

@@ -179,7 +179,7 @@ def remove_unless_written(earlier: Sequence[Path], written: Sequence[Path]) -> N
 
 
 def earlier_results(root: Path, written: Sequence[Path]) -> list[Path]:
-    """List tracks, cameras and boxes of an earlier run, which `written` of this one are beside."""
+    """List tracks, cameras and boxes of an earlier run that are not among the `written` files."""
     names = (TABLE_FILE, MOT_FILE, LOCALIZATION_FILE, SCENE_FILE, *SOMETIMES)
     earlier = [*(root / name for name in names), *_earlier_boxes(root)]
     return [path for path in earlier if path not in written and path.is_file()]
@@ -188,7 +188,7 @@ def earlier_results(root: Path, written: Sequence[Path]) -> list[Path]:
 def _earlier_boxes(root: Path) -> list[Path]:
     """The files of boxes of an earlier run, by the names of its cameras."""
     if not (root / LOCALIZATION_FILE).is_file():
-        return []  # the scene, if any, may be of a rig alone, beside boxes that are not ours
+        return []  # `write_rig` writes a scene, too, but no boxes: those are not ours
     try:
         names = read_scene_json(root / SCENE_FILE)[1]
     except CatFreeError:
@@ -207,11 +207,11 @@ def _write_player(
     """The player of the report, None without any instant, and the pictures that it shows."""
     results = (outcome.detections, outcome.localization, outcome.scene)
     # The footage may reach further than its last frame that can be decoded.
-    known = outcome.frames if videos is None else np.intersect1d(outcome.frames, videos.frames)
+    frames = outcome.frames if videos is None else np.intersect1d(outcome.frames, videos.frames)
     clock = outcome.detections.clock
-    gap = float(np.median(np.diff(known))) if len(known) > 1 else 1.0
+    gap = float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0
     excerpt = choose_excerpt(
-        known,
+        frames,
         outcome.localization.tracks.frame,
         outcome.scene.rig.camera_count,
         None if clock is None else clock.frame_rate / gap,
@@ -464,16 +464,16 @@ def _write_tables(
         numbers,
         outcome.localization.identity,
     )
-    seen = outcome.detections
-    seen = seen if embeddings else dataclasses.replace(seen, embedding=None)
-    seen.save(root / "detections.npz")
+    detections = outcome.detections
+    detections = detections if embeddings else dataclasses.replace(detections, embedding=None)
+    detections.save(root / "detections.npz")
     arrays = to_arrays(outcome.localization)
     save_arrays(root / LOCALIZATION_FILE, Localization.__name__, arrays)
     return [*files, root / "detections.npz", root / LOCALIZATION_FILE]
 
 
 def numbers_of_files(frames: Int[np.ndarray, " t"], *, from_one: bool = False) -> range:
-    """Frame numbers in even steps, which files that count from 1 number, whether seen or not.
+    """Evenly spaced frame numbers, empty instants included, for files that count frames from 1.
 
     Args:
         frames: (T,) sorted frame numbers, without those of empty instants.

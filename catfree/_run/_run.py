@@ -347,12 +347,12 @@ def run_boxes(
     detections, silent, calibration = boxes.detections, boxes.silent, None
     # Told before the long work.
     require_no_boxes(silent, detections.frame, detections.camera, boxes.camera_names)
-    said: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     if anchors and scene is not None:
         raise InvalidInputError(_ONLY_FROM_PEOPLE)
     if scene is not None:
         given = scene
-        scene, said = order_like(given, scene_names, boxes.camera_names, "boxes")
+        scene, warnings = order_like(given, scene_names, boxes.camera_names, "boxes")
         if scene.rig.camera_count < len(boxes.camera_names):
             raise InvalidInputError(
                 f"The scene has {scene.rig.camera_count} cameras, but there are boxes of "
@@ -366,25 +366,25 @@ def run_boxes(
             maximum_offset=maximum_offset, anchors=anchors, cache=cache, progress=progress,
         )  # fmt: skip
         scene = calibration.scene
-        said += calibration_warnings(calibration, detections, boxes, settings)
+        warnings += calibration_warnings(calibration, detections, boxes, settings)
         detections = remove_offsets(detections, calibration.frame_offset)
         silent = silent - np.pad(calibration.frame_offset[silent[:, 1], None], ((0, 0), (0, 1)))
     tiny = tiny_boxes(detections, settings.calibration)
-    said += () if tiny is None else (tiny,)
+    warnings += () if tiny is None else (tiny,)
     names = boxes.camera_names
     names += tuple(f"C{camera + 1}" for camera in range(len(names), scene.rig.camera_count))
-    found = localize_people(
+    localization = localize_people(
         detections, scene, settings, silent, camera_names=names, cache=cache, progress=progress
     )
     if calibration is None:
-        said += clock_warnings(found, detections, scene, boxes, settings)
+        warnings += clock_warnings(localization, detections, scene, boxes, settings)
     return RunOutcome(
-        replace(found, warnings=(*said, *found.warnings)),
+        replace(localization, warnings=(*warnings, *localization.warnings)),
         detections,
         scene,
         calibration,
         names,
-        np.union1d(detections.frame, found.tracks.frame),
+        np.union1d(detections.frame, localization.tracks.frame),
     )
 
 

@@ -128,10 +128,10 @@ def calibrate_cameras(
         return anchored(remembered("calibration", compute), anchors, rules, camera_names=names)
     except CalibrationError as error:
         tiny = tiny_boxes(detections, rules)
-        said = str(error) if tiny is None else f"{tiny} The calibration error was: {error}"
+        message = str(error) if tiny is None else f"{tiny} The calibration error was: {error}"
         if len(incomplete):
-            said += f" {len(incomplete)} instants that some camera does not show were left out."
-        raise CalibrationError(said) from error
+            message += f" {len(incomplete)} instants that some camera does not show were left out."
+        raise CalibrationError(message) from error
 
 
 def reconstruct(

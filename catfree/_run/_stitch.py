@@ -116,24 +116,24 @@ def collect_pieces(tracks: Tracks, detections: Detections, shown: Int[np.ndarray
         shown: (N,) track id of each box, or -1.
     """
     identity = np.unique(tracks.track_id)
-    rows = [np.flatnonzero(tracks.track_id == one) for one in identity]
+    rows = [np.flatnonzero(tracks.track_id == track) for track in identity]
     boxes, looks, halves = [], [], []
     embedding = detections.embedding
     width = 1 if embedding is None else embedding.shape[1]
-    for one, track_rows in zip(identity, rows, strict=True):
+    for track, track_rows in zip(identity, rows, strict=True):
         if embedding is None:
             boxes.append(0)
             looks.append(np.zeros(1))
             halves.append(np.zeros((2, 1)))
             continue
-        members = np.flatnonzero(shown == one)
+        members = np.flatnonzero(shown == track)
         middle = np.median(tracks.frame[track_rows])
         early = detections.frame[members] < middle
         boxes.append(len(members))
         looks.append(_mean_look(embedding[members]))
         parts = (members[early], members[~early])
         halves.append([_mean_look(embedding[part]) for part in parts])
-    first, last = ([own[end] for own in rows] for end in (0, -1))
+    first, last = ([member_rows[end] for member_rows in rows] for end in (0, -1))
     return Pieces(
         identity=identity,
         first=tracks.frame[first],
@@ -222,8 +222,8 @@ def link_pieces(pieces: Pieces, habits: Habits) -> Int[np.ndarray, " k"]:
     high = np.searchsorted(starts, pieces.last + reach, side="right")
     earlier, later, odds = [], [], []
     for block in _blocks(np.maximum(high - low, 0)):
-        row, place = expand_ranges(low[block], high[block])
-        one, two = block[row], by_start[place]
+        row, start_rank = expand_ranges(low[block], high[block])
+        one, two = block[row], by_start[start_rank]
         gap = pieces.first[two] - pieces.last[one]
         length = pieces.last - pieces.first + 1
         # Short overlaps occur where one fragment ends after the next has begun.
@@ -232,10 +232,10 @@ def link_pieces(pieces: Pieces, habits: Habits) -> Int[np.ndarray, " k"]:
         value = _motion_odds(pieces, one, two, habits, spread) + _look_odds(
             pieces, one, two, habits
         )
-        good = value > 0
-        earlier.append(one[good])
-        later.append(two[good])
-        odds.append(value[good])
+        likely = value > 0
+        earlier.append(one[likely])
+        later.append(two[likely])
+        odds.append(value[likely])
     one, two, value = map(np.concatenate, (earlier, later, odds))
     before, after = best_assignment(one, two, value, len(pieces))
     follower[before] = after
@@ -328,8 +328,8 @@ def squared_displacement(
     """
     longer = len(tracks) + 2  # all lags from here on are counted together, and left out
     total, count = np.zeros(longer + 1), np.zeros(longer + 1)
-    for one in np.unique(tracks.track_id):
-        is_member = tracks.track_id == one
+    for track in np.unique(tracks.track_id):
+        is_member = tracks.track_id == track
         frame, (x, y) = tracks.frame[is_member], tracks.ground_xy[is_member].T.copy()
         for step in range(1, len(frame)):
             lag = np.minimum(frame[step:] - frame[:-step], longer)

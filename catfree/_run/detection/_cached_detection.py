@@ -78,14 +78,14 @@ class _Detection:
     ) -> dict[int, _Seen]:
         """Return the people of each camera and, if there is an embedder, their embeddings."""
         if frame in self.known:
-            found = {camera: _stored(self.known[frame], frame, camera) for camera in pictures}
+            detections = {camera: _stored(self.known[frame], frame, camera) for camera in pictures}
         else:
-            found = detect_instant(pictures, detectors, self.shared, frame)
+            detections = detect_instant(pictures, detectors, self.shared, frame)
         if self.describe is None:
-            return {camera: (people, None) for camera, people in found.items()}
+            return {camera: (people, None) for camera, people in detections.items()}
         return {
             camera: (people, self.describe(pictures[camera], people.box, camera, frame))
-            for camera, people in found.items()
+            for camera, people in detections.items()
         }
 
 
@@ -204,19 +204,19 @@ def _counted(
 
 def _complete(piece: _Piece, instants: Iterator[Instant[_Seen]], cache: StageCache | None) -> None:
     """Add what the piece lacks; store it unless the videos ended inside the piece."""
-    found, embedding = [], []
+    detections, embedding = [], []
     instant_count = 0
     for frame, instant in instants:
         instant_count += 1
         for camera, (people, vectors) in instant.items():
-            found.append((frame, camera, people))
+            detections.append((frame, camera, people))
             if vectors is not None:
                 embedding.append(vectors)
-    if not found:
+    if not detections:
         return
     keep = cache if instant_count == piece.count else None
     if piece.boxes is None:
-        piece.boxes = collect_detections(found, None)
+        piece.boxes = collect_detections(detections, None)
         if keep is not None:
             keep.store("boxes", piece.box_key, piece.boxes)
     if embedding:

@@ -209,16 +209,16 @@ class CameraDetectors:
             ]
             try:
                 while True:
-                    parts: list[_Answer] = [queue.popleft().result() for queue in answers]
-                    count = min(len(part.instants) for part in parts)
+                    chunks: list[_Answer] = [queue.popleft().result() for queue in answers]
+                    count = min(len(chunk.instants) for chunk in chunks)
                     done += count
                     for at in range(count):
-                        results = [part.instants[at] for part in parts]
+                        results = [chunk.instants[at] for chunk in chunks]
                         joined = {key: one for _, some in results for key, one in some.items()}
                         yield results[0][0], dict(sorted(joined.items()))
                     if count < CHUNK:
-                        # What happened later in other processes, one process would not have met.
-                        ended = [part for part in parts if len(part.instants) == count]
+                        # One process would not have met what happened later in the others.
+                        ended = [chunk for chunk in chunks if len(chunk.instants) == count]
                         interruptions = [one.interruption for one in ended if one.interruption]
                         errors = [one.error for one in ended if one.error]
                         if interruptions:

@@ -107,22 +107,22 @@ def look_again(
         FileFormatError: as `detect_videos`.
         InsufficientDataError: as `detect_videos`.
     """
-    found, embedding = [], []
+    detections, embedding = [], []
     describe = None
     if embedder is not None:
-        known = first.embedding
-        describe = Describer(embedder, known.shape[1] if known is not None and len(known) else None)
+        looks = first.embedding
+        describe = Describer(embedder, looks.shape[1] if looks is not None and len(looks) else None)
     look = _SecondLook(describe, expected, first[np.argsort(first.frame, kind="stable")])
     for done, (frame, instant) in enumerate(cameras.instants(videos, look), start=1):
         for camera, (people, vectors) in instant.items():
-            found.append((frame, camera, people))
+            detections.append((frame, camera, people))
             embedding.append(vectors)
         if progress is not None:
             progress(STAGE, done, videos.frame_count)
-    if not found:
+    if not detections:
         raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
     vectors = embedding if embedder is not None else None
-    return collect_detections(found, vectors, clock=videos.clock)
+    return collect_detections(detections, vectors, clock=videos.clock)
 
 
 @dataclass
@@ -150,16 +150,18 @@ class _SecondLook:
     def _look(
         self, detector: GuidedDetector, frame: int, camera: int, image: Image
     ) -> tuple[FrameDetections, Float[np.ndarray, "n d"]]:
-        places, first = self.expected.in_picture(frame, camera), self.first
-        people = ask_for_people(lambda: detector.look_again(image, places), detector, camera, frame)
+        expected, first = self.expected.in_picture(frame, camera), self.first
+        people = ask_for_people(
+            lambda: detector.look_again(image, expected), detector, camera, frame
+        )
         if self.describe is None:
             return people, np.zeros((len(people), 0))
-        before = rows_of_picture(first.frame, first.camera, frame, camera)
-        if first.embedding is None or not len(before):
+        first_rows = rows_of_picture(first.frame, first.camera, frame, camera)
+        if first.embedding is None or not len(first_rows):
             return people, self.describe(image, people.box, camera, frame)
-        offset = np.abs(people.box[:, None] - first.box[before]).max(-1)
+        offset = np.abs(people.box[:, None] - first.box[first_rows]).max(-1)
         changed = offset.min(1) > SAME
-        vectors = first.embedding[before[offset.argmin(1)]]
+        vectors = first.embedding[first_rows[offset.argmin(1)]]
         vectors[changed] = self.describe(image, people.box[changed], camera, frame)
         return people, vectors
 
@@ -188,14 +190,16 @@ def track_heights(
     tracks = localization.tracks
     row, camera = np.nonzero(tracks.support >= 0)
     box = detections.box[tracks.support[row, camera]].astype(np.float64)
-    whole = box[:, 1] > EDGE
-    if not whole.any():
+    uncut = box[:, 1] > EDGE
+    if not uncut.any():
         return np.zeros(len(tracks))
-    row, camera, box = row[whole], camera[whole], box[whole]
+    row, camera, box = row[uncut], camera[uncut], box[uncut]
     frame = CanonicalFrame.of(scene)
-    place = frame.to_canonical(tracks.position[row])[:, :2]
+    ground_xy = frame.to_canonical(tracks.position[row])[:, :2]
     top = np.stack([(box[:, 0] + box[:, 2]) / 2, box[:, 1]], -1)
-    height = np.maximum(heights_in_rig(frame.rig(scene.rig), camera, top, place), 0) * frame.extent
+    height = (
+        np.maximum(heights_in_rig(frame.rig(scene.rig), camera, top, ground_xy), 0) * frame.extent
+    )
     usual = float(np.median(height))
     by_person = {
         one: np.median(height[tracks.track_id[row] == one])

@@ -56,23 +56,23 @@ def identify(
     for index, pair in enumerate(matched):
         rows = []
         for at, names in enumerate(pair):
-            known = pieces[index + at].identity
-            row = np.searchsorted(known, names)
-            found = row < len(known)
-            found[found] = known[row[found]] == names[found]
-            rows.append(np.where(found, begin[index + at] + row, -1))
+            identity = pieces[index + at].identity
+            row = np.searchsorted(identity, names)
+            is_known = row < len(identity)
+            is_known[is_known] = identity[row[is_known]] == names[is_known]
+            rows.append(np.where(is_known, begin[index + at] + row, -1))
         # A track that only the overlap has is not reported by its shard.
-        both = (rows[0] >= 0) & (rows[1] >= 0)
-        one.append(rows[0][both])
-        two.append(rows[1][both])
+        is_paired = (rows[0] >= 0) & (rows[1] >= 0)
+        one.append(rows[0][is_paired])
+        two.append(rows[1][is_paired])
     before, after = np.concatenate(one), np.concatenate(two)
     links = coo_array((np.ones(len(before)), (before, after)), shape=(len(table), len(table)))
     _, person = connected_components(links, directed=False)
-    whole = _merge(table, person)
-    first_of, stop = chains(whole, link_pieces(whole, add_habits(habits)))
-    order = np.lexsort((*whole.begin.T[::-1], whole.begin_sigma, whole.first))
+    people = _merge(table, person)
+    first_of, stop = chains(people, link_pieces(people, add_habits(habits)))
+    order = np.lexsort((*people.begin.T[::-1], people.begin_sigma, people.first))
     roots = order[first_of[order] == order]
-    number = np.empty(len(whole), np.int64)
+    number = np.empty(len(people), np.int64)
     number[roots] = np.arange(len(roots))
     return Identities(shard, table.identity, number[first_of[person]], stop[person])
 

@@ -128,7 +128,7 @@ def read_receipts(folder: Path) -> list[Receipt]:
     receipts = sorted(map(read_receipt, paths), key=lambda receipt: receipt.index)
     first = receipts[0]
     for receipt in receipts:
-        for name, what in (
+        for name, difference in (
             ("source", "another recording"),
             ("count", "another plan"),
             ("scene_file", "another scene"),
@@ -137,12 +137,13 @@ def read_receipts(folder: Path) -> list[Receipt]:
             if getattr(receipt, name) != getattr(first, name):
                 raise FileFormatError(
                     f"{files_of(folder, receipt.index).receipt}: shard {receipt.index} was made "
-                    f"with {what} than shard {first.index}. Run all shards of one plan with the "
-                    "same scene and settings, and delete this file if the plan has no such shard."
+                    f"with {difference} than shard {first.index}. Run all shards of one plan with "
+                    "the same scene and settings, and delete this file if the plan has no such "
+                    "shard."
                 )
-    found = [receipt.index for receipt in receipts]
-    if found != list(range(first.count)):
-        missing = sorted(set(range(first.count)) - set(found))
+    indices = [receipt.index for receipt in receipts]
+    if indices != list(range(first.count)):
+        missing = sorted(set(range(first.count)) - set(indices))
         listed = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
         raise FileFormatError(
             f"{folder}: {len(missing)} of {first.count} shards are not finished ({listed}). Run "
@@ -217,13 +218,13 @@ class Area:
     def holds(
         self, sigma: Float[np.ndarray, " m"], whole: Float[np.ndarray, " m"]
     ) -> Bool[np.ndarray, " m"]:
-        """(M,) whether positions are in the area; those of which nothing is known are."""
-        known = ~np.isnan(sigma)
-        held = np.ones(len(sigma), bool)
-        held[known] = self.usual.holds(
-            sigma[known], whole[known].astype(np.int64), self.cameras, self.settings
+        """(M,) whether positions are in the area; those without a known sigma count as inside."""
+        has_sigma = ~np.isnan(sigma)
+        inside = np.ones(len(sigma), bool)
+        inside[has_sigma] = self.usual.holds(
+            sigma[has_sigma], whole[has_sigma].astype(np.int64), self.cameras, self.settings
         )
-        return held
+        return inside
 
 
 def _learn_area(folder: Path, receipts: list[Receipt]) -> Area | None:

@@ -171,17 +171,17 @@ def read_receipt(path: Path) -> Receipt:
         FileFormatError: if it is damaged or of another version.
     """
     document = read_json(path, "receipt of a shard")
-    again = "Run this shard again."
+    advice = "Run this shard again."
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        found = document.get("schema") if isinstance(document, dict) else document
+        schema = document.get("schema") if isinstance(document, dict) else document
         raise FileFormatError(
-            f"{path} is a receipt of another version: {quoted(found)} instead of {SCHEMA!r}. "
-            f"{again}"
+            f"{path} is a receipt of another version: {quoted(schema)} instead of {SCHEMA!r}. "
+            f"{advice}"
         )
     names = [field.name for field in dataclasses.fields(Receipt)]
     missing = [name for name in names if name not in document]
     if missing:
-        raise FileFormatError(f"{path} lacks {missing[0]!r}. {again}")
+        raise FileFormatError(f"{path} lacks {missing[0]!r}. {advice}")
     values = {name: document[name] for name in names}
     try:
         require_declared_types(Receipt, values)
@@ -190,5 +190,5 @@ def read_receipt(path: Path) -> Receipt:
             values[name] = tuple(map(str, values[name]))
         values["cameras"] = tuple(map(int, values["cameras"]))
     except (InvalidInputError, TypeError) as error:
-        raise FileFormatError(f"{path} is damaged ({quoted(error)}). {again}") from error
+        raise FileFormatError(f"{path} is damaged ({quoted(error)}). {advice}") from error
     return Receipt(**values)

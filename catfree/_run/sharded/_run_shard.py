@@ -235,16 +235,16 @@ def _verdicts(
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Verdicts on the cameras, and sentences about those that are moved, late or dead."""
     try:
-        found = check(scene, detections, settings=settings, localization=localization)
+        checked = check(scene, detections, settings=settings, localization=localization)
     except InsufficientDataError:
         return (), ()
     fine = (Verdict.FITS, Verdict.DOUBTFUL)
     said = [
         f"Camera {shown_camera(one.camera, camera_names)} is {one.verdict.value}. {one.advice}"
-        for one in found.cameras
+        for one in checked.cameras
         if one.verdict not in fine
     ]
-    return tuple(one.verdict.value for one in found.cameras), tuple(said)
+    return tuple(one.verdict.value for one in checked.cameras), tuple(said)
 
 
 def _within(
@@ -280,25 +280,27 @@ def _write_scene(folder: Path, scene: Scene, videos: Sequence[str] = ()) -> str:
     """
     make_folder(folder / WORK_FOLDER)
     path = folder / SCENE_FILE
-    before = hash_file(path) if path.is_file() else None
+    existing = hash_file(path) if path.is_file() else None
     named = len(videos) == scene.rig.camera_count
     content = scene_text(scene, names_of_files(list(map(Path, videos))) if named else None)
     written = hashlib.sha256(content.encode()).hexdigest()
-    if before not in (None, written):
+    if existing not in (None, written):
         raise InvalidInputError(
             f"{folder} holds shards of another scene ({path}). Name another folder."
         )
-    if before is None:
+    if existing is None:
         write_text_atomically(path, content)
     return written
 
 
 def _person_height(localization: Localization, settings: Settings) -> float | None:
     """H0 of the evidence method, in scene units."""
-    known = localization.reliability
-    if localization.tracks.design_sigma is None or not known.sigma_over_radius > 0:
+    reliability = localization.reliability
+    if localization.tracks.design_sigma is None or not reliability.sigma_over_radius > 0:
         return None
-    return known.median_sigma / known.sigma_over_radius / settings.evidence.report_radius
+    return (
+        reliability.median_sigma / reliability.sigma_over_radius / settings.evidence.report_radius
+    )
 
 
 def _or_none(value: float | None) -> float | None:

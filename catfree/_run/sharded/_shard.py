@@ -283,12 +283,12 @@ def _missing_pictures(silent: Any, whole: Shard) -> Int[np.ndarray, "k 2"]:
 
 def _stretches(rows: Int[np.ndarray, "k 2"]) -> tuple[tuple[int, int, int], ...]:
     """Camera, first frame and frame after the last of consecutive frames."""
-    found = []
+    stretches = []
     for camera in np.unique(rows[:, 1]).tolist():
         frames = np.sort(rows[rows[:, 1] == camera, 0])
-        parts = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
-        found += [(camera, int(part[0]), int(part[-1]) + 1) for part in parts]
-    return tuple(found)
+        runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+        stretches += [(camera, int(run[0]), int(run[-1]) + 1) for run in runs]
+    return tuple(stretches)
 
 
 def open_videos(shard: Shard) -> SynchronizedVideos:
@@ -333,13 +333,13 @@ def require_unchanged(shard: Shard) -> None:
         InvalidInputError: naming the recording.
     """
     if isinstance(shard.detections, str):
-        found, name = hash_samples(shard.detections), shard.detections
+        source, name = hash_samples(shard.detections), shard.detections
     elif shard.videos:
-        found = hash_parameters("videos", *(hash_samples(path) for path in shard.videos))
+        source = hash_parameters("videos", *(hash_samples(path) for path in shard.videos))
         name = ", ".join(shard.videos)
     else:
         return
-    if found != shard.source:
+    if source != shard.source:
         raise InvalidInputError(
             f"{name} changed after {shard.name} was planned. Make the plan again with cf.shards."
         )

@@ -208,19 +208,19 @@ def run_sites(
 
 def _one_of_each(sites: Sequence[Site], field: str, kind: str) -> dict[str, Any]:
     """What is given in a field for each site, if anything, for all of its dates."""
-    given: dict[str, Any] = {}
+    by_site: dict[str, Any] = {}
     for site in sites:
         value = getattr(site, field)
         if value is None or value == ():
             continue
-        first = given.setdefault(site.name, value)
+        first = by_site.setdefault(site.name, value)
         same = first is value if isinstance(value, Scene) else first == value
         if not same:
             raise InvalidInputError(
                 f"Site {quoted(site.name)} has two {kind}. Give all its dates the same one, or its "
                 "cameras another name after they were moved."
             )
-    return given
+    return by_site
 
 
 def _absolute_if_file(value: Any) -> Any:
@@ -459,11 +459,11 @@ def calibrate_site(
     for shard in _spread(plan)[:MOST_TRIES]:
         try:
             recording, boxes = _footage(shard, site, finder)
-            found = calibrate_cameras(recording, finder, boxes, settings, anchors=anchors)
+            calibration = calibrate_cameras(recording, finder, boxes, settings, anchors=anchors)
         except (CalibrationError, InsufficientDataError) as error:
             reason = error
             continue
-        return read_scene_json(write_scene_json(path, found.scene))[0]
+        return read_scene_json(write_scene_json(path, calibration.scene))[0]
     raise CalibrationError(
         f"No stretch of the recording of {quoted(site.name)} shows its cameras; the last one that "
         f"was tried: {reason}"
