@@ -64,12 +64,14 @@ def check_command(tyro: Any) -> Callable[..., None]:
         from catfree._run._run import run_boxes
 
         require_offset(max_offset)
-        found = open_boxes(boxes, frame_rate, image_size)
-        known, names = open_scene(scene, unit, image_size)
+        camera_boxes = open_boxes(boxes, frame_rate, image_size)
+        known_scene, names = open_scene(scene, unit, image_size)
         footage = open_videos(videos) if videos and out is not None else None
         folder = contextlib.nullcontext() if out is None else folder_of_results(out)
         with folder, progress_bars() as progress:
-            outcome = run_boxes(found, known, cache_dir=cache, progress=progress, scene_names=names)
+            outcome = run_boxes(
+                camera_boxes, known_scene, cache_dir=cache, progress=progress, scene_names=names
+            )
             result = catfree.check(
                 outcome.scene,
                 outcome.detections,
@@ -81,8 +83,8 @@ def check_command(tyro: Any) -> Callable[..., None]:
         result = refer_to_warnings(result, outcome)
         warn(outcome.warnings)
         print_table(check_table(result, outcome.camera_names))
-        for name, one in zip(outcome.camera_names, result.cameras, strict=True):
-            print_text(f"{name}: {one.advice}")
+        for name, camera in zip(outcome.camera_names, result.cameras, strict=True):
+            print_text(f"{name}: {camera.advice}")
         if out is not None:
             page = write_check_page(out, result, outcome, footage, blur=blur)
             print_text(f"The page is {page}.")
@@ -112,18 +114,18 @@ def check_table(result: Any, camera_names: tuple[str, ...]) -> Any:
     from catfree.viz.page._blocks import Table
 
     rows = []
-    for name, one in zip(camera_names, result.cameras, strict=True):
-        since = "" if one.since is None else f"{one.since}"
-        if one.since_sd is not None:
-            since += f" +- {one.since_sd:.0f}"
+    for name, camera in zip(camera_names, result.cameras, strict=True):
+        since = "" if camera.since is None else f"{camera.since}"
+        if camera.since_sd is not None:
+            since += f" +- {camera.since_sd:.0f}"
         numbers = (
-            f"{one.degrees:.2f} +- {one.degrees_sd:.2f}",
-            f"{one.pixels:.0f}" if np.isfinite(one.pixels) else "",
-            f"{one.ground:.2f}" if np.isfinite(one.ground) else "",
-            f"{one.lag:.2f} +- {one.lag_sd:.2f}",
-            f"{100 * one.matched:.0f}" if np.isfinite(one.matched) else "",
+            f"{camera.degrees:.2f} +- {camera.degrees_sd:.2f}",
+            f"{camera.pixels:.0f}" if np.isfinite(camera.pixels) else "",
+            f"{camera.ground:.2f}" if np.isfinite(camera.ground) else "",
+            f"{camera.lag:.2f} +- {camera.lag_sd:.2f}",
+            f"{100 * camera.matched:.0f}" if np.isfinite(camera.matched) else "",
         )
-        rows.append((name, one.verdict.value, since, *numbers))
+        rows.append((name, camera.verdict.value, since, *numbers))
     length = "m" if result.metric else "scene units"
     header = (
         "camera", "verdict", "since frame", "turned (degrees)", "pixels", f"ground ({length})",
@@ -222,14 +224,14 @@ def _draw_grid(folder: Path, outcome: Any, footage: Any, blur: bool) -> Path:
             )
         last = footage.frame_count - 1
         if blur:
-            known = np.flatnonzero(np.isin(footage.frames, boxes.frame))
+            with_boxes = np.flatnonzero(np.isin(footage.frames, boxes.frame))
             # The files of boxes of a run count its instants, which may be every fifth frame.
-            if not len(known) or known[-1] < footage.frame_count / 2:
+            if not len(with_boxes) or with_boxes[-1] < footage.frame_count / 2:
                 raise InvalidInputError(
                     "The boxes do not number frames as the videos do, so nobody can be made "
                     "unrecognizable: give the `detections.npz` of a run, which does."
                 )
-            last = known[-1]
+            last = with_boxes[-1]
         frame, images = next(footage.instants_from(int(last)))
         if blur:
             results = (boxes, outcome.localization, scene)
@@ -238,9 +240,11 @@ def _draw_grid(folder: Path, outcome: Any, footage: Any, blur: bool) -> Path:
     else:
         late = boxes[boxes.frame >= np.quantile(boxes.frame, 0.9)]
         frame, count = np.unique(late.frame, return_counts=True)
-        now = late[late.frame == frame[count.argmax()]]
+        fullest = late[late.frame == frame[count.argmax()]]
         images = [
-            draw_boxes(np.full((height, width, 3), PAPER, np.uint8), now[now.camera == camera])
+            draw_boxes(
+                np.full((height, width, 3), PAPER, np.uint8), fullest[fullest.camera == camera]
+            )
             for camera, (width, height) in enumerate(np.asarray(scene.rig.image_size))
         ]
     return write_sheet(folder / "ground_grid.jpg", draw_ground_grids(images, scene))

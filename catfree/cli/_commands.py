@@ -128,9 +128,9 @@ def _box_table(boxes: Any) -> Any:
 
     rows = []
     for camera, name in enumerate(boxes.camera_names):
-        part = boxes.detections[boxes.detections.camera == camera]
-        height = f"{np.median(part.height):.0f}" if len(part) else ""
-        rows.append((name, str(len(part)), str(len(np.unique(part.frame))), height))
+        camera_boxes = boxes.detections[boxes.detections.camera == camera]
+        height = f"{np.median(camera_boxes.height):.0f}" if len(camera_boxes) else ""
+        rows.append((name, str(len(camera_boxes)), str(len(np.unique(camera_boxes.frame))), height))
     return Table(("camera", "boxes", "frames with boxes", "median height (px)"), tuple(rows))
 
 
@@ -143,11 +143,11 @@ def _in_steps(frames: np.ndarray, tracked: np.ndarray) -> np.ndarray:
     return within & ((frames - tracked[0]) % step == 0)
 
 
-def _are_strided(tracked: np.ndarray, known: np.ndarray, even: np.ndarray) -> bool:
+def _are_strided(tracked: np.ndarray, truth_frames: np.ndarray, even: np.ndarray) -> bool:
     """Return whether tracks have most of even steps, between which the truth has more frames."""
-    if len(tracked) < 3 or not np.isin(tracked, known).all():
+    if len(tracked) < 3 or not np.isin(tracked, truth_frames).all():
         return False
-    within = (known >= tracked[0]) & (known <= tracked[-1])
+    within = (truth_frames >= tracked[0]) & (truth_frames <= tracked[-1])
     return bool(2 * len(tracked) > even.sum() and within.sum() >= 2 * even.sum() - 1)
 
 
@@ -234,7 +234,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             frame_rate=frame_rate,
             on_error="keep" if keep_before_damage else "raise",
         )
-        known, names = open_scene(scene, unit)
+        known_scene, names = open_scene(scene, unit)
         networks = open_detector(detector), open_embedder(embedder)
         finder = open_reconstructor(reconstructor)
         print_table(footage_table(footage), aside=True)
@@ -244,7 +244,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 footage,
                 *networks,
                 finder,
-                known,
+                known_scene,
                 settings,
                 cache_dir=out / "cache" if cache is None else cache,
                 progress=progress,
@@ -313,13 +313,13 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
 
         require_offset(max_offset)
         settings, known_anchors = settings_of(method), open_anchors(anchors)
-        found = open_boxes(boxes, frame_rate, image_size, silent)
-        known, names = open_scene(scene, unit, image_size)
-        print_table(_box_table(found), aside=True)
+        camera_boxes = open_boxes(boxes, frame_rate, image_size, silent)
+        known_scene, names = open_scene(scene, unit, image_size)
+        print_table(_box_table(camera_boxes), aside=True)
         with folder_of_results(out), progress_bars() as progress:
             outcome = run_boxes(
-                found,
-                known,
+                camera_boxes,
+                known_scene,
                 settings,
                 cache_dir=out / "cache" if cache is None else cache,
                 progress=progress,
@@ -360,7 +360,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree.cli._demo import EASY, run_demo, score_table
 
         with progress_bars() as progress:
-            done = run_demo(
+            result = run_demo(
                 out,
                 seed,
                 cameras=cameras,
@@ -373,9 +373,9 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 blur=blur,
                 progress=progress,
             )
-        print_table(score_table(done.scores))
-        warn(done.outcome.warnings)
-        print_result(done.outcome, out)
+        print_table(score_table(result.scores))
+        warn(result.outcome.warnings)
+        print_result(result.outcome, out)
         print_text(EASY)
 
     def calibrate(
@@ -499,32 +499,34 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree.evaluation import crop, detection_metrics, hota, tracking_metrics
         from catfree.viz.page._blocks import Table
 
-        true, found = read_ground_truth(ground_truth, split), read_tracks(tracks).to_rows()
+        true, predicted = read_ground_truth(ground_truth, split), read_tracks(tracks).to_rows()
         truth, within = true.rows, true.area if area is None else area
-        near = true.detection_gate if threshold is None else threshold
-        far = true.tracking_gate if track_threshold is None else track_threshold
-        known = np.unique(truth[:, 0]).astype(np.int64) if true.frames is None else true.frames
-        tracked = np.unique(found[:, 0]).astype(np.int64)
-        scored, alone = known, 0
+        detection_gate = true.detection_gate if threshold is None else threshold
+        tracking_gate = true.tracking_gate if track_threshold is None else track_threshold
+        truth_frames = (
+            np.unique(truth[:, 0]).astype(np.int64) if true.frames is None else true.frames
+        )
+        tracked = np.unique(predicted[:, 0]).astype(np.int64)
+        scored, alone = truth_frames, 0
         if true.frames is None and frames == "all":
-            alone = len(np.setdiff1d(tracked, known))
-            scored = np.union1d(known, tracked)
-        if len(found) and not np.isin(found[:, 0], scored).any():
+            alone = len(np.setdiff1d(tracked, truth_frames))
+            scored = np.union1d(truth_frames, tracked)
+        if len(predicted) and not np.isin(predicted[:, 0], scored).any():
             raise InsufficientDataError(
                 f"No position of {tracks} is in the frames {scored[0]} to {scored[-1]} of "
-                f"{ground_truth}; its own are {found[:, 0].min():.0f} to "
-                f"{found[:, 0].max():.0f}. Number frames alike."
+                f"{ground_truth}; its own are {predicted[:, 0].min():.0f} to "
+                f"{predicted[:, 0].max():.0f}. Number frames alike."
             )
-        even = _in_steps(known, tracked)
+        even = _in_steps(truth_frames, tracked)
         if frames == "tracks":
-            scored = known[even]
-        elif _are_strided(tracked, known, even):
+            scored = truth_frames[even]
+        elif _are_strided(tracked, truth_frames, even):
             warn([f"The {len(tracked)} frames of {tracks} {STRIDED}"])
-        found = found[np.isin(found[:, 0], scored)]
-        people = anywhere = detection_metrics(truth, found, scored, near)
+        predicted = predicted[np.isin(predicted[:, 0], scored)]
+        people = anywhere = detection_metrics(truth, predicted, scored, detection_gate)
         if within is not None:
-            truth, found = crop(truth, within), crop(found, within)
-            people = detection_metrics(truth, found, scored, near)
+            truth, predicted = crop(truth, within), crop(predicted, within)
+            people = detection_metrics(truth, predicted, scored, detection_gate)
         if not len(truth):
             raise InsufficientDataError(
                 f"No position of {ground_truth} lies in the area {within}, so nothing can be "
@@ -535,24 +537,24 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         if anywhere.tp < HARDLY_ANY * min(anywhere.tp + anywhere.fp, anywhere.tp + anywhere.fn):
             warn([f"Hardly any positions of {tracks} and {ground_truth} {ELSEWHERE}"])
         rows = [
-            (f"MODA ({near:g} m)", f"{people.moda:.2f}"),
+            (f"MODA ({detection_gate:g} m)", f"{people.moda:.2f}"),
             ("MODP", f"{people.modp:.2f}"),
             ("precision", f"{people.precision:.2f}"),
             ("recall", f"{people.recall:.2f}"),
         ]
-        if (truth[:, 1] >= 0).all() and (found[:, 1] >= 0).all():  # identities are known
-            paths = tracking_metrics(truth, found, scored, far)
+        if (truth[:, 1] >= 0).all() and (predicted[:, 1] >= 0).all():  # identities are known
+            paths = tracking_metrics(truth, predicted, scored, tracking_gate)
             rows += [
-                (f"MOTA ({far:g} m)", f"{paths.mota:.2f}"),
-                (f"IDF1 ({far:g} m)", f"{paths.idf1:.2f}"),
+                (f"MOTA ({tracking_gate:g} m)", f"{paths.mota:.2f}"),
+                (f"IDF1 ({tracking_gate:g} m)", f"{paths.idf1:.2f}"),
                 ("identity switches", str(paths.id_switches)),
-                ("HOTA", f"{hota(truth, found, scored).hota:.2f}"),
+                ("HOTA", f"{hota(truth, predicted, scored).hota:.2f}"),
             ]
         if true.protocol:
             changed = [
                 *(["another area"] if area is not None else []),
-                *(["fewer frames"] if len(scored) < len(known) else []),
-                *(["other distances"] if (near, far) != true.gates else []),
+                *(["fewer frames"] if len(scored) < len(truth_frames) else []),
+                *(["other distances"] if (detection_gate, tracking_gate) != true.gates else []),
             ]
             also = f" (but with {' and '.join(changed)})" if changed else ""
             print_text(f"Protocol: {true.protocol}{also}.")

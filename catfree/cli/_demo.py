@@ -209,18 +209,18 @@ def score(world: World, outcome: RunOutcome) -> list[AlignedScore]:
         )
         moved = np.asarray(similarity(tracks.position))
         rows = crop(tracks.to_rows(moved[:, :2]), world.area)
-        found = detection_metrics(world.ground_truth, rows, outcome.frames)
+        metrics = detection_metrics(world.ground_truth, rows, outcome.frames)
         followed = tracking_metrics(world.ground_truth, rows, outcome.frames)
         error = np.full(len(centers), np.nan)
-        known = rig.registered
-        offset = np.asarray(similarity(centers[known])) - world.true_centres[known]
-        error[known] = np.linalg.norm(offset, axis=-1)
+        registered = rig.registered
+        offset = np.asarray(similarity(centers[registered])) - world.true_centres[registered]
+        error[registered] = np.linalg.norm(offset, axis=-1)
         scores.append(
             AlignedScore(
                 alignment=alignment,
-                moda=found.moda,
-                precision=found.precision,
-                recall=found.recall,
+                moda=metrics.moda,
+                precision=metrics.precision,
+                recall=metrics.recall,
                 position_error=followed.motp,
                 idf1=followed.idf1,
                 hota=hota(world.ground_truth, rows, outcome.frames).hota,

@@ -64,10 +64,10 @@ def require_files(
                 f"Camera {camera}: There is no video file or image folder {path}."
             )
     for option, path in others.items():
-        there = path is None or (
+        exists = path is None or (
             path.exists() if option == "scene" else network_file(path).is_file()
         )
-        if not there:
+        if not exists:
             raise InvalidInputError(f"There is no file {path} (--{option}). Check the path.")
 
 

@@ -44,9 +44,9 @@ def watch_command() -> dict[str, Callable[..., None]]:
         from catfree.methods.online import Tracker
         from catfree.methods.online._watch import watch as records_of_lines
 
-        known, names = open_scene(scene, unit)
-        tracker = Tracker(known, lag=lag)
-        names = names or tuple(str(camera) for camera in range(known.rig.camera_count))
+        known_scene, names = open_scene(scene, unit)
+        tracker = Tracker(known_scene, lag=lag)
+        names = names or tuple(str(camera) for camera in range(known_scene.rig.camera_count))
         records = records_of_lines(
             _standard_input(), tracker, names, frame_rate=frame_rate, timeout=timeout
         )
