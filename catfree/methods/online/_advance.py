@@ -101,10 +101,10 @@ def advance(
     priors = _priors(state, predict(state.heads, motion, step), settings)
     groups = group(boxes, measured, noise, settings.gate, priors, ratios)
     place, _ = mean_and_covariance(groups.info, spread)
-    seen = predict_views(place, groups.frame, groups.member, boxes, views, settings)
-    seen = with_pictures(seen, groups.frame, boxes)
+    predicted = predict_views(place, groups.frame, groups.member, boxes, views, settings)
+    predicted = with_pictures(predicted, groups.frame, boxes)
     rate = rate_of_counts(learned.heights, learned.trials, learned.hits, settings)
-    pictured = rate(seen)
+    pictured = rate(predicted)
     arrived = delivered(pictured, groups.member, groups.frame, boxes, settings)
     pictured = pictured * arrived[groups.frame]
     agreement = appearance_log_odds(groups, ratios)
@@ -121,23 +121,23 @@ def advance(
     linker, alone = Linker(motion, settings, looks), Alone.of(info, density, spread)
     node, heads = linker.link(state.heads, info, alone, rows, step)
     hit = node.group >= 0
-    own = node.group[hit]
+    hit_groups = node.group[hit]
     member = np.full((len(hit), len(learned.active)), -1)
     instant = np.zeros(len(hit), np.int64)
     around = predict_views(node.mean[:, :3], instant, member, boxes, views, settings)
     evidence = misses(rate(with_pictures(around, instant, boxes)), member)
-    evidence[hit] = log_odds[own]
+    evidence[hit] = log_odds[hit_groups]
     evidence = np.clip(evidence, -settings.evidence_limit, settings.evidence_limit)
     forward, weight = _carry(state, node.track, evidence, settings)
     trails = Trails(node.track, instant, node.group, node.mean, node.covariance)
     shift = ground_shift(trails, groups, measured, boxes.view, views, noise, settings)
-    member[hit] = groups.member[own]
+    member[hit] = groups.member[hit_groups]
     matrix, vector = np.zeros((len(hit), 3, 3)), np.zeros((len(hit), 3))
-    matrix[hit], vector[hit] = groups.info.matrix[own], groups.info.vector[own]
+    matrix[hit], vector[hit] = groups.info.matrix[hit_groups], groups.info.vector[hit_groups]
     look, count = np.zeros((len(hit), state.heads.look.shape[1])), np.zeros(len(hit), np.int64)
     if looks is not None:
-        look[hit], count[hit] = looks.total[own], looks.count[own]
-    found = Instant(
+        look[hit], count[hit] = looks.total[hit_groups], looks.count[hit_groups]
+    current = Instant(
         time=np.array(time),
         node=node._replace(group=np.where(hit, np.arange(len(hit)), -1)),
         matrix=matrix,
@@ -155,7 +155,7 @@ def advance(
     )
 
     learned = forgetting(learned)
-    trials, hits = count_detections(seen, groups.member, learned.heights, settings)
+    trials, hits = count_detections(predicted, groups.member, learned.heights, settings)
     active = learned.active | (groups.member >= 0).any(0)
     sure = place[sure_groups(groups.member, log_odds, int(active.sum()), settings), :2]
     steps = learned.steps
@@ -180,7 +180,7 @@ def advance(
         forward=forward[followed],
         weight=weight[followed],
         sure=sure,
-    ), found
+    ), current
 
 
 def _priors(state: TrackerState, heads: Heads, settings: EvidenceSettings) -> Priors | None:

@@ -7,7 +7,7 @@ from catfree.types import Detections
 
 
 def concatenate_common(parts: Sequence[Detections]) -> Detections:
-    """Join detections with the columns that all of them have, of those with rows.
+    """Join detections, keeping the columns that all detections with rows have.
 
     Raises:
         InvalidInputError: if embeddings have different lengths.

@@ -35,7 +35,7 @@ from catfree.settings import EvidenceSettings
 
 FEW_PLACES = 512  # until so many people were reported, what is usual is learned every time
 PLACES_INTERVAL = 16  # instants between later times
-# Before anybody came, left or hid: counts and frames as if they had been seen, rarely.
+# Prior counts, as of rare cases already seen: came or left, reported, hid; and frames hidden.
 USUAL_HABITS = np.array([4.0, 200.0, 4.0, 12.0])
 
 
@@ -82,9 +82,9 @@ def provisional(
     )  # fmt: skip
     rows = np.flatnonzero(alone & _in_working_area(instant.place, learned, settings))
     names = _identity_of(state, node.track[rows])
-    new = _by_precision(np.flatnonzero(names < 0), spread[rows])
-    names[new] = int(state.names) + np.arange(len(new))
-    state = _named(state, node.track[rows[new]], names[new])
+    unnamed = _by_precision(np.flatnonzero(names < 0), spread[rows])
+    names[unnamed] = int(state.names) + np.arange(len(unnamed))
+    state = _named(state, node.track[rows[unnamed]], names[unnamed])
     return state, Reported(
         float(instant.time), names, node.mean[rows], node.covariance[rows],
         spread[rows], probability[rows], instant.support[rows], instant.place[rows],
@@ -110,8 +110,8 @@ def _by_precision(
 
 def _identity_of(state: TrackerState, track: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     """(n,) identities that tracks have now, or -1."""
-    of = dict(state.identity.tolist())
-    return np.array([of.get(k, -1) for k in track.tolist()], np.int64)
+    identity_by_track = dict(state.identity.tolist())
+    return np.array([identity_by_track.get(k, -1) for k in track.tolist()], np.int64)
 
 
 def _named(
@@ -190,21 +190,21 @@ def finalize(
     population = Population(time, walk, float(noise.density), spread, settings, looks)
     out, events = [], []
     for t in range(ready):
-        here = by_frame[first[t] : first[t + 1]]
-        rows = here[reported[here]]
+        at_frame = by_frame[first[t] : first[t + 1]]
+        rows = at_frame[reported[at_frame]]
         state, names, merged = _identify(
             state, float(window[t].time), trails, t, reported, extra, groups, population
         )
         events += merged
-        place = window[t].place[np.searchsorted(window[t].node.track, trails.track[here])]
+        place = window[t].place[np.searchsorted(window[t].node.track, trails.track[at_frame])]
         fully = len(learned.places) < FEW_PLACES or int(state.count) % PLACES_INTERVAL == 0
-        seen = np.column_stack([trails.mean[here, :2], place])[sharp[here]]
+        seen = np.column_stack([trails.mean[at_frame, :2], place])[sharp[at_frame]]
         learned = learn_places(state.learned, seen, fully, settings)
         state = replace(state, learned=learned, final_time=window[t].time)
         out.append(Reported(
             float(window[t].time), names, trails.mean[rows], trails.covariance[rows],
-            covariance[rows], probability[rows], window[t].support[reported[here]],
-            place[reported[here]],
+            covariance[rows], probability[rows], window[t].support[reported[at_frame]],
+            place[reported[at_frame]],
         ))  # fmt: skip
     return replace(state, window=window[ready:]), out, events
 
@@ -251,24 +251,24 @@ def _identify(
     here = at[0]
     linked = past_of[chain[here]]
     numbers = track[chain[here]]
-    before = _identity_of(state, numbers)
+    previous = _identity_of(state, numbers)
     names = np.where(linked >= 0, pasts.name[linked] if len(pasts.name) else -1, -1)
-    # Who continues nobody keeps the track's own identity, unless that is somebody else's.
-    free = (linked < 0) & (before >= 0) & ~np.isin(before, pasts.name)
-    names[free] = before[free]
+    # A track that continues no past keeps its own identity, unless a past has that one.
+    free = (linked < 0) & (previous >= 0) & ~np.isin(previous, pasts.name)
+    names[free] = previous[free]
     nodes_here = rows[here]
     spread = extra[nodes_here] + trails.covariance[nodes_here, :2, :2]
-    new = _by_precision(np.flatnonzero(names < 0), spread)
-    names[new] = int(state.names) + np.arange(len(new))
+    unnamed = _by_precision(np.flatnonzero(names < 0), spread)
+    names[unnamed] = int(state.names) + np.arange(len(unnamed))
     events = [
         Event("merge", time, int(old), int(name))
-        for old, name in zip(before, names, strict=True)
+        for old, name in zip(previous, names, strict=True)
         if old >= 0 and old != name and old not in pasts.name and old not in names
     ]
     hidden = pasts.gap[linked[linked >= 0]] - 1
-    left = (pasts.gap == HORIZON).sum()
+    departed = (pasts.gap == HORIZON).sum()
     counted = np.array(
-        [(linked < 0).sum() + left, len(here), (hidden > 0).sum(), hidden.sum()], float
+        [(linked < 0).sum() + departed, len(here), (hidden > 0).sum(), hidden.sum()], float
     )
     pasts = extend(pasts, linked, names, nodes.at(here), population)
     learned = replace(learned, habits=learned.habits + counted)

@@ -186,9 +186,9 @@ class InstantAssembler:
             self._dropped.append(DroppedFrame(frame.camera, frame.time, "late"))
             return
         frames = self._open.setdefault(number, {})
-        before = frames.setdefault(frame.camera, frame)
-        if before is not frame:
-            older, newer = sorted([before, frame], key=lambda one: one.time)
+        earlier = frames.setdefault(frame.camera, frame)
+        if earlier is not frame:
+            older, newer = sorted([earlier, frame], key=lambda one: one.time)
             self._dropped.append(DroppedFrame(frame.camera, older.time, "replaced"))
             frames[frame.camera] = newer
 

@@ -61,9 +61,10 @@ def add_to_sample(
 ) -> TrackerState:
     """Remember the boxes of an instant, if its turn has come; forget others instead.
 
-    Until it is full, the sample takes every instant; then every second, of which it keeps every
-    second, and so on, so that it covers the stream evenly. At the widest spacing, it moves on. All
-    its instants have the same columns: those of the instants that have most.
+    Until it is full, the sample takes every instant. Whenever it is full, it drops every other
+    instant and takes half as many from then on, so that it covers the stream evenly. At the widest
+    spacing, it drops the oldest. All its instants have the same columns: those of the instants that
+    have most.
     """
     number, spacing = int(state.count), int(state.spacing)
     if number % spacing or len(detections) == 0:
@@ -127,26 +128,26 @@ def learn_noise_and_unit(
     heights = usual_heights(boxes.size, boxes.camera, scene.rig.camera_count, settings)
     appearance = compare_frames(boxes) if settings.use_appearance else None
     ratios = None
-    known = learned.likeness
+    likeness_numbers = learned.likeness
     if appearance is not None:
         likeness = learn_ratio(appearance, groups, settings)
         if likeness is not None:
             ratios = PairRatios(appearance, likeness, settings.appearance_weight)
-            known = np.array([*likeness.same, *likeness.other, likeness.limit])
+            likeness_numbers = np.array([*likeness.same, *likeness.other, likeness.limit])
     trials, hits, clutter = learned.trials, learned.hits, learned.clutter
     if state.count <= SETTLED:
         # Count all instants so far again: they were seen with less settled noise.
         place, _ = mean_and_covariance(groups.info, float(noise.spread))
-        seen = predict_views(place, groups.frame, groups.member, boxes, views, settings)
-        seen = with_pictures(seen, groups.frame, boxes)
-        trials, hits = count_detections(seen, groups.member, heights, settings)
+        predicted = predict_views(place, groups.frame, groups.member, boxes, views, settings)
+        predicted = with_pictures(predicted, groups.frame, boxes)
+        trials, hits = count_detections(predicted, groups.member, heights, settings)
         rate = rate_of_counts(heights, trials, hits, settings)
         agreement = appearance_log_odds(groups, ratios)
-        found = judge_groups(groups, agreement, measured, boxes, views, rate(seen), settings)
+        judged = judge_groups(groups, agreement, measured, boxes, views, rate(predicted), settings)
         g, _, cell = cells_of_boxes(groups.member, measured, views)
-        clutter = count_clutter(cell, expit(found.log_odds)[g], scene.rig.camera_count)
-    old = float(learned.unit)
-    length = 1.0 if np.isnan(old) else old / unit
+        clutter = count_clutter(cell, expit(judged.log_odds)[g], scene.rig.camera_count)
+    old_unit = float(learned.unit)
+    length = 1.0 if np.isnan(old_unit) else old_unit / unit
     learned = replace(
         learned,
         unit=np.array(unit),
@@ -155,7 +156,7 @@ def learn_noise_and_unit(
         trials=trials,
         hits=hits,
         clutter=clutter,
-        likeness=known,
+        likeness=likeness_numbers,
         steps=learned.steps * np.array([length**2, 1]),
         places=learned.places * np.array([length, length, length, 1]),
     )
@@ -166,8 +167,8 @@ def likeness_of(learned: Learned) -> Likeness | None:
     """The learned likeness of embeddings."""
     if learned.likeness is None:
         return None
-    one, deviation, other, spread, limit = learned.likeness.tolist()
-    return Likeness((one, deviation), (other, spread), limit)
+    same, deviation, other, spread, limit = learned.likeness.tolist()
+    return Likeness((same, deviation), (other, spread), limit)
 
 
 def learn_step(state: TrackerState, time: float) -> TrackerState:

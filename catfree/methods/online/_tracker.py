@@ -124,8 +124,8 @@ class Tracker:
                 "that increases. Leave out what comes too late."
             )
         silent = self._silent(detections, cameras)
-        own = np.flatnonzero(usable(detections, self.scene, self.settings))
-        boxes = _at(detections, own, 0)
+        usable_rows = np.flatnonzero(usable(detections, self.scene, self.settings))
+        boxes = _at(detections, usable_rows, 0)
         settings = self.settings.evidence
         with float_width_of(detections.box):
             state = learn_step(state, time)
@@ -138,7 +138,7 @@ class Tracker:
             now = None
             if not np.isnan(state.learned.unit):
                 state, now = advance(state, boxes, time, silent, self.scene, settings)
-                support = np.where(now.support >= 0, _take(own, now.support), -1)
+                support = np.where(now.support >= 0, _take(usable_rows, now.support), -1)
                 now = now._replace(support=support)
                 state = replace(state, window=(*state.window, now))
             state = replace(state, count=np.asarray(state.count + 1), time=np.array(time))
@@ -225,9 +225,9 @@ class Tracker:
                 f"cameras is {quoted(cameras)}; it must list the indices of the cameras that "
                 "delivered a picture."
             ) from error
-        given = np.unique(as_integer(listed, "cameras"))
-        require_known_cameras(given, count)
-        silent = np.setdiff1d(np.arange(count), given)
+        delivered = np.unique(as_integer(listed, "cameras"))
+        require_known_cameras(delivered, count)
+        silent = np.setdiff1d(np.arange(count), delivered)
         seen = detections.camera[np.isin(detections.camera, silent)]
         if len(seen):
             raise InvalidInputError(

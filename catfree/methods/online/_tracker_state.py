@@ -174,9 +174,9 @@ def _state_of(arrays: dict[str, np.ndarray]) -> TrackerState:
     cameras, window, recording = (as_count(arrays[name], name, least=0) for name in _SIZES)
     for name, count in (("window", window), ("recording", recording)):
         start = f".{name}["
-        held = {key.partition("]")[0] for key in arrays if key.startswith(start)}
-        if count != len(held):
-            raise InvalidInputError(f"{name} is {count}, but the file holds {len(held)}.")
+        indices = {key.partition("]")[0] for key in arrays if key.startswith(start)}
+        if count != len(indices):
+            raise InvalidInputError(f"{name} is {count}, but the file holds {len(indices)}.")
     empty = replace(
         new_state(0, EvidenceSettings()),
         window=(_no_instant(0),) * window,
@@ -261,11 +261,11 @@ def new_state(cameras: int, settings: EvidenceSettings) -> TrackerState:
 def _no_instant(cameras: int) -> Instant:
     none = np.zeros(0)
     five, square = np.zeros((0, 5)), np.zeros((0, 5, 5))
-    whole = np.zeros(0, np.int64)
+    integers = np.zeros(0, np.int64)
     return Instant(
-        np.zeros(()), Node(whole, whole, five, square, five, square), square[:, :3, :3],
+        np.zeros(()), Node(integers, integers, five, square, five, square), square[:, :3, :3],
         five[:, :3], none, five[:, :2], none, five[:, :2], five[:, :2],
-        np.zeros((0, cameras), np.int64), five[:, :0], whole,
+        np.zeros((0, cameras), np.int64), five[:, :0], integers,
     )  # fmt: skip
 
 
