@@ -123,8 +123,8 @@ def clock_from_text(text: str | bytes) -> Clock | None:
         InvalidInputError: if the text is damaged, or a value is out of range.
     """
     try:
-        parts = json.loads(text)
-        values = None if parts is None else [parts[name] for name in ("frame_rate", "start", "utc")]
+        clock = json.loads(text)
+        values = None if clock is None else [clock[name] for name in ("frame_rate", "start", "utc")]
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise InvalidInputError(f"{quoted(text)} is not a clock: {quoted(error)}.") from error
     return None if values is None else Clock(*values)

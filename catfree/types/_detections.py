@@ -264,8 +264,8 @@ class Detections(eqx.Module):
         first = as_count(frame, "frame")
         parts = []
         cameras = _camera_indices(np.array(list(boxes)), camera_names)
-        for camera, found in zip(cameras.tolist(), boxes.values(), strict=True):
-            images = [found] if hasattr(found, "xyxy") else found
+        for camera, camera_boxes in zip(cameras.tolist(), boxes.values(), strict=True):
+            images = [camera_boxes] if hasattr(camera_boxes, "xyxy") else camera_boxes
             if not isinstance(images, Sequence):
                 raise InvalidInputError(
                     f"Camera {camera} has a value of type {type(images).__name__} instead of "
@@ -278,8 +278,8 @@ class Detections(eqx.Module):
                         f"{number} instead of supervision.Detections."
                     )
                 n = len(image.xyxy)
-                where, score = np.full(n, camera), image.confidence
-                parts.append(cls(np.full(n, number), where, image.xyxy, score, clock=clock))
+                camera_column, score = np.full(n, camera), image.confidence
+                parts.append(cls(np.full(n, number), camera_column, image.xyxy, score, clock=clock))
         none = np.zeros(0, np.int64)
         return cls.concatenate(parts or [cls(none, none, np.zeros((0, 4)), clock=clock)])
 
@@ -368,11 +368,11 @@ def _camera_indices(cameras: np.ndarray, names: Sequence[str] | None) -> np.ndar
         raise InvalidInputError(
             f"camera_names has a name twice: {shortened(', '.join(map(str, names)))}."
         )
-    distinct, place = np.unique(cameras.astype(str), return_inverse=True)
+    distinct, inverse = np.unique(cameras.astype(str), return_inverse=True)
     for name in distinct.tolist():
         if name not in index:
             raise InvalidInputError(
                 f"There are boxes of camera {quoted(name)}, which is not among camera_names "
                 f"({', '.join(index)})."
             )
-    return np.array([index[name] for name in distinct.tolist()], np.int64)[place]
+    return np.array([index[name] for name in distinct.tolist()], np.int64)[inverse]

@@ -69,19 +69,19 @@ class GeoReference:
         require_shape(degrees, (len(points), 2), "longitude_latitude")
         if len(points) < 2 or np.ptp(points, axis=0).max() == 0:
             raise InvalidInputError("A place on the map needs at least 2 different points.")
-        there = cls(*degrees.mean(0).tolist())
-        east_north = there.to_xy(degrees)
+        center = cls(*degrees.mean(0).tolist())
+        east_north = center.to_xy(degrees)
         # Least squares over complex numbers: a rotation times a scale is one factor.
         middle = points.mean(0)
-        near, far = (points - middle) @ [1, 1j], (east_north - east_north.mean(0)) @ [1, 1j]
-        factor = (near.conj() @ far) / (near.conj() @ near).real
+        source, target = (points - middle) @ [1, 1j], (east_north - east_north.mean(0)) @ [1, 1j]
+        factor = (source.conj() @ target) / (source.conj() @ source).real
         scale, turn = abs(factor), float(np.rad2deg(np.angle(factor)))
         if scale == 0:
             raise InvalidInputError("A place on the map needs at least 2 different points.")
         # The mean of the points goes to the mean of the places, not exactly the tangent point.
-        off = complex(*east_north.mean(0)) / factor
-        origin = float(middle[0] - off.real), float(middle[1] - off.imag)
-        return cls(there.longitude, there.latitude, -turn, origin, float(scale))
+        shift = complex(*east_north.mean(0)) / factor
+        origin = float(middle[0] - shift.real), float(middle[1] - shift.imag)
+        return cls(center.longitude, center.latitude, -turn, origin, float(scale))
 
     @classmethod
     def of_array(cls, values: ArrayLike) -> "GeoReference":
@@ -127,11 +127,11 @@ class GeoReference:
         """
         degrees = _degrees(longitude_latitude)
         base, (east, north, up) = _tangent_plane(self.longitude, self.latitude)
-        place = _on_ellipsoid(degrees) - base
+        offset = _on_ellipsoid(degrees) - base
         # The place above the point of the plane: along its own vertical, as in the inverse.
         vertical = _up(degrees)
-        place -= vertical * ((place @ up) / (vertical @ up))[:, None]
-        east_north = np.stack([place @ east, place @ north], -1)
+        offset -= vertical * ((offset @ up) / (vertical @ up))[:, None]
+        east_north = np.stack([offset @ east, offset @ north], -1)
         if np.abs(east_north).max(initial=0.0) > _FARTHEST:
             raise InvalidInputError(
                 f"A place is {np.abs(east_north).max() / 1000:.0f} km from the others; check that "
@@ -140,14 +140,14 @@ class GeoReference:
         return east_north @ self._turn / self.meters_per_unit + np.array(self.origin)
 
     def residual(self, xy: ArrayLike, longitude_latitude: ArrayLike) -> Float[np.ndarray, " a"]:
-        """Return the (A,) meters between (A, 2) ground coordinates and the places they should be.
+        """Return the (A,) meters between (A, 2) ground coordinates and where they should be.
 
         Args:
             xy: (A, 2) ground coordinates.
             longitude_latitude: (A, 2) degrees of the same points.
         """
-        off = self.to_xy(longitude_latitude) - np.asarray(as_float(xy), np.float64)
-        return self.meters_per_unit * np.linalg.norm(off, axis=-1)
+        difference = self.to_xy(longitude_latitude) - np.asarray(as_float(xy), np.float64)
+        return self.meters_per_unit * np.linalg.norm(difference, axis=-1)
 
     @property
     def _turn(self) -> Float[np.ndarray, "2 2"]:

@@ -175,10 +175,10 @@ class Rig(eqx.Module):
                 f"rays has {rays.shape[1]} rows and {rays.shape[2]} columns; a grid needs at least "
                 f"{FEWEST_NODES} of each."
             )
-        held = self.registered & (self.lenses == Lens.RAYS)
+        has_rays = self.registered & (self.lenses == Lens.RAYS)
         with np.errstate(invalid="ignore", over="ignore"):
             unit = np.abs(np.linalg.norm(rays, axis=-1) - 1) < UNIT_TOLERANCE
-        bad = held & ~unit.all((1, 2))
+        bad = has_rays & ~unit.all((1, 2))
         if bad.any():
             raise InvalidInputError(
                 f"rays[{first_index(bad)}] holds a ray that is not a unit vector. Every node of "
@@ -240,15 +240,15 @@ def _as_lens(lens: Any, count: int) -> np.ndarray | None:
     """(C,) values of `Lens`, or None if all cameras are pinholes."""
     if lens is None:
         return None
-    known = {one.name.lower(): int(one) for one in Lens}
+    lenses = {one.name.lower(): int(one) for one in Lens}
     named = np.asarray(lens)
     if named.dtype.kind == "U":
-        unknown = [str(name) for name in named.ravel() if name not in known]
+        unknown = [str(name) for name in named.ravel() if name not in lenses]
         if unknown:
             raise InvalidInputError(
-                f"lens has {quoted(unknown[0])}; it must be one of {', '.join(known)}."
+                f"lens has {quoted(unknown[0])}; it must be one of {', '.join(lenses)}."
             )
-        named = np.array([known[str(name)] for name in named.ravel()], int).reshape(named.shape)
+        named = np.array([lenses[str(name)] for name in named.ravel()], int).reshape(named.shape)
     values = as_integer(named, "lens")
     require_shape(values, (count,), "lens")
     if not np.isin(values, list(Lens)).all():
@@ -262,9 +262,9 @@ def require_pinholes(rig: Rig, purpose: str) -> None:
     Raises:
         InvalidInputError: naming the camera, its lens and the purpose that needs a pinhole.
     """
-    other = rig.registered & (rig.lenses != Lens.PINHOLE)
-    if other.any():
-        at = int(np.argmax(other))
+    not_pinhole = rig.registered & (rig.lenses != Lens.PINHOLE)
+    if not_pinhole.any():
+        at = int(np.argmax(not_pinhole))
         kind = {Lens.FISHEYE: "a fisheye lens", Lens.RAYS: "a grid of rays"}[Lens(rig.lenses[at])]
         raise InvalidInputError(
             f"Camera {at} has {kind}, and {purpose} needs pinholes. Undistort its images and boxes "

@@ -76,8 +76,8 @@ class Plane(eqx.Module):
         the second is `normal x first`.
         """
         xp = np if isinstance(self.normal, np.ndarray) else jnp
-        one = xp.eye(3, dtype=self.normal.dtype)
-        seed = xp.where(xp.abs(self.normal[0]) < 0.9, one[0], one[2])
+        axes = xp.eye(3, dtype=self.normal.dtype)
+        seed = xp.where(xp.abs(self.normal[0]) < 0.9, axes[0], axes[2])
         first = seed - self.normal * (self.normal @ seed)
         first = first / xp.sqrt(first @ first)
         return xp.stack([first, xp.cross(self.normal, first)], axis=-1)

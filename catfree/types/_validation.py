@@ -246,12 +246,12 @@ def as_boolean(value: Any, name: str) -> np.ndarray:
 
 def require_shape(value: Any, shape: tuple[int | None, ...], name: str) -> None:
     """Raise unless `value` has this shape, None standing for any length."""
-    got = tuple(value.shape)
-    if len(got) != len(shape) or any(
-        s is not None and g != s for g, s in zip(got, shape, strict=True)
+    actual = tuple(value.shape)
+    if len(actual) != len(shape) or any(
+        s is not None and g != s for g, s in zip(actual, shape, strict=True)
     ):
-        wanted = ", ".join("n" if s is None else str(s) for s in shape)
-        raise InvalidInputError(f"{name} must have shape ({wanted}), got {got}.")
+        expected = ", ".join("n" if s is None else str(s) for s in shape)
+        raise InvalidInputError(f"{name} must have shape ({expected}), got {actual}.")
 
 
 def require_boxes(
@@ -317,12 +317,12 @@ def require_few_people(
     frames, instant = np.unique(frame, return_inverse=True)
     shape = len(frames), int(camera.max()) + 1
     count = np.bincount(instant * shape[1] + camera, minlength=shape[0] * shape[1]).reshape(shape)
-    at, which = divmod(int(np.argmax(count)), shape[1])
+    at, camera_index = divmod(int(np.argmax(count)), shape[1])
     fullest = int(np.argmax(count.sum(1)))
-    if count[at, which] > MOST_PEOPLE:
+    if count[at, camera_index] > MOST_PEOPLE:
         crowd = (
-            f"Camera {shown_camera(which, names)} has {count[at, which]} boxes in frame "
-            f"{frames[at]}; a picture shows at most {MOST_PEOPLE} people."
+            f"Camera {shown_camera(camera_index, names)} has {count[at, camera_index]} boxes in "
+            f"frame {frames[at]}; a picture shows at most {MOST_PEOPLE} people."
         )
     elif count[fullest].sum() > MOST_BOXES:
         crowd = (
@@ -403,14 +403,14 @@ def require_no_boxes(
     if not len(silent):
         return
     boxes = np.unique(np.column_stack([frame, camera]), axis=0)
-    both, count = np.unique(
+    pictures, count = np.unique(
         np.concatenate([boxes, np.unique(silent, axis=0)]), axis=0, return_counts=True
     )
     if (count > 1).any():
-        at, of = both[count > 1][0].tolist()
+        at, camera_index = pictures[count > 1][0].tolist()
         raise InvalidInputError(
-            f"silent says that camera {shown_camera(of, names)} has no picture of frame {at}, but "
-            "there is a box in it. Leave one of the two out."
+            f"silent says that camera {shown_camera(camera_index, names)} has no picture of "
+            f"frame {at}, but there is a box in it. Leave one of the two out."
         )
 
 

@@ -212,13 +212,13 @@ class Tracks(eqx.Module):
         """
         by_start = np.lexsort((*self.ground_xy.T[::-1], self.sigma, self.frame))
         by_start = by_start[self.track_id[by_start] >= 0]
-        known, first, place = np.unique(
+        track_ids, first, inverse = np.unique(
             self.track_id[by_start], return_index=True, return_inverse=True
         )
-        rank = np.empty(len(known), np.int64)
-        rank[np.argsort(first)] = np.arange(len(known))
+        rank = np.empty(len(track_ids), np.int64)
+        rank[np.argsort(first)] = np.arange(len(track_ids))
         track_id = np.full(len(self), -1)
-        track_id[by_start] = rank[place]
+        track_id[by_start] = rank[inverse]
         columns: dict[str, Any] = vars(self) | {"track_id": track_id}
         return Tracks(**columns)[np.lexsort((track_id, self.frame))]
 
