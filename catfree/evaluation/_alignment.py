@@ -164,9 +164,9 @@ def leave_one_camera_out(
             f"Cannot leave one camera out: {len(used)} cameras, {MINIMUM_CENTERS + 1} needed."
         )
 
-    kept = [used, *(used[used != camera] for camera in used)]
+    subsets = [used, *(used[used != camera] for camera in used)]
     with jax.enable_x64(True):  # single precision resolves half a meter on a map
-        fits = [fit_similarity(estimated[k], true[k], fixed_scale=fixed_scale) for k in kept]
+        fits = [fit_similarity(estimated[k], true[k], fixed_scale=fixed_scale) for k in subsets]
         moved = [np.asarray(fit(points)) for fit in fits]
         held_out = [
             np.asarray(fit(estimated[camera])) for fit, camera in zip(fits[1:], used, strict=True)

@@ -207,8 +207,8 @@ def _evaluated(sequence: Sequence, compat: str | None) -> np.ndarray:
     if compat == "mvdet_frames":
         return predicted
     if compat == "mvdet_python":
-        both = np.flatnonzero(predicted & true)
-        last = both[-1] if len(both) else -1
+        with_both = np.flatnonzero(predicted & true)
+        last = with_both[-1] if len(with_both) else -1
         return predicted & (np.arange(len(predicted)) <= last)
     raise InvalidInputError(
         f"compat is {quoted(compat)}; it must be None, 'mvdet_python' or 'mvdet_frames'."

@@ -46,8 +46,8 @@ def as_rows(rows: ArrayInput, name: str, *, identified: bool = False) -> Rows:
     whole = array[:, :2] if identified else array[:, :1]
     columns = "frame and id" if identified else "frame"
     _refuse(array, (whole != np.round(whole)).any(axis=1), name, f"{columns} must be whole numbers")
-    beyond = np.abs(array[:, 0]) >= 2.0**63
-    _refuse(array, beyond, name, "its frame must be a whole number of at most 63 bits")
+    too_large = np.abs(array[:, 0]) >= 2.0**63
+    _refuse(array, too_large, name, "its frame must be a whole number of at most 63 bits")
     if identified:
         _, first = np.unique(array[:, :2], axis=0, return_index=True)
         repeated = np.ones(len(array), dtype=bool)

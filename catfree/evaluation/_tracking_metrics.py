@@ -236,10 +236,10 @@ def _match_frames(
                 pairs.append((i, j))
                 free[i, :] = False
                 free[:, j] = False
-        kept = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        continued = np.array(pairs, dtype=np.int64).reshape(-1, 2)
         new = match(distances, free)
-        i = np.concatenate([kept[:, 0], new.truth])
-        j = np.concatenate([kept[:, 1], new.predicted])
+        i = np.concatenate([continued[:, 0], new.truth])
+        j = np.concatenate([continued[:, 1], new.predicted])
 
         rows, ids = truth[i], hypothesis[predicted[j]]
         before = last[person[rows]]
