@@ -301,8 +301,8 @@ def _expected_rows(reliability: Reliability) -> list[tuple[str, str]]:
     expected, low, high = reliability.expected_moda, reliability.moda_low, reliability.moda_high
     if expected is not None and low is not None and high is not None:
         known = f"{expected:.0f} (90 % interval {low:.0f} to {high:.0f})"
-        said = [known if np.isfinite(expected) else "unknown", reliability.expectation_note]
-        rows.append(("expected MODA", ": ".join(filter(None, said))))
+        phrases = [known if np.isfinite(expected) else "unknown", reliability.expectation_note]
+        rows.append(("expected MODA", ": ".join(filter(None, phrases))))
     for name, value in (
         ("expected precision", reliability.expected_precision),
         ("expected recall", reliability.expected_recall),

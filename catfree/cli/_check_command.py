@@ -99,10 +99,10 @@ def refer_to_warnings(result: Any, outcome: Any) -> Any:
         result: a `Check`.
         outcome: the `RunOutcome` of the same boxes, whose warnings give names in quotes.
     """
-    said = " ".join(outcome.warnings)
+    warnings = " ".join(outcome.warnings)
     cameras = tuple(
         replace(one, advice=NAMED)
-        if one.verdict is catfree.Verdict.FITS and quoted(name) in said
+        if one.verdict is catfree.Verdict.FITS and quoted(name) in warnings
         else one
         for name, one in zip(outcome.camera_names, result.cameras, strict=True)
     )

@@ -72,8 +72,8 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
             raise InvalidInputError(
                 f"{boxes} is read as boxes, so that --detector and --embedder have nothing to do."
             )
-        known, names, said = _scene_for(scene, () if boxes is not None else recording, unit)
-        warn(said)  # before shards fail
+        known, names, warnings = _scene_for(scene, () if boxes is not None else recording, unit)
+        warn(warnings)  # before shards fail
         parts = shards(
             recording if boxes is None else boxes,
             every,
@@ -200,8 +200,8 @@ def _scene_for(
     scene, names = open_scene(path, unit)
     if not videos:
         return scene, names, ()
-    ordered, said = order_like(scene, names, names_of_files(videos))
-    return ordered, None, said
+    ordered, warnings = order_like(scene, names, names_of_files(videos))
+    return ordered, None, warnings
 
 
 def _missing_pictures(path: Path, scene: Any, names: tuple[str, ...] | None) -> Any:

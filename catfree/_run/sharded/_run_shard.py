@@ -122,8 +122,8 @@ def run_shard(
         localization = localize_people(
             detections, scene, wide, silent_pictures(shard), camera_names=names
         )
-    verdicts, said = _verdicts(detections, localization, scene, settings, names)
-    localization = dataclasses.replace(localization, warnings=(*localization.warnings, *said))
+    verdicts, warnings = _verdicts(detections, localization, scene, settings, names)
+    localization = dataclasses.replace(localization, warnings=(*localization.warnings, *warnings))
     seconds = time.perf_counter() - begin
     return write_shard(
         files, shard, detections, localization, settings, run=run, scene_file=scene_file,
@@ -239,12 +239,12 @@ def _verdicts(
     except InsufficientDataError:
         return (), ()
     fine = (Verdict.FITS, Verdict.DOUBTFUL)
-    said = [
+    warnings = [
         f"Camera {shown_camera(one.camera, camera_names)} is {one.verdict.value}. {one.advice}"
         for one in checked.cameras
         if one.verdict not in fine
     ]
-    return tuple(one.verdict.value for one in checked.cameras), tuple(said)
+    return tuple(one.verdict.value for one in checked.cameras), tuple(warnings)
 
 
 def _within(

@@ -159,15 +159,15 @@ def shards(
     plan = []
     for index, (first, stop) in enumerate(itertools.pairwise(cuts)):
         # At the ends of the recording there is nothing to look at beyond it.
-        seen = (max(first - margin, whole.first), min(stop + margin, whole.stop))
-        rows = missing[(missing[:, 0] >= seen[0]) & (missing[:, 0] < seen[1])]
+        span = (max(first - margin, whole.first), min(stop + margin, whole.stop))
+        rows = missing[(missing[:, 0] >= span[0]) & (missing[:, 0] < span[1])]
         boxes = whole.detections
         if isinstance(boxes, Detections):
-            boxes = boxes[(boxes.frame >= seen[0]) & (boxes.frame < seen[1])]
+            boxes = boxes[(boxes.frame >= span[0]) & (boxes.frame < span[1])]
         plan.append(
             replace(
-                whole, index=index, count=count, first=first, stop=stop, first_seen=seen[0],
-                stop_seen=seen[1], detections=boxes, site=site, date=date, silent=_stretches(rows),
+                whole, index=index, count=count, first=first, stop=stop, first_seen=span[0],
+                stop_seen=span[1], detections=boxes, site=site, date=date, silent=_stretches(rows),
                 camera_names=tuple(camera_names or ()),
             )
         )  # fmt: skip

@@ -403,8 +403,8 @@ def _read_scene(path: str, site: Site) -> tuple[Scene, Sequence[str] | None]:
     scene, names = read_scene(path, unit=site.unit or "m")
     if names is None or isinstance(site.recording, str):
         return scene, names
-    ordered, said = order_like(scene, names, names_of_files([Path(p) for p in site.recording]))
-    if said and ordered is scene:
+    ordered, warnings = order_like(scene, names, names_of_files([Path(p) for p in site.recording]))
+    if warnings and ordered is scene:
         raise InvalidInputError(
             f"{path} names its cameras {', '.join(names)}, but the videos of {quoted(site.name)} "
             "have other names. Name the files as the cameras, so that none is taken for another."

@@ -156,10 +156,12 @@ def anchored(
             result = next(results) if is_used else _unused(m, fit)
             checks.append(_check(m, anchors[m.anchor], *result, names, used=is_used))
         else:
-            said = f"{_name(m, names)} was not used: the camera is not registered."
+            reason = f"{_name(m, names)} was not used: the camera is not registered."
             nothing = (np.nan,) * len(m.value)
             kind = QUANTITIES[m.kind]
-            checks.append(AnchorCheck(anchors[m.anchor], kind, nothing, nothing, 1.0, False, said))
+            checks.append(
+                AnchorCheck(anchors[m.anchor], kind, nothing, nothing, 1.0, False, reason)
+            )
     (off,), ((variance,),), log_p = next(results)
     checks.append(_check_of_crowd(calibration, off, variance, log_p, used=typical))
     return _described(calibration, fit, tuple(checks), earth)

@@ -293,8 +293,10 @@ class _Judge:
             matched=float(matched.sum() / expected.sum()) if expected.any() else float("nan"),
             advice=outcome.advice,
         )
-        said = _measured(result, "m" if sights.scene.metric else "scene units") if measured else ""
-        return replace(result, advice=said + outcome.advice)
+        measured_error = (
+            _measured(result, "m" if sights.scene.metric else "scene units") if measured else ""
+        )
+        return replace(result, advice=measured_error + outcome.advice)
 
     def _counts(self, camera: int, name: str) -> Int[np.ndarray, " window"]:
         return np.array([getattr(window, name)[camera] for window in self.watched.windows])

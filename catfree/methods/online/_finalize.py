@@ -198,8 +198,8 @@ def finalize(
         events += merged
         place = window[t].place[np.searchsorted(window[t].node.track, trails.track[at_frame])]
         fully = len(learned.places) < FEW_PLACES or int(state.count) % PLACES_INTERVAL == 0
-        seen = np.column_stack([trails.mean[at_frame, :2], place])[sharp[at_frame]]
-        learned = learn_places(state.learned, seen, fully, settings)
+        sharp_people = np.column_stack([trails.mean[at_frame, :2], place])[sharp[at_frame]]
+        learned = learn_places(state.learned, sharp_people, fully, settings)
         state = replace(state, learned=learned, final_time=window[t].time)
         out.append(Reported(
             float(window[t].time), names, trails.mean[rows], trails.covariance[rows],
@@ -242,12 +242,14 @@ def _identify(
     look = np.zeros((len(track), dim))
     np.add.at(look, chain, nodes.look)
     boxes = np.bincount(chain, nodes.boxes, len(track)).astype(int)
-    seen = np.bincount(chain, nodes.boxes > 0, len(track)).astype(int)
+    detected_times = np.bincount(chain, nodes.boxes > 0, len(track)).astype(int)
     habits = _habits(learned.habits)
     k = future.chain
     past_of = np.full(len(track), -1)
     (stranger,) = strangers_of([future], population)
-    past_of[k] = match(pasts, future, stranger, look[k], boxes[k], seen[k], habits, population)
+    past_of[k] = match(
+        pasts, future, stranger, look[k], boxes[k], detected_times[k], habits, population
+    )
     here = at[0]
     linked = past_of[chain[here]]
     numbers = track[chain[here]]

@@ -191,8 +191,10 @@ def learn_places(
     usual = learned.usual
     if len(places) and (fully or np.isnan(usual).any()):
         some = evenly_spread(places, USUAL_PLACES)
-        found = usual_place(some[:, :2], some[:, 2], some[:, 3].astype(np.int64), settings)
-        usual = np.array(found)
+        usual_distances = usual_place(
+            some[:, :2], some[:, 2], some[:, 3].astype(np.int64), settings
+        )
+        usual = np.array(usual_distances)
     return replace(learned, places=places, usual=usual)
 
 

@@ -228,10 +228,10 @@ class Tracker:
         delivered = np.unique(as_integer(listed, "cameras"))
         require_known_cameras(delivered, count)
         silent = np.setdiff1d(np.arange(count), delivered)
-        seen = detections.camera[np.isin(detections.camera, silent)]
-        if len(seen):
+        contradicting = detections.camera[np.isin(detections.camera, silent)]
+        if len(contradicting):
             raise InvalidInputError(
-                f"There is a box of camera {seen[0]}, which is not among the cameras that "
+                f"There is a box of camera {contradicting[0]}, which is not among the cameras that "
                 "delivered a picture. Name it, or leave the box out."
             )
         return silent

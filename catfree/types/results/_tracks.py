@@ -405,5 +405,5 @@ def require_sound_tracks(tracks: Tracks) -> None:
 
 def require(good: Any, values: Any, name: str, meaning: str) -> None:
     if not np.all(good):
-        at, found = first_index(~good), quoted(values[~good][0].item())
-        raise InvalidInputError(f"{name}[{at}] is {found}, not {meaning}.")
+        at, bad_value = first_index(~good), quoted(values[~good][0].item())
+        raise InvalidInputError(f"{name}[{at}] is {bad_value}, not {meaning}.")

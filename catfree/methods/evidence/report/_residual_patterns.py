@@ -114,13 +114,13 @@ class Patterns(NamedTuple):
 
     def sentences(self, camera_names: Sequence[str] | None = None) -> tuple[str, ...]:
         """Name the cameras whose pattern cannot be overlooked."""
-        said = []
+        warnings = []
         shares, coefficients = self.explained.share, self.explained.coefficient
         for camera, kind in np.argwhere(np.asarray(shares) > LARGEST_SHARE).tolist():
             name = shown_camera(camera, camera_names)
             late = -float(coefficients[camera, 0])
             moved = float(np.hypot(*coefficients[camera, 1:]))
-            said.append(
+            warnings.append(
                 (
                     f"The boxes of camera {name} are {'behind' if late > 0 else 'ahead of'} "
                     f"the people by {abs(late):.1f} frames: correct its clock.",
@@ -131,11 +131,11 @@ class Patterns(NamedTuple):
         low = np.triu(np.nan_to_num(self.together, nan=np.inf) < LEAST_TOGETHER)
         for pair in np.argwhere(low).tolist():
             one, other = (shown_camera(camera, camera_names) for camera in pair)
-            said.append(
+            warnings.append(
                 f"Cameras {one} and {other} hardly ever see the same person at the same time, "
                 "though both should: a clock or a pose is wrong, and people count twice."
             )
-        return tuple(said)
+        return tuple(warnings)
 
 
 def residual_patterns(
