@@ -48,16 +48,6 @@ def errors(world, localization: cf.Localization) -> np.ndarray:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_people_are_found_through_fisheyes(world, method):
-    found = cf.localize(world.detections, world.scene, METHODS[method])
-    error = errors(world, found)
-    share = len(error) / len(world.ground_truth)
-    assert share > (0.9 if method == "evidence" else 0.2)
-    assert np.median(error) < 0.15
-    assert np.quantile(error, 0.9) < 0.5
-
-
-@pytest.mark.parametrize("method", METHODS)
 def test_grids_of_rays_give_what_their_lenses_give(world, method):
     rays = replace(world.scene, rig=as_rays(world.scene.rig, [0, 2]))
     first = cf.localize(world.detections, world.scene, METHODS[method]).tracks
@@ -72,11 +62,17 @@ def test_grids_of_rays_give_what_their_lenses_give(world, method):
     assert np.quantile(apart, 0.95) < 0.002 * extent
 
 
-def test_fisheyes_find_the_people_that_pinholes_find(world):
-    """Evidence method; `benchmarks/lenses.py` compares both methods in longer worlds."""
+@pytest.mark.parametrize("method", METHODS)
+def test_fisheyes_find_the_people_that_pinholes_find(world, method):
+    """And as well, within a few centimetres; `benchmarks/lenses.py` has longer worlds."""
     pinholes = make_world(shop(fisheye=False), 3, frames=12, people=6, background=0)
-    shares = []
-    for one in (world, pinholes):
-        error = errors(one, cf.localize(one.detections, one.scene))
-        shares.append((error < 0.5).sum() / len(one.ground_truth))
-    assert abs(shares[0] - shares[1]) < 0.05
+    through, straight = (
+        errors(one, cf.localize(one.detections, one.scene, METHODS[method]))
+        for one in (world, pinholes)
+    )
+    people = len(world.ground_truth)
+    assert (through < 0.5).sum() >= (straight < 0.5).sum() - 0.05 * people
+    if method == "evidence":
+        assert (through < 0.5).sum() <= (straight < 0.5).sum() + 0.05 * people
+    assert np.median(through) <= np.median(straight) + 0.05
+    assert np.quantile(through, 0.9) <= np.quantile(straight, 0.9) + 0.05
