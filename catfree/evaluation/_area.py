@@ -46,8 +46,12 @@ def inside(rows: ArrayInput, area: Any) -> Bool[np.ndarray, " n"]:
     return _within(as_rows(rows, "rows"), area)
 
 
-def _within(rows: Float[np.ndarray, "n 4"], area: Any) -> Bool[np.ndarray, " n"]:
-    """`inside` of checked rows."""
+def bounds_of(area: Any) -> tuple[float, float, float, float]:
+    """Return x_min, x_max, y_min, y_max of an area in either form.
+
+    Raises:
+        InvalidInputError: if it has another form, or is empty.
+    """
     try:
         bounds = [*area["x"], *area["y"]] if isinstance(area, Mapping) else list(area)
         x_min, x_max, y_min, y_max = (float(bound) for bound in bounds)
@@ -61,6 +65,12 @@ def _within(rows: Float[np.ndarray, "n 4"], area: Any) -> Bool[np.ndarray, " n"]
         raise InvalidInputError(
             f"area is {quoted(area)}; it must have x_min < x_max and y_min < y_max."
         )
+    return x_min, x_max, y_min, y_max
+
+
+def _within(rows: Float[np.ndarray, "n 4"], area: Any) -> Bool[np.ndarray, " n"]:
+    """`inside` of checked rows."""
+    x_min, x_max, y_min, y_max = bounds_of(area)
     x, y = rows[:, 2], rows[:, 3]
     return (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
 

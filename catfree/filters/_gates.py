@@ -128,7 +128,7 @@ def select(
     """
     if fixed_quantile is not None and not 0 <= fixed_quantile <= 1:
         raise InvalidInputError(f"fixed_quantile is {fixed_quantile}; it must be between 0 and 1.")
-    if gates not in ORDERS:
+    if not isinstance(gates, str) or gates not in ORDERS:
         raise InvalidInputError(f"gates is {quoted(gates)}; it must be one of {', '.join(ORDERS)}.")
     sigma, ground_distance = as_floating(sigma), as_floating(ground_distance)
     weighted_support = as_floating(weighted_support)

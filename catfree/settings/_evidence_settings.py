@@ -130,6 +130,8 @@ class EvidenceSettings(CheckedSettings):
             "detection_rate_start",
             "detection_rate_range",
             "working_sigma",
+            "largest_sigma",
+            "evidence_limit",
         }
     )
 

@@ -193,7 +193,8 @@ def test_quantile_without_values(dtype):
     assert quantile(np.full(3, np.nan, dtype), 0.5) == np.inf
 
 
-def test_gates_that_do_not_exist_are_named_with_those_that_do():
+@pytest.mark.parametrize("gates", ["all", ["support"], None])
+def test_gates_that_do_not_exist_are_named_with_those_that_do(gates):
     unchecked = inspect.unwrap(filters.select)  # as where no types are checked
     with pytest.raises(InvalidInputError, match="uncertainty_then_ground"):
-        unchecked(np.ones(2), np.ones(2), np.ones(2), np.ones(2, bool), gates="all")
+        unchecked(np.ones(2), np.ones(2), np.ones(2), np.ones(2, bool), gates=gates)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from catfree.errors import InvalidInputError, quoted
+from catfree.evaluation._area import bounds_of
 from catfree.types import Localization, Origin, Scene, Tracks
 from catfree.viz._palette import CAMERA_COLOR, TRUTH_COLOR, fraction, line_style, track_color
 from catfree.viz._plan_view import (
@@ -30,7 +31,7 @@ def plot_bird_eye(
     *,
     ax: "Axes | None" = None,
     ground_truth: Any = None,
-    area: Sequence[float | int] | np.ndarray | None = None,
+    area: Any = None,
     frames: Iterable[int | np.integer] | None = None,
     camera_names: Sequence[str] | None = None,
     confidence: float = 0.95,
@@ -48,8 +49,8 @@ def plot_bird_eye(
         scene: the scene it was computed with.
         ax: matplotlib axes to draw on; None for a new figure.
         ground_truth: (N, 4) rows [frame, id, x, y] in the ground coordinates of the scene, or None.
-        area: x_min, x_max, y_min, y_max to outline with a dashed line, such as the evaluation
-            area, or None.
+        area: (x_min, x_max, y_min, y_max) to outline with a dashed line, such as the evaluation
+            area, or a mapping with the pairs `x` and `y`, or None.
         frames: the frames to draw; None for all.
         camera_names: (C,) labels of the cameras; None for C1, C2, ...
         confidence: probability of the ellipses.
@@ -66,18 +67,19 @@ def plot_bird_eye(
     """
     if not 0 < confidence < 1:
         raise InvalidInputError(f"confidence is {confidence}; it must be between 0 and 1.")
-    if area is not None and not (len(area) == 4 and area[0] < area[1] and area[2] < area[3]):
-        raise InvalidInputError(f"area is {quoted(area)}; it must be (x_min, x_max, y_min, y_max).")
+    outline = None if area is None else bounds_of(area)
+    if outline is not None and not np.isfinite(outline).all():
+        raise InvalidInputError(f"area is {quoted(area)}; its bounds must be finite to be drawn.")
     tracks, truth = localization.tracks, _rows(ground_truth)
     if frames is not None:
         chosen = np.unique(np.asarray(list(frames), np.int64))
         tracks = tracks[np.isin(tracks.frame, chosen)]
         truth = truth[np.isin(truth[:, 0], chosen)]
 
-    view = view_area(scene, np.concatenate([tracks.ground_xy, truth[:, 2:]]), area)
+    view = view_area(scene, np.concatenate([tracks.ground_xy, truth[:, 2:]]), outline)
     ax = axes_or_new(ax, view)
-    if area is not None:
-        corners = [area[i] for i in (0, 1, 1, 0, 0)], [area[i] for i in (2, 2, 3, 3, 2)]
+    if outline is not None:
+        corners = [outline[i] for i in (0, 1, 1, 0, 0)], [outline[i] for i in (2, 2, 3, 3, 2)]
         ax.plot(*corners, color="0.55", linewidth=1, linestyle=(0, (6, 4)), zorder=1)
     if len(truth):
         ax.scatter(

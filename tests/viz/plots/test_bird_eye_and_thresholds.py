@@ -206,6 +206,8 @@ def test_positions_without_identity_are_grey_dots(world):
     [
         ({"confidence": 1.0}, "confidence"),
         ({"area": (1.0, 0.0, 0.0, 1.0)}, "area"),
+        ({"area": 5}, "area is 5"),
+        ({"area": (0.0, np.inf, 0.0, 1.0)}, "finite"),
         ({"camera_names": ["a"]}, "1 names"),
         ({"ground_truth": np.zeros((3, 2))}, "ground_truth"),
     ],
