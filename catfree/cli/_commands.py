@@ -14,6 +14,7 @@ from catfree.cli._inputs import (
     Unit,
     are_boxes,
     folder_of_results,
+    joined_recording,
     open_anchors,
     open_boxes,
     open_detector,
@@ -38,7 +39,7 @@ from catfree.cli._terminal import (
 )
 from catfree.cli._watch_command import watch_command
 from catfree.cli._weights_commands import weights_commands
-from catfree.errors import CatFreeError, InsufficientDataError
+from catfree.errors import CatFreeError, InsufficientDataError, InvalidInputError
 
 NO_TRUTH = (
     "have no true position: everybody found there counts as wrong. If the truth is of some frames "
@@ -482,7 +483,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         """Score tracks against true positions in the same coordinates.
 
         Args:
-            tracks: results folder of a run, or its tracks.csv or tracks.parquet.
+            tracks: results folder of a run or of joined shards, or its tracks.csv or
+                tracks.parquet.
             ground_truth: CSV with a header and the columns frame, id, x, y; uniform JSON; or the
                 folder of WildTrack or MultiviewX, scored by their protocol.
             split: frames of WildTrack and MultiviewX to score.
@@ -499,7 +501,9 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree.evaluation import crop, detection_metrics, hota, tracking_metrics
         from catfree.viz.page._blocks import Table
 
-        true, predicted = read_ground_truth(ground_truth, split), read_tracks(tracks).to_rows()
+        true, recording = read_ground_truth(ground_truth, split), joined_recording(tracks)
+        tracked_people = read_tracks(tracks) if recording is None else recording.read()
+        predicted = tracked_people.to_rows()
         truth, within = true.rows, true.area if area is None else area
         detection_gate = true.detection_gate if threshold is None else threshold
         tracking_gate = true.tracking_gate if track_threshold is None else track_threshold
@@ -586,9 +590,10 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         """Count positions per cell of the ground, without cells that few people visited.
 
         Args:
-            results: folder that `catfree run`, `catfree localize` or `catfree demo` wrote.
-            out: CSV file; `heat_map.csv` in the results folder if not given. With matplotlib, a
-                picture is written beside it.
+            results: folder that `catfree run`, `catfree localize` or `catfree demo` wrote, or of
+                joined shards.
+            out: CSV file; `heat_map.csv` in the results folder of a run if not given. With
+                matplotlib, a picture is written beside it.
             cell: side of a cell in meters, or in scene units if the scale is unknown.
             k: fewest people of a cell that is shown.
         """
@@ -597,8 +602,18 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         from catfree._run._result_folder import draw_heat_map, read_results
         from catfree.viz._heat_map import heat_map as count, write_heat_map
 
-        localization, scene, _ = read_results(results)
-        heat = count(localization.tracks, cell, k)
+        recording = joined_recording(results)
+        if recording is None:
+            localization, scene, _ = read_results(results)
+            tracks = localization.tracks
+        elif out is None:
+            raise InvalidInputError(
+                f"Name a file for the map with --out: {results} holds only the tables of a joined "
+                "recording, which other programs read as one."
+            )
+        else:
+            tracks, scene = recording.read(), recording.scene
+        heat = count(tracks, cell, k)
         path = write_heat_map(results / "heat_map.csv" if out is None else out, heat)
         shown = int(np.isfinite(heat.positions).sum())
         print_text(

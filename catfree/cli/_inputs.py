@@ -255,3 +255,11 @@ def are_boxes(paths: tuple[Path, ...]) -> bool:
             "Name either videos or files of boxes."
         )
     return any(kinds)
+
+
+def joined_recording(path: Path) -> Any:
+    """Open the folder of a joined recording; None if it is something else, as a run's results."""
+    from catfree._run.sharded._receipt import MANIFEST
+    from catfree._run.sharded._stored_tracks import open_tracks
+
+    return open_tracks(path) if (path / MANIFEST).is_file() else None

@@ -87,6 +87,17 @@ def test_plan_then_shards_then_join(files, tmp_path, capsys):
     import pyarrow.dataset
 
     assert pyarrow.dataset.dataset(out, format="parquet").count_rows() == len(day)
+    truth = tmp_path / "truth.csv"
+    np.savetxt(truth, day.read().to_rows(), "%.6f", ",", header="frame,id,x,y", comments="")
+    assert cli.main(["evaluate", str(out), str(truth)]) == 0
+    assert "100.00" in capsys.readouterr().out  # the tracks against themselves
+    assert cli.main(["heat-map", str(out), "--k", "1"]) == 1
+    assert "--out" in last_sentence(capsys)
+    heat = tmp_path / "heat.csv"
+    assert cli.main(["heat-map", str(out), "--k", "1", "--out", str(heat)]) == 0
+    assert (
+        np.loadtxt(heat, delimiter=",", skiprows=1)[:, 2].sum() == (day.read().track_id >= 0).sum()
+    )
     # Neither command repeats what is done.
     before = {path: path.stat().st_mtime_ns for path in (out / "_shards").glob("part-*")}
     assert len(before) == 6
