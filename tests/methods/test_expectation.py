@@ -285,7 +285,7 @@ def test_margins_hold_the_stated_share_of_what_comes_next(seed, count):
 
 @pytest.mark.slow
 def test_worlds_that_took_no_part_lie_in_the_interval():
-    inside, errors = [], []
+    inside, errors, margins = [], [], []
     for number in range(90_001, 90_013):
         case = reliability_worlds.draw(number)
         result = cf.localize(case.detections, case.scene, PAPER)
@@ -294,7 +294,8 @@ def test_worlds_that_took_no_part_lie_in_the_interval():
         moda, said = reliability_worlds.moda(case, result.tracks), result.reliability
         errors.append(moda - said.expected_moda)
         inside.append(said.moda_low <= moda <= said.moda_high)
+        margins.append((said.moda_high - said.moda_low) / 2)
     # Nine in ten are meant to; with twelve worlds three outside happen in a tenth of the draws.
     assert len(inside) >= 10
     assert np.mean(inside) >= 0.7
-    assert np.abs(errors).mean() < 15
+    assert np.abs(errors).mean() < np.mean(margins)
