@@ -19,6 +19,7 @@ from catfree.types import Detections, Rig, Scene
 
 pytestmark = pytest.mark.slow
 
+RULES = CalibrationSettings()
 DETECTOR = DetectorModel(pixel_noise=3.0, embedding_size=0, false_positives=0.5)
 SIZE = (1920, 1080)
 
@@ -39,12 +40,13 @@ def recovered(world):
 
 
 def center_errors(calibration, centers):
-    """Centre errors of the registered cameras after a similarity, and the scale."""
+    """Centre errors of the registered cameras after a similarity, stated ones, and the scale."""
     known = calibration.scene.rig.registered
     found = np.asarray(calibration.scene.rig.centers)[known]
     similarity = fit_similarity(found, centers[known])
-    moved = np.asarray(similarity(found))
-    return np.linalg.norm(moved - centers[known], axis=-1), 1 / float(similarity.scale)
+    moved, scale = np.asarray(similarity(found)), float(similarity.scale)
+    variance = np.trace(calibration.center_covariance[known], axis1=1, axis2=2)
+    return np.linalg.norm(moved - centers[known], axis=-1), scale * np.sqrt(variance), 1 / scale
 
 
 def replaced(detections, camera, box=None, frame=None):
@@ -58,31 +60,38 @@ def replaced(detections, camera, box=None, frame=None):
     return Detections(frames, detections.camera, boxes)
 
 
-def assert_without(detections, camera, centers):
-    """That camera alone is flagged, and the others are as right as without it."""
+def assert_without(detections, camera):
+    """That camera alone is flagged, and the others stand as they do without its boxes."""
     found = register(detections, SIZE)
+    without = register(detections[detections.camera != camera], np.tile(SIZE, (4, 1)))
     assert found.scene.rig.registered.tolist() == [c != camera for c in range(4)]
     assert np.isnan(np.asarray(found.scene.rig.K)[camera]).all()
     assert np.isnan(found.log_likelihood_ratio[camera])
-    # As for the whole rig: a decimetre or two.
-    assert center_errors(found, centers)[0].mean() < 0.3
+    one, other = (np.asarray(c.scene.rig.K) for c in (found, without))
+    np.testing.assert_allclose(one, other, rtol=0.01)
+    # The frames may differ: another camera's heading may be the one that is fixed.
+    one, other = (np.asarray(c.scene.rig.centers) for c in (found, without))
+    apart = [np.linalg.norm(at[:, None] - at, axis=-1) for at in (one, other)]
+    np.testing.assert_allclose(*apart, atol=0.05)
+    np.testing.assert_allclose(one[:, 2], other[:, 2], atol=0.05)
 
 
 def test_a_small_world_is_recovered_in_metres(world, recovered):
     found, stages = recovered
-    errors, scale = center_errors(found, world.true_centres)
+    errors, stated, scale = center_errors(found, world.true_centres)
     assert found.scene.rig.registered.all()
-    assert errors.mean() < 0.3
-    # The crowd of this world is not as tall as assumed; that, and no more, is in the scale.
+    assert (errors < 3 * stated).all()
+    # The crowd of this world is not as tall as assumed: that is in the scale.
     tall = world.walkers.height.mean()
-    assert abs(scale * tall / CalibrationSettings().person_height - 1) < 0.05
+    assert abs(scale * tall / RULES.person_height - 1) < abs(scale - 1)
     assert abs(scale - 1) < 2 * found.scale_sd < 0.2
     assert found.scene.metric
     assert (np.asarray(found.scene.rig.centers)[:, 2] > 0).all()
     focal = np.asarray(found.scene.rig.K)[:, 0, 0] / np.asarray(world.true_rig.K)[:, 0, 0]
     assert np.abs(focal - 1).mean() < 0.05
-    assert (found.log_likelihood_ratio > 25).all()
-    assert ((found.association_rate > 0.45) & (found.association_rate <= 1)).all()
+    assert (found.log_likelihood_ratio > RULES.minimum_margin).all()
+    assert (found.association_rate > RULES.minimum_association).all()
+    assert (found.association_rate <= 1).all()
     assert (found.focal_sd > 0).all()
     assert np.linalg.eigvalsh(found.center_covariance).min() > -1e-9
     assert {"pairs", "seeds", "growth"} <= set(stages)
@@ -113,8 +122,8 @@ def test_true_correspondences_do_not_harm_a_rig(world, recovered):
     found, _ = recovered
     members = true_members(world)
     refined = refine_with_correspondences(found, world.detections, members)
-    before, _ = center_errors(found, world.true_centres)
-    after, _ = center_errors(refined, world.true_centres)
+    before, _, _ = center_errors(found, world.true_centres)
+    after, _, _ = center_errors(refined, world.true_centres)
     assert after.mean() < max(1.2 * before.mean(), 0.1)
     assert refined.scene.rig.registered.all()
     with pytest.raises(InvalidInputError, match="members must have shape"):
@@ -164,7 +173,7 @@ def test_a_shuffled_camera_is_flagged(world):
     frames = np.unique(world.detections.frame)
     other = rng.permutation(frames)
     shuffled = replaced(world.detections, 1, frame=lambda f: other[np.searchsorted(frames, f)])
-    assert_without(shuffled, 1, world.true_centres)
+    assert_without(shuffled, 1)
 
 
 def test_a_mirrored_camera_is_flagged(world):
@@ -173,7 +182,7 @@ def test_a_mirrored_camera_is_flagged(world):
         2,
         box=lambda b: np.stack([1919 - b[:, 2], b[:, 1], 1919 - b[:, 0], b[:, 3]], -1),
     )
-    assert_without(mirrored, 2, world.true_centres)
+    assert_without(mirrored, 2)
 
 
 def test_a_camera_that_looks_elsewhere_is_flagged(world):
@@ -185,7 +194,7 @@ def test_a_camera_that_looks_elsewhere_is_flagged(world):
         np.concatenate([kept.camera, theirs.camera]),
         np.concatenate([kept.box, theirs.box]),
     )
-    assert_without(mixed, 0, world.true_centres)
+    assert_without(mixed, 0)
 
 
 def test_a_camera_without_boxes_is_flagged(world):
@@ -234,7 +243,7 @@ def test_one_person_makes_no_rig_to_be_trusted():
     with pytest.raises(
         CalibrationError, match=rf"too uncertain.*camera {one} to \d+ %, camera {other} to \d+ %"
     ):
-        without_vague_cameras(found, CalibrationSettings())
+        without_vague_cameras(found, RULES)
 
 
 def test_no_boxes_at_all():
