@@ -59,11 +59,6 @@ class Matches(NamedTuple):
     score: float
     expected: Int[np.ndarray, " e"]
 
-    @property
-    def share(self) -> float:
-        """`score` per person who should be in an image."""
-        return self.score / max(len(self.expected), 1)
-
 
 def corrected_place(sights: Sights, camera: int, at: Correction) -> Float[np.ndarray, "3 4"]:
     """The map to the axes of a camera with an error; depth is scaled for its focal length."""
@@ -200,14 +195,21 @@ def best(
     tried: list[Correction],
 ) -> Correction:
     """The correction with most matches; the present one unless another is clearly better."""
-    state = sights.people.state[person]
-    present_matches, *tried_matches = match(
-        sights, person, state, [(camera, one) for one in (present, *tried)]
-    )
-    least = max(BETTER * present_matches.score, present_matches.score + FEWEST)
+    state, corrections = sights.people.state[person], [present, *tried]
+    matches = match(sights, person, state, [(camera, one) for one in corrections])
+    recorded = sights.boxes.frame[sights.boxes.camera == camera]
+
+    def share(one: Matches, correction: Correction) -> float:
+        """Score per person who should be in an image, while the camera was recording."""
+        shown = sights.people.frame[one.expected] + correction.shift
+        inside = (shown >= recorded[0]) & (shown <= recorded[-1]) if len(recorded) else shown < 0
+        return one.score / max(np.count_nonzero(inside), 1)
+
+    shares = list(map(share, matches, corrections))
+    least = max(BETTER * matches[0].score, matches[0].score + FEWEST)
     better = [
         (other.score, -index)
-        for index, other in enumerate(tried_matches)
-        if other.score >= least and other.share > present_matches.share
+        for index, other in enumerate(matches[1:])
+        if other.score >= least and shares[index + 1] > shares[0]
     ]
     return tried[-max(better)[1]] if better else present

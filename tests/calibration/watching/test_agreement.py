@@ -1,14 +1,17 @@
 """Windows of simulated recordings, and errors that nobody tells of."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
 from catfree.calibration.watching._agreement import PARAMETERS, _Equations, solve_window
-from catfree.calibration.watching._matching import Correction, corrected_place, match
+from catfree.calibration.watching._matching import Correction, best, corrected_place, match
 from catfree.calibration.watching._sights import sights
 from catfree.methods import localize
 from catfree.synthetic import make_world
+from catfree.types import Detections
 
 NOISE = np.array([0.05, 0.04, 0.05])
 pytestmark = pytest.mark.slow
@@ -87,7 +90,18 @@ def test_nobody_is_expected_outside_the_recording(seen):
         (found,) = match(seen, person, seen.people.state, [(1, Correction(np.zeros(3), lag))])
         shown = seen.people.frame[found.expected] + lag
         assert ((shown >= 0) & (shown < seen.steps)).all()
-        assert found.share <= 1
+        assert found.score <= len(found.expected)
+
+
+def test_a_camera_that_began_later_is_not_late():
+    world = make_world("ring4", 3, frames=20, people=6)
+    still = world.detections[world.detections.frame == 5]
+    boxes = Detections.concatenate([replace(still, frame=still.frame - 5 + k) for k in range(20)])
+    boxes = boxes[(boxes.camera != 1) | (boxes.frame >= 8)]
+    recording = sights(world.true_scene, boxes, localize(boxes, world.true_scene).tracks)
+    others = recording.seen_by_others(1, 0, 10)
+    right, late = (Correction(np.zeros(3), lag) for lag in (0.0, 7.0))
+    assert best(recording, 1, others, right, [late]) is right
 
 
 def test_cameras_matched_together_match_as_alone(seen):
