@@ -18,7 +18,8 @@ from catfree.errors import DegenerateGeometryError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.types import Lens, Plane, Rig, Scene
 from catfree.types._annotations import HostOrDevice
-from catfree.types._validation import as_point, require_instance
+from catfree.types._scene import require_scene
+from catfree.types._validation import as_point
 
 PARALLEL = 1e-6  # sine of the angle to the ground's normal below which upright is undefined
 
@@ -177,7 +178,7 @@ def camera_gain(
         InvalidInputError: if the camera to copy is not registered, or a point is not (3,).
         DegenerateGeometryError: if the camera would look along the ground's normal.
     """
-    require_instance(scene, Scene, "scene")
+    require_scene(scene)
     registered = np.asarray(scene.rig.registered)
     area = visible_area(scene) if area is None else area
     like = int(np.argmax(registered)) if like is None else like
@@ -216,7 +217,7 @@ def rank_cameras(
     Raises:
         InvalidInputError: if the scene or the area is something else.
     """
-    require_instance(scene, Scene, "scene")
+    require_scene(scene)
     area = visible_area(scene) if area is None else area
     cameras = np.flatnonzero(scene.rig.registered)
     without = [coverage_without(scene, int(camera), area, **options) for camera in cameras]

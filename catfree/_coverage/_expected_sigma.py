@@ -11,7 +11,7 @@ from catfree._coverage._sight import look
 from catfree.errors import InsufficientDataError, InvalidInputError, quoted
 from catfree.settings import RaySettings, SelectionSettings
 from catfree.types import Scene
-from catfree.types._validation import require_instance
+from catfree.types._scene import require_scene
 
 Area = Sequence[float | int] | Float[np.ndarray, "4"]
 
@@ -131,7 +131,7 @@ def coverage(
     Source:
         paper, Eq. sigma, with the true directions and weight 1.
     """
-    require_instance(scene, Scene, "scene")
+    require_scene(scene)
     registered = np.asarray(scene.rig.registered)
     return coverage_of(scene, registered, area, resolution, sigma_theta, person_height)
 

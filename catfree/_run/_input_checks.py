@@ -25,7 +25,7 @@ from catfree.geometry._person import edge_deviation
 from catfree.settings import CalibrationSettings, Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._sampling import frame_step
-from catfree.types._validation import require_instance
+from catfree.types._scene import require_scene
 
 # What the cameras recorded; of both, the names and image sizes of the cameras are used.
 Recording = SynchronizedVideos | CameraBoxes
@@ -82,7 +82,7 @@ def scene_of(
     else:
         scene = source if isinstance(source, Scene) else getattr(source, "scene", source)
         stated = getattr(source, "camera_names", None)
-    require_instance(scene, Scene, "scene")
+    require_scene(scene)
     return scene, stated if names is None else names
 
 

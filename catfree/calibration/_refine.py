@@ -30,6 +30,7 @@ from catfree.types import Detections, Plane, Rays, Rig, Scene
 from catfree.types._annotations import Progress, no_progress
 from catfree.types._rig import require_pinholes
 from catfree.types._sampling import evenly_spread
+from catfree.types._scene import require_scene
 from catfree.types._validation import as_count, require_instance, require_known_cameras
 
 RESOLVED = 0.25  # fraction of the median height below which box errors stop shrinking
@@ -103,7 +104,7 @@ def refine(
     settings = Settings() if settings is None else settings
     refinement = RefinementSettings() if refinement is None else refinement
     require_instance(detections, Detections, "detections")
-    require_instance(scene, Scene, "scene")
+    require_scene(scene)
     require_instance(settings, Settings, "settings")
     require_instance(refinement, RefinementSettings, "refinement")
     rounds = as_count(rounds, "rounds", least=0)

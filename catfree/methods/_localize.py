@@ -26,6 +26,7 @@ from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene, Thresholds
 from catfree.types._annotations import Progress, no_progress
 from catfree.types._processes import require_own_process
+from catfree.types._scene import require_scene
 from catfree.types._validation import (
     as_pictures,
     boxes_of_another_size,
@@ -81,7 +82,7 @@ def localize(
     require_own_process()
     settings = Settings() if settings is None else settings
     require_instance(detections, Detections, "detections")
-    require_instance(scene, Scene, "scene")
+    require_scene(scene)
     require_instance(settings, Settings, "settings")
     require_names(camera_names, scene.rig.camera_count)
     report = progress or no_progress

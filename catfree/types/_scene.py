@@ -180,9 +180,11 @@ class Scene(eqx.Module):
         """Write to one `.npz` file (no pickle).
 
         Raises:
-            InvalidInputError: if the folder does not exist.
+            InvalidInputError: if the folder does not exist, or a camera of a metric scene is so
+                high that the rig must be in another unit.
             WriteError: if the disk is full or not writable.
         """
+        require_plausible_heights(self)
         save_arrays(
             path,
             "Scene",
@@ -221,6 +223,21 @@ class Scene(eqx.Module):
             return require_plausible_heights(scene)
 
         return naming_file(path, build)
+
+
+def require_scene(scene: Any) -> None:
+    """Raise unless this is a scene, and one with plausible heights if it claims meters.
+
+    Raises:
+        InvalidInputError: saying how to make a scene of what was given.
+    """
+    if isinstance(getattr(scene, "rig", scene), Rig) and not isinstance(scene, Scene):
+        raise InvalidInputError(
+            f"scene must be a Scene, got {type(scene).__name__}: make one with "
+            "cf.Scene.from_rig(rig, ground), where z = 0 is cf.Plane([0, 0, 1], 0)."
+        )
+    require_instance(scene, Scene, "scene")
+    require_plausible_heights(scene)
 
 
 def require_plausible_heights(scene: Scene) -> Scene:

@@ -40,6 +40,9 @@ def require_instance(value: Any, kind: type, name: str) -> None:
     if not isinstance(value, kind):
         held = sum(isinstance(item, kind) for item in value) if type(value) in (list, tuple) else 0
         also = f" that holds {held} of them: pass one" if held else ""
+        part = kind.__name__.lower()
+        if isinstance(getattr(value, part, None), kind):
+            also = f". Pass its .{part}"
         raise InvalidInputError(
             f"{name} must be a {kind.__name__}, got {type(value).__name__}{also}."
         )

@@ -1,6 +1,8 @@
 """`Plane`, `Scene`: what they refuse, their geometry, and the files of rigs and scenes."""
 
 import dataclasses
+import inspect
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, strategies as st
 
-from catfree import Plane, Rig, Scene
+from catfree import Detections, Plane, Rig, Scene, Tracker, localize
 from catfree.adapters import NamedRig, read_scene_json, write_scene_json
 from catfree.errors import InvalidInputError
 from catfree.geometry import Similarity, transform_scene
@@ -16,6 +18,7 @@ from catfree.synthetic import make_layout
 from tests.types.camera_parameters import K, parameters
 
 UNIT = st.floats(-1, 1)
+NOBODY = Detections(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 4)))
 
 
 @given(UNIT, UNIT, UNIT, st.floats(-10, 10), st.sampled_from([np.float32, np.float64]))
@@ -146,8 +149,10 @@ def test_a_metric_rig_in_millimetres_or_centimetres_is_refused(tmp_path):
         rig = Rig(K, R, t, (640, 480), registered=[True, True, False])
         assert not Scene.from_rig(rig, plane).metric
         unchecked = Scene(rig, plane, 1.0, metric=True)
-        unchecked.save(tmp_path / "scene.npz")
-        write_scene_json(tmp_path / "scene.json", unchecked)
+        with pytest.MonkeyPatch.context() as patch:  # files of another program
+            patch.setattr("catfree.types._scene.HIGHEST_CAMERA", np.inf)
+            unchecked.save(tmp_path / "scene.npz")
+            write_scene_json(tmp_path / "scene.json", unchecked)
         for enter in (
             lambda rig=rig: Scene.from_rig(rig, plane, metric=True),
             lambda: Scene.load(tmp_path / "scene.npz"),
@@ -196,3 +201,36 @@ def test_a_normal_that_is_nearly_a_unit_is_made_one_and_a_unit_stays_bit_for_bit
     np.testing.assert_array_equal(Plane(plane.normal, plane.offset).normal, plane.normal)
     # A point of the plane, far from the origin of a map.
     assert abs(plane.signed_distance(-5e6 * rough / (rough @ rough))) < 1e-8
+
+
+def test_a_scene_of_other_things_is_refused_with_how_to_make_one():
+    rig = make_layout("ring4").rig
+    scene = Scene.from_rig(rig, Plane([0, 0, 1], 0))
+    for wrong, cure in [
+        (rig, r"got Rig: make one with cf\.Scene\.from_rig"),
+        (SimpleNamespace(rig=rig), r"make one with cf\.Scene\.from_rig"),
+        (SimpleNamespace(scene=scene), "Pass its .scene"),
+        ((scene, ("a",)), "holds 1 of them"),
+        (5, "must be a Scene, got int"),
+    ]:
+        with pytest.raises(InvalidInputError, match=cure):
+            inspect.unwrap(localize)(NOBODY, wrong)
+    with pytest.raises(InvalidInputError, match="Pass its .rig"):
+        inspect.unwrap(Scene.__init__)(
+            object.__new__(Scene), SimpleNamespace(rig=rig), scene.ground, 1.0
+        )
+
+
+def test_a_metric_scene_that_no_people_can_be_seen_from_is_refused_where_it_is_used(tmp_path):
+    rig = make_layout("ring4").rig
+    high = Rig(rig.K, rig.R, 100.0 * rig.t, rig.image_size)
+    scene = Scene(high, Plane([0, 0, 1], 0), 1000.0, metric=True)
+    for use in (
+        lambda: localize(NOBODY, scene),
+        lambda: Tracker(scene),
+        lambda: scene.save(tmp_path / "scene.npz"),
+        lambda: write_scene_json(tmp_path / "scene.json", scene),
+    ):
+        with pytest.raises(InvalidInputError, match="m above the ground"):
+            use()
+    assert not list(tmp_path.iterdir())

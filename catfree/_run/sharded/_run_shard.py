@@ -40,6 +40,7 @@ from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene, Tracks
 from catfree.types._archive import save_arrays
 from catfree.types._processes import require_own_process
+from catfree.types._scene import require_scene
 from catfree.types._validation import require_instance, shown_camera
 from catfree.types._writing import make_folder
 
@@ -97,7 +98,7 @@ def run_shard(
     """
     require_own_process()
     require_instance(shard, Shard, "shard")
-    require_instance(scene, Scene, "scene")
+    require_scene(scene)
     settings = Settings() if settings is None else settings
     require_instance(settings, Settings, "settings")
     if not shard.videos and (detector is not None or embedder is not None):

@@ -21,8 +21,8 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, quoted, shortened
 from catfree.types import GeoReference, Lens, Plane, Rig, Scene
-from catfree.types._scene import require_plausible_heights
-from catfree.types._validation import as_path, require_instance
+from catfree.types._scene import require_plausible_heights, require_scene
+from catfree.types._validation import as_path
 
 _CONVENTIONS = {
     "camera": "x_camera = R x_world + t; x right, y down, z forward",
@@ -79,7 +79,7 @@ def scene_text(scene: Scene, names: Sequence[str] | None = None) -> str:
     Raises:
         InvalidInputError: if the names do not match the cameras.
     """
-    require_instance(scene, Scene, "scene")
+    require_scene(scene)
     ground = {"normal": _list(scene.ground.normal), "offset": float(scene.ground.offset)}
     document = _rig_document(scene.rig, names, scene.metric)
     document |= {"ground": ground, "extent": float(scene.extent)}

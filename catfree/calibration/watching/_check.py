@@ -24,6 +24,7 @@ from catfree.errors import InvalidInputError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
+from catfree.types._scene import require_scene
 from catfree.types._validation import (
     as_count,
     require_boxes_in_images,
@@ -192,7 +193,7 @@ def check(
         ForkedProcessError: in a process forked after JAX was used.
     """
     since = None if since is None else as_count(since, "since")
-    require_instance(scene, Scene, "scene")
+    require_scene(scene)
     require_instance(detections, Detections, "detections")
     require_different_cameras(detections.frame, detections.camera, detections.box)
     require_known_cameras(detections.camera, scene.rig.camera_count)

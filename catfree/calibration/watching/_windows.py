@@ -16,6 +16,7 @@ from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress, no_progress
 from catfree.types._processes import require_own_process
+from catfree.types._scene import require_scene
 from catfree.types._validation import as_count, require_instance
 
 WINDOWS = 12  # that a short recording is cut into
@@ -74,7 +75,7 @@ def watch(
         ForkedProcessError: in a process forked after JAX was used.
     """
     require_own_process()
-    require_instance(scene, Scene, "scene")
+    require_scene(scene)
     require_instance(detections, Detections, "detections")
     settings = Settings() if settings is None else settings
     require_instance(settings, Settings, "settings")

@@ -34,6 +34,7 @@ from catfree.settings import Settings
 from catfree.types import Clock, Detections, Origin, Scene, Tracks
 from catfree.types._clock import ABSOLUTE
 from catfree.types._processes import require_own_process
+from catfree.types._scene import require_scene
 from catfree.types._validation import (
     as_duration,
     as_integer,
@@ -78,7 +79,7 @@ class Tracker:
         lag: float | int = 2.0,
     ) -> None:
         settings = Settings() if settings is None else settings
-        require_instance(scene, Scene, "scene")
+        require_scene(scene)
         require_instance(settings, Settings, "settings")
         if settings.method != "evidence":
             raise InvalidInputError(
