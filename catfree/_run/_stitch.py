@@ -104,7 +104,9 @@ def stitch_tracks(localization: Localization, detections: Detections) -> Localiz
         return localization
     pieces = collect_pieces(tracks, detections, localization.identity)
     follower = link_pieces(pieces, learn_habits(tracks, pieces))
-    return eqx.tree_at(lambda result: result.tracks, localization, join(tracks, pieces, follower))
+    return eqx.tree_at(
+        lambda result: result.tracks, localization, join_pieces(tracks, pieces, follower)
+    )
 
 
 def collect_pieces(tracks: Tracks, detections: Detections, shown: Int[np.ndarray, " n"]) -> Pieces:
@@ -278,7 +280,7 @@ def best_assignment(
     return first[by_first], second[by_first]
 
 
-def join(tracks: Tracks, pieces: Pieces, follower: Int[np.ndarray, " k"]) -> Tracks:
+def join_pieces(tracks: Tracks, pieces: Pieces, follower: Int[np.ndarray, " k"]) -> Tracks:
     """Give the fragments of each chain one identity, numbered as by `Tracks.renumbered`.
 
     Args:

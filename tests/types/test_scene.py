@@ -209,13 +209,13 @@ def test_a_scene_of_other_things_is_refused_with_how_to_make_one():
     for wrong, cure in [
         (rig, r"got Rig: make one with cf\.Scene\.from_rig"),
         (SimpleNamespace(rig=rig), r"make one with cf\.Scene\.from_rig"),
-        (SimpleNamespace(scene=scene), "Pass its .scene"),
+        (SimpleNamespace(scene=scene), r"Pass its \.scene"),
         ((scene, ("a",)), "holds 1 of them"),
         (5, "must be a Scene, got int"),
     ]:
         with pytest.raises(InvalidInputError, match=cure):
             inspect.unwrap(localize)(NOBODY, wrong)
-    with pytest.raises(InvalidInputError, match="Pass its .rig"):
+    with pytest.raises(InvalidInputError, match=r"Pass its \.rig"):
         inspect.unwrap(Scene.__init__)(
             object.__new__(Scene), SimpleNamespace(rig=rig), scene.ground, 1.0
         )

@@ -37,7 +37,7 @@ class Identities:
         return self.identity[at], self.stop[at]
 
 
-def identify(
+def identify_recording(
     pieces: Sequence[Pieces], habits: Sequence[Habits], matched: Sequence[Pairs]
 ) -> Identities:
     """Join the tracks of all shards by their matches, then by looks and motion across gaps.

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 import catfree
 from catfree._run._cache import from_arrays
-from catfree._run.sharded._identities import Identities, Pairs, identify
+from catfree._run.sharded._identities import Identities, Pairs, identify_recording
 from catfree._run.sharded._overlap import Positions, match_tracks
 from catfree._run.sharded._receipt import (
     MANIFEST,
@@ -87,7 +87,7 @@ def join_shards(out: StrPath) -> StoredTracks:
     (folder / MANIFEST).unlink(missing_ok=True)  # it says that the table is complete
     summaries = [_read_summary(folder, receipt) for receipt in receipts]
     matched = [_match(folder, one, two) for one, two in itertools.pairwise(receipts)]
-    identities = identify(
+    identities = identify_recording(
         [summary.pieces for summary in summaries], [s.habits for s in summaries], matched
     )
     area = _learn_area(folder, receipts)

@@ -27,7 +27,13 @@ from catfree._run.sharded._receipt import (
     recording_folder,
     write_receipt,
 )
-from catfree._run.sharded._shard import Shard, StrPath, boxes_of, open_videos, silent_pictures
+from catfree._run.sharded._shard import (
+    Shard,
+    StrPath,
+    boxes_of_shard,
+    open_shard_videos,
+    silent_pictures,
+)
 from catfree.adapters.calibration_files._rig_json import scene_text
 from catfree.adapters.files._camera_names import names_of_files
 from catfree.adapters.files._documents import write_text_atomically
@@ -119,7 +125,7 @@ def run_shard(
     if shard.videos:
         detections, localization = _from_videos(shard, scene, wide, detector, embedder)
     else:
-        detections = boxes_of(shard)
+        detections = boxes_of_shard(shard)
         localization = localize_people(
             detections, scene, wide, silent_pictures(shard), camera_names=names
         )
@@ -264,7 +270,7 @@ def _from_videos(
     embedder: Embedder | None,
 ) -> tuple[Detections, Localization]:
     try:
-        videos = open_videos(shard)
+        videos = open_shard_videos(shard)
         outcome = run_stages(videos, detector, embedder, scene=scene, settings=settings)
     except InsufficientDataError as error:  # as while a camera was down
         nobody = Detections([], [], np.zeros((0, 4)), clock=shard.clock)

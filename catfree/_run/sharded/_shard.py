@@ -238,7 +238,7 @@ def _boxes_as_one(boxes: Detections | StrPath, frame_rate: float | int | None) -
     return Shard(0, 1, first, stop, first, stop, clock, source, detections=kept)
 
 
-def boxes_of(shard: Shard) -> Detections:
+def boxes_of_shard(shard: Shard) -> Detections:
     """Read the boxes that a shard looks at, on its clock.
 
     Raises:
@@ -291,7 +291,7 @@ def _stretches(rows: Int[np.ndarray, "k 2"]) -> tuple[tuple[int, int, int], ...]
     return tuple(stretches)
 
 
-def open_videos(shard: Shard) -> SynchronizedVideos:
+def open_shard_videos(shard: Shard) -> SynchronizedVideos:
     """Open the instants of its videos that a shard looks at.
 
     Raises:

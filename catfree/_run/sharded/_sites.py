@@ -21,9 +21,9 @@ from catfree._run.sharded._receipt import recording_folder
 from catfree._run.sharded._shard import (
     Shard,
     StrPath,
-    boxes_of,
+    boxes_of_shard,
     open_recording,
-    open_videos,
+    open_shard_videos,
     require_folder_name,
     shards,
     silent_pictures,
@@ -475,9 +475,9 @@ def _footage(
 ) -> tuple[Recording, Detections]:
     """The videos or boxes of a shard, as `calibrate_cameras` takes them, and its boxes."""
     if finder is not None:
-        videos = open_videos(shard)
+        videos = open_shard_videos(shard)
         return videos, detect_videos(videos, finder)
-    boxes = boxes_of(shard)
+    boxes = boxes_of_shard(shard)
     size = camera_sizes(boxes, np.array(site.image_size))
     names = tuple(f"C{camera + 1}" for camera in range(len(size)))
     return CameraBoxes(boxes, names, size, silent_pictures(shard)), boxes

@@ -16,7 +16,7 @@ from catfree.calibration.people.cameras._camera_model import of_rig, to_matrices
 from catfree.calibration.people.cameras._rig_deviation import shape_deviation
 from catfree.calibration.people.matching._group_people import RigState
 from catfree.calibration.people.matching._verdict import (
-    Verdict,
+    PlacementVerdict,
     judge_camera,
     judge_cameras,
     weakest,
@@ -45,7 +45,7 @@ def reconsider(
         camera changes. The uncertainties of changed cameras are NaN until a later refinement.
     """
     work, state = _resume(calibration, detections, settings)
-    changed: dict[int, Verdict] = {}
+    changed: dict[int, PlacementVerdict] = {}
     for camera in range(len(state.placed)):
         without = state.without_camera(camera)
         if without.placed.sum() < 2:
@@ -218,7 +218,7 @@ def _state(calibration: Calibration, settings: CalibrationSettings) -> RigState:
 def _with_cameras(
     calibration: Calibration,
     state: RigState,
-    verdicts: dict[int, Verdict],
+    verdicts: dict[int, PlacementVerdict],
     *,
     anew: Sequence[int] = (),
 ) -> Calibration:

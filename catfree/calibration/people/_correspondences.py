@@ -16,7 +16,7 @@ from catfree.calibration.people.adjustment._box_measurements import BoxMeasureme
 from catfree.calibration.people.adjustment._focal_spread import learn_focal_spread
 from catfree.calibration.people.adjustment._people_bundle import (
     BundleResult,
-    adjust,
+    adjust_people_bundle,
     saves,
 )
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, of_rig, to_matrices
@@ -183,7 +183,7 @@ def adjust_groups(
         foot_offset: initial foot offset in meters.
         log_focal_prior: (C,) mean of the weak prior on log focal length.
         settings: constants.
-        focal_spread: see `adjust`.
+        focal_spread: see `adjust_people_bundle`.
         iterations: maximum number of steps.
         known: prior on the cameras, if any.
         k1: (C,) initial radial distortion of each camera, adjusted too; ideal lenses if None.
@@ -193,7 +193,7 @@ def adjust_groups(
     lenses = None if k1 is None else RadialLenses(np.exp(parameters[:, LOG_FOCAL]), k1)
     straight = box if lenses is None else lenses.straightened(camera, box)
     xy = _start(parameters, straight, sd, person, camera, settings, foot_offset)
-    return adjust(
+    return adjust_people_bundle(
         BoxMeasurements(person, camera, box, sd),
         parameters,
         xy,

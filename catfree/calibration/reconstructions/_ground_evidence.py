@@ -58,7 +58,7 @@ class GroundCandidate:
 
 
 @dataclass(frozen=True)
-class People:
+class BodyRays:
     """Rays through the feet and heads of people's boxes.
 
     Attributes:
@@ -76,7 +76,7 @@ class People:
     head: np.ndarray
 
 
-def people_of(rig: Rig, detections: Detections | None) -> People | None:
+def people_of(rig: Rig, detections: Detections | None) -> BodyRays | None:
     """Cast rays of a sample of boxes in whole frames; None if there are too few boxes."""
     if detections is None:
         return None
@@ -95,10 +95,10 @@ def people_of(rig: Rig, detections: Detections | None) -> People | None:
     foot, head = (
         rays_of_pixels(rig, camera, np.column_stack([middle, box[:, edge]])) for edge in (3, 1)
     )
-    return People(detections.frame[rows], camera, center, foot, head)
+    return BodyRays(detections.frame[rows], camera, center, foot, head)
 
 
-def way_up(rig: Rig, people: People | None) -> Float[np.ndarray, "3"]:
+def way_up(rig: Rig, people: BodyRays | None) -> Float[np.ndarray, "3"]:
     """Estimate the upward direction from standing people, or from the cameras without people.
 
     The foot ray and head ray of a standing person span a plane that contains the vertical, so the
@@ -119,7 +119,7 @@ def way_up(rig: Rig, people: People | None) -> Float[np.ndarray, "3"]:
 
 
 def judge(
-    plane: Plane, share: float, centers: np.ndarray, people: People | None, up: np.ndarray
+    plane: Plane, share: float, centers: np.ndarray, people: BodyRays | None, up: np.ndarray
 ) -> GroundCandidate:
     """Judge a plane from the cameras and the people."""
     height = plane.signed_distance(centers)
@@ -143,7 +143,7 @@ def judge(
     return GroundCandidate(plane, share, above, tilt, ahead, camera_height, apart, fault)
 
 
-def _measure(plane: Plane, people: People) -> tuple[float, float, float]:
+def _measure(plane: Plane, people: BodyRays) -> tuple[float, float, float]:
     """Fraction of feet ahead, camera height and foot disagreement, in person heights."""
     height = plane.signed_distance(people.center)
     with jax.enable_x64(True):
@@ -162,7 +162,7 @@ def _measure(plane: Plane, people: People) -> tuple[float, float, float]:
     return share, camera_height, _feet_apart(people, meets, foot) / person
 
 
-def _feet_apart(people: People, meets: np.ndarray, foot: np.ndarray) -> float:
+def _feet_apart(people: BodyRays, meets: np.ndarray, foot: np.ndarray) -> float:
     """Median distance to the nearest foot of another camera in the same frame."""
     frame, camera = people.frame[meets], people.camera[meets]
     first, second = equal_pairs(frame, frame)

@@ -15,12 +15,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.calibration.watching._matching import (
+    BoxMatches,
     Correction,
-    Matches,
     best,
     candidates,
     corrected_place,
-    match,
+    match_boxes,
 )
 from catfree.calibration.watching._sights import Sights, linear
 from catfree.geometry._least_squares import CAUCHY
@@ -99,9 +99,9 @@ def solve_window(
     state = people.state[person].copy()
     begun = _parameters(corrections)
     solved = _Solved.empty(count)
-    matches_by_camera: dict[int, Matches] = {}
+    matches_by_camera: dict[int, BoxMatches] = {}
     for _ in range(ROUNDS):
-        matches = match(sights, person, state, [(c, corrections[c]) for c in registered])
+        matches = match_boxes(sights, person, state, [(c, corrections[c]) for c in registered])
         matches_by_camera = dict(zip(registered, matches, strict=True))
         solved = _solve(sights, person, state, matches_by_camera, corrections, begun, noise)
         corrections, state = solved.corrections, solved.state
@@ -196,7 +196,7 @@ def _solve(
     sights: Sights,
     person: Int[np.ndarray, " m"],
     state: Float[np.ndarray, "m 3"],
-    matches_by_camera: dict[int, Matches],
+    matches_by_camera: dict[int, BoxMatches],
     present: list[Correction],
     begun: Float[np.ndarray, " p"],
     noise: Float[np.ndarray, "3"],

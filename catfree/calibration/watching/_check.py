@@ -19,7 +19,7 @@ from catfree.calibration.watching._changes import (
 from catfree.calibration.watching._estimate_clocks import WHOLE_FRAME
 from catfree.calibration.watching._sights import linear
 from catfree.calibration.watching._time_of_change import follow_changes, time_of_change
-from catfree.calibration.watching._windows import Watched, watch
+from catfree.calibration.watching._windows import Watched, watch_windows
 from catfree.errors import InvalidInputError
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
@@ -204,7 +204,7 @@ def check(
             f"since is frame {since}, but the last boxes are of frame {end}: nothing is left to "
             "check. Give a frame number of the recording."
         )
-    watched = watch(
+    watched = watch_windows(
         scene,
         detections,
         settings,

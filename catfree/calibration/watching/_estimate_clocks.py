@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from catfree.calibration.watching._agreement import PARAMETERS
 from catfree.calibration.watching._changes import LAG
 from catfree.calibration.watching._time_of_change import follow_changes, time_of_change
-from catfree.calibration.watching._windows import watch
+from catfree.calibration.watching._windows import watch_windows
 from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
@@ -151,7 +151,7 @@ def estimate_clocks(
         InsufficientDataError: if there are no boxes of two registered cameras.
         ForkedProcessError: in a process forked after JAX was used.
     """
-    watched = watch(
+    watched = watch_windows(
         scene,
         detections,
         settings,

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from catfree.calibration.watching._sights import Boxes, Sights, predicted
+from catfree.calibration.watching._sights import SightedBoxes, Sights, predicted
 from catfree.types._sampling import equal_pairs
 
 SPREAD = 0.12  # of a box height; deviation of a box from a person that it may show
@@ -42,7 +42,7 @@ class Correction(NamedTuple):
         return round(self.lag)
 
 
-class Matches(NamedTuple):
+class BoxMatches(NamedTuple):
     """Boxes of one camera matched with people.
 
     Attributes:
@@ -68,12 +68,12 @@ def corrected_place(sights: Sights, camera: int, at: Correction) -> Float[np.nda
     return np.array([[1.0], [1.0], [np.exp(-at.zoom)]]) * (turn @ place)
 
 
-def match(
+def match_boxes(
     sights: Sights,
     person: Int[np.ndarray, " m"],
     state: Float[np.ndarray, "m 3"],
     errors: Sequence[tuple[int, Correction]],
-) -> list[Matches]:
+) -> list[BoxMatches]:
     """Match people with the boxes of cameras: each is the nearest of the other.
 
     Args:
@@ -104,12 +104,12 @@ def match(
 
 
 def _nearest(
-    boxes: Boxes,
+    boxes: SightedBoxes,
     camera: int,
     person: Int[np.ndarray, " e"],
     shown: Int[np.ndarray, " e"],
     angle: Float[np.ndarray, "e 3"],
-) -> Matches:
+) -> BoxMatches:
     """Match people, whom a camera should show in some steps at some angles, with its boxes."""
     begin, end = np.searchsorted(boxes.camera, [camera, camera + 1])
     a, b = equal_pairs(shown, boxes.frame[begin:end])
@@ -124,7 +124,7 @@ def _nearest(
     _fill_first(first_b, b[near], near)
     kept = near[(first_a[a[near]] == near) & (first_b[b[near]] == near)]
     score = float((1 - distance[kept] / GATE**2).sum())
-    return Matches(person[a[kept]], b[kept], angle[a[kept]], score, person)
+    return BoxMatches(person[a[kept]], b[kept], angle[a[kept]], score, person)
 
 
 def _fill_first(first: np.ndarray, key: np.ndarray, value: np.ndarray) -> None:
@@ -196,10 +196,10 @@ def best(
 ) -> Correction:
     """The correction with most matches; the present one unless another is clearly better."""
     state, corrections = sights.people.state[person], [present, *tried]
-    matches = match(sights, person, state, [(camera, one) for one in corrections])
+    matches = match_boxes(sights, person, state, [(camera, one) for one in corrections])
     recorded = sights.boxes.frame[sights.boxes.camera == camera]
 
-    def share(one: Matches, correction: Correction) -> float:
+    def share(one: BoxMatches, correction: Correction) -> float:
         """Score per person who should be in an image, while the camera was recording."""
         shown = sights.people.frame[one.expected] + correction.shift
         inside = (shown >= recorded[0]) & (shown <= recorded[-1]) if len(recorded) else shown < 0

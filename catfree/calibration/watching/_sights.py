@@ -24,7 +24,7 @@ BLOCKS = (256, 1024)  # sightings computed together
 
 
 @dataclass(frozen=True)
-class Boxes:
+class SightedBoxes:
     """Boxes as angles in the axes of their cameras, sorted by camera, then frame.
 
     Attributes:
@@ -46,7 +46,7 @@ class Boxes:
 
 
 @dataclass(frozen=True)
-class People:
+class SightedPeople:
     """Positions of tracks, sorted by frame.
 
     Attributes:
@@ -81,8 +81,8 @@ class Sights:
 
     scene: Scene
     place: Float[np.ndarray, "cam 3 4"]
-    boxes: Boxes
-    people: People
+    boxes: SightedBoxes
+    people: SightedPeople
     unit: float
     first: int
     step: int
@@ -138,7 +138,7 @@ def _places(scene: Scene) -> Float[np.ndarray, "cam 3 4"]:
     return np.where(np.asarray(rig.registered)[:, None, None], joined, np.eye(3, 4))
 
 
-def _boxes(scene: Scene, detections: Detections, first: int, step: int) -> Boxes:
+def _boxes(scene: Scene, detections: Detections, first: int, step: int) -> SightedBoxes:
     rig = scene.rig
     row = np.flatnonzero(np.asarray(rig.registered)[detections.camera])
     row = row[np.lexsort((detections.frame[row], detections.camera[row]))]
@@ -161,7 +161,7 @@ def _boxes(scene: Scene, detections: Detections, first: int, step: int) -> Boxes
     )
     angle = np.column_stack([(head_azimuth + foot_azimuth) / 2, head, foot])
     frame, height = (detections.frame[row] - first) // step, box[:, 3] - box[:, 1]
-    return Boxes(frame, camera, angle, foot - head, height, whole)
+    return SightedBoxes(frame, camera, angle, foot - head, height, whole)
 
 
 def _directions(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -175,7 +175,7 @@ def _people(
     place: Float[np.ndarray, "cam 3 4"],
     first: int,
     step: int,
-) -> tuple[People, float]:
+) -> tuple[SightedPeople, float]:
     """Tracks with the height that their boxes imply."""
     at = np.flatnonzero((tracks.track_id >= 0) & (tracks.frame - first >= 0))
     xy, support = np.asarray(tracks.ground_xy, np.float64)[at], tracks.support[at]
@@ -209,10 +209,10 @@ def _people(
     tall = np.array([of_track[int(one)] for one in track], np.float64)
     velocity = np.nan_to_num(np.asarray(tracks.velocity, np.float64)[at]) * step
     state = np.column_stack([xy, tall])
-    return People((tracks.frame[at] - first) // step, track, state, velocity, support), unit
+    return SightedPeople((tracks.frame[at] - first) // step, track, state, velocity, support), unit
 
 
-def predict(
+def predict_angles(
     turn: Float[Array, "3"],
     lag: Float[Array, ""],
     state: Float[Array, "3"],
@@ -259,7 +259,7 @@ def predict(
 @jax.jit
 def _predicted(state: Array, velocity: Array, place: Array) -> Array:
     three, zero = jnp.zeros(3, state.dtype), jnp.zeros((), state.dtype)
-    of_all = jax.vmap(predict, (None, None, 0, 0, 0, None, None))
+    of_all = jax.vmap(predict_angles, (None, None, 0, 0, 0, None, None))
     return of_all(three, zero, state, velocity, place, three, zero)
 
 
@@ -268,7 +268,7 @@ def _linear(state: Array, velocity: Array, place: Array) -> tuple[Array, Array]:
     def one(state: Array, velocity: Array, place: Array) -> tuple[Array, Array]:
         def shifted(shift: Float[Array, "11"]) -> tuple[Array, Array]:
             turn, lag, center, zoom, move = jnp.split(shift, [3, 4, 7, 8])
-            angles = predict(turn, lag[0], state + move, velocity, place, center, zoom[0])
+            angles = predict_angles(turn, lag[0], state + move, velocity, place, center, zoom[0])
             return angles, angles
 
         slope, value = jax.jacfwd(shifted, has_aux=True)(jnp.zeros(11, state.dtype))
@@ -282,7 +282,7 @@ def predicted(
     velocity: Float[np.ndarray, "n 2"],
     place: Float[np.ndarray, "n 3 4"],
 ) -> Float[np.ndarray, "n 3"]:
-    """`predict` for n sightings of cameras that neither turned nor lag."""
+    """`predict_angles` for n sightings of cameras that neither turned nor lag."""
     with jax.enable_x64(True):
         return in_blocks(_predicted, (state, velocity, place), *BLOCKS)
 

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from catfree.calibration.watching._agreement import PARAMETERS, solve_window
 from catfree.calibration.watching._changes import KINDS, Course, fit_course
-from catfree.calibration.watching._matching import GATE, SPREAD, Correction, best, match
+from catfree.calibration.watching._matching import GATE, SPREAD, Correction, best, match_boxes
 from catfree.calibration.watching._sights import Sights
 from catfree.calibration.watching._windows import Watched
 from catfree.types._annotations import Progress, no_progress
@@ -127,7 +127,7 @@ def _costs(
     sights: Sights, camera: int, person: Int[np.ndarray, " m"], at: Correction
 ) -> Float[np.ndarray, " m"]:
     """Squared distance of each person from the nearest box, in deviations."""
-    (matches,) = match(sights, person, sights.people.state[person], [(camera, at)])
+    (matches,) = match_boxes(sights, person, sights.people.state[person], [(camera, at)])
     boxes = sights.boxes
     deviation = SHARPER * SPREAD * boxes.size[matches.box, None]
     off = np.where(

@@ -46,7 +46,7 @@ class Watched:
     noise: Float[np.ndarray, "3"]
 
 
-def watch(
+def watch_windows(
     scene: Scene,
     detections: Detections,
     settings: Settings | None,

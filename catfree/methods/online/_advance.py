@@ -42,7 +42,7 @@ from catfree.methods.evidence.track._tracking import (
     sure_groups,
 )
 from catfree.methods.online._learn import forgetting, likeness_of
-from catfree.methods.online._tracker_state import Instant, Learned, TrackerState, with_looks
+from catfree.methods.online._tracker_state import Learned, PendingInstant, TrackerState, with_looks
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 
@@ -67,7 +67,7 @@ def advance(
     silent: Int[np.ndarray, " k"],
     scene: Scene,
     settings: EvidenceSettings,
-) -> tuple[TrackerState, Instant]:
+) -> tuple[TrackerState, PendingInstant]:
     """Add an instant, once the unit is known.
 
     Args:
@@ -137,7 +137,7 @@ def advance(
     look, count = np.zeros((len(hit), state.heads.look.shape[1])), np.zeros(len(hit), np.int64)
     if looks is not None:
         look[hit], count[hit] = looks.total[hit_groups], looks.count[hit_groups]
-    current = Instant(
+    current = PendingInstant(
         time=np.array(time),
         node=node._replace(group=np.where(hit, np.arange(len(hit)), -1)),
         matrix=matrix,

@@ -15,12 +15,12 @@ from catfree.methods.evidence.report._sharp_positions import sharp_positions
 from catfree.methods.evidence.report._working_area import UsualPlace
 from catfree.methods.evidence.track._identify import (
     HORIZON,
-    Habits,
+    AbsenceHabits,
     Population,
     extend,
     futures_of,
     later,
-    match,
+    match_chains,
     nodes_of,
     strangers_of,
 )
@@ -29,7 +29,7 @@ from catfree.methods.evidence.track._suppress_overlapping import one_per_place
 from catfree.methods.evidence.track._tracking import Trails, smooth, transition
 from catfree.methods.online._advance import motion_learned, usual_steps
 from catfree.methods.online._learn import learn_places, likeness_of
-from catfree.methods.online._tracker_state import Instant, Learned, TrackerState
+from catfree.methods.online._tracker_state import Learned, PendingInstant, TrackerState
 from catfree.methods.online._update import Event
 from catfree.settings import EvidenceSettings
 
@@ -49,7 +49,7 @@ class Reported(NamedTuple):
         position_covariance: (n, 2, 2) with sway and uneven ground.
         existence: (n,) probability.
         support: (n, C) rows of the caller's detections, or -1.
-        place: (n, 2) as `Instant.place`.
+        place: (n, 2) as `PendingInstant.place`.
     """
 
     time: float
@@ -63,7 +63,7 @@ class Reported(NamedTuple):
 
 
 def provisional(
-    state: TrackerState, instant: Instant, learned: Learned, settings: EvidenceSettings
+    state: TrackerState, instant: PendingInstant, learned: Learned, settings: EvidenceSettings
 ) -> tuple[TrackerState, Reported]:
     """Report an instant as it looks now, with the identities that the tracks have now.
 
@@ -247,7 +247,7 @@ def _identify(
     k = future.chain
     past_of = np.full(len(track), -1)
     (stranger,) = strangers_of([future], population)
-    past_of[k] = match(
+    past_of[k] = match_chains(
         pasts, future, stranger, look[k], boxes[k], detected_times[k], habits, population
     )
     here = at[0]
@@ -278,10 +278,10 @@ def _identify(
     return state, names, events
 
 
-def _habits(counts: Float[np.ndarray, "4"]) -> Habits:
+def _habits(counts: Float[np.ndarray, "4"]) -> AbsenceHabits:
     """Rates of leaving and hiding from counts, by Laplace's rule of succession."""
     moved, count, times, total = counts + USUAL_HABITS
-    return Habits(moved / (2 * count), times / count, max(total - times, 1) / total)
+    return AbsenceHabits(moved / (2 * count), times / count, max(total - times, 1) / total)
 
 
 def forget_ended_tracks(state: TrackerState) -> TrackerState:

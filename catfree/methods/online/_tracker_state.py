@@ -57,7 +57,7 @@ class Learned:
     active: Bool[np.ndarray, " cam"]
 
 
-class Instant(NamedTuple):
+class PendingInstant(NamedTuple):
     """The tracks of an instant that is not final yet; T rows as in `Node`.
 
     Attributes:
@@ -103,7 +103,7 @@ class TrackerState:
         spacing: () instants between those of the sample.
         times: (K,) seconds of the last instants.
         heads: the tracks being followed, T of them.
-        forward, weight: (T, 2) and (T,) of these as in `Instant`.
+        forward, weight: (T, 2) and (T,) of these as in `PendingInstant`.
         sure: (S, 2) positions of the last instant that are beyond doubt, in H0.
         window: the instants that are not final yet.
         pasts: final positions, by identity; `final_time`: () seconds of the last.
@@ -125,7 +125,7 @@ class TrackerState:
     forward: Float[np.ndarray, "track 2"]
     weight: Float[np.ndarray, " track"]
     sure: Float[np.ndarray, "s 2"]
-    window: tuple[Instant, ...]
+    window: tuple[PendingInstant, ...]
     pasts: Pasts
     final_time: Float[np.ndarray, ""]
     identity: Int[np.ndarray, "named 2"]
@@ -258,11 +258,11 @@ def new_state(cameras: int, settings: EvidenceSettings) -> TrackerState:
     )
 
 
-def _no_instant(cameras: int) -> Instant:
+def _no_instant(cameras: int) -> PendingInstant:
     none = np.zeros(0)
     five, square = np.zeros((0, 5)), np.zeros((0, 5, 5))
     integers = np.zeros(0, np.int64)
-    return Instant(
+    return PendingInstant(
         np.zeros(()), Node(integers, integers, five, square, five, square), square[:, :3, :3],
         five[:, :3], none, five[:, :2], none, five[:, :2], five[:, :2],
         np.zeros((0, cameras), np.int64), five[:, :0], integers,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
-from catfree.calibration.people.adjustment._people_bundle import adjust
+from catfree.calibration.people.adjustment._people_bundle import adjust_people_bundle
 from catfree.calibration.people.adjustment._resection import MatchedPeople, fit_cameras
 from catfree.calibration.people.cameras._camera_model import (
     from_matrices,
@@ -155,7 +155,7 @@ def test_bundle_adjustment_recovers_a_disturbed_rig():
     rng = np.random.default_rng(1)
     sizes = np.array([0.05, 0.02, 0.02, 0.02, 0.3, 0.3, 0.2])
     start = RIG + sizes * rng.normal(size=RIG.shape)
-    found = adjust(
+    found = adjust_people_bundle(
         data,
         start,
         xy + rng.normal(0, 0.2, xy.shape),

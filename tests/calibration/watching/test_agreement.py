@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.calibration.watching._agreement import PARAMETERS, _Equations, solve_window
-from catfree.calibration.watching._matching import Correction, best, corrected_place, match
+from catfree.calibration.watching._matching import Correction, best, corrected_place, match_boxes
 from catfree.calibration.watching._sights import sights
 from catfree.methods import localize
 from catfree.synthetic import make_world
@@ -87,7 +87,7 @@ def test_the_center_and_the_zoom_of_a_camera_move_its_map(seen):
 def test_nobody_is_expected_outside_the_recording(seen):
     person = np.arange(len(seen.people.frame))
     for lag in (0.0, 15.0, -15.0, 40.0):
-        (found,) = match(seen, person, seen.people.state, [(1, Correction(np.zeros(3), lag))])
+        (found,) = match_boxes(seen, person, seen.people.state, [(1, Correction(np.zeros(3), lag))])
         shown = seen.people.frame[found.expected] + lag
         assert ((shown >= 0) & (shown < seen.steps)).all()
         assert found.score <= len(found.expected)
@@ -109,10 +109,10 @@ def test_cameras_matched_together_match_as_alone(seen):
     state = seen.people.state[person]
     turned = Correction(np.array([0.0, 0.05, 0.0]), 2.3)
     errors = [(2, turned), (0, Correction(np.zeros(3), 0.0)), (2, Correction(np.zeros(3), -1.0))]
-    together = match(seen, person, state, errors)
+    together = match_boxes(seen, person, state, errors)
     assert any(len(found.person) for found in together)
     for found, error in zip(together, errors, strict=True):
-        (alone,) = match(seen, person, state, [error])
+        (alone,) = match_boxes(seen, person, state, [error])
         for one, other in zip(found, alone, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-9)
-    assert match(seen, person, state, []) == []
+    assert match_boxes(seen, person, state, []) == []

@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.spatial.transform import Rotation
 
-from catfree.calibration.watching._sights import FOOT_AHEAD, linear, predict, predicted, sights
+from catfree.calibration.watching._sights import (
+    FOOT_AHEAD,
+    linear,
+    predict_angles,
+    predicted,
+    sights,
+)
 from catfree.geometry.camera import pixels_of_points
 from catfree.methods import localize
 from catfree.synthetic import make_world
@@ -19,7 +25,7 @@ PLACE = np.concatenate(
 finite = st.floats(-2, 2)
 _SHIFTED = jax.jit(
     jax.vmap(
-        lambda shift, state, velocity: predict(
+        lambda shift, state, velocity: predict_angles(
             shift[:3],
             shift[3],
             state + shift[8:],

@@ -83,7 +83,7 @@ def test_a_damaged_shard_runs_again(world, plan, tmp_path, what, monkeypatch):
         runs.append(shard)
         return shard.detections[:0]  # nobody: fast
 
-    monkeypatch.setattr(module, "boxes_of", counted)
+    monkeypatch.setattr(module, "boxes_of_shard", counted)
     for expected in (1, 1, 2):
         if expected == 2:
             path = getattr(files_of(tmp_path, plan[0].index), what)
@@ -94,7 +94,7 @@ def test_a_damaged_shard_runs_again(world, plan, tmp_path, what, monkeypatch):
 
 @pytest.mark.parametrize("which", range(4))
 def test_a_full_disk_is_said_and_loses_no_finished_shard(world, plan, tmp_path, which, monkeypatch):
-    monkeypatch.setattr(module, "boxes_of", lambda shard: shard.detections[:0])
+    monkeypatch.setattr(module, "boxes_of_shard", lambda shard: shard.detections[:0])
     options = {"scene": world.true_scene, "out": tmp_path}
     cf.run_shard(plan[0], **options)
     files, real, writes = files_of(tmp_path, plan[1].index), os.replace, []

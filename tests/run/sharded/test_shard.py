@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import catfree as cf
-from catfree._run.sharded._shard import boxes_of, silent_pictures
+from catfree._run.sharded._shard import boxes_of_shard, silent_pictures
 from catfree.adapters.tables._detections_table import write_detections_parquet
 from catfree.errors import InvalidInputError
 from catfree.types import Clock, Detections
@@ -46,7 +46,7 @@ def test_every_frame_is_reported_once_and_seen_by_neighbors(frames, every, share
         assert one.fingerprint != two.fingerprint
     assert plan[-1].stop - plan[-1].first < 1.5 * length + 1
     for shard in plan:
-        seen = boxes_of(shard)
+        seen = boxes_of_shard(shard)
         within = [f for f in frames if shard.first_seen <= f < shard.stop_seen]
         assert sorted(seen.frame) == sorted(within)
         assert seen.clock == shard.clock == Clock(rate)
@@ -94,7 +94,10 @@ def test_boxes_in_files_are_those_in_memory(tmp_path_factory, suffix, frames):
     assert len(one) == len(two)
     for in_memory, in_file in zip(one, two, strict=True):
         assert len(pickle.dumps(in_file)) < 2000
-        first, second = boxes_of(in_memory), boxes_of(pickle.loads(pickle.dumps(in_file)))
+        first, second = (
+            boxes_of_shard(in_memory),
+            boxes_of_shard(pickle.loads(pickle.dumps(in_file))),
+        )
         order = [np.lexsort((b.box[:, 0], b.camera, b.frame)) for b in (first, second)]
         np.testing.assert_array_equal(first.box[order[0]], second.box[order[1]])
         np.testing.assert_array_equal(first.frame[order[0]], second.frame[order[1]])
@@ -106,7 +109,7 @@ def test_a_changed_file_is_refused(tmp_path):
     (shard,) = cf.shards(path, 60, 10, 5)
     boxes(range(101)).save(path)
     with pytest.raises(InvalidInputError, match="changed after shard 0 of 1 was planned"):
-        boxes_of(shard)
+        boxes_of_shard(shard)
 
 
 def test_equal_videos_are_refused_before_any_shard_runs(tmp_path):

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
-from catfree.calibration.people.adjustment._people_bundle import BundleResult, adjust
+from catfree.calibration.people.adjustment._people_bundle import BundleResult, adjust_people_bundle
 from catfree.calibration.people.matching._group_people import People, RigState, group_people
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
@@ -93,7 +93,7 @@ def alternate(
         if measured is None:
             break
         data, xy, height = measured
-        bundle = adjust(
+        bundle = adjust_people_bundle(
             data,
             state.parameters,
             xy,

@@ -199,7 +199,7 @@ def _solve(
     return solution.value, solution.stats["cost"], covariance, residual
 
 
-def adjust(
+def adjust_people_bundle(
     measurements: BoxMeasurements,
     parameters: Float[np.ndarray, "cam 7"],
     xy: Float[np.ndarray, "person 2"],

@@ -24,7 +24,7 @@ from catfree.settings import CalibrationSettings
 
 
 @dataclass(frozen=True)
-class Verdict:
+class PlacementVerdict:
     """A camera's evidence against the rest of the rig, compared with chance.
 
     Attributes:
@@ -96,7 +96,7 @@ def judge_camera(
     *,
     grid: BoxGrid | None = None,
     others: GroundMap | None = None,
-) -> Verdict:
+) -> PlacementVerdict:
     """Judge a placed camera against the map of the other placed cameras.
 
     Args:
@@ -117,15 +117,17 @@ def judge_camera(
     judgment, margin = judge_with_chance(
         camera_people, others, others_expected, own_expected, settings, settings.chance_shifts
     )
-    return Verdict(judgment, judgment.evidence - margin, _shortcomings(judgment, margin, settings))
+    return PlacementVerdict(
+        judgment, judgment.evidence - margin, _shortcomings(judgment, margin, settings)
+    )
 
 
-def judge_cameras(work: Workspace, state: RigState) -> dict[int, Verdict]:
+def judge_cameras(work: Workspace, state: RigState) -> dict[int, PlacementVerdict]:
     """Judge every placed camera against the map of the others, on all frames."""
     return {int(c): judge_camera(work, state, int(c)) for c in np.flatnonzero(state.placed)}
 
 
-def weakest(verdicts: dict[int, Verdict]) -> int | None:
+def weakest(verdicts: dict[int, PlacementVerdict]) -> int | None:
     """The camera to remove next, if one is not accepted; at least two remain."""
     failing = [c for c, verdict in verdicts.items() if not verdict.accepted]
     if len(verdicts) <= 2:

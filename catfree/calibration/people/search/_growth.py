@@ -9,7 +9,7 @@ from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, PAN, X, 
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._placement import Placement, vote
 from catfree.calibration.people.matching._verdict import (
-    Verdict,
+    PlacementVerdict,
     judge_camera,
     judge_cameras,
     weakest,
@@ -29,7 +29,7 @@ HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this
 
 def grow_rig(
     work: Workspace, seed: AdjustedRig, pairs: list[PairHypothesis], *, shared_focal: bool
-) -> tuple[AdjustedRig, dict[int, Verdict]]:
+) -> tuple[AdjustedRig, dict[int, PlacementVerdict]]:
     """Add cameras to a seed as long as their evidence is sufficient.
 
     Args:
@@ -72,7 +72,7 @@ def _refined(work: Workspace, state: RigState, shared_focal: bool) -> AdjustedRi
 
 def prune_rig(
     work: Workspace, rig: AdjustedRig, *, shared_focal: bool
-) -> tuple[AdjustedRig, dict[int, Verdict]]:
+) -> tuple[AdjustedRig, dict[int, PlacementVerdict]]:
     """Remove cameras that the others do not support, worst first.
 
     Args:
@@ -92,8 +92,8 @@ def prune_rig(
 
 
 def drop_harmful(
-    work: Workspace, rig: AdjustedRig, verdicts: dict[int, Verdict], *, shared_focal: bool
-) -> tuple[AdjustedRig, dict[int, Verdict]]:
+    work: Workspace, rig: AdjustedRig, verdicts: dict[int, PlacementVerdict], *, shared_focal: bool
+) -> tuple[AdjustedRig, dict[int, PlacementVerdict]]:
     """Remove cameras without which the others agree better.
 
     A camera with a wrong clock can match recurring patterns of the crowd (a path, a queue) better
@@ -131,7 +131,7 @@ def best_candidate(
     camera: int,
     pairs: list[PairHypothesis],
     shared_focal: bool,
-) -> tuple[Float[np.ndarray, "7"], Verdict] | None:
+) -> tuple[Float[np.ndarray, "7"], PlacementVerdict] | None:
     """Find the accepted placement of a camera with the highest margin, refined; None if none.
 
     Args:
@@ -151,7 +151,7 @@ def accepted_candidates(
     camera: int,
     pairs: list[PairHypothesis],
     shared_focal: bool,
-) -> list[tuple[Float[np.ndarray, "7"], Verdict]]:
+) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict]]:
     """Find the placements of a camera with sufficient evidence, refined.
 
     Args:

@@ -10,7 +10,7 @@ import numpy as np
 from catfree.calibration.people.adjustment._alternate import RANGE_ERRORS, AdjustedRig, alternate
 from catfree.calibration.people.adjustment._people_bundle import saves
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
-from catfree.calibration.people.matching._verdict import Verdict, judge_camera
+from catfree.calibration.people.matching._verdict import PlacementVerdict, judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._growth import drop_harmful, grow_rig, prune_rig
 from catfree.calibration.people.search._seed_pairs import PairHypothesis, search_pair, seed_rig
@@ -34,7 +34,7 @@ class RegisteredRig:
     """
 
     rig: AdjustedRig
-    verdicts: dict[int, Verdict]
+    verdicts: dict[int, PlacementVerdict]
     shared_focal: bool
 
     @property
@@ -92,7 +92,7 @@ def _search_pairs(work: Workspace, report: Progress) -> list[PairHypothesis]:
     return sorted(hypotheses, key=lambda pair: -pair.margin)
 
 
-Seed = tuple[Verdict, AdjustedRig, tuple[int, int]]
+Seed = tuple[PlacementVerdict, AdjustedRig, tuple[int, int]]
 
 
 def _adjust_seeds(work: Workspace, pairs: list[PairHypothesis], report: Progress) -> list[Seed]:

@@ -39,7 +39,7 @@ LAGS = 3  # of each of the two groups of lags from which the memory is estimated
 LONGEST_MEMORY = 0.99  # straight on for a hundred steps
 
 
-class Habits(NamedTuple):
+class AbsenceHabits(NamedTuple):
     """How often people come, leave and hide, per person and frame.
 
     Attributes:
@@ -171,7 +171,7 @@ def nodes_of(
 
 def estimate_habits(
     frame: Int[np.ndarray, " n"], chain: Int[np.ndarray, " n"], frames: int
-) -> Habits:
+) -> AbsenceHabits:
     """Rates of the chains by Laplace's rule of succession.
 
     Args:
@@ -186,7 +186,7 @@ def estimate_habits(
     left = (frame[order][np.r_[~same, True]] < frames - 1).sum()
     hidden = step[same] - 1
     times, total, count = (hidden > 0).sum(), hidden.sum(), len(frame)
-    return Habits(
+    return AbsenceHabits(
         leave=(came + left + 2) / (2 * count + 4),
         hide=(times + 1) / (count + 2),
         stay_hidden=(total - times + 1) / (total + 2),
@@ -315,7 +315,7 @@ def _of_known_and_any_height(
 
 
 def sweep(
-    nodes: Nodes, chain: Int[np.ndarray, " n"], habits: Habits, population: Population
+    nodes: Nodes, chain: Int[np.ndarray, " n"], habits: AbsenceHabits, population: Population
 ) -> Int[np.ndarray, " n"]:
     """Match pasts and futures once at every frame, in order of time.
 
@@ -347,7 +347,7 @@ def sweep(
         if t:
             pasts = later(pasts, *steps[t - 1])
         name = future.chain
-        past = match(
+        past = match_chains(
             pasts, future, stranger, look[name], boxes[name], sightings[name], habits, population
         )
         rows = at[t]
@@ -401,14 +401,14 @@ def _new_person(population: Population) -> tuple[np.ndarray, np.ndarray]:
     return matrix, np.array([0.0, 0.0, spread**-2, 0.0, 0.0])
 
 
-def match(
+def match_chains(
     pasts: Pasts,
     future: Futures,
     stranger: Strangers,
     look: Float[np.ndarray, "k dim"],
     boxes: Int[np.ndarray, " k"],
     sightings: Int[np.ndarray, " k"],
-    habits: Habits,
+    habits: AbsenceHabits,
     population: Population,
 ) -> Int[np.ndarray, " k"]:
     """Assign pasts to futures.

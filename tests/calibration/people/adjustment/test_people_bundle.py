@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from catfree.calibration.people.adjustment import _people_bundle
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements, KnownCameras
 from catfree.calibration.people.adjustment._people_bundle import (
-    adjust,
+    adjust_people_bundle,
     saves,
 )
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, PAN, ROLL, Z
@@ -50,7 +50,7 @@ def drawn(seed, *, known, count=PEOPLE):
 
 
 def adjusted(data, state, known, *, spread=np.inf, iterations=200):
-    return adjust(
+    return adjust_people_bundle(
         data, *state, OFFSET, PRIOR, RULES, focal_spread=spread, iterations=iterations, known=known
     )
 
@@ -174,7 +174,7 @@ def test_a_free_lens_is_found_or_ideal():
     state = cameras, xy, height
     rules = {"focal_spread": np.inf, "iterations": 200}
     free, ideal = (
-        adjust(bent, *state, OFFSET, PRIOR, RULES, **rules, k1=start)
+        adjust_people_bundle(bent, *state, OFFSET, PRIOR, RULES, **rules, k1=start)
         for start in (np.zeros(CAMERAS), None)
     )
     seen = np.arange(CAMERAS) < CAMERAS - 1

@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.calibration.people.matching._mutual_nearest import Judgment
-from catfree.calibration.people.matching._verdict import Verdict, _shortcomings
+from catfree.calibration.people.matching._verdict import PlacementVerdict, _shortcomings
 from catfree.settings import CalibrationSettings
 
 SETTINGS = CalibrationSettings()
 
 
-def verdict(matches: int, association: float, margin: float) -> Verdict:
+def verdict(matches: int, association: float, margin: float) -> PlacementVerdict:
     judgment = Judgment(100.0, association, matches)
-    return Verdict(judgment, 100.0 - margin, _shortcomings(judgment, margin, SETTINGS))
+    return PlacementVerdict(judgment, 100.0 - margin, _shortcomings(judgment, margin, SETTINGS))
 
 
 @pytest.mark.parametrize(

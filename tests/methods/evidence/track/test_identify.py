@@ -14,7 +14,7 @@ from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.track._identify import (
     HORIZON,
     SWEEPS,
-    Habits,
+    AbsenceHabits,
     Nodes,
     Population,
     estimate_habits,
@@ -28,7 +28,7 @@ from catfree.settings import EvidenceSettings
 MOTION = Motion(0.2, 0.85, 0.03, 0.005)
 RULES = EvidenceSettings()
 SPREAD, NOISE = 0.06, 0.05
-HABITS = Habits(0.02, 0.05, 0.5)
+HABITS = AbsenceHabits(0.02, 0.05, 0.5)
 
 
 def population(frames, **changes):
@@ -182,7 +182,7 @@ def test_heights_tell_apart_who_stand_together():
 
 @pytest.mark.parametrize("missing", [1, 3, 8, HORIZON])
 def test_someone_alone_keeps_one_identity_through_a_gap_that_people_survive(missing):
-    habits = Habits(0.005, 0.02, 1 - 1 / missing if missing > 1 else 0.3)
+    habits = AbsenceHabits(0.005, 0.02, 1 - 1 / missing if missing > 1 else 0.3)
     frames = np.r_[np.arange(10), 10 + missing + np.arange(10)]
     nodes, _ = joined(path(frames, [0, 0], [0.0, 0.0]))
     lost = (frames >= 10).astype(int)
