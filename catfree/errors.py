@@ -16,7 +16,7 @@ _short_repr.maxlist = _short_repr.maxtuple = _short_repr.maxdict = 8
 
 
 def quoted(value: Any) -> str:
-    """Format a value for an error message, leaving out its middle if it is long.
+    """Format a value on one line of an error message, leaving out its middle if it is long.
 
     An exception gives its message without the final period, anything else its `repr`.
     """
@@ -27,7 +27,7 @@ def quoted(value: Any) -> str:
             text = _short_repr.repr(value)
         except ValueError:  # Python refuses to print integers of thousands of digits
             text = f"a number of {value.bit_length()} bits"
-    return shortened(text)
+    return shortened(" ".join(map(str.strip, text.splitlines())))
 
 
 def shortened(text: str) -> str:

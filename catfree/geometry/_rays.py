@@ -23,18 +23,18 @@ def pixel_to_ray(
         K: (3, 3) intrinsics in pixels.
         R: (3, 3) world-to-camera rotation.
         t: (3,) world-to-camera translation in scene units.
-        pixel: (2,) in original image pixels, centre of the top-left pixel at (0, 0).
+        pixel: (2,) in original image pixels, center of the top-left pixel at (0, 0).
         distortion: (5,) or (8,) OpenCV coefficients, or None for a pinhole.
 
     Returns:
-        origin: (3,) camera centre `-Rᵀ t` in the world frame, scene units.
+        origin: (3,) camera center `-Rᵀ t` in the world frame, scene units.
         direction: (3,) unit vector in the world frame.
 
     Raises:
         InvalidInputError: if pixel or t is not one vector.
 
     Source: paper, Sec. "Pedestrian observations and ray reliability", back-projection of the
-        bottom centre of a box.
+        bottom center of a box.
     """
     intrinsics, rotation, translation, pixel, distortion = float_arrays(K, R, t, pixel, distortion)
     require_vectors(3, t=translation)
@@ -50,18 +50,18 @@ def angular_residual(
     origin: Real[HostOrDevice, "3"],
     direction: Real[HostOrDevice, "3"],
 ) -> Float[Array, ""]:
-    """The angle at a camera centre between a ray and the line of sight to a position.
+    """The angle at a camera center between a ray and the line of sight to a position.
 
     Written with the arctangent: the arccosine of the paper loses all digits of an angle below
     3e-4 rad in float32 and has no derivative at 0 and pi.
 
     Args:
         position: (3,) world point in scene units.
-        origin: (3,) camera centre in scene units.
+        origin: (3,) camera center in scene units.
         direction: (3,) unit vector in the world frame.
 
     Returns:
-        () radians in [0, pi]; pi / 2 with gradient 0 for a position at the camera centre, which
+        () radians in [0, pi]; pi / 2 with gradient 0 for a position at the camera center, which
         lies in no direction.
 
     Raises:

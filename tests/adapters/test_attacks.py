@@ -258,6 +258,7 @@ def test_bad_values_are_quoted_in_part(tmp_path):
                 read(path)
             assert len(str(error.value).replace(str(path), "")) < LONGEST
     assert quoted("short") == "'short'"
+    assert quoted(np.eye(2)) == "array([[1., 0.], [0., 1.]])"
     for value in (10**6000, [[0] * 99] * 99, {long: long}, ValueError(long)):
         assert len(quoted(value)) < 200
 
