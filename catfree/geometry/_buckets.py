@@ -56,24 +56,21 @@ def padded(array: np.ndarray, *lengths: int) -> Array:
     return jax.device_put(whole)  # `jnp.asarray` would compile a copy of each shape
 
 
-def in_blocks(function: Callable[..., Any], rows: tuple[Any, ...], *blocks: int) -> Any:
-    """Apply a compiled row-wise function to any number of rows, in blocks of few fixed lengths.
+def in_blocks(function: Callable[..., Any], rows: tuple[Any, ...], block: int) -> Any:
+    """Apply a compiled row-wise function to any number of rows, in blocks of one length.
 
-    For stages whose cost hardly depends on the number of rows per call: the function is compiled
-    once per length, and only the last block is padded.
+    The function is compiled once, and only the last block is padded.
 
     Args:
         function: maps arrays of `block` rows to arrays (or pytrees of them) of as many rows, each
             row independently.
         rows: arrays (n, ...) or pytrees of them.
-        blocks: rows per call, ascending; the longest that the rows fill by a quarter is used, else
-            the shortest.
+        block: rows per call.
 
     Returns:
         The function's results for all n rows, on the host.
     """
     n = len(jax.tree.leaves(rows)[0])
-    block = next((length for length in reversed(blocks) if 4 * n >= length), blocks[0])
     if n == 0:
         rows = jax.tree.map(lambda a: np.zeros((1, *a.shape[1:]), a.dtype), rows)
     parts = []

@@ -69,20 +69,6 @@ def test_blocks_give_what_one_call_gives(count, block):
     assert set(lengths) == {block}
 
 
-@given(st.integers(0, 40))
-def test_blocks_are_the_longest_that_the_rows_fill_by_a_quarter(count):
-    lengths = []
-
-    def function(x):
-        lengths.append(len(x))
-        return x
-
-    rows = np.arange(count)
-    np.testing.assert_array_equal(in_blocks(function, (rows,), 4, 32), rows)
-    assert set(lengths) == ({32} if count >= 8 else {4})
-    assert sum(lengths) <= max(4 * count, 4)
-
-
 def test_blocks_compile_once_and_keep_shapes_without_rows():
     @jax.jit
     def function(x, y):

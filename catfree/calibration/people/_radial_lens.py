@@ -11,7 +11,7 @@ from catfree.geometry._buckets import in_blocks
 from catfree.geometry.camera import undistort
 from catfree.types import Rig
 
-BLOCKS = (256, 8192)  # block sizes: pixels undistorted together
+BLOCK = 2048  # pixels undistorted together
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,7 @@ class RadialLenses:
         focal = self.focal[camera]
         rows = [np.stack([edges[:, 0], edges[:, i]], -1) / focal[:, None] for i in (1, 2)]
         with jax.enable_x64(True):
-            (head, foot) = (
-                in_blocks(_undistorted, (row, self.k1[camera]), *BLOCKS) for row in rows
-            )
+            (head, foot) = (in_blocks(_undistorted, (row, self.k1[camera]), BLOCK) for row in rows)
         column = (head[:, 0] + foot[:, 0]) / 2
         return np.stack([column, head[:, 1], foot[:, 1]], -1) * focal[:, None]
 

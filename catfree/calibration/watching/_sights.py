@@ -20,7 +20,7 @@ from catfree.types._sampling import frame_step
 
 BORDER = 0.005  # of the image side; a box that ends nearer to its border may be cut by it
 HEIGHTS = (0.7, 1.3)  # of the median height; bounds of the height of one person
-BLOCKS = (256, 1024)  # sightings computed together
+BLOCK = 512  # sightings computed together
 
 
 @dataclass(frozen=True)
@@ -284,7 +284,7 @@ def predicted(
 ) -> Float[np.ndarray, "n 3"]:
     """`predict_angles` for n sightings of cameras that neither turned nor lag."""
     with jax.enable_x64(True):
-        return in_blocks(_predicted, (state, velocity, place), *BLOCKS)
+        return in_blocks(_predicted, (state, velocity, place), BLOCK)
 
 
 def linear(
@@ -294,4 +294,4 @@ def linear(
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 11"]]:
     """`predicted`, and its derivatives by turn (3), lag, center (3), zoom and state (3)."""
     with jax.enable_x64(True):
-        return in_blocks(_linear, (state, velocity, place), *BLOCKS)
+        return in_blocks(_linear, (state, velocity, place), BLOCK)

@@ -13,7 +13,7 @@ from catfree.geometry.camera._pinhole import pinhole_pixel, pinhole_ray
 from catfree.geometry.camera._ray_grid import grid_pixel, grid_ray
 from catfree.types import Lens, Rig
 
-BLOCKS = (256, 8192)  # block sizes: pixels or points computed together
+BLOCK = 2048  # pixels or points computed together
 
 
 def rays_of_pixels(
@@ -89,7 +89,7 @@ def _apply(
     if lens == Lens.RAYS:
         grid = np.asarray(rig.rays, np.float64)[camera[0]]
         size = rig.image_size[camera[0]].astype(np.float64)
-        return in_blocks(lambda part: function(grid, size, part), (rows,), *BLOCKS)
+        return in_blocks(lambda part: function(grid, size, part), (rows,), BLOCK)
     K = np.asarray(rig.K, np.float64)[camera]
     coefficients = None
     if rig.distortion is not None:
@@ -97,7 +97,7 @@ def _apply(
     if lens == Lens.FISHEYE:
         none = np.zeros((len(camera), 4))
         coefficients = none if coefficients is None else coefficients[:, :4]
-    return in_blocks(function, (K, rows, coefficients), *BLOCKS)
+    return in_blocks(function, (K, rows, coefficients), BLOCK)
 
 
 def _each(function: Callable[..., Any]) -> Callable[..., Any]:

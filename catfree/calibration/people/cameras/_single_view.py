@@ -74,13 +74,13 @@ def fit_planes(
         np.ones(len(boxes), bool),
     )
     generator = np.random.default_rng(0)
-    starts = [_sample_plane(boxes[chosen], focal, settings, generator) for chosen in subsets]
+    n = coarse_length(len(boxes), BLOCK)
+    starts = [_sample_plane(boxes[chosen], n, focal, settings, generator) for chosen in subsets]
     begun = {subset: start for subset, start in enumerate(starts) if start is not None}
     if not begun:
         return np.zeros((0, 7))
     usual = next(iter(begun.values()))  # in place of those that are missing, and not used
     # From each start, to its own boxes and to all.
-    n = coarse_length(len(boxes), BLOCK)
     # Both edges change the implied height; the lower one also changes the range.
     by_edges = 2.0 * settings.apparent_height * sd / np.maximum(box_height, 1.0)
     spread = np.hypot(settings.person_height_sd, by_edges)
@@ -108,12 +108,16 @@ def fit_planes(
 
 
 def _sample_plane(
-    boxes: Float[np.ndarray, "n 3"],
+    boxes: Float[np.ndarray, "b 3"],
+    length: int,
     focal: float,
     settings: CalibrationSettings,
     generator: np.random.Generator,
 ) -> Float[np.ndarray, "7"] | None:
-    """RANSAC on box height as a linear function of the foot pixel; its zero is the horizon."""
+    """RANSAC on box height as a linear function of the foot pixel; its zero is the horizon.
+
+    For the compiled part, boxes are padded to a length.
+    """
     if len(boxes) < FEWEST_BOXES:
         return None
     scale = focal
@@ -138,9 +142,8 @@ def _sample_plane(
     plane[TILT] = np.arcsin(np.clip(normal[2], -0.99, 0.99))
     plane[ROLL] = np.arctan2(normal[0], normal[1])
     plane[Z] = 1.0
-    n = coarse_length(len(boxes), BLOCK)
     with jax.enable_x64(True):
-        height = np.asarray(_heights(plane, padded(boxes, n), np.zeros(())))[: len(boxes)]
+        height = np.asarray(_heights(plane, padded(boxes, length), np.zeros(())))[: len(boxes)]
     usable = np.isfinite(height) & (height > 0)
     if usable.sum() < FEWEST_BOXES:
         return None

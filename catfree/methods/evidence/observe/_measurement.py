@@ -83,7 +83,7 @@ class BoxConstants(NamedTuple):
         return cls(*(getattr(settings, name) for name in cls._fields))
 
 
-BLOCKS = (256, 2048)  # block sizes: boxes measured together
+BLOCK = 1024  # boxes measured together
 NEWTON_STEPS = 6  # Gauss-Newton steps of a box: it converges in three or four
 EXPLAINED = 6.0  # standard deviations; beyond, the Gauss-Newton steps went astray
 FOOT_ROUNDS = 2  # iterations of the foot column: the second changes it by the roll squared
@@ -275,7 +275,7 @@ def measure_boxes(
     measured = in_blocks(
         lambda *part: measure_all(*part, views, noise, constants),
         rows,
-        *BLOCKS,
+        BLOCK,
     )
     wide = lambda a: a.astype(np.float64, copy=False) if a.dtype.kind == "f" else a  # noqa: E731
     return jax.tree.map(wide, measured)

@@ -13,7 +13,7 @@ from catfree.geometry._person import box_edges
 from catfree.methods.evidence.observe._measurement import Measurements
 from catfree.methods.evidence.observe._views import GroundViews
 
-BLOCKS = (256, 4096)  # block sizes: boxes predicted together
+BLOCK = 1024  # boxes predicted together
 
 
 class Sightings(NamedTuple):
@@ -73,7 +73,7 @@ def predicted_edges(
         state: (n, 3) positions and heights in H0.
         matrix: (n, 3, 4) projection of the pinhole that sees each of them.
     """
-    return in_blocks(_edges_and_slopes, (state, matrix), *BLOCKS)
+    return in_blocks(_edges_and_slopes, (state, matrix), BLOCK)
 
 
 @jax.jit

@@ -26,7 +26,7 @@ from catfree.methods.evidence.observe._views import GroundViews
 from catfree.settings._calibration_settings import FOOT_AHEAD
 from catfree.types import Plane
 
-BLOCKS = (64, 512)  # block sizes: groups diagnosed together in all cameras
+BLOCK = 256  # groups diagnosed together in all cameras
 FEWEST = 20  # heights that tell a wrong ground from the noise of a few boxes
 
 
@@ -105,6 +105,6 @@ def ray_diagnostics(
     diagnostics = in_blocks(
         _diagnose,
         (np.broadcast_to(origins, (*rows.shape, 3)), direction[rows], weights),
-        *BLOCKS,
+        BLOCK,
     )
     return RayDiagnostics(*diagnostics)
