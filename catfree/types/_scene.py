@@ -180,11 +180,9 @@ class Scene(eqx.Module):
         """Write to one `.npz` file (no pickle).
 
         Raises:
-            InvalidInputError: if the folder does not exist, or a camera of a metric scene is so
-                high that the rig must be in another unit.
+            InvalidInputError: if the folder does not exist.
             WriteError: if the disk is full or not writable.
         """
-        require_plausible_heights(self)
         save_arrays(
             path,
             "Scene",
@@ -226,7 +224,7 @@ class Scene(eqx.Module):
 
 
 def require_scene(scene: Any) -> None:
-    """Raise unless this is a scene, and one with plausible heights if it claims meters.
+    """Raise unless this is a scene.
 
     Raises:
         InvalidInputError: saying how to make a scene of what was given.
@@ -237,7 +235,6 @@ def require_scene(scene: Any) -> None:
             "cf.Scene.from_rig(rig, ground), where z = 0 is cf.Plane([0, 0, 1], 0)."
         )
     require_instance(scene, Scene, "scene")
-    require_plausible_heights(scene)
 
 
 def require_plausible_heights(scene: Scene) -> Scene:
