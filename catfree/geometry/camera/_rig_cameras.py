@@ -13,7 +13,7 @@ from catfree.geometry.camera._pinhole import pinhole_pixel, pinhole_ray
 from catfree.geometry.camera._ray_grid import grid_pixel, grid_ray
 from catfree.types import Lens, Rig
 
-BLOCK = 2048  # pixels or points computed together
+BLOCK = 1024  # pixels or points computed together
 
 
 def rays_of_pixels(

@@ -83,7 +83,7 @@ class BoxConstants(NamedTuple):
         return cls(*(getattr(settings, name) for name in cls._fields))
 
 
-BLOCK = 1024  # boxes measured together
+BLOCK = 256  # boxes measured together; an instant of a running tracker is one block
 NEWTON_STEPS = 6  # Gauss-Newton steps of a box: it converges in three or four
 EXPLAINED = 6.0  # standard deviations; beyond, the Gauss-Newton steps went astray
 FOOT_ROUNDS = 2  # iterations of the foot column: the second changes it by the roll squared
