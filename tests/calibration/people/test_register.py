@@ -60,7 +60,7 @@ def replaced(detections, camera, box=None, frame=None):
     return Detections(frames, detections.camera, boxes)
 
 
-def assert_without(detections, camera):
+def assert_without(detections, camera, centers):
     """That camera alone is flagged, and the others stand as they do without its boxes."""
     found = register(detections, SIZE)
     without = register(detections[detections.camera != camera], np.tile(SIZE, (4, 1)))
@@ -74,6 +74,8 @@ def assert_without(detections, camera):
     apart = [np.linalg.norm(at[:, None] - at, axis=-1) for at in (one, other)]
     np.testing.assert_allclose(*apart, atol=0.05)
     np.testing.assert_allclose(one[:, 2], other[:, 2], atol=0.05)
+    # As for the whole rig: a decimetre or two.
+    assert center_errors(found, centers)[0].mean() < 0.3
 
 
 def test_a_small_world_is_recovered_in_metres(world, recovered):
@@ -81,16 +83,17 @@ def test_a_small_world_is_recovered_in_metres(world, recovered):
     errors, stated, scale = center_errors(found, world.true_centres)
     assert found.scene.rig.registered.all()
     assert (errors < 3 * stated).all()
-    # The crowd of this world is not as tall as assumed: that is in the scale.
+    assert errors.mean() < 0.3
+    # The crowd of this world is not as tall as assumed; that, and no more, is in the scale.
     tall = world.walkers.height.mean()
-    assert abs(scale * tall / RULES.person_height - 1) < abs(scale - 1)
+    assert abs(scale * tall / RULES.person_height - 1) < min(abs(scale - 1), 0.05)
     assert abs(scale - 1) < 2 * found.scale_sd < 0.2
     assert found.scene.metric
     assert (np.asarray(found.scene.rig.centers)[:, 2] > 0).all()
     focal = np.asarray(found.scene.rig.K)[:, 0, 0] / np.asarray(world.true_rig.K)[:, 0, 0]
     assert np.abs(focal - 1).mean() < 0.05
-    assert (found.log_likelihood_ratio > RULES.minimum_margin).all()
-    assert (found.association_rate > RULES.minimum_association).all()
+    assert (found.log_likelihood_ratio > max(RULES.minimum_margin, 25)).all()
+    assert (found.association_rate > max(RULES.minimum_association, 0.45)).all()
     assert (found.association_rate <= 1).all()
     assert (found.focal_sd > 0).all()
     assert np.linalg.eigvalsh(found.center_covariance).min() > -1e-9
@@ -173,7 +176,7 @@ def test_a_shuffled_camera_is_flagged(world):
     frames = np.unique(world.detections.frame)
     other = rng.permutation(frames)
     shuffled = replaced(world.detections, 1, frame=lambda f: other[np.searchsorted(frames, f)])
-    assert_without(shuffled, 1)
+    assert_without(shuffled, 1, world.true_centres)
 
 
 def test_a_mirrored_camera_is_flagged(world):
@@ -182,7 +185,7 @@ def test_a_mirrored_camera_is_flagged(world):
         2,
         box=lambda b: np.stack([1919 - b[:, 2], b[:, 1], 1919 - b[:, 0], b[:, 3]], -1),
     )
-    assert_without(mirrored, 2)
+    assert_without(mirrored, 2, world.true_centres)
 
 
 def test_a_camera_that_looks_elsewhere_is_flagged(world):
@@ -194,7 +197,7 @@ def test_a_camera_that_looks_elsewhere_is_flagged(world):
         np.concatenate([kept.camera, theirs.camera]),
         np.concatenate([kept.box, theirs.box]),
     )
-    assert_without(mixed, 0)
+    assert_without(mixed, 0, world.true_centres)
 
 
 def test_a_camera_without_boxes_is_flagged(world):
