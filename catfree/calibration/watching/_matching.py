@@ -195,21 +195,23 @@ def best(
     tried: list[Correction],
 ) -> Correction:
     """The correction with most matches; the present one unless another is clearly better."""
+    begin, end = np.searchsorted(sights.boxes.camera, [camera, camera + 1])
+    if begin == end:
+        return present
+    first, last = sights.boxes.frame[[begin, end - 1]]
     state, corrections = sights.people.state[person], [present, *tried]
     matches = match_boxes(sights, person, state, [(camera, one) for one in corrections])
-    recorded = sights.boxes.frame[sights.boxes.camera == camera]
 
     def share(one: BoxMatches, correction: Correction) -> float:
         """Score per person who should be in an image, while the camera was recording."""
         shown = sights.people.frame[one.expected] + correction.shift
-        inside = (shown >= recorded[0]) & (shown <= recorded[-1]) if len(recorded) else shown < 0
-        return one.score / max(np.count_nonzero(inside), 1)
+        return one.score / max(np.count_nonzero((shown >= first) & (shown <= last)), 1)
 
-    shares = list(map(share, matches, corrections))
+    present_share, *shares = map(share, matches, corrections)
     least = max(BETTER * matches[0].score, matches[0].score + FEWEST)
     better = [
         (other.score, -index)
-        for index, other in enumerate(matches[1:])
-        if other.score >= least and shares[index + 1] > shares[0]
+        for index, (other, by_other) in enumerate(zip(matches[1:], shares, strict=True))
+        if other.score >= least and by_other > present_share
     ]
     return tried[-max(better)[1]] if better else present

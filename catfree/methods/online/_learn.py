@@ -191,10 +191,8 @@ def learn_places(
     usual = learned.usual
     if len(places) and (fully or np.isnan(usual).any()):
         some = evenly_spread(places, USUAL_PLACES)
-        usual_distances = usual_place(
-            some[:, :2], some[:, 2], some[:, 3].astype(np.int64), settings
-        )
-        usual = np.array(usual_distances)
+        whole = some[:, 3].astype(np.int64)
+        usual = np.array(usual_place(some[:, :2], some[:, 2], whole, settings))
     return replace(learned, places=places, usual=usual)
 
 

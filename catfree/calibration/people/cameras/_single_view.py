@@ -116,7 +116,7 @@ def _sample_plane(
 ) -> Float[np.ndarray, "7"] | None:
     """RANSAC on box height as a linear function of the foot pixel; its zero is the horizon.
 
-    For the compiled part, boxes are padded to a length.
+    The compiled part pads the boxes to `length`.
     """
     if len(boxes) < FEWEST_BOXES:
         return None
