@@ -15,7 +15,7 @@ from benchmarks.paper.table import Cell, Table
 from catfree.evaluation import leave_one_camera_out
 from catfree.geometry import transform_scene
 from catfree.synthetic import World, angular_residuals
-from catfree.synthetic._silhouettes import observe
+from catfree.synthetic._silhouettes import cast_silhouettes
 
 SIGMA_THETA = cf.Settings.paper().rays.sigma_theta
 CONFIDENCE = cf.Settings.paper().confidence
@@ -92,7 +92,7 @@ def recall(world: World) -> float:
 
     Visible means any part within the picture that nobody nearer hides.
     """
-    seen = observe(world.walkers, world.true_rig, world.columns)
+    seen = cast_silhouettes(world.walkers, world.true_rig, world.columns)
     counted = world.walkers.inside[seen.frame, seen.person] & (seen.visible.max(axis=1) > 0)
     shape = (len(world.walkers.present), world.true_rig.camera_count, len(world.walkers.height))
     assert world.detections.score is not None

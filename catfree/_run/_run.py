@@ -19,11 +19,11 @@ from catfree._run._input_checks import (
 )
 from catfree._run._stages import (
     calibrate_cameras,
-    detect,
     detect_again,
     localize_people,
     reconstruct,
 )
+from catfree._run.detection._cached_detection import detect_with_cache
 from catfree._run.detection._camera_detectors import CameraDetectors
 from catfree.adapters.background._background_detector import BackgroundDetector
 from catfree.adapters.datasets._detection_files import CameraBoxes
@@ -253,7 +253,7 @@ def run_stages(
     cache = None if cache_dir is None else StageCache(cache_dir)
 
     with CameraDetectors(videos, detector, cache, progress, workers=workers) as cameras:
-        detections = detect(videos, cameras, embedder, cache=cache, progress=progress)
+        detections = detect_with_cache(videos, cameras, embedder, cache, progress)
         so_far.detections = detections
         if videos.interruption is not None:
             so_far.warnings += (

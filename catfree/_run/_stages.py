@@ -1,4 +1,4 @@
-"""The stages of a run, each loaded from the cache if an earlier run finished it."""
+"""The stages of a run after detection, each loaded from the cache if an earlier run finished it."""
 
 import dataclasses
 import hashlib
@@ -11,7 +11,7 @@ from jaxtyping import Int
 from catfree._run._cache import StageCache, code_hash, content_hash
 from catfree._run._input_checks import tiny_boxes
 from catfree._run._stitch import stitch_tracks
-from catfree._run.detection._cached_detection import detect_with_cache, fingerprint_of
+from catfree._run.detection._cached_detection import fingerprint_of
 from catfree._run.detection._camera_detectors import CameraDetectors
 from catfree._run.detection._second_look import expected_people, look_again
 from catfree.adapters.datasets._detection_files import CameraBoxes
@@ -35,18 +35,6 @@ from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress
 
 T = TypeVar("T")
-
-
-def detect(
-    videos: SynchronizedVideos,
-    cameras: CameraDetectors,
-    embedder: Embedder | None = None,
-    *,
-    cache: StageCache | None = None,
-    progress: Progress | None = None,
-) -> Detections:
-    """First stage: detect people in all videos; see `detect_with_cache`."""
-    return detect_with_cache(videos, cameras, embedder, cache, progress)
 
 
 def calibrate_cameras(

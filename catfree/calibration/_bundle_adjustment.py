@@ -60,7 +60,7 @@ class CameraTie(CheckedSettings):
 
 
 @dataclass(frozen=True)
-class Sightings:
+class FootPixels:
     """Foot pixels of people, one row per person and one column per camera.
 
     Attributes:
@@ -95,7 +95,7 @@ class Adjustment:
 
 
 def adjust(
-    sightings: Sightings,
+    sightings: FootPixels,
     cameras: Cameras,
     points: Float[np.ndarray, "person 3"],
     *,
@@ -230,7 +230,7 @@ def _solve(start: Unknowns, feet: _Feet, most_steps: Array) -> tuple[Unknowns, A
     return solution.value, solution.stats["cost"]
 
 
-def _noise(sightings: Sightings, cameras: Cameras, points: Float[np.ndarray, "person 3"]) -> float:
+def _noise(sightings: FootPixels, cameras: Cameras, points: Float[np.ndarray, "person 3"]) -> float:
     """Estimate the standard deviation of a foot pixel of weight 1 from the median residual."""
     direction = points[:, None] - cameras.center
     in_front = np.einsum("ci,pci->pc", cameras.R[:, 2], direction) > NEAREST_DEPTH

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.calibration._adjusted_cameras import Cameras, with_registered
-from catfree.calibration._bundle_adjustment import Sightings, adjust
+from catfree.calibration._bundle_adjustment import FootPixels, adjust
 from catfree.calibration._refine_by_evidence import refine_by_evidence
 from catfree.calibration._refinement import (
     Refinement as Refinement,
@@ -216,7 +216,7 @@ def _adjusted(
     # Projected rays are the foot pixels without lens distortion.
     pixel = current.cameras.project_directions(direction)
     return adjust(
-        Sightings(pixel, weight),
+        FootPixels(pixel, weight),
         current.cameras,
         current.points,
         start=start,

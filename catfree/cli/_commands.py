@@ -422,7 +422,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         )
         from catfree._run._report import camera_table, footage_table
         from catfree._run._result_folder import write_rig
-        from catfree._run._stages import calibrate_cameras, detect
+        from catfree._run._stages import calibrate_cameras
+        from catfree._run.detection._cached_detection import detect_with_cache
         from catfree._run.detection._camera_detectors import CameraDetectors
         from catfree.adapters.background._background_detector import BackgroundDetector
         from catfree.calibration.people import resolve_anchors
@@ -450,7 +451,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 unfinished.videos, unfinished.warnings = source, footage_warnings(source)
                 workers = processor_count()
                 with CameraDetectors(source, finder, stages, progress, workers=workers) as cameras:
-                    boxes = detect(source, cameras, cache=stages, progress=progress)
+                    boxes = detect_with_cache(source, cameras, None, stages, progress)
                 unfinished.detections = boxes
             calibration = calibrate_cameras(
                 source,

@@ -47,7 +47,16 @@ def factorize(matrix: Triangle) -> tuple[Vector, Vector]:
 
 
 def solve_triangle(matrix: Triangle, vector: Vector) -> Vector:
-    """`solve` by entries, for one system or many of any common shape."""
+    """Solve `matrix x = vector` by entries, for one system or many of any common shape.
+
+    Args:
+        matrix: lower triangles of symmetric positive semi-definite matrices.
+        vector: right-hand sides.
+
+    Returns:
+        The solutions, as accurate as the matrix's condition allows; finite but meaningless along
+        the null space of a singular matrix.
+    """
     (l10, l20, l21), (r0, r1, r2) = factorize(matrix)
     y0, y1, y2 = vector
     y1 = y1 - l10 * y0
@@ -56,20 +65,6 @@ def solve_triangle(matrix: Triangle, vector: Vector) -> Vector:
     x1 = r1 * y1 - l21 * x2
     x0 = r0 * y0 - l10 * x1 - l20 * x2
     return x0, x1, x2
-
-
-def solve(matrix: Float[Array, "3 3"], vector: Float[Array, "3"]) -> Float[Array, "3"]:
-    """Solve `matrix x = vector` for a symmetric positive definite matrix.
-
-    Args:
-        matrix: (3, 3) symmetric positive semi-definite; only the lower triangle is read.
-        vector: (3,) right-hand side.
-
-    Returns:
-        (3,) the solution, as accurate as the matrix's condition allows; finite but meaningless
-        along the null space of a singular matrix.
-    """
-    return jnp.stack(solve_triangle(lower_triangle(matrix), (vector[0], vector[1], vector[2])))
 
 
 def inverse(matrix: Float[Array, "3 3"]) -> Float[Array, "3 3"]:

@@ -129,7 +129,7 @@ class Crowd:
         return crowd
 
 
-def advance(crowd: Crowd, rng: np.random.Generator, dt: float) -> None:
+def advance_crowd(crowd: Crowd, rng: np.random.Generator, dt: float) -> None:
     """Advance the crowd by `dt` seconds, in place."""
     crowd.time += dt
     _choose_targets(crowd, rng)

@@ -81,7 +81,7 @@ def body_points(walkers: Walkers) -> Float[np.ndarray, "t p k 3"]:
     return np.stack([x, y, up], -1)
 
 
-def observe(
+def cast_silhouettes(
     walkers: Walkers, rig: Rig, columns: Float[np.ndarray, "k 4"] | None = None
 ) -> Silhouettes:
     """Compute the box of each body in every camera, and the parts hidden by people and columns.
@@ -102,7 +102,7 @@ def observe(
     )
 
 
-def project(rig: Rig, camera: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def project_points(rig: Rig, camera: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (..., 2) of world points (..., 3), and their depths (...,).
 
     With other lenses than ideal pinholes, the depth is the distance, negative without an image.
@@ -123,7 +123,7 @@ def _observe_one(
     walkers: Walkers, points: np.ndarray, fixed: np.ndarray, rig: Rig, camera: int
 ) -> Silhouettes:
     width, height = (int(pixels) for pixels in rig.image_size[camera])
-    pixel, depth = project(rig, camera, points)
+    pixel, depth = project_points(rig, camera, points)
     box = np.concatenate([pixel.min(2), pixel.max(2)], -1)
     in_image = walkers.present & (depth.min(2) > NEAREST)
     in_image &= (box[..., 2] > 0) & (box[..., 0] < width)
@@ -138,7 +138,7 @@ def _observe_one(
     box, distance = box[frame, person], distance[frame, person]
     inside = _inside_bits(box, width, height)
     hidden, hidden_by = _hidden_by_people(frame, person, box)
-    column_pixel, column_depth = project(rig, camera, fixed)
+    column_pixel, column_depth = project_points(rig, camera, fixed)
     for corner, near in zip(column_pixel, column_depth, strict=True):
         if near.min() > NEAREST:
             outline = np.concatenate([corner.min(0), corner.max(0)])

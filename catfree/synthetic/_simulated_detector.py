@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import expit, ndtr
 
-from catfree.synthetic._silhouettes import ROWS, Silhouettes, observe
+from catfree.synthetic._silhouettes import ROWS, Silhouettes, cast_silhouettes
 from catfree.synthetic._walkers import Walkers
 from catfree.types import Detections, Rig
 
@@ -85,7 +85,7 @@ def detect(
     """
     model = DetectorModel() if model is None else model
     rng = np.random.default_rng([seed, 3])
-    bodies = observe(walkers, rig, columns)
+    bodies = cast_silhouettes(walkers, rig, columns)
     detected = _draw_detected(rng, bodies, walkers, rig.camera_count, model)
     visible, person = bodies.visible[detected], bodies.person[detected]
     camera, frame = bodies.camera[detected], bodies.frame[detected]

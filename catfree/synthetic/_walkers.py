@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.errors import InvalidInputError
-from catfree.synthetic._crowd_motion import Crowd, advance
+from catfree.synthetic._crowd_motion import Crowd, advance_crowd
 
 Area = tuple[float, float, float, float]
 
@@ -132,7 +132,7 @@ def simulate_walkers(
     }
     for frame in range(frames):
         for _ in range(steps if frame else 0):
-            advance(crowd, rng, dt)
+            advance_crowd(crowd, rng, dt)
         crowd.time = frame / fps
         for name, history in record.items():
             history.append(getattr(crowd, name).copy())

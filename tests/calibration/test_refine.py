@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from catfree.calibration._adjusted_cameras import Cameras
-from catfree.calibration._bundle_adjustment import CameraTie, Sightings, adjust
+from catfree.calibration._bundle_adjustment import CameraTie, FootPixels, adjust
 from catfree.calibration._refine import RefinementSettings, ground_under_people, refine
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.evaluation import align_centres
@@ -36,7 +36,7 @@ def small_problem(seed: int, *, noise: float = 0.0, people: int = 12):
     pixel = cameras.project_directions(direction) + noise * rng.normal(size=(people, 4, 2))
     weight = rng.uniform(0.2, 1, (people, 4)) * (rng.uniform(size=(people, 4)) < 0.9)
     pixel[weight == 0] = np.nan
-    return rng, cameras, points, Sightings(pixel, weight)
+    return rng, cameras, points, FootPixels(pixel, weight)
 
 
 def test_finds_the_minimum_that_scipy_finds():
@@ -78,7 +78,7 @@ def test_exact_sightings_bring_the_cameras_back():
 
 def test_nobody_seen_leaves_the_cameras_alone():
     _, cameras, points, sightings = small_problem(0)
-    nothing = Sightings(sightings.pixel, np.zeros_like(sightings.weight))
+    nothing = FootPixels(sightings.pixel, np.zeros_like(sightings.weight))
     found = adjust(nothing, cameras, points).cameras
     np.testing.assert_allclose(found.away_from(cameras), 0, atol=1e-12)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from catfree.adapters import Detector, FittedToCamera, SynchronizedVideos, write_scene_json
-from catfree.synthetic._silhouettes import observe
+from catfree.synthetic._silhouettes import cast_silhouettes
 
 pytestmark = pytest.mark.slow
 
@@ -14,7 +14,7 @@ def test_its_boxes_lie_on_people(load_example, rendered):
     finder = load_example("bring_your_own_detector").Moving()
     assert isinstance(finder, FittedToCamera)
     footage = SynchronizedVideos(videos)
-    bodies = observe(world.walkers, world.true_rig)
+    bodies = cast_silhouettes(world.walkers, world.true_rig)
     on_somebody = []
     for camera in range(3):
         detector = finder.fit(footage.pictures_of(camera))

@@ -9,12 +9,19 @@ from hypothesis.extra import numpy as hnp
 
 from catfree.geometry import _symmetric3 as symmetric3
 
-solve = jax.jit(symmetric3.solve)
-solve_jacobian = jax.jit(jax.jacrev(symmetric3.solve))
 invert = jax.jit(symmetric3.inverse)
 
 entries = hnp.arrays(np.float64, (3, 3), elements=st.floats(-1, 1))
 vectors = hnp.arrays(np.float64, 3, elements=st.floats(-1, 1, allow_subnormal=False))
+
+
+@jax.jit
+def solve(matrix, vector):
+    triangle = symmetric3.lower_triangle(matrix)
+    return jnp.stack(symmetric3.solve_triangle(triangle, (vector[0], vector[1], vector[2])))
+
+
+solve_jacobian = jax.jit(jax.jacrev(solve))
 
 
 def with_eigenvalues(entries: np.ndarray, values: np.ndarray) -> np.ndarray:

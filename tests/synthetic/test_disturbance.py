@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from catfree.geometry._similarity import transform_scene
 from catfree.synthetic._disturbance import arbitrary_gauge, disturb, disturb_ground
 from catfree.synthetic._layouts import make_layout
-from catfree.synthetic._silhouettes import project
+from catfree.synthetic._silhouettes import project_points
 
 SCENE = make_layout("ring5", 4).scene
 POINTS = np.array([[0.0, 0.0, 0.0], [2.0, -3.0, 1.7], [-5.0, 4.0, 0.3]])
@@ -47,9 +47,9 @@ def test_ground_is_off_by_exactly_the_stated_amounts(seed, tilt, offset):
 def test_gauge_moves_no_pixel_and_round_trips(x64, seed):
     scene, gauge = arbitrary_gauge(SCENE, seed)
     for camera in range(SCENE.rig.camera_count):
-        before, depth_before = project(SCENE.rig, camera, POINTS)
-        after, depth_after = project(scene.rig, camera, np.asarray(gauge(POINTS)))
-        # `project` keeps depths off zero by an absolute length: compare points in front only.
+        before, depth_before = project_points(SCENE.rig, camera, POINTS)
+        after, depth_after = project_points(scene.rig, camera, np.asarray(gauge(POINTS)))
+        # Depths are kept off zero by an absolute length: compare points in front only.
         front = depth_after > 2e-3
         np.testing.assert_array_equal(depth_before > 0, depth_after > 0)
         np.testing.assert_allclose(after[front], before[front], atol=1e-6)

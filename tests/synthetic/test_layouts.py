@@ -11,7 +11,7 @@ from catfree.synthetic._layouts import (
     make_layout,
     ring,
 )
-from catfree.synthetic._silhouettes import project
+from catfree.synthetic._silhouettes import project_points
 
 NAMES = [*LAYOUTS, "ring4", "ring9"]
 
@@ -25,7 +25,7 @@ def covering(layout) -> np.ndarray:
     for camera in range(layout.rig.camera_count):
         whole = np.ones(len(ground), bool)
         for up in (0.0, 1.7):
-            pixel, depth = project(layout.rig, camera, np.insert(ground, 2, up, axis=1))
+            pixel, depth = project_points(layout.rig, camera, np.insert(ground, 2, up, axis=1))
             inside = (pixel >= 0) & (pixel < layout.rig.image_size[camera])
             whole &= inside.all(-1) & (depth > 0.5)
         count += whole

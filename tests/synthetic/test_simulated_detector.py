@@ -5,7 +5,13 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.synthetic._layouts import make_layout, ring
-from catfree.synthetic._silhouettes import NEAREST, ROWS, body_points, observe, project
+from catfree.synthetic._silhouettes import (
+    NEAREST,
+    ROWS,
+    body_points,
+    cast_silhouettes,
+    project_points,
+)
 from catfree.synthetic._simulated_detector import DetectorModel, detect
 from catfree.synthetic._walkers import Walkers, simulate_walkers
 
@@ -56,11 +62,11 @@ def along_the_view(distances) -> tuple:
 @given(seed=st.integers(0, 1000))
 def test_boxes_contain_the_projected_people(seed):
     layout, walkers = crowd(seed, frames=5)
-    seen = observe(walkers, layout.rig)
+    seen = cast_silhouettes(walkers, layout.rig)
     points = body_points(walkers)
     for camera in range(layout.rig.camera_count):
         rows = seen.camera == camera
-        pixel, depth = project(
+        pixel, depth = project_points(
             layout.rig, camera, points[seen.frame[rows], seen.person[rows]].reshape(-1, 3)
         )
         assert (depth > NEAREST).all()
@@ -75,7 +81,7 @@ def test_boxes_contain_the_projected_people(seed):
             walkers.height[seen.person[rows]],
             axis=1,
         )
-        head, _ = project(layout.rig, camera, top)
+        head, _ = project_points(layout.rig, camera, top)
         assert (np.abs(head[:, 1] - box[:, 1]) < 0.08 * (box[:, 3] - box[:, 1])).all()
 
 
@@ -84,7 +90,7 @@ def test_boxes_contain_the_projected_people(seed):
 def test_a_perfect_detector_reports_every_body_inside_an_image(seed):
     layout, walkers = crowd(seed, frames=3)
     detections, identity = detect(walkers, layout.rig, model=PERFECT, seed=seed)
-    seen = observe(walkers, layout.rig)
+    seen = cast_silhouettes(walkers, layout.rig)
     size = layout.rig.image_size[seen.camera]
     extent = np.minimum(seen.box[:, 2:], size - 1) - np.maximum(seen.box[:, :2], 0)
     large = (extent[:, 0] > 2.0) & (extent[:, 1] > 8.0)
@@ -99,7 +105,7 @@ def test_a_perfect_detector_reports_every_body_inside_an_image(seed):
 
 def test_nearer_people_hide_those_behind_and_not_the_reverse():
     rig, walkers = along_the_view([6.0, 6.8, 14.0])
-    seen = observe(walkers, rig)
+    seen = cast_silhouettes(walkers, rig)
     first = seen.camera == 0
     share = dict(zip(seen.person[first], seen.visible[first].mean(-1), strict=True))
     hider = dict(zip(seen.person[first], seen.hidden_by[first], strict=True))
@@ -115,7 +121,7 @@ def test_columns_hide_people_behind_them_only():
     rig, walkers = along_the_view([6.0, 10.0])
     between = (walkers.position[0, 0] + walkers.position[0, 1]) / 2
     column = np.array([[*between, 0.4, 4.0]])
-    free, blocked = observe(walkers, rig), observe(walkers, rig, column)
+    free, blocked = cast_silhouettes(walkers, rig), cast_silhouettes(walkers, rig, column)
     for person, changes in ((0, False), (1, True)):
         row = (free.camera == 0) & (free.person == person)
         assert (blocked.visible[row].mean() < free.visible[row].mean() - 0.3) == changes
@@ -126,7 +132,7 @@ def test_hidden_people_are_missed_more_often():
     layout, walkers = crowd(1, people=40, frames=60)
     model = replace(DetectorModel(), false_positives=0.0, embedding_size=0)
     detections, identity = detect(walkers, layout.rig, model=model, seed=1)
-    seen = observe(walkers, layout.rig)
+    seen = cast_silhouettes(walkers, layout.rig)
     got = set(zip(detections.frame, detections.camera, identity, strict=True))
     found = np.array([key in got for key in zip(seen.frame, seen.camera, seen.person, strict=True)])
     visible = seen.visible.mean(-1)
@@ -142,7 +148,7 @@ def test_ankles_and_boxes_know_hidden_feet():
     layout, walkers = crowd(2, people=40, frames=40)
     model = replace(PERFECT, ankle_rate=1.0, false_ankle_rate=0.0, truncation=1.0)
     detections, identity = detect(walkers, layout.rig, model=model, seed=2)
-    seen = observe(walkers, layout.rig)
+    seen = cast_silhouettes(walkers, layout.rig)
     row = {key: i for i, key in enumerate(zip(seen.frame, seen.camera, seen.person, strict=True))}
     index = np.array(
         [row[key] for key in zip(detections.frame, detections.camera, identity, strict=True)]

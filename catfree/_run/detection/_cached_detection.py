@@ -33,7 +33,7 @@ PIECE = 20
 
 
 @dataclass(frozen=True)
-class Appearance:
+class PieceEmbeddings:
     """Embeddings (n, D) of a piece, in the order of its boxes."""
 
     embedding: Float[np.ndarray, "n d"]
@@ -48,7 +48,7 @@ class _Piece:
     box_key: str
     look_key: str | None
     boxes: Detections | None
-    looks: Appearance | None
+    looks: PieceEmbeddings | None
 
     @property
     def complete(self) -> bool:
@@ -186,7 +186,7 @@ def _pieces(
         if embedder is not None:
             look_key = hash_parameters("looks", box_key, fingerprint_of(embedder, "embedder"))
         boxes = cache.load("boxes", box_key, Detections)
-        looks = None if look_key is None else cache.load("looks", look_key, Appearance)
+        looks = None if look_key is None else cache.load("looks", look_key, PieceEmbeddings)
         if boxes is not None and looks is not None and len(looks.embedding) != len(boxes):
             looks = None
         pieces.append(_Piece(first, count, box_key, look_key, boxes, looks))
@@ -220,7 +220,7 @@ def _complete(piece: _Piece, instants: Iterator[Instant[_Seen]], cache: StageCac
         if keep is not None:
             keep.store("boxes", piece.box_key, piece.boxes)
     if embedding:
-        piece.looks = Appearance(join_descriptions(embedding))
+        piece.looks = PieceEmbeddings(join_descriptions(embedding))
         if keep is not None and piece.look_key is not None:
             keep.store("looks", piece.look_key, piece.looks)
 

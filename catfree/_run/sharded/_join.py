@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 import catfree
 from catfree._run._cache import from_arrays
 from catfree._run.sharded._identities import Identities, Pairs, identify_recording
-from catfree._run.sharded._overlap import Positions, match_tracks
+from catfree._run.sharded._overlap import ShardPositions, match_tracks
 from catfree._run.sharded._receipt import (
     MANIFEST,
     MANIFEST_SCHEMA,
@@ -174,12 +174,12 @@ def _match(folder: Path, earlier: Receipt, later: Receipt) -> Pairs:
     return match_tracks(one, two)
 
 
-def _positions(folder: Path, receipt: Receipt, first: int, stop: int) -> Positions:
+def _positions(folder: Path, receipt: Receipt, first: int, stop: int) -> ShardPositions:
     names = ["frame", "track_id", "x", "y", "cov_xx", "cov_xy", "cov_yy"]
     column = _columns(folder, receipt, names, first, stop)
     covariance = symmetric(*(column[f"cov_{axes}"] for axes in ("xx", "xy", "yy")))
     tracked = column["track_id"] >= 0
-    return Positions(
+    return ShardPositions(
         column["frame"][tracked],
         column["track_id"][tracked],
         np.stack([column["x"], column["y"]], axis=-1)[tracked],

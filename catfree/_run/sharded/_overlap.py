@@ -14,7 +14,7 @@ from catfree.types._sampling import equal_pairs
 GATE = -2 * math.log(0.001)
 
 
-class Positions(eqx.Module):
+class ShardPositions(eqx.Module):
     """Positions of one shard within an overlap, sorted by frame.
 
     Attributes:
@@ -34,7 +34,7 @@ class Positions(eqx.Module):
 
 
 def match_tracks(
-    earlier: Positions, later: Positions
+    earlier: ShardPositions, later: ShardPositions
 ) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
     """Find the pairs of tracks that are one person.
 

@@ -127,7 +127,7 @@ def register(
     work, registered = _register_bent(detections, size, settings, names, report)
     if maximum_offset > 0:
         work, registered, offset = find_offsets(work, registered, maximum_offset, report)
-    return describe(work, registered, names, offset)
+    return describe_registration(work, registered, names, offset)
 
 
 def _register_bent(
@@ -238,7 +238,7 @@ def camera_sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarr
     return size.astype(np.int64)
 
 
-def describe(
+def describe_registration(
     work: Workspace,
     registered: RegisteredRig,
     names: Sequence[str],

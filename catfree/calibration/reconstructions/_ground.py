@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from catfree.calibration.reconstructions._ground_evidence import (
     GroundCandidate,
-    judge,
+    judge_plane,
     people_of,
     way_up,
 )
@@ -111,7 +111,7 @@ def find_ground(
         if len(candidates) and share * len(sample) < fewest:
             break
         plane = Plane(largest.normal, extent * largest.offset - largest.normal @ middle)
-        candidates.append(judge(plane, share, centers, people, up))
+        candidates.append(judge_plane(plane, share, centers, people, up))
         remaining = remaining[distance > REMOVED_SHARE * tolerance]
         if len(remaining) < fewest:
             break

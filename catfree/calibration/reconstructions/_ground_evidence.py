@@ -118,7 +118,7 @@ def way_up(rig: Rig, people: BodyRays | None) -> Float[np.ndarray, "3"]:
     return up if rising > 0 else -up
 
 
-def judge(
+def judge_plane(
     plane: Plane, share: float, centers: np.ndarray, people: BodyRays | None, up: np.ndarray
 ) -> GroundCandidate:
     """Judge a plane from the cameras and the people."""

@@ -106,7 +106,7 @@ def log_evidence(info: Information, density: Any, spread: Any) -> Any:
     )
 
 
-def inverse(matrix: Any) -> Any:
+def invert_symmetric(matrix: Any) -> Any:
     """Invert symmetric 3x3 matrices in closed form; (..., 3, 3) -> (..., 3, 3)."""
     xp = np if isinstance(matrix, np.ndarray) else jnp
     a, b, c = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2]
@@ -121,7 +121,7 @@ def inverse(matrix: Any) -> Any:
 def mean_and_covariance(info: Information, spread: Any) -> tuple[Any, Any]:
     """Most likely state and its covariance, height prior included; (..., 3) and (..., 3, 3)."""
     full = with_height_prior(info, spread)
-    covariance = inverse(full.matrix)
+    covariance = invert_symmetric(full.matrix)
     return (covariance * full.vector[..., None, :]).sum(-1), covariance
 
 

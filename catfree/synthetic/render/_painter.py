@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from catfree.synthetic._silhouettes import project
+from catfree.synthetic._silhouettes import project_points
 from catfree.synthetic._walkers import Walkers
 from catfree.synthetic.render._backdrop import Background
 from catfree.synthetic.render._bodies import BAG, body_vertices, build_mesh
@@ -62,7 +62,7 @@ class Painter:
         walkers = self.walkers
         people = np.flatnonzero(walkers.present[frame])
         middle = np.column_stack([walkers.position[frame, people], walkers.height[people] / 2])
-        pixel, depth = project(self.rig, self.camera, middle)
+        pixel, depth = project_points(self.rig, self.camera, middle)
         size = np.asarray(self.rig.image_size)[self.camera]
         # A body with its shadow extends less than a picture's height beyond the border.
         near = (depth > NEAREST) & (pixel > -size[1]).all(-1) & (pixel < size + size[1]).all(-1)
@@ -84,7 +84,7 @@ class Painter:
         """Darken the sunlit ground where bodies stand between it and the sun, in place."""
         sun = self.stage.sun
         ground = vertices - vertices[..., 2:] * (sun / sun[2])
-        pixel, depth = project(self.rig, self.camera, ground)
+        pixel, depth = project_points(self.rig, self.camera, ground)
         # Pixel centers of the half-size picture are at (2 i + 0.5).
         corner = (pixel - (SHADOW_SCALE - 1) / 2) / SHADOW_SCALE
         mask = np.zeros_like(self.sunlit)
@@ -118,7 +118,7 @@ class Painter:
     ) -> None:
         """Paint every body over what is behind it, in place; furniture in front stays."""
         mesh = self.mesh
-        pixel, depth = project(self.rig, self.camera, vertices)
+        pixel, depth = project_points(self.rig, self.camera, vertices)
         corner = pixel[:, mesh.faces]  # (N, F, 4, 2)
         diagonal, other = corner[:, :, 2] - corner[:, :, 0], corner[:, :, 3] - corner[:, :, 1]
         facing = diagonal[..., 0] * other[..., 1] - diagonal[..., 1] * other[..., 0] < 0

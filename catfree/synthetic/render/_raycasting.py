@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from catfree.synthetic._silhouettes import project
+from catfree.synthetic._silhouettes import project_points
 from catfree.synthetic.render._stage import Block, Cylinder, Sphere, Stage
 from catfree.synthetic.render._textures import cloud
 from catfree.types import Rig
@@ -30,7 +30,7 @@ class Canvas:
 
     def window(self, outline: np.ndarray) -> tuple[slice, slice] | None:
         """Rows and columns of the rays that may hit a convex hull, or None."""
-        pixel, depth = project(self.rig, self.camera, outline)
+        pixel, depth = project_points(self.rig, self.camera, outline)
         if depth.min() < 0.2:
             is_visible = depth.max() > 0.2 and not self._is_beside(outline)
             return (slice(None), slice(None)) if is_visible else None

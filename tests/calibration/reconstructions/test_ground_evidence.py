@@ -7,7 +7,7 @@ import pytest
 
 from catfree.calibration.reconstructions._ground_evidence import (
     FEWEST_DETECTIONS,
-    judge,
+    judge_plane,
     people_of,
     way_up,
 )
@@ -24,7 +24,7 @@ def world() -> World:
 def verdict(world: World, plane: Plane, *, with_people: bool = True):
     rig = world.true_rig
     people = people_of(rig, world.detections) if with_people else None
-    return judge(plane, 0.5, np.asarray(rig.centers), people, way_up(rig, people))
+    return judge_plane(plane, 0.5, np.asarray(rig.centers), people, way_up(rig, people))
 
 
 @pytest.mark.parametrize("with_people", [True, False])

@@ -12,7 +12,7 @@ from catfree.adapters import FrameDetections, SynchronizedVideos
 from catfree.methods._localize import localize
 from catfree.synthetic import make_world
 from catfree.synthetic._layouts import ring
-from catfree.synthetic._silhouettes import observe
+from catfree.synthetic._silhouettes import cast_silhouettes
 from catfree.types import Scene
 
 
@@ -86,7 +86,7 @@ def again_by(videos, detector, *arguments):
 def test_people_are_expected_where_they_are(world, found):
     """Foot, head and column of most true bodies in view, within a few hundredths of a height."""
     expected = expected_people(found, world.detections, world.true_scene)
-    bodies = observe(world.walkers, world.true_rig)
+    bodies = cast_silhouettes(world.walkers, world.true_rig)
     box = np.array(bodies.box)
     whole = (box[:, 0] > 0) & (box[:, 1] > 0) & (box[:, 2] < 1279) & (box[:, 3] < 719)
     position = world.walkers.position[bodies.frame, bodies.person]

@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import given, strategies as st
 
-from catfree._run.sharded._overlap import GATE, Positions, match_tracks
+from catfree._run.sharded._overlap import GATE, ShardPositions, match_tracks
 
 SIGMA = 0.1
 
@@ -12,7 +12,7 @@ def positions(rows):
     rows = np.asarray(rows, float).reshape(-1, 4)
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     covariance = np.tile(SIGMA**2 * np.eye(2), (len(rows), 1, 1))
-    return Positions(rows[:, 0].astype(int), rows[:, 1].astype(int), rows[:, 2:], covariance)
+    return ShardPositions(rows[:, 0].astype(int), rows[:, 1].astype(int), rows[:, 2:], covariance)
 
 
 @given(st.integers(1, 6), st.integers(1, 20), st.randoms(use_true_random=False))

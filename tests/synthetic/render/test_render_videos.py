@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from catfree.errors import InvalidInputError
-from catfree.synthetic._silhouettes import STRIDE_SHARE, observe, project
+from catfree.synthetic._silhouettes import STRIDE_SHARE, cast_silhouettes, project_points
 from catfree.synthetic.render import make_demo_world, render_videos, street_furniture
 from catfree.synthetic.render._backdrop import render_background
 from catfree.synthetic.render._bodies import SHIRT, body_vertices, build_mesh
@@ -46,7 +46,7 @@ def changes(painted, background):
 
 @pytest.mark.slow
 def test_bodies_appear_where_the_truth_projects(world, stage, backgrounds):
-    seen = observe(world.walkers, world.true_rig, world.columns)
+    seen = cast_silhouettes(world.walkers, world.true_rig, world.columns)
     checked = 0
     for camera in range(2):
         artist = painter(world, stage, backgrounds, camera, sunlight=0.0)
@@ -105,7 +105,7 @@ def test_furniture_hides_who_stands_behind_it(world, stage, backgrounds):
         nearest = backgrounds[camera].distance
         assert np.isfinite(nearest).any()
         for x, y, radius, height in world.columns:
-            foot, depth = project(world.true_rig, camera, np.array([x, y, height / 3]))
+            foot, depth = project_points(world.true_rig, camera, np.array([x, y, height / 3]))
             column, row = np.round(foot).astype(int)
             if not (0 <= column < 640 and 0 <= row < 360) or height < 1:
                 continue
@@ -125,7 +125,7 @@ def test_videos_are_complete_and_show_people(tmp_path):
     assert [path.name for path in paths] == ["camera_0.mp4", "camera_1.mp4"]
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [p.name for p in paths]
     assert reports == [("render", 5, 10), ("render", 10, 10)]
-    seen = observe(world.walkers, world.true_rig, world.columns)
+    seen = cast_silhouettes(world.walkers, world.true_rig, world.columns)
     for camera, path in enumerate(paths):
         video = cv2.VideoCapture(str(path))
         assert video.get(cv2.CAP_PROP_FPS) == world.layout.fps

@@ -125,7 +125,7 @@ def on_map(camera: Float[Array, "7"], frame: Float[Array, "4"]) -> Float[Array, 
     return jnp.concatenate([camera[:PAN], moved])
 
 
-def ground_point(camera: Float[Array, "7"], pixel: Float[Array, "2"]) -> Float[Array, "2"]:
+def ground_of_pixel(camera: Float[Array, "7"], pixel: Float[Array, "2"]) -> Float[Array, "2"]:
     """Where the ray of a pixel, counted from the image center, meets the ground z = 0.
 
     Rays that do not fall meet it very far away.
@@ -147,7 +147,7 @@ def quantity(
 ) -> Float[Array, "3"]:
     """Compute a quantity of `QUANTITIES` for a camera, padded with zeros."""
     placed = on_map(camera, frame)
-    first, second = ground_point(placed, pixels[0]), ground_point(placed, pixels[1])
+    first, second = ground_of_pixel(placed, pixels[0]), ground_of_pixel(placed, pixels[1])
     away, zero = first - second, jnp.zeros((), placed.dtype)
     distance = jnp.log(jnp.maximum(jnp.sum(away**2), NEAREST**2)) / 2
     alone = [distance, jnp.log(jnp.maximum(placed[Z], NEAREST)), placed[LOG_FOCAL]]

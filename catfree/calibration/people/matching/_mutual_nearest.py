@@ -150,7 +150,7 @@ class Judgment:
     matches: int
 
 
-def judge(
+def judge_candidate(
     candidate: GroundMap,
     others: GroundMap,
     density: ChanceDensity,

@@ -18,7 +18,11 @@ from catfree.calibration.people.matching._group_people import (
     seen_by,
     seen_by_any,
 )
-from catfree.calibration.people.matching._mutual_nearest import Judgment, chance_density, judge
+from catfree.calibration.people.matching._mutual_nearest import (
+    Judgment,
+    chance_density,
+    judge_candidate,
+)
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.settings import CalibrationSettings
 
@@ -72,7 +76,7 @@ def judge_with_chance(
     density = chance_density(candidate)
 
     def at_shift(shift: int) -> Judgment:
-        return judge(
+        return judge_candidate(
             candidate.rolled(shift),
             others,
             density,

@@ -18,7 +18,7 @@ from catfree.geometry._person import (
     edges_and_slopes,
     height_at,
 )
-from catfree.methods.evidence._gaussian import Information, inverse, mean_and_covariance
+from catfree.methods.evidence._gaussian import Information, invert_symmetric, mean_and_covariance
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._views import GroundViews
 from catfree.settings import EvidenceSettings
@@ -207,7 +207,7 @@ def measure(
         normal = weighted.T @ slopes + jnp.diag(prior)
         gradient = weighted.T @ (edges - predicted) + prior * (1 - state)
         normal = normal + 1e-9 * jnp.trace(normal) * jnp.eye(3, dtype=dtype)
-        return state + inverse(normal) @ gradient, None
+        return state + invert_symmetric(normal) @ gradient, None
 
     state, _ = jax.lax.scan(step, start, None, length=NEWTON_STEPS)
     predicted, slopes = edges_and_slopes(matrix, None, state)

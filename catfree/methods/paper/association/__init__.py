@@ -31,7 +31,7 @@ from catfree.methods.paper.association._observe import (
     observe as observe,
 )
 from catfree.methods.paper.association._ray_weights import (
-    pose_ratio as pose_ratio,
+    measured_pose_ratio as measured_pose_ratio,
     ray_weights as ray_weights,
 )
 from catfree.methods.paper.association._tracklets import link_tracklets as link_tracklets

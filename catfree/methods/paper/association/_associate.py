@@ -11,7 +11,7 @@ from catfree.methods.paper.association._candidate_pairs import candidate_pairs
 from catfree.methods.paper.association._greedy_partition import greedy_partition
 from catfree.methods.paper.association._hypotheses import triangulate_groups
 from catfree.methods.paper.association._observe import Observations
-from catfree.methods.paper.association._ray_weights import pose_ratio, ray_weights
+from catfree.methods.paper.association._ray_weights import measured_pose_ratio, ray_weights
 from catfree.settings import Settings
 from catfree.types import Rays
 from catfree.types._annotations import Progress, no_progress
@@ -152,4 +152,4 @@ def learn_pose_ratio(
     of_observation = np.full(len(observations), np.nan)
     present = groups.member >= 0
     of_observation[groups.member[present]] = residual[present]
-    return pose_ratio(of_observation, observations.ankles_confirmed)
+    return measured_pose_ratio(of_observation, observations.ankles_confirmed)

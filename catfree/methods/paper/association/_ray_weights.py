@@ -13,7 +13,7 @@ DETECTION_BLOCK = 8192  # detections weighed by one call
 _weigh = jax.jit(jax.vmap(geometry.ray_weight, (0, None, 0, None, None)))
 
 
-def pose_ratio(
+def measured_pose_ratio(
     residual: Float[np.ndarray, " n"], ankles_confirmed: Bool[np.ndarray, " n"]
 ) -> float:
     """Weight of rays without confirmed ankles relative to rays with them.

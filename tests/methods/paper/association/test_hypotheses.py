@@ -12,7 +12,7 @@ from catfree.methods.paper.association import (
     exclusive_support,
     find_support,
     measure_support,
-    pose_ratio,
+    measured_pose_ratio,
     ray_weights,
     triangulate_groups,
 )
@@ -208,11 +208,11 @@ def test_no_groups_give_no_positions():
 def test_the_pose_ratio_compares_medians():
     residual = np.array([0.01, 0.02, 0.03, 0.02, 0.04, np.nan])
     ankles = np.array([True, True, True, False, False, True])
-    assert pose_ratio(residual, ankles) == pytest.approx((0.02 / 0.03) ** 2)
-    assert pose_ratio(residual, ~ankles) == 1
-    assert pose_ratio(residual, np.ones(6, bool)) == 1
-    assert pose_ratio(np.full(6, np.nan), ankles) == 1
-    assert pose_ratio(np.zeros(6), ankles) == 1
+    assert measured_pose_ratio(residual, ankles) == pytest.approx((0.02 / 0.03) ** 2)
+    assert measured_pose_ratio(residual, ~ankles) == 1
+    assert measured_pose_ratio(residual, np.ones(6, bool)) == 1
+    assert measured_pose_ratio(np.full(6, np.nan), ankles) == 1
+    assert measured_pose_ratio(np.zeros(6), ankles) == 1
 
 
 @pytest.mark.parametrize(
