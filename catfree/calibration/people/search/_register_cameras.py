@@ -1,8 +1,7 @@
 """Register all cameras: pairs, seeds, growth, focal lengths, and removal of wrong cameras."""
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -58,8 +57,7 @@ def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
     Raises:
         CalibrationError: if no two cameras share people.
     """
-    pairs = _search_pairs(work, report)
-    seeds = _adjust_seeds(work, pairs, report)
+    pairs, seeds = _search_seeds(work, report)
     shared = _focal_seems_shared(work, seeds)
     if not seeds:
         raise CalibrationError(
@@ -80,33 +78,42 @@ def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
     return RegisteredRig(rig, verdicts, shared)
 
 
-def _search_pairs(work: Workspace, report: Progress) -> list[PairHypothesis]:
-    """Find the best hypothesis of every pair of cameras, sorted by decreasing margin."""
-    couples = list(combinations(range(work.grid.camera_count), 2))
-    hypotheses = []
-    for done, couple in enumerate(couples, start=1):
-        pair = search_pair(work, *couple)
-        if pair is not None:
-            hypotheses.append(pair)
-        report("pairs", done, len(couples))
-    return sorted(hypotheses, key=lambda pair: -pair.margin)
-
-
 Seed = tuple[PlacementVerdict, AdjustedRig, tuple[int, int]]
 
 
-def _adjust_seeds(work: Workspace, pairs: list[PairHypothesis], report: Progress) -> list[Seed]:
-    """Adjust the best pairs and return the accepted ones, sorted by decreasing margin."""
-    chosen = pairs[: work.settings.seed_pairs]
-    seeds = []
-    report("seeds", 0, len(chosen))
+def _search_seeds(work: Workspace, report: Progress) -> tuple[list[PairHypothesis], list[Seed]]:
+    """Find the best hypothesis of every pair of cameras, and adjust the best pairs.
+
+    Returns:
+        All pairs, and those adjusted pairs whose cameras see the same people, each sorted by
+        decreasing margin.
+    """
+    couples = list(combinations(range(work.grid.camera_count), 2))
+    pairs: list[PairHypothesis] = []
+    adjusting: dict[tuple[int, int], Future[Seed | None]] = {}
     # One thread compiles or solves while another prepares.
     with ThreadPoolExecutor(processor_count()) as pool:
-        for done, seed in enumerate(pool.map(partial(_adjusted, work), chosen), start=1):
+        for done, couple in enumerate(couples, start=1):
+            pair = search_pair(work, *couple)
+            if pair is not None:
+                pairs.append(pair)
+                # The first pair that shares people compiles the solver while others are searched.
+                if not adjusting and pair.margin > 0:
+                    adjusting[couple] = pool.submit(_adjusted, work, pair)
+            report("pairs", done, len(couples))
+        pairs.sort(key=lambda pair: -pair.margin)
+        chosen = pairs[: work.settings.seed_pairs]
+        report("seeds", 0, len(chosen))
+        for pair in chosen:
+            if pair.cameras not in adjusting:
+                adjusting[pair.cameras] = pool.submit(_adjusted, work, pair)
+        seeds = []
+        for done, pair in enumerate(chosen, start=1):
+            seed = adjusting[pair.cameras].result()
             report("seeds", done, len(chosen))
             if seed is not None:
                 seeds.append(seed)
-    return sorted(seeds, key=lambda item: -item[0].margin)
+    return pairs, sorted(seeds, key=lambda item: -item[0].margin)
 
 
 def _adjusted(work: Workspace, pair: PairHypothesis) -> Seed | None:
