@@ -101,13 +101,16 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     """Make a folder if it does not exist, and return its path.
 
     Raises:
-        WriteError: if it cannot be made.
+        WriteError: if it cannot be made, or no file can be made in it.
     """
     folder = as_path(path, "folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise cannot_write(folder, error, "make the folder") from error
+    if not os.access(folder, os.W_OK | os.X_OK):
+        denied = PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        raise cannot_write(folder, denied, "write to the folder")
     return folder
 
 

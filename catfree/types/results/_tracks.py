@@ -37,6 +37,7 @@ _NOT_NEGATIVE = {
     "supporting_cameras": "a number of cameras",
     "whole_views": "a number of images",
 }
+_ROUNDED = 1 + 1e-5  # a correlation of 1 after rounding to single precision
 
 
 class Origin(IntEnum):
@@ -391,6 +392,10 @@ def require_sound_tracks(tracks: Tracks) -> None:
         entries = np.asarray(getattr(tracks, name))
         negative = (entries < 0) & (np.eye(2, dtype=bool) | np.isinf(entries))
         require(~negative, entries, name, "a variance")
+        deviation = np.sqrt(np.diagonal(entries, axis1=1, axis2=2))
+        with np.errstate(invalid="ignore"):  # infinity times 0 allows everything
+            most = _ROUNDED * deviation[:, :, None] * deviation[:, None]
+        require(~(np.abs(entries) > most), entries, name, "a covariance that its variances allow")
     velocity = np.asarray(tracks.velocity)
     require(~np.isinf(velocity), velocity, "velocity", "a velocity, or NaN if it is not known")
     for name, meaning in _NOT_NEGATIVE.items():

@@ -31,7 +31,7 @@ def any_tracks(draw, cameras=3):
         "position": rng.standard_normal((count, 3)),
         "ground_xy": rng.standard_normal((count, 2)) * 10.0 ** rng.integers(-3, 4),
         "sigma": rng.random(count),
-        "covariance": np.tile(np.abs(rng.standard_normal((2, 2))), (count, 1, 1)),
+        "covariance": np.tile(np.cov(rng.standard_normal((2, 9))), (count, 1, 1)),
         "supporting_cameras": rng.integers(0, 4, count),
         "origin": rng.integers(0, 3, count),
         "existence": rng.random(count) if draw(st.booleans()) else None,

@@ -42,6 +42,7 @@ WRONG = {
     "an infinite velocity": {"velocity": np.array([[0, 0], [0, -np.inf], [0, 0]])},
     "a negative variance": {"covariance": np.tile(np.diag([1.0, -1.0]), (3, 1, 1))},
     "a negative variance of speed": {"velocity_covariance": np.tile(-np.eye(2), (3, 1, 1))},
+    "more correlation than 1": {"covariance": np.tile([[1.0, 2], [2, 1]], (3, 1, 1))},
     "fewer than no cameras": {"supporting_cameras": np.array([2, -1, 2])},
     "a negative design": {"design_sigma": np.array([1, -1.0, 1])},
     "fewer than no views": {"whole_views": np.array([2, -5, 2])},
