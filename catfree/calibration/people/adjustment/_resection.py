@@ -161,11 +161,13 @@ def fit_cameras(
 
     with jax.enable_x64(True):
         fitted = _fit_all(
-            padded(np.stack(starts)[:, None], fits),
-            stacked([one.people for one in matches]),
-            stacked([one.box for one in matches]),
-            stacked([1 / one.sd**2 for one in matches]),
-            stacked([one.covariance for one in matches]),
+            (
+                padded(np.stack(starts)[:, None], fits),
+                stacked([one.people for one in matches]),
+                stacked([one.box for one in matches]),
+                stacked([1 / one.sd**2 for one in matches]),
+                stacked([one.covariance for one in matches]),
+            ),
             jnp.asarray(foot_offset),
             jnp.asarray(mean),
             jnp.asarray(precision),
@@ -229,4 +231,9 @@ def _fit(
     return minimize(_problem, unknowns, args, solver).value.view
 
 
-_fit_all = jax.jit(jax.vmap(_fit, (0,) * 5 + (None,) * 4))
+@jax.jit
+def _fit_all(
+    fits: tuple[Array, ...], foot_offset: Array, mean: Array, precision: Array, most_steps: Array
+) -> Float[Array, "fit 1 7"]:
+    """`_fit` of each row of (F, ...) `fits`, one after the other: each ends when it converges."""
+    return jax.lax.map(lambda fit: _fit(*fit, foot_offset, mean, precision, most_steps), fits)

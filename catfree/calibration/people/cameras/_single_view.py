@@ -219,7 +219,8 @@ def _polish(
     """
     solver = SchurLevenbergMarquardt(CONVERGED, 0.0)
 
-    def fit(start: Array, member: Array) -> tuple[Array, Array]:
+    def fit(one: tuple[Array, Array]) -> tuple[Array, Array]:
+        start, member = one
         view = jnp.stack([start[TILT], start[ROLL], jnp.log(start[Z])])[None]
         unknowns = Unknowns(view, jnp.zeros((len(member), 0), view.dtype))
         inliers = sample._replace(precision=jnp.where(member, sample.precision, 0))
@@ -229,7 +230,7 @@ def _polish(
         weight = 1 / (1 + _misfit(plane, sample) ** 2)
         return plane, jnp.mean(weight, where=sample.precision > 0)
 
-    return jax.vmap(fit)(start, member)
+    return jax.lax.map(fit, (start, member))  # each ends when it converges
 
 
 def _is_sensible(plane: Float[np.ndarray, "7"]) -> bool:
