@@ -1,7 +1,6 @@
 """Similarity transforms: the gauge freedom of a reconstruction, and the fit that removes it."""
 
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -113,7 +112,7 @@ def fit_similarity(
             f"weights has shape {weights.shape}; it must be one number for each of the "
             f"{source.shape[0]} pairs of points."
         )
-    fitted, covariance, spread = _fit(source, target, weights, fixed_scale=fixed_scale)
+    fitted, covariance, spread = _fit(source, target, weights, jnp.asarray(fixed_scale))
     if not is_traced(covariance, spread):
         _require_determined(
             np.asarray(covariance), bool(spread), int(np.sum(np.asarray(weights) > 0))
@@ -121,13 +120,12 @@ def fit_similarity(
     return fitted
 
 
-@partial(jax.jit, static_argnames="fixed_scale")  # one compilation instead of one per operation
+@jax.jit  # one compilation instead of one per operation
 def _fit(
     source: Float[Array, "n dim"],
     target: Float[Array, "n dim"],
     weights: Float[Array, " n"],
-    *,
-    fixed_scale: bool,
+    fixed_scale: Bool[Array, ""],
 ) -> tuple[Similarity, Float[Array, "dim dim"], Bool[Array, ""]]:
     """The fitted similarity, the cross-covariance, and whether the points differ."""
     present = weights > 0  # false for NaN too
@@ -144,11 +142,8 @@ def _fit(
     resolution = 4 * epsilon(source.dtype) * jnp.max(jnp.abs(source))
     spread = variance > jnp.maximum(resolution * resolution, tiny(source.dtype))
     rotation = nearest_rotation(covariance)
-    if fixed_scale:
-        scale = jnp.ones_like(variance)
-    else:
-        scale = jnp.sum(rotation * covariance) / jnp.where(spread, variance, 1)
-        scale = jnp.where(spread & (scale > 0), scale, 1)
+    scale = jnp.sum(rotation * covariance) / jnp.where(spread, variance, 1)
+    scale = jnp.where(spread & (scale > 0) & ~fixed_scale, scale, 1)
     fitted = Similarity(scale, rotation, target_mean - scale * (rotation @ source_mean))
     return fitted, covariance, spread
 
