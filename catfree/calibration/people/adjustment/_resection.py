@@ -236,4 +236,5 @@ def _fit_all(
     fits: tuple[Array, ...], foot_offset: Array, mean: Array, precision: Array, most_steps: Array
 ) -> Float[Array, "fit 1 7"]:
     """`_fit` of each row of (F, ...) `fits`, one after the other: each ends when it converges."""
-    return jax.lax.map(lambda fit: _fit(*fit, foot_offset, mean, precision, most_steps), fits)
+    given = {"foot_offset": foot_offset, "mean": mean, "camera_precision": precision}
+    return jax.lax.map(lambda fit: _fit(*fit, **given, most_steps=most_steps), fits)
