@@ -117,7 +117,7 @@ def order_like(
             f"The scene lists its cameras as {', '.join(given)}, the {kind} come as "
             f"{', '.join(wanted)}: they were matched by name.",
         )
-    if is_numbered(wanted):  # default names carry no information
+    if kind != "videos" and is_numbered(wanted):  # default names; those of videos are of files
         return scene, ()
     if len(wanted) < len(given):
         raise InvalidInputError(

@@ -156,7 +156,7 @@ def write_check_page(
     """
     from catfree._run._report import describe_acceptance, describe_warnings
     from catfree.errors import CatFreeError
-    from catfree.types._writing import make_folder
+    from catfree.types._writing import make_folder, replacing
     from catfree.viz.page._blocks import (
         Block,
         Heading,
@@ -199,7 +199,8 @@ def write_check_page(
         figure = Figure(figsize=(7, 7))
         axes = figure.add_subplot()
         plot_coverage(covered, outcome.scene, ax=axes, camera_names=outcome.camera_names)
-        figure.savefig(folder / "coverage.png")
+        with replacing(folder / "coverage.png") as stream:
+            figure.savefig(stream, format="png")
         blocks.append(Picture("coverage.png", "expected uncertainty over the ground"))
     return write_blocks(folder, blocks)[1]
 

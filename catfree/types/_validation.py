@@ -142,6 +142,9 @@ def as_float(value: Any) -> Any:
     _require_real(array.dtype)
     if array.dtype not in (np.float32, np.float64):
         try:
+            texts = array.flat if array.dtype.kind in "SUVO" else ()
+            if any(isinstance(one, str | bytes | np.void) for one in texts):
+                raise TypeError("text")  # whose digits NumPy would read, cut to its width
             array = array.astype(np.float64)
         except (TypeError, ValueError) as error:
             kind = f"{array.dtype} values" if array.ndim else type(value).__name__

@@ -110,6 +110,11 @@ def test_names_that_do_not_fit_are_told_and_default_ones_are_not(clips):
     assert same is scene
     assert "names its cameras b, north, the videos are a, b" in said
     assert order_like(scene, ["C1", "C2"], videos.camera_names) == (scene, ())
+    # Videos whose files are named like default cameras have these names.
+    same, (said,) = order_like(scene, ["north", "south"], ["C1", "C2"])
+    assert same is scene
+    assert "the videos are C1, C2: they were matched in the order given" in said
+    assert order_like(scene, ["north", "south"], ["C1", "C2"], "boxes") == (scene, ())
 
 
 def test_a_part_of_the_scene_is_found_by_name_alone(clips):

@@ -431,7 +431,7 @@ def test_ctrl_c_leaves_finished_pieces_in_the_cache(pictures, tmp_path):
 
 
 @pytest.mark.slow
-def test_learnt_backgrounds_are_kept(tmp_path):
+def test_learned_backgrounds_are_kept(tmp_path):
     rng = np.random.default_rng(0)
     for camera in range(2):
         (tmp_path / str(camera)).mkdir()

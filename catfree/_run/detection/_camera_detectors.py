@@ -131,12 +131,12 @@ class CameraDetectors:
         return self._fit(known, keep)
 
     def _fit(
-        self, known: Mapping[int, Detector], learnt: Callable[[int, Detector], None]
+        self, known: Mapping[int, Detector], learned: Callable[[int, Detector], None]
     ) -> list[Detector]:
         """Fit the cameras that are not known yet."""
         videos, detector, progress = self._videos, self.detector, self._progress
         if self._workers == 1 or not isinstance(detector, FittedToCamera):
-            return fit_to_cameras(videos, detector, progress, known=known, learnt=learnt)
+            return fit_to_cameras(videos, detector, progress, known=known, learned=learned)
         total = sum(one.pictures for at, one in enumerate(videos.footage) if at not in known)
         done, fitted = 0, dict(known)
         with self._running() as processes:
@@ -157,7 +157,7 @@ class CameraDetectors:
                     camera = tasks[task]
                     if camera not in known:
                         fitted[camera] = _remembering(task.result())
-                        learnt(camera, fitted[camera])
+                        learned(camera, fitted[camera])
         return [fitted[camera] for camera in range(videos.camera_count)]
 
     def instants(

@@ -116,8 +116,13 @@ def is_numbered(names: Sequence[str]) -> bool:
 
 def natural_order(name: str) -> list[tuple[int, int, str]]:
     """Make a sort key by which `image2` comes before `image10`."""
-    pieces = re.split(r"(\d+)", name)
-    return [(0, int(p), "") if p.isdecimal() else (1, 0, p.lower()) for p in pieces if p]
+    pieces = [piece for piece in re.split(r"(\d+)", name) if piece]
+    # Of two whole numbers without leading zeros, the longer is larger, however long both are.
+    digits = [piece.lstrip("0") if piece.isdecimal() else None for piece in pieces]
+    return [
+        (1, 0, piece.lower()) if number is None else (0, len(number), number)
+        for piece, number in zip(pieces, digits, strict=True)
+    ]
 
 
 def file_names(names: Sequence[str]) -> list[str]:

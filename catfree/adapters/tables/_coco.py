@@ -22,6 +22,7 @@ from catfree.types._validation import as_path
 
 PERSON = 1  # COCO's category of people
 _NUMBER = re.compile(r"(\d+)(?!.*\d)")
+_MOST_DIGITS = 30  # of a frame number, leading zeros included
 
 
 class CocoBoxes(NamedTuple):
@@ -198,7 +199,7 @@ def _image_of(name: Any) -> _Image | None:
         return None
     path = PurePosixPath(name)
     number = _NUMBER.search(path.stem)
-    if number is None or not is_whole(int(number[1])):
+    if number is None or len(number[1]) > _MOST_DIGITS or not is_whole(int(number[1])):
         return None
     camera = "" if str(path.parent) == "." else str(path.parent)
     return _Image(camera, int(number[1]), None)

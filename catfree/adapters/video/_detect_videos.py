@@ -90,7 +90,7 @@ def fit_to_cameras(
     progress: Progress | None = None,
     *,
     known: Mapping[int, Detector] | None = None,
-    learnt: Callable[[int, Detector], None] | None = None,
+    learned: Callable[[int, Detector], None] | None = None,
 ) -> list[Detector]:
     """Return each camera's detector, fitted to its footage if it must be, else the same for all.
 
@@ -102,7 +102,7 @@ def fit_to_cameras(
         detector: as `detect_videos` takes it.
         progress: called as progress("fit", done, total) after each picture of each camera.
         known: detectors of cameras that were fitted before.
-        learnt: called with camera and detector when a camera has been fitted, from its thread.
+        learned: called with camera and detector when a camera has been fitted, from its thread.
 
     Raises:
         InsufficientDataError: naming the camera whose footage is too short.
@@ -122,8 +122,8 @@ def fit_to_cameras(
         if camera in before:
             return before[camera]
         fitted = fit_to_camera(videos, detector, camera, report)
-        if learnt is not None:
-            learnt(camera, fitted)
+        if learned is not None:
+            learned(camera, fitted)
         return fitted
 
     with ThreadPoolExecutor(min(videos.camera_count, processor_count())) as pool:

@@ -397,7 +397,9 @@ def require_sound_tracks(tracks: Tracks) -> None:
             most = _ROUNDED * deviation[:, :, None] * deviation[:, None]
         require(~(np.abs(entries) > most), entries, name, "a covariance that its variances allow")
     velocity = np.asarray(tracks.velocity)
-    require(~np.isinf(velocity), velocity, "velocity", "a velocity, or NaN if it is not known")
+    unknown_velocity = np.isnan(velocity).all(-1, keepdims=True)
+    known = np.isfinite(velocity) | unknown_velocity
+    require(known, velocity, "velocity", "a velocity, or NaN if it is not known")
     for name, meaning in _NOT_NEGATIVE.items():
         if getattr(tracks, name) is not None:
             values = np.asarray(getattr(tracks, name))

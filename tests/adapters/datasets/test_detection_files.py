@@ -349,3 +349,16 @@ def test_real_boxes(shared):
     )
     assert len(names) == 4
     assert len(found) > 1000
+
+
+@pytest.mark.parametrize("camera", ["9" * 5000, "cam" + "9" * 5000])
+def test_numbers_of_any_length_in_names_are_read_or_refused(camera, tmp_path):
+    table = tmp_path / "boxes.csv"
+    table.write_text(f"frame,camera,x1,y1,x2,y2,score\n1,a,1,2,9,60,1\n1,{camera},1,2,9,60,1\n")
+    assert len(cf.read_detections(table)[0]) == 2
+    image = {"id": 1, "file_name": f"{camera}.jpg", "width": 64, "height": 64}
+    shown = {"image_id": 1, "category_id": 1, "bbox": [1, 2, 9, 60], "score": 1}
+    path = tmp_path / "coco.json"
+    path.write_text(json.dumps({"images": [image], "annotations": [shown], "categories": []}))
+    with pytest.raises(FileFormatError, match="has no number of a frame"):
+        read_coco(path)

@@ -197,6 +197,11 @@ def test_natural_order_is_numeric(numbers):
     assert sorted(names, key=natural_order) == [f"frame_{n}.png" for n in sorted(numbers)]
 
 
+def test_numbers_of_any_length_have_an_order():
+    long = "9" * 5000
+    assert sorted([long, "a", "10", "09"], key=natural_order) == ["09", "10", long, "a"]
+
+
 def test_grey_images_become_rgb_and_mix_with_videos(tmp_path):
     paths = [
         write_folder(tmp_path / "grey", range(5), grey=True),

@@ -40,6 +40,7 @@ WRONG = {
     "no probability": {"existence": np.array([0.0, 1.5, 1.0])},
     "an unknown origin": {"origin": np.array([0, 1, 99])},
     "an infinite velocity": {"velocity": np.array([[0, 0], [0, -np.inf], [0, 0]])},
+    "half a velocity": {"velocity": np.array([[0, 0], [np.nan, 1], [0, 0]])},
     "a negative variance": {"covariance": np.tile(np.diag([1.0, -1.0]), (3, 1, 1))},
     "a negative variance of speed": {"velocity_covariance": np.tile(-np.eye(2), (3, 1, 1))},
     "more correlation than 1": {"covariance": np.tile([[1.0, 2], [2, 1]], (3, 1, 1))},
