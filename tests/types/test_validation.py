@@ -401,7 +401,6 @@ def test_imaginary_parts_are_not_dropped():
 @pytest.mark.parametrize(
     "value",
     [["1", "2"], np.array([b"3.14159"], "S3"), np.array([1, "2"], object), np.zeros(2, "V8")],
-    [["1", "2"], np.array([b"3.14159"], "S3"), np.array([1, "2"], object), np.zeros(2, "V8")],
 )
 def test_digits_in_text_are_not_numbers(value):
     with pytest.raises(InvalidInputError, match="Expected numbers"):

@@ -397,9 +397,10 @@ def require_sound_tracks(tracks: Tracks) -> None:
             most = _ROUNDED * deviation[:, :, None] * deviation[:, None]
         require(~(np.abs(entries) > most), entries, name, "a covariance that its variances allow")
     velocity = np.asarray(tracks.velocity)
-    unknown_velocity = np.isnan(velocity).all(-1, keepdims=True)
-    known = np.isfinite(velocity) | unknown_velocity
-    require(known, velocity, "velocity", "a velocity, or NaN if it is not known")
+    is_unknown = np.isnan(velocity)
+    half = is_unknown & ~is_unknown.all(-1, keepdims=True)
+    for wrong in (np.isinf(velocity), half):
+        require(~wrong, velocity, "velocity", "a velocity, or NaN if it is not known")
     for name, meaning in _NOT_NEGATIVE.items():
         if getattr(tracks, name) is not None:
             values = np.asarray(getattr(tracks, name))

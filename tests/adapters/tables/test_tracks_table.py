@@ -42,7 +42,8 @@ def track_arguments(draw) -> dict:
     has_existence, has_velocity = draw(st.booleans()), draw(st.booleans())
     numbers = np.array([r[2] for r in rows]).reshape(-1, 5)
     spread = np.array([r[3] for r in rows]).reshape(-1, 3)
-    covariance = np.stack([spread[:, 1], numbers[:, 4], numbers[:, 4], spread[:, 2]], -1)
+    common = numbers[:, 4] / 1e6 * np.sqrt(spread[:, 1] * spread[:, 2])
+    covariance = np.stack([spread[:, 1], common, common, spread[:, 2]], -1)
     return {
         "frame": np.array([r[0] for r in rows], np.int64),
         "track_id": np.array([r[1] for r in rows], np.int64),
