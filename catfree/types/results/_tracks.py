@@ -397,10 +397,9 @@ def require_sound_tracks(tracks: Tracks) -> None:
             most = _ROUNDED * deviation[:, :, None] * deviation[:, None]
         require(~(np.abs(entries) > most), entries, name, "a covariance that its variances allow")
     velocity = np.asarray(tracks.velocity)
-    is_unknown = np.isnan(velocity)
-    half = is_unknown & ~is_unknown.all(-1, keepdims=True)
-    for wrong in (np.isinf(velocity), half):
-        require(~wrong, velocity, "velocity", "a velocity, or NaN if it is not known")
+    half_known = np.isnan(velocity) & np.isfinite(velocity[:, ::-1])
+    sound = ~(np.isinf(velocity) | half_known)
+    require(sound, velocity, "velocity", "a velocity, or NaN if it is not known")
     for name, meaning in _NOT_NEGATIVE.items():
         if getattr(tracks, name) is not None:
             values = np.asarray(getattr(tracks, name))
