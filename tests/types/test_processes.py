@@ -22,13 +22,13 @@ def work(queue):
     except cf.CatFreeError as error:
         queue.put(str(error))
 context = multiprocessing.get_context("fork")
-for _ in range(2):
+for use in [lambda: cf.filters.otsu(np.arange(4.0)), lambda: None]:
     queue = context.SimpleQueue()
     process = context.Process(target=work, args=(queue,))
     process.start()
     print(queue.get())
     process.join()
-    cf.localize(nobody, scene)
+    use()
 """
 
 
