@@ -26,7 +26,7 @@ from catfree.settings import Settings
 from catfree.types import Detections, Localization, Scene, Thresholds
 from catfree.types._annotations import Progress, no_progress
 from catfree.types._processes import require_own_process
-from catfree.types._scene import require_scene
+from catfree.types._scene import implausible_height, require_scene
 from catfree.types._validation import (
     as_pictures,
     boxes_of_another_size,
@@ -101,10 +101,13 @@ def localize(
     else:
         result = _localize_by_paper(detections, scene, keep, settings, report)
     warnings = result.warnings
-    fault = boxes_of_another_size(
-        detections.camera[keep], detections.box[keep], scene.rig.image_size, camera_names
+    faults = (
+        implausible_height(scene),
+        boxes_of_another_size(
+            detections.camera[keep], detections.box[keep], scene.rig.image_size, camera_names
+        ),
     )
-    warnings += () if fault is None else (fault,)
+    warnings += tuple(fault for fault in faults if fault is not None)
     warnings += _same_cameras(detections, keep, camera_names)
     if keep.any() and not len(result.tracks):
         warnings += (

@@ -451,3 +451,21 @@ def test_one_video_under_two_names_is_told(settings):
     warnings = cf.localize(twice, WORLD.scene, settings, camera_names=names).warnings
     assert any(said.match(warning) for warning in warnings)
     assert not any("read twice" in w for w in cf.localize(boxes, WORLD.scene, settings).warnings)
+
+
+@pytest.mark.parametrize("settings", [Settings(), PAPER], ids=["evidence", "paper"])
+def test_a_metric_scene_of_higher_cameras_than_people_can_be_seen_from_is_told(settings):
+    rig, ground = WORLD.scene.rig, WORLD.scene.ground
+    people = cf.localize(WORLD.detections, WORLD.scene, settings)
+    factor = 1000 / float(np.max(ground.signed_distance(rig.centers)))  # it claims kilometers
+    rig = Rig(rig.K, rig.R, rig.t * factor, rig.image_size)
+    ground = cf.Plane(ground.normal, ground.offset * factor)
+    told = [
+        cf.localize(
+            WORLD.detections, Scene(rig, ground, WORLD.scene.extent * factor, metric), settings
+        )
+        for metric in (False, True)
+    ]
+    sentence = re.compile(r"Camera \d is 1000 m above the ground, but cameras that show people")
+    assert not any(map(sentence.match, people.warnings + told[0].warnings))
+    assert sum(sentence.match(w) is not None for w in told[1].warnings) == 1
