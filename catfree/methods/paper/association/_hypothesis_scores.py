@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from catfree.filters import (
     Signal,
@@ -11,6 +11,7 @@ from catfree.filters import (
     frames_of_pairs,
     height_consistency,
     implied_height,
+    median_residual,
     view_support_ratio,
 )
 from catfree.geometry._buckets import coarse_length, in_blocks
@@ -54,13 +55,12 @@ def hypothesis_scores(
     signals = np.full((count, len(Signal)), np.nan, position.dtype)
     signals[:, Signal.SUPPORTING_RAYS] = cameras
     supported = cameras > 0
-    residual = np.nanmedian(support.residual[supported], axis=1)
-    signals[supported, Signal.NEGATIVE_MEDIAN_RESIDUAL] = -residual
     if observations.score is not None:
         total = np.where(present, observations.score[member], 0).sum(axis=1)
         signals[supported, Signal.DETECTOR_CONFIDENCE] = total[supported] / cameras[supported]
     boxes = observations.box[member].astype(position.dtype)
-    ratio, consistency = _view_signals(rig, position, boxes, present)
+    residual, ratio, consistency = _view_signals(rig, position, boxes, present, support.residual)
+    signals[:, Signal.NEGATIVE_MEDIAN_RESIDUAL] = -residual
     signals[:, Signal.VIEW_SUPPORT_RATIO] = ratio
     signals[:, Signal.HEIGHT_CONSISTENCY] = consistency
     signals[:, Signal.TEMPORAL_PERSISTENCE] = frames_of_pairs(frame_index, tracklet)
@@ -76,9 +76,10 @@ def _view_signals(
     rig: Rig,
     position: Float[np.ndarray, "h 3"],
     boxes: Float[np.ndarray, "h cam 4"],
-    present: np.ndarray,
-) -> tuple[Float[np.ndarray, " h"], Float[np.ndarray, " h"]]:
-    """View support ratio and height consistency of every hypothesis."""
+    present: Bool[np.ndarray, "h cam"],
+    residual: Float[np.ndarray, "h cam"],
+) -> tuple[Float[np.ndarray, " h"], Float[np.ndarray, " h"], Float[np.ndarray, " h"]]:
+    """Median residual, view support ratio and height consistency of every hypothesis."""
     dtype = position.dtype
     count, C = present.shape
     h, c = np.nonzero(np.broadcast_to(rig.registered, present.shape))
@@ -92,7 +93,7 @@ def _view_signals(
     center = np.where(rig.registered[:, None], np.asarray(rig.centers), 0).astype(dtype)
     return in_blocks(
         lambda *rows: _view_block(center, *rows),
-        (position, ray, present, inside),
+        (position, ray, present, inside, residual),
         HYPOTHESIS_BLOCK,
     )
 
@@ -102,16 +103,23 @@ def _view_block(
     center: Float[Array, "cam 3"],
     position: Float[Array, "h 3"],
     ray: Float[Array, "h cam 3"],
-    present: Array,
-    inside: Array,
-) -> tuple[Array, Array]:
+    present: Bool[Array, "h cam"],
+    inside: Bool[Array, "h cam"],
+    residual: Float[Array, "h cam"],
+) -> tuple[Float[Array, " h"], Float[Array, " h"], Float[Array, " h"]]:
     up = jnp.array([0, 0, 1], position.dtype)
     zero = jnp.zeros((), position.dtype)
 
-    def measure(position: Array, ray: Array, present: Array, inside: Array) -> tuple[Array, Array]:
+    def measure(
+        position: Array, ray: Array, present: Array, inside: Array, residual: Array
+    ) -> tuple[Array, Array, Array]:
         heights = jax.vmap(implied_height, (0, 0, None, None, None))(
             center, ray, position, up, zero
         )
-        return view_support_ratio(present, inside), height_consistency(heights, present)
+        return (
+            median_residual(residual, present),
+            view_support_ratio(present, inside),
+            height_consistency(heights, present),
+        )
 
-    return jax.vmap(measure)(position, ray, present, inside)
+    return jax.vmap(measure)(position, ray, present, inside, residual)
