@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy  # its statistics, which take long to import, where they are used
 from jaxtyping import Bool, Float, Int
 
 from catfree.calibration.watching._agreement import Window, solve_window
@@ -180,11 +179,24 @@ def _usual(
         if len(matched_windows) < FEWEST_TO_COMPARE:
             continue
         turn = np.median([corrections[w][camera].turn for w in matched_windows], axis=0)
-        lag = [corrections[w][camera].lag for w in matched_windows]
-        slope, at_zero, *_ = scipy.stats.theilslopes(lag, time[matched_windows])
+        lag = np.array([corrections[w][camera].lag for w in matched_windows], np.float64)
+        slope, at_zero = _middle_line(time[matched_windows], lag)
         for window in range(len(windows)):
             usual[window][camera] = Correction(turn, float(at_zero + slope * time[window]))
     return usual
+
+
+def _middle_line(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """Fit a line through points of different x by the middle slope of all pairs (Theil and Sen).
+
+    The same as `scipy.stats.theilslopes`, whose module takes a second to import.
+
+    Returns:
+        The slope, and the value at 0 of that line through the middle x and the middle y.
+    """
+    first, second = np.triu_indices(len(x), 1)
+    slope = float(np.median((y[second] - y[first]) / (x[second] - x[first])))
+    return slope, float(np.median(y) - slope * np.median(x))
 
 
 def _begins(recording: Sights, steps: int, since: int | None) -> list[tuple[int, int]]:

@@ -117,10 +117,11 @@ def draw_cameras(ax: "Axes", scene: Scene, names: Sequence[str]) -> np.ndarray:
         ax.fill(*wedge.T, **look, zorder=3, path_effects=halo)
         ax.plot(*wedge[0], "s", markersize=4.5, color=color, zorder=6, path_effects=halo)
     anchors = [wedge[0] for wedge in wedges.values()]
+    figure_of(ax).draw_without_rendering()  # lays out the figure: pixels are final from here on
     texts = [plain_label(names[camera]) for camera in wedges]
     if not texts:
         return np.zeros((0, 4))
-    at, half = _display(ax, np.asarray(anchors)), 4.0
+    at, half = ax.transData.transform(np.asarray(anchors)), 4.0
     squares = np.concatenate([at - half, at + half], axis=-1)
     return _write(ax, anchors, texts, [color] * len(texts), squares, size=9.0, weight="bold")
 
@@ -203,7 +204,7 @@ def _write(
 
     if not texts:
         return occupied
-    at = _display(ax, np.asarray(anchors))
+    at = ax.transData.transform(np.asarray(anchors))
     pixels = figure_of(ax).dpi / 72 * size
     sizes = np.array([[0.62 * pixels * len(text), 1.0 * pixels] for text in texts])
     box = ax.get_window_extent()
@@ -230,12 +231,6 @@ def _write(
         if place is not None
     ]
     return np.concatenate([occupied, np.array(new).reshape(-1, 4)])
-
-
-def _display(ax: "Axes", points: np.ndarray) -> np.ndarray:
-    """Display coordinates of data points, after the layout is final."""
-    figure_of(ax).draw_without_rendering()
-    return ax.transData.transform(points)
 
 
 def _explain(ax: "Axes", confidence: float, *, with_truth: bool, with_area: bool) -> None:
