@@ -1,12 +1,13 @@
 """One box as a measurement of (ground position, height)."""
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from catfree.geometry._buckets import in_blocks
 from catfree.geometry._person import (
@@ -45,7 +46,7 @@ class Noise(eqx.Module):
 
 
 class Measurements(eqx.Module):
-    """Every box as a Gaussian likelihood of (y1, y2, H) in units of H0.
+    """Boxes as Gaussian likelihoods of (y1, y2, H) in units of H0.
 
     Attributes:
         info: (N) information without the height prior.
@@ -58,12 +59,12 @@ class Measurements(eqx.Module):
     """
 
     info: Information
-    state: Float[HostOrDevice, "box 3"]
-    position_covariance: Float[HostOrDevice, "box 2 2"]
-    noise: Float[HostOrDevice, "box 3"]
-    edges: Float[HostOrDevice, "box 3"]
-    used: Bool[HostOrDevice, "box 3"]
-    valid: Bool[HostOrDevice, " box"]
+    state: Float[HostOrDevice, "*box 3"]
+    position_covariance: Float[HostOrDevice, "*box 2 2"]
+    noise: Float[HostOrDevice, "*box 3"]
+    edges: Float[HostOrDevice, "*box 3"]
+    used: Bool[HostOrDevice, "*box 3"]
+    valid: Bool[HostOrDevice, "*box"]
 
 
 class BoxConstants(NamedTuple):
@@ -120,7 +121,49 @@ def field_features(
     return xp.stack([focal[..., None] * flat, along * flat, rows - center[..., 1:], height], -1)
 
 
-def implied_person(matrix, ground_inverse, edges):
+class Box(NamedTuple):
+    """What a box shows, with an axis of boxes in front or without.
+
+    Attributes:
+        edges: (3,) center column, top and bottom row, undistorted pixels.
+        size: () height in pixels.
+        cut: (3,) whether side, top and bottom are cut by the image border.
+        ankles: () whether the ankles are confirmed.
+        covered: () fraction of the lower box hidden by boxes in front.
+    """
+
+    edges: Float[HostOrDevice, "*box 3"]
+    size: Float[HostOrDevice, "*box"]
+    cut: Bool[HostOrDevice, "*box 3"]
+    ankles: Bool[HostOrDevice, "*box"]
+    covered: Float[HostOrDevice, "*box"]
+
+
+class Pinhole(NamedTuple):
+    """The camera that sees a box, and its noise.
+
+    Attributes:
+        matrix: (3, 4) projection, see `GroundViews`.
+        ground_inverse: (3, 3) map from a pixel to a foot.
+        head_inverse: (3, 3) map from a pixel to a head at H0.
+        focal: () focal length in pixels.
+        center: (2,) principal point.
+        edge_noise: (3,) noise of the edges in box heights.
+        field: (3, 4) offsets of the edges.
+    """
+
+    matrix: Float[Array, "*box 3 4"]
+    ground_inverse: Float[Array, "*box 3 3"]
+    head_inverse: Float[Array, "*box 3 3"]
+    focal: Float[Array, "*box"]
+    center: Float[Array, "*box 2"]
+    edge_noise: Float[Array, "*box 3"]
+    field: Float[Array, "*box 3 4"]
+
+
+def implied_person(
+    matrix: Float[Array, "3 4"], ground_inverse: Float[Array, "3 3"], edges: Float[Array, "3"]
+) -> tuple[Float[Array, "2"], Float[Array, ""]]:
     """Foot position and height of a person whose box has exactly these edges."""
     column = edges[0]
     for _ in range(FOOT_ROUNDS):  # in a rolled camera, the foot is not below the box center
@@ -134,55 +177,36 @@ def implied_person(matrix, ground_inverse, edges):
 
 
 def measure(
-    edges,
-    size,
-    cut,
-    ankles,
-    covered,
-    matrix,
-    ground_inverse,
-    head_inverse,
-    focal,
-    center,
-    edge_noise,
-    angular,
-    field,
-    spread,
+    box: Box,
+    camera: Pinhole,
+    angular: Float[Array, ""],
+    spread: Float[Array, ""],
     constants: BoxConstants,
-):
+) -> Measurements:
     """Compute the likelihood of one box.
 
     Args:
-        edges: (3,) center column, top and bottom row, undistorted pixels.
-        size: () box height in pixels.
-        cut: (3,) whether side, top and bottom are cut by the image border.
-        ankles: () whether the ankles are confirmed.
-        covered: () fraction of the lower box hidden by boxes in front.
-        matrix: (3, 4) projection, see `GroundViews`.
-        ground_inverse: (3, 3) map from a pixel to a foot.
-        head_inverse: (3, 3) map from a pixel to a head at H0.
-        focal: () focal length in pixels.
-        center: (2,) principal point.
-        edge_noise: (3,) noise of the edges in box heights.
+        box: the box.
+        camera: the camera that sees it.
         angular: () calibration error in radians.
-        field: (3, 4) offsets of the edges.
         spread: () standard deviation of heights in H0.
         constants: see `EvidenceSettings`.
 
     Returns:
-        Information (matrix (3, 3), vector (3,), constant ()) on (x, y, height) in H0; the state
-        (3,) at which it is linearized; noise (3,) in pixels; corrected edges (3,); whether each
-        edge is used (3,); and whether the state explains the box ().
+        The measurement, valid if its state explains the box.
     """
-    dtype = edges.dtype
-    edges = edges - (field_features(edges, size, focal, center) * field).sum(-1)
-    share = edge_noise.at[0].set(jnp.where(cut[0], constants.side_cut_noise, edge_noise[0]))
+    matrix, cut = camera.matrix, box.cut
+    dtype = box.edges.dtype
+    features = field_features(box.edges, box.size, camera.focal, camera.center)
+    edges = box.edges - (features * camera.field).sum(-1)
+    usual = camera.edge_noise
+    share = usual.at[0].set(jnp.where(cut[0], constants.side_cut_noise, usual[0]))
     free, full = constants.cover_ramp
-    hidden = 1 + constants.cover_slope * (jnp.clip(covered, free, full) - free)
-    share = share.at[2].multiply(jnp.where(ankles, 1.0, constants.ankle_factor) * hidden)
+    hidden = 1 + constants.cover_slope * (jnp.clip(box.covered, free, full) - free)
+    share = share.at[2].multiply(jnp.where(box.ankles, 1.0, constants.ankle_factor) * hidden)
 
-    position, height = implied_person(matrix, ground_inverse, edges)
-    deviation = jnp.sqrt(spread**2 + (edge_noise[1] ** 2 + edge_noise[2] ** 2))
+    position, height = implied_person(matrix, camera.ground_inverse, edges)
+    deviation = jnp.sqrt(spread**2 + (usual[1] ** 2 + usual[2] ** 2))
     density = jnp.exp(-0.5 * ((height - 1) / deviation) ** 2) / (
         deviation * jnp.sqrt(jnp.array(2 * jnp.pi, dtype))
     )
@@ -191,12 +215,12 @@ def measure(
     whole = ~cut[1] & ~cut[2]
     trust = jnp.where(whole & constants.use_height, jnp.clip(trust, LEAST_TRUST, 1.0), 1.0)
     share = share.at[2].multiply(1 / jnp.sqrt(trust))
-    noise = edge_deviation(size, share, angular * focal)
+    noise = edge_deviation(box.size, share, angular * camera.focal)
 
     used = jnp.stack([jnp.ones((), bool), ~cut[1] & constants.use_height, ~cut[2]])
     precision = jnp.where(used, 1 / noise**2, 0.0)
 
-    head = drop_to_height(head_inverse, edges[:2])
+    head = drop_to_height(camera.head_inverse, edges[:2])
     by_head = (cut[2] | (trust < 0.5)) & ~cut[1]
     start = jnp.append(jnp.where(by_head, head, position), jnp.ones((), dtype))
     prior = jnp.array([0.0, 0.0, 1.0], dtype) / spread**2
@@ -215,66 +239,65 @@ def measure(
     weighted = slopes * precision[:, None]
     normal = weighted.T @ slopes
     normal = (normal + normal.T) / 2  # rounding differs between the halves
-    info = (normal, weighted.T @ residual, (precision * residual**2).sum())
+    info = Information(normal, weighted.T @ residual, (precision * residual**2).sum())
+    _, covariance = mean_and_covariance(info, spread)
     _, _, nearest = box_ends(matrix, None, state)
-    finite = jnp.isfinite(state).all() & jnp.isfinite(info[0]).all() & jnp.isfinite(info[2])
+    finite = jnp.isfinite(state).all() & jnp.isfinite(normal).all() & jnp.isfinite(info.constant)
     # Steps that reach the camera's plane produce unbounded slopes, which would outweigh all other
     # boxes of a group, so a box is valid only if its state explains it.
     explained = jnp.where(used, jnp.abs(edges - predicted) <= EXPLAINED * noise, True).all()
     valid = finite & (nearest > NEAREST_DEPTH) & explained & ~(cut[1] & cut[2])
-    return info, state, noise, edges, used, valid
+    return Measurements(info, state, covariance[:2, :2], noise, edges, used, valid)
 
 
 @jax.jit
 def measure_all(
-    edges,
-    size,
-    cut,
-    ankles,
-    covered,
-    camera,
-    view,
-    present,
+    box: Box,
+    camera: Int[HostOrDevice, " box"],
+    view: Int[HostOrDevice, " box"],
+    present: Bool[HostOrDevice, " box"],
     views: GroundViews,
     noise: Noise,
     constants: BoxConstants,
 ) -> Measurements:
     """Apply `measure` to every box; boxes less precise than `largest_sigma` are not valid."""
-
-    def one(edges, size, cut, ankles, covered, c, v):
-        take = lambda a: jnp.asarray(a)[v]  # noqa: E731
-        return measure(
-            edges, size, cut, ankles, covered, take(views.matrix), take(views.ground_inverse),
-            take(views.head_inverse), take(views.focal), take(views.center),
-            jnp.asarray(noise.edge)[c], jnp.asarray(noise.angular), jnp.asarray(noise.field)[c],
-            jnp.asarray(noise.spread), constants,
-        )  # fmt: skip
-
-    info, state, sd, corrected, used, valid = jax.vmap(one)(
-        edges, size, cut, ankles, covered, camera, view
+    seen_by = Pinhole(
+        *(getattr(views, name)[view] for name in Pinhole._fields[:5]),
+        edge_noise=noise.edge[camera],
+        field=noise.field[camera],
     )
-    info = Information(*info)
-    _, covariance = mean_and_covariance(info, jnp.asarray(noise.spread))
-    sigma = jnp.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
-    valid = valid & present & jnp.isfinite(sigma) & (sigma < constants.largest_sigma)
-    keep = lambda a: jnp.where(valid.reshape(-1, *(1,) * (a.ndim - 1)), a, 0.0)  # noqa: E731
-    info = Information(keep(info.matrix), keep(info.vector), keep(info.constant))
-    place = keep(covariance[:, :2, :2])
-    return Measurements(info, keep(state), place, sd, corrected, used, valid)
+    measured = jax.vmap(measure, (0, 0, None, None, None))(
+        box, seen_by, noise.angular, noise.spread, constants
+    )
+    place = measured.position_covariance
+    sigma = jnp.sqrt((place[:, 0, 0] + place[:, 1, 1]) / 2)
+    valid = measured.valid & present & jnp.isfinite(sigma) & (sigma < constants.largest_sigma)
+
+    def keep(values: Array) -> Array:
+        return jnp.where(valid.reshape(-1, *(1,) * (values.ndim - 1)), values, 0.0)
+
+    return replace(
+        measured,
+        info=jax.tree.map(keep, measured.info),
+        state=keep(measured.state),
+        position_covariance=keep(place),
+        valid=valid,
+    )
 
 
 def measure_boxes(
-    boxes: Boxes, covered, views: GroundViews, noise: Noise, settings: EvidenceSettings
+    boxes: Boxes,
+    covered: Float[np.ndarray, " box"],
+    views: GroundViews,
+    noise: Noise,
+    settings: EvidenceSettings,
 ) -> Measurements:
     """Compute the likelihoods of all boxes of a sequence, on the host in double precision."""
     constants = BoxConstants.of(settings)
-    rows = (
-        boxes.edges, boxes.size, boxes.cut, boxes.ankles, covered, boxes.camera, boxes.view,
-        boxes.valid,
-    )  # fmt: skip
+    box = Box(boxes.edges, boxes.size, boxes.cut, boxes.ankles, covered)
     measured = in_blocks(
         lambda *part: measure_all(*part, views, noise, constants),
-        rows,
+        (box, boxes.camera, boxes.view, boxes.valid),
         BLOCK,
     )
     wide = lambda a: a.astype(np.float64, copy=False) if a.dtype.kind == "f" else a  # noqa: E731

@@ -11,6 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 from catfree.geometry._person import box_edges
 from catfree.methods.evidence.observe._measurement import (
+    Box,
     BoxConstants,
     Measurements,
     implied_person,
@@ -53,10 +54,9 @@ class Rows:
 
     def measured(self, noise=None, rules=RULES) -> Measurements:
         noise = start_noise(CAMERAS, rules) if noise is None else noise
-        found = measure_all(
-            self.edges, self.size, self.cut, self.ankles, self.covered, self.camera, self.camera,
-            self.present, VIEWS, noise, BoxConstants.of(rules),
-        )  # fmt: skip
+        boxes = Box(self.edges, self.size, self.cut, self.ankles, self.covered)
+        constants = BoxConstants.of(rules)
+        found = measure_all(boxes, self.camera, self.camera, self.present, VIEWS, noise, constants)
         return jax.tree.map(np.asarray, found)
 
 
