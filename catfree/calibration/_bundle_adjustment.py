@@ -73,7 +73,7 @@ class FootPixels:
 
     @property
     def present(self) -> Bool[np.ndarray, "person cam"]:
-        """(P, C) whether the camera sees the person."""
+        """(P, C) true where the camera sees the person."""
         return self.weight > 0
 
 

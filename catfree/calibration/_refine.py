@@ -172,7 +172,7 @@ def _require_cameras(detections: Detections, rig: Rig, needed: int) -> None:
 
 
 def _confident(detections: Detections, rig: Rig, settings: Settings) -> Bool[np.ndarray, " n"]:
-    """(N,) whether a detection is confident and its camera registered."""
+    """Mark the confident detections of registered cameras, (N,)."""
     keep = rig.registered[detections.camera]
     if detections.score is not None:
         keep = keep & (detections.score >= settings.confidence)

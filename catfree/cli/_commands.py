@@ -136,7 +136,7 @@ def _box_table(boxes: Any) -> Any:
 
 
 def _in_steps(frames: np.ndarray, tracked: np.ndarray) -> np.ndarray:
-    """(F,) whether each frame is in the even steps of sorted frames of tracks; all if none."""
+    """Mark frames in the even steps of sorted frames of tracks, (F,); all without tracks."""
     if not len(tracked):
         return np.ones(len(frames), bool)
     step = max(1, int(np.gcd.reduce(np.diff(tracked))))

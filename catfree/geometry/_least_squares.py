@@ -295,7 +295,7 @@ class SchurLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         return y, _State(proposed, equations, lowest, damping, state.steps + 1, ended), aux
 
     def terminate(self, fn, y, args, options, state, tags) -> tuple[Bool[Array, ""], optx.RESULTS]:
-        """Whether the iteration ended."""
+        """Return whether the iteration ended; it always ends successfully."""
         return state.terminate, optx.RESULTS.successful
 
     def postprocess(

@@ -156,7 +156,7 @@ def edge_deviation(
 def cut_by_border(
     box: Float[np.ndarray, "n 4"], image_size: Num[np.ndarray, "*n 2"], margin: float
 ) -> Bool[np.ndarray, "n 3"]:
-    """Whether the image border cuts a side, the top and the bottom of boxes.
+    """Mark the boxes that the image border cuts at a side, at the top and at the bottom, (n, 3).
 
     Args:
         box: (n, 4) x1, y1, x2, y2 in pixels.

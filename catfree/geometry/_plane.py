@@ -25,7 +25,7 @@ SCORED_TOGETHER = 16
 
 
 def plane_distance(plane: Plane, position: Real[HostOrDevice, "3"]) -> Float[Array, ""]:
-    """How far a position is from the ground, above or below: the paper's g.
+    """Compute the distance of a position from the ground, above or below: the paper's g.
 
     Args:
         plane: the ground.
@@ -49,7 +49,7 @@ def intersect_ray(
     origin: Real[HostOrDevice, "3"],
     direction: Real[HostOrDevice, "3"],
 ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
-    """Where a ray meets a plane.
+    """Find the point where a ray meets a plane.
 
     Args:
         plane: the plane.

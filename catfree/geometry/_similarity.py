@@ -257,7 +257,7 @@ def transform_scene(similarity: Similarity, scene: Scene, *, metric: bool | None
 
 
 def _moved_georeference(similarity: Similarity, scene: Scene, ground: Plane) -> GeoReference | None:
-    """Where ground coordinates are on Earth after a transform of scene and ground."""
+    """Return the georeference of ground coordinates after a transform of scene and ground."""
     earth, before = scene.georeference, scene.ground
     if earth is None or is_traced(similarity.scale, similarity.translation, before.offset):
         return None

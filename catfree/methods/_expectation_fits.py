@@ -17,7 +17,7 @@ class Term:
     Attributes:
         name: field of `Reliability`.
         logarithm: whether its natural logarithm is taken.
-        slope: points of MODA a unit.
+        slope: points of MODA per unit.
         low: smallest value in the fit, before the logarithm.
         high: largest one.
     """
@@ -34,13 +34,13 @@ class Term:
         return math.nan if value is None else float(value)
 
     def transform(self, value: float) -> float:
-        """What is multiplied by the slope."""
+        """Compute the number that the slope multiplies: the value or its logarithm."""
         if not self.logarithm:
             return value
         return math.log(value) if value > 0 else -math.inf
 
     def excess(self, value: float) -> float:
-        """How far a value lies outside the fitted range, transformed; not above 0 within."""
+        """Compute how far a transformed value is outside the fitted range; at most 0 inside."""
         at = self.transform(value)
         return max(at - self.transform(self.high), self.transform(self.low) - at)
 

@@ -238,7 +238,7 @@ def usable(
     settings: Settings,
     camera_names: Sequence[str] | None = None,
 ) -> np.ndarray:
-    """(N,) whether each detection is confident enough and of a registered camera.
+    """Mark the detections that are confident enough and of a registered camera, (N,).
 
     Raises:
         InvalidInputError: if a detection names a camera that the rig does not have, or a picture

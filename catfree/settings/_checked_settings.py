@@ -80,7 +80,7 @@ def _expected_numbers(
 
 
 def _is_number(value: Any, kind: type, default: int | float, not_zero: bool) -> bool:
-    """Whether a value is a number of this kind, and negative only if the default is."""
+    """Return whether a value is a number of this kind, and negative only if the default is."""
     if isinstance(value, bool) or not isinstance(value, Integral if kind is int else Real):
         return False
     try:

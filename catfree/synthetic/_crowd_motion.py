@@ -59,7 +59,7 @@ class Crowd:
 
     @property
     def present(self) -> Bool[np.ndarray, " p"]:
-        """(P,) whether each person is in the world at the current time."""
+        """(P,) true for people who are in the world at the current time."""
         return ((self.start <= self.time) & ~self.gone)[self.group]
 
     @classmethod

@@ -56,7 +56,7 @@ class Walkers:
 
     @property
     def inside(self) -> Bool[np.ndarray, "t p"]:
-        """(T, P) whether each person is present and inside the evaluation area."""
+        """(T, P) true where a person is present and inside the evaluation area."""
         x_min, x_max, y_min, y_max = self.area
         x, y = self.position[..., 0], self.position[..., 1]
         return self.present & (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)

@@ -192,7 +192,7 @@ class Rig(eqx.Module):
 
     @property
     def is_ideal(self) -> bool:
-        """Whether all cameras are pinholes without distortion."""
+        """True if all cameras are pinholes without distortion."""
         bent = self.distortion is not None and bool(np.any(np.asarray(self.distortion)))
         return self.lens is None and not bent
 

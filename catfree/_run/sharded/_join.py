@@ -218,7 +218,7 @@ class Area:
     def holds(
         self, sigma: Float[np.ndarray, " m"], whole: Float[np.ndarray, " m"]
     ) -> Bool[np.ndarray, " m"]:
-        """(M,) whether positions are in the area; those without a known sigma count as inside."""
+        """Mark the positions in the area, (M,); those without a known sigma count as inside."""
         has_sigma = ~np.isnan(sigma)
         inside = np.ones(len(sigma), bool)
         inside[has_sigma] = self.usual.holds(

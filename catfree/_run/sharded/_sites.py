@@ -207,7 +207,7 @@ def run_sites(
 
 
 def _one_of_each(sites: Sequence[Site], field: str, kind: str) -> dict[str, Any]:
-    """What is given in a field for each site, if anything, for all of its dates."""
+    """Return the value of a field for each site that has one, the same for all of its dates."""
     by_site: dict[str, Any] = {}
     for site in sites:
         value = getattr(site, field)

@@ -172,7 +172,7 @@ class SynchronizedVideos:
 
     @property
     def fewest_cameras(self) -> int:
-        """How many cameras must have a frame at an instant."""
+        """Number of cameras that must have a frame at an instant."""
         return self._fewest
 
     @property
@@ -220,7 +220,7 @@ class SynchronizedVideos:
 
     @property
     def timeless(self) -> tuple[bool, ...]:
-        """(C,) whether nothing tells the times of a camera's frames, so that they are assumed."""
+        """(C,) true if a camera's frame times are assumed, because nothing states them."""
         return tuple(source.timeless for source in self._sources)
 
     @functools.cached_property
@@ -519,7 +519,7 @@ class SynchronizedVideos:
         return np.array(span, np.int64)[enough], tuple(dropped.tolist())
 
     def _has_frame(self, tick: Int[np.ndarray, " t"]) -> Bool[np.ndarray, "t cam"]:
-        """Whether each camera has a frame at ticks."""
+        """Return whether each camera has a frame at each of some ticks."""
         has = np.ones((len(tick), self.camera_count), bool)
         for camera, source in enumerate(self._sources):
             first, last = self._span(camera)
@@ -532,7 +532,7 @@ class SynchronizedVideos:
 
     @property
     def _enough(self) -> str:
-        """How many cameras an instant needs, for messages."""
+        """Number of cameras that an instant needs, in words for messages."""
         everyone = self._fewest == self.camera_count
         return f"all {self.camera_count}" if everyone else f"at least {self._fewest}"
 

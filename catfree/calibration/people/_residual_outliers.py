@@ -11,7 +11,7 @@ from catfree.settings import CalibrationSettings
 def residual_outliers(
     residual: Float[np.ndarray, " cam"], settings: CalibrationSettings
 ) -> Bool[np.ndarray, " cam"]:
-    """(C,) whether a camera's boxes fit clearly worse than the others' (`strained_residual`).
+    """Mark the cameras whose boxes fit clearly worse than the others' (`strained_residual`), (C,).
 
     Args:
         residual: (C,) median residual of each camera in standard deviations, NaN for cameras

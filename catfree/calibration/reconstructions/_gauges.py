@@ -48,7 +48,7 @@ class Gauges:
 
 
 def finite(center: Float[np.ndarray, "cam 3"]) -> Bool[np.ndarray, " cam"]:
-    """(C,) whether the center is finite."""
+    """Mark the finite centers, (C,)."""
     return np.asarray(np.isfinite(center).all(axis=-1))
 
 
@@ -117,7 +117,7 @@ def central_instant(poses: Poses) -> Poses:
 
 
 def agreeing(aligned: Poses, R: np.ndarray, center: np.ndarray) -> Bool[np.ndarray, " n"]:
-    """(N,) whether an instant's disagreement with the rig is not unusually large."""
+    """Mark the instants that do not disagree unusually much with the rig, (N,)."""
     apart = _disagreement(aligned, R, center)
     usual = np.median(apart[np.isfinite(apart)])
     return apart <= max(OUTLIER_FACTOR * MEDIAN_TO_DEVIATION * usual, AGREEMENT)

@@ -121,7 +121,7 @@ class Course:
     def of_changes(
         self, indices: Sequence[int]
     ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
-        """By how much changes of one camera and kind changed it together, with the covariance."""
+        """Sum changes of one camera and kind; return the sum and its covariance."""
         camera, kind, _ = self.changes[indices[0]]
         size, which = kind.stop - kind.start, KINDS.index(kind)
         sizes = [change.kind.stop - change.kind.start for change in self.changes]
@@ -214,7 +214,7 @@ def _fitted(course: Course, windows: Sequence[Window], *, held: bool = False) ->
 def _sums(
     windows: Sequence[Window],
 ) -> tuple[Float[np.ndarray, "w p p"], Float[np.ndarray, "w p"]]:
-    """What all people of each window say together."""
+    """Sum the matrices and vectors over the people of each window."""
     return (
         np.array([window.matrix.sum(0) for window in windows]),
         np.array([window.vector.sum(0) for window in windows]),
@@ -224,10 +224,10 @@ def _sums(
 def _noise(
     course: Course, windows: Sequence[Window]
 ) -> tuple[Float[np.ndarray, "cam 2"], Float[np.ndarray, "cam 2"]]:
-    """How much more the people of a window differ than box noise explains, with its freedom.
+    """Estimate how much more people differ than box noise explains, and the degrees of freedom.
 
     Every person is off by a bias of their own, in all of their boxes. A camera whose people tell
-    little of this counts as the others, and if those tell little, as box noise says.
+    little of this gets the estimate of all cameras, and 1 if those tell little, too.
     """
     cameras = len(course.noise)
     squared, expected = np.zeros((2, cameras, len(KINDS)))

@@ -140,7 +140,7 @@ class Check:
 
     @property
     def fits(self) -> bool:
-        """Whether all cameras fit."""
+        """True if all cameras fit."""
         return all(one.verdict == Verdict.FITS for one in self.cameras)
 
     @property

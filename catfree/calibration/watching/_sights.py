@@ -97,7 +97,7 @@ class Sights:
     def imaged(
         self, camera: Int[np.ndarray, " n"], state: Float[np.ndarray, "n 3"]
     ) -> Bool[np.ndarray, " n"]:
-        """(n,) whether the middle of each person lies in the image of a camera."""
+        """Mark the people whose middle lies in the image of a camera, (n,)."""
         ground = self.scene.ground
         basis, normal = (np.asarray(v, np.float64) for v in (ground.basis, ground.normal))
         height = state[:, 2:] / 2 - float(ground.offset)

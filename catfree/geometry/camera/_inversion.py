@@ -51,7 +51,7 @@ def invert(lens: PlaneMap, target: Float[Array, "2"]) -> Float[Array, "2"]:
 
 
 def inside_fold(lens: PlaneMap, path: Float[Array, "step 2"]) -> Bool[Array, ""]:
-    """Whether a lens keeps its orientation along a path from the center to a point.
+    """Return whether a lens keeps its orientation along a path from the center to a point.
 
     Beyond the first place where it does not, a second point is mapped to the same pixel.
 

@@ -59,7 +59,7 @@ class Clusters(eqx.Module):
     sigma: Float[np.ndarray, "h cam 3"]
 
     def strict(self, minimum_log_odds: float = 3.0) -> Bool[np.ndarray, " h"]:
-        """(H,) whether to trust a cluster as correspondence: in a track, seen by half the cameras.
+        """Mark clusters to trust as correspondences, (H,): in a track, seen by half the cameras.
 
         Cameras without any box do not count.
         """

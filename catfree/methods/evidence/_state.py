@@ -73,7 +73,7 @@ class EvidenceState(eqx.Module):
     identity: Int[np.ndarray, " node"]
 
     def is_tracked(self, settings: EvidenceSettings) -> bool:
-        """Whether people are followed over time; those of a single instant are not."""
+        """Return whether people are followed over time; those of a single instant are not."""
         return settings.track and settings.passes > 0 and len(self.boxes.frames) > 1
 
 
@@ -84,7 +84,7 @@ def first_state(
     measurements: Measurements,
     settings: EvidenceSettings,
 ) -> EvidenceState:
-    """What is known of boxes before any pass: there are no groups and no tracks yet."""
+    """Make the state of boxes before any pass: there are no groups and no tracks yet."""
     cameras = boxes.table.shape[1]
     heights = usual_heights(boxes.size, boxes.camera, cameras, settings)
     rows, numbers, flags = np.zeros(0, np.int64), np.zeros(0), np.zeros(0, bool)

@@ -48,7 +48,7 @@ from catfree.types import Detections, Scene
 
 
 def motion_learned(learned: Learned, settings: EvidenceSettings) -> Motion:
-    """How people move from instant to instant."""
+    """Return the learned motion of people from instant to instant."""
     squares, count = learned.steps.tolist()
     return motion_of(squares, count, settings)
 

@@ -94,7 +94,7 @@ def provisional(
 def _in_working_area(
     place: Float[np.ndarray, "n 2"], learned: Learned, settings: EvidenceSettings
 ) -> Bool[np.ndarray, " n"]:
-    """(n,) whether positions are in the working area; anywhere is until one is known."""
+    """Mark the positions in the working area, (n,); all of them until an area is known."""
     if not settings.working_area or not np.isfinite(learned.usual).all():
         return np.ones(len(place), bool)
     usual, cameras = UsualPlace(*learned.usual.tolist()), int(learned.active.sum())

@@ -164,7 +164,7 @@ class InstantAssembler:
         return dropped
 
     def _leaps(self, time: float) -> bool:
-        """Whether a time is so far ahead of all frames so far that one camera is not believed."""
+        """Return whether a time is too far ahead of all frames for one camera to be believed."""
         several = self.camera_count > 1 and np.isfinite(self._newest)
         far = max(self.timeout, LEAP * max(1.0, 1 / self.frame_rate))
         return bool(several and time - self._newest > far)
@@ -200,7 +200,7 @@ class InstantAssembler:
         return tuple(instants)
 
     def _is_over(self, number: int) -> bool:
-        """Whether an open instant is complete, or waits for cameras no longer."""
+        """Return whether an open instant is complete or no longer waits for cameras."""
         frames = self._open[number]
         if len(frames) == self.camera_count:
             return True

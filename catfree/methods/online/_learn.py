@@ -98,7 +98,7 @@ def _present(sample: Detections) -> set[str]:
 
 
 def is_due(count: int) -> bool:
-    """Whether to learn noise before an instant: often at first, then ever more rarely."""
+    """Return whether to learn noise before an instant: often at first, then ever more rarely."""
     doubled = count & (count - 1) == 0
     return count > 0 and (doubled if count <= SETTLED else count % INTERVAL == 0)
 

@@ -250,7 +250,7 @@ class Tracker:
         )
 
     def _localized(self, state: TrackerState) -> Tracks:
-        """What `localize` finds in all boxes."""
+        """Return the tracks that `localize` finds in all boxes."""
         boxes = concatenate_common(state.recording)
         clock = _clock(float(state.time))
         boxes = Detections(**(vars(boxes) | {"clock": clock}))

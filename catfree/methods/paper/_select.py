@@ -67,7 +67,7 @@ class Selection(NamedTuple):
 
     @property
     def accepted(self) -> Bool[np.ndarray, " h"]:
-        """(H,) which hypotheses became positions."""
+        """(H,) true for hypotheses that became positions."""
         return (self.fate == Fate.ACCEPTED) | (self.fate == Fate.RECOVERED)
 
 
@@ -180,7 +180,7 @@ def suppress_by_frame(
 def _has_neighbor(
     frame_index: Int[np.ndarray, " n"], ground_xy: Float[np.ndarray, "n 2"], radius: float
 ) -> Bool[np.ndarray, " n"]:
-    """(N,) whether another position of the frame is within the radius; a few more may be true."""
+    """Mark positions with another of their frame within the radius, and maybe a few more, (N,)."""
     has_neighbor = np.ones(len(ground_xy), bool)
     finite = np.flatnonzero(np.isfinite(ground_xy).all(1))
     if len(finite) == 0:

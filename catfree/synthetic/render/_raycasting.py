@@ -42,7 +42,10 @@ class Canvas:
         return slice(max(low[1], 0), high[1]), slice(max(low[0], 0), high[0])
 
     def _is_beside(self, outline: np.ndarray) -> bool:
-        """Whether a plane through the center and an edge of the picture hides a convex hull."""
+        """Return whether a convex hull is out of view beyond one edge of the picture.
+
+        It is then beyond the plane through the center and that edge.
+        """
         rig, camera = self.rig, self.camera
         matrix = np.asarray(rig.K)[camera] @ np.asarray(rig.R)[camera]
         # Not divided by the depth, so that points behind the camera count as they must.

@@ -294,7 +294,7 @@ def _draw_people(
 
 
 def _inside(pixel: np.ndarray, size: tuple[int, int]) -> bool:
-    """Whether the foot or the head is inside the image, and neither is far outside."""
+    """Return whether the foot or the head is inside the image, and neither is far outside."""
     limit = np.array(size)
     is_visible = ((pixel >= 0) & (pixel < limit)).all(-1).any()
     return bool(is_visible and ((pixel > -limit) & (pixel < 2 * limit)).all())

@@ -142,7 +142,7 @@ def to_html(blocks: Sequence[Block]) -> str:
 
 
 def _is_wide(block: Block) -> bool:
-    """Whether a block takes the width of the window, not that of a column of text."""
+    """Return whether a block takes the width of the window, not that of a column of text."""
     return isinstance(block, Player | Notice) or (isinstance(block, Heading) and block.level == 1)
 
 

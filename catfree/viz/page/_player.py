@@ -160,7 +160,7 @@ def _labels(frames: Int[np.ndarray, " t"], clock: Clock | None) -> list[str]:
 
 
 def _starts(frame: Int[np.ndarray, " m"], frames: Int[np.ndarray, " t"]) -> list[int]:
-    """Where each instant's rows begin, and where the last one's end; `frame` is sorted."""
+    """Find where each instant's rows begin, and where the last one's end; `frame` is sorted."""
     return [*np.searchsorted(frame, frames).tolist(), len(frame)]
 
 

@@ -126,7 +126,7 @@ def on_map(camera: Float[Array, "7"], frame: Float[Array, "4"]) -> Float[Array, 
 
 
 def ground_of_pixel(camera: Float[Array, "7"], pixel: Float[Array, "2"]) -> Float[Array, "2"]:
-    """Where the ray of a pixel, counted from the image center, meets the ground z = 0.
+    """Intersect the ray of a pixel, counted from the image center, with the ground z = 0.
 
     Rays that do not fall meet it very far away.
     """

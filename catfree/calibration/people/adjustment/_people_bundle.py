@@ -296,7 +296,7 @@ def _weak_prior(
 
 
 def saves(few: BundleResult, more: BundleResult, share: float) -> bool:
-    """Whether more free parameters of the cameras reduce the cost per person enough.
+    """Return whether more free parameters of the cameras reduce the cost per person enough.
 
     Args:
         few: the rig adjusted with few parameters.

@@ -161,7 +161,7 @@ def visible(
     height: Float[np.ndarray, "*n"],
     foot_offset: float,
 ) -> Bool[np.ndarray, "*n"]:
-    """Whether whole people are inside a camera's image and large enough to be detected.
+    """Mark the people wholly inside a camera's image and large enough to be detected.
 
     Args:
         parameters: (7,) the camera.

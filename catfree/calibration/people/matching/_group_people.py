@@ -175,7 +175,7 @@ def seen_by(
     people: GroundMap,
     smallest: Float[np.ndarray, " cam"],
 ) -> Bool[np.ndarray, "frame person"]:
-    """(T, N) whether a placed camera should see each person; the arguments are `seen_by_any`'s."""
+    """Mark the people whom a placed camera should see, (T, N); for arguments see `seen_by_any`."""
     return visible(
         state.parameters[camera],
         grid.size[camera],
@@ -192,7 +192,7 @@ def seen_by_any(
     people: GroundMap,
     smallest: Float[np.ndarray, " cam"],
 ) -> Bool[np.ndarray, "frame person"]:
-    """Whether any placed camera should see each person.
+    """Mark the people whom any placed camera should see.
 
     Args:
         grid: all boxes, for the image sizes.

@@ -43,7 +43,7 @@ class PlacementVerdict:
 
     @property
     def accepted(self) -> bool:
-        """Whether the camera can be trusted."""
+        """True if the camera can be trusted."""
         return not self.shortcomings
 
     @property

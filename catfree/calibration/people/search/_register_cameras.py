@@ -127,7 +127,7 @@ def _adjusted(work: Workspace, pair: PairHypothesis) -> Seed | None:
 
 
 def _focal_seems_shared(work: Workspace, seeds: list[Seed]) -> bool:
-    """Whether the separately fitted focal lengths of good pairs mostly agree."""
+    """Return whether the separately fitted focal lengths of good pairs mostly agree."""
     association, matches = GOOD_SEED
     ratios = [
         abs(float(np.diff(seed.state.parameters[list(cameras), LOG_FOCAL])[0]))

@@ -200,7 +200,7 @@ def residual_patterns(
 def seen_together(
     is_seen: Bool[np.ndarray, "person cam"], rate: Float[np.ndarray, "person cam"]
 ) -> Float[np.ndarray, "cam cam"]:
-    """How often two cameras see people together, over how often they would by chance.
+    """Compute how often two cameras see people together, relative to chance.
 
     Args:
         is_seen: (n, C) whether the camera sees the person.

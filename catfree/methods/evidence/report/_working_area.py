@@ -48,7 +48,7 @@ def in_working_area(
     cameras: int,
     settings: EvidenceSettings,
 ) -> Bool[np.ndarray, " person"]:
-    """(n,) whether each position is in the working area, relative to where people go.
+    """Mark the positions in the working area, relative to the places where people go, (n,).
 
     Two criteria must hold. The design uncertainty is not far above that of most places (the larger
     class of a log-Otsu split). The number of images with the whole body is less than half of the
@@ -93,7 +93,7 @@ class UsualPlace(NamedTuple):
         cameras: int,
         settings: EvidenceSettings,
     ) -> Bool[np.ndarray, " person"]:
-        """(n,) whether places with this uncertainty and so many images are in the area."""
+        """Mark the places in the area by their uncertainty and number of images, (n,)."""
         enough = self.whole - whole < settings.missing_views * cameras
         enough |= whole >= settings.witnesses
         return (np.log(sigma) <= np.log(self.sigma) + np.log(settings.working_sigma)) & enough

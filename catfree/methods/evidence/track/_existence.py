@@ -48,7 +48,7 @@ def predict_views(
 
 
 def with_pictures(visibility: Views, frame: Int[np.ndarray, " person"], boxes: Boxes) -> Views:
-    """Nobody is inside the image of a camera that is known to have no picture of the frame."""
+    """Take everybody out of the images of cameras known to have no picture of the frame."""
     return replace(visibility, inside=np.where(boxes.silent[frame], 0.0, visibility.inside))
 
 
@@ -59,7 +59,10 @@ def delivered(
     boxes: Boxes,
     settings: EvidenceSettings,
 ) -> np.ndarray:
-    """(F, C) whether a camera delivered a frame; not if it detects none of many expected people."""
+    """Mark the frames that each camera delivered, (F, C).
+
+    A frame without any box, though many people are expected, counts as not delivered.
+    """
     F, C = len(boxes.frames), member.shape[1]
     expected = np.zeros((F, C))
     strong = (member >= 0).sum(1) >= 2

@@ -272,7 +272,7 @@ def strangers_of(futures: list[Futures], population: Population) -> list[Strange
 def futures_of(
     at: list[np.ndarray], nodes: Nodes, chain: np.ndarray, steps: list[tuple]
 ) -> list[Futures]:
-    """What each chain says of its person's state at each frame, from that frame on."""
+    """Compute the information on each chain's state at each frame from that and later frames."""
     place = np.full(chain.max() + 1, -1)
     future = Futures(np.zeros(0, int), np.zeros((0, 5, 5)), np.zeros((0, 5)), np.zeros(0, int))
     futures = []

@@ -54,7 +54,7 @@ def one_per_place(
     present: Bool[np.ndarray, " row"],
     radius: float,
 ) -> Bool[np.ndarray, " row"]:
-    """As `suppress_overlapping_tracks`, given the total evidence of the track of each row."""
+    """Do what `suppress_overlapping_tracks` does, given the total evidence of each row's track."""
     if radius <= 0 or not present.any():
         return present
     vagueness = np.trace(covariance[:, :2, :2], axis1=1, axis2=2)

@@ -89,12 +89,12 @@ def sure_groups(
     cameras: int,
     settings: EvidenceSettings,
 ) -> Bool[np.ndarray, " group"]:
-    """Which groups are surely a person: seen by enough cameras, or by all if there are fewer.
+    """Mark groups that are surely a person: seen by enough cameras, or by all if there are fewer.
 
     Args:
         member: boxes of each group, -1 for none.
         log_odds: of existence.
-        cameras: how many see anybody.
+        cameras: number of cameras that see anybody.
         settings: constants.
     """
     enough = (member >= 0).sum(1) >= min(settings.witnesses, cameras)
@@ -117,7 +117,7 @@ def mutual_steps(
 
 
 def usual_motion(settings: EvidenceSettings) -> Motion:
-    """How people walk, where too little is known of them."""
+    """Return the motion that is assumed where too little is known of people."""
     return Motion(
         settings.fastest / 2, settings.memory, settings.position_jitter, settings.height_jitter
     )
@@ -183,7 +183,7 @@ class Alone(NamedTuple):
         return cls(log_evidence(info, density, spread), *mean_and_covariance(info, spread))
 
     def rows(self, rows: Int[np.ndarray, " n"] | slice) -> "Alone":
-        """What some of the groups say."""
+        """Select some of the groups."""
         return Alone(self.evidence[rows], self.mean[rows], self.covariance[rows])
 
 

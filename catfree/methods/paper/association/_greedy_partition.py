@@ -161,7 +161,7 @@ def _agree(
     *,
     constrained: bool,
 ) -> Bool[Array, ""]:
-    """Whether every present ray passes the common least-squares point within the tolerance."""
+    """Return whether all present rays pass their least-squares point within the tolerance."""
     solve = least_squares_on_ground if constrained else triangulate_least_squares
     position = solve(origins, directions, weights)
     residual = jax.vmap(angular_residual, (None, 0, 0))(position, origins, directions)

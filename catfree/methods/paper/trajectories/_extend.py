@@ -181,7 +181,7 @@ def _unoccupied(
     xy: Float[np.ndarray, "k 2"],
     radius: float,
 ) -> Bool[np.ndarray, " k"]:
-    """Whether the places are farther than the radius from all positions of the same frame."""
+    """Mark the places that are farther than the radius from all positions of the same frame."""
     taken = np.concatenate([np.isin(positions.frame_index, frame), np.zeros(len(frame), bool)])
     tested = np.concatenate([np.zeros(len(positions.track), bool), np.ones(len(frame), bool)])
     return outside_by_frame(
