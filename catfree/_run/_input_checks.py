@@ -45,9 +45,9 @@ def require_distinct_videos(videos: SynchronizedVideos) -> None:
     paths = [one.path for one in videos.footage]
     files = [[path] if path.is_file() else ImageFolder(path).files for path in paths]
     # Equal recordings have equal sizes and parts, which take no reading, or little.
-    if _differ([tuple(map(os.path.getsize, own)) for own in files]):
+    if _differ([tuple(map(os.path.getsize, camera_files)) for camera_files in files]):
         return
-    if _differ([hash_samples(own[len(own) // 2]) for own in files]):
+    if _differ([hash_samples(camera_files[len(camera_files) // 2]) for camera_files in files]):
         return
     first: dict[str, int] = {}
     for camera, content in enumerate(videos.content_hashes):

@@ -65,9 +65,9 @@ class OnnxGraph:
         self.producer: str = description.producer_name or ""
         self.content_hash = hash_file(self.path)
 
-    def mismatch(self, found: str) -> FileFormatError:
+    def mismatch(self, content: str) -> FileFormatError:
         """Make the error that states what the file holds and what is needed."""
-        return FileFormatError(f"{self.path} does not fit: {found}, but {self.needed} is needed.")
+        return FileFormatError(f"{self.path} does not fit: {content}, but {self.needed} is needed.")
 
     def require_image_input(self, *leading: int | None) -> None:
         """Raise unless the input is (..., 3, H, W) with these leading axes, None for any length."""

@@ -56,14 +56,18 @@ def on_common_clock(
     require_instance(detections, Detections, "detections")
     times = [_increasing(values, camera) for camera, values in enumerate(timestamps)]
     names = [f"{camera}" for camera in range(len(times))]
-    rates = {name: rate_of(own) for name, own in zip(names, times, strict=True) if len(own) > 1}
+    rates = {
+        name: rate_of(seconds)
+        for name, seconds in zip(names, times, strict=True)
+        if len(seconds) > 1
+    }
     rate = common_rate(rates, frame_rate)
     if rate is None:
         raise InsufficientDataError(
             "No camera has two timestamps, so the frame rate is unknown. Pass frame_rate."
         )
-    start, utc = common_start([own for own in times if len(own)], names)
-    ticks = [ticks_of_frames(own, start, rate) for own in times]
+    start, utc = common_start([seconds for seconds in times if len(seconds)], names)
+    ticks = [ticks_of_frames(seconds, start, rate) for seconds in times]
     tick = np.full(len(detections), -1)
     for camera in np.unique(detections.camera).tolist():
         rows = np.flatnonzero(detections.camera == camera)
@@ -128,7 +132,7 @@ def common_start(times: Sequence[Times], names: Sequence[str]) -> tuple[float, b
     Raises:
         InvalidInputError: if some times are absolute and others are not.
     """
-    first = [float(own[0]) for own in times]
+    first = [float(seconds[0]) for seconds in times]
     absolute = [start > ABSOLUTE for start in first]
     if any(absolute) and not all(absolute):
         raise InvalidInputError(

@@ -225,7 +225,7 @@ def detect_instant(
 
 
 def collect_detections(
-    found: Sequence[tuple[int, int, FrameDetections]],
+    people_by_picture: Sequence[tuple[int, int, FrameDetections]],
     embedding: list[np.ndarray] | None,
     *,
     clock: Clock | None = None,
@@ -233,11 +233,11 @@ def collect_detections(
     """Join the rows of all pictures; keypoints only if every picture has them.
 
     Args:
-        found: for each picture, its frame, its camera and the people in it.
+        people_by_picture: for each picture, its frame, its camera and the people in it.
         embedding: for each picture, (n, D) appearance vectors, or None.
         clock: of the frames.
     """
-    frame, camera, detected = zip(*found, strict=True)
+    frame, camera, detected = zip(*people_by_picture, strict=True)
     rows = [len(people) for people in detected]
     optional_poses = [people.keypoints for people in detected]
     poses = [pose for pose in optional_poses if pose is not None]

@@ -46,7 +46,7 @@ class Window(NamedTuple):
         vector: (G, 8C) its product with them, so that their sum is solved for the errors.
         matched: (C,) people matched with a box.
         expected: (C,) people who should be in the image.
-        seen: (C,) distinct people who should be in the image.
+        distinct: (C,) distinct people who should be in the image.
         boxes: (C,) number of boxes.
     """
 
@@ -56,7 +56,7 @@ class Window(NamedTuple):
     vector: Float[np.ndarray, "group p"]
     matched: Int[np.ndarray, " cam"]
     expected: Int[np.ndarray, " cam"]
-    seen: Int[np.ndarray, " cam"]
+    distinct: Int[np.ndarray, " cam"]
     boxes: Int[np.ndarray, " cam"]
 
 
@@ -136,16 +136,16 @@ class _Solved(NamedTuple):
 
 
 class _Equations(NamedTuple):
-    """Normal equations of each person: `own` of the cameras, and what eliminates the place.
+    """Normal equations of each person: `per_camera`, and what eliminates the place.
 
     Attributes:
-        own: (M, C, 8, 8) matrix of each camera's errors.
+        per_camera: (M, C, 8, 8) matrix of each camera's errors.
         right: (M, C, 8) its right-hand side.
         mixed: (M, 3, 8C) between place and height and the errors.
         solution: (M, 3, 8C + 1) of the place's equations for `mixed` and its right-hand side.
     """
 
-    own: Float[np.ndarray, "m cam 8 8"]
+    per_camera: Float[np.ndarray, "m cam 8 8"]
     right: Float[np.ndarray, "m cam 8"]
     mixed: Float[np.ndarray, "m 3 p"]
     solution: Float[np.ndarray, "m 3 q"]
@@ -184,11 +184,11 @@ class _Equations(NamedTuple):
     def sums(self, rows) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
         """Information of some people on the errors, their places eliminated, and its product."""
         mixed, solution = self.mixed[rows], self.solution[rows]
-        p, cameras = mixed.shape[-1], np.arange(self.own.shape[1])
+        p, cameras = mixed.shape[-1], np.arange(self.per_camera.shape[1])
         matrix = -mixed.reshape(-1, p).T @ solution.reshape(-1, p + 1)
         matrix[:, p] += self.right[rows].sum(0).ravel()
         view = matrix[:, :p].reshape(len(cameras), PARAMETERS, len(cameras), PARAMETERS)
-        view[cameras, :, cameras] += self.own[rows].sum(0)
+        view[cameras, :, cameras] += self.per_camera[rows].sum(0)
         return matrix[:, :p], matrix[:, p]
 
 

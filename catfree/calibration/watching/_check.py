@@ -304,7 +304,7 @@ class _Judge:
 
     def _without_people(self, camera: int) -> _Found | None:
         """The verdict on a camera that shows nobody, or nobody for sure; None for others."""
-        names = ("matched", "expected", "seen", "boxes")
+        names = ("matched", "expected", "distinct", "boxes")
         matched, expected, distinct, boxes = (self._counts(camera, name) for name in names)
         if not self.watched.sights.scene.rig.registered[camera]:
             return _Found(Verdict.DOUBTFUL, None, None, UNREGISTERED)

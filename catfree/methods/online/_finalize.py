@@ -250,16 +250,16 @@ def _identify(
     past_of[k] = match_chains(
         pasts, future, stranger, look[k], boxes[k], detected_times[k], habits, population
     )
-    here = at[0]
-    linked = past_of[chain[here]]
-    numbers = track[chain[here]]
+    frame_nodes = at[0]
+    linked = past_of[chain[frame_nodes]]
+    numbers = track[chain[frame_nodes]]
     previous = _identity_of(state, numbers)
     names = np.where(linked >= 0, pasts.name[linked] if len(pasts.name) else -1, -1)
     # A track that continues no past keeps its own identity, unless a past has that one.
     free = (linked < 0) & (previous >= 0) & ~np.isin(previous, pasts.name)
     names[free] = previous[free]
-    nodes_here = rows[here]
-    spread = extra[nodes_here] + trails.covariance[nodes_here, :2, :2]
+    trail_rows = rows[frame_nodes]
+    spread = extra[trail_rows] + trails.covariance[trail_rows, :2, :2]
     unnamed = _by_precision(np.flatnonzero(names < 0), spread)
     names[unnamed] = int(state.names) + np.arange(len(unnamed))
     events = [
@@ -270,9 +270,9 @@ def _identify(
     hidden = pasts.gap[linked[linked >= 0]] - 1
     departed = (pasts.gap == HORIZON).sum()
     counted = np.array(
-        [(linked < 0).sum() + departed, len(here), (hidden > 0).sum(), hidden.sum()], float
+        [(linked < 0).sum() + departed, len(frame_nodes), (hidden > 0).sum(), hidden.sum()], float
     )
-    pasts = extend(pasts, linked, names, nodes.at(here), population)
+    pasts = extend(pasts, linked, names, nodes.at(frame_nodes), population)
     learned = replace(learned, habits=learned.habits + counted)
     state = _named(replace(state, pasts=pasts, learned=learned), numbers, names)
     return state, names, events

@@ -219,12 +219,12 @@ class InstantAssembler:
             self._place(frame)
         boxes = [
             replace(
-                found,
-                frame=np.full(len(found), number),
-                camera=np.full(len(found), camera),
+                detections,
+                frame=np.full(len(detections), number),
+                camera=np.full(len(detections), camera),
                 clock=None,
             )
-            for camera, _, found in frames
+            for camera, _, detections in frames
         ]
         cameras = tuple(frame.camera for frame in frames)
         return Instant(number, time, concatenate_common(boxes), cameras, self.take_dropped())

@@ -136,12 +136,12 @@ class Tracker:
                 state = learn_noise_and_unit(state, self.scene, settings)
                 learned = learn_places(state.learned, np.zeros((0, 4)), True, settings)
                 state = replace(state, learned=learned)
-            now = None
+            instant = None
             if not np.isnan(state.learned.unit):
-                state, now = advance(state, boxes, time, silent, self.scene, settings)
-                support = np.where(now.support >= 0, _take(usable_rows, now.support), -1)
-                now = now._replace(support=support)
-                state = replace(state, window=(*state.window, now))
+                state, instant = advance(state, boxes, time, silent, self.scene, settings)
+                support = np.where(instant.support >= 0, _take(usable_rows, instant.support), -1)
+                instant = instant._replace(support=support)
+                state = replace(state, window=(*state.window, instant))
             state = replace(state, count=np.asarray(state.count + 1), time=np.array(time))
             # Sums of decimal fractions are not exact.
             final_until = time - self.lag + 1e-6
@@ -152,12 +152,12 @@ class Tracker:
             ready = sum(float(i.time) <= final_until for i in state.window)
             state, final, events = finalize(state, settings, ready)
             rows = []
-            if now is not None:
-                state, reported = provisional(state, now, learned, settings)
+            if instant is not None:
+                state, reported = provisional(state, instant, learned, settings)
                 rows = [reported]
             self._state = forget_ended_tracks(state)
-        now, final = self._tracks(rows, time), self._tracks(final, time)
-        return Update(now, final, tuple(events), final_until)
+        current, final = self._tracks(rows, time), self._tracks(final, time)
+        return Update(current, final, tuple(events), final_until)
 
     def finish(self) -> Update:
         """Make all positions final; afterwards only `reset` continues.
