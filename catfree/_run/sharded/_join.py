@@ -231,7 +231,7 @@ def _learn_area(folder: Path, receipts: list[Receipt]) -> Area | None:
     """Learn the working area from the places where people are at instants all over the recording.
 
     Returns:
-        None if it is switched off, or the method knows none.
+        None if the working area is switched off, or the method knows none.
     """
     settings = evidence_settings(receipts[0])
     heights = [receipt.person_height for receipt in receipts if receipt.person_height is not None]

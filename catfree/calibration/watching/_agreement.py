@@ -1,11 +1,11 @@
 """How far the cameras disagree: turns and lags of all cameras, with the people eliminated.
 
 Every person's place is unknown in every frame. After it is eliminated, each person who is seen by
-two or more cameras leaves a quadratic cost of turns and lags of these cameras. Costs add, over
-people and over time; what a camera did in a window, since a window, or all the time, are sums of
-the same matrices. Centers and focal lengths of the cameras are off by constant errors within the
-usual deviations of a rig. They are unknowns, too: people who walk to other places must not look
-like a camera that turns.
+two or more cameras leaves a quadratic cost of turns and lags of these cameras. Costs add up over
+people and over time: what a camera did in a window, since a window, or all the time follows from
+sums of the same matrices. Centers and focal lengths of the cameras are off by constant errors
+within the usual deviations of a rig. They are unknowns, too: people who walk to other places must
+not look like a camera that turns.
 """
 
 from collections.abc import Sequence
@@ -136,7 +136,7 @@ class _Solved(NamedTuple):
 
 
 class _Equations(NamedTuple):
-    """Normal equations of each person: `per_camera`, and what eliminates the place.
+    """Normal equations of each person: of all cameras' errors, and what eliminates the place.
 
     Attributes:
         per_camera: (M, C, 8, 8) matrix of each camera's errors.
@@ -182,7 +182,7 @@ class _Equations(NamedTuple):
         return cls(normal[..., errors, errors], right[..., errors], mixed, solution)
 
     def sums(self, rows) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
-        """Information of some people on the errors, their places eliminated, and its product."""
+        """Sum matrices and vectors of some people for the errors, with their places eliminated."""
         mixed, solution = self.mixed[rows], self.solution[rows]
         p, cameras = mixed.shape[-1], np.arange(self.per_camera.shape[1])
         matrix = -mixed.reshape(-1, p).T @ solution.reshape(-1, p + 1)
@@ -201,7 +201,7 @@ def _solve(
     begun: Float[np.ndarray, " p"],
     noise: Float[np.ndarray, "3"],
 ) -> _Solved:
-    """Linearize around the present errors and places, solve with robust weights.
+    """Linearize around the present errors and places, and solve with robust weights.
 
     Errors that no person constrains stay as they were when the window was `begun`.
     """

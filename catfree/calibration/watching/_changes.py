@@ -1,7 +1,7 @@
 """When a camera turned or its clock jumped: changes of a linear model of all cameras over time.
 
-The windows' costs are quadratic, so that errors that are constant, that grow with time or that
-begin at a window are one linear model, and the evidence for one more change has a closed form.
+The costs of the windows are quadratic. Errors that are constant, grow with time or begin at a
+window therefore form one linear model, and the evidence for one more change has a closed form.
 Every person is off by a bias of their own: how far people differ tells the true noise.
 """
 
@@ -91,7 +91,7 @@ class Course:
         return self._errors(design)
 
     def rates(self) -> tuple[Float[np.ndarray, " cam"], Float[np.ndarray, "cam cam"]]:
-        """Steps per step by which each clock lags more and more, and their covariance."""
+        """Growth of each clock's lag in steps per step, and the covariance."""
         p = PARAMETERS * len(self.noise)
         design = np.zeros((p, len(self.value)))
         design[3::PARAMETERS, p : p + len(self.noise)] = np.eye(len(self.noise))
@@ -172,9 +172,9 @@ def fit_course(
 
 
 def as_turns(course: Course, windows: Sequence[Window]) -> Course:
-    """The same changes if centers and focal lengths were right, so that turns explain the rest.
+    """Fit the same changes as if centers and focal lengths were right: turns explain the rest.
 
-    Where a camera was all the time, a turn and a displacement look nearly the same.
+    A constant turn and a constant displacement of a camera look nearly the same.
 
     Args:
         course: the result of `fit_course`.

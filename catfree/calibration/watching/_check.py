@@ -169,9 +169,9 @@ def check(
 
     The recording is cut into windows of up to a minute. In each, the people whom at least two
     cameras see tell by how much every camera is turned and late. A camera moved if these errors
-    change by more than chance and the differences between people explain. By chance, a camera that
-    does nothing raises one false alarm in 200 hours, whatever the recording; in a rig that is off
-    by decimeters, more.
+    change by more than chance and the differences between people explain. By chance, a camera to
+    which nothing happened raises one false alarm in 200 hours of any recording, and more of them
+    in a rig that is off by decimeters.
 
     Args:
         scene: cameras and ground.

@@ -75,8 +75,9 @@ class InstantAssembler:
     Frames belong to the same instant if they are less than half a frame interval from its expected
     time, which follows the times of the instants handed out. Clocks of cameras may jitter by less
     than that, and a camera may deliver at a higher rate: the newest frame of an instant counts. A
-    frame that is more than ten seconds (or intervals, or the timeout) ahead of all others waits for
-    one of another camera that is, too: a single wrong time does not end all other instants.
+    frame that is more than ten seconds (or intervals, or the timeout) ahead of all others waits
+    until a frame of another camera is as far ahead: a single wrong time does not end all other
+    instants.
 
     Attributes:
         camera_count: number of cameras of the rig.
@@ -154,10 +155,10 @@ class InstantAssembler:
         return tuple(instants)
 
     def take_dropped(self) -> tuple[DroppedFrame, ...]:
-        """Return the latest frames that were left out and that no instant names, and forget them.
+        """Return the frames that were left out and that no instant has named yet, and forget them.
 
-        They are named as soon as an instant is handed out; a stream may end, or a clock be set
-        back, before there is one.
+        The next instant names them; ask here if a stream may end, or a clock be set back, before
+        there is one.
         """
         dropped = tuple(self._dropped)
         self._dropped.clear()

@@ -52,7 +52,7 @@ class Tracker:
 
     Each call of `update` takes the boxes of one instant. Noise, detection rates and the usual speed
     are learned on the way, from the boxes of some of the last instants: after 1, 2, 4 to 64
-    instants and then after every 512, which takes up to some seconds, while all other calls take
+    instants and then after every 512. Such a call takes up to a few seconds, all others take
     milliseconds. There are no threads and no clock inside: time is that of the data.
 
         tracker = cf.Tracker(scene, lag=2.0)

@@ -1,8 +1,8 @@
 """Patterns in the residuals of each camera that no noise of boxes leaves.
 
-A late clock leaves residuals along the way that people walk, and a camera that was moved different
-residuals before and after. A rig that fits people in spite of such a pattern may be far off. For
-what a wrong lens leaves, see `_lens_pattern`.
+A late clock leaves residuals along the way that people walk. A camera that was moved leaves other
+residuals after the move than before. A rig that fits people in spite of such a pattern may be far
+off. For what a wrong lens leaves, see `_lens_pattern`.
 """
 
 from collections.abc import Sequence
