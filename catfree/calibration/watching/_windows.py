@@ -160,7 +160,7 @@ def _likelier_starts(
 
 
 def _is_near(one: Correction, other: Correction) -> bool:
-    """Whether a window solved from one would end up at the other."""
+    """Return whether a window solved from one would end up at the other."""
     turn = np.linalg.norm(one.turn - other.turn)
     return abs(one.lag - other.lag) <= 1 and bool(turn <= CELL)
 

@@ -162,7 +162,9 @@ class Pinhole(NamedTuple):
 
 
 def implied_person(
-    matrix: Float[Array, "3 4"], ground_inverse: Float[Array, "3 3"], edges: Float[Array, "3"]
+    matrix: Float[HostOrDevice, "3 4"],
+    ground_inverse: Float[HostOrDevice, "3 3"],
+    edges: Float[HostOrDevice, "3"],
 ) -> tuple[Float[Array, "2"], Float[Array, ""]]:
     """Foot position and height of a person whose box has exactly these edges."""
     column = edges[0]
@@ -179,8 +181,8 @@ def implied_person(
 def measure(
     box: Box,
     camera: Pinhole,
-    angular: Float[Array, ""],
-    spread: Float[Array, ""],
+    angular: Float[HostOrDevice, ""],
+    spread: Float[HostOrDevice, ""],
     constants: BoxConstants,
 ) -> Measurements:
     """Compute the likelihood of one box.
@@ -273,7 +275,7 @@ def measure_all(
     sigma = jnp.sqrt((place[:, 0, 0] + place[:, 1, 1]) / 2)
     valid = measured.valid & present & jnp.isfinite(sigma) & (sigma < constants.largest_sigma)
 
-    def keep(values: Array) -> Array:
+    def keep(values: HostOrDevice) -> Array:
         return jnp.where(valid.reshape(-1, *(1,) * (values.ndim - 1)), values, 0.0)
 
     return replace(
