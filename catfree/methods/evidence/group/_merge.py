@@ -10,7 +10,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from catfree.methods.evidence._gaussian import Information, log_evidence
@@ -21,13 +21,13 @@ PAIRS_AT_A_TIME = 1 << 18  # neighbors processed together: fits a cache
 
 
 def close_pairs(
-    position: np.ndarray,
-    covariance: np.ndarray,
-    frame: np.ndarray,
-    camera: np.ndarray,
-    items: np.ndarray,
+    position: Float[np.ndarray, "item 2"],
+    covariance: Float[np.ndarray, "item 2 2"],
+    frame: Int[np.ndarray, " item"],
+    camera: Int[np.ndarray, " item"],
+    items: Int[np.ndarray, " n"],
     gate: float,
-) -> np.ndarray:
+) -> Int[np.ndarray, "pair 2"]:
     """Find pairs of items of one frame and different cameras within the gate.
 
     Args:
@@ -79,7 +79,7 @@ def close_pairs(
     )
 
 
-def _searches(reach: np.ndarray, crowd: int) -> list[tuple[int, int]]:
+def _searches(reach: Float[np.ndarray, " n"], crowd: int) -> list[tuple[int, int]]:
     """Runs of items, as (first, end), whose neighbors are searched together.
 
     Their reaches differ by less than a factor of two, and all their neighbors fit into memory.
@@ -191,17 +191,17 @@ def _mutually_best(
 
 def merge_boxes(
     info: Information,
-    position: np.ndarray,
-    covariance: np.ndarray,
-    frame: np.ndarray,
-    camera: np.ndarray,
-    valid: np.ndarray,
+    position: Float[np.ndarray, "box 2"],
+    covariance: Float[np.ndarray, "box 2 2"],
+    frame: Int[np.ndarray, " box"],
+    camera: Int[np.ndarray, " box"],
+    valid: Bool[np.ndarray, " box"],
     cameras: int,
     density: float,
     spread: float,
     gate: float,
-    looks: np.ndarray | None = None,
-    slot: np.ndarray | None = None,
+    looks: Float[np.ndarray, "frame slot slot"] | None = None,
+    slot: Int[np.ndarray, "box 2"] | None = None,
     priors: Priors | None = None,
 ) -> Groups:
     """Group the boxes of every frame into people.
