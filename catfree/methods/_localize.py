@@ -9,21 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from catfree.errors import InsufficientDataError, InvalidInputError
-from catfree.geometry import CanonicalFrame
 from catfree.methods import evidence
 from catfree.methods._expectation import with_expectation
-from catfree.methods.paper._assemble import assemble, empty_localization
-from catfree.methods.paper._select import select_positions
-from catfree.methods.paper.association import (
-    associate_in_two_passes,
-    cast_rays,
-    link_tracklets,
-    locate,
-    observe,
-)
-from catfree.methods.paper.trajectories import build_trajectories
+from catfree.methods.paper._assemble import empty_localization
+from catfree.methods.paper._localize_by_paper import localize_by_paper
 from catfree.settings import Settings
-from catfree.types import Detections, Localization, Scene, Thresholds
+from catfree.types import Detections, Localization, Scene
 from catfree.types._annotations import Progress, no_progress
 from catfree.types._processes import require_own_process
 from catfree.types._scene import implausible_height, require_scene
@@ -99,7 +90,7 @@ def localize(
             detections, scene, keep, settings, missing, camera_names, report
         )
     else:
-        result = _localize_by_paper(detections, scene, keep, settings, report)
+        result = localize_by_paper(detections, scene, keep, settings, report)
     warnings = result.warnings
     faults = (
         implausible_height(scene),
@@ -183,55 +174,6 @@ def _missing_pictures(
     return rows
 
 
-def _localize_by_paper(
-    detections: Detections,
-    scene: Scene,
-    keep: Bool[np.ndarray, " n"],
-    settings: Settings,
-    report: Progress,
-) -> Localization:
-    """Run the published CAT-Free method, stage by stage."""
-    frame = CanonicalFrame.of(scene)
-    rig = frame.rig(scene.rig)
-    observations = observe(detections, rig, keep=keep)
-    rays = cast_rays(observations, rig)
-    report("tracklets", 0, 1)
-    tracklet = link_tracklets(observations, settings.tracklets)
-    groups, rays, ratio = associate_in_two_passes(observations, rays, settings, report)
-    report("positions", 0, 1)
-    located = locate(observations, rays, rig, groups, tracklet, settings)
-    report("selection", 0, 1)
-    selection = select_positions(
-        located.hypotheses, settings.selection, sigma_theta=settings.rays.sigma_theta
-    )
-    report("trajectories", 0, 1)
-    positions, extension_appearance = build_trajectories(
-        observations, rays, located, selection, settings
-    )
-    report("trajectories", 1, 1)
-    thresholds = Thresholds(
-        tau_sigma=_times(selection.tau_sigma, frame.extent),
-        tau_g=_times(selection.tau_g, frame.extent),
-        tau_sigma_recovery=_times(selection.tau_sigma_recovery, frame.extent),
-        tau_g_recovery=_times(selection.tau_g_recovery, frame.extent),
-        median_box_height=float(np.median(observations.height)),
-        pose_ratio=ratio,
-        extension_appearance=extension_appearance,
-    )
-    return assemble(
-        frame,
-        scene,
-        observations,
-        rays,
-        located,
-        selection,
-        positions,
-        thresholds,
-        settings,
-        detection_count=len(detections),
-    )
-
-
 def usable(
     detections: Detections,
     scene: Scene,
@@ -259,7 +201,3 @@ def usable(
         keep = keep & detections.ankles_confirmed
     require_few_people(detections.frame[keep], detections.camera[keep], camera_names)
     return keep
-
-
-def _times(value: float | None, length: float) -> float | None:
-    return None if value is None else value * length

@@ -33,9 +33,10 @@ def assemble(
     located: Located,
     selection: Selection,
     positions: Positions,
-    thresholds: Thresholds,
     settings: Settings,
     *,
+    pose_ratio: float,
+    extension_appearance: float | None,
     detection_count: int,
 ) -> Localization:
     """The result of a run in scene units, with the caller's frames and detection indices."""
@@ -44,6 +45,13 @@ def assemble(
     tracks = collect_tracks(frame, scene, observations, rays, positions, sigma_theta=sigma_theta)
     radius = settings.selection.suppression_radius * frame.extent
     reliability = summarize(tracks, candidates, len(observations), radius)
+    lengths = ("tau_sigma", "tau_g", "tau_sigma_recovery", "tau_g_recovery")
+    thresholds = Thresholds(
+        **{name: _times(getattr(selection, name), frame.extent) for name in lengths},
+        median_box_height=float(np.median(observations.height)),
+        pose_ratio=pose_ratio,
+        extension_appearance=extension_appearance,
+    )
     return Localization(tracks, candidates, thresholds, reliability, detection_count)
 
 
@@ -165,3 +173,7 @@ def empty_localization(
 
 def _share(flags: np.ndarray) -> float:
     return float(flags.mean()) if len(flags) else 0.0
+
+
+def _times(value: float | None, length: float) -> float | None:
+    return None if value is None else value * length

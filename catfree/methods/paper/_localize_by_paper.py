@@ -1,0 +1,124 @@
+"""The published CAT-Free method, stage by stage."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from catfree.geometry import CanonicalFrame
+from catfree.methods.paper._assemble import assemble
+from catfree.methods.paper._select import select_positions
+from catfree.methods.paper.association import (
+    Correspondences,
+    Observations,
+    associate_in_two_passes,
+    cast_rays,
+    link_tracklets,
+    locate,
+    observe,
+)
+from catfree.methods.paper.trajectories import build_trajectories
+from catfree.settings import Settings
+from catfree.types import Detections, Localization, Rays, Rig, Scene
+from catfree.types._annotations import Progress, no_progress
+
+
+class Associated(NamedTuple):
+    """Detections in groups of one person each, before any position is known.
+
+    Attributes:
+        frame: the canonical frame.
+        rig: cameras in the canonical frame.
+        observations: detections in canonical order.
+        rays: their weighted rays in the canonical frame.
+        groups: the cross-view groups.
+        tracklet: (N,) tracklet of each detection, or -1.
+        pose_ratio: weight of rays without confirmed ankles.
+        detection_count: number of the caller's detections.
+    """
+
+    frame: CanonicalFrame
+    rig: Rig
+    observations: Observations
+    rays: Rays
+    groups: Correspondences
+    tracklet: Int[np.ndarray, " n"]
+    pose_ratio: float
+    detection_count: int
+
+
+def localize_by_paper(
+    detections: Detections,
+    scene: Scene,
+    keep: Bool[np.ndarray, " n"],
+    settings: Settings,
+    progress: Progress | None = None,
+) -> Localization:
+    """Track people by the paper's method.
+
+    Args:
+        detections: boxes of all cameras.
+        scene: cameras and ground.
+        keep: (N,) detections to use, at least one.
+        settings: of the run.
+        progress: called as `progress(stage, done, total)`.
+
+    Returns:
+        The result in the caller's frame, units and detection indices.
+
+    Source:
+        Sec. "Method".
+    """
+    associated = associate_detections(detections, scene, keep, settings, progress)
+    return locate_people(associated, scene, settings, progress)
+
+
+def associate_detections(
+    detections: Detections,
+    scene: Scene,
+    keep: Bool[np.ndarray, " n"],
+    settings: Settings,
+    progress: Progress | None = None,
+) -> Associated:
+    """Group the detections of each frame by person; see `localize_by_paper`."""
+    report = progress or no_progress
+    frame = CanonicalFrame.of(scene)
+    rig = frame.rig(scene.rig)
+    observations = observe(detections, rig, keep=keep)
+    rays = cast_rays(observations, rig)
+    report("tracklets", 0, 1)
+    tracklet = link_tracklets(observations, settings.tracklets)
+    groups, rays, ratio = associate_in_two_passes(observations, rays, settings, report)
+    return Associated(frame, rig, observations, rays, groups, tracklet, ratio, len(detections))
+
+
+def locate_people(
+    associated: Associated, scene: Scene, settings: Settings, progress: Progress | None = None
+) -> Localization:
+    """Locate the groups, select positions, and link them to tracks; see `localize_by_paper`."""
+    report = progress or no_progress
+    frame, rig, observations, rays, groups, tracklet, pose_ratio, detection_count = associated
+    report("positions", 0, 1)
+    located = locate(observations, rays, rig, groups, tracklet, settings)
+    report("selection", 0, 1)
+    selection = select_positions(
+        located.hypotheses, settings.selection, sigma_theta=settings.rays.sigma_theta
+    )
+    report("trajectories", 0, 1)
+    positions, extension_appearance = build_trajectories(
+        observations, rays, located, selection, settings
+    )
+    report("trajectories", 1, 1)
+    return assemble(
+        frame,
+        scene,
+        observations,
+        rays,
+        located,
+        selection,
+        positions,
+        settings,
+        pose_ratio=pose_ratio,
+        extension_appearance=extension_appearance,
+        detection_count=detection_count,
+    )
