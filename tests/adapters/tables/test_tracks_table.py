@@ -180,7 +180,9 @@ def test_the_documented_way_to_read_it(tmp_path, monkeypatch, capsys):
     write_tracks_parquet(tmp_path / "results" / "tracks.parquet", tracks)
     monkeypatch.chdir(tmp_path)
     page = Path(__file__).parents[3] / "docs" / "table.md"
-    first, second = re.findall(r"^```python\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+    first, second, *_ = re.findall(
+        r"^```python\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE
+    )
     found: dict = {}
     exec(first, found)
     assert len(found["north"]) == 2
