@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.reliability.files import Material, Reader, readers
+from benchmarks.reliability.files import readers
+from benchmarks.reliability.material import Material, Reader
 from benchmarks.reliability.tally import Tally
 from catfree._run._cache import StageCache
 from catfree.adapters import read_opencv_yaml, write_opencv_yaml

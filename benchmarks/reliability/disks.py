@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.reliability.files import Material
+from benchmarks.reliability.material import Material
 from benchmarks.reliability.tally import Tally
 from catfree._run._cache import StageCache
 from catfree._run._result_folder import write_results

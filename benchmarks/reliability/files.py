@@ -2,13 +2,13 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
+from benchmarks.reliability.material import Material, Reader
 from catfree._run._cache import StageCache, to_arrays
 from catfree._run._result_folder import LOCALIZATION_FILE, SCENE_FILE, read_results
 from catfree._run.sharded._sites import read_sites
@@ -46,68 +46,18 @@ from catfree.adapters.calibration_files._rotation_vectors import rotation_to_vec
 from catfree.adapters.calibration_files.colmap._colmap_models import MODELS, PARAMETERS
 from catfree.adapters.video._timestamps import read_timestamps
 from catfree.calibration import read_anchors
-from catfree.methods.online import Tracker, TrackerState
-from catfree.synthetic import make_world, ring
+from catfree.methods.online import TrackerState
 from catfree.types import (
-    Candidates,
     Detections,
     Localization,
-    Reliability,
     Rig,
     Scene,
-    Thresholds,
     Tracks,
 )
 from catfree.types._archive import save_arrays
 
 _TIMES = "frame_id,timestamp_s\n0,1700000000.0\n1,1700000000.04\n2,1700000000.08\n"
 WILDTRACK_LABELS = ("CVLab1", "CVLab2", "CVLab3", "CVLab4", "IDIAP1", "IDIAP2", "IDIAP3")
-
-
-@dataclass(frozen=True)
-class Reader:
-    """One reader with valid input.
-
-    Attributes:
-        name: what it reads.
-        write: puts valid input into an empty folder.
-        read: reads that folder; None stands for "absent", which only the cache may say.
-        kind: what the content is, which decides how it may be damaged: text, archive or binary.
-        only: suffixes of the files that are damaged; all if empty.
-        cached: whether what is read must equal what was written, or be absent.
-    """
-
-    name: str
-    write: Callable[[Path], Any]
-    read: Callable[[Path], Any]
-    only: tuple[str, ...] = ()
-    cached: bool = False
-
-
-class Material:
-    """What the files hold: a small world and a result such as localization gives."""
-
-    def __init__(self, seed: int, cameras: int = 3) -> None:
-        layout = ring(cameras, seed=seed, image_size=(320, 240), people=3)
-        world = make_world(layout, seed, frames=8, people=3)
-        self.scene, self.detections = world.true_scene, world.detections
-        self.names = ("north", "east", "south", "west")[:cameras]
-        self.rig = self.scene.rig
-        self.localization = _result(cameras, len(self.detections))
-        self.tracks = self.localization.tracks
-
-    def lens_rig(self) -> Rig:
-        """The rig with a little distortion, so that files hold coefficients."""
-        lens = np.tile([-0.1, 0.01, 0.001, 0.002, 0.0], (self.rig.camera_count, 1))
-        rig = self.rig
-        return Rig(rig.K, rig.R, rig.t, rig.image_size, distortion=lens)
-
-    def tracker_state(self) -> TrackerState:
-        """What a tracker remembers after all instants but the last."""
-        tracker = Tracker(self.scene, lag=1.0)
-        for frame in range(7):
-            tracker.update(self.detections[self.detections.frame == frame], frame / 2)
-        return tracker.state
 
 
 def readers(seed: int) -> list[Reader]:
@@ -236,40 +186,6 @@ def readers(seed: int) -> list[Reader]:
 
 def _load(kind: Any) -> Callable[[Path], Any]:
     return lambda folder: kind.load(folder / "a.npz")
-
-
-def _result(cameras: int, detection_count: int) -> Localization:
-    """Two people who walk through eight frames, without running anything."""
-    count = 16
-    frame, person = np.divmod(np.arange(count), 2)
-    xy = np.stack([0.3 * frame, 2.0 * person - 1], axis=-1)
-    position, sigma = np.column_stack([xy, np.zeros(count)]), np.full(count, 0.1)
-    tracks = Tracks(
-        frame=frame,
-        track_id=person,
-        position=position,
-        ground_xy=xy,
-        sigma=sigma,
-        covariance=np.tile(0.01 * np.eye(2), (count, 1, 1)),
-        supporting_cameras=np.full(count, 2),
-        origin=np.zeros(count, np.int64),
-        existence=np.full(count, 0.9),
-        velocity=np.zeros((count, 2)),
-        velocity_covariance=np.tile(0.01 * np.eye(2), (count, 1, 1)),
-    )
-    candidates = Candidates(
-        frame=frame,
-        position=position,
-        sigma=sigma,
-        ground_distance=np.zeros(count),
-        rms_angle=np.full(count, np.nan),
-        support=np.full((count, cameras), -1),
-        score=np.ones(count),
-        fate=np.zeros(count, np.int64),
-    )
-    reliability = Reliability(0.1, 0.2, 0.0, 0.0, 2.0, 0.9)
-    thresholds = Thresholds(median_box_height=80.0)
-    return Localization(tracks, candidates, thresholds, reliability, detection_count)
 
 
 def _write_results(folder: Path, m: Material) -> None:

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.reliability.files import Reader, readers
+from benchmarks.reliability.files import readers
+from benchmarks.reliability.material import Reader
 from benchmarks.reliability.mutations import (
     appended,
     cut,

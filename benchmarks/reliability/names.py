@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.reliability.files import Material
+from benchmarks.reliability.material import Material
 from benchmarks.reliability.tally import Tally
 from catfree._run._result_folder import draw_pictures, read_results, write_results
 from catfree._run._run import RunOutcome
