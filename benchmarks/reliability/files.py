@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from benchmarks.reliability.dispatched import dispatching_readers
 from benchmarks.reliability.material import Material, Reader
 from catfree._run._cache import StageCache, to_arrays
 from catfree._run._result_folder import LOCALIZATION_FILE, SCENE_FILE, read_results
@@ -63,6 +64,11 @@ WILDTRACK_LABELS = ("CVLab1", "CVLab2", "CVLab3", "CVLab4", "IDIAP1", "IDIAP2", 
 def readers(seed: int) -> list[Reader]:
     """Every reader of the library."""
     m = Material(seed)
+    known = _of_one_format(m)
+    return known + dispatching_readers(m, known)
+
+
+def _of_one_format(m: Material) -> list[Reader]:
     lens = m.lens_rig()
     return [
         Reader("Detections.load", lambda f: m.detections.save(f / "a.npz"), _load(Detections)),
