@@ -1,16 +1,28 @@
 """Seeded damage to the bytes, the words and the arrays of a file."""
 
+import datetime
+import decimal
 import io
 import re
 import struct
 import zipfile
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+import pyarrow
+import pyarrow.parquet
 
 Generator = np.random.Generator
 _NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[A-Za-z_][\w-]*")
+# No field of any format holds these: more digits than Python converts, beyond float64, no number,
+# beyond 63 bits, and nothing at all.
+_IMPOSSIBLE = (
+    *(b"9" * 5000, b"-" + b"9" * 5000, b"0." + b"9" * 5000, b"1" + b"0" * 5000 + b".5"),
+    *(b"1e999", b"-1e999", b"nan", b"NaN", b"", b'""'),
+    *(b"9223372036854775808", b"-9223372036854775809", b"18446744073709551616"),
+)
 _TOKENS = (
     *(b"NaN", b"nan", b".nan", b"Infinity", b"-Infinity", b"inf", b"-inf", b"1e308", b"-1e308"),
     *(
@@ -23,6 +35,21 @@ _TOKENS = (
     *(b"0", b"-1", b"-0", b"0.5", b"9" * 5000, b"", b"null", b"true", b'"x"', b"[]", b"{}", b"1 2"),
     *(b"0x10", b"1_000", b"\xff\xfe", b"1970-01-01", b"[" * 3000, b'{"a":' * 3000, b"a." * 3000),
 )
+# What a column of a table may hold in place of a number or a text.
+_VALUES: tuple[Any, ...] = (
+    *(None, np.nan, np.inf, -np.inf, -1, 0, 2**40, 2**62, -(2**63), 2**64 - 1, 1e308, -1e308, 0.5),
+    *("", "x" * 5000, "9" * 5000, "nan", "\0", "north ", b"\xff", True, {}, {"a": 1}, {"a": None}),
+    *([], [1.0], [None], [[1.0]], [np.nan] * 4, [0.0] * 51),
+    *(datetime.date(1970, 1, 1), datetime.datetime(1970, 1, 1), datetime.timedelta(9)),
+    *(datetime.time(1), decimal.Decimal("1e30"), decimal.Decimal("0.1")),
+)
+_TYPES = (
+    *(pyarrow.null(), pyarrow.int8(), pyarrow.uint64(), pyarrow.float16(), pyarrow.float32()),
+    *(pyarrow.bool_(), pyarrow.string(), pyarrow.large_string(), pyarrow.binary(3)),
+    *(pyarrow.timestamp("ns"), pyarrow.decimal128(30, 2), pyarrow.list_(pyarrow.float64())),
+    *(pyarrow.list_(pyarrow.float64(), 51), pyarrow.struct([("a", pyarrow.int8())])),
+    *(pyarrow.map_(pyarrow.string(), pyarrow.int8()), pyarrow.dictionary("int8", "string")),
+)
 _STRINGS = (b"", b"x" * 5000, b"\\ud800", b"../../x", b"$a_b_c$", b"\x00", b"<b>", b'"', b"'")
 
 
@@ -31,7 +58,10 @@ def damaged(content: bytes, rng: Generator) -> bytes:
     is_archive = content[:2] == b"PK"
     is_text = not is_archive and b"\0" not in content
     ways: list[Callable[[bytes, Generator], bytes]] = list(_BYTES)
-    ways += _ARCHIVE * 2 if is_archive else _TEXT * 2 if is_text else _BINARY * 2
+    if content[:4] == b"PAR1":
+        ways += _PARQUET * 8
+    else:
+        ways += _ARCHIVE * 2 if is_archive else _TEXT * 2 if is_text else _BINARY * 2
     for _ in range(int(rng.choice([1, 1, 1, 2, 3]))):
         content = ways[rng.integers(len(ways))](content, rng)
     return content
@@ -83,6 +113,11 @@ def swapped(content: bytes, rng: Generator) -> bytes:
 def other_number(content: bytes, rng: Generator) -> bytes:
     """Some number replaced by an odd one."""
     return _replace(_NUMBER, content, rng, _TOKENS)
+
+
+def impossible_number(content: bytes, rng: Generator) -> bytes:
+    """Some number replaced by one of 5000 digits, beyond 63 bits or float64, or by none."""
+    return _replace(_NUMBER, content, rng, _IMPOSSIBLE)
 
 
 def other_word(content: bytes, rng: Generator) -> bytes:
@@ -191,6 +226,65 @@ def other_members(content: bytes, rng: Generator) -> bytes:
     return _archive(members)
 
 
+def other_column(content: bytes, rng: Generator) -> bytes:
+    """A Parquet file whose checksums are right and one of whose columns is not."""
+    try:
+        table = pyarrow.parquet.read_table(io.BytesIO(content))
+    except Exception:  # it was damaged before
+        return content
+    at = int(rng.integers(table.num_columns))
+    name, values = table.column_names[at], table.column(at).to_pylist()
+    ways = (*range(len(_VALUES)), *range(len(_VALUES)), *range(-8, 0))
+    way = int(ways[rng.integers(len(ways))])
+    if way == -1:
+        table = table.remove_column(at)
+    elif way == -2:
+        table = table.rename_columns([n.upper() if n == name else n for n in table.column_names])
+    elif way == -3:
+        table = table.append_column(name, table.column(at))
+    elif way == -4:
+        table = table.replace_schema_metadata(_other_metadata(table.schema.metadata, rng))
+    elif way == -5:
+        table = table.slice(0, 0)
+    elif way == -6:
+        table = table.take(rng.permutation(len(table)))
+    elif way == -7:
+        table = table.set_column(at, name, pyarrow.array(map(str, values), pyarrow.string()))
+    elif way == -8:
+        kind = _TYPES[rng.integers(len(_TYPES))]
+        table = table.set_column(at, name, pyarrow.nulls(len(table), kind))
+    else:
+        changed, kind = list(values), table.column(at).type
+        if changed:
+            changed[rng.integers(len(changed))] = _VALUES[way]
+        column = _array(changed, kind) or _array(changed, None)
+        column = column or _array([_VALUES[way]] * len(values), None)
+        table = table if column is None else table.set_column(at, name, column)
+    stream = io.BytesIO()
+    try:
+        pyarrow.parquet.write_table(table, stream, write_page_checksum=True)
+    except Exception:  # a type that the format does not have
+        return content
+    return stream.getvalue()
+
+
+def _array(values: list[Any], kind: Any) -> Any:
+    """A column of values, or None if they are not of one type."""
+    try:
+        return pyarrow.array(values, kind)
+    except (pyarrow.ArrowException, OverflowError, TypeError, ValueError):
+        return None
+
+
+def _other_metadata(metadata: dict[bytes, bytes] | None, rng: Generator) -> dict[bytes, bytes]:
+    """What a table says of itself, with one entry damaged."""
+    changed = dict(metadata or {b"clock": b"null"})
+    key = list(changed)[rng.integers(len(changed))]
+    ways = (other_number, other_word, impossible_number, cut, truncated)
+    changed[key] = ways[rng.integers(len(ways))](changed[key], rng)
+    return changed
+
+
 def _members(content: bytes) -> dict[str, bytes]:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -223,6 +317,7 @@ def _replace(
 
 
 _BYTES = [flipped, truncated, appended, zeroed, cut, doubled, swapped]
-_TEXT = [other_number, other_number, other_number, other_word, other_line]
+_TEXT = [other_number, other_number, impossible_number, impossible_number, other_word, other_line]
+_PARQUET = [other_column]
 _BINARY = [other_field, other_field]
 _ARCHIVE = [other_array, other_array, other_array, other_header, other_members]
