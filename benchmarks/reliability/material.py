@@ -84,16 +84,34 @@ def _result(cameras: int, detection_count: int) -> Localization:
         velocity=np.zeros((count, 2)),
         velocity_covariance=np.tile(0.01 * np.eye(2), (count, 1, 1)),
     )
+    known = frame % 2 == 0  # the others rest on one ray each
     candidates = Candidates(
         frame=frame,
         position=position,
-        sigma=sigma,
-        ground_distance=np.zeros(count),
-        rms_angle=np.full(count, np.nan),
+        sigma=np.where(known, sigma, np.inf),
+        ground_distance=np.where(known, 0.0, np.nan),
+        rms_angle=np.where(known, 0.01, np.nan),
         support=np.full((count, cameras), -1),
         score=np.ones(count),
         fate=np.zeros(count, np.int64),
     )
-    reliability = Reliability(0.1, 0.2, 0.0, 0.0, 2.0, 0.9)
-    thresholds = Thresholds(median_box_height=80.0)
+    reliability = Reliability(
+        median_sigma=0.1,
+        sigma_over_radius=0.2,
+        fraction_recovered=0.0,
+        fraction_extended=0.0,
+        mean_supporting_cameras=2.0,
+        detections_used=0.9,
+        expected_precision=0.9,
+        expected_recall=0.8,
+        expected_moda=70.0,
+        moda_low=60.0,
+        moda_high=80.0,
+        ground_height=float("nan"),
+        lens_bend=0.001,
+        pattern_share=0.1,
+        least_together=float("nan"),
+        rig_sd_over_radius=0.1,
+    )
+    thresholds = Thresholds(0.5, 0.5, 0.4, 0.4, 80.0, 0.7, 0.3)
     return Localization(tracks, candidates, thresholds, reliability, detection_count)

@@ -15,19 +15,15 @@ import jax
 import numpy as np
 
 from catfree.errors import CatFreeError
-from catfree.types import Candidates, Reliability, Rig, Thresholds
+from catfree.methods.online import TrackerState
+from catfree.methods.online._tracker_state import Learned
+from catfree.types import Candidates, Reliability, Rig, Thresholds, Tracks
 
 LONGEST = 5.0  # seconds of this process, whatever else the machine does
 LONGEST_MESSAGE = 1000  # characters without the path
 COLUMNS = ("clean error", "valid", "absent", "traceback", "silent NaN", "hang", "loss")
 FAILURES = ("traceback", "silent NaN", "hang", "loss")
-# What documents NaN or infinity as an answer.
-_MAY_BE_NAN = (Candidates, Reliability, Thresholds)
-# What else is not finite where it is not known: in `Tracks`, and in `TrackerState` at first.
-_UNKNOWN = {
-    "velocity": np.isnan,
-    "velocity_covariance": lambda value: np.isnan(value) | np.isposinf(value),
-} | dict.fromkeys(("unit", "step", "usual", "final_time"), np.isnan)
+_Excuse = Callable[[Any, np.ndarray], Any]
 
 
 @dataclasses.dataclass
@@ -111,8 +107,6 @@ class Tally:
 
 def unsound(value: Any, name: str = "value") -> str | None:
     """The first place with NaN, infinity or no real numbers; None if all is well."""
-    if isinstance(value, _MAY_BE_NAN) or value is None:
-        return None
     if isinstance(value, Rig):
         value = dict(vars(value.select(value.registered)))
     if isinstance(value, np.ndarray | jax.Array | float | complex):
@@ -122,20 +116,78 @@ def unsound(value: Any, name: str = "value") -> str | None:
         real = array.dtype.kind != "f" or bool(np.isfinite(array).all())
         return None if real else f"{name} is not finite"
     if dataclasses.is_dataclass(value):
-        value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        names = [field.name for field in dataclasses.fields(value)]
+        value = {field: _known(value, field) for field in names}
     elif isinstance(value, tuple | list):
         value = {str(at): item for at, item in enumerate(value)}
     if isinstance(value, dict):
-        value = {k: _known(k, v) for k, v in value.items()}
         return next((f for k, v in value.items() if (f := unsound(v, f"{name}.{k}"))), None)
     return None
 
 
-def _known(name: str, value: Any) -> Any:
-    """The value with zeros where it says that something is not known."""
-    if name not in _UNKNOWN or not isinstance(value, np.ndarray) or value.dtype.kind != "f":
+def _known(owner: Any, name: str) -> Any:
+    """A field of a dataclass with zeros where its docstring says that something is not known."""
+    value, excuse = getattr(owner, name), _DOCUMENTED.get(type(owner), {}).get(name)
+    if excuse is None or not isinstance(value, np.ndarray | float):
         return value
-    return np.where(_UNKNOWN[name](value), 0.0, value)
+    numbers = np.asarray(value)
+    return np.where(excuse(owner, numbers), 0.0, numbers) if numbers.dtype.kind == "f" else value
+
+
+def _nan(owner: Any, value: np.ndarray) -> Any:
+    return np.isnan(value)
+
+
+def _infinite(owner: Any, value: np.ndarray) -> Any:
+    return np.isposinf(value)
+
+
+def _too_few_rays(owner: Candidates, value: np.ndarray) -> Any:
+    return np.isnan(value) & np.isposinf(owner.sigma)
+
+
+def _too_few_cameras(owner: Tracks, value: np.ndarray) -> Any:
+    unknown = np.isposinf(owner.sigma) & (owner.supporting_cameras < 2)
+    return unknown.reshape(-1, *[1] * (value.ndim - 1)) & ~np.isneginf(value)
+
+
+def _median_of_unknown(owner: Reliability, value: np.ndarray) -> Any:
+    return np.isnan(value) | (np.isposinf(value) & np.isposinf(owner.median_sigma))
+
+
+def _no_estimate(owner: Reliability, value: np.ndarray) -> Any:
+    estimate = owner.expected_moda
+    return np.isnan(value) & (estimate is not None and np.isnan(estimate))
+
+
+# What the docstrings of the types say of NaN and infinity; what they do not say is a fault.
+_DOCUMENTED: dict[type, dict[str, _Excuse]] = {
+    Candidates: {
+        "sigma": _infinite,
+        "ground_distance": _too_few_rays,
+        "rms_angle": _too_few_rays,
+    },
+    Reliability: {
+        "median_sigma": _median_of_unknown,
+        "sigma_over_radius": _median_of_unknown,
+        "expected_precision": _nan,
+        "expected_recall": _nan,
+        "expected_moda": _nan,
+        "moda_low": _no_estimate,
+        "moda_high": _no_estimate,
+        "ground_height": _nan,
+        "least_together": _nan,
+    },
+    Thresholds: {"extension_appearance": _infinite},
+    Tracks: {
+        "sigma": _too_few_cameras,
+        "covariance": _too_few_cameras,
+        "velocity": _nan,
+        "velocity_covariance": lambda owner, value: np.isnan(value) | np.isposinf(value),
+    },
+    Learned: dict.fromkeys(("unit", "step", "usual"), _nan),
+    TrackerState: {"final_time": _nan},
+}
 
 
 class _Late(BaseException):
