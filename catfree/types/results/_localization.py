@@ -88,7 +88,8 @@ class Thresholds(eqx.Module):
         tau_g_recovery: `tau_g` as the recovery estimates it again.
         median_box_height: h tilde in pixels.
         pose_ratio: weight of rays without confirmed ankles, min(1, (s_pose / s_other)²).
-        extension_appearance: largest appearance distance that an extension accepts.
+        extension_appearance: largest appearance distance that an extension accepts; inf if there
+            was nothing to learn it from.
     """
 
     tau_sigma: float | None = None
@@ -104,7 +105,8 @@ class Reliability(eqx.Module):
     """A label-free summary of the reliability of a run.
 
     Attributes:
-        median_sigma: median sigma of the tracks in scene units (NaN without tracks).
+        median_sigma: median sigma of the tracks in scene units (NaN without tracks, inf if that of
+            most is).
         sigma_over_radius: `median_sigma` divided by the paper's suppression radius, or by the
             radius within which the evidence method counts a position as right (`report_radius`).
         fraction_recovered: share of the accepted candidates that the recovery brought back.
@@ -113,12 +115,13 @@ class Reliability(eqx.Module):
         mean_supporting_cameras: mean number of cameras per position.
         detections_used: share of the detections that support an accepted position.
         expected_precision: expected share of the reported positions that are right, from the
-            method's probabilities; None if it gives none.
+            method's probabilities, NaN without positions; None if it gives none.
         expected_recall: expected share of people who are reported, from the same probabilities,
-            not counting people in fewer than two boxes; None if the method gives none.
+            not counting people in fewer than two boxes, NaN without people; None if the method
+            gives none.
         expected_moda: expected MODA at half a meter, in percent; NaN if it cannot be estimated,
             None in results of earlier versions.
-        moda_low: lower end of the 90 % interval of MODA.
+        moda_low: lower end of the 90 % interval of MODA, NaN where `expected_moda` is.
         moda_high: upper end of that interval.
         expectation_note: why MODA cannot be estimated, or None.
         ground_height: median height above the ground of where the foot rays of one person meet, in
@@ -239,8 +242,29 @@ def require_sound_localization(localization: Localization) -> None:
     candidates = localization.candidates
     for name in ("position", "score"):
         require_finite(getattr(candidates, name), f"candidates.{name}")
-    distance = candidates.ground_distance
-    known = np.isfinite(distance) | ~np.isfinite(candidates.sigma)
-    require(known, distance, "candidates.ground_distance", "a distance")
-    require(~np.isnan(candidates.sigma), candidates.sigma, "candidates.sigma", "a length")
+    sigma = candidates.sigma
+    require(sigma >= 0, sigma, "candidates.sigma", "a length")
+    for name, meaning in (("ground_distance", "a distance"), ("rms_angle", "an angle")):
+        values = getattr(candidates, name)
+        known = np.isfinite(values) | (np.isnan(values) & np.isposinf(sigma))
+        require(known, values, f"candidates.{name}", meaning)
     require(np.isin(candidates.fate, list(Fate)), candidates.fate, "candidates.fate", "a fate")
+    _require_sound_summary(localization)
+
+
+def _require_sound_summary(localization: Localization) -> None:
+    """Raise unless thresholds and reliability are finite, or unknown where they may be."""
+    tracks, summary = localization.tracks, localization.reliability
+    may_be_nan = {"expected_precision", "expected_recall", "expected_moda"}
+    may_be_nan |= {"ground_height", "least_together", "median_sigma", "sigma_over_radius"}
+    may_be_infinite = {"extension_appearance"}
+    if np.isposinf(tracks.sigma).any():
+        may_be_infinite |= {"median_sigma", "sigma_over_radius"}
+    if summary.expected_moda is not None and np.isnan(summary.expected_moda):
+        may_be_nan |= {"moda_low", "moda_high"}
+    for part in ("reliability", "thresholds"):
+        for name, value in vars(getattr(localization, part)).items():
+            if value is None or isinstance(value, str) or np.isfinite(value):
+                continue
+            if name not in (may_be_nan if np.isnan(value) else may_be_infinite) or value < 0:
+                raise InvalidInputError(f"{part}.{name} is {value}. Run `localize` again.")

@@ -63,7 +63,8 @@ class Tracks(eqx.Module):
         position: (M, 3) on the ground plane, scene units.
         ground_xy: (M, 2) coordinates along the plane's basis P (`Pᵀ position`): x, y in meters
             for a metric scene with z up.
-        sigma: (M,) ground uncertainty sqrt(trace(covariance) / 2) in scene units (Eq. sigma).
+        sigma: (M,) ground uncertainty sqrt(trace(covariance) / 2) in scene units (Eq. sigma); inf,
+            like the covariance, if too few cameras support the position.
         covariance: (M, 2, 2) of `ground_xy`, scene units squared; the paper's method: `Pᵀ Λ⁻¹ P`;
             evidence: smoothed over time, with sway, uneven ground and the error of the whole map.
         supporting_cameras: (M,) number of cameras that support the position.

@@ -8,7 +8,7 @@ import pytest
 from catfree._run._cache import StageCache, from_arrays, to_arrays
 from catfree.errors import CatFreeError, InvalidInputError
 from catfree.methods.paper._assemble import empty_localization
-from catfree.types import Localization, Tracks
+from catfree.types import Candidates, Localization, Reliability, Thresholds, Tracks
 from catfree.types._archive import save_arrays
 from catfree.types.results import require_sound_localization, require_sound_tracks
 
@@ -25,6 +25,32 @@ def tracks(count: int = 3) -> Tracks:
         origin=np.zeros(count, np.int64),
         existence=np.full(count, 0.5),
     )
+
+
+def stored() -> Localization:
+    """A result with tracks, one candidate that is known and one that rests on one ray."""
+    candidates = Candidates(
+        frame=np.arange(2),
+        position=np.zeros((2, 3)),
+        sigma=np.array([np.inf, 1.0]),
+        ground_distance=np.array([np.nan, 0.0]),
+        rms_angle=np.array([np.nan, 0.01]),
+        support=np.full((2, 3), -1),
+        score=np.zeros(2),
+        fate=np.zeros(2, np.int64),
+    )
+    reliability = Reliability(
+        median_sigma=1.0,
+        sigma_over_radius=2.0,
+        fraction_recovered=0.0,
+        fraction_extended=0.0,
+        mean_supporting_cameras=2.0,
+        detections_used=0.5,
+        expected_moda=80.0,
+        moda_low=70.0,
+        moda_high=90.0,
+    )
+    return Localization(tracks(), candidates, Thresholds(tau_g=1.0), reliability)
 
 
 WRONG = {
@@ -58,7 +84,7 @@ def test_wrong_columns_are_named_wherever_they_are_read(what, tmp_path):
     save_arrays(tmp_path / "tracks.npz", "Tracks", columns)
     with pytest.raises(InvalidInputError, match=rf"tracks\.npz: {name}"):
         Tracks.load(tmp_path / "tracks.npz")
-    whole = to_arrays(dataclasses.replace(empty_localization(3, existence=True), tracks=tracks()))
+    whole = to_arrays(stored())
     assert from_arrays(Localization, whole).tracks.sigma.tolist() == [1, 1, 1]
     whole |= {f"tracks.{name}": value for name, value in WRONG[what].items()}
     with pytest.raises(CatFreeError, match=name):
@@ -81,6 +107,58 @@ def test_one_camera_may_not_know_how_sure_it_is():
 def test_an_empty_result_is_sound():
     require_sound_localization(empty_localization(3))
     require_sound_localization(empty_localization(3, existence=True))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("reliability.median_sigma", np.inf),
+        ("reliability.sigma_over_radius", np.inf),
+        ("reliability.fraction_recovered", np.inf),
+        ("reliability.mean_supporting_cameras", np.nan),
+        ("reliability.expected_moda", np.inf),
+        ("reliability.moda_high", np.nan),
+        ("reliability.ground_height", -np.inf),
+        ("reliability.pattern_share", np.nan),
+        ("thresholds.tau_g", np.nan),
+        ("thresholds.median_box_height", np.inf),
+        ("thresholds.extension_appearance", np.nan),
+        ("candidates.sigma", np.array([1, -1.0])),
+        ("candidates.ground_distance", np.array([np.inf, 1.0])),
+        ("candidates.rms_angle", np.array([1, np.nan])),
+    ],
+)
+def test_only_what_may_be_unknown_is_not_finite(name, value):
+    arrays = to_arrays(stored())
+    require_sound_localization(from_arrays(Localization, arrays))
+    with pytest.raises(InvalidInputError, match=name):
+        from_arrays(Localization, arrays | {name: np.asarray(value)})
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"reliability.expected_moda": np.nan, "reliability.moda_low": np.nan},
+        {"reliability.ground_height": np.nan, "reliability.least_together": np.nan},
+        {"reliability.expected_precision": np.nan, "reliability.expected_recall": np.nan},
+        {"thresholds.extension_appearance": np.inf},
+        {"reliability.rig_sd_over_radius": 0.0},
+    ],
+)
+def test_what_is_unknown_may_be_nan(changes):
+    arrays = to_arrays(stored()) | {name: np.asarray(value) for name, value in changes.items()}
+    require_sound_localization(from_arrays(Localization, arrays))
+
+
+def test_the_median_of_unknown_sigmas_is_infinite():
+    most = dataclasses.replace(
+        tracks(),
+        sigma=np.array([1, np.inf, np.inf]),
+        supporting_cameras=np.array([2, 1, 1]),
+    )
+    summary = dataclasses.replace(stored().reliability, median_sigma=np.inf)
+    summary = dataclasses.replace(summary, sigma_over_radius=np.inf)
+    require_sound_localization(dataclasses.replace(stored(), tracks=most, reliability=summary))
 
 
 def test_thresholds_are_numbers(tmp_path):
