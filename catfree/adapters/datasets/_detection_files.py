@@ -32,7 +32,7 @@ from catfree.adapters.tables._detections_table import (
     rows_of,
 )
 from catfree.adapters.tables._motchallenge import read_mot
-from catfree.adapters.tables._parquet import read_parquet
+from catfree.adapters.tables._parquet import read_parquet, values_of
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Clock, Detections
 from catfree.types._validation import as_integer, as_path, as_paths
@@ -171,7 +171,7 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
     first_row = 0
     if source.suffix.lower() == ".parquet":
         columns = read_parquet(source, "missing pictures")
-        table: dict[str, Any] | None = {n: columns[n].to_numpy() for n in columns.column_names}
+        table: dict[str, Any] | None = values_of(columns, columns.column_names, source)
     else:
         table, first_row = _table_of(source), 2  # the header is row 1, as in its messages
     plain = {} if table is None else {name.lower(): name for name in table}
@@ -282,7 +282,7 @@ def _part_of_parquet(path: Path) -> _Part:
     else:
         table = read_parquet(path, "boxes")
     plain = [name for name in table.column_names if "list" not in str(table[name].type)]
-    columns = {name: table[name].to_numpy() for name in plain}
+    columns = values_of(table, plain, path)
     if set(columns) >= {"frame", "camera", *_BOXES[0][1]} and columns["camera"].dtype.kind in "iu":
         return _Part(read_detections_parquet(path))
     part = _part_of_table(columns, path)

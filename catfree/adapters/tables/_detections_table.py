@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from catfree.adapters.files._documents import StrPath, naming_file
-from catfree.adapters.tables._parquet import write_parquet
+from catfree.adapters.tables._parquet import values_of, write_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock, Detections
 from catfree.types._clock import clock_from_text, clock_to_text
-from catfree.types._validation import as_path
+from catfree.types._validation import as_float, as_path
 from catfree.types.results import require_pyarrow
 
 if TYPE_CHECKING:
@@ -85,17 +85,12 @@ def read_detections_parquet(
     if stop is not None:
         rows = field < stop if rows is None else rows & (field < stop)
     table = rows_of(opened, path, rows)
-    try:
-        column = {name: table[name].to_numpy() for name in _REQUIRED}
-        options: dict[str, Any] = {
-            name: table[name].to_numpy()
-            for name in ("score", "ankles_confirmed")
-            if name in table.column_names
-        }
-    except Exception as error:  # a column of another type
-        raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error
-    options |= list_columns(table, path)
-    box = np.stack([column[name] for name in _BOX], axis=-1)
+    column = values_of(table, _REQUIRED, path)
+    known = [name for name in ("score", "ankles_confirmed") if name in table.column_names]
+    options = values_of(table, known, path) | list_columns(table, path)
+    box = np.stack(
+        [naming_file(path, lambda name=name: as_float(column[name])) for name in _BOX], axis=-1
+    )
     clock = clock_of(opened, path)
     return naming_file(
         path, lambda: Detections(column["frame"], column["camera"], box, clock=clock, **options)

@@ -1,5 +1,6 @@
 """Parquet files of one table each, with checksums."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,7 +45,7 @@ def read_parquet(path: StrPath, meaning: str) -> "pyarrow.Table":
     Raises:
         MissingDependencyError: if pyarrow is not installed.
         InvalidInputError: if there is no such file.
-        FileFormatError: if it is not Parquet, or damaged.
+        FileFormatError: if it is not Parquet, damaged, or has two columns of one name.
     """
     require_pyarrow()
     import pyarrow.parquet
@@ -53,7 +54,25 @@ def read_parquet(path: StrPath, meaning: str) -> "pyarrow.Table":
     try:
         # Not read_table, which would take columns from the names of folders.
         with pyarrow.parquet.ParquetFile(source, page_checksum_verification=True) as file:
-            return file.read()
+            table = file.read()
     # On damaged files the library raises errors of several kinds.
     except Exception as error:
         raise FileFormatError(f"{source} is not readable Parquet: {quoted(error)}.") from error
+    names = table.column_names
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise FileFormatError(f"{source} has two columns {quoted(twice[0])}. Keep one of them.")
+    return table
+
+
+def values_of(table: "pyarrow.Table", names: Sequence[str], path: StrPath) -> dict[str, Any]:
+    """Return columns as arrays of NumPy.
+
+    Raises:
+        FileFormatError: if NumPy has no such type.
+    """
+    try:
+        return {name: table[name].to_numpy() for name in names}
+    # The library raises errors of several kinds, too, for types that NumPy does not have.
+    except Exception as error:
+        raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error

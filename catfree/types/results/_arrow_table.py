@@ -105,6 +105,9 @@ def from_table(table: "pyarrow.Table") -> dict[str, Any]:
     missing = [name for name in _COLUMNS if name not in table.column_names]
     if missing:
         raise FileFormatError(f"The table has no column {missing[0]!r}; is it a table of tracks?")
+    twice = [name for name in _COLUMNS if table.column_names.count(name) > 1]
+    if twice:
+        raise FileFormatError(f"The table has two columns {twice[0]!r}. Keep one of them.")
     try:
         table.validate(full=True)
     except arrow.ArrowException as error:
@@ -254,5 +257,6 @@ def _per_frame(velocity: np.ndarray, rate: float) -> np.ndarray:
     slow = velocity / rate
     for toward in (-np.inf, np.inf):
         near = np.nextafter(velocity / rate, toward)
-        slow = np.where((slow * rate != velocity) & (near * rate == velocity), near, slow)
+        with np.errstate(over="ignore", invalid="ignore"):  # then it is not the velocity
+            slow = np.where((slow * rate != velocity) & (near * rate == velocity), near, slow)
     return slow

@@ -150,6 +150,28 @@ def test_a_damaged_table_of_missing_pictures_is_named(text, sentence, tmp_path):
     assert "missing.csv" in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("kind", "twice"),
+    [("dictionary", False), ("timestamp", False), ("struct", False), ("int64", True)],
+)
+def test_a_column_of_missing_pictures_that_holds_no_numbers_is_refused(kind, twice, tmp_path):
+    arrow, parquet = (pytest.importorskip(name) for name in ("pyarrow", "pyarrow.parquet"))
+    kinds = {
+        "dictionary": arrow.dictionary("int8", "string"),
+        "timestamp": arrow.timestamp("ns"),
+        "struct": arrow.struct([("a", arrow.int8())]),
+        "int64": arrow.int64(),
+    }
+    for name in ("frame", "camera"):
+        table = arrow.table({"frame": [0, 1], "camera": [0, 1]})
+        at = table.schema.get_field_index(name)
+        column = arrow.nulls(2, kinds[kind])
+        table = table.append_column(name, column) if twice else table.set_column(at, name, column)
+        parquet.write_table(table, tmp_path / "missing.parquet")
+        with pytest.raises((FileFormatError, InvalidInputError), match=r"missing\.parquet"):
+            cf.adapters.datasets.read_missing_pictures(tmp_path / "missing.parquet", NAMES)
+
+
 def test_tables_of_other_programs(boxes, tmp_path):
     pandas = pytest.importorskip("pandas")
     pytest.importorskip("pyarrow")

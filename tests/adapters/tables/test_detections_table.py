@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from catfree.adapters import read_detections_parquet, write_detections_parquet
+from catfree.adapters import (
+    read_detections,
+    read_detections_parquet,
+    write_detections_parquet,
+)
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Clock, Detections
 
@@ -117,3 +121,33 @@ def test_a_damaged_clock_is_refused(tmp_path, clock, sentence):
     pyarrow.parquet.write_table(table, path)
     with pytest.raises(InvalidInputError, match=r"b\.parquet: .*" + sentence):
         read_detections_parquet(path)
+
+
+@pytest.mark.parametrize("kind", ["timestamp[ns]", "duration[s]", "date32", "bool"])
+def test_boxes_are_numbers(tmp_path, kind):
+    import pyarrow.parquet
+
+    write_detections_parquet(tmp_path / "a.parquet", boxes(0, 3, 5, 2, False, None))
+    table = pyarrow.parquet.read_table(tmp_path / "a.parquet")
+    at = table.schema.get_field_index("y1")
+    table = table.set_column(at, "y1", pyarrow.nulls(3, pyarrow.type_for_alias(kind)))
+    pyarrow.parquet.write_table(table, tmp_path / "a.parquet")
+    for read in (read_detections_parquet, read_detections):
+        with pytest.raises((FileFormatError, InvalidInputError), match=r"a\.parquet"):
+            read(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize("name", ["frame", "camera", "y1", "score", "embedding", "keypoints"])
+def test_a_column_that_occurs_twice_is_named(tmp_path, name):
+    import pyarrow.parquet
+
+    write_detections_parquet(tmp_path / "a.parquet", boxes(0, 3, 5, 2, True, None))
+    table = pyarrow.parquet.read_table(tmp_path / "a.parquet")
+    pyarrow.parquet.write_table(table.append_column(name, table[name]), tmp_path / "a.parquet")
+    for read, path in (
+        (read_detections_parquet, tmp_path / "a.parquet"),
+        (read_detections, tmp_path / "a.parquet"),
+        (read_detections, tmp_path),
+    ):
+        with pytest.raises(FileFormatError, match=f"two columns '{name}'|duplicate field"):
+            read(path)

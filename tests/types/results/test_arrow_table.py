@@ -1,6 +1,7 @@
 """`Tracks.to_arrow` and `Tracks.from_arrow`: every number, and what other programs see."""
 
 import json
+import warnings
 
 import numpy as np
 import pyarrow
@@ -143,6 +144,26 @@ def test_parts_are_read_as_one():
     both = pyarrow.concat_tables([table, table.slice(1), table.slice(0, 0)])
     assert Tracks.from_arrow(both).frame.tolist() == [0, 5, 5]
     assert Tracks.from_arrow(both).cameras.tolist() == [5, 2, 2]
+
+
+def test_a_column_that_occurs_twice_is_refused():
+    table = one_track().to_arrow()
+    with pytest.raises(FileFormatError, match="two columns 'x'"):
+        Tracks.from_arrow(table.append_column("x", table["x"]))
+
+
+@pytest.mark.parametrize("speed", [np.finfo(float).max, np.inf])
+def test_velocities_beyond_all_people_are_read_or_refused_without_a_warning(speed):
+    table = one_track(clock=Clock(5.0)).to_arrow()
+    at = table.schema.get_field_index("vx")
+    table = table.set_column(at, table.schema.field(at), pyarrow.array([speed, None]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        if np.isfinite(speed):
+            assert Tracks.from_arrow(table).velocity[0, 0] * 5 == speed
+        else:
+            with pytest.raises(InvalidInputError, match="velocity"):
+                Tracks.from_arrow(table)
 
 
 def test_positions_lie_on_the_ground():
