@@ -171,7 +171,7 @@ def dispatching_readers(m: Material, known: list[Reader]) -> list[Reader]:
         Reader(
             "read_receipt",
             lambda f: write_receipt(f / "a.json", _receipt("")),
-            lambda f: read_receipt(f / "a.json"),
+            lambda f: _with_finite_settings(read_receipt(f / "a.json")),
         ),
         Reader("open_tracks", lambda f: _write_joined(f, m), _read_joined),
     ]
@@ -308,6 +308,19 @@ def _receipt(scene_file: str) -> Receipt:
         warnings=("Camera north moved.",),
         verdicts=("healthy",),
     )
+
+
+def _with_finite_settings(receipt: Receipt) -> Receipt:
+    """The receipt with zeros for settings that are infinite, as some may be."""
+
+    def finite(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: finite(item) for name, item in value.items()}
+        if isinstance(value, list):
+            return [finite(item) for item in value]
+        return 0.0 if isinstance(value, float) and np.isinf(value) else value
+
+    return replace(receipt, settings=finite(receipt.settings))
 
 
 def _write_joined(folder: Path, m: Material) -> None:

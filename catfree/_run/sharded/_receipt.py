@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from catfree.adapters.files._fingerprint import hash_file
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.settings import EvidenceSettings
 from catfree.types import Clock
-from catfree.types._validation import as_path, require_declared_types
+from catfree.types._validation import as_number, as_path, require_declared_types
 
 SCHEMA = "catfree shards 2"  # of receipts and the tables beside them
 MANIFEST_SCHEMA = "catfree shards 1"  # of joined tables
@@ -186,9 +187,21 @@ def read_receipt(path: Path) -> Receipt:
     try:
         require_declared_types(Receipt, values)
         Clock(**values["clock"])
+        for name, value in values.items():
+            if isinstance(value, float):
+                as_number(value, name)
+        if _holds_nan(values["settings"]):
+            raise InvalidInputError("a setting is NaN")
         for name in ("warnings", "verdicts"):
             values[name] = tuple(map(str, values[name]))
         values["cameras"] = tuple(map(int, values["cameras"]))
     except (InvalidInputError, TypeError) as error:
         raise FileFormatError(f"{path} is damaged ({quoted(error)}). {advice}") from error
     return Receipt(**values)
+
+
+def _holds_nan(value: Any) -> bool:
+    """Whether there is NaN anywhere; infinity may be a setting."""
+    if isinstance(value, dict | list):
+        return any(map(_holds_nan, value.values() if isinstance(value, dict) else value))
+    return isinstance(value, float) and math.isnan(value)

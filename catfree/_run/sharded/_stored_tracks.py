@@ -15,6 +15,7 @@ from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.tables._tracks_table import read_tracks_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock, Scene, Tracks
+from catfree.types._validation import as_number
 from catfree.types.results import require_pyarrow
 
 
@@ -148,7 +149,8 @@ def open_tracks(out: StrPath) -> StoredTracks:
         parts = tuple(
             StoredPart(
                 folder / str(row["file"]), int(row["first"]), int(row["stop"]), int(row["rows"]),
-                str(row["sha256"]), row["boxes_used"],
+                str(row["sha256"]),
+                None if row["boxes_used"] is None else as_number(row["boxes_used"], "boxes_used"),
             )
             for row in document["parts"]
         )  # fmt: skip
@@ -160,7 +162,7 @@ def open_tracks(out: StrPath) -> StoredTracks:
             people=int(document["people"]),
             parts=parts,
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise FileFormatError(
             f"{path} is damaged ({quoted(error)}). Join the shards again."
         ) from error

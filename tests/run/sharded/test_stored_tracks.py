@@ -96,3 +96,18 @@ def test_damage_is_refused_by_name(out, tmp_path, sentence):
     DAMAGES[sentence](copy)
     with pytest.raises(FileFormatError, match=sentence):
         cf.open_tracks(copy).read()
+
+
+@pytest.mark.parametrize("name", ["first", "stop", "rows", "boxes_used"])
+@pytest.mark.parametrize("value", ["1e999", "-1e999", "NaN", '"x"', "[]"])
+def test_impossible_numbers_in_the_manifest_are_refused(out, tmp_path, name, value):
+    copy = tmp_path / "copy"
+    shutil.copytree(out, copy)
+    path = work_file(copy, "manifest.json")
+    document = json.loads(path.read_text())
+    document["parts"][0][name] = "here"
+    path.write_text(json.dumps(document).replace('"here"', value))
+    with pytest.raises(
+        FileFormatError, match=r"manifest\.json is damaged .* Join the shards again"
+    ):
+        cf.open_tracks(copy)

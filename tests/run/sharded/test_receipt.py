@@ -1,0 +1,80 @@
+"""A receipt is read as it was written, and one with impossible numbers is refused."""
+
+import dataclasses
+import json
+import math
+
+import pytest
+from hypothesis import given, strategies as st
+
+from catfree._run.sharded._receipt import SCHEMA, Receipt, read_receipt, write_receipt
+from catfree.errors import FileFormatError
+from catfree.settings import CalibrationSettings, Settings
+from catfree.types import Clock
+
+finite = st.none() | st.floats(0, 1e6)
+
+
+def receipt(**changes):
+    values = {
+        "schema": SCHEMA,
+        "index": 0,
+        "count": 1,
+        "first": 0,
+        "stop": 8,
+        "first_seen": 0,
+        "stop_seen": 8,
+        "shard": "a",
+        "source": "b",
+        "run": "c",
+        "settings": json.loads(json.dumps(dataclasses.asdict(Settings()))),
+        "clock": dataclasses.asdict(Clock(5.0)),
+        "scene_file": "d",
+        "part": "e",
+        "pieces": "f",
+        "boxes": 48,
+        "cameras": (0, 2),
+        "boxes_used": 0.9,
+        "expected_moda": 80.0,
+        "median_sigma": 0.1,
+        "person_height": 1.7,
+        "seconds": 2.5,
+        "warnings": ("One.", "Two."),
+        "verdicts": ("healthy",),
+    }
+    return Receipt(**(values | changes))
+
+
+@given(used=finite, moda=finite, sigma=finite, height=finite, seconds=st.floats(0, 1e6))
+def test_a_receipt_is_read_as_it_was_written(tmp_path_factory, used, moda, sigma, height, seconds):
+    written = receipt(
+        boxes_used=used,
+        expected_moda=moda,
+        median_sigma=sigma,
+        person_height=height,
+        seconds=seconds,
+    )
+    path = tmp_path_factory.mktemp("receipt") / "a.json"
+    write_receipt(path, written)
+    assert read_receipt(path) == written
+
+
+def test_a_setting_may_be_infinite_but_not_nan(tmp_path):
+    path = tmp_path / "a.json"
+    unlimited = CalibrationSettings(person_height_sd=math.inf)
+    settings = json.loads(json.dumps(dataclasses.asdict(Settings(calibration=unlimited))))
+    write_receipt(path, receipt(settings=settings))
+    assert read_receipt(path).settings["calibration"]["person_height_sd"] == math.inf
+    path.write_text(path.read_text().replace("Infinity", "NaN"))
+    with pytest.raises(FileFormatError, match=r"a\.json is damaged.*Run this shard again"):
+        read_receipt(path)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize(
+    "name", ["boxes_used", "expected_moda", "median_sigma", "person_height", "seconds"]
+)
+def test_a_number_that_is_not_finite_is_damage(name, value, tmp_path):
+    write_receipt(tmp_path / "a.json", receipt(**{name: value}))
+    with pytest.raises(FileFormatError, match=rf"a\.json is damaged.*{name}"):
+        read_receipt(tmp_path / "a.json")
