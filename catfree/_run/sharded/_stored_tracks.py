@@ -1,5 +1,6 @@
 """`open_tracks`: the joined table of a recording, read part by part."""
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ from catfree.adapters.calibration_files._rig_json import read_scene_json
 from catfree.adapters.files._documents import read_json, require_folder
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.tables._tracks_table import read_tracks_parquet
-from catfree.errors import FileFormatError, InvalidInputError, quoted
+from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Clock, Scene, Tracks
 from catfree.types._validation import as_number
 from catfree.types.results import require_pyarrow
@@ -146,14 +147,7 @@ def open_tracks(out: StrPath) -> StoredTracks:
     scene, names = read_scene_json(scene_file)
     try:
         clock = Clock(**{key: document["clock"][key] for key in ("frame_rate", "start", "utc")})
-        parts = tuple(
-            StoredPart(
-                folder / str(row["file"]), int(row["first"]), int(row["stop"]), int(row["rows"]),
-                str(row["sha256"]),
-                None if row["boxes_used"] is None else as_number(row["boxes_used"], "boxes_used"),
-            )
-            for row in document["parts"]
-        )  # fmt: skip
+        parts = tuple(_part(folder, row) for row in document["parts"])
         opened = StoredTracks(
             folder=folder,
             scene=scene,
@@ -167,6 +161,20 @@ def open_tracks(out: StrPath) -> StoredTracks:
             f"{path} is damaged ({quoted(error)}). Join the shards again."
         ) from error
     for part in opened.parts:
-        if not part.path.is_file():
+        if not os.path.isfile(part.path):  # also if the name is too long
             raise FileFormatError(f"{part.path} is missing. Join the shards again.")
     return opened
+
+
+def _part(folder: Path, row: dict[str, Any]) -> StoredPart:
+    name, used = row["file"], row["boxes_used"]
+    if not isinstance(name, str) or Path(name).name != name or name != shortened(name):
+        raise InvalidInputError(f"{quoted(name)} is not the name of a part")
+    return StoredPart(
+        path=folder / name,
+        first=int(row["first"]),
+        stop=int(row["stop"]),
+        rows=int(row["rows"]),
+        sha256=str(row["sha256"]),
+        boxes_used=None if used is None else as_number(used, "boxes_used"),
+    )

@@ -111,3 +111,16 @@ def test_impossible_numbers_in_the_manifest_are_refused(out, tmp_path, name, val
         FileFormatError, match=r"manifest\.json is damaged .* Join the shards again"
     ):
         cf.open_tracks(copy)
+
+
+@pytest.mark.parametrize("name", ["a" * 5000, "厅" * 100 + ".parquet", "../part.parquet", "/x", ""])
+def test_impossible_names_in_the_manifest_are_refused(out, tmp_path, name):
+    copy = tmp_path / "copy"
+    shutil.copytree(out, copy)
+    path = work_file(copy, "manifest.json")
+    document = json.loads(path.read_text())
+    document["parts"][0]["file"] = name
+    path.write_text(json.dumps(document))
+    with pytest.raises(FileFormatError, match="Join the shards again") as error:
+        cf.open_tracks(copy)
+    assert len(str(error.value)) < 1000
