@@ -16,6 +16,7 @@ import numpy as np
 
 from benchmarks.reliability.files import readers
 from benchmarks.reliability.material import Material, Reader
+from benchmarks.reliability.mutations import NUMBER, is_text
 from benchmarks.reliability.tally import Tally
 from catfree._run._cache import StageCache
 from catfree.adapters import read_opencv_yaml, write_opencv_yaml
@@ -25,6 +26,7 @@ from catfree.types._writing import ABANDONED_AFTER
 
 DEEP = 20_000
 DIGITS = b"9" * 5000
+PLACES = 60  # numbers of a file that are replaced, one at a time
 ROW = "attacks"
 ARCHIVES = (
     *("Detections.load", "Rig.load", "Scene.load", "Tracks.load", "TrackerState.load"),
@@ -112,7 +114,38 @@ def attack(tally: Tally, folder: Path) -> None:
             against("read_colmap (binary)", head + bytes(10_000), file)
     unnamed = struct.pack("<Qi7di", 2**40, 1, *[0.5] * 7, 1) + b"x" * 5000
     against("read_colmap (binary)", unnamed, "images.bin")
+    for at, reader in enumerate(known.values()):
+        place = folder / f"digits_{at}"
+        place.mkdir()
+        _long_numbers(tally, reader, place)
     _around_files(tally, folder)
+
+
+def _long_numbers(tally: Tally, reader: Reader, place: Path) -> None:
+    """Put a number of 5000 digits in place of numbers of a reader's text files, then of all."""
+    reader.write(place)
+    for path in sorted(path for path in place.rglob("*") if path.is_file()):
+        content = path.read_bytes()
+        if not is_text(content) or (reader.only and path.suffix not in reader.only):
+            continue
+        found = list(NUMBER.finditer(content))
+        chosen = np.unique(np.linspace(0, len(found) - 1, min(len(found), PLACES)).astype(int))
+        attacks = [
+            (f"number {at}", content[: found[at].start()] + DIGITS + content[found[at].end() :])
+            for at in chosen
+        ]
+        if len(found) <= PLACES:
+            attacks.append(("all numbers", NUMBER.sub(DIGITS, content)))
+        for what, changed in attacks:
+            path.write_bytes(changed)
+            tally.attempt(
+                ROW,
+                lambda: reader.read(place),
+                detail=f"{reader.name} {path.name}: 5000 digits for {what}",
+                folder=place,
+                absent=reader.cached,
+            )
+        path.write_bytes(content)
 
 
 def _victim(reader: Reader, place: Path, file: str | None) -> Path:

@@ -14,7 +14,7 @@ import pyarrow
 import pyarrow.parquet
 
 Generator = np.random.Generator
-_NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
+NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[A-Za-z_][\w-]*")
 # No field of any format holds these: more digits than Python converts, beyond float64, no number,
 # beyond 63 bits, and nothing at all.
@@ -56,15 +56,19 @@ _STRINGS = (b"", b"x" * 5000, b"\\ud800", b"../../x", b"$a_b_c$", b"\x00", b"<b>
 def damaged(content: bytes, rng: Generator) -> bytes:
     """Another content, nearly always different from the one given."""
     is_archive = content[:2] == b"PK"
-    is_text = not is_archive and b"\0" not in content
     ways: list[Callable[[bytes, Generator], bytes]] = list(_BYTES)
     if content[:4] == b"PAR1":
         ways += _PARQUET * 8
     else:
-        ways += _ARCHIVE * 2 if is_archive else _TEXT * 2 if is_text else _BINARY * 2
+        ways += _ARCHIVE * 2 if is_archive else _TEXT * 2 if is_text(content) else _BINARY * 2
     for _ in range(int(rng.choice([1, 1, 1, 2, 3]))):
         content = ways[rng.integers(len(ways))](content, rng)
     return content
+
+
+def is_text(content: bytes) -> bool:
+    """Whether a file is of text, neither an archive nor Parquet nor another binary format."""
+    return content[:2] != b"PK" and content[:4] != b"PAR1" and b"\0" not in content
 
 
 def flipped(content: bytes, rng: Generator) -> bytes:
@@ -112,12 +116,12 @@ def swapped(content: bytes, rng: Generator) -> bytes:
 
 def other_number(content: bytes, rng: Generator) -> bytes:
     """Some number replaced by an odd one."""
-    return _replace(_NUMBER, content, rng, _TOKENS)
+    return _replace(NUMBER, content, rng, _TOKENS)
 
 
 def impossible_number(content: bytes, rng: Generator) -> bytes:
     """Some number replaced by one of 5000 digits, beyond 63 bits or float64, or by none."""
-    return _replace(_NUMBER, content, rng, _IMPOSSIBLE)
+    return _replace(NUMBER, content, rng, _IMPOSSIBLE)
 
 
 def other_word(content: bytes, rng: Generator) -> bytes:
