@@ -1,5 +1,6 @@
 """Files made to stall or to crash a reader, or to be believed, end in one sentence at once."""
 
+import contextlib
 import io
 import json
 import struct
@@ -13,6 +14,7 @@ import pytest
 from catfree._run._cache import StageCache
 from catfree.adapters import (
     read_anipose_toml,
+    read_coco,
     read_colmap,
     read_mot,
     read_opencv_yaml,
@@ -275,3 +277,14 @@ def test_an_empty_result_is_cached(tmp_path):
     cache = StageCache(tmp_path)
     cache.store("localize", "a", empty_localization(2))
     assert cache.load("localize", "a", type(empty_localization(2))) is not None
+
+
+@pytest.mark.parametrize("name", ["9" * 3000, "a" + "9" * 99_999, "9" * 99_999 + "a", "9a" * 9999])
+def test_digits_in_the_name_of_an_image_take_no_time(name, tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps([{"image_id": f"C1/{name}.png", "bbox": [0, 0, 5, 9]}]))
+    start, found = time.process_time(), None
+    with contextlib.suppress(CatFreeError):
+        found = read_coco(path).detections.frame.tolist()
+    assert time.process_time() - start < 1
+    assert found == ([9] if name == "9a" * 9999 else None)

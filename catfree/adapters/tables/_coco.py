@@ -21,7 +21,7 @@ from catfree.types import Detections
 from catfree.types._validation import as_path
 
 PERSON = 1  # COCO's category of people
-_NUMBER = re.compile(r"(\d+)(?!.*\d)")
+_DIGITS = re.compile(r"\d+")
 _MOST_DIGITS = 30  # of a frame number, leading zeros included
 
 
@@ -198,8 +198,8 @@ def _image_of(name: Any) -> _Image | None:
     if not isinstance(name, str):
         return None
     path = PurePosixPath(name)
-    number = _NUMBER.search(path.stem)
-    if number is None or len(number[1]) > _MOST_DIGITS or not is_whole(int(number[1])):
+    digits = _DIGITS.findall(path.stem)
+    if not digits or len(digits[-1]) > _MOST_DIGITS or not is_whole(int(digits[-1])):
         return None
     camera = "" if str(path.parent) == "." else str(path.parent)
-    return _Image(camera, int(number[1]), None)
+    return _Image(camera, int(digits[-1]), None)
