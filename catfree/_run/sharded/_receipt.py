@@ -195,7 +195,7 @@ def read_receipt(path: Path) -> Receipt:
         for name in ("warnings", "verdicts"):
             values[name] = tuple(map(str, values[name]))
         values["cameras"] = tuple(map(int, values["cameras"]))
-    except (InvalidInputError, TypeError) as error:
+    except (ValueError, TypeError, OverflowError) as error:
         raise FileFormatError(f"{path} is damaged ({quoted(error)}). {advice}") from error
     return Receipt(**values)
 

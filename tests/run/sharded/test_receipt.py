@@ -78,3 +78,12 @@ def test_a_number_that_is_not_finite_is_damage(name, value, tmp_path):
     write_receipt(tmp_path / "a.json", receipt(**{name: value}))
     with pytest.raises(FileFormatError, match=rf"a\.json is damaged.*{name}"):
         read_receipt(tmp_path / "a.json")
+
+
+@pytest.mark.parametrize("value", ["1e999", "NaN", '"x"', "null"])
+def test_impossible_cameras_are_damage(value, tmp_path):
+    path = tmp_path / "a.json"
+    write_receipt(path, receipt(cameras=(123456, 2)))
+    path.write_text(path.read_text().replace("123456", value))
+    with pytest.raises(FileFormatError, match=r"a\.json is damaged.*Run this shard again"):
+        read_receipt(path)
