@@ -10,7 +10,7 @@ from catfree.adapters.tables._parquet import values_of, write_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock, Detections
 from catfree.types._clock import clock_from_text, clock_to_text
-from catfree.types._validation import as_float, as_path
+from catfree.types._validation import as_float, as_integer, as_path
 from catfree.types.results import require_pyarrow
 
 if TYPE_CHECKING:
@@ -160,9 +160,10 @@ def open_detections_table(path: StrPath) -> Any:
         raise InvalidInputError(f"There is no table of detections {source}. Check the path.")
     try:
         opened = pyarrow.dataset.dataset(source, format="parquet")
+        names = opened.schema.names
     except Exception as error:
         raise FileFormatError(f"{source} is not a Parquet table: {quoted(error)}.") from error
-    missing = [name for name in _REQUIRED if name not in opened.schema.names]
+    missing = [name for name in _REQUIRED if name not in names]
     if missing:
         raise FileFormatError(
             f"{source} has no column {missing[0]!r}; a table of detections has the columns "
@@ -180,14 +181,18 @@ def frame_range(path: StrPath) -> tuple[int, int]:
     """
     opened = open_detections_table(path)
     low, high = [], []
-    for batch in opened.to_batches(columns=["frame"], batch_size=1 << 20):
-        if len(batch):
-            frame = batch.column(0).to_numpy()
-            low.append(frame.min())
-            high.append(frame.max())
+    try:
+        for batch in opened.to_batches(columns=["frame"], batch_size=1 << 20):
+            if len(batch):
+                frame = batch.column(0).to_numpy()
+                low.append(frame.min())
+                high.append(frame.max())
+    except Exception as error:  # pyarrow raises many types for damaged files
+        raise FileFormatError(f"{path} cannot be read: {quoted(error)}.") from error
     if not low:
         raise InvalidInputError(f"{path} holds no boxes, so there is nothing to cut into shards.")
-    return int(min(low)), int(max(high)) + 1
+    first, last = naming_file(path, lambda: as_integer([min(low), max(high)], "frame"))
+    return int(first), int(last) + 1
 
 
 def clock_of(table: Any, path: StrPath) -> Clock | None:

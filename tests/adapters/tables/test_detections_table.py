@@ -9,6 +9,7 @@ from catfree.adapters import (
     read_detections_parquet,
     write_detections_parquet,
 )
+from catfree.adapters.tables._detections_table import frame_range
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Clock, Detections
 
@@ -151,3 +152,31 @@ def test_a_column_that_occurs_twice_is_named(tmp_path, name):
     ):
         with pytest.raises(FileFormatError, match=f"two columns '{name}'|duplicate field"):
             read(path)
+
+
+def test_names_of_columns_that_are_no_text_are_refused(tmp_path):
+    write_detections_parquet(tmp_path / "a.parquet", boxes(0, 3, 5, 2, False, None))
+    content = (tmp_path / "a.parquet").read_bytes()
+    (tmp_path / "a.parquet").write_bytes(content.replace(b"frame", b"\xf8rame"))
+    for read in (read_detections_parquet, read_detections, frame_range):
+        with pytest.raises((FileFormatError, InvalidInputError), match=r"a\.parquet"):
+            read(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize("frame", [["x", "y"], [None, None], [0.5, 1.0], [float("nan"), 1.0]])
+def test_frames_of_a_range_are_whole_numbers(frame, tmp_path):
+    import pyarrow.parquet
+
+    columns = {"frame": frame} | {name: [0, 1] for name in ("camera", "x1", "y1", "x2", "y2")}
+    pyarrow.parquet.write_table(pyarrow.table(columns), tmp_path / "a.parquet")
+    with pytest.raises((FileFormatError, InvalidInputError), match=r"a\.parquet"):
+        frame_range(tmp_path / "a.parquet")
+
+
+def test_a_range_of_a_damaged_table_is_refused(tmp_path):
+    write_detections_parquet(tmp_path / "a.parquet", boxes(0, 300, 5, 2, False, None))
+    content = bytearray((tmp_path / "a.parquet").read_bytes())
+    content[4:60] = bytes(56)
+    (tmp_path / "a.parquet").write_bytes(content)
+    with pytest.raises(FileFormatError, match=r"a\.parquet cannot be read"):
+        frame_range(tmp_path / "a.parquet")
