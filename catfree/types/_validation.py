@@ -146,7 +146,7 @@ def as_float(value: Any) -> Any:
             if any(isinstance(one, str | bytes | np.void) for one in texts):
                 raise TypeError("text")  # whose digits NumPy would read, cut to its width
             array = array.astype(np.float64)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             kind = f"{array.dtype} values" if array.ndim else type(value).__name__
             raise InvalidInputError(f"Expected numbers, got {kind}.") from error
     return array

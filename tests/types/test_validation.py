@@ -511,3 +511,8 @@ def test_names_of_cameras_are_cut_only_if_they_are_long():
     assert [shown_camera(at, ["a", "it's"]) for at in range(3)] == ["'a'", '"it\'s"', "2"]
     assert shown_camera(0, ["x" * 100]) == repr("x" * 100)
     assert len(shown_camera(0, ["x" * 5000])) < 150
+
+
+def test_whole_numbers_beyond_all_floats_are_refused():
+    with pytest.raises(InvalidInputError, match="Expected numbers"):
+        as_float(np.array([1, 10**400], object))
