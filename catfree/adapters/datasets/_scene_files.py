@@ -111,11 +111,12 @@ def require_sight_of(rig: Rig, ground: Plane, source: Path | str) -> None:
     K, R, center = (np.asarray(part, np.float64) for part in (rig.K, rig.R, rig.centers))
     size = np.asarray(rig.image_size, np.float64)
     bottom = np.stack([size[:, 0] / 2, size[:, 1], np.ones(len(size))], axis=-1)
-    sees = [
-        ground.signed_distance(center[c]) > 0
-        and (R[c].T @ np.linalg.solve(K[c], bottom[c])) @ np.asarray(ground.normal) < 0
-        for c in cameras
-    ]
+    with np.errstate(all="ignore"):  # a camera beyond all numbers sees nothing
+        sees = [
+            ground.signed_distance(center[c]) > 0
+            and (R[c].T @ np.linalg.solve(K[c], bottom[c])) @ np.asarray(ground.normal) < 0
+            for c in cameras
+        ]
     if 2 * sum(sees) <= len(cameras):
         raise InvalidInputError(
             f"{source} does not state the ground, and z = 0 is not it: only {sum(sees)} of "

@@ -1,5 +1,7 @@
 """Cameras and ground: every format gives the same scene, and what cannot be a ground is refused."""
 
+import json
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -112,12 +114,27 @@ def test_z_0_is_not_taken_for_the_ground_where_cameras_do_not_look_at_it(rig, tm
     free = replace(rig, R=R, t=t)
     path = write_colmap_text(tmp_path / "colmap", free, NAMES)
     with pytest.raises(InvalidInputError, match=r"z = 0 is not it: only . of 4 cameras"):
-        cf.read_scene(path, unit="arbitrary")
+        cf.read_scene(path)
     normal = np.asarray(rig.R)[0] @ [0.0, 0.0, 1.0]
     ground = cf.Plane(normal, -normal @ np.asarray(rig.t)[0])
     scene, _ = cf.read_scene(path, ground, "arbitrary")
     height = scene.ground.signed_distance(np.asarray(scene.rig.centers))
     np.testing.assert_allclose(height, np.asarray(rig.centers)[:, 2], atol=1e-9)
+
+
+def test_cameras_beyond_all_numbers_do_not_look_at_the_ground(rig, tmp_path):
+    K = np.array(rig.K)
+    K[0, 0, 0], K[0, 0, 2] = 1e-314, 1.0
+    path = write_rig_json(tmp_path / "rig.json", rig, NAMES, metric=False)
+    document = json.loads(path.read_text())
+    for camera, matrix in zip(document["cameras"], K.tolist(), strict=True):
+        camera["K"] = matrix
+    path.write_text(json.dumps(document))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene, names = cf.read_scene(path)
+    assert names == NAMES
+    assert np.isfinite(scene.extent)
 
 
 def test_wrong_units_are_noticed(rig, tmp_path):
