@@ -84,7 +84,7 @@ def read_colmap(folder: StrPath) -> NamedRig:
             )
         model, width, height, parameters = cameras[camera_id]
         matrix, coefficients, kind = intrinsics(model, parameters, root, label)
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):
             norm = np.linalg.norm(quaternion)
         if not (np.isfinite(norm) and norm > 0):
             raise InvalidInputError(f"{source}: image {label} has no valid rotation quaternion.")

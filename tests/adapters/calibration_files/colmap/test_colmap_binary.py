@@ -1,6 +1,7 @@
 """COLMAP's binary files, written here byte by byte from the format's description."""
 
 import struct
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,18 @@ def test_text_and_binary_agree(tmp_path):
     for name in ("K", "R", "t", "image_size", "distortion", "lens"):
         np.testing.assert_array_equal(getattr(again.rig, name), getattr(named.rig, name))
     np.testing.assert_array_equal(again.points, named.points)
+
+
+@pytest.mark.parametrize("bits", [0x7FF0000000000001, 0x7FF8000000000000, 0x7FF0000000000000])
+def test_a_rotation_that_is_none_is_refused_without_a_warning(bits, tmp_path):
+    write_binary(tmp_path, [0, 4])
+    content = bytearray((tmp_path / "images.bin").read_bytes())
+    struct.pack_into("<Q", content, 12, bits)  # a signaling NaN, a quiet one, and infinity
+    (tmp_path / "images.bin").write_bytes(bytes(content))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(CatFreeError, match=r"view0\.jpg has no valid rotation quaternion"):
+            read_colmap(tmp_path)
 
 
 @pytest.mark.slow
