@@ -234,7 +234,7 @@ def _lens(name: Any, source: Path, where: str) -> Lens:
         FileFormatError: if it is none of `Lens`.
     """
     known = {lens.name.lower(): lens for lens in Lens}
-    if name not in known:
+    if not isinstance(name, str) or name not in known:
         raise FileFormatError(
             f"{source}: the lens of {where} is {quoted(name)}; it must be one of "
             f"{', '.join(known)}."

@@ -462,6 +462,8 @@ def test_json_holds_grids_of_rays(tmp_path):
     document = json.loads((tmp_path / "rig.json").read_text())
     for change, message in (
         ({"lens": "mirror"}, "the lens of camera 1 is 'mirror'"),
+        ({"lens": []}, r"the lens of camera 1 is \[\]"),
+        ({"lens": {}}, r"the lens of camera 1 is \{\}"),
         ({"rays": [[0.0, 1.0]]}, "rays of camera 1 must hold rows of vectors"),
         ({"rays": None}, "rays of camera 1"),
     ):
