@@ -161,7 +161,8 @@ def as_integer(value: Any, name: str) -> np.ndarray:
         raise InvalidInputError(f"{name} must hold whole numbers, got dtype {array.dtype}.")
     # 2^63 and beyond would wrap around in int64.
     if array.dtype.kind == "f":
-        bad = ~(np.abs(array) < 2.0**63) | (array != np.round(array))
+        wide = array.astype(np.float64)  # 2^63 is beyond half precision
+        bad = ~(np.abs(wide) < 2.0**63) | (wide != np.round(wide))
     else:
         bad = array > np.iinfo(np.int64).max
     if bad.any():

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import cv2
@@ -516,3 +517,13 @@ def test_names_of_cameras_are_cut_only_if_they_are_long():
 def test_whole_numbers_beyond_all_floats_are_refused():
     with pytest.raises(InvalidInputError, match="Expected numbers"):
         as_float(np.array([1, 10**400], object))
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
+def test_whole_numbers_of_any_width_are_read_without_a_warning(dtype):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read = as_integer(np.array([0, -3, 2048], dtype), "frame")
+        with pytest.raises(InvalidInputError, match=r"frame\[1\]"):
+            as_integer(np.array([0, np.nan], dtype), "frame")
+    assert read.tolist() == [0, -3, 2048]
