@@ -43,6 +43,7 @@ def require_instance(value: Any, kind: type, name: str) -> None:
         part = kind.__name__.lower()
         if isinstance(getattr(value, part, None), kind):
             also = f". Pass its .{part}"
+            also += " and, as names, its .names" if hasattr(value, "names") else ""
         raise InvalidInputError(
             f"{name} must be a {kind.__name__}, got {type(value).__name__}{also}."
         )

@@ -68,7 +68,7 @@ def default_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
         InvalidInputError: if there are not as many names as cameras, two are equal, or one is not
             text.
     """
-    _require_rig(rig)
+    require_instance(rig, Rig, "rig")
     if names is None:
         return tuple(f"C{camera + 1}" for camera in range(rig.camera_count))
     if len(names) != rig.camera_count:
@@ -86,16 +86,6 @@ def default_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _require_rig(rig: Rig) -> None:
-    """Raise unless this is a rig, naming the part of a scene or of a file's content that is one."""
-    if not isinstance(rig, Rig) and isinstance(getattr(rig, "rig", None), Rig):
-        names = " and, as names, its .names" if hasattr(rig, "names") else ""
-        raise InvalidInputError(
-            f"rig must be a Rig, got {type(rig).__name__}. Pass its .rig{names}."
-        )
-    require_instance(rig, Rig, "rig")
-
-
 def registered_cameras(
     rig: Rig, names: Sequence[str] | None, target: StrPath
 ) -> tuple[Rig, tuple[str, ...]]:
@@ -104,7 +94,7 @@ def registered_cameras(
     Raises:
         InvalidInputError: if no camera is registered, or the names do not match the cameras.
     """
-    _require_rig(rig)
+    require_instance(rig, Rig, "rig")
     registered = np.flatnonzero(rig.registered)
     if len(registered) == 0:
         raise InvalidInputError(f"Cannot write {target}: no camera of the rig is registered.")
