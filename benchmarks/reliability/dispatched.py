@@ -297,7 +297,7 @@ def _receipt(scene_file: str) -> Receipt:
         clock=dataclasses.asdict(Clock(5.0)),
         scene_file=scene_file,
         part="d",
-        pieces="e",
+        fragments="e",
         boxes=48,
         cameras=(0, 1, 2),
         boxes_used=0.9,

@@ -22,7 +22,7 @@ EVIDENCE_LIMIT = 8.0  # log-odds: appearance never claims less than one error in
 PAIRS_AT_A_TIME = 1 << 20  # 200 MB
 
 
-class Pieces(eqx.Module):
+class Fragments(eqx.Module):
     """Track fragments before they are joined, in order of identity.
 
     Attributes:
@@ -65,7 +65,7 @@ class Habits(eqx.Module):
         high: (2,) largest ground coordinates.
         frames: () number of frames.
         longest: () number of frames of the longest part.
-        pieces: () number of fragments.
+        fragments: () number of fragments.
         alike: (3,) number, sum and sum of squares of the logarithms of the appearance distance
             between the halves of a fragment.
         unlike: (3,) the same between fragments present at the same time.
@@ -79,7 +79,7 @@ class Habits(eqx.Module):
     high: Float[np.ndarray, "2"]
     frames: int
     longest: int
-    pieces: int
+    fragments: int
     alike: Float[np.ndarray, "3"]
     unlike: Float[np.ndarray, "3"]
 
@@ -102,14 +102,16 @@ def stitch_tracks(localization: Localization, detections: Detections) -> Localiz
     tracks = localization.tracks
     if len(np.unique(tracks.track_id)) < 2:
         return localization
-    pieces = collect_pieces(tracks, detections, localization.identity)
-    follower = link_pieces(pieces, learn_habits(tracks, pieces))
+    fragments = collect_fragments(tracks, detections, localization.identity)
+    follower = link_fragments(fragments, learn_habits(tracks, fragments))
     return eqx.tree_at(
-        lambda result: result.tracks, localization, join_pieces(tracks, pieces, follower)
+        lambda result: result.tracks, localization, join_fragments(tracks, fragments, follower)
     )
 
 
-def collect_pieces(tracks: Tracks, detections: Detections, shown: Int[np.ndarray, " n"]) -> Pieces:
+def collect_fragments(
+    tracks: Tracks, detections: Detections, shown: Int[np.ndarray, " n"]
+) -> Fragments:
     """Collect start, end and appearance of each track.
 
     Args:
@@ -136,7 +138,7 @@ def collect_pieces(tracks: Tracks, detections: Detections, shown: Int[np.ndarray
         parts = (members[early], members[~early])
         halves.append([_mean_look(embedding[part]) for part in parts])
     first, last = ([member_rows[end] for member_rows in rows] for end in (0, -1))
-    return Pieces(
+    return Fragments(
         identity=identity,
         first=tracks.frame[first],
         last=tracks.frame[last],
@@ -150,17 +152,17 @@ def collect_pieces(tracks: Tracks, detections: Detections, shown: Int[np.ndarray
     )
 
 
-def learn_habits(tracks: Tracks, pieces: Pieces) -> Habits:
+def learn_habits(tracks: Tracks, fragments: Fragments) -> Habits:
     """Sum up how people of one part of a recording move and look.
 
     Args:
         tracks: the positions of that part.
-        pieces: the fragments that they consist of.
+        fragments: the fragments that they consist of.
     """
     square, pairs = squared_displacement(tracks)
     any_row = len(tracks) > 0
     frames = int(tracks.frame.max() - tracks.frame.min()) + 1 if any_row else 0
-    alike, unlike = _look_distances(pieces)
+    alike, unlike = _look_distances(fragments)
     return Habits(
         square=square,
         pairs=pairs,
@@ -170,7 +172,7 @@ def learn_habits(tracks: Tracks, pieces: Pieces) -> Habits:
         high=tracks.ground_xy.max(0, initial=-np.inf),
         frames=frames,
         longest=frames,
-        pieces=len(pieces),
+        fragments=len(fragments),
         alike=_moments(alike),
         unlike=_moments(unlike),
     )
@@ -196,13 +198,13 @@ def add_habits(parts: Sequence[Habits]) -> Habits:
         high=np.max([part.high for part in parts], axis=0),
         frames=sum(part.frames for part in parts),
         longest=max(part.longest for part in parts),
-        pieces=sum(part.pieces for part in parts),
+        fragments=sum(part.fragments for part in parts),
         alike=np.sum([part.alike for part in parts], axis=0),
         unlike=np.sum([part.unlike for part in parts], axis=0),
     )
 
 
-def link_pieces(pieces: Pieces, habits: Habits) -> Int[np.ndarray, " k"]:
+def link_fragments(fragments: Fragments, habits: Habits) -> Int[np.ndarray, " k"]:
     """Find the fragment that continues each one, or -1.
 
     The log-odds of a link compare "the same person" with "a new person": the likelihood of the
@@ -210,36 +212,36 @@ def link_pieces(pieces: Pieces, habits: Habits) -> Int[np.ndarray, " k"]:
     appearance. A one-to-one assignment maximizes the sum of the log-odds.
 
     Args:
-        pieces: the fragments.
+        fragments: the fragments.
         habits: of their recording.
     """
-    follower = np.full(len(pieces), -1)
-    if len(pieces) < 2:
+    follower = np.full(len(fragments), -1)
+    if len(fragments) < 2:
         return follower
     spread = displacement_variance(habits)
-    by_start = np.argsort(pieces.first, kind="stable")
-    starts = pieces.first[by_start]
-    reach = _longest_gap(pieces, habits, spread)
-    low = np.searchsorted(starts, pieces.first, side="right")
-    high = np.searchsorted(starts, pieces.last + reach, side="right")
+    by_start = np.argsort(fragments.first, kind="stable")
+    starts = fragments.first[by_start]
+    reach = _longest_gap(fragments, habits, spread)
+    low = np.searchsorted(starts, fragments.first, side="right")
+    high = np.searchsorted(starts, fragments.last + reach, side="right")
     earlier, later, odds = [], [], []
     for block in _blocks(np.maximum(high - low, 0)):
         row, start_rank = expand_ranges(low[block], high[block])
         one, two = block[row], by_start[start_rank]
-        gap = pieces.first[two] - pieces.last[one]
-        length = pieces.last - pieces.first + 1
+        gap = fragments.first[two] - fragments.last[one]
+        length = fragments.last - fragments.first + 1
         # Short overlaps occur where one fragment ends after the next has begun.
         possible = gap > -0.5 * np.minimum(length[one], length[two])
         one, two = one[possible], two[possible]
-        value = _motion_odds(pieces, one, two, habits, spread) + _look_odds(
-            pieces, one, two, habits
+        value = _motion_odds(fragments, one, two, habits, spread) + _look_odds(
+            fragments, one, two, habits
         )
         likely = value > 0
         earlier.append(one[likely])
         later.append(two[likely])
         odds.append(value[likely])
     one, two, value = map(np.concatenate, (earlier, later, odds))
-    before, after = best_assignment(one, two, value, len(pieces))
+    before, after = best_assignment(one, two, value, len(fragments))
     follower[before] = after
     return follower
 
@@ -280,40 +282,40 @@ def best_assignment(
     return first[by_first], second[by_first]
 
 
-def join_pieces(tracks: Tracks, pieces: Pieces, follower: Int[np.ndarray, " k"]) -> Tracks:
+def join_fragments(tracks: Tracks, fragments: Fragments, follower: Int[np.ndarray, " k"]) -> Tracks:
     """Give the fragments of each chain one identity, numbered as by `Tracks.renumbered`.
 
     Args:
         tracks: the positions.
-        pieces: the fragments that they consist of.
-        follower: (K,) the result of `link_pieces`.
+        fragments: the fragments that they consist of.
+        follower: (K,) the result of `link_fragments`.
     """
-    chain, stop = chains(pieces, follower)
-    at = np.searchsorted(pieces.identity, tracks.track_id)
+    chain, stop = chains(fragments, follower)
+    at = np.searchsorted(fragments.identity, tracks.track_id)
     keep = tracks.frame < stop[at]
     return eqx.tree_at(lambda table: table.track_id, tracks, chain[at])[keep].renumbered()
 
 
 def chains(
-    pieces: Pieces, follower: Int[np.ndarray, " k"]
+    fragments: Fragments, follower: Int[np.ndarray, " k"]
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
     """Follow the links from fragment to fragment.
 
     Args:
-        pieces: the fragments.
-        follower: (K,) the result of `link_pieces`.
+        fragments: the fragments.
+        follower: (K,) the result of `link_fragments`.
 
     Returns:
         (K,) the first fragment of each fragment's chain, and (K,) the frame before which it ends,
         because its follower begins there.
     """
-    chain = np.arange(len(pieces))
-    stop = np.full(len(pieces), np.iinfo(np.int64).max)
-    for piece in np.argsort(pieces.first, kind="stable"):
-        after = follower[piece]
+    chain = np.arange(len(fragments))
+    stop = np.full(len(fragments), np.iinfo(np.int64).max)
+    for fragment in np.argsort(fragments.first, kind="stable"):
+        after = follower[fragment]
         if after >= 0:
-            chain[after] = chain[piece]
-            stop[piece] = pieces.first[after]
+            chain[after] = chain[fragment]
+            stop[fragment] = fragments.first[after]
     return chain, stop
 
 
@@ -372,36 +374,36 @@ def _spread_after(
 def _density(habits: Habits) -> float:
     """Starts of fragments per frame and squared scene unit."""
     area = np.prod(np.maximum(habits.high - habits.low, 1e-12))
-    return float(habits.pieces / (habits.frames * area))
+    return float(habits.fragments / (habits.frames * area))
 
 
 def _motion_odds(
-    pieces: Pieces,
+    fragments: Fragments,
     one: Int[np.ndarray, " p"],
     two: Int[np.ndarray, " p"],
     habits: Habits,
     spread: Float[np.ndarray, " lag"],
 ) -> Float[np.ndarray, " p"]:
     """Log-odds of links by the end and start positions."""
-    variance = _spread_after(pieces.first[two] - pieces.last[one], spread)
+    variance = _spread_after(fragments.first[two] - fragments.last[one], spread)
     # Tracks break where the person was poorly visible, which sigma quantifies.
-    variance = variance + pieces.end_sigma[one] ** 2 + pieces.begin_sigma[two] ** 2
-    square = ((pieces.begin[two] - pieces.end[one]) ** 2).sum(-1)
+    variance = variance + fragments.end_sigma[one] ** 2 + fragments.begin_sigma[two] ** 2
+    square = ((fragments.begin[two] - fragments.end[one]) ** 2).sum(-1)
     # A person may be seen again at any time within the longest part.
     continued = -np.log(2 * np.pi * variance) - square / (2 * variance) - np.log(habits.longest)
     return continued - np.log(_density(habits))
 
 
-def _longest_gap(pieces: Pieces, habits: Habits, spread: Float[np.ndarray, " lag"]) -> int:
+def _longest_gap(fragments: Fragments, habits: Habits, spread: Float[np.ndarray, " lag"]) -> int:
     """Number of frames beyond which no fragment continues another, however alike they look."""
     widest = np.exp(EVIDENCE_LIMIT) / (2 * np.pi * habits.longest * _density(habits))
     if widest <= spread[-1]:
         return int(np.searchsorted(spread, widest))
-    return int(min(widest / spread[-1] * (len(spread) - 1), np.ptp(pieces.first))) + 1
+    return int(min(widest / spread[-1] * (len(spread) - 1), np.ptp(fragments.first))) + 1
 
 
 def _look_odds(
-    pieces: Pieces, one: Int[np.ndarray, " p"], two: Int[np.ndarray, " p"], habits: Habits
+    fragments: Fragments, one: Int[np.ndarray, " p"], two: Int[np.ndarray, " p"], habits: Habits
 ) -> Float[np.ndarray, " p"]:
     """Log-odds of links by appearance, linear in the logarithm of the embedding distance."""
     neutral = np.zeros(len(one))
@@ -414,19 +416,19 @@ def _look_odds(
     slope = (same - other) / max((same_variance + other_variance) / 2, 1e-6)
     if slope >= 0:
         return neutral
-    distance = _log_distance(np.einsum("pd,pd->p", pieces.looks[one], pieces.looks[two]))
+    distance = _log_distance(np.einsum("pd,pd->p", fragments.looks[one], fragments.looks[two]))
     odds = slope * (distance - (same + other) / 2)
-    known = (pieces.boxes[one] > 0) & (pieces.boxes[two] > 0)
+    known = (fragments.boxes[one] > 0) & (fragments.boxes[two] > 0)
     return np.where(known, np.clip(odds, -EVIDENCE_LIMIT, EVIDENCE_LIMIT), 0.0)
 
 
-def _look_distances(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
+def _look_distances(fragments: Fragments) -> tuple[np.ndarray, np.ndarray]:
     """Log distances between the halves of a fragment, and between fragments at the same time."""
-    assert pieces.halves is not None
-    halved = ((pieces.halves**2).sum(-1) > 0).all(-1)
-    alike = (pieces.halves[halved, 0] * pieces.halves[halved, 1]).sum(-1)
-    known = np.flatnonzero(pieces.boxes > 0)
-    looks, first, last = pieces.looks[known], pieces.first[known], pieces.last[known]
+    assert fragments.halves is not None
+    halved = ((fragments.halves**2).sum(-1) > 0).all(-1)
+    alike = (fragments.halves[halved, 0] * fragments.halves[halved, 1]).sum(-1)
+    known = np.flatnonzero(fragments.boxes > 0)
+    looks, first, last = fragments.looks[known], fragments.first[known], fragments.last[known]
     together = (first[:, None] <= last[None, :]) & (first[None, :] <= last[:, None])
     unlike = (looks @ looks.T)[np.triu(together, 1)]
     return _log_distance(alike), _log_distance(unlike)

@@ -1,4 +1,4 @@
-"""Pieces of one person's track come together, and nobody else's."""
+"""Fragments of one person's track come together, and nobody else's."""
 
 from itertools import combinations
 
@@ -11,10 +11,10 @@ from scipy.optimize import linear_sum_assignment
 from catfree._run._stitch import (
     add_habits,
     best_assignment,
-    collect_pieces,
+    collect_fragments,
     displacement_variance,
     learn_habits,
-    link_pieces,
+    link_fragments,
     squared_displacement,
     stitch_tracks,
 )
@@ -36,7 +36,7 @@ def unit(vectors):
 
 
 def sequence(people, holes, *, seed=0, frames=60, looks=True):
-    """People who walk straight on, missing in some frames; every piece is a track of its own.
+    """People who walk straight on, missing in some frames; every fragment is a track of its own.
 
     Args:
         people: number of people, 3 m apart, at 0.25 m a frame.
@@ -201,8 +201,8 @@ def test_squared_displacement_of_a_straight_walk(speed):
         origin=np.zeros(30, int),
     )
     nobody = Detections([], [], np.zeros((0, 4)))
-    pieces = collect_pieces(tracks, nobody, np.zeros(0, int))
-    spread = displacement_variance(learn_habits(tracks, pieces))
+    fragments = collect_fragments(tracks, nobody, np.zeros(0, int))
+    spread = displacement_variance(learn_habits(tracks, fragments))
     lag = np.arange(1, len(spread))
     expected = np.maximum((speed * lag) ** 2 / 2, 1e-4)
     np.testing.assert_allclose(spread[1:], expected, rtol=1e-6)
@@ -254,8 +254,10 @@ def test_best_assignment_is_that_of_the_whole_table(pairs_of_indices, seed):
 def test_habits_of_one_part_are_its_own_and_those_of_more_lie_between():
     localization, detections, _ = sequence(9, {1: (20, 24)})
     tracks = localization.tracks
-    pieces = collect_pieces(tracks, detections, localization.identity)
-    whole = learn_habits(tracks, pieces)
+    fragments = collect_fragments(tracks, detections, localization.identity)
+    whole = learn_habits(tracks, fragments)
     twice = add_habits([whole, whole])
     np.testing.assert_allclose(displacement_variance(twice), displacement_variance(whole))
-    np.testing.assert_array_equal(link_pieces(pieces, twice), link_pieces(pieces, whole))
+    np.testing.assert_array_equal(
+        link_fragments(fragments, twice), link_fragments(fragments, whole)
+    )

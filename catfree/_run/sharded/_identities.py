@@ -8,7 +8,7 @@ from jaxtyping import Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from catfree._run._stitch import Habits, Pieces, add_habits, chains, link_pieces
+from catfree._run._stitch import Fragments, Habits, add_habits, chains, link_fragments
 
 Pairs = tuple[Int[np.ndarray, "..."], Int[np.ndarray, "..."]]  # of different lengths
 
@@ -38,25 +38,25 @@ class Identities:
 
 
 def identify_recording(
-    pieces: Sequence[Pieces], habits: Sequence[Habits], matched: Sequence[Pairs]
+    fragments: Sequence[Fragments], habits: Sequence[Habits], matched: Sequence[Pairs]
 ) -> Identities:
     """Join the tracks of all shards by their matches, then by looks and motion across gaps.
 
     Args:
-        pieces: of each shard, in order of time.
+        fragments: of each shard, in order of time.
         habits: of each shard.
         matched: for each shard but the last, the identities in it and in the next one of the pairs
             that are one person.
     """
-    count = [len(part) for part in pieces]
-    shard = np.repeat(np.arange(len(pieces)), count)
-    table = _concatenate(pieces)
+    count = [len(part) for part in fragments]
+    shard = np.repeat(np.arange(len(fragments)), count)
+    table = _concatenate(fragments)
     begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     one, two = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for index, pair in enumerate(matched):
         rows = []
         for at, names in enumerate(pair):
-            identity = pieces[index + at].identity
+            identity = fragments[index + at].identity
             row = np.searchsorted(identity, names)
             is_known = row < len(identity)
             is_known[is_known] = identity[row[is_known]] == names[is_known]
@@ -69,7 +69,7 @@ def identify_recording(
     links = coo_array((np.ones(len(before)), (before, after)), shape=(len(table), len(table)))
     _, person = connected_components(links, directed=False)
     people = _merge(table, person)
-    first_of, stop = chains(people, link_pieces(people, add_habits(habits)))
+    first_of, stop = chains(people, link_fragments(people, add_habits(habits)))
     order = np.lexsort((*people.begin.T[::-1], people.begin_sigma, people.first))
     roots = order[first_of[order] == order]
     number = np.empty(len(people), np.int64)
@@ -77,7 +77,7 @@ def identify_recording(
     return Identities(shard, table.identity, number[first_of[person]], stop[person])
 
 
-def _merge(table: Pieces, person: Int[np.ndarray, " k"]) -> Pieces:
+def _merge(table: Fragments, person: Int[np.ndarray, " k"]) -> Fragments:
     """One fragment per person from the fragments of several shards."""
     names = np.unique(person)
     earliest = np.lexsort((table.first, person))
@@ -89,7 +89,7 @@ def _merge(table: Pieces, person: Int[np.ndarray, " k"]) -> Pieces:
     boxes = np.zeros(len(names), np.int64)
     np.add.at(boxes, person, table.boxes)
     length = np.linalg.norm(looks, axis=1, keepdims=True)
-    return Pieces(
+    return Fragments(
         identity=names,
         first=table.first[head],
         last=table.last[tail],
@@ -102,14 +102,14 @@ def _merge(table: Pieces, person: Int[np.ndarray, " k"]) -> Pieces:
     )
 
 
-def _concatenate(pieces: Sequence[Pieces]) -> Pieces:
+def _concatenate(fragments: Sequence[Fragments]) -> Fragments:
     """The fragments of all shards in one table, without halves."""
-    names = [name for name in vars(pieces[0]) if name != "halves"]
-    columns = {name: [getattr(part, name) for part in pieces] for name in names}
-    width = max(part.looks.shape[1] for part in pieces)
+    names = [name for name in vars(fragments[0]) if name != "halves"]
+    columns = {name: [getattr(part, name) for part in fragments] for name in names}
+    width = max(part.looks.shape[1] for part in fragments)
     # Without any box, a shard does not know how long an embedding is.
     columns["looks"] = [
         looks if looks.shape[1] == width else np.zeros((len(looks), width))
         for looks in columns["looks"]
     ]
-    return Pieces(**{name: np.concatenate(values) for name, values in columns.items()})
+    return Fragments(**{name: np.concatenate(values) for name, values in columns.items()})

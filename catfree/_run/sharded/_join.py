@@ -88,7 +88,7 @@ def join_shards(out: StrPath) -> StoredTracks:
     summaries = [_read_summary(folder, receipt) for receipt in receipts]
     matched = [_match(folder, one, two) for one, two in itertools.pairwise(receipts)]
     identities = identify_recording(
-        [summary.pieces for summary in summaries], [s.habits for s in summaries], matched
+        [summary.fragments for summary in summaries], [s.habits for s in summaries], matched
     )
     area = _learn_area(folder, receipts)
     numbers = np.full(int(identities.identity.max(initial=-1)) + 1, -1)
@@ -161,7 +161,7 @@ def read_receipts(folder: Path) -> list[Receipt]:
 
 
 def _read_summary(folder: Path, receipt: Receipt) -> ShardSummary:
-    path = files_of(folder, receipt.index).pieces
+    path = files_of(folder, receipt.index).fragments
     return from_arrays(ShardSummary, load_arrays(path, ShardSummary.__name__, required=None))
 
 

@@ -15,7 +15,7 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Clock
 from catfree.types._validation import as_number, as_path, require_declared_types
 
-SCHEMA = "catfree shards 2"  # of receipts and the tables beside them
+SCHEMA = "catfree shards 3"  # of receipts and the tables beside them
 MANIFEST_SCHEMA = "catfree shards 1"  # of joined tables
 WORK_FOLDER = "_shards"  # readers of Parquet folders leave out names that begin with an underscore
 SCENE_FILE, MANIFEST = f"{WORK_FOLDER}/scene.json", f"{WORK_FOLDER}/manifest.json"
@@ -41,7 +41,7 @@ class Receipt:
         clock: time of the frames, as the arguments of `Clock`.
         scene_file: SHA-256 of the scene's file beside the receipt.
         part: SHA-256 of the table of positions.
-        pieces: SHA-256 of the summary of its tracks.
+        fragments: SHA-256 of the summary of its tracks.
         boxes: number of boxes it looked at.
         cameras: those that have any boxes.
         boxes_used: share of the boxes that support a position: how well they fit the scene. Like
@@ -68,7 +68,7 @@ class Receipt:
     clock: dict[str, Any]
     scene_file: str
     part: str
-    pieces: str
+    fragments: str
     boxes: int
     cameras: tuple[int, ...]
     boxes_used: float | None
@@ -86,12 +86,12 @@ class ShardFiles:
 
     Attributes:
         part: table of positions, with those of the overlaps.
-        pieces: summary of its tracks.
+        fragments: summary of its tracks.
         receipt: written last.
     """
 
     part: Path
-    pieces: Path
+    fragments: Path
     receipt: Path
 
 
@@ -135,7 +135,7 @@ def require_intact(files: ShardFiles, receipt: Receipt) -> None:
     Raises:
         FileFormatError: naming the file.
     """
-    for path, expected in ((files.part, receipt.part), (files.pieces, receipt.pieces)):
+    for path, expected in ((files.part, receipt.part), (files.fragments, receipt.fragments)):
         if not path.is_file() or hash_file(path) != expected:
             what = "was changed or cut" if path.is_file() else "is missing"
             raise FileFormatError(f"{path} {what}. Run shard {receipt.index} again.")

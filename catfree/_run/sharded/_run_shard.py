@@ -14,7 +14,7 @@ from jaxtyping import Int
 from catfree._run._cache import code_hash, content_hash, to_arrays
 from catfree._run._run import run_stages
 from catfree._run._stages import everywhere, localize_people
-from catfree._run._stitch import Habits, Pieces, collect_pieces, learn_habits
+from catfree._run._stitch import Fragments, Habits, collect_fragments, learn_habits
 from catfree._run.detection._cached_detection import fingerprint_of
 from catfree._run.sharded._receipt import (
     SCENE_FILE,
@@ -61,11 +61,11 @@ class ShardSummary:
     """What joining needs to know of a shard's tracks besides their positions.
 
     Attributes:
-        pieces: the tracks within the frames that the shard reports, without halves.
+        fragments: the tracks within the frames that the shard reports, without halves.
         habits: what they teach about motion and appearance.
     """
 
-    pieces: Pieces
+    fragments: Fragments
     habits: Habits
 
 
@@ -170,11 +170,11 @@ def write_shard(
     tracks, reliability = localization.tracks, localization.reliability
     write_parquet(files.part, with_places(tracks))
     reported = tracks[(tracks.frame >= shard.first) & (tracks.frame < shard.stop)]
-    pieces = collect_pieces(reported, detections, _within(localization, detections, shard))
-    habits = learn_habits(reported, pieces)
+    fragments = collect_fragments(reported, detections, _within(localization, detections, shard))
+    habits = learn_habits(reported, fragments)
     # What nobody reads any more is not kept: appearance recognizes people.
-    summary = ShardSummary(dataclasses.replace(pieces, halves=None), habits)
-    save_arrays(files.pieces, ShardSummary.__name__, to_arrays(summary))
+    summary = ShardSummary(dataclasses.replace(fragments, halves=None), habits)
+    save_arrays(files.fragments, ShardSummary.__name__, to_arrays(summary))
     receipt = Receipt(
         schema=SCHEMA,
         index=shard.index,
@@ -190,7 +190,7 @@ def write_shard(
         clock=dataclasses.asdict(shard.clock),
         scene_file=scene_file,
         part=hash_file(files.part),
-        pieces=hash_file(files.pieces),
+        fragments=hash_file(files.fragments),
         boxes=len(detections),
         cameras=tuple(np.unique(detections.camera).tolist()),
         boxes_used=_or_none(reliability.detections_used),

@@ -238,7 +238,7 @@ DAMAGES = {
     "flipped part": (lambda f: flip(f.part), "part-00002.parquet was changed or cut"),
     "cut part": (lambda f: f.part.write_bytes(f.part.read_bytes()[:500]), "part-00002.parquet"),
     "missing part": (lambda f: f.part.unlink(), "part-00002.parquet is missing"),
-    "flipped pieces": (lambda f: flip(f.pieces), "part-00002.npz was changed or cut"),
+    "flipped fragments": (lambda f: flip(f.fragments), "part-00002.npz was changed or cut"),
 }
 
 

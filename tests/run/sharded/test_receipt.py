@@ -31,7 +31,7 @@ def receipt(**changes):
         "clock": dataclasses.asdict(Clock(5.0)),
         "scene_file": "d",
         "part": "e",
-        "pieces": "f",
+        "fragments": "f",
         "boxes": 48,
         "cameras": (0, 2),
         "boxes_used": 0.9,

@@ -75,7 +75,7 @@ def test_a_finished_shard_is_not_run_again(world, plan, out, monkeypatch):
             cf.run_shard(plan[0], scene=world.true_scene, out=out, settings=settings)
 
 
-@pytest.mark.parametrize("what", ["receipt", "part", "pieces"])
+@pytest.mark.parametrize("what", ["receipt", "part", "fragments"])
 def test_a_damaged_shard_runs_again(world, plan, tmp_path, what, monkeypatch):
     runs = []
 
@@ -119,8 +119,8 @@ def test_a_full_disk_is_said_and_loses_no_finished_shard(world, plan, tmp_path, 
 def test_a_shard_keeps_one_appearance_vector_per_track(world, plan, out):
     size = world.detections.embedding.shape[1]
     for shard in plan:
-        kept = load_arrays(files_of(out, shard.index).pieces, "ShardSummary", required=None)
-        tracks = len(kept["pieces.identity"])
+        kept = load_arrays(files_of(out, shard.index).fragments, "ShardSummary", required=None)
+        tracks = len(kept["fragments.identity"])
         assert tracks > 0
         shapes = [array.shape for array in kept.values() if size in np.shape(array)[1:]]
         assert shapes == [(tracks, size)]
