@@ -32,9 +32,6 @@ from catfree.calibration.people.adjustment._anchor_residuals import (
 from catfree.calibration.people.adjustment._anchors import (
     Anchor,
     AnchorCheck,
-    KnownDistance,
-    SurveyedPoint,
-    map_positions,
     resolve_anchors,
 )
 from catfree.calibration.people.cameras._camera_model import (
@@ -46,7 +43,6 @@ from catfree.calibration.people.cameras._camera_model import (
 )
 from catfree.calibration.people.cameras._rig_deviation import scale_variance, shape_deviation
 from catfree.errors import CalibrationError, InvalidInputError, shortened
-from catfree.methods.evidence.observe._boxes import undistorted_pixels
 from catfree.settings import CalibrationSettings
 from catfree.types import GeoReference, Rig, Scene
 
@@ -125,9 +121,7 @@ def anchored(
     names = [str(c) for c in range(rig.camera_count)] if camera_names is None else camera_names
     registered = np.asarray(rig.registered)
     cameras = _parameters(rig)
-    positions = list(map_positions(anchors, earth))
-    pixels = np.stack([_ideal_pixels(a, c, rig) for a, c in zip(anchors, index, strict=True)])
-    stated = measurements_of(anchors, index, pixels, positions)
+    stated = measurements_of(anchors, index, rig, earth)
     usable = [m for m in stated if registered[m.camera]]
     _require_ground(usable, cameras, names)
     frame = _start(usable, cameras)
@@ -304,22 +298,6 @@ def _prior(calibration: Calibration) -> Float[np.ndarray, "n n"]:
     covariance = covariance.reshape(7 * count, 7 * count)
     known = np.isfinite(np.diag(covariance))
     return np.where(known & known[:, None], covariance, np.diag(np.where(known, 0.0, 1.0)))
-
-
-def _ideal_pixels(anchor: Anchor, camera: int, rig: Rig) -> Float[np.ndarray, "2 2"]:
-    """Pixels of an anchor in an ideal camera, from the image center; 0 if it has none."""
-    if isinstance(anchor, KnownDistance):
-        distorted_pixels = np.array(anchor.pixels, np.float64)
-    elif isinstance(anchor, SurveyedPoint):
-        distorted_pixels = np.array([anchor.pixel, anchor.pixel], np.float64)
-    else:
-        return np.zeros((2, 2))
-    if not rig.registered[camera]:
-        return np.zeros((2, 2))
-    K = np.asarray(rig.K, np.float64)[camera]
-    pixel = undistorted_pixels(rig, np.full(2, camera), distorted_pixels)
-    plane = np.linalg.solve(K, np.column_stack([pixel, np.ones(2)]).T)
-    return K[0, 0] * plane[:2].T
 
 
 def _require_ground(

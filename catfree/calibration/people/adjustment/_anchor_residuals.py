@@ -17,6 +17,7 @@ from catfree.calibration.people.adjustment._anchors import (
     Anchor,
     KnownCamera,
     KnownDistance,
+    Pixel,
     SurveyedPoint,
 )
 from catfree.calibration.people.cameras._camera_model import (
@@ -30,6 +31,8 @@ from catfree.calibration.people.cameras._camera_model import (
     projection,
 )
 from catfree.geometry._buckets import padded
+from catfree.methods.evidence.observe._boxes import undistorted_pixels
+from catfree.types import GeoReference, Rig
 
 QUANTITIES = ("distance", "height", "focal length", "position", "rotation", "point")
 DISTANCE, HEIGHT, FOCAL, POSITION, ROTATION, POINT = range(6)
@@ -78,42 +81,62 @@ class Linearized(NamedTuple):
 def measurements_of(
     anchors: Sequence[Anchor],
     cameras: Sequence[int],
-    pixels: Float[np.ndarray, "anchor 2 2"],
-    positions: Sequence[Float[np.ndarray, " d"] | None],
+    rig: Rig,
+    earth: GeoReference | None,
 ) -> list[Measurement]:
     """Split anchors into the quantities that they state.
 
     Args:
         anchors: the anchors.
         cameras: index of each one's camera.
-        pixels: their pixels, from the image center of an ideal camera.
-        positions: each one's position in the map frame, or None.
+        rig: the cameras, whose distortion is removed from pixels.
+        earth: where the map frame is, if anchors have longitudes and latitudes.
     """
     measurements = []
-
-    def add(at: int, kind: int, value: object, sd: object, pixel_sd: float = 0.0) -> None:
-        values = np.atleast_1d(np.asarray(value, np.float64))
-        sds = np.broadcast_to(np.asarray(sd, np.float64), values.shape)
-        measurements.append(Measurement(at, kind, cameras[at], pixels[at], values, sds, pixel_sd))
-
-    for at, (anchor, position) in enumerate(zip(anchors, positions, strict=True)):
+    for at, (anchor, camera) in enumerate(zip(anchors, cameras, strict=True)):
+        pixels, pixel_sd = np.zeros((2, 2)), 0.0
         if isinstance(anchor, KnownDistance):
-            relative = anchor.sd / anchor.meters
-            add(at, DISTANCE, np.log(anchor.meters), relative, anchor.pixel_sd)
+            pixels = _ideal_pixels(anchor.pixels, camera, rig)
+            pixel_sd = anchor.pixel_sd
+            stated = [(DISTANCE, np.log(anchor.meters), anchor.sd / anchor.meters)]
         elif isinstance(anchor, SurveyedPoint):
-            add(at, POINT, position, anchor.sd, anchor.pixel_sd)
-        elif isinstance(anchor, KnownCamera):
+            pixels = _ideal_pixels((anchor.pixel, anchor.pixel), camera, rig)
+            pixel_sd = anchor.pixel_sd
+            stated = [(POINT, _position(anchor, earth), anchor.sd)]
+        else:
+            stated = []
             if anchor.height is not None:
-                add(at, HEIGHT, np.log(anchor.height), anchor.height_sd / anchor.height)
+                stated.append((HEIGHT, np.log(anchor.height), anchor.height_sd / anchor.height))
             if anchor.focal is not None:
-                add(at, FOCAL, np.log(anchor.focal), anchor.focal_sd / anchor.focal)
-            if position is not None:
-                add(at, POSITION, position, anchor.position_sd)
+                stated.append((FOCAL, np.log(anchor.focal), anchor.focal_sd / anchor.focal))
+            if (position := _position(anchor, earth)) is not None:
+                stated.append((POSITION, position, anchor.position_sd))
             if anchor.rotation is not None:
-                R = np.asarray(anchor.rotation, np.float64)
-                angles = from_matrices(np.eye(3)[None], R[None], np.zeros((1, 3)))[0]
-                add(at, ROTATION, angles[TILT : PAN + 1], np.deg2rad(anchor.rotation_sd))
+                R = np.array([anchor.rotation], np.float64)
+                angles = from_matrices(np.eye(3)[None], R, np.zeros((1, 3)))[0, TILT : PAN + 1]
+                stated.append((ROTATION, angles, np.deg2rad(anchor.rotation_sd)))
+        for kind, value, sd in stated:
+            values = np.atleast_1d(np.asarray(value, np.float64))
+            sds = np.full(values.shape, sd, np.float64)
+            measurements.append(Measurement(at, kind, camera, pixels, values, sds, pixel_sd))
     return measurements
+
+
+def _ideal_pixels(pixels: tuple[Pixel, Pixel], camera: int, rig: Rig) -> Float[np.ndarray, "2 2"]:
+    """Pixels of an ideal camera, from the image center; 0 if the camera is not registered."""
+    if not rig.registered[camera]:
+        return np.zeros((2, 2))
+    K = np.asarray(rig.K, np.float64)[camera]
+    ideal = undistorted_pixels(rig, np.full(2, camera), np.array(pixels, np.float64))
+    plane = np.linalg.solve(K, np.column_stack([ideal, np.ones(2)]).T)
+    return K[0, 0] * plane[:2].T
+
+
+def _position(anchor: KnownCamera | SurveyedPoint, earth: GeoReference | None) -> Any:
+    """Position in meters of the map frame, (2,) or (3,), or None."""
+    if earth is None or anchor.longitude is None:
+        return anchor.position
+    return earth.to_xy([[anchor.longitude, anchor.latitude]])[0]
 
 
 def on_map(camera: Float[Array, "7"], frame: Float[Array, "4"]) -> Float[Array, "7"]:

@@ -1,7 +1,7 @@
 """Anchors: what is known about a site from elsewhere, each with its standard deviation."""
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -291,19 +291,6 @@ def resolve_anchors(
         return tuple(index), None
     middle = degrees.mean(0)
     return tuple(index), GeoReference(float(middle[0]), float(middle[1]))
-
-
-def map_positions(
-    anchors: Sequence[Anchor], earth: GeoReference | None
-) -> Iterator[Float[np.ndarray, " d"] | None]:
-    """Yield each anchor's position in meters of the map frame, (2,) or (3,), or None."""
-    for anchor in anchors:
-        if isinstance(anchor, KnownDistance):
-            yield None
-        elif anchor.longitude is not None and earth is not None:
-            yield earth.to_xy([[anchor.longitude, anchor.latitude]])[0]
-        else:
-            yield None if anchor.position is None else np.array(anchor.position, np.float64)
 
 
 def _map_place(
