@@ -522,11 +522,7 @@ def _described(
     """The calibration of the fitted cameras in the frame of the anchors."""
     rig, count = calibration.scene.rig, len(fit.cameras)
     known = np.asarray(rig.registered)
-    cameras, slopes = map_cameras(fit.cameras, fit.frame)
-    J = np.zeros((7 * count, 7 * count + 4))
-    for camera in range(count):
-        rows = slice(7 * camera, 7 * camera + 7)
-        J[rows, rows], J[rows, -4:] = slopes[camera, :, :7], slopes[camera, :, 7:]
+    cameras, J = map_cameras(fit.cameras, fit.frame)
     covariance = (J @ fit.covariance @ J.T).reshape(count, 7, count, 7)
     _, R, t = to_matrices(cameras, np.asarray(rig.image_size))
     K = np.array(rig.K, np.float64)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy  # its linear algebra, which takes long to import, where it is used
 from jaxtyping import Array, Float, Int
 
 from catfree.calibration.people.adjustment._anchors import (
@@ -231,8 +232,11 @@ def _map_cameras(
 
 def map_cameras(
     cameras: Float[np.ndarray, "cam 7"], frame: Float[np.ndarray, "4"]
-) -> tuple[Float[np.ndarray, "cam 7"], Float[np.ndarray, "cam 7 11"]]:
-    """Move (C, 7) cameras into a map frame (4,), with derivatives by both, (C, 7, 7 + 4)."""
+) -> tuple[Float[np.ndarray, "cam 7"], Float[np.ndarray, "n m"]]:
+    """Move (C, 7) cameras into a map frame (4,), with derivatives by both, (7C, 7C + 4)."""
     with jax.enable_x64(True):
-        moved, slopes = _map_cameras(jnp.asarray(cameras), jnp.asarray(frame))
-        return np.asarray(moved), np.concatenate([np.asarray(s) for s in slopes], -1)
+        moved, (by_camera, by_frame) = _map_cameras(jnp.asarray(cameras), jnp.asarray(frame))
+        J = np.hstack(
+            [scipy.linalg.block_diag(*np.asarray(by_camera)), np.reshape(by_frame, (-1, 4))]
+        )
+        return np.asarray(moved), J
