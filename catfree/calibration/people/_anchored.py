@@ -56,11 +56,18 @@ ON_MAP = (POSITION, ROTATION, POINT)
 LOGARITHMS = (DISTANCE, HEIGHT, FOCAL)
 
 
-class _Frame(NamedTuple):
-    """What the map frame may do: its columns (log scale, heading, x, y) that anchors determine."""
+class _Innovation(NamedTuple):
+    """What a measurement states, minus what all others predict.
 
-    start: Float[np.ndarray, "4"]
-    free: int
+    Attributes:
+        off: (d,) the difference, NaN where nothing else determines it.
+        covariance: (d, d) of this.
+        log_p: natural logarithm of the probability of a larger one by chance.
+    """
+
+    off: Float[np.ndarray, " d"]
+    covariance: Float[np.ndarray, "d d"]
+    log_p: float
 
 
 @dataclass(frozen=True)
@@ -71,19 +78,14 @@ class _Fit:
         cameras: (C, 7) in the frame of the people.
         frame: (4,) the map frame.
         covariance: (7C + 4, 7C + 4) of both.
-        innovation: for each measurement in use, stated minus predicted by all others, (d,), NaN
-            where nothing else determines it; the last one is the crowd's.
-        innovation_covariance: (d, d) of these.
-        log_p: natural logarithm of the probability of a larger innovation by chance.
+        innovations: of each usable measurement, in use or not, and last of the crowd's height.
         misfit: sum of squares of the standardized residuals.
     """
 
     cameras: Float[np.ndarray, "cam 7"]
     frame: Float[np.ndarray, "4"]
     covariance: Float[np.ndarray, "n n"]
-    innovation: list[np.ndarray]
-    innovation_covariance: list[np.ndarray]
-    log_p: Float[np.ndarray, " m"]
+    innovations: list[_Innovation]
     misfit: float
 
 
@@ -124,8 +126,8 @@ def anchored(
     stated = measurements_of(anchors, index, rig, earth)
     usable = [m for m in stated if registered[m.camera]]
     _require_ground(usable, cameras, names)
-    frame = _start(usable, cameras)
-    if frame.free < 4 and any(m.kind in ON_MAP for m in stated):
+    start = _start(usable, cameras)
+    if len(start) < 4 and any(m.kind in ON_MAP for m in stated):
         unseen = sorted({c for c in index if not registered[c]})
         raise CalibrationError(
             "The anchors on the map are seen by cameras that are not registered "
@@ -136,19 +138,16 @@ def anchored(
         usable,
         cameras,
         _prior(calibration),
-        frame,
+        start,
         calibration.crowd_height_sd / calibration.crowd_height,
         settings.unusual_height_sd / settings.person_height,
     )
-    chosen, typical = _consistent(problem, np.log(settings.anchor_level))
-    fit = problem.fit(chosen, typical=typical)
-    checks, taken = [], iter(chosen)
-    results = zip(fit.innovation, fit.innovation_covariance, fit.log_p, strict=True)
+    chosen, fit = _consistent(problem, np.log(settings.anchor_level))
+    checks, results = [], zip(fit.innovations, chosen.tolist(), strict=True)
     for m in stated:
         if registered[m.camera]:
-            is_used = bool(next(taken))
-            result = next(results) if is_used else _unused(m, fit)
-            checks.append(_check(m, anchors[m.anchor], *result, names, used=is_used))
+            innovation, is_used = next(results)
+            checks.append(_check(m, anchors[m.anchor], innovation, names, used=is_used))
         else:
             reason = f"{_name(m, names)} was not used: the camera is not registered."
             nothing = (np.nan,) * len(m.value)
@@ -156,8 +155,8 @@ def anchored(
             checks.append(
                 AnchorCheck(anchors[m.anchor], kind, nothing, nothing, 1.0, False, reason)
             )
-    (off,), ((variance,),), log_p = next(results)
-    checks.append(_check_of_crowd(calibration, off, variance, log_p, used=typical))
+    innovation, is_used = next(results)
+    checks.append(_check_of_crowd(calibration, innovation, used=is_used))
     return _described(calibration, fit, tuple(checks), earth)
 
 
@@ -169,7 +168,7 @@ class _Problem:
         usable: m measurements of registered cameras.
         cameras: (C, 7) cameras from the people.
         prior: (7C, 7C) their covariance.
-        frame: where the map frame starts, and how many of its entries are unknown.
+        start: (f,) where the free entries of the map frame start.
         crowd: relative standard deviation of the crowd's height.
         unusual: the same of a crowd that contradicts anchors.
     """
@@ -177,70 +176,70 @@ class _Problem:
     usable: list[Measurement]
     cameras: Float[np.ndarray, "cam 7"]
     prior: Float[np.ndarray, "n n"]
-    frame: _Frame
+    start: Float[np.ndarray, " f"]
     crowd: float
     unusual: float
 
-    def fit(self, chosen: Bool[np.ndarray, " m"], *, typical: bool) -> _Fit:
-        """Fit the chosen measurements, with the crowd's height as usual or as unusual."""
-        return self._fit(chosen, self.crowd if typical else self.unusual)
-
-    def misfit_without(self, chosen: Bool[np.ndarray, " m"], at: int, *, typical: bool) -> float:
+    def misfit_without(self, chosen: Bool[np.ndarray, " u"], at: int) -> float:
         """Sum of squares without one of the chosen measurements, or without the crowd's height.
 
         Infinite if the map frame is no longer determined.
         """
-        if at == len(chosen):
-            return self._fit(chosen, UNKNOWN).misfit
+        if at == len(self.usable):
+            return self.fit(chosen, UNKNOWN).misfit
         rest = chosen & (np.arange(len(chosen)) != at)
-        if _start(list(compress(self.usable, rest)), self.cameras).free < self.frame.free:
+        if len(_start(list(compress(self.usable, rest)), self.cameras)) < len(self.start):
             return np.inf
-        return self.fit(rest, typical=typical).misfit
+        return self.fit(rest).misfit
 
-    def _fit(self, chosen: Bool[np.ndarray, " m"], crowd: float) -> _Fit:
+    def fit(self, chosen: Bool[np.ndarray, " u"], crowd: float | None = None) -> _Fit:
         """Fit cameras and map frame to the chosen measurements and the crowd's height.
 
         Source: Gauss-Newton for observations with unknown and with random parameters ("mixed
             model"), and the test of each observation against the others of Baarda (1968), "A
             testing procedure for use in geodetic networks".
+
+        Args:
+            chosen: (m + 1,) the measurements to fit, and last whether the crowd is as usual.
+            crowd: relative standard deviation of the crowd's height, if it is neither as usual
+                nor as unusual.
         """
+        if crowd is None:
+            crowd = self.crowd if chosen[-1] else self.unusual
         used = list(compress(self.usable, chosen))
-        cameras, prior, frame = self.cameras, self.prior, self.frame
-        at, place = cameras, frame.start
-        equations = _Equations.of(used, cameras, at, place, frame.free, crowd)
-        for _ in range(ROUNDS):
-            moved, step = equations.solve(prior)
-            change = max(np.abs(step).max(), np.abs(cameras + moved - at).max())
-            at, place = cameras + moved, place + np.pad(step, (0, 4 - frame.free))
-            equations = _Equations.of(used, cameras, at, place, frame.free, crowd)
-            if change < CONVERGED:
+        prior, fixed = self.prior, 4 - len(self.start)
+        at, frame = self.cameras, np.pad(self.start, (0, fixed))
+        change, rounds = np.inf, 0
+        while True:
+            rows = _linear_rows(used, at, frame)
+            noise = [*rows.noise, np.array([[crowd**2]])]
+            A = np.pad(rows.by_camera, ((0, 1), (0, 0)))
+            G = np.vstack([rows.by_frame, np.eye(4)[:1]])[:, : len(self.start)]
+            off = np.append(rows.off, -frame[0]) + A @ (at - self.cameras).ravel()
+            gain = prior @ A.T
+            W = np.linalg.inv(A @ prior @ A.T + scipy.linalg.block_diag(*noise))
+            WG = W @ G
+            Q = np.linalg.inv(G.T @ WG)
+            M = W - WG @ Q @ WG.T
+            if change < CONVERGED or rounds == ROUNDS:
                 break
-        W, Q, M = equations.inverses(prior)
-        noise, off, error = equations.noise, equations.off, M @ equations.off
-        gain = prior @ equations.by_camera.T
-        cross = -gain @ W @ equations.by_frame @ Q
-        joint = np.zeros((cameras.size + 4,) * 2)
-        n, f = cameras.size, cameras.size + frame.free
-        joint[:n, :n] = prior - gain @ M @ gain.T
-        joint[:n, n:f], joint[n:f, :n], joint[n:f, n:f] = cross, cross.T, Q
-        ends = np.cumsum([*(len(m.value) for m in used), 1])
-        rows = [np.arange(start, end) for start, end in zip([0, *ends[:-1]], ends, strict=True)]
-        innovation, spread, log_p = [], [], []
-        for k in rows:
-            root = np.linalg.cholesky(noise[np.ix_(k, k)])
-            share, axes = np.linalg.eigh(root.T @ M[np.ix_(k, k)] @ root)
-            checked = share > UNCHECKED
-            # Directions that nothing else determines have no innovation.
-            inverse = np.where(checked, 1 / np.where(checked, share, 1), np.nan)
-            white = axes.T @ root.T @ error[k]
-            squared = np.nansum(inverse * white**2)
-            log_p.append(scipy.stats.chi2.logsf(squared, checked.sum()) if checked.any() else 0.0)
-            innovation.append(root @ axes @ (inverse * white))
-            spread.append(root @ axes @ (inverse[:, None] * axes.T) @ root.T)
-        return _Fit(at, place, joint, innovation, spread, np.array(log_p), float(off @ error))
+            moved = self.cameras + (gain @ M @ off).reshape(-1, 7)
+            step = Q @ G.T @ W @ off
+            change = max(np.abs(step).max(), np.abs(moved - at).max())
+            at, frame, rounds = moved, frame + np.pad(step, (0, fixed)), rounds + 1
+        cross = -gain @ W @ G @ Q
+        free = np.block([[prior - gain @ M @ gain.T, cross], [cross.T, Q]])
+        joint = np.pad(free, (0, fixed))
+        error = M @ off
+        taken = iter(_innovations(noise, M, error))
+        innovations = [
+            next(taken) if is_chosen else _unused(m, at, frame, joint)
+            for m, is_chosen in zip(self.usable, chosen[:-1], strict=True)
+        ]
+        return _Fit(at, frame, joint, [*innovations, next(taken)], float(off @ error))
 
 
-def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " m"], bool]:
+def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " u"], _Fit]:
     """Set aside what contradicts the others, one by one, until nothing does.
 
     Of all that contradict, the one without which the others agree best is set aside; the height of
@@ -251,37 +250,33 @@ def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " m"]
         least: log probability below which a difference is a contradiction.
 
     Returns:
-        The (m,) measurements to use, and whether the crowd's height is as usual.
+        Which of the m measurements, and last whether the usual height of the crowd, are used; and
+        their fit.
 
     Raises:
         CalibrationError: if the map frame is not determined by what remains.
     """
-    count = len(problem.usable)
-    chosen, typical, returned = np.ones(count, bool), True, np.zeros(count, bool)
+    crowd = len(problem.usable)
+    chosen = np.ones(crowd + 1, bool)
+    returned = np.arange(crowd + 1) == crowd  # the crowd does not
     while True:
-        fit = problem.fit(chosen, typical=typical)
-        index = np.append(np.flatnonzero(chosen), count)
-        against = index[fit.log_p < least]
-        if not typical:
-            against = against[against < count]
+        fit = problem.fit(chosen)
+        log_p = np.array([innovation.log_p for innovation in fit.innovations])
+        against = np.flatnonzero(chosen & (log_p < least))
         if len(against):
-            left = [problem.misfit_without(chosen, int(at), typical=typical) for at in against]
+            left = [problem.misfit_without(chosen, int(at)) for at in against]
             if np.isinf(left).all():
                 raise CalibrationError(
                     "The anchors on the map contradict the people and each other; check their "
                     "units, the order of x and y, and whether x, y and up are right-handed."
                 )
-            best = min(left)
-            same = against[np.array(left) <= (1 + SAME) * best + SAME]
-            if same[-1] == count:
-                typical = False
-            else:
-                chosen[same[0]], typical = False, True
+            same = against[np.array(left) <= (1 + SAME) * min(left) + SAME]
+            chosen[crowd] = True
+            chosen[crowd if same[-1] == crowd else same[0]] = False
             continue
-        outside = np.flatnonzero(~chosen & ~returned)
-        again = [at for at in outside if _unused(problem.usable[at], fit)[2] >= least]
-        if not again:
-            return chosen, typical
+        again = np.flatnonzero(~chosen & ~returned & (log_p >= least))
+        if not len(again):
+            return chosen, fit
         chosen[again[0]] = returned[again[0]] = True
 
 
@@ -322,19 +317,20 @@ def _require_ground(
             )
 
 
-def _start(usable: Sequence[Measurement], cameras: Float[np.ndarray, "cam 7"]) -> _Frame:
+def _start(
+    usable: Sequence[Measurement], cameras: Float[np.ndarray, "cam 7"]
+) -> Float[np.ndarray, " f"]:
     """The map frame that fits best without regard to deviations.
 
-    Its last three entries stay 0 and fixed unless anchors on a map determine them.
+    Its last three entries are left out, and stay 0, unless anchors on a map determine them.
     """
     on = [m for m in usable if m.kind in (POSITION, POINT)]
     turned = [m for m in usable if m.kind == ROTATION]
-    identity = np.zeros(4)
     places = np.array([m.value[:2] for m in on]).reshape(-1, 2)
     distinct = len(np.unique(places, axis=0))
-    if distinct < 1 or distinct + bool(turned) < 2:
-        return _Frame(identity, 1)
-    points = linearize(on, cameras, identity).value[:, :2]
+    if distinct + bool(turned) < 2:
+        return np.zeros(1)
+    points = linearize(on, cameras, np.zeros(4)).value[:, :2]
     if distinct > 1:
         # Over complex numbers a rotation times a scale is one factor.
         near, far = ((xy - xy.mean(0)) @ np.array([1, 1j]) for xy in (points, places))
@@ -344,115 +340,112 @@ def _start(usable: Sequence[Measurement], cameras: Float[np.ndarray, "cam 7"]) -
         scale, angle = 1.0, float(turned[0].value[2] - cameras[turned[0].camera, PAN])
     c, s = scale * np.cos(angle), scale * np.sin(angle)
     shift = (places - points @ np.array([[c, s], [-s, c]])).mean(0)
-    return _Frame(np.array([np.log(scale), angle, *shift]), 4)
+    return np.array([np.log(scale), angle, *shift])
 
 
-class _Equations(NamedTuple):
-    """Measurements linearized at a rig and a map frame, the crowd's height last.
+class _Rows(NamedTuple):
+    """Measurements linearized at a rig and a map frame, one row per stated number.
 
     Attributes:
         by_camera: (k, 7C) derivatives by the cameras.
-        by_frame: (k, f) by the free entries of the map frame.
-        noise: (k, k) covariance of what is stated.
-        off: (k,) stated minus predicted for the cameras from the people.
+        by_frame: (k, 4) by the map frame.
+        noise: (d, d) covariance of what each measurement states, with that of its pixels.
+        off: (k,) stated minus predicted; of angles modulo a whole turn.
     """
 
     by_camera: Float[np.ndarray, "k n"]
-    by_frame: Float[np.ndarray, "k f"]
-    noise: Float[np.ndarray, "k k"]
+    by_frame: Float[np.ndarray, "k 4"]
+    noise: list[np.ndarray]
     off: Float[np.ndarray, " k"]
 
-    @classmethod
-    def of(
-        cls,
-        chosen: Sequence[Measurement],
-        cameras: Float[np.ndarray, "cam 7"],
-        at: Float[np.ndarray, "cam 7"],
-        place: Float[np.ndarray, "4"],
-        free: int,
-        crowd: float,
-    ) -> "_Equations":
-        """Linearize at cameras `at` and the map frame `place`."""
-        size = sum(len(m.value) for m in chosen) + 1
-        by_camera, by_frame = np.zeros((size, cameras.size)), np.zeros((size, 4))
-        noise, off = np.zeros((size, size)), np.zeros(size)
-        by_frame[-1, 0], noise[-1, -1], off[-1] = 1.0, crowd**2, -place[0]
-        linear, start = linearize(chosen, at, place), 0
-        for i, m in enumerate(chosen):
-            d, k = len(m.value), np.arange(start, start + len(m.value))
-            by_camera[k, 7 * m.camera : 7 * m.camera + 7] = linear.by_camera[i, :d]
-            by_frame[k] = linear.by_frame[i, :d]
-            noise[np.ix_(k, k)] = _noise(m, linear.by_pixel[i, :d])
-            off[k] = _turned(m.value - linear.value[i, :d], m.kind)
-            start += d
-        off += by_camera @ (at - cameras).ravel()
-        return cls(by_camera, by_frame[:, :free], noise, off)
 
-    def inverses(
-        self, prior: Float[np.ndarray, "n n"]
-    ) -> tuple[Float[np.ndarray, "k k"], Float[np.ndarray, "f f"], Float[np.ndarray, "k k"]]:
-        """Information of what is stated, covariance of the map frame, and the information left."""
-        W = np.linalg.inv(self.by_camera @ prior @ self.by_camera.T + self.noise)
-        WG = W @ self.by_frame
-        Q = np.linalg.inv(self.by_frame.T @ WG)
-        return W, Q, W - WG @ Q @ WG.T
+def _linear_rows(
+    measurements: Sequence[Measurement],
+    cameras: Float[np.ndarray, "cam 7"],
+    frame: Float[np.ndarray, "4"],
+) -> _Rows:
+    """Linearize measurements at cameras and a map frame."""
+    linear = linearize(measurements, cameras, frame)
+    sizes = np.array([len(m.value) for m in measurements])
+    rows = np.arange(3) < sizes[:, None]
+    owner = np.nonzero(rows)[0]
+    camera = np.array([m.camera for m in measurements], int)[owner]
+    by_camera = np.zeros((len(owner), *cameras.shape))
+    by_camera[np.arange(len(owner)), camera] = linear.by_camera[rows]
+    off = np.array([v for m in measurements for v in m.value]) - linear.value[rows]
+    angle = np.array([m.kind == ROTATION for m in measurements], bool)[owner]
+    return _Rows(
+        by_camera.reshape(len(owner), cameras.size),
+        linear.by_frame[rows],
+        [
+            np.diag(m.sd**2) + m.pixel_sd**2 * by_pixel[:size] @ by_pixel[:size].T
+            for m, by_pixel, size in zip(measurements, linear.by_pixel, sizes, strict=True)
+        ],
+        np.where(angle, (off + np.pi) % (2 * np.pi) - np.pi, off),
+    )
 
-    def solve(
-        self, prior: Float[np.ndarray, "n n"]
-    ) -> tuple[Float[np.ndarray, "cam 7"], Float[np.ndarray, " f"]]:
-        """Move of the cameras from those of the people, and step of the map frame."""
-        W, Q, M = self.inverses(prior)
-        moved = prior @ self.by_camera.T @ M @ self.off
-        return moved.reshape(-1, 7), Q @ self.by_frame.T @ W @ self.off
+
+def _innovations(
+    noise: Sequence[np.ndarray],
+    M: Float[np.ndarray, "k k"],
+    error: Float[np.ndarray, " k"],
+) -> list[_Innovation]:
+    """What each measurement in a fit states minus what all others predict.
+
+    Args:
+        noise: (d, d) covariance of each.
+        M: information of all that is left beside the unknowns.
+        error: M times stated minus predicted.
+    """
+    innovations = []
+    rows = np.split(np.arange(len(M)), np.cumsum([len(block) for block in noise[:-1]], dtype=int))
+    for k, block in zip(rows, noise, strict=True):
+        root = np.linalg.cholesky(block)
+        share, axes = np.linalg.eigh(root.T @ M[np.ix_(k, k)] @ root)
+        checked = share > UNCHECKED
+        # Directions that nothing else determines have no innovation.
+        inverse = np.where(checked, 1 / np.where(checked, share, 1), np.nan)
+        white = axes.T @ root.T @ error[k]
+        squared = np.nansum(inverse * white**2)
+        log_p = float(scipy.stats.chi2.logsf(squared, checked.sum())) if checked.any() else 0.0
+        spread = root @ axes @ (inverse[:, None] * axes.T) @ root.T
+        innovations.append(_Innovation(root @ axes @ (inverse * white), spread, log_p))
+    return innovations
 
 
 def _unused(
-    measurement: Measurement, fit: _Fit
-) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, "d d"], float]:
-    """Innovation, its covariance and its log probability for a measurement outside a fit."""
-    size, at = len(measurement.value), 7 * measurement.camera
-    linear = linearize([measurement], fit.cameras, fit.frame)
-    J = np.zeros((size, len(fit.covariance)))
-    J[:, at : at + 7], J[:, -4:] = linear.by_camera[0, :size], linear.by_frame[0, :size]
-    by_pixel = linear.by_pixel[0, :size]
-    off = _turned(measurement.value - linear.value[0, :size], measurement.kind)
-    spread = J @ fit.covariance @ J.T + _noise(measurement, by_pixel)
-    return off, spread, float(scipy.stats.chi2.logsf(off @ np.linalg.solve(spread, off), size))
-
-
-def _noise(
-    measurement: Measurement, by_pixel: Float[np.ndarray, "d 4"]
-) -> Float[np.ndarray, "d d"]:
-    """Covariance of a stated quantity, with that of its pixels."""
-    return np.diag(measurement.sd**2) + measurement.pixel_sd**2 * by_pixel @ by_pixel.T
-
-
-def _turned(off: Float[np.ndarray, " d"], kind: int) -> Float[np.ndarray, " d"]:
-    """Differences of angles modulo a whole turn; other differences as they are."""
-    return (off + np.pi) % (2 * np.pi) - np.pi if kind == ROTATION else off
+    measurement: Measurement,
+    cameras: Float[np.ndarray, "cam 7"],
+    frame: Float[np.ndarray, "4"],
+    covariance: Float[np.ndarray, "n n"],
+) -> _Innovation:
+    """What a measurement outside a fit states minus what the fit predicts."""
+    rows = _linear_rows([measurement], cameras, frame)
+    J, off = np.hstack([rows.by_camera, rows.by_frame]), rows.off
+    spread = J @ covariance @ J.T + rows.noise[0]
+    log_p = scipy.stats.chi2.logsf(off @ np.linalg.solve(spread, off), len(off))
+    return _Innovation(off, spread, float(log_p))
 
 
 def _check(
     measurement: Measurement,
     anchor: Anchor,
-    innovation: Float[np.ndarray, " d"],
-    spread: Float[np.ndarray, "d d"],
-    log_p: float,
+    innovation: _Innovation,
     names: Sequence[str],
     *,
     used: bool,
 ) -> AnchorCheck:
     """Compare one stated quantity with what everything else says about it."""
     kind, value = measurement.kind, measurement.value
-    sd = np.sqrt(np.diag(spread))
+    sd = np.sqrt(np.diag(innovation.covariance))
     about, unit = _name(measurement, names), "px" if kind == FOCAL else "m"
     if kind in LOGARITHMS:
-        stated, other = np.exp(value), np.exp(value - innovation)
+        stated, other = np.exp(value), np.exp(value - innovation.off)
         difference, sd = stated - other, other * sd
         what = f"is {_number(other[0], unit)} {unit} (sd {_number(sd[0], unit)} {unit})"
     else:
         factor, unit = (np.rad2deg(1.0), "degrees") if kind == ROTATION else (1.0, "m")
-        difference, sd = factor * innovation, factor * sd
+        difference, sd = factor * innovation.off, factor * sd
         what = (
             f"is off by {np.linalg.norm(difference):.2f} {unit} "
             f"(sd {np.sqrt((sd**2).sum()):.2f} {unit})"
@@ -467,18 +460,18 @@ def _check(
         QUANTITIES[kind],
         tuple(difference.tolist()),
         tuple(sd.tolist()),
-        float(np.exp(log_p)),
+        float(np.exp(innovation.log_p)),
         used,
         sentence,
     )
 
 
 def _check_of_crowd(
-    calibration: Calibration, innovation: float, variance: float, log_p: float, *, used: bool
+    calibration: Calibration, innovation: _Innovation, *, used: bool
 ) -> AnchorCheck:
     """Compare the expected height of the people with what the anchors say about it."""
     height, expected_sd = calibration.crowd_height, calibration.crowd_height_sd
-    other = height * np.exp(-innovation)
+    other = height * np.exp(-innovation.off[0])
     expected = f"{height:.2f} m (sd {expected_sd:.2f} m)"
     if np.isnan(other):
         sentence = f"No anchor tells how tall the people are; {expected} on average is assumed."
@@ -490,9 +483,9 @@ def _check_of_crowd(
             else f", but {expected} was expected, so that their height is not used: they are not "
             "the usual adults, or an anchor is wrong."
         )
-    sd = float(other * np.sqrt(variance))
-    difference = float(height - other)
-    return AnchorCheck(None, "people", (difference,), (sd,), float(np.exp(log_p)), used, sentence)
+    sd = float(other * np.sqrt(innovation.covariance[0, 0]))
+    p_value = float(np.exp(innovation.log_p))
+    return AnchorCheck(None, "people", (float(height - other),), (sd,), p_value, used, sentence)
 
 
 def _name(measurement: Measurement, names: Sequence[str]) -> str:
