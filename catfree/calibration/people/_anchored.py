@@ -438,11 +438,11 @@ def _check(
     """Compare one stated quantity with what everything else says about it."""
     kind, value = measurement.kind, measurement.value
     sd = np.sqrt(np.diag(innovation.covariance))
-    about, unit = _name(measurement, names), "px" if kind == FOCAL else "m"
+    about = _name(measurement, names)
     if kind in LOGARITHMS:
         stated, other = np.exp(value), np.exp(value - innovation.off)
         difference, sd = stated - other, other * sd
-        what = f"is {_number(other[0], unit)} {unit} (sd {_number(sd[0], unit)} {unit})"
+        what = f"is {_amount(kind, other[0])} (sd {_amount(kind, sd[0])})"
     else:
         factor, unit = (np.rad2deg(1.0), "degrees") if kind == ROTATION else (1.0, "m")
         difference, sd = factor * innovation.off, factor * sd
@@ -491,19 +491,18 @@ def _check_of_crowd(
 def _name(measurement: Measurement, names: Sequence[str]) -> str:
     """Name a stated quantity at the beginning of a sentence."""
     kind, value = measurement.kind, measurement.value
-    camera = shortened(names[measurement.camera])
-    if kind == DISTANCE:
-        return f"The distance of {np.exp(value[0]):.2f} m in camera {camera}"
-    if kind in (HEIGHT, FOCAL):
-        stated = f"{np.exp(value[0]):.2f} m" if kind == HEIGHT else f"{np.exp(value[0]):.0f} px"
-        return f"The {QUANTITIES[kind]} of {stated} of camera {camera}"
-    if kind == POINT:
-        return f"The point ({value[0]:.2f}, {value[1]:.2f}) in camera {camera}"
-    return f"The {QUANTITIES[kind]} of camera {camera}"
+    stated = ""
+    if kind in LOGARITHMS:
+        stated = f" of {_amount(kind, np.exp(value[0]))}"
+    elif kind == POINT:
+        stated = f" ({value[0]:.2f}, {value[1]:.2f})"
+    where = "in" if kind in (DISTANCE, POINT) else "of"
+    return f"The {QUANTITIES[kind]}{stated} {where} camera {shortened(names[measurement.camera])}"
 
 
-def _number(value: float, unit: str) -> str:
-    return f"{value:.0f}" if unit == "px" else f"{value:.2f}"
+def _amount(kind: int, value: float) -> str:
+    """A focal length in pixels, or another length in meters."""
+    return f"{value:.0f} px" if kind == FOCAL else f"{value:.2f} m"
 
 
 def _described(
