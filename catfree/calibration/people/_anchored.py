@@ -39,12 +39,13 @@ from catfree.calibration.people.cameras._camera_model import (
     PAN,
     X,
     of_rig,
+    rotation,
     to_matrices,
 )
 from catfree.calibration.people.cameras._rig_deviation import scale_variance, shape_deviation
 from catfree.errors import CalibrationError, InvalidInputError, shortened
 from catfree.settings import CalibrationSettings
-from catfree.types import GeoReference, Rig, Scene
+from catfree.types import GeoReference, Scene
 
 ROUNDS = 20  # of linearization; a fit takes four
 CONVERGED = 1e-9  # meters, radians and relative
@@ -122,7 +123,7 @@ def anchored(
         return calibration
     names = [str(c) for c in range(rig.camera_count)] if camera_names is None else camera_names
     registered = np.asarray(rig.registered)
-    cameras = _parameters(rig)
+    cameras = np.where(registered[:, None], of_rig(rig), 0.0)
     stated = measurements_of(anchors, index, rig, earth)
     usable = [m for m in stated if registered[m.camera]]
     _require_ground(usable, cameras, names)
@@ -280,17 +281,10 @@ def _consistent(problem: _Problem, least: float) -> tuple[Bool[np.ndarray, " u"]
         chosen[again[0]] = returned[again[0]] = True
 
 
-def _parameters(rig: Rig) -> Float[np.ndarray, "cam 7"]:
-    """Parameters of registered cameras, 0 for the others."""
-    known = np.asarray(rig.registered)[:, None]
-    return np.where(known, of_rig(rig), 0.0)
-
-
 def _prior(calibration: Calibration) -> Float[np.ndarray, "n n"]:
     """(7C, 7C) covariance of the cameras, vague where it is unknown."""
-    covariance = calibration.camera_covariance
-    count = len(covariance)
-    covariance = covariance.reshape(7 * count, 7 * count)
+    size = 7 * len(calibration.camera_covariance)
+    covariance = calibration.camera_covariance.reshape(size, size)
     known = np.isfinite(np.diag(covariance))
     return np.where(known & known[:, None], covariance, np.diag(np.where(known, 0.0, 1.0)))
 
@@ -308,8 +302,8 @@ def _require_ground(
     for m in usable:
         if m.kind not in (DISTANCE, POINT):
             continue
-        K, R, _ = to_matrices(cameras[m.camera][None], np.ones((1, 2), int))
-        ray = (m.pixels / K[0, 0, 0]) @ R[0, :2] + R[0, 2]
+        R = rotation(cameras[m.camera])
+        ray = m.pixels / np.exp(cameras[m.camera, LOG_FOCAL]) @ R[:2] + R[2]
         if (ray[:, 2] > -FLATTEST * np.linalg.norm(ray, axis=1)).any():
             raise InvalidInputError(
                 f"{_name(m, names)} has a pixel at or above the horizon; an anchor needs points on "
@@ -535,7 +529,7 @@ def _described(
     scene = Scene.from_rig(rig, calibration.scene.ground, metric=True)
     blocks = covariance[np.arange(count), :, np.arange(count)]
     scale = float(np.exp(fit.frame[0]))
-    relative = np.sqrt(fit.covariance[-4, -4])
+    crowd_height = calibration.crowd_height * scale
     return replace(
         calibration,
         scene=replace(
@@ -545,8 +539,8 @@ def _described(
         center_covariance=np.where(known[:, None, None], blocks[:, X:, X:], np.nan),
         camera_covariance=covariance,
         scale_sd=float(np.sqrt(scale_variance(cameras, covariance, known))),
-        crowd_height=calibration.crowd_height * scale,
-        crowd_height_sd=float(calibration.crowd_height * scale * relative),
+        crowd_height=crowd_height,
+        crowd_height_sd=float(crowd_height * np.sqrt(fit.covariance[-4, -4])),
         foot_offset=calibration.foot_offset * scale,
         anchors=checks,
     )
