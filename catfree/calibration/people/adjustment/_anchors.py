@@ -95,7 +95,7 @@ class KnownCamera:
                 as_positive(getattr(self, name), f"{name} of a KnownCamera")
         if self.position is not None and np.shape(self.position) != (3,):
             _numbers(self.position, (2,), "position of a KnownCamera")
-        _map_place(self.position, self.longitude, self.latitude, "KnownCamera")
+        _require_place(self)
         if self.rotation is not None:
             R = _numbers(self.rotation, (3, 3), "rotation of a KnownCamera")
             large = np.abs(R).max() > 2  # whose products may overflow
@@ -134,7 +134,11 @@ class SurveyedPoint:
         _numbers(self.pixel, (2,), "pixel of a SurveyedPoint")
         if self.position is not None:
             _numbers(self.position, (2,), "position of a SurveyedPoint")
-        _map_place(self.position, self.longitude, self.latitude, "SurveyedPoint", needed=True)
+        _require_place(self)
+        if self.position is None and self.longitude is None:
+            raise InvalidInputError(
+                "A SurveyedPoint needs a position, or a longitude and latitude."
+            )
         for name in ("sd", "pixel_sd"):
             as_positive(getattr(self, name), f"{name} of a SurveyedPoint")
 
@@ -282,36 +286,30 @@ def resolve_anchors(
         )
     has_rotation = any(isinstance(a, KnownCamera) and a.rotation is not None for a in placed)
     different = len(np.unique((degrees if len(degrees) else places).reshape(-1, 2), axis=0))
-    if (different or has_rotation) and different + has_rotation < 2:
+    if different + has_rotation == 1:
         raise InvalidInputError(
             "Anchors on a map must determine where it lies: give two different points or camera "
             "positions, or the position and rotation of a camera."
         )
-    if not len(degrees):
-        return tuple(index), None
-    middle = degrees.mean(0)
-    return tuple(index), GeoReference(float(middle[0]), float(middle[1]))
+    earth = GeoReference(*degrees.mean(0).tolist()) if len(degrees) else None
+    return tuple(index), earth
 
 
-def _map_place(
-    position: tuple[float, ...] | None,
-    longitude: float | None,
-    latitude: float | None,
-    kind: str,
-    *,
-    needed: bool = False,
-) -> None:
+def _require_place(anchor: KnownCamera | SurveyedPoint) -> None:
+    """Refuse a place on the map that is stated by half, or twice."""
+    position, longitude, latitude = anchor.position, anchor.longitude, anchor.latitude
+    kind = type(anchor).__name__
     if (longitude is None) != (latitude is None):
         raise InvalidInputError(f"A {kind} needs longitude and latitude, or neither.")
     if longitude is not None and latitude is not None:
         _numbers((longitude, latitude), (2,), f"longitude and latitude of a {kind}")
         GeoReference(longitude, latitude)
-    if position is not None and longitude is not None:
-        raise InvalidInputError(f"A {kind} has a position or a longitude and latitude, not both.")
+        if position is not None:
+            raise InvalidInputError(
+                f"A {kind} has a position or a longitude and latitude, not both."
+            )
     if position is not None:
         _numbers(position, np.shape(position), f"position of a {kind}")
-    if needed and position is None and longitude is None:
-        raise InvalidInputError(f"A {kind} needs a position, or a longitude and latitude.")
 
 
 def _numbers(values: object, shape: tuple[int, ...], name: str) -> Float[np.ndarray, "..."]:
