@@ -166,12 +166,12 @@ def ground_of_pixel(camera: Float[Array, "7"], pixel: Float[Array, "2"]) -> Floa
 def quantity(
     camera: Float[Array, "7"],
     frame: Float[Array, "4"],
-    pixels: Float[Array, "2 2"],
+    pixels: Float[Array, "4"],
     kind: Int[Array, ""],
 ) -> Float[Array, "3"]:
     """Compute a quantity of `QUANTITIES` for a camera, padded with zeros."""
     placed = on_map(camera, frame)
-    first, second = ground_of_pixel(placed, pixels[0]), ground_of_pixel(placed, pixels[1])
+    first, second = ground_of_pixel(placed, pixels[:2]), ground_of_pixel(placed, pixels[2:])
     away, zero = first - second, jnp.zeros((), placed.dtype)
     distance = jnp.log(jnp.maximum(jnp.sum(away**2), NEAREST**2)) / 2
     alone = [distance, jnp.log(jnp.maximum(placed[Z], NEAREST)), placed[LOG_FOCAL]]
@@ -184,14 +184,13 @@ def quantity(
 def _linearize(
     camera: Float[Array, "n 7"],
     frame: Float[Array, "4"],
-    pixels: Float[Array, "n 2 2"],
+    pixels: Float[Array, "n 4"],
     kind: Int[Array, " n"],
-) -> tuple[Array, tuple[Array, Array, Array]]:
+) -> tuple[Array, ...]:
     axes = (0, None, 0, 0)
     value = jax.vmap(quantity, axes)(camera, frame, pixels, kind)
     derivatives: Any = jax.jacfwd(quantity, (0, 1, 2))
-    slopes = jax.vmap(derivatives, axes)(camera, frame, pixels, kind)
-    return value, slopes
+    return value, *jax.vmap(derivatives, axes)(camera, frame, pixels, kind)
 
 
 def linearize(
@@ -209,17 +208,16 @@ def linearize(
     count = len(measurements)
     length = max(count + -count % 8, 8)  # other numbers of anchors need no compilation
     camera = np.array([m.camera for m in measurements], int)
-    pixels = np.array([m.pixels for m in measurements]).reshape(-1, 2, 2)
+    pixels = np.array([m.pixels for m in measurements]).reshape(-1, 4)
     kind = np.array([m.kind for m in measurements], int)
     with jax.enable_x64(True):
-        value, (by_camera, by_frame, by_pixel) = _linearize(
+        arrays = _linearize(
             padded(cameras[camera], length),
             jnp.asarray(frame),
             padded(pixels, length),
             padded(kind, length),
         )
-        arrays = [np.asarray(array)[:count] for array in (value, by_camera, by_frame, by_pixel)]
-    return Linearized(arrays[0], arrays[1], arrays[2], arrays[3].reshape(count, 3, 4))
+        return Linearized(*(np.asarray(array)[:count] for array in arrays))
 
 
 @jax.jit
