@@ -1,7 +1,6 @@
 """Person boxes as measurements, padded to a regular (camera, frame, slot) grid."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -20,34 +19,28 @@ class BoxGrid:
     Pixels are relative to the image center, the assumed principal point, without lens distortion.
 
     Attributes:
-        u: (C, T, N) horizontal box center.
-        top: (C, T, N) top row.
-        bottom: (C, T, N) bottom row.
+        box: (C, T, N, 3) horizontal center, top row and bottom row of each box.
         sd: (C, T, N) standard deviation of an edge in pixels.
         valid: (C, T, N) whether the slot holds a box inside the image.
-        row: (C, T, N) row in the detections, or -1.
         size: (C, 2) image width and height.
         frames: (T,) frame numbers.
     """
 
-    u: Float[np.ndarray, "cam frame slot"]
-    top: Float[np.ndarray, "cam frame slot"]
-    bottom: Float[np.ndarray, "cam frame slot"]
+    box: Float[np.ndarray, "cam frame slot 3"]
     sd: Float[np.ndarray, "cam frame slot"]
     valid: Bool[np.ndarray, "cam frame slot"]
-    row: Int[np.ndarray, "cam frame slot"]
     size: Int[np.ndarray, "cam 2"]
     frames: Int[np.ndarray, " frame"]
 
     @property
     def camera_count(self) -> int:
         """Number of cameras."""
-        return self.u.shape[0]
+        return self.valid.shape[0]
 
     @property
     def frame_count(self) -> int:
         """Number of frames."""
-        return self.u.shape[1]
+        return self.valid.shape[1]
 
     def at_frames(self, index: Int[np.ndarray, " chosen"]) -> "BoxGrid":
         """Select frames of the grid."""
@@ -70,22 +63,15 @@ class BoxGrid:
     def of_camera(
         self, camera: int
     ) -> tuple[
-        Float[np.ndarray, "frame slot"],
-        Float[np.ndarray, "frame slot"],
-        Float[np.ndarray, "frame slot"],
+        Float[np.ndarray, "frame slot 3"],
         Float[np.ndarray, "frame slot"],
         Bool[np.ndarray, "frame slot"],
     ]:
-        """(T, N) u, top, bottom, standard deviations and validity of one camera's boxes."""
-        c = camera
-        return self.u[c], self.top[c], self.bottom[c], self.sd[c], self.valid[c]
-
-    def edges(self, at: tuple[Any, ...]) -> Float[np.ndarray, "n 3"]:
-        """(n, 3) u, top and bottom of the boxes at an index."""
-        return np.stack([self.u[at], self.top[at], self.bottom[at]], -1)
+        """One camera's boxes (T, N, 3), their standard deviations and validity (T, N)."""
+        return self.box[camera], self.sd[camera], self.valid[camera]
 
 
-_PER_BOX = ("u", "top", "bottom", "sd", "valid", "row")
+_PER_BOX = ("box", "sd", "valid")
 
 
 def grid_boxes(
@@ -125,28 +111,13 @@ def grid_boxes(
     slot = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
     shape = (camera_count, len(frames), max(1, int(counts.max(initial=1))))
     at = (camera[row], time, slot)
-
-    def spread(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, "cam frame slot"]:
-        grid = np.zeros(shape)
-        grid[at] = values
-        return grid
-
     edges = edges_from_center(box[row], size[camera[row]])
     if lenses is not None:
         edges = lenses.straightened(camera[row], edges)
-    sd = edge_deviation(edges[:, 2] - edges[:, 1], settings.relative_sd, settings.pixel_sd)
-    row_grid = np.full(shape, -1)
-    row_grid[at] = row
-    return BoxGrid(
-        u=spread(edges[:, 0]),
-        top=spread(edges[:, 1]),
-        bottom=spread(edges[:, 2]),
-        sd=np.where(row_grid >= 0, spread(sd), 1.0),
-        valid=row_grid >= 0,
-        row=row_grid,
-        size=size,
-        frames=frames,
-    )
+    box_grid, sd, valid = np.zeros((*shape, 3)), np.ones(shape), np.zeros(shape, bool)
+    box_grid[at], valid[at] = edges, True
+    sd[at] = edge_deviation(edges[:, 2] - edges[:, 1], settings.relative_sd, settings.pixel_sd)
+    return BoxGrid(box_grid, sd, valid, size, frames)
 
 
 def edges_from_center(

@@ -222,14 +222,12 @@ def _start(
     total, weights = np.zeros((count, 2)), np.full(count, 1e-9)
     for index in np.unique(camera):
         rows = np.flatnonzero(camera == index)
-        u, top, bottom = (box[rows, i][None] for i in range(3))
+        height = box[rows, 2] - box[rows, 1]
         ground_map = map_ground(
             parameters[index],
-            u,
-            top,
-            bottom,
-            np.minimum(sd[rows].mean(1), 0.2 * (bottom - top)[0])[None],
-            np.ones(u.shape, bool),
+            box[None, rows],
+            np.minimum(sd[rows].mean(1), 0.2 * height)[None],
+            np.ones((1, len(rows)), bool),
             settings,
             foot_offset=foot_offset,
             range_tolerance=settings.fine_range_tolerance,

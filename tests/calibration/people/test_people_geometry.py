@@ -64,7 +64,7 @@ def test_matrices_project_like_the_model(camera, distance, side):
 def test_ground_map_returns_where_a_person_of_usual_height_stands(camera, distance, side):
     xy = in_front(camera, distance, side)
     box = one_box(camera, xy, SETTINGS.person_height, 0.12)
-    one = [np.array([[value]]) for value in (*box, 4.0, True)]
+    one = box[None, None], np.array([[4.0]]), np.array([[True]])
     found = map_ground(camera, *one, SETTINGS, foot_offset=0.12, range_tolerance=0.02)
     assert found.valid.all()
     # The lean of the body axis is corrected to first order.
@@ -79,7 +79,7 @@ def test_hidden_feet_do_not_move_a_person():
     xy = np.array([0.0, 9.0])
     box = one_box(camera, xy, 1.7, 0.12)
     box[2] -= 0.4 * (box[2] - box[1])  # a table in front of the legs
-    one = [np.array([[value]]) for value in (*box, 6.0, True)]
+    one = box[None, None], np.array([[6.0]]), np.array([[True]])
     found = map_ground(camera, *one, SETTINGS, foot_offset=0.12, range_tolerance=0.02)
     assert np.linalg.norm(found.xy[0, 0] - xy) < 0.6
     foot_only = 4.0 / np.tan(0.35 + np.arctan(box[2] / 1200.0)) + 0.12

@@ -51,9 +51,8 @@ def measure_people(
     members = people.members[time, slot]
     person, camera = np.nonzero(members >= 0)
     at = (camera, time[person], members[person, camera])
-    box = grid.edges(at)
     sd = np.repeat(grid.sd[at][:, None], 3, axis=1)
-    data = BoxMeasurements(person, camera, box, sd)
+    data = BoxMeasurements(person, camera, grid.box[at], sd)
     return data, people.ground.xy[time, slot], people.ground.height[time, slot]
 
 

@@ -116,7 +116,7 @@ def _match(
     covariance[:, :2, :2] = people.covariance[time, partner]
     covariance[:, 2, 2] = people.height_sd[time, partner] ** 2
     return MatchedPeople(
-        grid.edges((camera, time, slot)),
+        grid.box[camera, time, slot],
         grid.sd[camera, time, slot],
         np.column_stack([people.xy[time, partner], people.height[time, partner]]),
         covariance,

@@ -60,9 +60,7 @@ def _ground_range(
 
 def map_ground(
     parameters: Float[np.ndarray, "7"],
-    u: Float[np.ndarray, "frame slot"],
-    top: Float[np.ndarray, "frame slot"],
-    bottom: Float[np.ndarray, "frame slot"],
+    box: Float[np.ndarray, "frame slot 3"],
     sd: Float[np.ndarray, "frame slot"],
     valid: Bool[np.ndarray, "frame slot"],
     settings: CalibrationSettings,
@@ -77,9 +75,7 @@ def map_ground(
 
     Args:
         parameters: (7,) the camera.
-        u: (T, N) box centers in pixels from the image center.
-        top: (T, N) top rows in pixels from the image center.
-        bottom: (T, N) bottom rows in pixels from the image center.
+        box: (T, N, 3) box center, top row, bottom row in pixels from the image center.
         sd: (T, N) standard deviations of the edges in pixels.
         valid: (T, N) which slots hold a box.
         settings: constants.
@@ -89,6 +85,7 @@ def map_ground(
     Returns:
         The map in world coordinates.
     """
+    u, top, bottom = np.moveaxis(box, -1, 0)
     R = rotation(parameters)
     mean_height = settings.apparent_height
     # The body axis leans in the image of a tilted or rolled camera: estimate its slope once.

@@ -57,9 +57,8 @@ def fit_planes(
         (P, 7) camera parameters with pan, X and Y zero, best supported first; (0, 7) if there are
         too few boxes or none fits.
     """
-    valid = grid.valid[camera]
-    boxes = grid.edges((camera, valid))
-    sd = grid.sd[camera][valid]
+    boxes, sd, valid = grid.of_camera(camera)
+    boxes, sd = boxes[valid], sd[valid]
     # Repeated boxes of people who stand still count once.
     cells = np.round(boxes / 8).astype(np.int64)
     _, keep = np.unique(cells, axis=0, return_index=True)
@@ -120,9 +119,8 @@ def _sample_plane(
     """
     if len(boxes) < FEWEST_BOXES:
         return None
-    scale = focal
-    design = np.stack([boxes[:, 0] / scale, boxes[:, 2] / scale, np.ones(len(boxes))], -1)
-    tall = (boxes[:, 2] - boxes[:, 1]) / scale
+    design = np.stack([boxes[:, 0] / focal, boxes[:, 2] / focal, np.ones(len(boxes))], -1)
+    tall = (boxes[:, 2] - boxes[:, 1]) / focal
     triples = generator.integers(0, len(boxes), (TRIALS, 3))
     matrices, values = design[triples], tall[triples]
     good = np.abs(np.linalg.det(matrices)) > 1e-6

@@ -159,7 +159,7 @@ def _merge(
 
 def smallest_boxes(grid: BoxGrid) -> Float[np.ndarray, " cam"]:
     """(C,) box height in pixels below which a camera hardly detects people (5 % quantile)."""
-    tall = grid.bottom - grid.top
+    tall = grid.box[..., 2] - grid.box[..., 1]
     return np.array(
         [
             np.quantile(t[v], 0.05) if v.any() else np.inf

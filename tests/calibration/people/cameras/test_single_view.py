@@ -82,10 +82,7 @@ def test_people_of_all_heights_and_noisy_boxes_give_it_roughly(camera, seed):
 def test_twice_the_picture_and_focal_length_is_the_same_ground(camera, seed, factor):
     grid = grid_of(camera, seed, spread=0.05)
     # What people are counted by is pixels, so that scaled ones are not the same selection.
-    scaled = BoxGrid(
-        *(getattr(grid, name) * factor for name in ("u", "top", "bottom", "sd")),
-        grid.valid, grid.row, grid.size, grid.frames,
-    )  # fmt: skip
+    scaled = BoxGrid(grid.box * factor, grid.sd * factor, grid.valid, grid.size, grid.frames)
     one, other = (fit_planes(g, 0, f, RULES) for g, f in ((grid, FOCAL), (scaled, factor * FOCAL)))
     assert errors(one[0], other[0]).max() < 0.02
 
@@ -98,7 +95,7 @@ def test_a_third_of_boxes_without_a_person_is_outvoted(camera, seed):
     rng = np.random.default_rng(seed)
     wrong = grid.valid & (rng.random(grid.valid.shape) < 0.33)
     tall = rng.uniform(20, 400, grid.valid.shape)
-    grid.top[wrong] = (grid.bottom - tall)[wrong]
+    grid.box[wrong, 1] = (grid.box[..., 2] - tall)[wrong]
     found = fit_planes(grid, 0, FOCAL, RULES)
     assert min(errors(plane, camera).max() for plane in found) < 0.03
 
