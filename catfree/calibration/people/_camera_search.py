@@ -209,10 +209,9 @@ def _state(calibration: Calibration, settings: CalibrationSettings) -> RigState:
     """Convert the cameras of a finished rig to a `RigState`."""
     rig = calibration.scene.rig
     placed = np.asarray(rig.registered)
-    parameters = of_rig(rig)
+    parameters = np.where(placed[:, None], of_rig(rig), np.nan)
     tolerance = np.full(len(placed), settings.fine_range_tolerance)
-    parameters = np.where(placed[:, None], parameters, np.nan)
-    return RigState(parameters, placed.copy(), calibration.foot_offset, tolerance)
+    return RigState(parameters, calibration.foot_offset, tolerance)
 
 
 def _with_cameras(

@@ -1,11 +1,12 @@
 """Group the boxes of several cameras into one map of people on the ground."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from catfree.calibration.people._box_grid import BoxGrid
+from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
 from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground, visible
 from catfree.calibration.people.matching._mutual_nearest import mutual_nearest
 from catfree.settings import CalibrationSettings
@@ -17,15 +18,18 @@ class RigState:
 
     Attributes:
         parameters: (C, 7) cameras; NaN where not placed.
-        placed: (C,) whether the camera is placed.
         foot_offset: meters.
         range_tolerance: (C,) fraction of the range by which each camera's map may be wrong.
     """
 
     parameters: Float[np.ndarray, "cam 7"]
-    placed: Bool[np.ndarray, " cam"]
     foot_offset: float
     range_tolerance: Float[np.ndarray, " cam"]
+
+    @property
+    def placed(self) -> Bool[np.ndarray, " cam"]:
+        """(C,) whether each camera is placed."""
+        return np.isfinite(self.parameters[:, LOG_FOCAL])
 
     def with_camera(
         self, camera: int, parameters: Float[np.ndarray, "7"], tolerance: float
@@ -37,16 +41,13 @@ class RigState:
             parameters: (7,) its parameters.
             tolerance: fraction of the range by which its map may be wrong.
         """
-        all_parameters, placed = self.parameters.copy(), self.placed.copy()
-        tolerances = self.range_tolerance.copy()
-        all_parameters[camera], placed[camera], tolerances[camera] = parameters, True, tolerance
-        return RigState(all_parameters, placed, self.foot_offset, tolerances)
+        all_parameters, tolerances = self.parameters.copy(), self.range_tolerance.copy()
+        all_parameters[camera], tolerances[camera] = parameters, tolerance
+        return replace(self, parameters=all_parameters, range_tolerance=tolerances)
 
     def without_camera(self, camera: int) -> "RigState":
         """Remove a camera from the rig."""
-        all_parameters, placed = self.parameters.copy(), self.placed.copy()
-        all_parameters[camera], placed[camera] = np.nan, False
-        return RigState(all_parameters, placed, self.foot_offset, self.range_tolerance)
+        return self.with_camera(camera, np.full(7, np.nan), np.nan)
 
 
 @dataclass(frozen=True)

@@ -135,10 +135,8 @@ def seed_rig(work: Workspace, pair: PairHypothesis) -> AdjustedRig:
     """Adjust a pair of cameras with separate focal lengths."""
     count = work.grid.camera_count
     parameters = np.full((count, 7), np.nan)
-    placed = np.zeros(count, bool)
-    for camera, values in zip(pair.cameras, pair.parameters, strict=True):
-        parameters[camera], placed[camera] = values, True
-    state = RigState(parameters, placed, work.settings.foot_offset, np.full(count, RANGE_ERRORS[0]))
+    parameters[list(pair.cameras)] = pair.parameters
+    state = RigState(parameters, work.settings.foot_offset, np.full(count, RANGE_ERRORS[0]))
     return alternate(
         work.grid, state, work.settings, shared_focal=False, tolerances=RANGE_ERRORS[:3]
     )
