@@ -1,6 +1,7 @@
 """Place two cameras relative to each other by their common people, and adjust them."""
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from jaxtyping import Float
@@ -47,49 +48,33 @@ def search_pair(work: Workspace, one: int, two: int) -> PairHypothesis | None:
     """
     settings = work.settings
     longest = work.grid.size.max(1)
-    maps = _Maps(work)
-    placements: list[tuple[Placement, np.ndarray, np.ndarray]] = []
+    found: list[tuple[float, Placement, np.ndarray, np.ndarray]] = []
     for share in settings.focal_shares:
-        sides = [work.planes(c, float(np.log(share * longest[c]))) for c in (one, two)]
-        for p in sides[0]:
-            for q in sides[1]:
-                target, source = maps(work.voting, one, p), maps(work.voting, two, q)
-                placements += [
-                    (v, p, q) for v in vote(target, source, settings, PLACEMENTS_PER_VOTE)
-                ]
-    placements.sort(key=lambda item: -item[0].score)
-    scored = []
-    for placement, p, q in placements[:SHORTLIST]:
-        target, source = maps(work.quick, one, p), maps(work.quick, two, q)
-        placement = _settle(target, source, placement, settings.match_gate)
-        moved = placement.place(q)
-        margin = _judge_pair(work, work.quick, one, two, p, moved, target, (0.5,))
-        scored.append((margin, placement, p, q))
-    scored.sort(key=lambda item: -item[0])
-    best = None
-    for _, placement, p, q in scored[:FINALISTS]:
-        target, source = maps(work.scoring, one, p), maps(work.scoring, two, q)
-        placement = _settle(target, source, placement, settings.match_gate)
-        moved = placement.place(q)
-        shifts = settings.chance_shifts[1::2]
-        margin = _judge_pair(work, work.scoring, one, two, p, moved, target, shifts)
-        if best is None or margin > best.margin:
-            best = PairHypothesis((one, two), np.stack([p, moved]), margin)
-    return best
-
-
-class _Maps:
-    """Maps of the people of two cameras over their planes, each made once."""
-
-    def __init__(self, work: Workspace) -> None:
-        self._work = work
-        self._known: dict[tuple[int, int, bytes], GroundMap] = {}
-
-    def __call__(self, grid: BoxGrid, camera: int, plane: Float[np.ndarray, "7"]) -> GroundMap:
-        key = id(grid), camera, plane.tobytes()
-        if key not in self._known:
-            self._known[key] = self._work.local_map(grid, camera, plane)
-        return self._known[key]
+        targets, sources = (
+            [
+                (plane, work.local_map(work.voting, c, plane))
+                for plane in work.planes(c, float(np.log(share * longest[c])))
+            ]
+            for c in (one, two)
+        )
+        for (p, target), (q, source) in product(targets, sources):
+            votes = vote(target, source, settings, PLACEMENTS_PER_VOTE)
+            found += [(placement.score, placement, p, q) for placement in votes]
+    for grid, count, shifts in (
+        (work.quick, SHORTLIST, (0.5,)),
+        (work.scoring, FINALISTS, settings.chance_shifts[1::2]),
+    ):
+        likeliest = sorted(found, key=lambda item: -item[0])[:count]
+        found = []
+        for _, placement, p, q in likeliest:
+            target, source = work.local_map(grid, one, p), work.local_map(grid, two, q)
+            placement = _settle(target, source, placement, settings.match_gate)
+            margin = _judge_pair(work, grid, one, two, p, placement.place(q), target, shifts)
+            found.append((margin, placement, p, q))
+    if not found:
+        return None
+    margin, placement, p, q = max(found, key=lambda item: item[0])
+    return PairHypothesis((one, two), np.stack([p, placement.place(q)]), margin)
 
 
 def _settle(target: GroundMap, source: GroundMap, placement: Placement, gate: float) -> Placement:
