@@ -128,13 +128,10 @@ def offset_for(
         Frames by which its frame numbers are too high; 0 if it fits nowhere, or without an offset.
     """
     work, state = _resume(calibration, detections, settings)
-    grid = work.grid
-    if grid.valid[camera].sum() <= settings.minimum_matches:
+    if not work.useful[camera]:
         return 0
-    reach = min(maximum, grid.frame_count // 3)
-    shifts = sorted(range(-reach, reach + 1), key=abs)
-    _, shift = offset_of_unplaced(work, state, camera, shifts)
-    return shift * frame_step(grid.frames)
+    _, shift = offset_of_unplaced(work, state, camera, maximum)
+    return shift * frame_step(work.grid.frames)
 
 
 def confirm(

@@ -10,12 +10,11 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree.calibration.people.adjustment._alternate import RANGE_ERRORS
-from catfree.calibration.people.adjustment._resection import resect
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._placement import vote
-from catfree.calibration.people.matching._verdict import judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
+from catfree.calibration.people.search._growth import judge_refined
 from catfree.calibration.people.search._register_cameras import RegisteredRig, register_cameras
 from catfree.errors import CalibrationError
 from catfree.geometry._arrays import ArrayInput
@@ -58,15 +57,13 @@ def find_offsets(
     """
     grid = work.grid
     step = frame_step(grid.frames)
-    reach = min(maximum // step, grid.frame_count // 3)
-    shifts = sorted(range(-reach, reach + 1), key=abs)
     offset = np.zeros(grid.camera_count, np.int64)
     for done in range(grid.camera_count):
         state, cameras = registered.rig.state, np.flatnonzero(offset == 0)
         # One camera at a time, the clearest first: a wrong clock also distorts the fit of others.
         gains = [
             (_offset_of_placed if state.placed[c] else offset_of_unplaced)(
-                work, state, int(c), shifts
+                work, state, int(c), maximum // step
             )
             for c in cameras
         ]
@@ -93,32 +90,28 @@ def _quality(registered: RegisteredRig) -> tuple[int, float]:
 
 
 def _offset_of_placed(
-    work: Workspace, state: RigState, camera: int, shifts: list[int]
+    work: Workspace, state: RigState, camera: int, maximum: int
 ) -> tuple[float, int]:
     """Gain in evidence and shift at which a placed camera agrees best after refitting."""
     wide = replace(state, range_tolerance=np.full(len(state.placed), RANGE_ERRORS[2]))
     others = group_people(work.grid, wide.without_camera(camera), work.settings).ground
     log_focal = float(state.parameters[camera, LOG_FOCAL])
     evidence: dict[int, float] = {}
-    best = 0
+    best, shifts = 0, _shifts(work, maximum)
     while True:
         near = range(best - CLIMB, best + CLIMB + 1)
         untried = [shift for shift in near if shift in shifts and shift not in evidence]
-        grids = [work.grid.shifted(camera, -shift) for shift in untried]
-        refined = resect(
+        judged = judge_refined(
+            work,
+            wide,
             camera,
-            [(grid, state.parameters[camera]) for grid in grids],
+            [(work.grid.shifted(camera, -s), state.parameters[camera]) for s in untried],
             others,
-            work.settings,
-            foot_offset=state.foot_offset,
             log_focal=(log_focal, KNOWN_FOCAL_SD),
+            tolerance=RANGE_ERRORS[2],
         )
-        for shift, grid, parameters in zip(untried, grids, refined, strict=True):
-            evidence[shift] = -np.inf
-            if parameters is not None:
-                fitted = wide.with_camera(camera, parameters, RANGE_ERRORS[2])
-                verdict = judge_camera(work, fitted, camera, grid=grid, others=others)
-                evidence[shift] = verdict.judgment.evidence
+        for shift, one in zip(untried, judged, strict=True):
+            evidence[shift] = -np.inf if one is None else one[1].judgment.evidence
         top = max(evidence, key=lambda shift: (evidence[shift], -abs(shift)))
         if top == best:
             return evidence[best] - evidence[0], best
@@ -126,7 +119,7 @@ def _offset_of_placed(
 
 
 def offset_of_unplaced(
-    work: Workspace, state: RigState, camera: int, shifts: list[int]
+    work: Workspace, state: RigState, camera: int, maximum: int
 ) -> tuple[float, int]:
     """Evidence and shift at which an unplaced camera can be placed; zeros if it cannot.
 
@@ -134,14 +127,14 @@ def offset_of_unplaced(
         work: the sequence.
         state: the rig without the camera.
         camera: index of the camera.
-        shifts: shifts to try, in instants by which its clock may be too high.
+        maximum: largest shift to try, in instants by which its clock may be too high or too low.
     """
     settings = work.settings
     people = group_people(work.grid, state, settings).ground
     middle = float(np.median(state.parameters[state.placed, LOG_FOCAL]))
     planes = work.planes(camera, middle)
     candidates = []
-    for shift in shifts:
+    for shift in _shifts(work, maximum):
         grid = work.grid.shifted(camera, -shift)
         sample = grid.thinned(settings.voting_frames)
         fused = group_people(sample, state, settings).ground
@@ -152,29 +145,24 @@ def offset_of_unplaced(
                 for placement in vote(fused, camera_map, settings, 1)
             ]
     candidates.sort(key=lambda item: -item[0])
-    tried = [
-        (shift, work.grid.shifted(camera, -shift), start)
-        for _, shift, start in candidates[:TRIED_OFFSETS]
-    ]
-    refined = resect(
+    tried = candidates[:TRIED_OFFSETS]
+    judged = judge_refined(
+        work,
+        state,
         camera,
-        [(grid, start) for _, grid, start in tried],
+        [(work.grid.shifted(camera, -shift), start) for _, shift, start in tried],
         people,
-        settings,
-        foot_offset=state.foot_offset,
         log_focal=(middle, settings.focal_log_sd),
+        tolerance=RANGE_ERRORS[2],
     )
     best = (0.0, 0)
-    for (shift, grid, _), parameters in zip(tried, refined, strict=True):
-        if parameters is None:
-            continue
-        verdict = judge_camera(
-            work,
-            state.with_camera(camera, parameters, RANGE_ERRORS[2]),
-            camera,
-            grid=grid,
-            others=people,
-        )
-        if verdict.accepted and verdict.margin > best[0]:
-            best = verdict.margin, shift
+    for (_, shift, _), one in zip(tried, judged, strict=True):
+        if one is not None and one[1].accepted and one[1].margin > best[0]:
+            best = one[1].margin, shift
     return best
+
+
+def _shifts(work: Workspace, maximum: int) -> list[int]:
+    """Shifts to try in instants, the smallest first; at most a third of the sequence."""
+    reach = min(maximum, work.grid.frame_count // 3)
+    return sorted(range(-reach, reach + 1), key=abs)

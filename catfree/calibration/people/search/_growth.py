@@ -1,13 +1,17 @@
 """Grow a rig from a pair: place further cameras, accept them, and remove harmful ones."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 
+from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.adjustment._alternate import RANGE_ERRORS, AdjustedRig, alternate
 from catfree.calibration.people.adjustment._resection import resect
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, PAN, X, Z
+from catfree.calibration.people.cameras._ground_map import GroundMap
 from catfree.calibration.people.matching._group_people import RigState, group_people
-from catfree.calibration.people.matching._placement import Placement, vote
+from catfree.calibration.people.matching._placement import Placement, turn, vote
 from catfree.calibration.people.matching._verdict import (
     PlacementVerdict,
     judge_camera,
@@ -164,37 +168,64 @@ def accepted_candidates(
     Returns:
         Parameters (7,) and verdict of each placement.
     """
-    settings = work.settings
-    scoring = work.scoring
-    people = group_people(scoring, state, settings).ground
-    log_focals = state.parameters[state.placed, LOG_FOCAL]
-    middle = float(np.median(log_focals))
-    prior = (middle, SHARED_FOCAL_SD if shared_focal else settings.focal_log_sd)
-    refined = resect(
+    people = group_people(work.scoring, state, work.settings).ground
+    middle = float(np.median(state.parameters[state.placed, LOG_FOCAL]))
+    judged = judge_refined(
+        work,
+        state,
         camera,
         [
-            (scoring, start)
+            (work.scoring, start)
             for start in _candidates(work, state, camera, pairs, middle, shared_focal)
         ],
         people,
-        settings,
-        foot_offset=state.foot_offset,
-        log_focal=prior,
+        log_focal=(middle, SHARED_FOCAL_SD if shared_focal else work.settings.focal_log_sd),
+        tolerance=RANGE_ERRORS[1],
     )
-    accepted = []
-    for parameters in refined:
+    return [one for one in judged if one is not None and one[1].accepted]
+
+
+def judge_refined(
+    work: Workspace,
+    state: RigState,
+    camera: int,
+    placements: Sequence[tuple[BoxGrid, Float[np.ndarray, "7"]]],
+    people: GroundMap,
+    *,
+    log_focal: tuple[float, float],
+    tolerance: float,
+) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict] | None]:
+    """Refine placements of a camera against a fixed map of the others' people, and judge them.
+
+    Args:
+        work: the sequence.
+        state: the rig.
+        camera: index of the camera.
+        placements: all boxes and (7,) initial parameters of each placement.
+        people: map of the other cameras, same frames.
+        log_focal: mean and standard deviation of the prior on log focal length.
+        tolerance: fraction of the range by which the map of the refined camera may be wrong.
+
+    Returns:
+        Parameters (7,) and verdict of each placement; None if it cannot be refined (`resect`).
+    """
+    refined = resect(
+        camera,
+        placements,
+        people,
+        work.settings,
+        foot_offset=state.foot_offset,
+        log_focal=log_focal,
+    )
+    judged = []
+    for (grid, _), parameters in zip(placements, refined, strict=True):
         if parameters is None:
+            judged.append(None)
             continue
-        verdict = judge_camera(
-            work,
-            state.with_camera(camera, parameters, RANGE_ERRORS[1]),
-            camera,
-            grid=scoring,
-            others=people,
-        )
-        if verdict.accepted:
-            accepted.append((parameters, verdict))
-    return accepted
+        fitted = state.with_camera(camera, parameters, tolerance)
+        verdict = judge_camera(work, fitted, camera, grid=grid, others=people)
+        judged.append((parameters, verdict))
+    return judged
 
 
 def _candidates(
@@ -235,6 +266,5 @@ def _compose(state: RigState, pair: PairHypothesis, camera: int) -> Float[np.nda
     index = pair.cameras.index(camera)
     relative, anchor = pair.parameters[index], pair.parameters[1 - index]
     placed = state.parameters[pair.cameras[1 - index]]
-    turned = placed[PAN] - anchor[PAN]
-    translation = placed[X:Z] - Placement(turned, np.zeros(2), 0.0).place(anchor)[X:Z]
-    return Placement(turned, translation, 0.0).place(relative)
+    angle = placed[PAN] - anchor[PAN]
+    return Placement(angle, placed[X:Z] - turn(anchor[X:Z], angle), 0.0).place(relative)
