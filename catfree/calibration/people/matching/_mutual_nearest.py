@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Float32, Int
 from scipy.ndimage import gaussian_filter
 
 from catfree.calibration.people.cameras._ground_map import GroundMap
+from catfree.settings import CalibrationSettings
 
 ROUNDING = 1.01  # single precision may shorten a distance by less
 
@@ -94,18 +95,16 @@ class ChanceDensity:
     """Density of a camera's boxes on the ground, per square meter and frame.
 
     Attributes:
-        values: (X, Y) density of each cell.
+        values: (X, Y) density of each cell of side `CELL`.
         origin: (2,) corner of the first cell in meters.
-        cell: side of a cell in meters.
     """
 
     values: Float[np.ndarray, "x y"]
     origin: Float[np.ndarray, "2"]
-    cell: float
 
     def __call__(self, xy: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n"]:
         """Density at points (..., 2)."""
-        index = np.floor((xy - self.origin) / self.cell).astype(int)
+        index = np.floor((xy - self.origin) / CELL).astype(int)
         limit = np.array(self.values.shape) - 1
         inside = ((index >= 0) & (index <= limit)).all(-1)
         index = np.clip(index, 0, limit)
@@ -124,15 +123,15 @@ def chance_density(people: GroundMap) -> ChanceDensity:
     """
     xy = people.xy[people.valid]
     if not len(xy):
-        return ChanceDensity(np.zeros((1, 1)), np.zeros(2), CELL)
+        return ChanceDensity(np.zeros((1, 1)), np.zeros(2))
     middle = np.median(xy, axis=0)
     xy = xy[(np.abs(xy - middle) < LARGEST_MAP).all(-1)]
     origin = xy.min(0) - 4
     shape = np.ceil((xy.max(0) + 4 - origin) / CELL).astype(int) + 1
     index = np.floor((xy - origin) / CELL).astype(int)
-    counts = np.bincount(index[:, 0] * shape[1] + index[:, 1], minlength=shape[0] * shape[1])
+    counts = np.bincount(np.ravel_multi_index(index.T, shape), minlength=shape.prod())
     density = counts.reshape(shape) / (CELL**2 * len(people.xy))
-    return ChanceDensity(gaussian_filter(density, 1.0 / CELL, mode="constant"), origin, CELL)
+    return ChanceDensity(gaussian_filter(density, 1.0 / CELL, mode="constant"), origin)
 
 
 @dataclass(frozen=True)
@@ -156,9 +155,7 @@ def judge_candidate(
     density: ChanceDensity,
     others_expected: Bool[np.ndarray, "frame partner"],
     candidate_expected: Bool[np.ndarray, "frame slot"],
-    *,
-    gate: float,
-    detection_rates: tuple[float, float],
+    settings: CalibrationSettings,
 ) -> Judgment:
     """Weigh the people of one camera against a map of the others.
 
@@ -168,13 +165,14 @@ def judge_candidate(
         density: chance density of the camera's boxes.
         others_expected: (T, M) whether the camera should see each person of the map.
         candidate_expected: (T, N) whether any other camera should see each person of the camera.
-        gate: largest squared Mahalanobis distance of a match.
-        detection_rates: bounds on the probability that a person expected to be visible has a box.
+        settings: constants.
 
     Returns:
         The judgment; missing people reduce the evidence.
     """
-    time, slot, partner, distance, log_determinant = mutual_nearest(candidate, others, gate)
+    time, slot, partner, distance, log_determinant = mutual_nearest(
+        candidate, others, settings.match_gate
+    )
     candidate_matched = np.zeros(candidate.valid.shape, bool)
     candidate_matched[time, slot] = True
     others_matched = np.zeros(others.valid.shape, bool)
@@ -184,7 +182,7 @@ def judge_candidate(
     matches = len(time)
     # Maximum likelihood detection rate, within the usual rates of detectors.
     rate = 2 * matches / max(1, 2 * matches + missed + unmatched)
-    low, high = detection_rates
+    low, high = settings.detection_rates
     rate = min(max(rate, low), high)
     miss = np.log(1 - rate)
     chance = density(candidate.xy[time, slot])

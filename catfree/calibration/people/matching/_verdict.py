@@ -82,8 +82,7 @@ def judge_with_chance(
             density,
             others_expected,
             np.roll(candidate_expected, shift, axis=0),
-            gate=settings.match_gate,
-            detection_rates=settings.detection_rates,
+            settings,
         )
 
     judgment = at_shift(0)
