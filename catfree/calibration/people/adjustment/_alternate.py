@@ -44,7 +44,7 @@ def measure_people(
     Returns:
         The boxes, (P, 2) ground positions and (P,) heights in meters; None if there are no people.
     """
-    time, slot = np.nonzero(people.views >= 2)
+    time, slot = np.nonzero((people.members >= 0).sum(-1) >= 2)
     if not len(time):
         return None
     time, slot = evenly_spread(time, most), evenly_spread(slot, most)

@@ -62,11 +62,6 @@ class People:
     ground: GroundMap
     members: Int[np.ndarray, "frame person cam"]
 
-    @property
-    def views(self) -> Int[np.ndarray, "frame person"]:
-        """(T, M) number of cameras that see each person."""
-        return (self.members >= 0).sum(-1)
-
 
 def camera_map(
     grid: BoxGrid, camera: int, state: RigState, settings: CalibrationSettings
@@ -158,53 +153,36 @@ def _merge(
     return merged, packed(members, added_members)
 
 
-def smallest_boxes(grid: BoxGrid) -> Float[np.ndarray, " cam"]:
-    """(C,) box height in pixels below which a camera hardly detects people (5 % quantile)."""
-    tall = grid.box[..., 2] - grid.box[..., 1]
-    return np.array(
-        [
-            np.quantile(t[v], 0.05) if v.any() else np.inf
-            for t, v in zip(tall, grid.valid, strict=True)
-        ]
-    )
-
-
-def seen_by(
-    grid: BoxGrid,
-    state: RigState,
-    camera: int,
-    people: GroundMap,
-    smallest: Float[np.ndarray, " cam"],
-) -> Bool[np.ndarray, "frame person"]:
-    """Mark the people whom a placed camera should see, (T, N); for arguments see `seen_by_any`."""
-    return visible(
-        state.parameters[camera],
-        grid.size[camera],
-        smallest[camera],
-        people.xy,
-        people.height,
-        state.foot_offset,
-    )
-
-
 def seen_by_any(
     grid: BoxGrid,
     state: RigState,
+    cameras: Int[np.ndarray, " chosen"],
     people: GroundMap,
     smallest: Float[np.ndarray, " cam"],
 ) -> Bool[np.ndarray, "frame person"]:
-    """Mark the people whom any placed camera should see.
+    """Mark the people whom any of some placed cameras should see.
 
     Args:
         grid: all boxes, for the image sizes.
         state: the rig.
+        cameras: (k,) indices of the cameras, at least one.
         people: (T, N) map of people.
         smallest: (C,) box height in pixels below which a camera hardly detects people.
 
     Returns:
-        (T, N) bool.
+        (T, N) bool; it means nothing where the map holds nobody.
     """
-    is_visible = np.zeros(people.valid.shape, bool)
-    for camera in np.flatnonzero(state.placed).tolist():
-        is_visible |= seen_by(grid, state, camera, people, smallest)
-    return is_visible & people.valid
+    return np.any(
+        [
+            visible(
+                state.parameters[camera],
+                grid.size[camera],
+                float(smallest[camera]),
+                people.xy,
+                people.height,
+                state.foot_offset,
+            )
+            for camera in cameras
+        ],
+        axis=0,
+    )

@@ -15,7 +15,6 @@ from catfree.calibration.people.matching._group_people import (
     RigState,
     camera_map,
     group_people,
-    seen_by,
     seen_by_any,
 )
 from catfree.calibration.people.matching._mutual_nearest import (
@@ -115,8 +114,10 @@ def judge_camera(
     if others is None:
         others = group_people(grid, rest, settings).ground
     camera_people = camera_map(grid, camera, state, settings)
-    others_expected = seen_by(grid, state, camera, others, work.smallest)
-    own_expected = seen_by_any(grid, rest, camera_people, work.smallest)
+    others_expected = seen_by_any(grid, state, np.array([camera]), others, work.smallest)
+    own_expected = seen_by_any(
+        grid, rest, np.flatnonzero(rest.placed), camera_people, work.smallest
+    )
     judgment, margin = judge_with_chance(
         camera_people, others, others_expected, own_expected, settings, settings.chance_shifts
     )

@@ -7,7 +7,6 @@ from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people._radial_lens import RadialLenses
 from catfree.calibration.people.cameras._ground_map import GroundMap, map_ground
 from catfree.calibration.people.cameras._single_view import fit_planes
-from catfree.calibration.people.matching._group_people import smallest_boxes
 from catfree.settings import CalibrationSettings
 
 QUICK_FRAMES = 24  # frames used to compare many placements
@@ -26,7 +25,8 @@ class Workspace:
         settings: constants.
         lenses: lenses whose distortion was removed from the boxes.
         useful: (C,) whether a camera has enough boxes to be placed.
-        smallest: (C,) box height in pixels below which a camera hardly detects people.
+        smallest: (C,) box height in pixels below which a camera hardly detects people:
+            the 5 % quantile.
         voting: frames used for voting on placements.
         quick: frames used to compare many placements.
         scoring: frames used to compare few placements.
@@ -35,7 +35,13 @@ class Workspace:
     def __init__(self, grid: BoxGrid, settings: CalibrationSettings, lenses: RadialLenses) -> None:
         self.grid, self.settings, self.lenses = grid, settings, lenses
         self.useful = grid.valid.sum((1, 2)) > settings.minimum_matches
-        self.smallest = smallest_boxes(grid)
+        tall = grid.box[..., 2] - grid.box[..., 1]
+        self.smallest = np.array(
+            [
+                np.quantile(t[v], 0.05) if v.any() else np.inf
+                for t, v in zip(tall, grid.valid, strict=True)
+            ]
+        )
         self.voting, self.quick = grid.thinned(settings.voting_frames), grid.thinned(QUICK_FRAMES)
         self.scoring = grid.thinned(settings.scoring_frames)
         self._planes: dict[tuple[int, float], Float[np.ndarray, "plane 7"]] = {}
