@@ -190,14 +190,14 @@ def adjust_groups(
     """
     person, camera, box = measurements.person, measurements.camera, measurements.box
     sd = np.maximum(np.nan_to_num(measurements.sd, nan=SILENT_SD, posinf=SILENT_SD), SMALLEST_SD)
-    lenses = None if k1 is None else RadialLenses(np.exp(parameters[:, LOG_FOCAL]), k1)
-    straight = box if lenses is None else lenses.straightened(camera, box)
-    xy = _start(parameters, straight, sd, person, camera, settings, foot_offset)
+    straight = box
+    if k1 is not None:
+        straight = RadialLenses(np.exp(parameters[:, LOG_FOCAL]), k1).straightened(camera, box)
+    people = _start(parameters, straight, sd, person, camera, settings, foot_offset)
     return adjust_people_bundle(
         BoxMeasurements(person, camera, box, sd),
         parameters,
-        xy,
-        np.full(len(xy), settings.apparent_height),
+        people,
         foot_offset,
         log_focal_prior,
         settings,
@@ -216,8 +216,8 @@ def _start(
     camera: Int[np.ndarray, " n"],
     settings: CalibrationSettings,
     foot_offset: float,
-) -> Float[np.ndarray, "person 2"]:
-    """(P, 2) initial ground position of each person, averaged over its single views."""
+) -> Float[np.ndarray, "person 3"]:
+    """(P, 3) initial ground position, averaged over single views, and height of each person."""
     count = int(person.max()) + 1
     total, weights = np.zeros((count, 2)), np.full(count, 1e-9)
     for index in np.unique(camera):
@@ -235,4 +235,4 @@ def _start(
         weight = ground_map.valid[0] / ground_map.covariance[0].trace(axis1=1, axis2=2)
         np.add.at(total, person[rows], weight[:, None] * ground_map.xy[0])
         np.add.at(weights, person[rows], weight)
-    return total / weights[:, None]
+    return np.column_stack([total / weights[:, None], np.full(count, settings.apparent_height)])

@@ -276,7 +276,7 @@ def describe_registration(
     parameters = np.where(trusted[:, None], state.parameters, np.nan)
     K, R, t = to_matrices(parameters, work.grid.size)
     K[~trusted] = np.nan
-    crowd_sd = crowd_deviation(len(bundle.xy) / work.grid.frame_count, work.settings)
+    crowd_sd = crowd_deviation(len(bundle.people) / work.grid.frame_count, work.settings)
     # The boxes were straightened for another focal length.
     ratio = np.exp(parameters[:, LOG_FOCAL]) / work.lenses.focal
     k1 = work.lenses.k1 * np.nan_to_num(ratio) ** 2

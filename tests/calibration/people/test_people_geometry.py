@@ -158,8 +158,7 @@ def test_bundle_adjustment_recovers_a_disturbed_rig():
     found = adjust_people_bundle(
         data,
         start,
-        xy + rng.normal(0, 0.2, xy.shape),
-        np.full(len(xy), 1.7),
+        np.column_stack([xy + rng.normal(0, 0.2, xy.shape), np.full(len(xy), 1.7)]),
         SETTINGS.foot_offset,
         np.full(3, 7.0),
         SETTINGS,

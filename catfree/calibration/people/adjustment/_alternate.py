@@ -33,7 +33,7 @@ class AdjustedRig:
 
 def measure_people(
     grid: BoxGrid, people: People, most: int
-) -> tuple[BoxMeasurements, Float[np.ndarray, "person 2"], Float[np.ndarray, " person"]] | None:
+) -> tuple[BoxMeasurements, Float[np.ndarray, "person 3"]] | None:
     """Select the boxes of people with several views, and their initial positions.
 
     Args:
@@ -42,7 +42,7 @@ def measure_people(
         most: maximum number of people, spread evenly over the frames.
 
     Returns:
-        The boxes, (P, 2) ground positions and (P,) heights in meters; None if there are no people.
+        The boxes, and ground positions and heights (P, 3) in meters; None if there are no people.
     """
     time, slot = np.nonzero((people.members >= 0).sum(-1) >= 2)
     if not len(time):
@@ -53,7 +53,8 @@ def measure_people(
     at = (camera, time[person], members[person, camera])
     sd = np.repeat(grid.sd[at][:, None], 3, axis=1)
     data = BoxMeasurements(person, camera, grid.box[at], sd)
-    return data, people.ground.xy[time, slot], people.ground.height[time, slot]
+    ground = people.ground
+    return data, np.column_stack([ground.xy[time, slot], ground.height[time, slot]])
 
 
 def alternate(
@@ -91,12 +92,11 @@ def alternate(
         measured = measure_people(grid, people, most_people)
         if measured is None:
             break
-        data, xy, height = measured
+        data, start = measured
         bundle = adjust_people_bundle(
             data,
             state.parameters,
-            xy,
-            height,
+            start,
             state.foot_offset,
             middle,
             settings,

@@ -58,8 +58,7 @@ class BundleResult:
 
     Attributes:
         parameters: (C, 7) cameras, NaN for cameras without boxes.
-        xy: (P, 2) people in meters.
-        height: (P,) their heights in meters.
+        people: (P, 3) ground position and height of people in meters.
         cost: robust cost.
         residual: median absolute standardized residual.
         camera_residual: (C,) the same per camera, NaN for cameras without boxes.
@@ -72,8 +71,7 @@ class BundleResult:
     """
 
     parameters: Float[np.ndarray, "cam 7"]
-    xy: Float[np.ndarray, "person 2"]
-    height: Float[np.ndarray, " person"]
+    people: Float[np.ndarray, "person 3"]
     cost: float
     residual: float
     camera_residual: Float[np.ndarray, " cam"]
@@ -202,8 +200,7 @@ def _solve(
 def adjust_people_bundle(
     measurements: BoxMeasurements,
     parameters: Float[np.ndarray, "cam 7"],
-    xy: Float[np.ndarray, "person 2"],
-    height: Float[np.ndarray, " person"],
+    people: Float[np.ndarray, "person 3"],
     foot_offset: float,
     log_focal_prior: Float[np.ndarray, " cam"],
     settings: CalibrationSettings,
@@ -218,8 +215,7 @@ def adjust_people_bundle(
     Args:
         measurements: the boxes.
         parameters: (C, 7) initial cameras.
-        xy: (P, 2) initial people in meters.
-        height: (P,) their initial heights in meters.
+        people: (P, 3) initial ground positions and heights in meters.
         foot_offset: foot offset in meters.
         log_focal_prior: (C,) mean of the weak prior on log focal length.
         settings: constants.
@@ -230,14 +226,14 @@ def adjust_people_bundle(
             and position of one camera are fixed.
         k1: (C,) initial radial distortion of each camera, adjusted too; ideal lenses if None.
     """
-    data, people, cameras = measurements, len(xy), len(parameters)
+    data, count, cameras = measurements, len(people), len(parameters)
     sightings = np.bincount(data.camera, minlength=cameras)
     used = sightings > 0
     if known is None:
         known = _weak_prior(parameters, int(np.argmax(sightings)), log_focal_prior, settings)
-    boxes, precision = (np.zeros((cameras, people, 3)) for _ in range(2))
+    boxes, precision = (np.zeros((cameras, count, 3)) for _ in range(2))
     boxes[data.camera, data.person], precision[data.camera, data.person] = data.box, 1 / data.sd
-    P, C = coarse_length(people, PEOPLE_BLOCK, 3), cameras + -cameras % CAMERA_BLOCK
+    P, C = coarse_length(count, PEOPLE_BLOCK, 3), cameras + -cameras % CAMERA_BLOCK
     bent, lens_sd = (np.zeros(cameras), GAUGE_SD) if k1 is None else (k1, settings.distortion_sd)
     shown = np.where(used[:, None], np.column_stack([parameters, bent]), 0.0)
     camera_precision = np.column_stack([np.sqrt(known.precision), np.full(cameras, 1 / lens_sd)])
@@ -245,7 +241,7 @@ def adjust_people_bundle(
         solution, cost, covariance, residual = jax.tree.map(
             np.asarray,
             _solve(
-                Unknowns(padded(shown, C), padded(np.column_stack([xy, height]), P)),
+                Unknowns(padded(shown, C), padded(people, P)),
                 jnp.asarray(foot_offset),
                 jnp.asarray(settings.foot_offset_sd),
                 _Boxes(
@@ -256,21 +252,19 @@ def adjust_people_bundle(
                     camera_precision=padded(camera_precision * used[:, None], C),
                     focal_precision=jnp.asarray(1 / focal_spread),
                     height=jnp.asarray(settings.apparent_height),
-                    height_precision=padded(np.full(people, 1 / settings.person_height_sd), P),
+                    height_precision=padded(np.full(count, 1 / settings.person_height_sd), P),
                 ),
                 jnp.asarray(iterations, jnp.int32),
             ),
         )
     kept = np.append(np.repeat(used, K1), True)
     index = np.append(np.flatnonzero(np.arange(8 * cameras) % 8 != K1), len(covariance) - 1)
-    person = solution.block[:people]
     view = solution.view[:cameras]
     residual = -residual[data.camera, data.person]
     k1_sd = np.sqrt(np.diag(covariance)[K1 : 8 * cameras : 8])
     return BundleResult(
         np.where(used[:, None], view[:, :K1], np.nan),
-        person[:, :2],
-        person[:, 2],
+        solution.block[:count],
         float(cost),
         _median_size(residual),
         np.array([_median_size(residual[data.camera == c]) for c in range(cameras)]),
@@ -303,7 +297,7 @@ def saves(few: BundleResult, more: BundleResult, share: float) -> bool:
         more: the rig adjusted with more, to the same or other people.
         share: of the cost per person that must be saved.
     """
-    costs = [result.cost / max(len(result.xy), 1) for result in (few, more)]
+    costs = [result.cost / max(len(result.people), 1) for result in (few, more)]
     return costs[1] <= (1 - share) * costs[0]
 
 

@@ -46,7 +46,7 @@ def drawn(seed, *, known, count=PEOPLE):
     data = BoxMeasurements(person, camera, box + sd * rng.standard_normal(box.shape), sd)
     precision = np.tile([9.0, 99, 50, 30, 4, 4, 4], (CAMERAS, 1))
     prior = KnownCameras(parameters + 0.01, precision)
-    return data, (parameters, xy, height), prior if known else None
+    return data, (parameters, np.column_stack([xy, height])), prior if known else None
 
 
 def adjusted(data, state, known, *, spread=np.inf, iterations=200):
@@ -57,16 +57,17 @@ def adjusted(data, state, known, *, spread=np.inf, iterations=200):
 
 def full_problem(data, state, known, spread):
     """Weighted residuals of all boxes and priors as a function of a change of all unknowns."""
-    cameras, xy, height = state
+    cameras, start = state
     used = np.unique(data.camera)
     anchor = np.argmax(np.bincount(data.camera))
 
     def residuals(change, weights):
         moved = cameras + change[: cameras.size].reshape(-1, 7)
-        people = change[cameras.size + 1 :].reshape(-1, 3)
-        place, tall = xy + people[:, :2], height + people[:, 2]
+        x, y, tall = (start + change[cameras.size + 1 :].reshape(-1, 3)).T
         offset = OFFSET + change[cameras.size]
-        box = boxes_of_rows(moved[data.camera], place[data.person], tall[data.person], offset)
+        box = boxes_of_rows(
+            moved[data.camera], np.column_stack([x, y])[data.person], tall[data.person], offset
+        )
         log_focal = moved[used, LOG_FOCAL]
         rows = [
             ((box - data.box) / data.sd * weights).ravel(),
@@ -83,7 +84,7 @@ def full_problem(data, state, known, spread):
             rows.append(((moved - known.parameters) * np.sqrt(known.precision))[used].ravel())
         return np.concatenate(rows)
 
-    size = cameras.size + 1 + xy.size + height.size
+    size = cameras.size + 1 + start.size
     raw = residuals(np.zeros(size), 1.0)[: data.box.size].reshape(-1, 3)
     weights = 1 / np.sqrt(1 + (raw / CAUCHY) ** 2)
     steps = 1e-6 * np.eye(size)
@@ -99,7 +100,7 @@ def test_minimum_and_covariance_are_those_of_the_full_problem(seed, spread, know
     found = adjusted(data, start, prior, spread=spread)
     size = 7 * CAMERAS
     assert np.isnan(found.parameters[3]).all()
-    state = np.where(np.isnan(found.parameters), start[0], found.parameters), found.xy, found.height
+    state = np.where(np.isnan(found.parameters), start[0], found.parameters), found.people
     J, r = full_problem(data, state, prior, spread)
     free = np.ones(J.shape[1], bool)
     free[21 : size + 1] = False  # the camera without boxes, and the foot offset
@@ -137,7 +138,7 @@ def test_an_edge_of_no_weight_is_absent(seed, error):
         for wrong in (0.0, error)
     ]
     np.testing.assert_allclose(results[0].parameters, results[1].parameters, rtol=1e-9)
-    np.testing.assert_allclose(results[0].xy, results[1].xy, rtol=1e-9)
+    np.testing.assert_allclose(results[0].people[:, :2], results[1].people[:, :2], rtol=1e-9)
 
 
 def test_one_focal_length_is_shared_by_all():
@@ -157,21 +158,21 @@ def test_a_second_rig_of_like_size_needs_no_compilation():
 
 
 def test_a_camera_that_no_rig_can_have_is_left_by_no_step():
-    data, (cameras, xy, height), _ = drawn(1, known=False)
+    data, (cameras, people), _ = drawn(1, known=False)
     far = KnownCameras(cameras + 200.0 * np.eye(7)[Z], np.full((CAMERAS, 7), 1e9))
-    found = adjusted(data, (cameras, xy, height), far)
+    found = adjusted(data, (cameras, people), far)
     assert np.nanmax(found.parameters[:, Z]) < _people_bundle.CAMERA_HEIGHTS[1]
 
 
 def test_a_free_lens_is_found_or_ideal():
-    data, (cameras, xy, height), _ = drawn(3, known=False, count=150)
+    data, (cameras, people), _ = drawn(3, known=False, count=150)
     k1 = np.array([-0.2, -0.1, 0.05, 0.0])
     focal = np.exp(cameras[data.camera, LOG_FOCAL])[:, None]
     ends = [np.stack([data.box[:, 0], data.box[:, i]], -1) / focal for i in (1, 2)]
     head, foot = (focal * end * (1 + k1[data.camera] * (end**2).sum(-1))[:, None] for end in ends)
     box = np.stack([(head[:, 0] + foot[:, 0]) / 2, head[:, 1], foot[:, 1]], -1)
     bent = dataclasses.replace(data, box=box)
-    state = cameras, xy, height
+    state = cameras, people
     rules = {"focal_spread": np.inf, "iterations": 200}
     free, ideal = (
         adjust_people_bundle(bent, *state, OFFSET, PRIOR, RULES, **rules, k1=start)
