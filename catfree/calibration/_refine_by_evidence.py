@@ -209,14 +209,13 @@ def _adjusted(
         BoxMeasurements(person, camera, _ideal_boxes(detections[row], rig), people.box_sd[row]),
         start,
         settings.foot_offset,
-        start[:, LOG_FOCAL],
-        settings,
-        focal_spread=np.inf,
-        iterations=refinement.iterations,
-        known=KnownCameras(
+        KnownCameras(
             _parameters(frame, original.rig, unit_in_meters),
             np.broadcast_to(precision, start.shape),
         ),
+        settings,
+        focal_spread=np.inf,
+        iterations=refinement.iterations,
     )
     moved = np.where(np.isfinite(result.parameters), result.parameters, start)
     K = np.array(rig.K, np.float64)

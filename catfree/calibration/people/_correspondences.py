@@ -18,6 +18,7 @@ from catfree.calibration.people.adjustment._people_bundle import (
     BundleResult,
     adjust_people_bundle,
     saves,
+    weak_prior,
 )
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, of_rig, to_matrices
 from catfree.calibration.people.cameras._ground_map import map_ground
@@ -99,13 +100,15 @@ def refine_with_correspondences(
         sd = np.asarray(box_sd, np.float64)[row]
     parameters = of_rig(rig)
     k1 = np.where(registered, radial_distortion(rig), 0.0)
+    start = np.where(registered[:, None], parameters, 0.0)
+    middle = np.log(np.median(settings.focal_shares) * rig.image_size.max(1))
 
     def solved(*, spread: float, bent: bool) -> BundleResult:
         return adjust_groups(
             BoxMeasurements(person, camera, box, sd),
-            np.where(registered[:, None], parameters, 0.0),
+            start,
             calibration.foot_offset,
-            np.log(np.median(settings.focal_shares) * rig.image_size.max(1)),
+            weak_prior(camera, start, middle, settings),
             settings,
             focal_spread=spread,
             iterations=iterations,
@@ -167,12 +170,11 @@ def adjust_groups(
     measurements: BoxMeasurements,
     parameters: Float[np.ndarray, "cam 7"],
     foot_offset: float,
-    log_focal_prior: Float[np.ndarray, " cam"],
+    known: KnownCameras,
     settings: CalibrationSettings,
     *,
     focal_spread: float,
     iterations: int,
-    known: KnownCameras | None = None,
     k1: Float[np.ndarray, " cam"] | None = None,
 ) -> BundleResult:
     """Adjust cameras to given groups of boxes; people are initialized from single views.
@@ -181,11 +183,10 @@ def adjust_groups(
         measurements: the boxes of each group; an edge with deviation NaN or infinity is ignored.
         parameters: (C, 7) initial cameras, in meters over the ground z = 0.
         foot_offset: initial foot offset in meters.
-        log_focal_prior: (C,) mean of the weak prior on log focal length.
+        known: prior on the cameras.
         settings: constants.
         focal_spread: see `adjust_people_bundle`.
         iterations: maximum number of steps.
-        known: prior on the cameras, if any.
         k1: (C,) initial radial distortion of each camera, adjusted too; ideal lenses if None.
     """
     person, camera, box = measurements.person, measurements.camera, measurements.box
@@ -199,11 +200,10 @@ def adjust_groups(
         parameters,
         people,
         foot_offset,
-        log_focal_prior,
+        known,
         settings,
         focal_spread=focal_spread,
         iterations=iterations,
-        known=known,
         k1=k1,
     )
 

@@ -6,6 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 from catfree.calibration.people._correspondences import adjust_groups
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
+from catfree.calibration.people.adjustment._people_bundle import weak_prior
 from catfree.settings import CalibrationSettings
 from tests.calibration.people.boxes_of_rows import boxes_of_rows
 
@@ -36,7 +37,7 @@ def adjusted(measurements: BoxMeasurements, parameters: np.ndarray) -> np.ndarra
         measurements,
         parameters,
         SETTINGS.foot_offset,
-        parameters[:, 0],
+        weak_prior(measurements.camera, parameters, parameters[:, 0], SETTINGS),
         SETTINGS,
         focal_spread=np.inf,
         iterations=20,

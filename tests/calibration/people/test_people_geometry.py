@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
-from catfree.calibration.people.adjustment._people_bundle import adjust_people_bundle
+from catfree.calibration.people.adjustment._people_bundle import adjust_people_bundle, weak_prior
 from catfree.calibration.people.adjustment._resection import MatchedPeople, fit_cameras
 from catfree.calibration.people.cameras._camera_model import (
     from_matrices,
@@ -160,7 +160,7 @@ def test_bundle_adjustment_recovers_a_disturbed_rig():
         start,
         np.column_stack([xy + rng.normal(0, 0.2, xy.shape), np.full(len(xy), 1.7)]),
         SETTINGS.foot_offset,
-        np.full(3, 7.0),
+        weak_prior(data.camera, start, np.full(3, 7.0), SETTINGS),
         SETTINGS,
         focal_spread=np.inf,
         iterations=60,

@@ -7,7 +7,11 @@ from jaxtyping import Float
 
 from catfree.calibration.people._box_grid import BoxGrid
 from catfree.calibration.people.adjustment._box_measurements import BoxMeasurements
-from catfree.calibration.people.adjustment._people_bundle import BundleResult, adjust_people_bundle
+from catfree.calibration.people.adjustment._people_bundle import (
+    BundleResult,
+    adjust_people_bundle,
+    weak_prior,
+)
 from catfree.calibration.people.matching._group_people import People, RigState, group_people
 from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
@@ -98,7 +102,7 @@ def alternate(
             state.parameters,
             start,
             state.foot_offset,
-            middle,
+            weak_prior(data.camera, state.parameters, middle, settings),
             settings,
             focal_spread=settings.shared_focal_sd if shared_focal else np.inf,
             iterations=iterations,

@@ -202,12 +202,11 @@ def adjust_people_bundle(
     parameters: Float[np.ndarray, "cam 7"],
     people: Float[np.ndarray, "person 3"],
     foot_offset: float,
-    log_focal_prior: Float[np.ndarray, " cam"],
+    known: KnownCameras,
     settings: CalibrationSettings,
     *,
     focal_spread: float,
-    iterations: int = 15,
-    known: KnownCameras | None = None,
+    iterations: int,
     k1: Float[np.ndarray, " cam"] | None = None,
 ) -> BundleResult:
     """Adjust cameras and people together.
@@ -217,20 +216,16 @@ def adjust_people_bundle(
         parameters: (C, 7) initial cameras.
         people: (P, 3) initial ground positions and heights in meters.
         foot_offset: foot offset in meters.
-        log_focal_prior: (C,) mean of the weak prior on log focal length.
+        known: prior on the cameras, such as `weak_prior`.
         settings: constants.
         focal_spread: standard deviation of log focal lengths from their mean; infinity if they
             have nothing in common.
         iterations: maximum number of steps.
-        known: prior on the cameras; if None, weak priors on focal length and roll, and the heading
-            and position of one camera are fixed.
         k1: (C,) initial radial distortion of each camera, adjusted too; ideal lenses if None.
     """
     data, count, cameras = measurements, len(people), len(parameters)
     sightings = np.bincount(data.camera, minlength=cameras)
     used = sightings > 0
-    if known is None:
-        known = _weak_prior(parameters, int(np.argmax(sightings)), log_focal_prior, settings)
     boxes, precision = (np.zeros((cameras, count, 3)) for _ in range(2))
     boxes[data.camera, data.person], precision[data.camera, data.person] = data.box, 1 / data.sd
     P, C = coarse_length(count, PEOPLE_BLOCK, 3), cameras + -cameras % CAMERA_BLOCK
@@ -275,13 +270,21 @@ def adjust_people_bundle(
     )
 
 
-def _weak_prior(
+def weak_prior(
+    camera: Int[np.ndarray, " n"],
     parameters: Float[np.ndarray, "cam 7"],
-    anchor: int,
     log_focal: Float[np.ndarray, " cam"],
     settings: CalibrationSettings,
 ) -> KnownCameras:
-    """Prior on focal lengths and rolls, with the heading and position of one camera fixed."""
+    """Prior on focal lengths and rolls; heading and position of the camera with most boxes fixed.
+
+    Args:
+        camera: (n,) camera of each box.
+        parameters: (C, 7) initial cameras.
+        log_focal: (C,) means of the log focal lengths.
+        settings: constants.
+    """
+    anchor = int(np.argmax(np.bincount(camera)))
     mean, precision = np.zeros(parameters.shape), np.zeros(parameters.shape)
     mean[:, LOG_FOCAL], mean[anchor, PAN:Z] = log_focal, parameters[anchor, PAN:Z]
     precision[:, LOG_FOCAL], precision[:, ROLL] = settings.focal_log_sd**-2, settings.roll_sd**-2

@@ -11,6 +11,7 @@ from catfree.calibration.people.adjustment._box_measurements import BoxMeasureme
 from catfree.calibration.people.adjustment._people_bundle import (
     adjust_people_bundle,
     saves,
+    weak_prior,
 )
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, PAN, ROLL, Z
 from catfree.geometry._least_squares import CAUCHY
@@ -50,8 +51,9 @@ def drawn(seed, *, known, count=PEOPLE):
 
 
 def adjusted(data, state, known, *, spread=np.inf, iterations=200):
+    known = known or weak_prior(data.camera, state[0], PRIOR, RULES)
     return adjust_people_bundle(
-        data, *state, OFFSET, PRIOR, RULES, focal_spread=spread, iterations=iterations, known=known
+        data, *state, OFFSET, known, RULES, focal_spread=spread, iterations=iterations
     )
 
 
@@ -172,10 +174,10 @@ def test_a_free_lens_is_found_or_ideal():
     head, foot = (focal * end * (1 + k1[data.camera] * (end**2).sum(-1))[:, None] for end in ends)
     box = np.stack([(head[:, 0] + foot[:, 0]) / 2, head[:, 1], foot[:, 1]], -1)
     bent = dataclasses.replace(data, box=box)
-    state = cameras, people
+    state, known = (cameras, people), weak_prior(data.camera, cameras, PRIOR, RULES)
     rules = {"focal_spread": np.inf, "iterations": 200}
     free, ideal = (
-        adjust_people_bundle(bent, *state, OFFSET, PRIOR, RULES, **rules, k1=start)
+        adjust_people_bundle(bent, *state, OFFSET, known, RULES, **rules, k1=start)
         for start in (np.zeros(CAMERAS), None)
     )
     seen = np.arange(CAMERAS) < CAMERAS - 1
