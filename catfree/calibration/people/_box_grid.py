@@ -42,23 +42,19 @@ class BoxGrid:
         """Number of frames."""
         return self.valid.shape[1]
 
-    def at_frames(self, index: Int[np.ndarray, " chosen"]) -> "BoxGrid":
-        """Select frames of the grid."""
-        picked = {k: getattr(self, k)[:, index] for k in _PER_BOX}
-        return BoxGrid(**picked, size=self.size, frames=self.frames[index])
-
     def thinned(self, most: int) -> "BoxGrid":
         """Select at most so many frames, evenly spread."""
-        return self.at_frames(evenly_spread(np.arange(self.frame_count), most))
+        at = evenly_spread(np.arange(self.frame_count), most)
+        return BoxGrid(
+            self.box[:, at], self.sd[:, at], self.valid[:, at], self.size, self.frames[at]
+        )
 
     def shifted(self, camera: int, shift: int) -> "BoxGrid":
         """Roll one camera's sequence circularly in time by `shift` frames."""
-        rolled = {}
-        for name in _PER_BOX:
-            value = getattr(self, name).copy()
-            value[camera] = np.roll(value[camera], shift, axis=0)
-            rolled[name] = value
-        return BoxGrid(**rolled, size=self.size, frames=self.frames)
+        box, sd, valid = self.box.copy(), self.sd.copy(), self.valid.copy()
+        for part in (box, sd, valid):
+            part[camera] = np.roll(part[camera], shift, axis=0)
+        return BoxGrid(box, sd, valid, self.size, self.frames)
 
     def of_camera(
         self, camera: int
@@ -71,12 +67,9 @@ class BoxGrid:
         return self.box[camera], self.sd[camera], self.valid[camera]
 
 
-_PER_BOX = ("box", "sd", "valid")
-
-
 def grid_boxes(
     detections: Detections,
-    image_size: Int[np.ndarray, "cam 2"],
+    size: Int[np.ndarray, "cam 2"],
     settings: CalibrationSettings,
     lenses: RadialLenses | None = None,
 ) -> BoxGrid:
@@ -84,7 +77,7 @@ def grid_boxes(
 
     Args:
         detections: boxes of all cameras.
-        image_size: (C, 2) width and height in pixels.
+        size: (C, 2) width and height in pixels.
         settings: constants.
         lenses: lenses to remove from the boxes, ideal if None.
 
@@ -92,7 +85,6 @@ def grid_boxes(
         The grid. Boxes that touch the image border are omitted, since at least one of their edges
         is not an edge of the person.
     """
-    size = np.asarray(image_size)
     camera_count = len(size)
     frames = evenly_spread(np.unique(detections.frame), settings.maximum_frames)
     box = np.asarray(detections.box, np.float64)

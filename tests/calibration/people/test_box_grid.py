@@ -85,11 +85,12 @@ def test_shifting_moves_one_camera_in_time_and_back(seed, camera, shift):
     np.testing.assert_array_equal(shifted.frames, grid.frames)
 
 
-@given(seeds, st.lists(st.integers(0, 4), min_size=1, max_size=6))
-def test_some_frames_are_those_frames(seed, index):
+@given(seeds, st.integers(1, 9))
+def test_some_frames_are_those_frames(seed, most):
     grid = grid_boxes(drawn(seed), SIZE, RULES)
-    index = np.array(index) % grid.frame_count
-    some = grid.at_frames(index)
+    some = grid.thinned(most)
+    assert some.frame_count == min(most, grid.frame_count)
+    index = np.searchsorted(grid.frames, some.frames)
     np.testing.assert_array_equal(some.frames, grid.frames[index])
     for name in FIELDS:
         np.testing.assert_array_equal(getattr(some, name), getattr(grid, name)[:, index])

@@ -109,7 +109,9 @@ def test_too_few_boxes_are_no_ground(count):
 def test_people_who_stand_still_count_once():
     camera = np.array([np.log(FOCAL), 0.3, 0, 0, 0, 0, 4.0])
     grid = grid_of(camera, 1, FEWEST_BOXES - 1)
-    for_ever = grid.at_frames(np.tile(np.arange(grid.frame_count), 40))
+    at = np.tile(np.arange(grid.frame_count), 40)
+    often = (part[:, at] for part in (grid.box, grid.sd, grid.valid))
+    for_ever = BoxGrid(*often, grid.size, grid.frames[at])
     assert for_ever.valid.sum() > 10 * FEWEST_BOXES
     assert fit_planes(for_ever, 0, FOCAL, RULES).shape == (0, 7)
 
