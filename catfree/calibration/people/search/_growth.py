@@ -117,11 +117,10 @@ def drop_harmful(
         usual = float(np.median(list(per_match.values())))
         suspects = [c for c in verdicts if per_match[c] < SUSPICIOUS_SHARE * usual]
         for camera in sorted(suspects, key=lambda c: per_match[c]):
-            others = [c for c in verdicts if c != camera]
             less = _refined(work, rig.state.without_camera(camera), shared_focal)
             less_verdicts = judge_cameras(work, less.state)
             total = sum(verdict.margin for verdict in less_verdicts.values())
-            if total > HARMFUL_GAIN * sum(verdicts[c].margin for c in others):
+            if total > HARMFUL_GAIN * sum(v.margin for c, v in verdicts.items() if c != camera):
                 rig, verdicts = less, less_verdicts
                 break
         else:
