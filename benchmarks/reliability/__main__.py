@@ -22,7 +22,7 @@ STUCK = 600  # seconds without an end, in code that no signal interrupts
 def main() -> int:
     """The command line; 1 if there is a traceback, a silent NaN, a hang or a loss."""
     parser = argparse.ArgumentParser(prog="benchmarks.reliability", description=__doc__)
-    parser.add_argument("--short", action="store_true", help="a small part, in about a minute")
+    parser.add_argument("--short", action="store_true", help="a small part, in a minute or two")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))

@@ -60,16 +60,7 @@ def attack(tally: Tally, folder: Path) -> None:
             reader.write(places[name])
         place = places[name]
         path = _victim(reader, place, file)
-        before = path.read_bytes()
-        path.write_bytes(content)
-        tally.attempt(
-            ROW,
-            lambda: reader.read(place),
-            detail=f"{name} {path.name} {content[:40]!r}",
-            folder=place,
-            absent=reader.cached,
-        )
-        path.write_bytes(before)
+        _replace(tally, reader, place, path, content, repr(content[:40]))
 
     for name in (*ARCHIVES, "cached Localization", "cached Detections"):
         for content in _archives():
@@ -137,15 +128,23 @@ def _long_numbers(tally: Tally, reader: Reader, place: Path) -> None:
         if len(found) <= PLACES:
             attacks.append(("all numbers", NUMBER.sub(DIGITS, content)))
         for what, changed in attacks:
-            path.write_bytes(changed)
-            tally.attempt(
-                ROW,
-                lambda: reader.read(place),
-                detail=f"{reader.name} {path.name}: 5000 digits for {what}",
-                folder=place,
-                absent=reader.cached,
-            )
-        path.write_bytes(content)
+            _replace(tally, reader, place, path, changed, f"5000 digits for {what}")
+
+
+def _replace(
+    tally: Tally, reader: Reader, place: Path, path: Path, content: bytes, what: str
+) -> None:
+    """Let a reader read its folder with other content in one file, which then is as before."""
+    before = path.read_bytes()
+    path.write_bytes(content)
+    tally.attempt(
+        ROW,
+        lambda: reader.read(place),
+        detail=f"{reader.name} {path.name}: {what}",
+        folder=place,
+        absent=reader.cached,
+    )
+    path.write_bytes(before)
 
 
 def _victim(reader: Reader, place: Path, file: str | None) -> Path:

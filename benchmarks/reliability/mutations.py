@@ -67,7 +67,7 @@ def damaged(content: bytes, rng: Generator) -> bytes:
 
 
 def is_text(content: bytes) -> bool:
-    """Whether a file is of text, neither an archive nor Parquet nor another binary format."""
+    """Return whether a file is text: not an archive, Parquet or another binary format."""
     return content[:2] != b"PK" and content[:4] != b"PAR1" and b"\0" not in content
 
 
