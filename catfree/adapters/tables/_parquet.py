@@ -1,5 +1,6 @@
 """Parquet files of one table each, with checksums."""
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,8 +59,7 @@ def read_parquet(path: StrPath, meaning: str) -> "pyarrow.Table":
     # On damaged files the library raises errors of several kinds.
     except Exception as error:
         raise FileFormatError(f"{source} is not readable Parquet: {quoted(error)}.") from error
-    names = table.column_names
-    twice = [name for name in names if names.count(name) > 1]
+    twice = [name for name, count in Counter(table.column_names).items() if count > 1]
     if twice:
         raise FileFormatError(f"{source} has two columns {quoted(twice[0])}. Keep one of them.")
     return table

@@ -122,7 +122,7 @@ def field_features(
 
 
 class Box(NamedTuple):
-    """What a box shows, with an axis of boxes in front or without.
+    """One box or, with a leading axis, many.
 
     Attributes:
         edges: (3,) center column, top and bottom row, undistorted pixels.
@@ -140,7 +140,7 @@ class Box(NamedTuple):
 
 
 class Pinhole(NamedTuple):
-    """The camera that sees a box, and its noise.
+    """The camera that sees a box, and its noise; with a leading axis, those of many boxes.
 
     Attributes:
         matrix: (3, 4) projection, see `GroundViews`.
@@ -264,7 +264,11 @@ def measure_all(
 ) -> Measurements:
     """Apply `measure` to every box; boxes less precise than `largest_sigma` are not valid."""
     seen_by = Pinhole(
-        *(getattr(views, name)[view] for name in Pinhole._fields[:5]),
+        matrix=views.matrix[view],
+        ground_inverse=views.ground_inverse[view],
+        head_inverse=views.head_inverse[view],
+        focal=views.focal[view],
+        center=views.center[view],
         edge_noise=noise.edge[camera],
         field=noise.field[camera],
     )
