@@ -201,7 +201,7 @@ def read_receipt(path: Path) -> Receipt:
 
 
 def _holds_nan(value: Any) -> bool:
-    """Whether there is NaN anywhere; infinity may be a setting."""
+    """Return whether there is NaN anywhere; infinity may be a setting."""
     if isinstance(value, dict | list):
         return any(map(_holds_nan, value.values() if isinstance(value, dict) else value))
     return isinstance(value, float) and math.isnan(value)

@@ -384,7 +384,7 @@ def _innovations(
     M: Float[np.ndarray, "k k"],
     error: Float[np.ndarray, " k"],
 ) -> list[_Innovation]:
-    """What each measurement in a fit states minus what all others predict.
+    """Compare each measurement in a fit with what all others predict.
 
     Args:
         noise: (d, d) covariance of each.
@@ -413,7 +413,7 @@ def _unused(
     frame: Float[np.ndarray, "4"],
     covariance: Float[np.ndarray, "n n"],
 ) -> _Innovation:
-    """What a measurement outside a fit states minus what the fit predicts."""
+    """Compare a measurement outside a fit with what the fit predicts."""
     rows = _linear_rows([measurement], cameras, frame)
     J, off = np.hstack([rows.by_camera, rows.by_frame]), rows.off
     spread = J @ covariance @ J.T + rows.noise[0]
