@@ -577,6 +577,11 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
         """
         from catfree._run._result_folder import draw_pictures, read_results
 
+        if joined_recording(results) is not None:
+            raise InvalidInputError(
+                f"{results} holds a joined recording, whose tracks are too many for one picture. "
+                f"Draw where people were with `catfree heat-map {results} --out map.csv`."
+            )
         localization, scene, names = read_results(results)
         folder = results / "pictures" if out is None else out
         for path in draw_pictures(folder, localization, scene, camera_names=names):

@@ -83,6 +83,7 @@ def test_plan_then_shards_then_join(files, tmp_path, capsys):
     said = capsys.readouterr().out
     assert said == f"{out}: {day.people} people, {len(day)} positions.\n"
     assert day.people > 0
+    assert day.camera_names == ("a", "b", "c", "d")
     assert [(part.first, part.stop) for part in day.parts] == [(0, 30), (30, 60)]
     import pyarrow.dataset
 
@@ -98,6 +99,8 @@ def test_plan_then_shards_then_join(files, tmp_path, capsys):
     assert (
         np.loadtxt(heat, delimiter=",", skiprows=1)[:, 2].sum() == (day.read().track_id >= 0).sum()
     )
+    assert cli.main(["plot", str(out)]) == 1
+    assert f"catfree heat-map {out} --out" in last_sentence(capsys)
     # Neither command repeats what is done.
     before = {path: path.stat().st_mtime_ns for path in (out / "_shards").glob("part-*")}
     assert len(before) == 6

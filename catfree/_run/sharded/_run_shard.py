@@ -117,8 +117,8 @@ def run_shard(
     finished = is_finished(files, shard, run)
     if finished is not None:
         return finished
-    scene_file = _write_scene(folder, scene, shard.videos)
     names = names_of_files(list(map(Path, shard.videos))) or shard.camera_names or None
+    scene_file = _write_scene(folder, scene, names)
     begin = time.perf_counter()
     # The working area is relative to all places of the recording, so joining decides on it.
     wide = everywhere(settings)
@@ -279,8 +279,8 @@ def _from_videos(
     return outcome.detections, outcome.localization
 
 
-def _write_scene(folder: Path, scene: Scene, videos: Sequence[str] = ()) -> str:
-    """Write the scene beside the receipts, its cameras named like the videos; return its SHA-256.
+def _write_scene(folder: Path, scene: Scene, camera_names: Sequence[str] | None) -> str:
+    """Write the scene beside the receipts, with the names of its cameras; return its SHA-256.
 
     Raises:
         InvalidInputError: if the folder holds shards of another scene.
@@ -288,8 +288,8 @@ def _write_scene(folder: Path, scene: Scene, videos: Sequence[str] = ()) -> str:
     make_folder(folder / WORK_FOLDER)
     path = folder / SCENE_FILE
     existing = hash_file(path) if path.is_file() else None
-    named = len(videos) == scene.rig.camera_count
-    content = scene_text(scene, names_of_files(list(map(Path, videos))) if named else None)
+    named = camera_names is not None and len(camera_names) == scene.rig.camera_count
+    content = scene_text(scene, camera_names if named else None)
     written = hashlib.sha256(content.encode()).hexdigest()
     if existing not in (None, written):
         raise InvalidInputError(

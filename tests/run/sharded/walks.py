@@ -90,6 +90,6 @@ def write(out, shard, tracks, run="a run"):
     """Write the shard as `run_shard` does."""
     return write_shard(
         files_of(out, shard.index), shard, BOXES,
-        as_localization(tracks), Settings(), run=run, scene_file=_write_scene(out, SCENE),
+        as_localization(tracks), Settings(), run=run, scene_file=_write_scene(out, SCENE, None),
         seconds=0.0,
     )  # fmt: skip
