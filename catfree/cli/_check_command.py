@@ -78,6 +78,7 @@ def check_command(tyro: Any) -> Callable[..., None]:
                 since=since,
                 maximum_offset=max_offset,
                 localization=outcome.localization,
+                camera_names=outcome.camera_names,
                 progress=progress,
             )
         result = refer_to_warnings(result, outcome)

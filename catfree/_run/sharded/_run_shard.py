@@ -242,7 +242,10 @@ def _verdicts(
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Verdicts on the cameras, and sentences about those that are moved, late or dead."""
     try:
-        checked = check(scene, detections, settings=settings, localization=localization)
+        checked = check(
+            scene, detections, settings=settings, localization=localization,
+            camera_names=camera_names,
+        )  # fmt: skip
     except InsufficientDataError:
         return (), ()
     fine = (Verdict.FITS, Verdict.DOUBTFUL)

@@ -1,5 +1,6 @@
 """`check`: has a camera moved, is its clock late, is it dead, and since when?"""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import NamedTuple
@@ -18,6 +19,7 @@ from catfree.calibration.watching._changes import (
 )
 from catfree.calibration.watching._estimate_clocks import WHOLE_FRAME
 from catfree.calibration.watching._sights import linear
+from catfree.calibration.watching._swapped import swapped_cameras
 from catfree.calibration.watching._time_of_change import follow_changes, time_of_change
 from catfree.calibration.watching._windows import Watched, watch_windows
 from catfree.errors import InvalidInputError
@@ -31,6 +33,7 @@ from catfree.types._validation import (
     require_different_cameras,
     require_instance,
     require_known_cameras,
+    shown_camera,
 )
 
 HOURS_PER_ALARM = 200.0  # of one camera
@@ -56,6 +59,10 @@ UNMATCHED = (
     "Few of its boxes meet people whom the others see. Check that its video belongs to this "
     "recording."
 )
+SWAPPED = (
+    "Its boxes fit the place of camera {}: videos or names of cameras were swapped. Give each "
+    "camera its own."
+)
 MOVED_SINCE = "Calibrate again with what it saw since, or turn it back."
 MOVED_ALWAYS = "It does not look where the scene says. Calibrate again."
 LATE_SINCE = "Its clock jumped, or frames were lost. Correct its frame numbers since then."
@@ -69,7 +76,7 @@ class Verdict(StrEnum):
     Attributes:
         FITS: it agrees with the others.
         DOUBTFUL: it disagrees a little all the time, or nothing can be said.
-        MOVED: it looks elsewhere.
+        MOVED: it looks elsewhere, or its video was swapped with that of another camera.
         LATE: it shows another time than its frame numbers say.
         DEAD: it gives no boxes where people are.
     """
@@ -102,6 +109,7 @@ class CameraCheck:
         matched: share of the people whom other cameras see, and who should be in its image, that
             one of its boxes shows; NaN if there are none.
         advice: what was found and what to do, in one or two sentences.
+        swapped_with: the camera whose place its boxes fit instead of its own, or None.
     """
 
     camera: int
@@ -118,6 +126,7 @@ class CameraCheck:
     lag_sd: float
     matched: float
     advice: str
+    swapped_with: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +172,7 @@ def check(
     settings: Settings | None = None,
     maximum_offset: int = 20,
     localization: Localization | None = None,
+    camera_names: Sequence[str] | None = None,
     progress: Progress | None = None,
 ) -> Check:
     """Check whether the cameras still are where a scene says, from the people they saw.
@@ -181,6 +191,7 @@ def check(
         settings: of the localization.
         maximum_offset: largest lag to look for, in frame numbers.
         localization: the result of `localize` for these detections and this scene, if known.
+        camera_names: names for advice about other cameras.
         progress: called as `progress(stage, done, total)`.
 
     Returns:
@@ -218,10 +229,20 @@ def check(
     watched, course = follow_changes(watched, alpha, since=since, progress=progress)
     turns = as_turns(course, watched.windows)
     judge = _Judge(watched, course, turns, alpha, since is not None)
-    cameras = tuple(judge.camera(c) for c in range(scene.rig.camera_count))
+    cameras = [judge.camera(c) for c in range(scene.rig.camera_count)]
     sights = watched.sights
+    matched = np.array([one.matched for one in cameras])
+    for camera, home in swapped_cameras(sights, matched).items():
+        cameras[camera] = replace(
+            cameras[camera],
+            verdict=Verdict.MOVED,
+            since=None,
+            since_sd=None,
+            advice=SWAPPED.format(shown_camera(home, camera_names)),
+            swapped_with=home,
+        )
     last = sights.first + (sights.steps - 1) * sights.step
-    return Check(cameras, sights.first, last, watched.seconds, scene.metric)
+    return Check(tuple(cameras), sights.first, last, watched.seconds, scene.metric)
 
 
 class _Found(NamedTuple):

@@ -4,7 +4,7 @@ An angle is an azimuth or an elevation in the axes of a camera: a turn of a came
 boxes by nearly the same angles, whatever its lens.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -77,6 +77,7 @@ class Sights:
         first: frame number of step 0.
         step: frame numbers per step.
         steps: length of the recording in steps.
+        detections: the boxes as they were given.
     """
 
     scene: Scene
@@ -87,6 +88,7 @@ class Sights:
     first: int
     step: int
     steps: int
+    detections: Detections
 
     def seen_by_others(self, camera: int, begin: int, stop: int) -> Int[np.ndarray, " m"]:
         """(m,) people from step `begin` to before `stop` whom two or more other cameras see."""
@@ -123,9 +125,15 @@ def sights(scene: Scene, detections: Detections, tracks: Tracks) -> Sights:
     place = _places(scene)
     boxes = _boxes(scene, detections, first, step)
     people, unit = _people(scene, detections, tracks, place, first, step)
-    return Sights(
-        scene, place, boxes, people, unit, first, step, (int(frames[-1]) - first) // step + 1
-    )
+    steps = (int(frames[-1]) - first) // step + 1
+    return Sights(scene, place, boxes, people, unit, first, step, steps, detections)
+
+
+def with_cameras(sights: Sights, camera: Int[np.ndarray, " n"]) -> Sights:
+    """The same recording, with each box seen by another camera; the people stay as they are."""
+    detections = replace(sights.detections, camera=camera)
+    boxes = _boxes(sights.scene, detections, sights.first, sights.step)
+    return replace(sights, boxes=boxes, detections=detections)
 
 
 def _places(scene: Scene) -> Float[np.ndarray, "cam 3 4"]:
