@@ -19,7 +19,7 @@ from catfree.calibration.watching._changes import (
 )
 from catfree.calibration.watching._estimate_clocks import WHOLE_FRAME
 from catfree.calibration.watching._sights import linear
-from catfree.calibration.watching._swapped import swapped_cameras
+from catfree.calibration.watching._swapped import FEWEST_EXPECTED, swapped_cameras
 from catfree.calibration.watching._time_of_change import follow_changes, time_of_change
 from catfree.calibration.watching._windows import Watched, watch_windows
 from catfree.errors import InvalidInputError
@@ -33,6 +33,7 @@ from catfree.types._validation import (
     require_different_cameras,
     require_instance,
     require_known_cameras,
+    require_names,
     shown_camera,
 )
 
@@ -43,7 +44,6 @@ WINDOW = 60.0  # seconds, the longest
 # a measured one of a room by 0.07, rigs from people and reconstructions by about 0.1.
 DOUBTFUL, MOVED = 0.12, 0.2
 LEAST_MATCHED = 0.25  # share of people; below it, boxes meet people by chance only
-FEWEST_EXPECTED = 20  # people in all frames, whom a camera should show to be judged
 
 UNREGISTERED = "The scene does not know where it is. Calibrate again, or leave it out."
 TOO_FEW = (
@@ -199,7 +199,8 @@ def check(
 
     Raises:
         InvalidInputError: if the arguments do not fit each other, `since` is after the last frame,
-            two cameras have the same boxes, or many boxes of a camera are outside its image.
+            two cameras have the same boxes, or many boxes of a camera are outside its image. Also
+            if there is not one name per camera.
         InsufficientDataError: if there are no boxes of two registered cameras.
         ForkedProcessError: in a process forked after JAX was used.
     """
@@ -208,6 +209,7 @@ def check(
     require_instance(detections, Detections, "detections")
     require_different_cameras(detections.frame, detections.camera, detections.box)
     require_known_cameras(detections.camera, scene.rig.camera_count)
+    require_names(camera_names, scene.rig.camera_count)
     require_boxes_in_images(detections.camera, detections.box, np.asarray(scene.rig.image_size))
     end = int(detections.frame.max(initial=-1))
     if since is not None and since > end >= 0:

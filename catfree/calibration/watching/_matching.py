@@ -42,6 +42,9 @@ class Correction(NamedTuple):
         return round(self.lag)
 
 
+NO_ERROR = Correction(np.zeros(3), 0.0)
+
+
 class BoxMatches(NamedTuple):
     """Boxes of one camera matched with people.
 

@@ -130,7 +130,7 @@ def sights(scene: Scene, detections: Detections, tracks: Tracks) -> Sights:
 
 
 def with_cameras(sights: Sights, camera: Int[np.ndarray, " n"]) -> Sights:
-    """The same recording, with each box seen by another camera; the people stay as they are."""
+    """Assign each box to the camera given for it; the people stay as they are."""
     detections = replace(sights.detections, camera=camera)
     boxes = _boxes(sights.scene, detections, sights.first, sights.step)
     return replace(sights, boxes=boxes, detections=detections)

@@ -4,11 +4,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
-from catfree.calibration.watching._matching import Correction, match_boxes
+from catfree.calibration.watching._matching import NO_ERROR, match_boxes
 from catfree.calibration.watching._sights import Sights, with_cameras
 
 SHARE = 0.5  # of what the best camera matches: the wrong place reaches less, the right one more
-FEWEST_EXPECTED = 20  # people who should be in an image, to try a place
+FEWEST_EXPECTED = 20  # people in all frames, whom a camera should show to be judged
 
 
 def swapped_cameras(sights: Sights, matched: Float[np.ndarray, " cam"]) -> dict[int, int]:
@@ -34,7 +34,7 @@ def swapped_cameras(sights: Sights, matched: Float[np.ndarray, " cam"]) -> dict[
         home = np.arange(len(sights.place))
         home[suspects] = np.roll(suspects, -turn)
         tried = with_cameras(sights, home[sights.detections.camera])
-        places = [(int(home[camera]), Correction(np.zeros(3), 0.0)) for camera in suspects]
+        places = [(int(home[camera]), NO_ERROR) for camera in suspects]
         for i, one in enumerate(match_boxes(tried, person, people.state[person], places)):
             if len(one.expected) >= FEWEST_EXPECTED:
                 share[i, (i + turn) % count] = len(one.person) / len(one.expected)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.calibration.watching._agreement import Window, solve_window
-from catfree.calibration.watching._matching import CELL, Correction, best
+from catfree.calibration.watching._matching import CELL, NO_ERROR, Correction, best
 from catfree.calibration.watching._sights import Sights, sights
 from catfree.errors import InsufficientDataError
 from catfree.methods import localize
@@ -103,7 +103,7 @@ def watch_windows(
     reach = min(maximum_offset // recording.step, recording.steps // 3)
     shifts = np.array(sorted(range(-reach, reach + 1), key=abs))
     cameras = scene.rig.camera_count
-    present: Sequence[Correction] = [Correction(np.zeros(3), 0.0)] * cameras
+    present: Sequence[Correction] = [NO_ERROR] * cameras
     noise = np.array(settings.evidence.edge_noise)
     windows, corrections = [], []
     for index, (begin, stop) in enumerate(begins):

@@ -9,6 +9,7 @@ import catfree as cf
 from catfree.calibration import Verdict, check
 from catfree.calibration.watching._sights import sights
 from catfree.calibration.watching._swapped import swapped_cameras
+from catfree.errors import InvalidInputError
 from catfree.synthetic import make_world
 
 CAMERAS, FRAMES = 6, 40
@@ -27,7 +28,7 @@ def tracks(world):
 @pytest.mark.slow
 @pytest.mark.parametrize("cycle", [(0, 4), (2, 5), (1, 3, 4)])
 def test_each_camera_gets_the_boxes_that_are_its_own(world, tracks, cycle):
-    """People come from all cameras; what the swapped ones are told of is only their own boxes."""
+    """The people are those of the right cameras; only the cameras of the boxes are wrong."""
     given = np.arange(CAMERAS)
     given[list(cycle)] = np.roll(cycle, 1)
     boxes = replace(world.detections, camera=given[world.detections.camera])
@@ -41,7 +42,7 @@ def test_each_camera_gets_the_boxes_that_are_its_own(world, tracks, cycle):
 
 @pytest.mark.slow
 def test_nothing_is_swapped_where_boxes_fit_nowhere(world, tracks):
-    """Boxes of another time, of cameras nobody sees with, and a single suspect."""
+    """Shuffled frames, one suspect, cameras that should show nobody, too few trusted cameras."""
     boxes = world.detections
     order = np.random.default_rng(0).permutation(FRAMES)
     elsewhere = np.isin(boxes.camera, [1, 2])
@@ -66,3 +67,8 @@ def test_a_check_says_whose_boxes_were_swapped(world):
     assert result.cameras[0].since is None
     straight = check(world.true_scene, world.detections)
     assert all(one.swapped_with is None for one in straight.cameras)
+
+
+def test_names_of_other_cameras_are_refused_before_any_work(world):
+    with pytest.raises(InvalidInputError, match="camera_names has 2 names, but there are 6"):
+        check(world.true_scene, world.detections, camera_names=["a", "b"])
