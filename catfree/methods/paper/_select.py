@@ -222,8 +222,9 @@ def _frame_grids(
     rows = rows[np.argsort(frame_index[rows], kind="stable")]
     frames, start, count = np.unique(frame_index[rows], return_index=True, return_counts=True)
     places = coarse_length(int(count.max()), PLACES_BLOCK, factor=2)
-    # A single frame needs no others beside it.
-    block = min(FRAME_BLOCK, max(1, PAIRS_BLOCK // places**2)) if len(frames) > 1 else 1
+    # Sequences compile the same functions, however few of their frames hold chosen hypotheses.
+    is_sequence = frame_index.min() < frame_index.max()
+    block = min(FRAME_BLOCK, max(1, PAIRS_BLOCK // places**2)) if is_sequence else 1
     lines = -(-len(frames) // block) * block
     grid = np.full((lines, places), -1)
     line = np.repeat(np.arange(len(frames)), count)

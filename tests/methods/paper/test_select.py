@@ -261,3 +261,22 @@ def test_positions_without_a_rival_are_kept_without_comparing_pairs(monkeypatch)
     kept = suppress_by_frame(frame, place, rank, candidate, 0.9)
     np.testing.assert_array_equal(kept, candidate)
     assert not suppress_by_frame(frame[:0], place[:0], rank[:0], candidate[:0], 0.9).size
+
+
+def test_the_shapes_of_a_sequence_do_not_depend_on_how_many_frames_hold_rivals(monkeypatch):
+    shapes = []
+    suppress = selection._suppress_frames
+
+    def spy(xy, *rest):
+        shapes.append(xy.shape)
+        return suppress(xy, *rest)
+
+    monkeypatch.setattr(selection, "_suppress_frames", spy)
+    frame = np.repeat(np.arange(4), 2)
+    rank, candidate = np.arange(8.0)[:, None], np.ones(8, bool)
+    for crowded in (1, 2, 4):
+        place = np.column_stack([np.tile([0.0, 9], 4), np.zeros(8)])
+        place[frame < crowded] = 0
+        kept = suppress_by_frame(frame, place, rank, candidate, 0.9)
+        assert kept.sum() == 8 - crowded
+    assert len(set(shapes)) == 1
