@@ -26,7 +26,7 @@ from catfree.methods.evidence.track._identify import (
 )
 from catfree.methods.evidence.track._presence import later_frames
 from catfree.methods.evidence.track._suppress_overlapping import one_per_place
-from catfree.methods.evidence.track._tracking import Trails, smooth, transition
+from catfree.methods.evidence.track._tracking import Trails, smooth, sure_groups, transition
 from catfree.methods.online._advance import motion_learned, usual_steps
 from catfree.methods.online._learn import learn_places, likeness_of
 from catfree.methods.online._tracker_state import Learned, PendingInstant, TrackerState
@@ -74,7 +74,7 @@ def provisional(
         settings: constants and switches.
     """
     node = instant.node
-    probability = expit(instant.forward[:, 0] - instant.forward[:, 1])
+    probability = expit(_present_now(instant, learned, settings))
     spread, sharp = sharp_positions(node.covariance, instant.shift, probability, settings)
     alone = one_per_place(
         np.zeros(len(sharp), np.int64), node.mean, node.covariance, node.group >= 0,
@@ -89,6 +89,16 @@ def provisional(
         float(instant.time), names, node.mean[rows], node.covariance[rows],
         spread[rows], probability[rows], instant.support[rows], instant.place[rows],
     )  # fmt: skip
+
+
+def _present_now(
+    instant: PendingInstant, learned: Learned, settings: EvidenceSettings
+) -> Float[np.ndarray, " n"]:
+    """Log-odds that people are present in the newest instant, (n,): sure groups need not last."""
+    log_odds = instant.forward[:, 0] - instant.forward[:, 1]
+    cameras = int(learned.active.sum())
+    sure = sure_groups(instant.support, instant.evidence, cameras, settings)
+    return np.where(sure, np.maximum(log_odds, instant.evidence), log_odds)
 
 
 def _in_working_area(
@@ -162,7 +172,9 @@ def finalize(
 
     evidence, forward, weight = column("evidence"), column("forward"), column("weight")
     on, off = (forward + later_frames(trails, evidence, settings.change_evidence)).T
-    probability = expit(on - evidence - off)
+    log_odds = on - evidence - off
+    log_odds[by_frame[first[-2] :]] = _present_now(window[-1], learned, settings)
+    probability = expit(log_odds)
     last = np.r_[np.diff(trails.track) != 0, True]
     weight = weight[last][np.cumsum(np.r_[0, last[:-1]])]
     info = Information(*(np.concatenate(part) for part in (

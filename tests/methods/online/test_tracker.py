@@ -361,6 +361,23 @@ def test_without_a_lag_positions_of_now_are_the_final_ones():
 
 
 @pytest.mark.slow
+def test_people_whom_many_see_are_there_at_once_and_final_if_they_stay():
+    """Everyone appears in one instant, and either stays or is never seen again."""
+    tracker = cf.Tracker(SCENE, lag=2.0)
+    feed(tracker, range(10))
+    for stay in (True, False):
+        tracker.reset(keep_learned=True)
+        updates = feed(tracker, [0])
+        updates += feed(tracker, range(1, 9), DETECTIONS if stay else DETECTIONS[:0])
+        true = TRUTH[TRUTH[:, 0] == 0]
+        rows = updates[0].provisional.to_rows()
+        found = cf.evaluation.detection_metrics(true, rows, frames=np.arange(1))
+        assert (found.fn, found.fp) == (0, 0)
+        final = final_rows([*updates, tracker.finish()])
+        assert (final[:, 0] == 0).sum() == (len(true) if stay else 0)
+
+
+@pytest.mark.slow
 def test_the_next_day_begins_with_what_was_learned():
     tracker = cf.Tracker(SCENE, lag=1.0)
     day = [*feed(tracker), tracker.finish()]
