@@ -74,7 +74,11 @@ def provisional(
         settings: constants and switches.
     """
     node = instant.node
-    probability = expit(_present_now(instant, learned, settings))
+    log_odds = instant.forward[:, 0] - instant.forward[:, 1]
+    cameras = int(learned.active.sum())
+    # Those whom enough cameras see are reported before their track has lasted.
+    sure = sure_groups(instant.support, instant.evidence, cameras, settings)
+    probability = expit(np.where(sure, np.maximum(log_odds, instant.evidence), log_odds))
     spread, sharp = sharp_positions(node.covariance, instant.shift, probability, settings)
     alone = one_per_place(
         np.zeros(len(sharp), np.int64), node.mean, node.covariance, node.group >= 0,
@@ -89,16 +93,6 @@ def provisional(
         float(instant.time), names, node.mean[rows], node.covariance[rows],
         spread[rows], probability[rows], instant.support[rows], instant.place[rows],
     )  # fmt: skip
-
-
-def _present_now(
-    instant: PendingInstant, learned: Learned, settings: EvidenceSettings
-) -> Float[np.ndarray, " n"]:
-    """Log-odds that people are present in the newest instant, (n,): sure groups need not last."""
-    log_odds = instant.forward[:, 0] - instant.forward[:, 1]
-    cameras = int(learned.active.sum())
-    sure = sure_groups(instant.support, instant.evidence, cameras, settings)
-    return np.where(sure, np.maximum(log_odds, instant.evidence), log_odds)
 
 
 def _in_working_area(
@@ -172,9 +166,7 @@ def finalize(
 
     evidence, forward, weight = column("evidence"), column("forward"), column("weight")
     on, off = (forward + later_frames(trails, evidence, settings.change_evidence)).T
-    log_odds = on - evidence - off
-    log_odds[by_frame[first[-2] :]] = _present_now(window[-1], learned, settings)
-    probability = expit(log_odds)
+    probability = expit(on - evidence - off)
     last = np.r_[np.diff(trails.track) != 0, True]
     weight = weight[last][np.cumsum(np.r_[0, last[:-1]])]
     info = Information(*(np.concatenate(part) for part in (
