@@ -263,6 +263,9 @@ def test_heat_map_shows_what_many_people_did(results, tmp_path, capsys):
     assert "0 cells. No cell was visited by 1000 people" in said
     assert "--k" in said
     assert cli.main(["heat-map", str(results), "--k", "0"]) == 1
+    assert cli.main([*words[:-1], str(tmp_path / "other.png")]) == 1  # would replace the table
+    assert "other.csv" in capsys.readouterr().err
+    assert not (tmp_path / "other.png").exists()
 
 
 @pytest.mark.slow
