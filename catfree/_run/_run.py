@@ -358,6 +358,7 @@ def run_boxes(
                 f"The scene has {scene.rig.camera_count} cameras, but there are boxes of "
                 f"{len(boxes.camera_names)}. Leave out the boxes of the other cameras."
             )
+        _require_same_sizes(scene, boxes.image_size, boxes.camera_names)
         if scene is given and scene_names is not None and is_numbered(boxes.camera_names):
             boxes = replace(boxes, camera_names=tuple(scene_names))
     else:
@@ -395,11 +396,18 @@ def _require_same_cameras(scene: Scene, videos: SynchronizedVideos) -> None:
             f"The scene has {rig.camera_count} cameras, but there are {videos.camera_count} "
             "videos. Pass one video per camera, in the order of the rig."
         )
-    differs = (rig.image_size != videos.image_size).any(axis=1)
+    _require_same_sizes(scene, videos.image_size, videos.camera_names)
+
+
+def _require_same_sizes(scene: Scene, size: np.ndarray | None, names: Sequence[str]) -> None:
+    """Raise at the first camera whose images have another size than in the scene."""
+    if size is None:
+        return
+    known = np.asarray(scene.rig.image_size)[: len(size)]
+    differs = (known != size).any(axis=1)
     if differs.any():
         at = int(np.argmax(differs))
         raise InvalidInputError(
-            f"Camera {at} of the scene has images of {' x '.join(map(str, rig.image_size[at]))} "
-            f"px, but its video {quoted(videos.camera_names[at])} has "
-            f"{' x '.join(map(str, videos.image_size[at]))} px."
+            f"Camera {quoted(names[at])} has images of {' x '.join(map(str, size[at]))} px, but "
+            f"of {' x '.join(map(str, known[at]))} px in the scene. Scale one like the other."
         )

@@ -230,6 +230,10 @@ def open_boxes(
         boxes = replace(boxes, silent=read_missing_pictures(silent, boxes.camera_names))
     if image_size is None:
         return boxes
+    if boxes.image_size is not None and (boxes.image_size != image_size).any():
+        raise InvalidInputError(
+            "The boxes state images of another size than --image-size. Leave it out."
+        )
     return replace(boxes, image_size=np.tile(image_size, (len(boxes.camera_names), 1)))
 
 

@@ -1,6 +1,7 @@
 """What the words of the command line become: settings, videos, scenes, truth."""
 
 import contextlib
+import json
 from pathlib import Path
 from typing import get_args
 
@@ -103,6 +104,16 @@ def test_boxes_beside_videos_are_boxes(folders):
     with pytest.raises(CatFreeError, match=r"a\.txt") as caught:
         open_boxes((Path("videos"),))
     assert "catfree run" not in str(caught.value)
+
+
+def test_sizes_that_boxes_state_are_not_replaced(tmp_path):
+    image = {"id": 1, "file_name": "C1/1.png", "width": 640, "height": 360}
+    box = {"image_id": 1, "category_id": 1, "bbox": [1, 1, 5, 9]}
+    path = tmp_path / "boxes.json"
+    path.write_text(json.dumps({"images": [image], "annotations": [box]}))
+    assert open_boxes((path,), image_size=(640, 360)).image_size.tolist() == [[640, 360]]
+    with pytest.raises(InvalidInputError, match="another size than --image-size"):
+        open_boxes((path,), image_size=(320, 180))
 
 
 def test_what_is_not_given_is_not_opened():

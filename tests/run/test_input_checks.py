@@ -233,6 +233,15 @@ def test_a_scene_comes_from_whatever_has_one(tmp_path):
 
 
 @pytest.mark.slow
+def test_boxes_of_smaller_images_than_those_of_the_scene_are_refused():
+    world = make_world(ring(3, image_size=(640, 360), people=3), frames=12, people=3)
+    names, size = ("north", "east", "south"), np.tile([640, 360], (3, 1))
+    small = np.where(np.arange(3)[:, None] == 1, size // 2, size)
+    assert run_boxes(CameraBoxes(world.detections, names, size), world.scene).warnings == ()
+    with pytest.raises(InvalidInputError, match="'east' has images of 320 x 180 px, but of 640 x"):
+        run_boxes(CameraBoxes(world.detections, names, small), world.scene)
+
+
 def test_warnings_of_boxes_name_cameras_as_the_user_does():
     world = make_world(ring(3, image_size=(640, 360), people=3), frames=12, people=3)
     names, seen = ("north", "east", "south"), world.detections
