@@ -67,21 +67,36 @@ def watch(
         )
     assembler = InstantAssembler(len(camera_names), frame_rate, timeout)
     waiting: deque[float] = deque()  # times of instants that are not final
+    number = 0
     for number, line in enumerate(lines, 1):
         if not line.strip():
             continue
         try:
-            for instant in assembler.add(*parse_frame(line, camera_names)):
-                yield from _dropped(instant.dropped, camera_names)
-                yield from _followed(instant, tracker, waiting)
+            instants = assembler.add(*parse_frame(line, camera_names))
         except CatFreeError as error:
             yield {"type": "error", "line": number, "message": str(error)}
+            continue
+        yield from _answers(instants, tracker, camera_names, waiting, number)
         yield from _dropped(assembler.take_dropped(), camera_names)
-    for instant in assembler.finish():
-        yield from _dropped(instant.dropped, camera_names)
-        yield from _followed(instant, tracker, waiting)
+    yield from _answers(assembler.finish(), tracker, camera_names, waiting, number)
     yield from _dropped(assembler.take_dropped(), camera_names)
     yield from records_of(tracker.finish(), waiting)
+
+
+def _answers(
+    instants: Iterable[Instant],
+    tracker: Tracker,
+    names: Sequence[str],
+    waiting: deque[float],
+    line: int,
+) -> Iterator[Record]:
+    """Follow the instants that a line completed; one that cannot be used does not end the rest."""
+    for instant in instants:
+        yield from _dropped(instant.dropped, names)
+        try:
+            yield from _followed(instant, tracker, waiting)
+        except CatFreeError as error:
+            yield {"type": "error", "line": line, "message": str(error)}
 
 
 def _dropped(frames: Iterable[DroppedFrame], names: Sequence[str]) -> Iterator[Record]:

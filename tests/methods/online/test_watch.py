@@ -176,6 +176,22 @@ def test_what_cannot_be_used_is_told_and_the_next_line_is_read():
     assert (dropped["camera"], dropped["reason"]) == ("a", "late")
 
 
+@pytest.mark.slow
+def test_an_instant_that_cannot_be_used_ends_neither_the_stream_nor_the_next_instant():
+    world = make_world("ring4", frames=2, people=2)
+    crowd, empty = [[0, 0, 9, 30]] * 1001, [line(name, 0.6, []) for name in "abcd"]
+
+    def kinds(text, **options):
+        tracker = Tracker(world.true_scene)
+        records = list(watch(text, tracker, "abcd", frame_rate=10, **options))
+        assert [record["line"] for record in records if record["type"] == "error"] == [5]
+        return [record["type"] for record in records]
+
+    assert kinds([*empty, line("a", 0.7, crowd)]) == ["provisional", "error", "final"]
+    together = [line("a", 0.5, crowd), *empty]  # the last line completes two instants
+    assert kinds(together, timeout=5) == ["error", "provisional", "final"]
+
+
 def test_every_camera_of_the_scene_needs_a_name():
     tracker = Tracker(make_world("ring4", frames=2, people=2).true_scene)
     with pytest.raises(InvalidInputError, match="has 4 cameras, but 2 are named"):
