@@ -204,8 +204,9 @@ class Detections(eqx.Module):
             clock: of the frames.
 
         Raises:
-            InvalidInputError: if a column is missing, occurs twice, or has an empty or invalid
-                value, a camera is not among `camera_names`, or the table is lazy.
+            InvalidInputError: if a column is missing, occurs twice, is longer than another, or has
+                an empty or invalid value, a camera is not among `camera_names`, or the table is
+                lazy.
         """
         names = _column_names(table)
 
@@ -217,7 +218,9 @@ class Detections(eqx.Module):
                 )
             if names.count(name) > 1:
                 raise InvalidInputError(f"The table has several columns {quoted(name)}: keep one.")
-            return np.asarray(table[name])
+            values = np.asarray(table[name])
+            require_shape(values, (len(table[names[0]]),), f"The column {quoted(name)}")
+            return values
 
         if len(box) != 4 or form not in ("xyxy", "xywh"):
             raise InvalidInputError(

@@ -231,6 +231,7 @@ def test_tables_that_do_not_fit_are_named():
         (table, {"camera": 0, "score": "sure"}, "no column 'sure'"),
         (table, {"camera": 0, "box": ("x1", "y1")}, "A box is four columns"),
         (table | {"x2": [None]}, {"camera": 0}, "not finite"),
+        (table | {"x2": [1, 2]}, {"camera": 0}, r"column 'x2' must have shape \(1\), got \(2,\)"),
         (3, {}, "Expected a table of pandas, polars or Arrow, got int"),
     ]:
         with pytest.raises(InvalidInputError, match=sentence):

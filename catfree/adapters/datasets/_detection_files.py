@@ -337,8 +337,12 @@ def _part_of_table(table: dict[str, Any], path: Path) -> _Part:
         cameras = np.asarray(table[plain[camera]])
         if cameras.dtype.kind in "OUST":
             words = [str(word).strip() for word in cameras.tolist()]
-            if words and all(word.isdecimal() for word in words):
-                cameras = _numbers(words, plain[camera], path)
+            if "" in words:
+                raise FileFormatError(
+                    f"{path}: column {quoted(plain[camera])} is empty in some rows. Fill them."
+                )
+            if words and all(_is_number(word) and float(word).is_integer() for word in words):
+                cameras = _numbers(words, plain[camera], path)  # as "2.0" beside missing values
             else:
                 names = tuple(sorted(set(words), key=natural_order))
                 cameras = np.array(words)

@@ -202,6 +202,16 @@ def test_a_table_of_named_cameras_keeps_its_embeddings(boxes, tmp_path):
         cf.read_detections(tmp_path / "table.parquet")
 
 
+def test_numbers_of_cameras_may_be_written_as_floats(boxes, tmp_path):
+    columns = columns_of(boxes) | {"camera": boxes.camera.astype(float)}
+    read, names = cf.read_detections(write_csv(tmp_path / "boxes.csv", columns))
+    assert names == ("C1", "C2", "C3")
+    np.testing.assert_array_equal(rows_of(read), rows_of(boxes))
+    columns["camera"] = np.array([1.5, 2.5, 3.5])[boxes.camera]  # names, such as floor and number
+    _, names = cf.read_detections(write_csv(tmp_path / "boxes.csv", columns))
+    assert names == ("1.5", "2.5", "3.5")
+
+
 def test_a_number_of_a_camera_beyond_all_rigs_is_refused(boxes, tmp_path):
     path = tmp_path / "table.csv"
     path.write_text(f"frame,camera,x1,y1,x2,y2\n0,{10**12},1,2,3,9\n")
@@ -327,6 +337,8 @@ def test_no_boxes_at_all_are_no_error(tmp_path):
         ("a.csv", "frame,camera,x1,y1,x2,y2\n1,0,3,4,5,no\n", "'y2' holds a value that is not"),
         ("a.csv", f"frame,camera,x1,y1,x2,y2\n1,{'9' * 20},3,4,5,6\n", r"a\.csv: camera.*63 bits"),
         ("a.csv", "frame,camera,x1,y1,x2,y2\n1,0,5,4,3,6\n", "xyxy, not xywh"),
+        ("a.csv", "frame,camera,x1,y1,x2,y2\n1,-1,3,4,5,6\n", r"a\.csv: camera\[0\] is -1"),
+        ("a.csv", "frame,camera,x1,y1,x2,y2\n1,,3,4,5,6\n", "'camera' is empty in some rows"),
         ("a.json", "[3]", "a.json"),
         ("a.json", '[{"bbox": [1, 2, 3, 4]}]', "box 0 has no 'image_id'"),
         ("a.json", '{"cameras": []}', "has no 'units'"),
