@@ -10,11 +10,12 @@ from catfree.types._validation import as_boolean, as_float, is_traced, require_s
 
 
 def as_floating(values: jax.typing.ArrayLike) -> Float[Array, "..."]:
-    """Convert to a JAX array of the input's float type, or the default float for integers."""
-    array = jnp.asarray(values)
-    if jnp.issubdtype(array.dtype, jnp.floating):
-        return array
-    return array.astype(jnp.result_type(float))
+    """Convert to a JAX array of the input's float type, or the default float for other numbers.
+
+    Raises:
+        InvalidInputError: if these are no real numbers.
+    """
+    return jnp.asarray(as_float(values))
 
 
 def as_sample(values: jax.typing.ArrayLike) -> Float[Array, " n"]:

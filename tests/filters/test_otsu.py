@@ -1,5 +1,6 @@
 """Otsu's threshold against exact rational arithmetic, and the laws it must obey."""
 
+import inspect
 from fractions import Fraction
 
 import jax
@@ -197,6 +198,15 @@ def test_separability_without_anything_to_split(dtype):
 def test_whole_numbers_become_the_default_float():
     assert filters.otsu(np.array([1, 2, 9, 10])) == 5.5
     assert filters.otsu(jnp.array([1, 2, 9, 10])).dtype == jnp.float32
+    large = np.array([1, 2, 10**12, 10**12 + 4])  # beyond 32 bits
+    np.testing.assert_allclose(filters.otsu(large), 5e11)
+
+
+@pytest.mark.parametrize("values", [np.array([1j, 2]), np.array(["1", "2"])])
+def test_only_real_numbers_are_split(values):
+    unchecked = inspect.unwrap(filters.otsu)  # as where no types are checked
+    with pytest.raises(InvalidInputError, match="numbers"):
+        unchecked(values)
 
 
 def test_neighbouring_floats_are_still_separated(dtype):
