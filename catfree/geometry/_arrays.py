@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike
 
 from catfree.errors import InvalidInputError
 from catfree.types._annotations import HostOrDevice
+from catfree.types._rig import UNIT_TOLERANCE
+from catfree.types._validation import is_traced, require_shape
 
 # Standard deviation of a zero-mean normal variable over the median of its absolute value.
 MEDIAN_TO_DEVIATION = 1.4826
@@ -43,6 +45,25 @@ def require_vectors(length: int, **vectors: Any) -> None:
                 f"{name} must have shape ({length},), got {vector.shape}. Use jax.vmap to apply "
                 "the function to several at once."
             )
+
+
+def require_rays(origins: HostOrDevice, directions: HostOrDevice, weights: HostOrDevice) -> None:
+    """Raise unless these are rays of one person: of equal number, the present ones of length 1.
+
+    Lengths are not known while JAX traces.
+    """
+    require_shape(weights, (None,), "weights")
+    for name, vectors in (("origins", origins), ("directions", directions)):
+        require_shape(vectors, (len(weights), 3), name)
+    if is_traced(directions, weights):
+        return
+    length = np.linalg.norm(np.asarray(directions), axis=-1)
+    wrong = (np.asarray(weights) > 0) & ~(np.abs(length - 1) <= UNIT_TOLERANCE)
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        raise InvalidInputError(
+            f"directions[{at}] has length {length[at]:.6g}; divide directions by their lengths."
+        )
 
 
 def safe_norm(vector: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:

@@ -7,7 +7,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Real
 
 from catfree.geometry import _symmetric3 as symmetric3
-from catfree.geometry._arrays import Scalar, epsilon, float_arrays, safe_norm, tiny
+from catfree.geometry._arrays import (
+    Scalar,
+    epsilon,
+    float_arrays,
+    require_rays,
+    safe_norm,
+    tiny,
+)
 from catfree.types._annotations import HostOrDevice
 
 # Below this many epsilons the reciprocal condition of a matrix is rounding noise.
@@ -45,11 +52,15 @@ def information(
         (3, 3) Lambda in 1 / scene units². A ray whose origin is the position carries no
         information and is left out.
 
+    Raises:
+        InvalidInputError: if shapes do not fit, or a present direction is not of length 1.
+
     Source: paper, Eq. sigma.
     """
     position, origins, directions, weights, sigma_theta = float_arrays(
         position, origins, directions, weights, sigma_theta
     )
+    require_rays(origins, directions, weights)
     present = weights > 0  # false for NaN too
     sight = jnp.where(present[:, None], position[None, :] - origins, 0)
     spread = sigma_theta * safe_norm(sight)

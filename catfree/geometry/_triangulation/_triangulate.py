@@ -16,7 +16,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Real
 
 from catfree.geometry import _symmetric3 as symmetric3
-from catfree.geometry._arrays import Scalar, float_arrays
+from catfree.geometry._arrays import Scalar, float_arrays, require_rays
 from catfree.geometry._symmetric3 import Triangle
 from catfree.geometry._triangulation._huber_search import search_minimizer
 from catfree.geometry._triangulation._ray_distances import (
@@ -77,9 +77,13 @@ def triangulate(
         nearest to the weighted mean of the camera centers, so one ray gives its own origin.
         Without any present ray the position is the zero vector.
 
+    Raises:
+        InvalidInputError: if shapes do not fit, or a present direction is not of length 1.
+
     Source: paper, Sec. "Robust 3D position estimation"; Huber (1964) for the loss.
     """
     arrays = float_arrays(origins, directions, weights, huber_scale, outlier_factor)
+    require_rays(*arrays[:3])
     return _triangulate(*arrays, jnp.asarray(refit))
 
 
@@ -127,9 +131,14 @@ def triangulate_least_squares(
     Returns:
         (3,) position in scene units; degenerate rays are treated as in `triangulate`.
 
+    Raises:
+        InvalidInputError: if shapes do not fit, or a present direction is not of length 1.
+
     Source: paper, Sec. "Robust 3D position estimation", with rho the square.
     """
-    return _triangulate_least_squares(*float_arrays(origins, directions, weights))
+    arrays = float_arrays(origins, directions, weights)
+    require_rays(*arrays)
+    return _triangulate_least_squares(*arrays)
 
 
 @jax.jit

@@ -1,5 +1,7 @@
 """Triangulation: laws on drawn rays, SciPy as the judge of the minimum, degenerate input."""
 
+import inspect
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +13,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from catfree import geometry
+from catfree.errors import InvalidInputError
 from catfree.geometry import Similarity
 
 pytestmark = pytest.mark.slow
@@ -349,6 +352,34 @@ def test_two_far_rays_settle_at_the_balance_of_their_weights(x64):
         np.testing.assert_allclose(found.position, [0, 0, DELTA * weights[1]], atol=1e-7)
     middle = triangulate(origins, directions, np.ones(2), DELTA).position
     np.testing.assert_allclose(middle, [0, 0, 0.5], atol=1e-9)
+
+
+def test_what_are_no_rays_of_one_person_is_refused():
+    origins = np.array([[-10.0, 0, 0], [0, -10, 1], [0, 0, 9]])
+    rays = origins, np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, -1]]), np.ones(3)
+    long = rays[1] * [[1], [3], [1]]
+    absent = np.array([1.0, 0, 1])
+    robust, squares, information = map(  # as where no types are checked
+        inspect.unwrap,
+        (geometry.triangulate, geometry.triangulate_least_squares, geometry.information),
+    )
+    for function in (
+        lambda *case: robust(*case, DELTA).position,
+        squares,
+        lambda *case: information(np.ones(3), *case, 0.1),
+    ):
+        np.testing.assert_array_equal(
+            function(origins, long, absent), function(*rays[:2], absent)
+        )  # an absent ray may be anything
+        for case, named in [
+            ((origins, long, rays[2]), r"directions\[1\] has length 3"),
+            ((origins, rays[1] * [[np.nan], [1], [1]], rays[2]), r"directions\[0\] has length nan"),
+            ((*rays[:2], np.ones((3, 1))), "weights must have shape"),
+            ((*rays[:2], np.ones(1)), r"origins must have shape \(1, 3\)"),
+            ((origins, rays[1][:2], rays[2]), r"directions must have shape \(3, 3\)"),
+        ]:
+            with pytest.raises(InvalidInputError, match=named):
+                function(*case)
 
 
 def test_an_infinite_huber_scale_is_least_squares(x64):
