@@ -18,7 +18,7 @@ from catfree.adapters.tables._parquet import read_parquet, write_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock, Origin, Plane, Tracks
 from catfree.types._clock import ABSOLUTE
-from catfree.types._validation import as_path
+from catfree.types._validation import as_path, require_instance
 from catfree.types.results import require_sound_tracks, symmetric
 
 _COLUMNS = (
@@ -68,6 +68,7 @@ def write_tracks_csv(path: StrPath, tracks: Tracks) -> Path:
     Raises:
         InvalidInputError: if the folder does not exist.
     """
+    require_instance(tracks, Tracks, "tracks")
     columns = _columns(tracks)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -163,6 +164,7 @@ def write_tracks_parquet(
         InvalidInputError: if the folder does not exist, or there are more than 64 cameras.
         WriteError: if the disk is full or not writable.
     """
+    require_instance(tracks, Tracks, "tracks")
     return write_parquet(path, tracks.to_arrow(camera_names))
 
 
@@ -174,8 +176,8 @@ def read_tracks_parquet(path: StrPath, ground: Plane | None = None) -> Tracks:
         ground: the ground plane of the scene, which gives `position`; NaN if None.
 
     Returns:
-        The tracks, number for number, without what the table does not hold; see
-        `Tracks.from_arrow`.
+        The tracks, number for number (velocities to within rounding), without what the table does
+        not hold; see `Tracks.from_arrow`.
 
     Raises:
         MissingDependencyError: if pyarrow is not installed.

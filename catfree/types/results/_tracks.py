@@ -149,11 +149,14 @@ class Tracks(eqx.Module):
             InvalidInputError: naming the first column whose shape does not fit the others, or the
                 first entry of `support` below -1.
         """
-        self.frame, self.track_id, self.origin = frame, track_id, origin
-        self.position, self.ground_xy = position, ground_xy
-        self.sigma, self.covariance = sigma, covariance
-        self.supporting_cameras, self.existence = supporting_cameras, existence
-        m = len(frame)
+        whole = frame, track_id, origin, supporting_cameras
+        self.frame, self.track_id, self.origin, self.supporting_cameras = map(np.asarray, whole)
+        self.position, self.ground_xy, self.sigma, self.covariance = (
+            np.asarray(as_float(values)) for values in (position, ground_xy, sigma, covariance)
+        )
+        self.existence = None if existence is None else np.asarray(as_float(existence))
+        require_shape(self.frame, (None,), "frame")
+        m = len(self.frame)
         blank = np.zeros((m, 0), np.int64)
         self.support = blank if support is None else as_integer(support, "support")
         unknown = np.full((m, 2, 2), np.nan)
@@ -163,7 +166,8 @@ class Tracks(eqx.Module):
         )
         self.cameras = None if cameras is None else np.asarray(cameras)
         self.clock = require_clock(clock)
-        self.design_sigma, self.whole_views = design_sigma, whole_views
+        self.design_sigma = None if design_sigma is None else np.asarray(as_float(design_sigma))
+        self.whole_views = None if whole_views is None else np.asarray(whole_views)
         self._check(m)
 
     def _check(self, m: int) -> None:
@@ -225,8 +229,13 @@ class Tracks(eqx.Module):
         return Tracks(**columns)[np.lexsort((track_id, self.frame))]
 
     def to_rows(self, xy: Any = None) -> Float[np.ndarray, "m 4"]:
-        """Return (M, 4) rows [frame, id, x, y] for `cf.evaluation`, of `ground_xy` or `xy`."""
-        points = self.ground_xy if xy is None else np.asarray(xy)
+        """Return (M, 4) rows [frame, id, x, y] for `cf.evaluation`, of `ground_xy` or `xy`.
+
+        Raises:
+            InvalidInputError: if `xy` is not (M, 2).
+        """
+        points = self.ground_xy if xy is None else as_float(xy)
+        require_shape(points, (len(self), 2), "xy")
         return np.column_stack([self.frame, self.track_id, points]).astype(np.float64)
 
     def to_arrow(self, camera_names: Sequence[str] | None = None) -> "pyarrow.Table":
@@ -250,7 +259,7 @@ class Tracks(eqx.Module):
 
     @classmethod
     def from_arrow(cls, table: "pyarrow.Table", ground: Plane | None = None) -> "Tracks":
-        """Read what `to_arrow` made, number for number.
+        """Read what `to_arrow` made, number for number, velocities to within rounding.
 
         Not in the table: `support` (it is (M, 0), and `cameras` holds the bit sets),
         `velocity_covariance` (NaN) and `position`. `supporting_cameras` counts the bits of

@@ -107,6 +107,17 @@ def test_columns_that_do_not_fit_are_named(change, message):
         Tracks(**(vars(tracks(5)) | change))
 
 
+def test_lists_are_columns_too():
+    some = tracks(5, existence=True)
+    lists = {name: value.tolist() for name, value in vars(some).items() if value is not None}
+    for name, value in vars(Tracks(**lists)).items():
+        np.testing.assert_array_equal(value, getattr(some, name))
+    with pytest.raises(InvalidInputError, match=r"sigma must have shape \(5\), got \(2,\)"):
+        Tracks(**lists | {"sigma": [1, 2]})
+    with pytest.raises(InvalidInputError, match=r"frame must have shape \(n\)"):
+        Tracks(**lists | {"frame": 3})
+
+
 def test_support_beyond_the_detections_is_named():
     nothing = empty_localization(4)
     rest = (nothing.candidates, nothing.thresholds, nothing.reliability)
@@ -162,6 +173,9 @@ def test_rows_for_the_evaluation():
     np.testing.assert_array_equal(some.to_rows()[:, 2:], some.ground_xy)
     other = np.ones((4, 2))
     np.testing.assert_array_equal(some.to_rows(other)[:, 2:], other)
+    for wrong in (some.position, other[:3]):
+        with pytest.raises(InvalidInputError, match=r"xy must have shape \(4, 2\)"):
+            some.to_rows(wrong)
 
 
 def test_every_fate_is_counted():

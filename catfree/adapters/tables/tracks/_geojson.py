@@ -10,6 +10,7 @@ from catfree.adapters.files._documents import StrPath, write_text_atomically
 from catfree.adapters.tables.tracks._tracked_rows import tracked
 from catfree.errors import InvalidInputError
 from catfree.types import GeoReference, Scene, Tracks
+from catfree.types._validation import require_instance
 
 
 def write_geojson(path: StrPath, tracks: Tracks, reference: GeoReference | Scene) -> Path:
@@ -38,6 +39,7 @@ def write_geojson(path: StrPath, tracks: Tracks, reference: GeoReference | Scene
                 "latitude, or pass a GeoReference."
             )
         reference = reference.georeference
+    require_instance(reference, GeoReference, "reference")
     kept = tracked(tracks, path)
     longitude_latitude = reference.to_longitude_latitude(kept.ground_xy)
     time, scale = kept.time, reference.meters_per_unit

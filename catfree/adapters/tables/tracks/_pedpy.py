@@ -31,6 +31,7 @@ def write_pedpy(path: StrPath, tracks: Tracks, frame_rate: float | int | None = 
             the folder does not exist.
         WriteError: if the disk is full or not writable.
     """
+    kept = tracked(tracks, path)
     if frame_rate is not None:
         rate = as_positive(frame_rate, "frame_rate")
     elif tracks.clock is not None:
@@ -40,7 +41,6 @@ def write_pedpy(path: StrPath, tracks: Tracks, frame_rate: float | int | None = 
             f"Cannot write {path}: the tracks have no clock, so their frame rate is not known. "
             "Pass frame_rate=."
         )
-    kept = tracked(tracks, path)
     frame, step = numbered_frames(kept.frame)
     lines = [
         f"# framerate: {rate / step!r} fps",

@@ -6,14 +6,16 @@ from jaxtyping import Int
 from catfree.adapters.files._documents import StrPath
 from catfree.errors import InvalidInputError
 from catfree.types import Tracks
+from catfree.types._validation import require_instance
 
 
 def tracked(tracks: Tracks, target: StrPath) -> Tracks:
     """Return the positions that belong to a track, for formats in which each has an identity.
 
     Raises:
-        InvalidInputError: naming the first position that is not finite.
+        InvalidInputError: naming the first position that is not finite, or if these are no tracks.
     """
+    require_instance(tracks, Tracks, "tracks")
     kept = tracks[tracks.track_id >= 0]
     bad = ~np.isfinite(np.asarray(kept.ground_xy)).all(axis=-1)
     if bad.any():

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import inspect
 import io
 import json
 
@@ -19,8 +20,12 @@ from catfree.adapters import (
     write_geojson,
     write_pedpy,
     write_trackeval,
+    write_tracks_csv,
+    write_tracks_parquet,
 )
+from catfree.adapters.tables.tracks._tracked_rows import tracked
 from catfree.errors import FileFormatError, InvalidInputError, MissingDependencyError
+from catfree.methods.paper._assemble import empty_localization
 from catfree.synthetic import make_layout
 
 
@@ -48,6 +53,15 @@ def walking(people=3, frames=8, step=5, clock: Clock | None = None) -> Tracks:
 def rows_of(tracks: Tracks) -> np.ndarray:
     rows = tracks.to_rows()[tracks.track_id >= 0]
     return rows[np.lexsort((rows[:, 1], rows[:, 0]))]
+
+
+@pytest.mark.parametrize("write", [write_tracks_csv, write_tracks_parquet, tracked])
+def test_a_result_is_told_to_pass_its_tracks(write, tmp_path):
+    unchecked, result = inspect.unwrap(write), empty_localization(2)  # as without checked types
+    arguments = (result, "a table") if write is tracked else (tmp_path / "tracks", result)
+    with pytest.raises(InvalidInputError, match=r"got Localization. Pass its \.tracks"):
+        unchecked(*arguments)
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.slow
