@@ -57,7 +57,7 @@ def write_trackeval(
     write_mot_ground(truth_folder / "gt.txt", ground_truth, frames, threshold=float(threshold))
     write_mot_ground(tracker_folder / f"{sequence}.txt", tracks, frames, threshold=float(threshold))
     count = len(np.unique(as_integer(frames, "frames")))
-    info = configparser.ConfigParser()
+    info = configparser.ConfigParser(interpolation=None)
     info.optionxform = str  # type: ignore[assignment,method-assign]
     info["Sequence"] = {"name": sequence, "seqLength": str(count)}
     text = io.StringIO()

@@ -64,6 +64,13 @@ def test_a_result_is_told_to_pass_its_tracks(write, tmp_path):
     assert not any(tmp_path.iterdir())
 
 
+def test_a_sequence_of_trackeval_may_have_any_name(tmp_path):
+    rows = rows_of(walking())
+    write_trackeval(tmp_path, rows, rows, rows[:, 0], sequence="50% [ü]")
+    written = (tmp_path / "gt" / "50% [ü]" / "seqinfo.ini").read_text()
+    assert "name = 50% [ü]" in written
+
+
 @pytest.mark.slow
 def test_pedpy_reads_positions_rate_and_unit(tmp_path):
     pedpy = pytest.importorskip("pedpy", reason="PedPy is not installed")
