@@ -26,6 +26,7 @@ from catfree.types._validation import (
 if TYPE_CHECKING:
     import pandas
 
+MOST_CAMERAS = 10_000
 WIDEST_SPAN = 2**53  # frames; larger differences are not exact floats (104 days in nanoseconds)
 
 
@@ -70,8 +71,8 @@ class Detections(eqx.Module):
 
         Raises:
             InvalidInputError: naming the first entry that has a wrong shape, a value that is not
-                finite, a box without area, a negative camera or a score outside [0, 1]; or if the
-                frames span 2^53 or more.
+                finite, a box without area, a camera below 0 or above 9,999, or a score outside
+                [0, 1]; or if the frames span 2^53 or more.
         """
         self.frame = as_integer(frame, "frame")
         self.camera = as_integer(camera, "camera")
@@ -103,6 +104,12 @@ class Detections(eqx.Module):
         if (self.camera < 0).any():
             at = first_index(self.camera < 0)
             raise InvalidInputError(f"camera[{at}] is {self.camera[int(at)]}; indices start at 0.")
+        if (self.camera >= MOST_CAMERAS).any():
+            at = first_index(self.camera >= MOST_CAMERAS)
+            raise InvalidInputError(
+                f"camera[{at}] is {self.camera[int(at)]}. Number cameras from 0, one after the "
+                f"other, up to {MOST_CAMERAS - 1}, or give their names to a reader."
+            )
         if self.ankles_confirmed is not None:
             require_shape(self.ankles_confirmed, (n,), "ankles_confirmed")
         if self.embedding is not None:

@@ -80,6 +80,7 @@ def test_an_error_names_the_first_bad_entry(count, data):
     [
         ({"box": boxes(3)}, r"box must have shape \(4, 4\), got \(3, 4\)"),
         ({"camera": [0, 1]}, r"camera must have shape \(4\), got \(2,\)"),
+        ({"camera": [0, 1, 21234567, 3]}, r"camera\[2\] is 21234567. Number cameras from 0"),
         ({"frame": np.zeros((4, 1))}, r"frame must have shape \(n\)"),
         ({"frame": [True] * 4}, "frame must hold whole numbers"),
         ({"frame": ["a"] * 4}, "frame must hold whole numbers"),

@@ -38,8 +38,6 @@ from catfree.types import Clock, Detections
 from catfree.types._validation import as_integer, as_path, as_paths
 
 SUFFIXES = (".txt", ".csv", ".parquet", ".json", ".npz")
-MOST_CAMERAS = 10_000  # of files that number them
-
 # The first of these that a table has is its column.
 _FRAME = ("frame", "frame_id", "frame_number", "image_id")
 _CAMERA = ("camera", "camera_id", "cam", "cam_id", "view")
@@ -402,11 +400,6 @@ def _joined(parts: list[_Part], files: list[Path]) -> CameraBoxes:
     names = first.names
     if names is None:
         count = int(detections.camera.max(initial=-1)) + 1
-        if count > MOST_CAMERAS:
-            raise InvalidInputError(
-                f"{files[0]} has a box of camera {count - 1}. Number cameras from 0, one after the "
-                f"other, up to {MOST_CAMERAS - 1}, or give their names."
-            )
         names = tuple(f"C{camera + 1}" for camera in range(count))
     return CameraBoxes(detections, names, first.size)
 

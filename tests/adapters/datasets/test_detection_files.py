@@ -215,7 +215,7 @@ def test_numbers_of_cameras_may_be_written_as_floats(boxes, tmp_path):
 def test_a_number_of_a_camera_beyond_all_rigs_is_refused(boxes, tmp_path):
     path = tmp_path / "table.csv"
     path.write_text(f"frame,camera,x1,y1,x2,y2\n0,{10**12},1,2,3,9\n")
-    with pytest.raises(InvalidInputError, match="a box of camera 1000000000000"):
+    with pytest.raises(InvalidInputError, match=r"table.csv: camera\[0\] is 1000000000000"):
         cf.read_detections(path)
 
 
