@@ -50,7 +50,7 @@ def reconsider(
         without = state.without_camera(camera)
         if without.placed.sum() < 2:
             continue
-        best = best_candidate(work, without, camera, [], calibration.shared_focal)
+        best = best_candidate(work, without, camera, [])
         if best is None:
             continue
         parameters, verdict = best
@@ -102,9 +102,7 @@ def places_for(
             {camera: verdict},
             anew=[camera],
         )
-        for parameters, verdict in accepted_candidates(
-            work, state, camera, [], calibration.shared_focal
-        )
+        for parameters, verdict in accepted_candidates(work, state, camera, [])
     ]
 
 
@@ -208,7 +206,7 @@ def _state(calibration: Calibration, settings: CalibrationSettings) -> RigState:
     placed = np.asarray(rig.registered)
     parameters = np.where(placed[:, None], of_rig(rig), np.nan)
     tolerance = np.full(len(placed), settings.fine_range_tolerance)
-    return RigState(parameters, calibration.foot_offset, tolerance)
+    return RigState(parameters, calibration.foot_offset, tolerance, calibration.shared_focal)
 
 
 def _with_cameras(

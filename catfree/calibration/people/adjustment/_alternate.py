@@ -66,7 +66,6 @@ def alternate(
     state: RigState,
     settings: CalibrationSettings,
     *,
-    shared_focal: bool,
     tolerances: tuple[float, ...],
     most_people: int = 2500,
     iterations: int = 10,
@@ -77,7 +76,6 @@ def alternate(
         grid: all boxes.
         state: the initial rig.
         settings: constants.
-        shared_focal: whether all cameras have one focal length.
         tolerances: range tolerances of the rounds, for all cameras.
         most_people: maximum number of people used.
         iterations: maximum number of steps per adjustment.
@@ -104,7 +102,7 @@ def alternate(
             state.foot_offset,
             weak_prior(data.camera, state.parameters, middle, settings),
             settings,
-            focal_spread=settings.shared_focal_sd if shared_focal else np.inf,
+            focal_spread=settings.shared_focal_sd if state.shared_focal else np.inf,
             iterations=iterations,
         )
         parameters = np.where(np.isfinite(bundle.parameters), bundle.parameters, state.parameters)

@@ -20,11 +20,13 @@ class RigState:
         parameters: (C, 7) cameras; NaN where not placed.
         foot_offset: meters.
         range_tolerance: (C,) fraction of the range by which each camera's map may be wrong.
+        shared_focal: whether all cameras have one focal length.
     """
 
     parameters: Float[np.ndarray, "cam 7"]
     foot_offset: float
     range_tolerance: Float[np.ndarray, " cam"]
+    shared_focal: bool
 
     @property
     def placed(self) -> Bool[np.ndarray, " cam"]:

@@ -32,7 +32,7 @@ HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this
 
 
 def grow_rig(
-    work: Workspace, seed: AdjustedRig, pairs: list[PairHypothesis], *, shared_focal: bool
+    work: Workspace, seed: AdjustedRig, pairs: list[PairHypothesis]
 ) -> tuple[AdjustedRig, dict[int, PlacementVerdict]]:
     """Add cameras to a seed as long as their evidence is sufficient.
 
@@ -40,7 +40,6 @@ def grow_rig(
         work: the sequence.
         seed: two cameras.
         pairs: all pair hypotheses, for candidates relative to placed cameras.
-        shared_focal: whether all cameras have one focal length.
 
     Returns:
         The rig and the last verdict of each placed camera.
@@ -49,7 +48,7 @@ def grow_rig(
     while not rig.state.placed.all():
         candidates = {}
         for camera in np.flatnonzero(~rig.state.placed):
-            best = best_candidate(work, rig.state, int(camera), pairs, shared_focal)
+            best = best_candidate(work, rig.state, int(camera), pairs)
             if best is not None:
                 candidates[int(camera)] = best
         if not candidates:
@@ -59,30 +58,23 @@ def grow_rig(
         for camera, (parameters, verdict) in candidates.items():
             if verdict.margin >= NEXT * leading:
                 state = state.with_camera(camera, parameters, RANGE_ERRORS[1])
-        grown, grown_verdicts = prune_rig(
-            work, _refined(work, state, shared_focal), shared_focal=shared_focal
-        )
+        grown, grown_verdicts = prune_rig(work, _refined(work, state))
         if grown.state.placed.sum() <= rig.state.placed.sum():
             break
         rig, verdicts = grown, grown_verdicts
     return rig, verdicts
 
 
-def _refined(work: Workspace, state: RigState, shared_focal: bool) -> AdjustedRig:
-    return alternate(
-        work.grid, state, work.settings, shared_focal=shared_focal, tolerances=RANGE_ERRORS[1:3]
-    )
+def _refined(work: Workspace, state: RigState) -> AdjustedRig:
+    return alternate(work.grid, state, work.settings, tolerances=RANGE_ERRORS[1:3])
 
 
-def prune_rig(
-    work: Workspace, rig: AdjustedRig, *, shared_focal: bool
-) -> tuple[AdjustedRig, dict[int, PlacementVerdict]]:
+def prune_rig(work: Workspace, rig: AdjustedRig) -> tuple[AdjustedRig, dict[int, PlacementVerdict]]:
     """Remove cameras that the others do not support, worst first.
 
     Args:
         work: the sequence.
         rig: the rig after adjustment.
-        shared_focal: whether all cameras have one focal length.
 
     Returns:
         The rig and the verdict of each remaining camera; at least two remain.
@@ -92,11 +84,11 @@ def prune_rig(
         worst = weakest(verdicts)
         if worst is None:
             return rig, verdicts
-        rig = _refined(work, rig.state.without_camera(worst), shared_focal)
+        rig = _refined(work, rig.state.without_camera(worst))
 
 
 def drop_harmful(
-    work: Workspace, rig: AdjustedRig, verdicts: dict[int, PlacementVerdict], *, shared_focal: bool
+    work: Workspace, rig: AdjustedRig, verdicts: dict[int, PlacementVerdict]
 ) -> tuple[AdjustedRig, dict[int, PlacementVerdict]]:
     """Remove cameras without which the others agree better.
 
@@ -107,7 +99,6 @@ def drop_harmful(
         work: the sequence.
         rig: the rig after adjustment.
         verdicts: of each placed camera.
-        shared_focal: whether all cameras have one focal length.
 
     Returns:
         The rig and the verdict of each remaining camera.
@@ -117,7 +108,7 @@ def drop_harmful(
         usual = float(np.median(list(per_match.values())))
         suspects = [c for c in verdicts if per_match[c] < SUSPICIOUS_SHARE * usual]
         for camera in sorted(suspects, key=lambda c: per_match[c]):
-            less = _refined(work, rig.state.without_camera(camera), shared_focal)
+            less = _refined(work, rig.state.without_camera(camera))
             less_verdicts = judge_cameras(work, less.state)
             total = sum(verdict.margin for verdict in less_verdicts.values())
             if total > HARMFUL_GAIN * sum(v.margin for c, v in verdicts.items() if c != camera):
@@ -133,7 +124,6 @@ def best_candidate(
     state: RigState,
     camera: int,
     pairs: list[PairHypothesis],
-    shared_focal: bool,
 ) -> tuple[Float[np.ndarray, "7"], PlacementVerdict] | None:
     """Find the accepted placement of a camera with the highest margin, refined; None if none.
 
@@ -142,9 +132,8 @@ def best_candidate(
         state: the rig without the camera.
         camera: index of the camera.
         pairs: pair hypotheses, for candidates relative to placed cameras.
-        shared_focal: whether all cameras have one focal length.
     """
-    accepted = accepted_candidates(work, state, camera, pairs, shared_focal)
+    accepted = accepted_candidates(work, state, camera, pairs)
     return max(accepted, key=lambda placement: placement[1].margin, default=None)
 
 
@@ -153,7 +142,6 @@ def accepted_candidates(
     state: RigState,
     camera: int,
     pairs: list[PairHypothesis],
-    shared_focal: bool,
 ) -> list[tuple[Float[np.ndarray, "7"], PlacementVerdict]]:
     """Find the placements of a camera with sufficient evidence, refined.
 
@@ -162,7 +150,6 @@ def accepted_candidates(
         state: the rig without the camera.
         camera: index of the camera.
         pairs: pair hypotheses, for candidates relative to placed cameras.
-        shared_focal: whether all cameras have one focal length.
 
     Returns:
         Parameters (7,) and verdict of each placement.
@@ -173,12 +160,9 @@ def accepted_candidates(
         work,
         state,
         camera,
-        [
-            (work.scoring, start)
-            for start in _candidates(work, state, camera, pairs, middle, shared_focal)
-        ],
+        [(work.scoring, start) for start in _candidates(work, state, camera, pairs, middle)],
         people,
-        log_focal=(middle, SHARED_FOCAL_SD if shared_focal else work.settings.focal_log_sd),
+        log_focal=(middle, SHARED_FOCAL_SD if state.shared_focal else work.settings.focal_log_sd),
         tolerance=RANGE_ERRORS[1],
     )
     return [one for one in judged if one is not None and one[1].accepted]
@@ -233,12 +217,11 @@ def _candidates(
     camera: int,
     pairs: list[PairHypothesis],
     middle: float,
-    shared_focal: bool,
 ) -> list[Float[np.ndarray, "7"]]:
     """Distinct placements of a camera, from votes against the rig's people and from pairs."""
     settings = work.settings
     people = group_people(work.voting, state, settings).ground
-    others = () if shared_focal else (middle - OTHER_FOCAL, middle + OTHER_FOCAL)
+    others = () if state.shared_focal else (middle - OTHER_FOCAL, middle + OTHER_FOCAL)
     votes = []
     for log_focal in (middle, *others):
         for plane in work.planes(camera, log_focal):

@@ -1,7 +1,7 @@
 """Register all cameras: pairs, seeds, growth, focal lengths, and removal of wrong cameras."""
 
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -29,12 +29,10 @@ class RegisteredRig:
     Attributes:
         rig: the adjusted rig.
         verdicts: of each placed camera.
-        shared_focal: whether all cameras have one focal length.
     """
 
     rig: AdjustedRig
     verdicts: dict[int, PlacementVerdict]
-    shared_focal: bool
 
     @property
     def accepted(self) -> int:
@@ -58,7 +56,6 @@ def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
         CalibrationError: if no two cameras share people.
     """
     pairs, seeds = _search_seeds(work, report)
-    shared = _focal_seems_shared(work, seeds)
     if not seeds:
         raise CalibrationError(
             "No two cameras see the same people: of "
@@ -67,15 +64,13 @@ def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
             "that their views overlap, that several people walk through the overlap, and that each "
             "has one box per camera (non-maximum suppression)."
         )
-    grown = _grow_seeds(work, seeds, pairs, report, shared_focal=shared)
-    rig, shared = _choose_focal(work, grown)
-    rig, verdicts = prune_rig(work, rig, shared_focal=shared)
+    grown = _grow_seeds(work, seeds, pairs, report)
+    rig, verdicts = prune_rig(work, _choose_focal(work, grown))
     cameras = rig.state.placed.sum()
-    rig, verdicts = drop_harmful(work, rig, verdicts, shared_focal=shared)
+    rig, verdicts = drop_harmful(work, rig, verdicts)
     if rig.state.placed.sum() != cameras:
-        rig, shared = _choose_focal(work, rig)
-        rig, verdicts = prune_rig(work, rig, shared_focal=shared)
-    return RegisteredRig(rig, verdicts, shared)
+        rig, verdicts = prune_rig(work, _choose_focal(work, rig))
+    return RegisteredRig(rig, verdicts)
 
 
 Seed = tuple[PlacementVerdict, AdjustedRig, tuple[int, int]]
@@ -142,15 +137,14 @@ def _grow_seeds(
     seeds: list[Seed],
     pairs: list[PairHypothesis],
     report: Progress,
-    *,
-    shared_focal: bool,
 ) -> AdjustedRig:
     """Grow seeds until one places every camera; return the rig with most cameras and evidence."""
-    useful = work.useful.sum()
+    useful, shared_focal = work.useful.sum(), _focal_seems_shared(work, seeds)
     grown: list[tuple[tuple[int, float], AdjustedRig]] = []
     for done, (_, seed, _) in enumerate(seeds):
         report("growth", done, len(seeds))
-        rig, verdicts = grow_rig(work, seed, pairs, shared_focal=shared_focal)
+        state = replace(seed.state, shared_focal=shared_focal)
+        rig, verdicts = grow_rig(work, replace(seed, state=state), pairs)
         quality = int(rig.state.placed.sum()), sum(v.margin for v in verdicts.values())
         grown.append((quality, rig))
         if quality[0] >= useful:
@@ -159,19 +153,18 @@ def _grow_seeds(
     return max(grown, key=lambda item: item[0])[1]
 
 
-def _choose_focal(work: Workspace, rig: AdjustedRig) -> tuple[AdjustedRig, bool]:
+def _choose_focal(work: Workspace, rig: AdjustedRig) -> AdjustedRig:
     """Adjust with shared and with separate focal lengths and choose between them."""
     shared, separate = (
         alternate(
             work.grid,
-            rig.state,
+            replace(rig.state, shared_focal=is_shared),
             work.settings,
-            shared_focal=is_shared,
             tolerances=RANGE_ERRORS[2:],
             most_people=FINAL_PEOPLE,
             iterations=FINAL_ITERATIONS,
         )
         for is_shared in (True, False)
     )
-    is_shared = not saves(shared.bundle, separate.bundle, work.settings.free_focal_gain)
-    return (shared if is_shared else separate), is_shared
+    pays = saves(shared.bundle, separate.bundle, work.settings.free_focal_gain)
+    return separate if pays else shared

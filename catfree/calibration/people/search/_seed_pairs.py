@@ -121,7 +121,6 @@ def seed_rig(work: Workspace, pair: PairHypothesis) -> AdjustedRig:
     count = work.grid.camera_count
     parameters = np.full((count, 7), np.nan)
     parameters[list(pair.cameras)] = pair.parameters
-    state = RigState(parameters, work.settings.foot_offset, np.full(count, RANGE_ERRORS[0]))
-    return alternate(
-        work.grid, state, work.settings, shared_focal=False, tolerances=RANGE_ERRORS[:3]
-    )
+    tolerance = np.full(count, RANGE_ERRORS[0])
+    state = RigState(parameters, work.settings.foot_offset, tolerance, shared_focal=False)
+    return alternate(work.grid, state, work.settings, tolerances=RANGE_ERRORS[:3])
