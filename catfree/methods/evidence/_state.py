@@ -98,7 +98,7 @@ def first_state(
         groups=Groups(rows, np.zeros((0, cameras), np.int64), nothing, numbers),
         place=np.zeros((0, 3)),
         rate=rate_before_counting(heights, settings),
-        existence=Existence(numbers, np.zeros((0, cameras)), np.ones(len(boxes.frame))),
+        existence=Existence(numbers, np.zeros((0, cameras))),
         motion=usual_motion(settings),
         looks=None,
         trails=_nobody(),
@@ -127,7 +127,7 @@ def with_groups(state: EvidenceState, groups: Groups) -> EvidenceState:
         with_tracks(state, _nobody(), np.zeros(0), np.zeros(0)),
         groups=groups,
         place=place,
-        existence=Existence(unknown[:, 0], unknown, state.existence.clutter),
+        existence=Existence(unknown[:, 0], unknown),
         looks=None,
     )
 

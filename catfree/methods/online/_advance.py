@@ -109,7 +109,7 @@ def advance(
     pictured = pictured * arrived[groups.frame]
     agreement = appearance_log_odds(groups, ratios)
     base = log_odds_without_clutter(groups.gain + agreement, groups.member, pictured, settings)
-    g, _, cell = cells_of_boxes(groups.member, measured, views)
+    g, cell = cells_of_boxes(groups.member, measured, views)
     clutter = np.ones(len(g))
     if settings.local_clutter:
         clutter = clutter_at(cell, learned.clutter, settings)

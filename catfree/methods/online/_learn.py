@@ -144,7 +144,7 @@ def learn_noise_and_unit(
         rate = rate_of_counts(heights, trials, hits, settings)
         agreement = appearance_log_odds(groups, ratios)
         judged = judge_groups(groups, agreement, measured, boxes, views, rate(predicted), settings)
-        g, _, cell = cells_of_boxes(groups.member, measured, views)
+        g, cell = cells_of_boxes(groups.member, measured, views)
         clutter = count_clutter(cell, expit(judged.log_odds)[g], scene.rig.camera_count)
     old_unit = float(learned.unit)
     length = 1.0 if np.isnan(old_unit) else old_unit / unit

@@ -27,12 +27,10 @@ class Existence:
     Attributes:
         log_odds: (H,) log-odds that a person is present.
         rate: (H, C) detection probability, 0 for cameras without a frame.
-        clutter: (N,) ratio of clutter to people at each box.
     """
 
     log_odds: Float[np.ndarray, " group"]
     rate: Float[np.ndarray, "group cam"]
-    clutter: Float[np.ndarray, " box"]
 
 
 def predict_views(
@@ -78,11 +76,11 @@ def misses(rate: np.ndarray, member: np.ndarray) -> np.ndarray:
 
 def cells_of_boxes(
     member: Int[np.ndarray, "group cam"], measurements: Measurements, views: GroundViews
-) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Group, row, and cell in its camera's clutter map, of each of the n boxes of groups."""
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Group, and cell in its camera's clutter map, of each of the n boxes of groups."""
     group, camera = np.nonzero(member >= 0)
-    box = member[group, camera]
-    return group, box, clutter_cells(np.asarray(measurements.state)[box], camera, views)
+    state = np.asarray(measurements.state)[member[group, camera]]
+    return group, clutter_cells(state, camera, views)
 
 
 def clutter_cells(state: np.ndarray, camera: np.ndarray, views: GroundViews) -> np.ndarray:
@@ -117,21 +115,16 @@ def judge_groups(
         settings: constants.
     """
     member = groups.member
-    C = member.shape[1]
     pictured = delivered(probability, member, groups.frame, boxes, settings)
     probability = probability * pictured[groups.frame]
+    # Before learning, a box is as likely false as true.
     base = log_odds_without_clutter(groups.gain + agreement, member, probability, settings)
-    g, box, cell = cells_of_boxes(member, measurements, views)
-    clutter = np.ones(len(g))  # before learning, a box is as likely false as true
     log_odds = base
-    for round_ in range(CLUTTER_ROUNDS + 1):
-        log_odds = base - np.bincount(g, np.log(clutter), len(member))
-        if round_ == CLUTTER_ROUNDS or not settings.local_clutter:
-            break
-        clutter = clutter_at(cell, count_clutter(cell, expit(log_odds)[g], C), settings)
-    per_box = np.ones(len(boxes.frame))
-    per_box[box] = clutter
-    return Existence(log_odds, probability, per_box)
+    g, cell = cells_of_boxes(member, measurements, views)
+    for _ in range(CLUTTER_ROUNDS * settings.local_clutter):
+        counts = count_clutter(cell, expit(log_odds)[g], member.shape[1])
+        log_odds = base - np.bincount(g, np.log(clutter_at(cell, counts, settings)), len(member))
+    return Existence(log_odds, probability)
 
 
 def log_odds_without_clutter(
