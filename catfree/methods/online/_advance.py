@@ -14,7 +14,11 @@ from catfree.methods.evidence.learn._self_calibration import foot_cover
 from catfree.methods.evidence.observe._boxes import LONGEST_PAUSE, prepare_boxes
 from catfree.methods.evidence.observe._measurement import measure_boxes
 from catfree.methods.evidence.observe._views import ground_views
-from catfree.methods.evidence.observe._visibility import count_detections, rate_of_counts
+from catfree.methods.evidence.observe._visibility import (
+    count_detections,
+    expected_views,
+    rate_of_counts,
+)
 from catfree.methods.evidence.report._uneven_ground import ground_shift
 from catfree.methods.evidence.report._working_area import design_sigma, whole_views
 from catfree.methods.evidence.track._existence import (
@@ -24,7 +28,6 @@ from catfree.methods.evidence.track._existence import (
     delivered,
     log_odds_without_clutter,
     misses,
-    predict_views,
     with_pictures,
 )
 from catfree.methods.evidence.track._presence import step_forward
@@ -101,11 +104,11 @@ def advance(
     priors = _priors(state, predict(state.heads, motion, step), settings)
     groups = group(boxes, measured, noise, settings.gate, priors, ratios)
     place, _ = mean_and_covariance(groups.info, spread)
-    predicted = predict_views(place, groups.frame, groups.member, boxes, views, settings)
+    predicted = expected_views(place, groups.frame, boxes, views, settings, groups.member)
     predicted = with_pictures(predicted, groups.frame, boxes)
     rate = rate_of_counts(learned.heights, learned.trials, learned.hits, settings)
     pictured = rate(predicted)
-    arrived = delivered(pictured, groups.member, groups.frame, boxes, settings)
+    arrived = delivered(pictured, groups, boxes, settings)
     pictured = pictured * arrived[groups.frame]
     agreement = appearance_log_odds(groups, ratios)
     base = log_odds_without_clutter(groups.gain + agreement, groups.member, pictured, settings)
@@ -122,15 +125,15 @@ def advance(
     node, heads = linker.link(state.heads, info, alone, rows, step)
     hit = node.group >= 0
     hit_groups = node.group[hit]
-    member = np.full((len(hit), len(learned.active)), -1)
     instant = np.zeros(len(hit), np.int64)
-    around = predict_views(node.mean[:, :3], instant, member, boxes, views, settings)
-    evidence = misses(rate(with_pictures(around, instant, boxes)), member)
+    around = expected_views(node.mean[:, :3], instant, boxes, views, settings)
+    evidence = misses(rate(with_pictures(around, instant, boxes)))
     evidence[hit] = log_odds[hit_groups]
     evidence = np.clip(evidence, -settings.evidence_limit, settings.evidence_limit)
     forward, weight = _carry(state, node.track, evidence, settings)
     trails = Trails(node.track, instant, node.group, node.mean, node.covariance)
     shift = ground_shift(trails, groups, measured, boxes.view, views, noise, settings)
+    member = np.full((len(hit), len(learned.active)), -1)
     member[hit] = groups.member[hit_groups]
     matrix, vector = np.zeros((len(hit), 3, 3)), np.zeros((len(hit), 3))
     matrix[hit], vector[hit] = groups.info.matrix[hit_groups], groups.info.vector[hit_groups]

@@ -27,6 +27,7 @@ from catfree.methods.evidence.observe._measurement import measure_boxes
 from catfree.methods.evidence.observe._views import ground_views
 from catfree.methods.evidence.observe._visibility import (
     count_detections,
+    expected_views,
     rate_of_counts,
     usual_heights,
 )
@@ -35,7 +36,6 @@ from catfree.methods.evidence.track._existence import (
     cells_of_boxes,
     count_clutter,
     judge_groups,
-    predict_views,
     with_pictures,
 )
 from catfree.methods.online._tracker_state import Learned, TrackerState, rescaled
@@ -138,7 +138,7 @@ def learn_noise_and_unit(
     if state.count <= SETTLED:
         # Count all instants so far again: they were seen with less settled noise.
         place, _ = mean_and_covariance(groups.info, float(noise.spread))
-        predicted = predict_views(place, groups.frame, groups.member, boxes, views, settings)
+        predicted = expected_views(place, groups.frame, boxes, views, settings, groups.member)
         predicted = with_pictures(predicted, groups.frame, boxes)
         trials, hits = count_detections(predicted, groups.member, heights, settings)
         rate = rate_of_counts(heights, trials, hits, settings)

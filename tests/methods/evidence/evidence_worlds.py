@@ -4,6 +4,7 @@ import pytest
 
 import catfree as cf
 from catfree.methods.evidence._gaussian import Information
+from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements
 
 HEIGHT = 1.7
@@ -31,6 +32,21 @@ def make_rig(count=5, radius=9.0, height=3.0, focal=900.0, roll=0.0):
 
 def make_scene(rig):
     return cf.Scene(rig, cf.Plane([0.0, 0.0, 1.0], 0.0), 18.0, metric=True)
+
+
+def bare_boxes(frame, camera, table, **known):
+    """Whole boxes in pinhole cameras, of which nothing else is known than what is given."""
+    flags = np.ones((len(frame), 3), bool)
+    none = np.zeros((0, 3, 3))
+    unknown = {
+        "row": np.arange(len(frame)), "frames": np.arange(len(table)), "frame": frame,
+        "camera": camera, "box": np.ones((len(frame), 4)), "edges": np.ones((len(frame), 3)),
+        "size": np.ones(len(frame)), "view": camera, "K": none, "R": none, "cut": ~flags,
+        "ankles": flags[:, 0], "valid": flags[:, 0], "table": table, "embedding": None,
+        "first": np.searchsorted(frame, np.arange(len(table) + 1)),
+        "silent": np.zeros(table.shape[:2], bool),
+    }  # fmt: skip
+    return Boxes(**(unknown | known))
 
 
 def measured(count, deviation):

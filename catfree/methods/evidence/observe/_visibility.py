@@ -5,6 +5,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.geometry._person import ASPECT
+from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._views import GroundViews, people_in_cameras
 from catfree.settings import EvidenceSettings
 
@@ -100,22 +101,21 @@ class Views(eqx.Module):
 def expected_views(
     state: Float[np.ndarray, "person 3"],
     frame: Int[np.ndarray, " person"],
-    member: Int[np.ndarray, "person cam"],
-    box: Float[np.ndarray, "box 4"],
-    table: Int[np.ndarray, "frame cam slot"],
+    boxes: Boxes,
     views: GroundViews,
     settings: EvidenceSettings,
+    member: Int[np.ndarray, "person cam"] | None = None,
 ) -> Views:
-    """Predict the box of every person in every camera.
+    """Predict the box of every person in every camera, among the boxes of others.
 
     Args:
         state: (H, 3) position and height in H0.
         frame: (H,) frame index.
-        member: (H, C) the person's own detection in each camera or -1; it does not hide the person.
-        box: (N, 4) all boxes in pixels.
-        table: (F, C, B) rows of each frame and camera, -1 for none.
+        boxes: all boxes, which may hide the person.
         views: the cameras.
         settings: for the share of the body that must be in view.
+        member: (H, C) the person's own box in each camera, which does not hide the person, or -1;
+            None for people without boxes.
 
     Returns:
         (H, C) arrays.
@@ -135,7 +135,8 @@ def expected_views(
     cover = np.zeros(imaged.shape)
     who, camera = np.nonzero(share)
     region = np.stack([left, top, right, bottom], -1)[who, camera]
-    cover[who, camera] = hidden_shares(region, member[who, camera], frame[who], camera, box, table)
+    own_box = np.full(len(who), -1) if member is None else member[who, camera]
+    cover[who, camera] = hidden_shares(region, own_box, frame[who], camera, boxes.box, boxes.table)
     return Views(inside, np.where(imaged, height, 1.0), cover, share)
 
 

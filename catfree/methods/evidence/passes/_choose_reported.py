@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from catfree.methods.evidence._state import EvidenceState
+from catfree.methods.evidence.observe._visibility import expected_views
 from catfree.methods.evidence.report._sharp_positions import sharp_positions
 from catfree.methods.evidence.report._uneven_ground import ground_shift
 from catfree.methods.evidence.report._working_area import (
@@ -12,7 +13,6 @@ from catfree.methods.evidence.report._working_area import (
     in_working_area,
     whole_views,
 )
-from catfree.methods.evidence.track._existence import predict_views
 from catfree.methods.evidence.track._suppress_overlapping import suppress_overlapping_tracks
 from catfree.settings import EvidenceSettings
 
@@ -28,8 +28,7 @@ def choose_reported(state: EvidenceState, settings: EvidenceSettings) -> Evidenc
     kept, sigma, whole = alone.copy(), state.design_sigma.copy(), state.whole_views.copy()
     rows = np.flatnonzero(alone)
     place, frame = trails.mean[rows, :3], trails.frame[rows]
-    member = np.full((len(rows), boxes.table.shape[1]), -1)
-    visibility = predict_views(place, frame, member, boxes, views, settings)
+    visibility = expected_views(place, frame, boxes, views, settings)
     sigma[rows], whole[rows] = (
         design_sigma(place, visibility, views, state.noise),
         whole_views(visibility, settings),

@@ -8,7 +8,8 @@ from scipy.special import expit
 from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence._state import EvidenceState, with_tracks
 from catfree.methods.evidence.group._appearance import looks_of
-from catfree.methods.evidence.track._existence import misses, predict_views, with_pictures
+from catfree.methods.evidence.observe._visibility import expected_views
+from catfree.methods.evidence.track._existence import misses, with_pictures
 from catfree.methods.evidence.track._presence import presence
 from catfree.methods.evidence.track._tracking import (
     Trails,
@@ -53,9 +54,7 @@ def evidence_of_rows(
     evidence[is_detected] = state.existence.log_odds[trails.group[is_detected]]
     gaps = np.flatnonzero(~is_detected)
     if len(gaps):
-        frame = trails.frame[gaps]
-        member = np.full((len(gaps), state.boxes.table.shape[1]), -1)
-        place = trails.mean[gaps, :3]
-        visibility = predict_views(place, frame, member, state.boxes, state.views, settings)
-        evidence[gaps] = misses(state.rate(with_pictures(visibility, frame, state.boxes)), member)
+        frame, place = trails.frame[gaps], trails.mean[gaps, :3]
+        visibility = expected_views(place, frame, state.boxes, state.views, settings)
+        evidence[gaps] = misses(state.rate(with_pictures(visibility, frame, state.boxes)))
     return np.clip(evidence, -settings.evidence_limit, settings.evidence_limit)

@@ -4,16 +4,20 @@ from dataclasses import replace
 
 from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.group._group import appearance_log_odds
-from catfree.methods.evidence.observe._visibility import count_detections, rate_of_counts
-from catfree.methods.evidence.track._existence import judge_groups, predict_views, with_pictures
+from catfree.methods.evidence.observe._visibility import (
+    count_detections,
+    expected_views,
+    rate_of_counts,
+)
+from catfree.methods.evidence.track._existence import judge_groups, with_pictures
 from catfree.settings import EvidenceSettings
 
 
 def weigh_groups(state: EvidenceState, settings: EvidenceSettings) -> EvidenceState:
     """Learn how often each camera detects people, then the log-odds that each group is one."""
     boxes, groups, heights = state.boxes, state.groups, state.rate.heights
-    visibility = predict_views(
-        state.place, groups.frame, groups.member, boxes, state.views, settings
+    visibility = expected_views(
+        state.place, groups.frame, boxes, state.views, settings, groups.member
     )
     visibility = with_pictures(visibility, groups.frame, boxes)
     counts = count_detections(visibility, groups.member, heights, settings)

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from catfree.methods.evidence._state import EvidenceState
-from catfree.methods.evidence.track._existence import predict_views, with_pictures
+from catfree.methods.evidence.observe._visibility import expected_views
+from catfree.methods.evidence.track._existence import with_pictures
 from catfree.settings import EvidenceSettings
 from catfree.types import Scene
 from catfree.types._validation import shown_camera
@@ -23,8 +24,7 @@ def blind_camera_warnings(
     if not blind.any():
         return ()
     place, frame = state.trails.mean[rows, :3], state.trails.frame[rows]
-    nobody = np.full((len(rows), len(blind)), -1)
-    visibility = predict_views(place, frame, nobody, boxes, state.views, settings)
+    visibility = expected_views(place, frame, boxes, state.views, settings)
     people = (np.asarray(with_pictures(visibility, frame, boxes).inside) == 1).sum(0)
     return tuple(
         f"Camera {shown_camera(camera, camera_names)} has not one box, but {people[camera]} of the "

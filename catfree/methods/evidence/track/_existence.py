@@ -11,7 +11,7 @@ from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import Measurements
 from catfree.methods.evidence.observe._views import GroundViews
-from catfree.methods.evidence.observe._visibility import Views, expected_views
+from catfree.methods.evidence.observe._visibility import Views
 from catfree.settings import EvidenceSettings
 
 CELLS = 128  # side of each camera's clutter map, in H0
@@ -33,45 +33,28 @@ class Existence:
     rate: Float[np.ndarray, "group cam"]
 
 
-def predict_views(
-    state: np.ndarray,
-    frame: np.ndarray,
-    member: np.ndarray,
-    boxes: Boxes,
-    views: GroundViews,
-    settings: EvidenceSettings,
-) -> Views:
-    """Predict how the cameras see people among the boxes; see `expected_views`."""
-    return expected_views(state, frame, member, boxes.box, boxes.table, views, settings)
-
-
 def with_pictures(visibility: Views, frame: Int[np.ndarray, " person"], boxes: Boxes) -> Views:
     """Take everybody out of the images of cameras known to have no picture of the frame."""
     return replace(visibility, inside=np.where(boxes.silent[frame], 0.0, visibility.inside))
 
 
 def delivered(
-    rate: np.ndarray,
-    member: np.ndarray,
-    frame: np.ndarray,
-    boxes: Boxes,
-    settings: EvidenceSettings,
+    rate: np.ndarray, groups: Groups, boxes: Boxes, settings: EvidenceSettings
 ) -> np.ndarray:
     """Mark the frames that each camera delivered, (F, C).
 
     A frame without any box, though many people are expected, counts as not delivered.
     """
-    F, C = len(boxes.frames), member.shape[1]
-    expected = np.zeros((F, C))
-    strong = (member >= 0).sum(1) >= 2
-    np.add.at(expected, frame[strong], rate[strong])
+    expected = np.zeros(boxes.table.shape[:2])
+    strong = (groups.member >= 0).sum(1) >= 2
+    np.add.at(expected, groups.frame[strong], rate[strong])
     empty = (boxes.table >= 0).sum(-1) == 0
     return ~(empty & (expected > settings.outage_expected))
 
 
-def misses(rate: np.ndarray, member: np.ndarray) -> np.ndarray:
-    """(H,) sum of log(1 - Pd) over the cameras without a detection."""
-    return np.where(member < 0, np.log1p(-rate), 0.0).sum(1)
+def misses(rate: np.ndarray) -> np.ndarray:
+    """(H,) sum of log(1 - Pd) over the cameras (H, C)."""
+    return np.log1p(-rate).sum(1)
 
 
 def cells_of_boxes(
@@ -115,7 +98,7 @@ def judge_groups(
         settings: constants.
     """
     member = groups.member
-    pictured = delivered(probability, member, groups.frame, boxes, settings)
+    pictured = delivered(probability, groups, boxes, settings)
     probability = probability * pictured[groups.frame]
     # Before learning, a box is as likely false as true.
     base = log_odds_without_clutter(groups.gain + agreement, member, probability, settings)
@@ -139,7 +122,7 @@ def log_odds_without_clutter(
         settings: constants.
     """
     if settings.use_misses:
-        gain = gain + misses(probability, member)
+        gain = gain + misses(np.where(member < 0, probability, 0.0))
     # Who was detected was visible, whatever was expected.
     rate = np.maximum(probability, settings.detection_rate_range[0])
     return gain + np.where(member >= 0, np.log(rate), 0.0).sum(1)

@@ -19,7 +19,7 @@ from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.methods.evidence.observe._measurement import measure_boxes, start_noise
 from catfree.methods.evidence.observe._views import ground_views
 from catfree.settings import EvidenceSettings
-from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene
+from tests.methods.evidence.evidence_worlds import HEIGHT, bare_boxes, make_rig, make_scene
 
 CAMERAS, PEOPLE = 6, 400
 VIEWS = ground_views(make_scene(make_rig(CAMERAS)), HEIGHT)
@@ -42,22 +42,12 @@ class Crowd:
 
     @property
     def boxes(self) -> Boxes:
+        frame, camera = np.indices(self.edges.shape[:2]).reshape(2, -1)
         edges = self.edges.reshape(-1, 3)
-        n = len(edges)
-        size, flags = edges[:, 2] - edges[:, 1], np.ones((n, 3), bool)
+        size = edges[:, 2] - edges[:, 1]
         half = 0.2 * size
-        return Boxes(
-            row=np.arange(n), frames=np.arange(len(self.edges)),
-            frame=np.repeat(np.arange(len(self.edges)), CAMERAS),
-            camera=np.tile(np.arange(CAMERAS), len(self.edges)),
-            box=np.column_stack([edges[:, 0] - half, edges[:, 1], edges[:, 0] + half, edges[:, 2]]),
-            edges=edges, size=size, view=np.tile(np.arange(CAMERAS), len(self.edges)),
-            K=np.zeros((0, 3, 3)), R=np.zeros((0, 3, 3)), cut=~flags,
-            ankles=flags[:, 0], valid=flags[:, 0],
-            table=self.member[..., None], embedding=None,
-            first=CAMERAS * np.arange(len(self.edges) + 1),
-            silent=np.zeros((len(self.edges), CAMERAS), bool),
-        )  # fmt: skip
+        box = np.column_stack([edges[:, 0] - half, edges[:, 1], edges[:, 0] + half, edges[:, 2]])
+        return bare_boxes(frame, camera, self.member[..., None], box=box, edges=edges, size=size)
 
     def learned(self, rounds=6, rules=RULES):
         """What so many rounds make of the starting noise, and the last median height."""

@@ -20,7 +20,7 @@ from catfree.methods.evidence.observe._visibility import (
     usual_heights,
 )
 from catfree.settings import EvidenceSettings
-from tests.methods.evidence.evidence_worlds import HEIGHT, make_rig, make_scene
+from tests.methods.evidence.evidence_worlds import HEIGHT, bare_boxes, make_rig, make_scene
 
 RULES = EvidenceSettings()
 CAMERAS = 4
@@ -68,10 +68,10 @@ def seen(state, member=None, box=None, frame=None, table=None):
     H = len(state)
     box = np.zeros((1, 4)) if box is None else box
     table = np.full((1, CAMERAS, 1), -1) if table is None else table
-    found = expected_views(
-        np.asarray(state, float), np.zeros(H, int) if frame is None else frame,
-        np.full((H, CAMERAS), -1) if member is None else member, box, table, VIEWS, RULES,
-    )  # fmt: skip
+    unknown = np.zeros(len(box), int)
+    boxes = bare_boxes(unknown, unknown, table, box=box)
+    frame = np.zeros(H, int) if frame is None else frame
+    found = expected_views(np.asarray(state, float), frame, boxes, VIEWS, RULES, member)
     return jax.tree.map(np.asarray, found)
 
 
