@@ -10,7 +10,6 @@ from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence.group._appearance import PairRatios, compare_frames, looks_of
 from catfree.methods.evidence.group._group import appearance_log_odds, group
 from catfree.methods.evidence.group._groups import Priors, priors_of
-from catfree.methods.evidence.learn._self_calibration import foot_cover
 from catfree.methods.evidence.observe._boxes import LONGEST_PAUSE, prepare_boxes
 from catfree.methods.evidence.observe._measurement import measure_boxes
 from catfree.methods.evidence.observe._views import ground_views
@@ -91,7 +90,7 @@ def advance(
     pictures = np.column_stack([np.zeros(len(silent), np.int64), silent])
     boxes = prepare_boxes(detections, scene.rig, settings, pictures, np.zeros(1, np.int64))
     views = ground_views(scene, unit, boxes)
-    measured = measure_boxes(boxes, foot_cover(boxes, settings), views, noise, settings)
+    measured = measure_boxes(boxes, views, noise, settings)
     likeness = likeness_of(learned) if settings.use_appearance else None
     appearance = compare_frames(boxes) if likeness is not None else None
     ratios = None

@@ -18,7 +18,6 @@ from catfree.methods.evidence.group._appearance import (
 )
 from catfree.methods.evidence.group._group import appearance_log_odds, group
 from catfree.methods.evidence.learn._self_calibration import (
-    foot_cover,
     learn_once_more,
     self_calibrate,
 )
@@ -123,7 +122,7 @@ def learn_noise_and_unit(
         return state
     boxes = prepare_boxes(sample, scene.rig, settings, state.missing)
     views = ground_views(scene, unit, boxes)
-    measured = measure_boxes(boxes, foot_cover(boxes, settings), views, noise, settings)
+    measured = measure_boxes(boxes, views, noise, settings)
     groups = group(boxes, measured, noise, settings.gate)
     heights = usual_heights(boxes.size, boxes.camera, scene.rig.camera_count, settings)
     appearance = compare_frames(boxes) if settings.use_appearance else None

@@ -42,7 +42,8 @@ def bare_boxes(frame, camera, table, **known):
         "row": np.arange(len(frame)), "frames": np.arange(len(table)), "frame": frame,
         "camera": camera, "box": np.ones((len(frame), 4)), "edges": np.ones((len(frame), 3)),
         "size": np.ones(len(frame)), "view": camera, "K": none, "R": none, "cut": ~flags,
-        "ankles": flags[:, 0], "valid": flags[:, 0], "table": table, "embedding": None,
+        "ankles": flags[:, 0], "covered": np.zeros(len(frame)), "valid": flags[:, 0],
+        "table": table, "embedding": None,
         "first": np.searchsorted(frame, np.arange(len(table) + 1)),
         "silent": np.zeros(table.shape[:2], bool),
     }  # fmt: skip

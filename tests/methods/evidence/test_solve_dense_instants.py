@@ -13,7 +13,7 @@ import catfree as cf
 from catfree.methods.evidence._gaussian import Information
 from catfree.methods.evidence.group import _appearance as appearance, _merge as association
 from catfree.methods.evidence.group._groups import Groups
-from catfree.methods.evidence.observe import _visibility as visibility
+from catfree.methods.evidence.observe import _hidden_shares as hiding
 from catfree.methods.evidence.track import _tracking as tracking
 from catfree.methods.evidence.track._tracking import Motion, follow
 from catfree.settings import EvidenceSettings
@@ -139,7 +139,7 @@ def test_hidden_shares_take_no_more_memory_than_a_few_boxes_against_their_image(
     box = np.hstack([corner, corner + 50])
     nobody, table = np.zeros(count, int), np.arange(count)[None, None]
     tracemalloc.start()
-    visibility.covered_feet(box, nobody, nobody, table, 0.3)
+    hiding.hidden_shares(box, nobody - 1, nobody, nobody, box, table)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # All against all would be 512 MB for each number that is kept of a pair.
@@ -154,10 +154,11 @@ def test_hidden_shares_are_the_same_a_few_boxes_at_a_time(monkeypatch, at_a_time
     box = np.hstack([corner, corner + rng.uniform(5, 40, (24, 2))])
     table = np.arange(24).reshape(3, 2, 4)
     frame, camera = np.repeat(np.arange(3), 8), np.tile(np.repeat([0, 1], 4), 3)
-    whole = visibility.covered_feet(box, frame, camera, table, 0.3)
-    monkeypatch.setattr(visibility, "BOXES_AT_A_TIME", at_a_time)
+    boxes = box, np.arange(24), frame, camera, box, table
+    whole = hiding.hidden_shares(*boxes)
+    monkeypatch.setattr(hiding, "BOXES_AT_A_TIME", at_a_time)
     assert np.ptp(whole) > 0.1
-    np.testing.assert_array_equal(visibility.covered_feet(box, frame, camera, table, 0.3), whole)
+    np.testing.assert_array_equal(hiding.hidden_shares(*boxes), whole)
 
 
 def test_tracks_linked_a_few_at_a_time_are_the_same(monkeypatch):

@@ -4,7 +4,7 @@ from hypothesis import given, settings, strategies as st
 
 from catfree.methods.evidence._gaussian import probability_within
 from catfree.methods.evidence.observe._boxes import undistorted_pixels
-from catfree.methods.evidence.observe._visibility import COLUMNS, hidden_shares
+from catfree.methods.evidence.observe._hidden_shares import COLUMNS, hidden_shares
 from catfree.types import Rig
 
 

@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
 
 from catfree.errors import InsufficientDataError
 from catfree.methods.evidence.group._group import group
@@ -18,7 +17,6 @@ from catfree.methods.evidence.observe._measurement import (
     start_noise,
 )
 from catfree.methods.evidence.observe._views import GroundViews, ground_views
-from catfree.methods.evidence.observe._visibility import covered_feet
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Scene
 from catfree.types._sampling import evenly_spread
@@ -49,8 +47,7 @@ def self_calibrate(
     sample = boxes if few is detections else prepare_boxes(few, scene.rig, settings)
     search, done = _likeliest_start(sample, scene, start, settings)
     if few is not detections:
-        covered = foot_cover(boxes, settings)
-        search, done = _Search(boxes, covered, scene, search.after(done), settings), 0
+        search, done = _Search(boxes, scene, search.after(done), settings), 0
     learned = search.after(done + ROUNDS)
     return learned.unit, learned.noise
 
@@ -61,8 +58,7 @@ def learn_once_more(
     """One more round of `self_calibrate`, from what was learned before."""
     detections = _subset(detections, settings.calibration_frames)
     boxes = prepare_boxes(detections, scene.rig, settings)
-    search = _Search(boxes, foot_cover(boxes, settings), scene, _Learned(unit, noise), settings)
-    return search.after(1)
+    return _Search(boxes, scene, _Learned(unit, noise), settings).after(1)
 
 
 class _Learned(NamedTuple):
@@ -85,21 +81,15 @@ class _Search:
 
     Args:
         boxes: the boxes to learn from.
-        covered: (N,) fraction of the lower part of each box that is hidden.
         scene: rig and ground.
         start: initial quantities.
         settings: constants.
     """
 
     def __init__(
-        self,
-        boxes: Boxes,
-        covered: Float[np.ndarray, " box"],
-        scene: Scene,
-        start: _Learned,
-        settings: EvidenceSettings,
+        self, boxes: Boxes, scene: Scene, start: _Learned, settings: EvidenceSettings
     ) -> None:
-        self._boxes, self._covered, self._scene, self._settings = boxes, covered, scene, settings
+        self._boxes, self._scene, self._settings = boxes, scene, settings
         self._learned = [start]
         self._last: tuple[int, _Grouped] | None = None
 
@@ -122,13 +112,9 @@ class _Search:
         learned = self.after(rounds)
         if self._last is None or self._last[0] != rounds:
             views = ground_views(self._scene, learned.unit, self._boxes)
-            measured = measure_boxes(
-                self._boxes, self._covered, views, learned.noise, self._settings
-            )
-            grouped = _Grouped(
-                views, measured, group(self._boxes, measured, learned.noise, self._settings.gate)
-            )
-            self._last = rounds, grouped
+            measured = measure_boxes(self._boxes, views, learned.noise, self._settings)
+            groups = group(self._boxes, measured, learned.noise, self._settings.gate)
+            self._last = rounds, _Grouped(views, measured, groups)
         return self._last[1]
 
 
@@ -145,23 +131,16 @@ def _likeliest_start(
     Returns:
         The search, and the number of its rounds to start from.
     """
-    covered = foot_cover(boxes, settings)
     searches, evidence = [], []
     starts = (settings.angular_noise, 2 * settings.angular_noise_range[1])
     for angular, rounds in zip(map(np.asarray, starts), START_ROUNDS, strict=True):
         begin = start._replace(noise=eqx.tree_at(lambda n: n.angular, start.noise, angular))
-        searches.append(_Search(boxes, covered, scene, begin, settings))
+        searches.append(_Search(boxes, scene, begin, settings))
         evidence.append(searches[-1].evidence(rounds))
     # From too few people nothing is learned, and the high start is not an estimate.
     learned = searches[1].after(START_ROUNDS[1]).noise.angular <= settings.angular_noise_range[1]
     vague = learned and evidence[1] > settings.far_more_evidence * evidence[0]
     return (searches[1], START_ROUNDS[1]) if vague else (searches[0], 0)
-
-
-def foot_cover(boxes: Boxes, settings: EvidenceSettings) -> Float[np.ndarray, " box"]:
-    """Fraction of the lower part of each box that is hidden by boxes in front of it."""
-    legs = settings.lower_body
-    return np.asarray(covered_feet(boxes.box, boxes.frame, boxes.camera, boxes.table, legs))
 
 
 def _subset(detections: Detections, limit: int) -> Detections:

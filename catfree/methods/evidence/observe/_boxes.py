@@ -11,6 +11,7 @@ from catfree.geometry import back_project
 from catfree.geometry._buckets import fine_length
 from catfree.geometry._person import cut_by_border, edges_of
 from catfree.geometry.camera import rays_of_pixels
+from catfree.methods.evidence.observe._hidden_shares import hidden_shares
 from catfree.methods.evidence.observe._local_pinholes import local_pinholes, project_rays
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Lens, Rig
@@ -40,6 +41,7 @@ class Boxes:
         R: (V, 3, 3) their rotations from the world.
         cut: (N, 3) whether the side, top or bottom is cut by the image border.
         ankles: (N,) whether ankles are confirmed; true if ankles were not checked.
+        covered: (N,) share of the lower part that boxes in front of it hide.
         valid: (N,) whether the pixels have rays.
         table: (F, C, B) rows of each frame and camera, -1 for none.
         embedding: (N, D) unit vectors in single precision, or None.
@@ -59,6 +61,7 @@ class Boxes:
     R: Float[np.ndarray, "view 3 3"]
     cut: Bool[np.ndarray, "box 3"]
     ankles: Bool[np.ndarray, " box"]
+    covered: Float[np.ndarray, " box"]
     valid: Bool[np.ndarray, " box"]
     table: Int[np.ndarray, "frame cam slot"]
     embedding: Float[np.ndarray, "box dim"] | None
@@ -140,7 +143,7 @@ def prepare_boxes(
     Args:
         detections: boxes in any order.
         rig: the cameras.
-        settings: for the border margin.
+        settings: for the border margin and the lower part of a body.
         silent: (K, 2) frame and camera of pictures that do not exist.
         frames: (F,) sorted frame numbers, with boxes or without; None for those with boxes.
 
@@ -198,6 +201,8 @@ def prepare_boxes(
 
     F = len(frames)
     table = _row_table(frame, camera, F, rig.camera_count)
+    feet = box.copy()
+    feet[:, 1] = feet[:, 3] - settings.lower_body * (feet[:, 3] - feet[:, 1])
     embedding = None
     if detections.embedding is not None:
         embedding = np.zeros((n, detections.embedding.shape[1]), np.float32)
@@ -218,6 +223,7 @@ def prepare_boxes(
         R=R,
         cut=cut,
         ankles=ankles,
+        covered=hidden_shares(feet, np.arange(n), frame, camera, box, table),
         valid=valid,
         table=table,
         embedding=embedding,

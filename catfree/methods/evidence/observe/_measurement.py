@@ -293,14 +293,13 @@ def measure_all(
 
 def measure_boxes(
     boxes: Boxes,
-    covered: Float[np.ndarray, " box"],
     views: GroundViews,
     noise: Noise,
     settings: EvidenceSettings,
 ) -> Measurements:
     """Compute the likelihoods of all boxes of a sequence, on the host in double precision."""
     constants = BoxConstants.of(settings)
-    box = Box(boxes.edges, boxes.size, boxes.cut, boxes.ankles, covered)
+    box = Box(boxes.edges, boxes.size, boxes.cut, boxes.ankles, boxes.covered)
     measured = in_blocks(
         lambda *part: measure_all(*part, views, noise, constants),
         (box, boxes.camera, boxes.view, boxes.valid),

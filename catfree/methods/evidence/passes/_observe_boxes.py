@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Int
 
 from catfree.methods.evidence._state import EvidenceState, first_state
-from catfree.methods.evidence.learn._self_calibration import foot_cover, self_calibrate
+from catfree.methods.evidence.learn._self_calibration import self_calibrate
 from catfree.methods.evidence.observe._boxes import prepare_boxes
 from catfree.methods.evidence.observe._measurement import measure_boxes
 from catfree.methods.evidence.observe._views import ground_views
@@ -35,5 +35,5 @@ def observe_boxes(
     unit, noise = self_calibrate(detections, scene, settings)
     boxes = prepare_boxes(detections, scene.rig, settings, silent)
     views = ground_views(scene, unit, boxes)
-    measured = measure_boxes(boxes, foot_cover(boxes, settings), views, noise, settings)
+    measured = measure_boxes(boxes, views, noise, settings)
     return first_state(boxes, views, noise, measured, settings)

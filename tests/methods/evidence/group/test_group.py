@@ -27,7 +27,7 @@ def test_runs_of_one_frame_give_the_groups_of_all_frames(monkeypatch, with_looks
     seen = Detections(seen.frame, seen.camera, seen.box, embedding=looks)
     boxes = prepared.prepare_boxes(seen, scene.rig, RULES)
     noise, views = start_noise(5, RULES), ground_views(scene, HEIGHT, boxes)
-    measured = measure_boxes(boxes, np.zeros(len(boxes.frame)), views, noise, RULES)
+    measured = measure_boxes(boxes, views, noise, RULES)
     priors = None
     if with_priors:
         place = (truth[:, 2:] @ np.asarray(scene.ground.basis)[:2] - views.origin) / HEIGHT

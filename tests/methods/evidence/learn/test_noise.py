@@ -54,8 +54,7 @@ class Crowd:
         boxes, member, ratio = self.boxes, self.member, 1.0
         noise = start_noise(CAMERAS, rules)
         for _ in range(rounds):
-            hidden = np.zeros(len(boxes.frame))
-            measured = measure_boxes(boxes, hidden, self.views, noise, rules)
+            measured = measure_boxes(boxes, self.views, noise, rules)
             own = measured.info
             info = Information(
                 own.matrix[member].sum(1), own.vector[member].sum(1), own.constant[member].sum(1)

@@ -1,4 +1,4 @@
-"""Who should be seen: hidden shares counted pixel by pixel, borders, and detection rates."""
+"""Who should be seen: hiding people, borders, and detection rates."""
 
 import jax
 import jax.numpy as jnp
@@ -10,12 +10,9 @@ from catfree.geometry._person import box_edges
 from catfree.methods.evidence.observe._views import ground_views
 from catfree.methods.evidence.observe._visibility import (
     ASPECT,
-    COLUMNS,
     Views,
     count_detections,
-    covered_feet,
     expected_views,
-    hidden_shares,
     rate_of_counts,
     usual_heights,
 )
@@ -27,40 +24,6 @@ CAMERAS = 4
 VIEWS = ground_views(make_scene(make_rig(CAMERAS)), HEIGHT)
 
 pytestmark = pytest.mark.usefixtures("x64")
-
-SIDE = 16
-whole = st.integers(-4, SIDE + 4)
-
-
-@st.composite
-def rectangles(draw, low=1):
-    """Boxes with corners on whole pixels."""
-    x, y = draw(whole), draw(whole)
-    return [
-        float(v) for v in (x, y, x + draw(st.integers(low, 12)), y + draw(st.integers(low, 30)))
-    ]
-
-
-@pytest.mark.slow
-@settings(max_examples=60)
-@given(st.lists(rectangles(), min_size=1, max_size=6).map(np.array), st.data())
-def test_the_hidden_share_is_that_of_pixels_inside_nearer_boxes(others, data):
-    flags = st.lists(
-        st.sampled_from([True, True, False]), min_size=len(others), max_size=len(others)
-    )
-    active = np.array(data.draw(flags))
-    # Who is nearer stands lower, and hides what is in the columns of the box below its top.
-    nearer = active & (others[:, 3] > SIDE)
-    columns = (np.arange(COLUMNS) + 0.5) * SIDE / COLUMNS
-    rows = np.arange(SIDE)[:, None] + 0.5
-    hidden = np.zeros((SIDE, COLUMNS), bool)
-    for left, top, right, _ in others[nearer]:
-        hidden |= (rows > top) & (columns >= left) & (columns <= right)
-    region = np.array([[0.0, 0.0, SIDE, SIDE]])
-    table = np.where(active, np.arange(len(others)), -1)[None, None]
-    first = np.zeros(1, int)
-    found = hidden_shares(region, np.array([-1]), first, first, others, table)
-    assert found[0] == pytest.approx(hidden.mean())
 
 
 def seen(state, member=None, box=None, frame=None, table=None):
@@ -165,24 +128,6 @@ def test_everybody_is_seen_as_if_asked_alone_even_where_nothing_can_be_seen(seed
         assert (share >= 0).all()
         assert (share <= 1 + 1e-12).all()  # a ratio of equal areas
     assert everyone.share[2, 0] == everyone.inside[2, 0] == 0
-
-
-def test_only_boxes_that_stand_in_front_of_the_feet_hide_them():
-    box = np.array(
-        [
-            [100.0, 100, 200, 400],  # feet from row 310 on
-            [100.0, 370, 200, 500],  # in front: hides a third of them
-            [100.0, 100, 200, 399],  # behind
-            [150.0, 355, 300, 500],  # in front, but in another camera
-            [150.0, 310, 300, 500],  # in front, but at another time
-        ]
-    )
-    camera, frame = np.array([0, 0, 0, 1, 0]), np.array([0, 0, 0, 0, 1])
-    table = np.array([[[0, 1, 2], [3, -1, -1]], [[4, -1, -1], [-1, -1, -1]]])
-    found = np.asarray(covered_feet(box, frame, camera, table, 0.3))
-    assert found[0] == pytest.approx(1 / 3)
-    assert found[1] == found[3] == found[4] == 0
-    assert found[2] == 1  # by the first, which stands a pixel lower
 
 
 def _learned(views, member, heights):
