@@ -32,23 +32,18 @@ class PlacementVerdict:
 
     Attributes:
         judgment: at the true time.
-        chance: highest evidence at shifted times.
+        margin: its evidence above the highest at shifted times.
         shortcomings: reasons not to trust the camera, as text.
     """
 
     judgment: Judgment
-    chance: float
+    margin: float
     shortcomings: tuple[str, ...]
 
     @property
     def accepted(self) -> bool:
         """True if the camera can be trusted."""
         return not self.shortcomings
-
-    @property
-    def margin(self) -> float:
-        """Evidence above chance."""
-        return self.judgment.evidence - self.chance
 
 
 def judge_with_chance(
@@ -121,9 +116,7 @@ def judge_camera(
     judgment, margin = judge_with_chance(
         camera_people, others, others_expected, own_expected, settings, settings.chance_shifts
     )
-    return PlacementVerdict(
-        judgment, judgment.evidence - margin, _shortcomings(judgment, margin, settings)
-    )
+    return PlacementVerdict(judgment, margin, _shortcomings(judgment, margin, settings))
 
 
 def judge_cameras(work: Workspace, state: RigState) -> dict[int, PlacementVerdict]:
