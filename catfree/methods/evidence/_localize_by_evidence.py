@@ -193,9 +193,7 @@ def describe(
         least_together=patterns.least_together if patterns else None,
         rig_sd_over_radius=None if scene.rig_sd is None else scene.rig_sd / radius,
     )
-    thresholds = Thresholds(
-        median_box_height=float(np.median(s.boxes.size[: len(s.boxes.row)])),
-    )
+    thresholds = Thresholds(median_box_height=float(np.median(s.boxes.size)))
     warnings = ground_warnings(height, unit, scene) + lens_warnings(bend, camera_names)
     warnings += blind_camera_warnings(s, scene, settings, camera_names)
     if patterns is not None:

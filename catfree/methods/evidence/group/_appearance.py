@@ -49,12 +49,9 @@ def compare_frames(boxes: Boxes) -> Appearance | None:
     """Arrange the embeddings by frame; None without embeddings."""
     if boxes.embedding is None:
         return None
-    count = np.diff(boxes.first)
-    n = int(boxes.first[-1])
-    slot = np.zeros((len(boxes.frame), 2), np.int64)
-    slot[:n, 0] = boxes.frame[:n]
-    slot[:n, 1] = np.arange(n) - boxes.first[boxes.frame[:n]]
-    return Appearance(boxes.embedding, slot, boxes.first, int(count.max(initial=1)))
+    place = np.arange(len(boxes.frame)) - boxes.first[boxes.frame]
+    slot = np.column_stack([boxes.frame, place])
+    return Appearance(boxes.embedding, slot, boxes.first, int(np.diff(boxes.first).max(initial=1)))
 
 
 @jax.tree_util.register_dataclass
