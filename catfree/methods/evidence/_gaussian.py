@@ -27,11 +27,6 @@ from catfree.types._annotations import HostOrDevice
 LOG_2PI = float(np.log(2 * np.pi))
 
 
-def _array(value: Any) -> Any:
-    """Convert NumPy scalars back to arrays without axes."""
-    return value if isinstance(value, jax.Array) else np.asarray(value)
-
-
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
 class Information:
@@ -51,15 +46,12 @@ class Information:
         return Information(self.matrix[rows], self.vector[rows], self.constant[rows])
 
 
-def with_height_prior(info: Information, spread: Any) -> Information:
-    """Add the prior H ~ N(1, spread²) once."""
+def with_height_prior(info: Information, spread: Any) -> tuple[Any, Any, Any]:
+    """Matrix, vector and constant with the prior H ~ N(1, spread²), added once."""
     precision = 1.0 / spread**2
-    lead = (1,) * (info.vector.ndim - 1)
-    dtype = info.matrix.dtype
-    axis = np.array([0.0, 0.0, 1.0], dtype).reshape(*lead, 3)
-    matrix = info.matrix + precision * (axis[..., :, None] * axis[..., None, :])
-    vector = info.vector + precision * axis
-    return Information(matrix, vector, _array(info.constant + precision))
+    axis = np.array([0.0, 0.0, 1.0], info.matrix.dtype)
+    matrix = info.matrix + precision * np.diag(axis)
+    return matrix, info.vector + precision * axis, info.constant + precision
 
 
 def determinant_and_form(matrix: Any, vector: Any) -> tuple[Any, Any]:
@@ -94,16 +86,10 @@ def log_evidence(info: Information, density: Any, spread: Any) -> Any:
         (...) log Z.
     """
     xp = np if isinstance(info.matrix, np.ndarray) else jnp
-    full = with_height_prior(info, spread)
-    det, form = determinant_and_form(full.matrix, full.vector)
+    matrix, vector, constant = with_height_prior(info, spread)
+    det, form = determinant_and_form(matrix, vector)
     det = xp.maximum(det, 1e-300)
-    return (
-        xp.log(density)
-        - xp.log(spread)
-        + LOG_2PI
-        - 0.5 * xp.log(det)
-        - 0.5 * (full.constant - form)
-    )
+    return xp.log(density) - xp.log(spread) + LOG_2PI - 0.5 * xp.log(det) - 0.5 * (constant - form)
 
 
 def invert_symmetric(matrix: Any) -> Any:
@@ -120,9 +106,9 @@ def invert_symmetric(matrix: Any) -> Any:
 
 def mean_and_covariance(info: Information, spread: Any) -> tuple[Any, Any]:
     """Most likely state and its covariance, height prior included; (..., 3) and (..., 3, 3)."""
-    full = with_height_prior(info, spread)
-    covariance = invert_symmetric(full.matrix)
-    return (covariance * full.vector[..., None, :]).sum(-1), covariance
+    matrix, vector, _ = with_height_prior(info, spread)
+    covariance = invert_symmetric(matrix)
+    return (covariance * vector[..., None, :]).sum(-1), covariance
 
 
 def probability_within(
