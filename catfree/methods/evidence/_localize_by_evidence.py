@@ -157,12 +157,8 @@ def describe(
     fate[trails.group[is_detected]] = Fate.ACCEPTED
     with float_width_of(s.boxes.box):
         rays = ray_diagnostics(s.boxes, s.measurements, s.groups, s.views)
-        bend = lens_bends(
-            trails.group[is_detected], s.groups, s.measurements, s.boxes, s.views, s.noise
-        )
-        patterns = residual_patterns(
-            s.trails, s.kept, s.groups, s.existence.rate, s.boxes, s.measurements, s.views
-        )
+        bend = lens_bends(trails.group[is_detected], s)
+        patterns = residual_patterns(s)
     candidates = Candidates(
         frame=s.boxes.frames[s.groups.frame],
         position=from_plan(scene, s.place[:, :2] * unit + s.views.origin),

@@ -14,8 +14,5 @@ def add_pose_errors(state: EvidenceState, settings: EvidenceSettings) -> Evidenc
     """
     if not settings.pose_errors:
         return state
-    shared = shared_covariance(
-        state.trails, state.kept, state.groups, state.measurements, state.boxes, state.views,
-        state.noise, settings,
-    )  # fmt: skip
-    return replace(state, position_covariance=state.position_covariance + shared)
+    covariance = state.position_covariance + shared_covariance(state, settings)
+    return replace(state, position_covariance=covariance)

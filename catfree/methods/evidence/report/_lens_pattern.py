@@ -10,11 +10,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.methods.evidence._huber_regression import huber_regression
-from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.learn._noise import left_out_residuals
-from catfree.methods.evidence.observe._boxes import Boxes
-from catfree.methods.evidence.observe._measurement import Measurements, Noise
-from catfree.methods.evidence.observe._views import GroundViews
 from catfree.types._validation import shown_camera
 
 FEWEST_CAMERAS = 3  # with one other camera, nobody knows which of the two is wrong
@@ -55,31 +52,21 @@ def lens_pattern(
     return float(coefficients[-1]), float(np.sqrt(covariance[-1, -1]))
 
 
-def lens_bends(
-    chosen: Int[np.ndarray, " g"],
-    groups: Groups,
-    measurements: Measurements,
-    boxes: Boxes,
-    views: GroundViews,
-    noise: Noise,
-) -> Float[np.ndarray, " cam"]:
+def lens_bends(chosen: Int[np.ndarray, " g"], state: EvidenceState) -> Float[np.ndarray, " cam"]:
     """Measure how far the lens of each camera bends otherwise than the rig says.
 
     Args:
         chosen: (g,) groups that are people.
-        groups: the groups of boxes.
-        measurements: the boxes as likelihoods.
-        boxes: the boxes.
-        views: the cameras.
-        noise: as learned.
+        state: with these groups.
 
     Returns:
         (C,) angle by which people near the border of the image are off the places where the others
         see them, in radians; 0 where it is not significant. It grows with the third power of the
         distance from the middle.
     """
+    groups, boxes, views = state.groups, state.boxes, state.views
     strong = chosen[(groups.member[chosen] >= 0).sum(1) >= FEWEST_CAMERAS]
-    residuals = left_out_residuals(strong, groups, measurements, boxes, views, noise)
+    residuals = left_out_residuals(strong, groups, state.measurements, boxes, views, state.noise)
     camera = boxes.camera[residuals.row]
     box, focal = boxes.box[residuals.row], views.focal[boxes.view[residuals.row]][:, None]
     middle = (box[:, 0] + box[:, 2]) / 2

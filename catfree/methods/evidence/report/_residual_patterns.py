@@ -12,12 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
-from catfree.methods.evidence.group._groups import Groups
-from catfree.methods.evidence.observe._boxes import Boxes
-from catfree.methods.evidence.observe._measurement import Measurements
+from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.observe._sightings import sightings_by_camera
-from catfree.methods.evidence.observe._views import GroundViews
-from catfree.methods.evidence.track._tracking import Trails
 from catfree.types._validation import shown_camera
 
 # Columns of a late clock, and of a move (across, down); the first three are constant offsets.
@@ -138,30 +134,10 @@ class Patterns(NamedTuple):
         return tuple(warnings)
 
 
-def residual_patterns(
-    trails: Trails,
-    kept: np.ndarray,
-    groups: Groups,
-    rate: Float[np.ndarray, "group cam"],
-    boxes: Boxes,
-    measurements: Measurements,
-    views: GroundViews,
-) -> Patterns | None:
-    """Search the residuals of the reported people for patterns.
-
-    Args:
-        trails: the tracks.
-        kept: (M,) whether the row is reported.
-        groups: boxes of one person in one frame.
-        rate: (H, C) probability that a camera detects the person of each group.
-        boxes: the boxes.
-        measurements: their edges and noise.
-        views: the cameras.
-
-    Returns:
-        The patterns; None without people in several cameras.
-    """
-    rows = np.flatnonzero(kept & (trails.group >= 0))
+def residual_patterns(state: EvidenceState) -> Patterns | None:
+    """Search the residuals of the reported people for patterns; None if nobody is seen twice."""
+    trails, groups, measurements = state.trails, state.groups, state.measurements
+    rows = np.flatnonzero(state.kept & (trails.group >= 0))
     rows = rows[(groups.member[trails.group[rows]] >= 0).sum(1) >= 2]
     if not len(rows):
         return None
@@ -175,7 +151,7 @@ def residual_patterns(
     velocity = np.nan_to_num(trails.mean[rows, 3:])
     explained_by_camera = []
     for sightings in sightings_by_camera(
-        trails.mean[rows, :3], member, measurements, boxes.view, views
+        trails.mean[rows, :3], member, measurements, state.boxes.view, state.views
     ):
         columns = np.zeros((len(sightings.person), 3, 6))
         columns[:, range(3), range(3)] = 1
@@ -193,7 +169,7 @@ def residual_patterns(
     walks = speed >= np.median(speed)
     return Patterns(
         Explained(*map(np.array, zip(*explained_by_camera, strict=True))),
-        seen_together(member[walks] >= 0, rate[group][walks]),
+        seen_together(member[walks] >= 0, state.existence.rate[group][walks]),
     )
 
 

@@ -23,12 +23,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import ndtri, stdtrit
 
-from catfree.methods.evidence.group._groups import Groups
-from catfree.methods.evidence.observe._boxes import Boxes
-from catfree.methods.evidence.observe._measurement import Measurements, Noise, field_features
+from catfree.methods.evidence._state import EvidenceState
+from catfree.methods.evidence.observe._measurement import Measurements, field_features
 from catfree.methods.evidence.observe._sightings import sightings_by_camera
 from catfree.methods.evidence.observe._views import GroundViews
-from catfree.methods.evidence.track._tracking import Trails
 from catfree.settings import EvidenceSettings
 
 MODES = 4  # shift along both axes, rotation, scale
@@ -36,25 +34,12 @@ UPPER = 0.975  # quantile of a two-sided 95 % interval
 
 
 def shared_covariance(
-    trails: Trails,
-    kept: np.ndarray,
-    groups: Groups,
-    measurements: Measurements,
-    boxes: Boxes,
-    views: GroundViews,
-    noise: Noise,
-    settings: EvidenceSettings,
+    state: EvidenceState, settings: EvidenceSettings
 ) -> Float[np.ndarray, "node 2 2"]:
     """Covariance that camera pose errors add to each position, in H0².
 
     Args:
-        trails: the tracks.
-        kept: (M,) whether the row is a person.
-        groups: the groups of boxes.
-        measurements: the boxes as likelihoods.
-        boxes: the boxes.
-        views: the cameras.
-        noise: the offsets found by self-calibration.
+        state: with the people to report, and the offsets found by self-calibration.
         settings: for the assumed calibration error.
 
     Returns:
@@ -64,18 +49,20 @@ def shared_covariance(
         Liang and Zeger, "Longitudinal data analysis using generalized linear models" (1986);
         Cameron and Miller, "A practitioner's guide to cluster-robust inference" (2015), section VI.
     """
-    rows = np.flatnonzero(kept & (trails.group >= 0))
+    trails, boxes, views = state.trails, state.boxes, state.views
+    rows = np.flatnonzero(state.kept & (trails.group >= 0))
     none = np.zeros((len(trails), 2, 2))
     if len(rows) == 0:
         return none
-    member = groups.member[trails.group[rows]]
-    scatter = offset_scatter(member, measurements, boxes, views, noise, settings)
+    member = state.groups.member[trails.group[rows]]
+    scatter = offset_scatter(member, state, settings)
     if scatter is None:
         return none
     middle = trails.mean[rows, :2].mean(0)
     modes = map_modes(trails.mean[:, :3], middle)
-    state = trails.mean[rows, :3]
-    normal, lever = mode_sums(state, modes[rows], member, measurements, boxes.view, views)
+    normal, lever = mode_sums(
+        trails.mean[rows, :3], modes[rows], member, state.measurements, boxes.view, views
+    )
     spread = lever @ scatter @ lever.transpose(0, 2, 1)
     # One person at one position cannot separate rotation from shift; such modes get no variance.
     inverse = np.linalg.pinv(normal, rcond=1e-9, hermitian=True)
@@ -145,34 +132,27 @@ def scatter_between(
 
 
 def offset_scatter(
-    member: np.ndarray,
-    measurements: Measurements,
-    boxes: Boxes,
-    views: GroundViews,
-    noise: Noise,
-    settings: EvidenceSettings,
+    member: np.ndarray, state: EvidenceState, settings: EvidenceSettings
 ) -> Float[np.ndarray, "3 3"] | None:
     """Variance between cameras of their mean offset of (column, top, bottom), in square radians.
 
     Args:
         member: (n, C) boxes of people, -1 for none.
-        measurements: which edges are used.
-        boxes: the boxes.
-        views: the cameras.
-        noise: the offsets.
+        state: with the offsets.
         settings: for the assumed calibration error.
 
     Returns:
         (3, 3), or None if fewer than two cameras have offsets.
     """
+    boxes, views, field = state.boxes, state.views, state.noise.field
     means = []
-    for camera, has_offset in enumerate((noise.field != 0).any((1, 2))):
+    for camera, has_offset in enumerate((field != 0).any((1, 2))):
         rows = member[member[:, camera] >= 0, camera]
-        rows = rows[np.asarray(measurements.used)[rows].all(1)]
+        rows = rows[np.asarray(state.measurements.used)[rows].all(1)]
         if has_offset and len(rows):
             focal, center = (part[boxes.view[rows]] for part in (views.focal, views.center))
             features = field_features(boxes.edges[rows], boxes.size[rows], focal, center)
-            means.append(((features * noise.field[camera]).sum(-1) / focal[:, None]).mean(0))
+            means.append(((features * field[camera]).sum(-1) / focal[:, None]).mean(0))
     if len(means) < 2:
         return None
     return scatter_between(np.array(means), settings.angular_noise)
