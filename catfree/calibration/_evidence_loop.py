@@ -155,12 +155,9 @@ class EvidenceLoop:
 
     def _worst_outlier(self, calibration: Calibration, tried: set[int]) -> int | None:
         registered = np.asarray(calibration.scene.rig.registered)
-        boxes = np.maximum(self._boxes(len(registered)), 1)
+        boxes = np.maximum(np.bincount(self.detections.camera, minlength=len(registered)), 1)
         support = np.where(registered, calibration.sightings / boxes, np.nan)
         return worst_outlier(calibration.camera_residual, support, self.settings.calibration, tried)
-
-    def _boxes(self, cameras: int) -> np.ndarray:
-        return np.bincount(self.detections.camera, minlength=cameras)[:cameras]
 
 
 def largest_move(before: Calibration, after: Calibration) -> float:
