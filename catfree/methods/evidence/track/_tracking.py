@@ -386,15 +386,13 @@ class Linker(NamedTuple):
         new_cov[:, :3, :3] = alone.covariance[fresh]
         new_cov[:, 3, 3] = new_cov[:, 4, 4] = self.motion.speed**2
         look, boxes = before.look, before.boxes
+        new_look, new_boxes = np.zeros((len(fresh), look.shape[1])), np.zeros(len(fresh), int)
         if looks is not None:
             look, boxes = look.copy(), boxes.copy()
             look[hit] += looks.total[group[assigned[hit]]]
             boxes[hit] += looks.count[group[assigned[hit]]]
-            look = np.concatenate([look, looks.total[group[fresh]]])
-            boxes = np.concatenate([boxes, looks.count[group[fresh]]])
-        else:
-            look = np.concatenate([look, np.zeros((len(fresh), look.shape[1]))])
-            boxes = np.concatenate([boxes, np.zeros(len(fresh), int)])
+            new_look, new_boxes = looks.total[group[fresh]], looks.count[group[fresh]]
+        look, boxes = np.concatenate([look, new_look]), np.concatenate([boxes, new_boxes])
         linked = np.full(len(assigned), -1)
         linked[hit] = group[assigned[hit]]
         node = Node(
