@@ -114,9 +114,9 @@ def _nearest(
     angle: Float[np.ndarray, "e 3"],
 ) -> BoxMatches:
     """Match people, whom a camera should show in some steps at some angles, with its boxes."""
-    begin, end = np.searchsorted(boxes.camera, [camera, camera + 1])
-    a, b = equal_pairs(shown, boxes.frame[begin:end])
-    b = b + begin
+    mine = boxes.of_camera(camera)
+    a, b = equal_pairs(shown, boxes.frame[mine])
+    b = b + mine.start
     off = (boxes.angle[b] - angle[a]) / (SPREAD * boxes.size[b, None])
     usable = boxes.whole[b, 0] & boxes.whole[b, 1:].any(-1)
     distance = np.where(boxes.whole[b], off**2, 0.0).sum(-1)
@@ -150,22 +150,22 @@ def candidates(
         shifts: lags to try, in steps.
     """
     boxes, people = sights.boxes, sights.people
-    begin, end = np.searchsorted(boxes.camera, [camera, camera + 1])
+    mine = boxes.of_camera(camera)
     state, velocity = people.state[person], people.velocity[person]
     place = np.broadcast_to(sights.place[camera], (len(person), 3, 4))
     angle = predicted(state, velocity, place)
     middle = angle[:, 0], angle[:, 1:].mean(-1)
     size = angle[:, 2] - angle[:, 1]
-    observed = boxes.angle[begin:end, 0], boxes.angle[begin:end, 1:].mean(-1)
-    good: np.ndarray = np.asarray(boxes.whole[begin:end].all(-1))
+    observed = boxes.angle[mine, 0], boxes.angle[mine, 1:].mean(-1)
+    good: np.ndarray = np.asarray(boxes.whole[mine].all(-1))
     # Logarithms of both sizes; NaN is not alike.
     tall, high = (
-        np.log(x, where=x > 0, out=np.full(len(x), np.nan)) for x in (boxes.size[begin:end], size)
+        np.log(x, where=x > 0, out=np.full(len(x), np.nan)) for x in (boxes.size[mine], size)
     )
     side = 2 * REACH + 1
     votes = []
     for shift in shifts:
-        a, b = equal_pairs(people.frame[person] + int(shift), boxes.frame[begin:end])
+        a, b = equal_pairs(people.frame[person] + int(shift), boxes.frame[mine])
         alike = good[b] & (np.abs(tall[b] - high[a]) < ALIKE)
         a, b = a[alike], b[alike]
         i, j = (np.rint((observed[k][b] - middle[k][a]) / CELL).astype(int) + REACH for k in (0, 1))
@@ -198,17 +198,16 @@ def best(
     tried: list[Correction],
 ) -> Correction:
     """The correction with most matches; the present one unless another is clearly better."""
-    begin, end = np.searchsorted(sights.boxes.camera, [camera, camera + 1])
-    if begin == end:
+    frame = sights.boxes.frame[sights.boxes.of_camera(camera)]
+    if not len(frame):
         return present
-    first, last = sights.boxes.frame[[begin, end - 1]]
     state, corrections = sights.people.state[person], [present, *tried]
     matches = match_boxes(sights, person, state, [(camera, one) for one in corrections])
 
     def share(one: BoxMatches, correction: Correction) -> float:
         """Score per person who should be in an image, while the camera was recording."""
         shown = sights.people.frame[one.expected] + correction.shift
-        return one.score / max(np.count_nonzero((shown >= first) & (shown <= last)), 1)
+        return one.score / max(np.count_nonzero((shown >= frame[0]) & (shown <= frame[-1])), 1)
 
     present_share, *shares = map(share, matches, corrections)
     least = max(BETTER * matches[0].score, matches[0].score + FEWEST)

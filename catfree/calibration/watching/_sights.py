@@ -44,6 +44,10 @@ class SightedBoxes:
     height: Float[np.ndarray, " n"]
     whole: Bool[np.ndarray, "n 3"]
 
+    def of_camera(self, camera: int) -> slice:
+        """The rows of one camera."""
+        return slice(*np.searchsorted(self.camera, [camera, camera + 1]).tolist())
+
 
 @dataclass(frozen=True)
 class SightedPeople:
