@@ -232,7 +232,7 @@ def open_boxes(
         return boxes
     if boxes.image_size is not None and (boxes.image_size != image_size).any():
         raise InvalidInputError(
-            "The boxes state images of another size than --image-size. Leave it out."
+            "The boxes state images of another size than --image-size. Leave out --image-size."
         )
     return replace(boxes, image_size=np.tile(image_size, (len(boxes.camera_names), 1)))
 

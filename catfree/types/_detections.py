@@ -26,7 +26,7 @@ from catfree.types._validation import (
 if TYPE_CHECKING:
     import pandas
 
-MOST_CAMERAS = 10_000
+MOST_CAMERAS = 10_000  # larger indices are serial numbers; memory grows with the largest
 WIDEST_SPAN = 2**53  # frames; larger differences are not exact floats (104 days in nanoseconds)
 
 

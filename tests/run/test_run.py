@@ -332,7 +332,7 @@ def test_wrong_input_is_one_sentence(pictures, tmp_path):
         run(pictures[:2], detector, scene=world.scene)
     rig = world.scene.rig
     other = type(rig)(rig.K, rig.R, rig.t, (640, 360))
-    with pytest.raises(InvalidInputError, match="320 x 180 px, but of 640 x 360 px in the scene"):
+    with pytest.raises(InvalidInputError, match=r"^Camera 'camera 0' has.*320 x 180.*640 x 360"):
         run(pictures, detector, scene=Scene(other, world.scene.ground, world.scene.extent))
     with pytest.raises(InvalidInputError, match="not both"):
         run(pictures, detector, reconstructor=Unused(), scene=world.scene)

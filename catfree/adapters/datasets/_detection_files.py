@@ -38,6 +38,7 @@ from catfree.types import Clock, Detections
 from catfree.types._validation import as_integer, as_path, as_paths
 
 SUFFIXES = (".txt", ".csv", ".parquet", ".json", ".npz")
+
 # The first of these that a table has is its column.
 _FRAME = ("frame", "frame_id", "frame_number", "image_id")
 _CAMERA = ("camera", "camera_id", "cam", "cam_id", "view")
@@ -340,7 +341,7 @@ def _part_of_table(table: dict[str, Any], path: Path) -> _Part:
                     f"{path}: column {quoted(plain[camera])} is empty in some rows. Fill them."
                 )
             if words and all(_is_number(word) and float(word).is_integer() for word in words):
-                cameras = _numbers(words, plain[camera], path)  # as "2.0" beside missing values
+                cameras = _numbers(words, plain[camera], path)  # "2.0" is one, too
             else:
                 names = tuple(sorted(set(words), key=natural_order))
                 cameras = np.array(words)

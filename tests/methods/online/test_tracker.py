@@ -355,9 +355,13 @@ def test_a_state_of_another_kind_of_lag_is_refused(one, other):
 def test_without_a_lag_final_positions_are_some_of_those_of_now():
     world = make_world("ring4", frames=40, people=5, seed=1)
     tracker = cf.Tracker(world.true_scene, lag=0)
+    known: set[int] = set()
     for f in range(40):
         update = tracker.update(boxes_of(f, world.detections), f / RATE)
-        now = update.provisional[np.isin(update.provisional.track_id, update.final.track_id)]
+        is_final = np.isin(update.provisional.track_id, update.final.track_id)
+        assert known.isdisjoint(update.provisional.track_id[~is_final].tolist())
+        known |= set(update.final.track_id.tolist())
+        now = update.provisional[is_final]
         assert np.array_equal(now.track_id, update.final.track_id)
         assert np.array_equal(now.ground_xy, update.final.ground_xy)
         assert update.final_until >= f / RATE
