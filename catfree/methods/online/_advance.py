@@ -7,8 +7,12 @@ from jaxtyping import Float, Int
 from scipy.special import expit
 
 from catfree.methods.evidence._gaussian import mean_and_covariance
-from catfree.methods.evidence.group._appearance import PairRatios, compare_frames, looks_of
-from catfree.methods.evidence.group._group import appearance_log_odds, group
+from catfree.methods.evidence.group._appearance import (
+    PairRatios,
+    appearance_log_odds,
+    looks_of,
+)
+from catfree.methods.evidence.group._group import group
 from catfree.methods.evidence.group._groups import Priors, priors_of
 from catfree.methods.evidence.observe._boxes import LONGEST_PAUSE, prepare_boxes
 from catfree.methods.evidence.observe._measurement import measure_boxes
@@ -91,12 +95,11 @@ def advance(
     boxes = prepare_boxes(detections, scene.rig, settings, pictures, np.zeros(1, np.int64))
     views = ground_views(scene, unit, boxes)
     measured = measure_boxes(boxes, views, noise, settings)
-    likeness = likeness_of(learned) if settings.use_appearance else None
-    appearance = compare_frames(boxes) if likeness is not None else None
+    likeness = likeness_of(learned)
     ratios = None
-    if appearance is not None and likeness is not None:
-        ratios = PairRatios(appearance, likeness, settings.appearance_weight)
-        state = with_looks(state, appearance.embedding.shape[1])
+    if boxes.embedding is not None and likeness is not None:
+        ratios = PairRatios(boxes.embedding, likeness, settings.appearance_weight)
+        state = with_looks(state, boxes.embedding.shape[1])
 
     motion = motion_learned(learned, settings)
     step = usual_steps(learned, float(state.time), time)

@@ -12,11 +12,10 @@ from catfree.errors import InsufficientDataError
 from catfree.methods.evidence._gaussian import mean_and_covariance
 from catfree.methods.evidence.group._appearance import (
     Likeness,
-    PairRatios,
-    compare_frames,
-    learn_ratio,
+    appearance_log_odds,
+    learn_ratios,
 )
-from catfree.methods.evidence.group._group import appearance_log_odds, group
+from catfree.methods.evidence.group._group import group
 from catfree.methods.evidence.learn._self_calibration import (
     learn_once_more,
     self_calibrate,
@@ -125,14 +124,11 @@ def learn_noise_and_unit(
     measured = measure_boxes(boxes, views, noise, settings)
     groups = group(boxes, measured, noise, settings.gate)
     heights = usual_heights(boxes.size, boxes.camera, scene.rig.camera_count, settings)
-    appearance = compare_frames(boxes) if settings.use_appearance else None
-    ratios = None
+    ratios = learn_ratios(boxes, groups, settings)
     likeness_numbers = learned.likeness
-    if appearance is not None:
-        likeness = learn_ratio(appearance, groups, settings)
-        if likeness is not None:
-            ratios = PairRatios(appearance, likeness, settings.appearance_weight)
-            likeness_numbers = np.array([*likeness.same, *likeness.other, likeness.limit])
+    if ratios is not None:
+        likeness = ratios.likeness
+        likeness_numbers = np.array([*likeness.same, *likeness.other, likeness.limit])
     trials, hits, clutter = learned.trials, learned.hits, learned.clutter
     if state.count <= SETTLED:
         # Count all instants so far again: they were seen with less settled noise.

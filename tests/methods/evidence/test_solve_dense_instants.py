@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 
 import catfree as cf
 from catfree.methods.evidence._gaussian import Information
-from catfree.methods.evidence.group import _appearance as appearance, _merge as association
+from catfree.methods.evidence.group import _merge as association
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe import _hidden_shares as hiding
 from catfree.methods.evidence.track import _tracking as tracking
@@ -184,20 +184,3 @@ def test_tracks_linked_a_few_at_a_time_are_the_same(monkeypatch):
     parts = tracks()
     np.testing.assert_array_equal(parts.group, whole.group)
     np.testing.assert_array_equal(parts.mean, whole.mean)
-
-
-def test_looks_become_ratios_a_few_at_a_time(monkeypatch):
-    rng = np.random.default_rng(0)
-    embedding = rng.normal(size=(12, 5)).astype(np.float32)
-    embedding /= np.linalg.norm(embedding, axis=1, keepdims=True)
-    first = np.array([0, 7, 12])
-    slot = np.column_stack([np.repeat([0, 1], [7, 5]), [*range(7), *range(5)]])
-    looks = appearance.Appearance(embedding, slot, first, 7)
-    likeness = appearance.Likeness((0.2, 0.1), (0.9, 0.2), 3.0)
-    whole = appearance.PairRatios(looks, likeness, 0.5).of_run(0, 2)
-    monkeypatch.setattr(appearance, "ENTRIES", 5)
-    parts = appearance.PairRatios(looks, likeness, 0.5).of_run(0, 2)
-    np.testing.assert_array_equal(parts, whole)
-    np.testing.assert_allclose(
-        whole[1, :5, :5], 0.5 * likeness(1 - embedding[7:] @ embedding[7:].T), rtol=1e-4
-    )

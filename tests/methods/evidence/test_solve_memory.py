@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from catfree.methods.evidence import EvidenceSettings, localize_by_evidence
-from catfree.methods.evidence.group import _appearance as appearance
 from catfree.methods.evidence.observe import _boxes as prepared
 from catfree.methods.evidence.observe._measurement import measure_all
 from catfree.synthetic import make_world
@@ -16,23 +15,11 @@ pytestmark = pytest.mark.slow
 WORLD = make_world("ring4", 7, frames=10, people=6)
 
 
-@pytest.mark.parametrize("kept", [0, 1 << 26], ids=["computed each pass", "kept"])
-def test_tables_of_pairs_a_few_frames_at_a_time_give_the_same_people(monkeypatch, kept):
+def test_a_few_frames_at_a_time_give_the_same_people(monkeypatch):
     whole = localize_by_evidence(WORLD.detections, WORLD.scene).tracks
     assert len(np.unique(whole.track_id)) > 3
-    largest = []
-    build = appearance.Appearance.distances
-
-    def spy(self, frames):
-        largest.append(len(frames) * self.width**2)
-        return build(self, frames)
-
-    monkeypatch.setattr(appearance.Appearance, "distances", spy)
     monkeypatch.setattr(prepared, "PAIRS_OF_A_RUN", 3 * 32**2)
-    monkeypatch.setattr(appearance, "KEPT_ENTRIES", kept)
     parts = localize_by_evidence(WORLD.detections, WORLD.scene).tracks
-    assert len(largest) > 1
-    assert max(largest) <= prepared.PAIRS_OF_A_RUN
     np.testing.assert_array_equal(parts.track_id, whole.track_id)
     np.testing.assert_allclose(parts.position, whole.position, rtol=1e-12)
 

@@ -1,7 +1,7 @@
 """Appearance similarity of boxes as a log-likelihood ratio learned from the sequence."""
 
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
 
 import jax
 import numpy as np
@@ -13,45 +13,7 @@ from catfree.methods.evidence.observe._boxes import Boxes
 from catfree.settings import EvidenceSettings
 
 SMALLEST_SPREAD = 0.01  # cosine distance: narrower samples are copies
-ENTRIES = 1 << 20  # of pairwise distances turned into ratios at a time
-KEPT_ENTRIES = 1 << 26  # of pairwise ratios kept from pass to pass: 256 MB
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True, eq=False)
-class Appearance:
-    """Embeddings of all boxes, and their rows in the pair table of their frame.
-
-    Attributes:
-        embedding: (N, D) of unit length, in single precision, which is sufficient.
-        slot: (N, 2) frame and row in that frame's table of each box.
-        first: (F + 1,) first box of each frame.
-        width: rows of a table.
-    """
-
-    embedding: Float[np.ndarray, "box dim"]
-    slot: Int[np.ndarray, "box 2"]
-    first: Int[np.ndarray, " bounds"]
-    width: int
-
-    def distances(self, frames: Int[np.ndarray, " f"]) -> Float[np.ndarray, "f slot slot"]:
-        """Cosine distances in [0, 2] of all pairs of boxes of some frames."""
-        shape = (len(frames), self.width, self.embedding.shape[1])
-        block = np.zeros(shape, self.embedding.dtype)
-        for i, frame in enumerate(frames):
-            rows = slice(self.first[frame], self.first[frame + 1])
-            block[i, : rows.stop - rows.start] = self.embedding[rows]
-        distance = block @ block.transpose(0, 2, 1)
-        return np.subtract(1, distance, out=distance)
-
-
-def compare_frames(boxes: Boxes) -> Appearance | None:
-    """Arrange the embeddings by frame; None without embeddings."""
-    if boxes.embedding is None:
-        return None
-    place = np.arange(len(boxes.frame)) - boxes.first[boxes.frame]
-    slot = np.column_stack([boxes.frame, place])
-    return Appearance(boxes.embedding, slot, boxes.first, int(np.diff(boxes.first).max(initial=1)))
+NUMBERS_AT_A_TIME = 1 << 18  # of embeddings compared together: fits a cache
 
 
 @jax.tree_util.register_dataclass
@@ -77,18 +39,51 @@ class Likeness:
         return np.clip(ratio, -self.limit, self.limit)
 
 
-def learn_ratio(
-    appearance: Appearance, groups: Groups, settings: EvidenceSettings
-) -> Likeness | None:
-    """Learn the log-likelihood ratio from groups with enough views.
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class PairRatios:
+    """Weighted log-likelihood ratios of pairs of boxes.
+
+    Attributes:
+        embedding: (N, D) of unit length, in single precision, which is sufficient.
+        likeness: maps a distance to a log-likelihood ratio.
+        weight: of one ratio.
+    """
+
+    embedding: Float[np.ndarray, "box dim"]
+    likeness: Likeness
+    weight: float
+
+    def __call__(
+        self, one: Int[np.ndarray, " pair"], two: Int[np.ndarray, " pair"]
+    ) -> Float[np.ndarray, " pair"]:
+        """Ratios of pairs of boxes, given by their rows."""
+        cosine = np.empty(len(one), self.embedding.dtype)
+        step = max(NUMBERS_AT_A_TIME // self.embedding.shape[1], 1)
+        for begin in range(0, len(one), step):
+            pairs = slice(begin, begin + step)
+            left, right = self.embedding[one[pairs]], self.embedding[two[pairs]]
+            np.einsum("nd,nd->n", left, right, out=cosine[pairs])
+        return self.weight * self.likeness(1 - cosine)
+
+    def of_boxes(self, rows: slice) -> "PairRatios":
+        """Those of some boxes alone, which are counted from the first of them."""
+        return replace(self, embedding=self.embedding[rows])
+
+
+def learn_ratios(boxes: Boxes, groups: Groups, settings: EvidenceSettings) -> PairRatios | None:
+    """Learn what embeddings say about who is who from groups with enough views.
 
     Fits Gaussians (median and MAD) to the distances within and between the groups of each frame.
-    Returns None if there are too few pairs or if distances do not discriminate people.
+    Returns None without embeddings, if there are too few pairs, or if distances do not discriminate
+    people.
     """
+    if boxes.embedding is None:
+        return None
     strong = np.flatnonzero((groups.member >= 0).sum(1) >= settings.witnesses)
     g, camera = np.nonzero(groups.member[strong] >= 0)
     label = strong[g]
-    looks = appearance.embedding[groups.member[strong][g, camera]]
+    looks = boxes.embedding[groups.member[strong][g, camera]]
     _, begins = np.unique(groups.frame[label], return_index=True)
     within, between = [], []
     for begin, end in pairwise([*begins, len(label)]):
@@ -102,47 +97,22 @@ def learn_ratio(
     if min(map(len, samples)) < settings.fewest_pairs:
         return None
     one, two = (_robust(values) for values in samples)
-    return Likeness(one, two, settings.appearance_limit) if one[0] < two[0] else None
+    if one[0] >= two[0]:
+        return None
+    likeness = Likeness(one, two, settings.appearance_limit)
+    return PairRatios(boxes.embedding, likeness, settings.appearance_weight)
 
 
-class PairRatios:
-    """Weighted log-likelihood ratios of all pairs of boxes, by runs of frames.
-
-    All passes of the association use the same ratios, so they are cached unless the sequence is too
-    long.
-    """
-
-    def __init__(self, appearance: Appearance, likeness: Likeness, weight: float) -> None:
-        self.appearance, self.likeness, self.weight = appearance, likeness, weight
-        self._keep = (len(appearance.first) - 1) * appearance.width**2 <= KEPT_ENTRIES
-        self._kept: dict[tuple[int, int], np.ndarray] = {}
-
-    def of_run(self, begin: int, end: int) -> Float[np.ndarray, "f slot slot"]:
-        """Ratios of the frames from `begin` up to `end`."""
-        if (begin, end) in self._kept:
-            return self._kept[begin, end]
-        ratios = self.appearance.distances(np.arange(begin, end))
-        entries = ratios.reshape(-1)
-        for first in range(0, len(entries), ENTRIES):
-            part = entries[first : first + ENTRIES]
-            part[:] = self.weight * self.likeness(part)
-        if self._keep:
-            self._kept[begin, end] = ratios
-        return ratios
-
-
-def group_agreement(
-    likeness: Likeness, appearance: Appearance, member: np.ndarray
-) -> Float[np.ndarray, " group"]:
-    """(H,) sum of the pairwise log-likelihood ratios within each group."""
-    C = member.shape[1]
-    total = np.zeros(len(member))
-    for a in range(C):
-        for b in range(a + 1, C):
-            both = np.flatnonzero((member[:, a] >= 0) & (member[:, b] >= 0))
-            one, two = (appearance.embedding[member[both, camera]] for camera in (a, b))
-            total[both] += likeness(1 - (one * two).sum(1))
-    return total
+def appearance_log_odds(groups: Groups, ratios: PairRatios | None) -> Float[np.ndarray, " group"]:
+    """Appearance log-odds of each group: the mean pairwise ratio times the k - 1 new boxes."""
+    total = np.zeros(len(groups))
+    if ratios is None:
+        return total
+    for one, two in combinations(groups.member.T, 2):
+        both = np.flatnonzero((one >= 0) & (two >= 0))
+        total[both] += ratios(one[both], two[both])
+    count = (groups.member >= 0).sum(1)
+    return (count - 1) * total / np.maximum(count * (count - 1) / 2, 1)
 
 
 @jax.tree_util.register_dataclass
@@ -219,7 +189,7 @@ def looks_of(ratios: PairRatios, member: Int[np.ndarray, "group cam"]) -> Looks:
         ratios: the embeddings, the likelihood ratio and its weight.
         member: (H, C) boxes of each group, -1 for none.
     """
-    embedding = ratios.appearance.embedding
+    embedding = ratios.embedding
     has_embedding = np.asarray(embedding.any(axis=1))
     is_usable = (member >= 0) & has_embedding[np.maximum(member, 0)]
     total = np.zeros((len(member), embedding.shape[1]), embedding.dtype)

@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import jax
 import numpy as np
-from jaxtyping import Float
 
-from catfree.methods.evidence.group._appearance import PairRatios, group_agreement
+from catfree.methods.evidence.group._appearance import PairRatios
 from catfree.methods.evidence.group._groups import Groups, Priors
 from catfree.methods.evidence.group._merge import merge_boxes
 from catfree.methods.evidence.observe._boxes import Boxes
@@ -48,19 +47,8 @@ def group(
             float(noise.density),
             float(noise.spread),
             gate,
-            looks=None if ratios is None else ratios.of_run(begin, end),
-            slot=None if ratios is None else ratios.appearance.slot[rows] - [begin, 0],
+            ratio=None if ratios is None else ratios.of_boxes(rows),
             priors=None if priors is None else priors.between(begin, end),
         )
         parts.append(replace(part, member=np.where(part.member >= 0, part.member + rows.start, -1)))
     return jax.tree.map(lambda *values: np.concatenate(values), *parts)
-
-
-def appearance_log_odds(groups: Groups, ratios: PairRatios | None) -> Float[np.ndarray, " group"]:
-    """Appearance log-odds of each group: the mean pairwise ratio times the k - 1 new boxes."""
-    if ratios is None:
-        return np.zeros(len(groups))
-    count = (groups.member >= 0).sum(1)
-    pairs = np.maximum(count * (count - 1) / 2, 1)
-    mean = group_agreement(ratios.likeness, ratios.appearance, groups.member) / pairs
-    return ratios.weight * (count - 1) * mean

@@ -5,6 +5,7 @@ each other's best partner. A gain depends only on the two groups: the result is 
 merging one best pair at a time, and only pairs of groups that changed are weighed again.
 """
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -15,6 +16,9 @@ from scipy.spatial import KDTree
 
 from catfree.methods.evidence._gaussian import Information, log_evidence
 from catfree.methods.evidence.group._groups import Groups, Priors, collect_groups, prior_information
+
+# Log-likelihood ratio of the looks of pairs of boxes, given by their rows.
+PairRatio = Callable[[Int[np.ndarray, " pair"], Int[np.ndarray, " pair"]], np.ndarray]
 
 PAIR_BLOCK = 2**11  # pairs computed at a time: fits a cache
 PAIRS_AT_A_TIME = 1 << 18  # neighbors processed together: fits a cache
@@ -104,8 +108,7 @@ def merge_groups(
     pairs: Int[np.ndarray, "pair 2"],
     density: float,
     spread: float,
-    looks: Float[np.ndarray, "frame slot slot"] | None = None,
-    slot: Int[np.ndarray, "box 2"] | None = None,
+    ratio: PairRatio | None = None,
 ) -> Int[np.ndarray, " item"]:
     """Merge while any pair gains.
 
@@ -116,8 +119,7 @@ def merge_groups(
         pairs: (P, 2) rows of candidate pairs.
         density: people per H0².
         spread: of heights in H0.
-        looks: (F, D, D) weighted appearance log-likelihood ratios, or None.
-        slot: (n, 2) frame and place in `looks` of each box; boxes come before priors.
+        ratio: of the looks of boxes, which come before priors; None to ignore looks.
 
     Returns:
         (N,) the row that represents each item's group, its first.
@@ -132,11 +134,10 @@ def merge_groups(
     def gain_of(one: Int[np.ndarray, " pair"], two: Int[np.ndarray, " pair"]) -> np.ndarray:
         joint = jax.tree.map(np.add, info[one], info[two])
         gain = log_evidence(joint, density, spread) - evidence[one] - evidence[two]
-        if looks is not None and slot is not None:
+        if ratio is not None:
             left, right = member[one, :cameras], member[two, :cameras]
             pair, of, to = np.nonzero((left >= 0)[:, :, None] & (right >= 0)[:, None, :])
-            at, other = slot[left[pair, of]].T, slot[right[pair, to], 1]
-            gain += np.bincount(pair, looks[*at, other], len(one))
+            gain += np.bincount(pair, ratio(left[pair, of], right[pair, to]), len(one))
         return np.where((gain > 0) & np.isfinite(gain), gain, 0.0)
 
     one, two, gain = (np.zeros(0, kind) for kind in (int, int, float))
@@ -200,8 +201,7 @@ def merge_boxes(
     density: float,
     spread: float,
     gate: float,
-    looks: Float[np.ndarray, "frame slot slot"] | None = None,
-    slot: Int[np.ndarray, "box 2"] | None = None,
+    ratio: PairRatio | None = None,
     priors: Priors | None = None,
 ) -> Groups:
     """Group the boxes of every frame into people.
@@ -217,8 +217,7 @@ def merge_boxes(
         density: people per H0².
         spread: of heights in H0.
         gate: largest squared Mahalanobis distance of two boxes that may start or join a group.
-        looks: (F, D, D) weighted appearance log-likelihood ratios, or None.
-        slot: (N, 2) frame and place in `looks` of each box.
+        ratio: of the looks of boxes; None to ignore looks.
         priors: predictions of the tracks.
 
     Returns:
@@ -233,7 +232,7 @@ def merge_boxes(
         valid = _joined(valid, np.ones(count, bool))
     items = np.flatnonzero(valid)
     pairs = close_pairs(position, covariance, frame, camera, items, gate)
-    root = merge_groups(info, camera, cameras, pairs, density, spread, looks, slot)
+    root = merge_groups(info, camera, cameras, pairs, density, spread, ratio)
     return collect_groups(root, items, info, frame, camera, cameras, density, spread)
 
 

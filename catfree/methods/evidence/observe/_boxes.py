@@ -17,7 +17,7 @@ from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Lens, Rig
 
 BLOCK = 4096  # embeddings normalized together
-PAIRS_OF_A_RUN = 1 << 24  # of boxes of the same instant; their appearance ratios take 64 MB
+PAIRS_OF_A_RUN = 1 << 24  # of boxes of the same instant
 LONGEST_PAUSE = 1e6  # usual steps, after which anybody may be anywhere: longer ones say no more
 
 
@@ -44,7 +44,7 @@ class Boxes:
         covered: (N,) share of the lower part that boxes in front of it hide.
         valid: (N,) whether the pixels have rays.
         table: (F, C, B) rows of each frame and camera, -1 for none.
-        embedding: (N, D) unit vectors in single precision, or None.
+        embedding: (N, D) unit vectors in single precision; None if not used.
         first: (F + 1,) first row of each frame.
         silent: (F, C) whether a camera is known to have no picture of a frame.
     """
@@ -143,7 +143,7 @@ def prepare_boxes(
     Args:
         detections: boxes in any order.
         rig: the cameras.
-        settings: for the border margin and the lower part of a body.
+        settings: for the border margin, the lower part of a body, and whether to use embeddings.
         silent: (K, 2) frame and camera of pictures that do not exist.
         frames: (F,) sorted frame numbers, with boxes or without; None for those with boxes.
 
@@ -204,7 +204,7 @@ def prepare_boxes(
     feet = box.copy()
     feet[:, 1] = feet[:, 3] - settings.lower_body * (feet[:, 3] - feet[:, 1])
     embedding = None
-    if detections.embedding is not None:
+    if detections.embedding is not None and settings.use_appearance:
         embedding = np.zeros((n, detections.embedding.shape[1]), np.float32)
         for begin in range(0, n, BLOCK):  # the wide numbers of all boxes would fill the memory
             raw = np.asarray(detections.embedding[rows[begin : begin + BLOCK]], np.float64)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from catfree.methods.evidence._state import EvidenceState
-from catfree.methods.evidence.group._appearance import PairRatios, compare_frames, learn_ratio
+from catfree.methods.evidence.group._appearance import learn_ratios
 from catfree.methods.evidence.group._group import group
 from catfree.settings import EvidenceSettings
 from catfree.types._sampling import evenly_spread
@@ -17,13 +17,9 @@ def learn_looks(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSta
     As many evenly spread frames as self-calibration uses are enough.
     """
     boxes, measured = state.boxes, state.measurements
-    appearance = compare_frames(boxes) if settings.use_appearance else None
-    if appearance is None:
+    if boxes.embedding is None:
         return state
     frames = evenly_spread(np.arange(len(boxes.frames)), settings.calibration_frames)
     valid = np.asarray(measured.valid) & np.isin(boxes.frame, frames)
     groups = group(boxes, replace(measured, valid=valid), state.noise, settings.gate)
-    likeness = learn_ratio(appearance, groups, settings)
-    if likeness is None:
-        return state
-    return replace(state, ratios=PairRatios(appearance, likeness, settings.appearance_weight))
+    return replace(state, ratios=learn_ratios(boxes, groups, settings))

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from catfree.methods.evidence._state import EvidenceState
-from catfree.methods.evidence.group._group import appearance_log_odds
+from catfree.methods.evidence.group._appearance import appearance_log_odds
 from catfree.methods.evidence.observe._visibility import (
     count_detections,
     expected_views,

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from catfree.methods.evidence._gaussian import Information
+from catfree.methods.evidence.group import _appearance as appearance
 from catfree.methods.evidence.group._appearance import (
-    Appearance,
     Likeness,
     Looks,
     PairRatios,
@@ -35,8 +35,7 @@ def test_the_ratio_is_that_of_the_mean_distance_of_all_pairs(seed, groups, camer
     blank = rng.random(n) < 0.2
     embedding[blank] = 0
     member = np.where(rng.random((groups, cameras)) < 0.7, np.arange(n).reshape(groups, -1), -1)
-    appearance = Appearance(embedding, np.zeros((n, 2), int), np.array([0, n]), n)
-    looks = looks_of(PairRatios(appearance, LIKENESS, WEIGHT), member)
+    looks = looks_of(PairRatios(embedding, LIKENESS, WEIGHT), member)
     found = looks.ratio(looks.total, looks.count, np.arange(groups))
     for a in range(groups):
         for b in range(groups):
@@ -46,6 +45,20 @@ def test_the_ratio_is_that_of_the_mean_distance_of_all_pairs(seed, groups, camer
                 pairs = [1 - embedding[i] @ embedding[j] for i in one for j in two]
                 expected = WEIGHT * len(two) * float(LIKENESS(np.array([np.mean(pairs)]))[0])
             assert found[a, b] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("at_a_time", [1, 15, 1 << 18])
+def test_ratios_of_pairs_are_those_of_all_pairs(monkeypatch, at_a_time):
+    rng = np.random.default_rng(0)
+    embedding = unit(rng, 12, 5).astype(np.float32)
+    monkeypatch.setattr(appearance, "NUMBERS_AT_A_TIME", at_a_time)
+    ratios = PairRatios(embedding, LIKENESS, WEIGHT)
+    one, two = np.divmod(np.arange(144), 12)
+    expected = WEIGHT * LIKENESS(1 - embedding @ embedding.T)
+    np.testing.assert_allclose(ratios(one, two).reshape(12, 12), expected, rtol=1e-4)
+    some = ratios.of_boxes(slice(7, 12))
+    one, two = np.divmod(np.arange(25), 5)
+    np.testing.assert_allclose(some(one, two).reshape(5, 5), expected[7:, 7:], rtol=1e-4)
 
 
 def meeting(turn_back: bool):

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from catfree.methods.evidence.group._appearance import Likeness, PairRatios, compare_frames
+from catfree.methods.evidence.group._appearance import Likeness, PairRatios
 from catfree.methods.evidence.group._group import group
 from catfree.methods.evidence.group._groups import Priors
 from catfree.methods.evidence.observe import _boxes as prepared
@@ -38,9 +38,8 @@ def test_runs_of_one_frame_give_the_groups_of_all_frames(monkeypatch, with_looks
     def grouped():
         ratios = None
         if with_looks:
-            appearance = compare_frames(boxes)
-            assert appearance is not None
-            ratios = PairRatios(appearance, Likeness((0.5, 0.2), (1.0, 0.2), 4.0), 0.5)
+            assert boxes.embedding is not None
+            ratios = PairRatios(boxes.embedding, Likeness((0.5, 0.2), (1.0, 0.2), 4.0), 0.5)
         return group(boxes, measured, noise, RULES.gate, priors, ratios)
 
     whole = grouped()

@@ -72,10 +72,9 @@ def test_merging_in_rounds_equals_one_best_pair_at_a_time(seed, people, noise, w
     info, position, covariance, camera, valid = boxes_near(seed, people, 3, noise)
     half = np.random.default_rng(seed).normal(0, 2, (64, 64))
     looks = half + half.T if with_looks else np.zeros((64, 64))
-    slot = np.column_stack([np.zeros(64, int), np.arange(64)])
     groups = merge_boxes(
         info, position, covariance, np.zeros(64, int), camera, valid, 3, DENSITY, SPREAD,
-        1e6, looks=looks[None] if with_looks else None, slot=slot if with_looks else None,
+        1e6, ratio=(lambda one, two: looks[one, two]) if with_looks else None,
     )  # fmt: skip
     got = sorted(sorted(int(i) for i in row if i >= 0) for row in groups.member)
     assert got == greedy(info, camera, valid, looks)
