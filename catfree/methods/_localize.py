@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Int
 
@@ -136,10 +135,11 @@ def _localize_by_evidence(
 ) -> Localization:
     """Run the evidence method on the usable detections."""
     try:
-        result = evidence.localize_by_evidence(
-            detections[keep],
+        return evidence.localize_by_evidence(
+            detections,
             scene,
             settings.evidence,
+            keep=keep,
             silent=silent,
             camera_names=camera_names,
             progress=report,
@@ -148,16 +148,6 @@ def _localize_by_evidence(
         return empty_localization(
             scene.rig.camera_count, existence=True, detection_count=len(detections)
         )
-    row = np.flatnonzero(keep)
-    candidates, tracks = (
-        np.where(support >= 0, row[support], -1)
-        for support in (result.candidates.support, result.tracks.support)
-    )
-    return eqx.tree_at(
-        lambda r: (r.candidates.support, r.tracks.support, r.detection_count),
-        result,
-        (candidates, tracks, len(detections)),
-    )
 
 
 def _missing_pictures(

@@ -74,6 +74,7 @@ def localize_by_evidence(
     scene: Scene,
     settings: EvidenceSettings | None = None,
     *,
+    keep: Bool[np.ndarray, " n"] | None = None,
     silent: Int[np.ndarray, "k 2"] | None = None,
     camera_names: Sequence[str] | None = None,
     progress: Progress | None = None,
@@ -84,6 +85,7 @@ def localize_by_evidence(
         detections: boxes of all cameras and frames, in any order.
         scene: rig and ground in any units and frame of reference.
         settings: constants and switches.
+        keep: (N,) detections to use; None for all.
         silent: (K, 2) frame and camera of pictures that do not exist.
         camera_names: names for warnings.
         progress: called as `progress(stage, done, total)`.
@@ -95,7 +97,7 @@ def localize_by_evidence(
     Raises:
         InsufficientDataError: if no box of a registered camera stands on the ground.
     """
-    solution = solve(detections, scene, settings, silent=silent, progress=progress)
+    solution = solve(detections, scene, settings, keep=keep, silent=silent, progress=progress)
     localization = describe(
         solution, scene, settings, detection_count=len(detections), camera_names=camera_names
     )

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
 from catfree.methods.evidence._state import EvidenceState
 from catfree.methods.evidence.observe._boxes import float_width_of
@@ -30,6 +30,7 @@ def solve(
     scene: Scene,
     settings: EvidenceSettings | None = None,
     *,
+    keep: Bool[np.ndarray, " n"] | None = None,
     silent: Int[np.ndarray, "k 2"] | None = None,
     progress: Progress | None = None,
     finish: bool = True,
@@ -41,6 +42,7 @@ def solve(
             their float width.
         scene: rig and ground in any units; cameras that are not registered are ignored.
         settings: constants and switches.
+        keep: (N,) detections to use; None for all.
         silent: (K, 2) frame and camera of pictures that do not exist.
         progress: called as `progress(stage, done, total)`.
         finish: whether to mend identities over the whole sequence and to add the errors of poses
@@ -56,7 +58,7 @@ def solve(
     report = progress or no_progress
     with float_width_of(detections.box):
         report("self-calibration", 0, 1)
-        state = observe_boxes(detections, scene, settings, silent)
+        state = observe_boxes(detections, scene, settings, silent, keep)
         # The tracks of one round are the priors of the next.
         rounds = settings.passes if state.is_tracked(settings) else 1
         passes = (learn_looks, *(ASSOCIATE * rounds), choose_reported, *(FINISH * finish))

@@ -36,43 +36,36 @@ class LeftOut(NamedTuple):
     """Boxes compared with the person estimated from the other boxes of their group.
 
     Attributes:
-        row: (n,) row of each box.
         residual: (n, 3) observed minus predicted edges in pixels of the box's pinhole.
         sd: (n, 3) expected standard deviation of the residuals.
         used: (n, 3) whether the residual says something about cameras and noise.
-        features: (n, 3, 4) of `field_features`.
     """
 
-    row: Int[np.ndarray, " n"]
     residual: Float[np.ndarray, "n 3"]
     sd: Float[np.ndarray, "n 3"]
     used: Bool[np.ndarray, "n 3"]
-    features: Float[np.ndarray, "n 3 4"]
 
 
 def left_out_residuals(
-    chosen: Int[np.ndarray, " g"],
+    row: Int[np.ndarray, " n"],
+    group: Int[np.ndarray, " n"],
     groups: Groups,
     measurements: Measurements,
     boxes: Boxes,
     views: GroundViews,
     noise: Noise,
 ) -> LeftOut:
-    """Compare each box of the chosen groups (g,) with the other boxes of its group."""
-    g, c = np.nonzero(groups.member[chosen] >= 0)
-    rows = groups.member[chosen][g, c]
-    edges, size, view = boxes.edges[rows], boxes.size[rows], boxes.view[rows]
-    others = jax.tree.map(np.subtract, groups.info[chosen[g]], measurements.info[rows])
+    """Compare boxes, given by their rows, with the other boxes of their groups."""
+    others = jax.tree.map(np.subtract, groups.info[group], measurements.info[row])
     state, covariance = mean_and_covariance(others, noise.spread)
-    predicted, slopes = predicted_edges(state, views.matrix[view])
-    residual, slopes = edges - predicted, slopes[..., :3]
+    predicted, slopes = predicted_edges(state, views.matrix[boxes.view[row]])
+    residual, slopes = boxes.edges[row] - predicted, slopes[..., :3]
     variance = np.einsum("nij,njk,nik->ni", slopes, covariance, slopes)
-    features = field_features(edges, size, views.focal[view], views.center[view])
-    used = np.asarray(measurements.used)[rows] & np.isfinite(residual).all(1, keepdims=True)
+    used = np.asarray(measurements.used)[row] & np.isfinite(residual).all(1, keepdims=True)
     # Boxes cut at the side are not informative about the usual noise.
-    used &= ~boxes.cut[rows, :1]
-    sd = np.sqrt(np.asarray(measurements.noise)[rows] ** 2 + variance)
-    return LeftOut(rows, residual, sd, used, features)
+    used &= ~boxes.cut[row, :1]
+    sd = np.sqrt(np.asarray(measurements.noise)[row] ** 2 + variance)
+    return LeftOut(residual, sd, used)
 
 
 def learn_noise(
@@ -114,10 +107,15 @@ def learn_noise(
     spread = float(np.clip(spread, *settings.height_spread_range))
     density = crowding(state[:, :2], groups.frame[strong])
 
-    rows, residual, sd, used, features = left_out_residuals(
-        strong, groups, measurements, boxes, views, noise
+    g, c = np.nonzero(is_member[strong])
+    row = groups.member[strong][g, c]
+    residual, sd, used = left_out_residuals(
+        row, strong[g], groups, measurements, boxes, views, noise
     )
-    c = boxes.camera[rows]
+    view = boxes.view[row]
+    features = field_features(
+        boxes.edges[row], boxes.size[row], views.focal[view], views.center[view]
+    )
     field, edge, angular = noise.field.copy(), noise.edge.copy(), noise.angular
     if settings.residual_field:
         for camera in range(C):

@@ -137,6 +137,7 @@ def prepare_boxes(
     settings: EvidenceSettings,
     silent: Int[np.ndarray, "k 2"] | None = None,
     frames: Int[np.ndarray, " frame"] | None = None,
+    keep: Bool[np.ndarray, " n"] | None = None,
 ) -> Boxes:
     """Sort and undistort detections; those of unregistered cameras are omitted.
 
@@ -146,15 +147,16 @@ def prepare_boxes(
         settings: for the border margin, the lower part of a body, and whether to use embeddings.
         silent: (K, 2) frame and camera of pictures that do not exist.
         frames: (F,) sorted frame numbers, with boxes or without; None for those with boxes.
+        keep: (N,) detections to use; None for all.
 
     Returns:
         Arrays in an order that does not depend on the input order.
     """
     registered = np.asarray(rig.registered)
-    rows = np.flatnonzero(
-        (detections.camera < rig.camera_count)
-        & registered[np.minimum(detections.camera, rig.camera_count - 1)]
-    )
+    usable = (detections.camera < rig.camera_count) & registered[
+        np.minimum(detections.camera, rig.camera_count - 1)
+    ]
+    rows = np.flatnonzero(usable if keep is None else usable & keep)
     box = np.asarray(detections.box, np.float64)
     keys = [box[rows, i] for i in (3, 2, 1, 0)] + [detections.camera[rows], detections.frame[rows]]
     order = np.lexsort(keys)

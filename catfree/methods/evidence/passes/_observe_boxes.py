@@ -1,7 +1,7 @@
 """First pass: learn the noise of a sequence and turn each of its boxes into a likelihood."""
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
 from catfree.methods.evidence._state import EvidenceState, first_state
 from catfree.methods.evidence.learn._self_calibration import self_calibrate
@@ -17,6 +17,7 @@ def observe_boxes(
     scene: Scene,
     settings: EvidenceSettings,
     silent: Int[np.ndarray, "k 2"] | None = None,
+    keep: Bool[np.ndarray, " n"] | None = None,
 ) -> EvidenceState:
     """Learn unit and noise, and measure every box.
 
@@ -25,6 +26,7 @@ def observe_boxes(
         scene: rig and ground.
         settings: constants and switches.
         silent: (K, 2) frame and camera of pictures that do not exist.
+        keep: (N,) detections to use; None for all.
 
     Returns:
         A state without groups and tracks.
@@ -32,8 +34,10 @@ def observe_boxes(
     Raises:
         InsufficientDataError: if no box of a registered camera stands on the ground.
     """
-    unit, noise = self_calibrate(detections, scene, settings)
-    boxes = prepare_boxes(detections, scene.rig, settings, silent)
+    used = detections if keep is None else detections[keep]
+    unit, noise = self_calibrate(used, scene, settings)
+    del used  # a copy of all embeddings
+    boxes = prepare_boxes(detections, scene.rig, settings, silent, keep=keep)
     views = ground_views(scene, unit, boxes)
     measured = measure_boxes(boxes, views, noise, settings)
     return first_state(boxes, views, noise, measured, settings)

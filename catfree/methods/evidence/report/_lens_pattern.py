@@ -66,24 +66,28 @@ def lens_bends(chosen: Int[np.ndarray, " g"], state: EvidenceState) -> Float[np.
     """
     groups, boxes, views = state.groups, state.boxes, state.views
     strong = chosen[(groups.member[chosen] >= 0).sum(1) >= FEWEST_CAMERAS]
-    residuals = left_out_residuals(strong, groups, state.measurements, boxes, views, state.noise)
-    camera = boxes.camera[residuals.row]
-    box, focal = boxes.box[residuals.row], views.focal[boxes.view[residuals.row]][:, None]
-    middle = (box[:, 0] + box[:, 2]) / 2
-    ends = np.stack([np.stack([middle, box[:, k]], -1) for k in (1, 3)], 1)
-    offset = (ends - views.center[camera][:, None]) / views.focal[camera][:, None, None]
-    # The center column is one residual of two ends.
-    precision = np.where(residuals.used, np.array([0.5, 1, 1]) ** 0.5 * focal / residuals.sd, 0.0)
-    residual = np.where(residuals.used, residuals.residual / focal, 0.0)
     by_end = np.array([[0, 1], [0, 2]])
     bend = np.zeros(groups.member.shape[1])
-    for one in np.flatnonzero(np.bincount(camera, minlength=1) >= FEWEST_BOXES):
-        rows = camera == one
-        samples = residual[rows][:, by_end], offset[rows], precision[rows][:, by_end]
+    for camera, column in enumerate(groups.member[strong].T):
+        seen = np.flatnonzero(column >= 0)
+        if len(seen) < FEWEST_BOXES:
+            continue
+        row = column[seen]
+        found = left_out_residuals(
+            row, strong[seen], groups, state.measurements, boxes, views, state.noise
+        )
+        box, focal = boxes.box[row], views.focal[boxes.view[row]][:, None]
+        middle = (box[:, 0] + box[:, 2]) / 2
+        ends = np.stack([np.stack([middle, box[:, k]], -1) for k in (1, 3)], 1)
+        offset = (ends - views.center[camera]) / views.focal[camera]
+        # The center column is one residual of two ends.
+        precision = np.where(found.used, np.array([0.5, 1, 1]) ** 0.5 * focal / found.sd, 0.0)
+        residual = np.where(found.used, found.residual / focal, 0.0)
+        samples = residual[:, by_end], offset, precision[:, by_end]
         strength, deviation = lens_pattern(*(part.reshape(-1, 2) for part in samples))
-        outer = np.quantile(np.linalg.norm(samples[1], axis=-1), OUTER)
+        outer = np.quantile(np.linalg.norm(offset, axis=-1), OUTER)
         if abs(strength) > SIGNIFICANT * deviation:
-            bend[one] = abs(strength) * outer**3
+            bend[camera] = abs(strength) * outer**3
     return bend
 
 
