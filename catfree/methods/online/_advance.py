@@ -99,7 +99,7 @@ def advance(
     ratios = None
     if boxes.embedding is not None and likeness is not None:
         ratios = PairRatios(boxes.embedding, likeness, settings.appearance_weight)
-        state = with_looks(state, boxes.embedding.shape[1])
+        state = with_looks(state, boxes.embedding.dim)
 
     motion = motion_learned(learned, settings)
     step = usual_steps(learned, float(state.time), time)

@@ -22,7 +22,6 @@ from catfree.methods.evidence.track._identify import (
     later,
     match_chains,
     nodes_of,
-    strangers_of,
 )
 from catfree.methods.evidence.track._presence import later_frames
 from catfree.methods.evidence.track._suppress_overlapping import one_per_place
@@ -250,9 +249,8 @@ def _identify(
     habits = _habits(learned.habits)
     k = future.chain
     past_of = np.full(len(track), -1)
-    (stranger,) = strangers_of([future], population)
     past_of[k] = match_chains(
-        pasts, future, stranger, look[k], boxes[k], detected_times[k], habits, population
+        pasts, future, look[k], boxes[k], detected_times[k], habits, population
     )
     frame_nodes = at[0]
     linked = past_of[chain[frame_nodes]]

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from catfree.geometry._arrays import MEDIAN_TO_DEVIATION
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._boxes import Boxes
+from catfree.methods.evidence.observe._embeddings import Embeddings
 from catfree.settings import EvidenceSettings
 
 SMALLEST_SPREAD = 0.01  # cosine distance: narrower samples are copies
@@ -45,12 +46,12 @@ class PairRatios:
     """Weighted log-likelihood ratios of pairs of boxes.
 
     Attributes:
-        embedding: (N, D) of unit length, in single precision, which is sufficient.
+        embedding: of the boxes.
         likeness: maps a distance to a log-likelihood ratio.
         weight: of one ratio.
     """
 
-    embedding: Float[np.ndarray, "box dim"]
+    embedding: Embeddings
     likeness: Likeness
     weight: float
 
@@ -58,8 +59,8 @@ class PairRatios:
         self, one: Int[np.ndarray, " pair"], two: Int[np.ndarray, " pair"]
     ) -> Float[np.ndarray, " pair"]:
         """Ratios of pairs of boxes, given by their rows."""
-        cosine = np.empty(len(one), self.embedding.dtype)
-        step = max(NUMBERS_AT_A_TIME // self.embedding.shape[1], 1)
+        cosine = np.empty(len(one), np.float32)
+        step = max(NUMBERS_AT_A_TIME // self.embedding.dim, 1)
         for begin in range(0, len(one), step):
             pairs = slice(begin, begin + step)
             left, right = self.embedding[one[pairs]], self.embedding[two[pairs]]
@@ -68,7 +69,7 @@ class PairRatios:
 
     def of_boxes(self, rows: slice) -> "PairRatios":
         """Those of some boxes alone, which are counted from the first of them."""
-        return replace(self, embedding=self.embedding[rows])
+        return replace(self, embedding=self.embedding.of_boxes(rows))
 
 
 def learn_ratios(boxes: Boxes, groups: Groups, settings: EvidenceSettings) -> PairRatios | None:
@@ -190,9 +191,8 @@ def looks_of(ratios: PairRatios, member: Int[np.ndarray, "group cam"]) -> Looks:
         member: (H, C) boxes of each group, -1 for none.
     """
     embedding = ratios.embedding
-    has_embedding = np.asarray(embedding.any(axis=1))
-    is_usable = (member >= 0) & has_embedding[np.maximum(member, 0)]
-    total = np.zeros((len(member), embedding.shape[1]), embedding.dtype)
+    is_usable = (member >= 0) & (embedding.length[np.maximum(member, 0)] > 0)
+    total = np.zeros((len(member), embedding.dim), np.float32)
     for camera in range(member.shape[1]):
         rows = np.flatnonzero(is_usable[:, camera])
         total[rows] += embedding[member[rows, camera]]

@@ -11,12 +11,12 @@ from catfree.geometry import back_project
 from catfree.geometry._buckets import fine_length
 from catfree.geometry._person import cut_by_border, edges_of
 from catfree.geometry.camera import rays_of_pixels
+from catfree.methods.evidence.observe._embeddings import Embeddings, embeddings_of
 from catfree.methods.evidence.observe._hidden_shares import hidden_shares
 from catfree.methods.evidence.observe._local_pinholes import local_pinholes, project_rays
 from catfree.settings import EvidenceSettings
 from catfree.types import Detections, Lens, Rig
 
-BLOCK = 4096  # embeddings normalized together
 PAIRS_OF_A_RUN = 1 << 24  # of boxes of the same instant
 LONGEST_PAUSE = 1e6  # usual steps, after which anybody may be anywhere: longer ones say no more
 
@@ -44,7 +44,7 @@ class Boxes:
         covered: (N,) share of the lower part that boxes in front of it hide.
         valid: (N,) whether the pixels have rays.
         table: (F, C, B) rows of each frame and camera, -1 for none.
-        embedding: (N, D) unit vectors in single precision; None if not used.
+        embedding: their embeddings; None if there are none, or they are not used.
         first: (F + 1,) first row of each frame.
         silent: (F, C) whether a camera is known to have no picture of a frame.
     """
@@ -64,7 +64,7 @@ class Boxes:
     covered: Float[np.ndarray, " box"]
     valid: Bool[np.ndarray, " box"]
     table: Int[np.ndarray, "frame cam slot"]
-    embedding: Float[np.ndarray, "box dim"] | None
+    embedding: Embeddings | None
     first: Int[np.ndarray, " bounds"]
     silent: Bool[np.ndarray, "frame cam"]
 
@@ -207,11 +207,7 @@ def prepare_boxes(
     feet[:, 1] = feet[:, 3] - settings.lower_body * (feet[:, 3] - feet[:, 1])
     embedding = None
     if detections.embedding is not None and settings.use_appearance:
-        embedding = np.zeros((n, detections.embedding.shape[1]), np.float32)
-        for begin in range(0, n, BLOCK):  # the wide numbers of all boxes would fill the memory
-            raw = np.asarray(detections.embedding[rows[begin : begin + BLOCK]], np.float64)
-            length = np.maximum(np.linalg.norm(raw, axis=-1, keepdims=True), 1e-12)
-            embedding[begin : begin + len(raw)] = raw / length
+        embedding = embeddings_of(detections.embedding, rows)
     return Boxes(
         row=rows,
         frames=frames,

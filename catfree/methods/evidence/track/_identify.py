@@ -243,32 +243,6 @@ class Futures(NamedTuple):
     wait: Int[np.ndarray, " k"]
 
 
-class Strangers(NamedTuple):
-    """Futures taken for people never seen before.
-
-    Attributes:
-        value: (K,) log evidence, without what is the same for all.
-        center: (K, 2) their places, and `around`: (K, 2, 2) covariance.
-    """
-
-    value: Float[np.ndarray, " k"]
-    center: Float[np.ndarray, "k 2"]
-    around: Float[np.ndarray, "k 2 2"]
-
-
-def strangers_of(futures: list[Futures], population: Population) -> list[Strangers]:
-    """The futures of each frame, each taken for somebody never seen before."""
-    prior, pull = _new_person(population)
-    alone = np.concatenate([future.matrix for future in futures]) + prior
-    start = np.concatenate([future.vector for future in futures]) + pull
-    around = np.linalg.inv(alone)
-    state = (around @ start[..., None])[..., 0]
-    value = 0.5 * ((start * state).sum(-1) - np.linalg.slogdet(alone)[1])
-    cuts = np.cumsum([len(future.chain) for future in futures])[:-1]
-    parts = (np.split(part, cuts) for part in (value, state[:, :2], around[:, :2, :2]))
-    return list(map(Strangers, *parts))
-
-
 def futures_of(
     at: list[np.ndarray], nodes: Nodes, chain: np.ndarray, steps: list[tuple]
 ) -> list[Futures]:
@@ -333,7 +307,6 @@ def sweep(
     kinds = {dt: transition(population.motion, dt) for dt in set(np.diff(population.time).tolist())}
     steps = [kinds[dt] for dt in np.diff(population.time).tolist()]
     futures = futures_of(at, nodes, chain, steps)
-    strangers = strangers_of(futures, population)
     pasts = no_pasts(nodes.look.shape[1])
     chains = chain.max() + 1
     # Of each chain's future.
@@ -343,12 +316,12 @@ def sweep(
     sightings = np.bincount(chain, nodes.boxes > 0, chains).astype(int)
     names, count = np.zeros(len(chain), int), 0
     place = np.full(chains, -1)
-    for t, (future, stranger) in enumerate(zip(futures, strangers, strict=True)):
+    for t, future in enumerate(futures):
         if t:
             pasts = later(pasts, *steps[t - 1])
         name = future.chain
         past = match_chains(
-            pasts, future, stranger, look[name], boxes[name], sightings[name], habits, population
+            pasts, future, look[name], boxes[name], sightings[name], habits, population
         )
         rows = at[t]
         place[name] = np.arange(len(name))
@@ -404,7 +377,6 @@ def _new_person(population: Population) -> tuple[np.ndarray, np.ndarray]:
 def match_chains(
     pasts: Pasts,
     future: Futures,
-    stranger: Strangers,
     look: Float[np.ndarray, "k dim"],
     boxes: Int[np.ndarray, " k"],
     sightings: Int[np.ndarray, " k"],
@@ -416,7 +388,6 @@ def match_chains(
     Args:
         pasts: the chains up to the frame before, predicted for this one.
         future: (K) the chains from this frame on.
-        stranger: (K) the same, each taken for somebody never seen before.
         look: (K, D) sum of the embeddings of their boxes.
         boxes: (K,) number of these.
         sightings: (K,) number of their positions with a box.
@@ -434,11 +405,16 @@ def match_chains(
     # Of the prior of a new person, and of leaving and coming instead of staying.
     constant = np.log(2 * np.pi * density) - np.log(spread * speed**2)
     constant += 2 * np.log(habits.leave) - 0.5 / spread**2
-    value = constant + stranger.value
+    # Each future, taken for somebody never seen before.
+    prior, pull = _new_person(population)
+    alone, start = matrix + prior, vector + pull
+    around = np.linalg.inv(alone)
+    place = (around @ start[..., None])[..., 0]
+    value = constant + 0.5 * ((start * place).sum(-1) - np.linalg.slogdet(alone)[1])
     mean, cov = pasts.mean, pasts.covariance
     hidden = pasts.gap[:, None] - 1 + wait[None]
     surprise = habits.surprise(hidden)
-    m2, area = distances(mean[:, :2], cov[:, :2, :2], stranger.center, stranger.around)
+    m2, area = distances(mean[:, :2], cov[:, :2, :2], place[:, :2], around[:, :2, :2])
     cost = surprise + np.log(2 * np.pi * density * habits.leave**2)
     hope = -0.5 * (m2 + np.log(area)) - cost
     i, j = np.nonzero((hope > HOPELESS) & (hidden < HORIZON))

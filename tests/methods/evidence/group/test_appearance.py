@@ -15,6 +15,7 @@ from catfree.methods.evidence.group._appearance import (
     looks_of,
 )
 from catfree.methods.evidence.group._groups import Groups
+from catfree.methods.evidence.observe._embeddings import embeddings_of
 from catfree.methods.evidence.track._tracking import Motion, follow
 from catfree.settings import EvidenceSettings
 
@@ -35,7 +36,7 @@ def test_the_ratio_is_that_of_the_mean_distance_of_all_pairs(seed, groups, camer
     blank = rng.random(n) < 0.2
     embedding[blank] = 0
     member = np.where(rng.random((groups, cameras)) < 0.7, np.arange(n).reshape(groups, -1), -1)
-    looks = looks_of(PairRatios(embedding, LIKENESS, WEIGHT), member)
+    looks = looks_of(PairRatios(embeddings_of(embedding, np.arange(n)), LIKENESS, WEIGHT), member)
     found = looks.ratio(looks.total, looks.count, np.arange(groups))
     for a in range(groups):
         for b in range(groups):
@@ -52,7 +53,7 @@ def test_ratios_of_pairs_are_those_of_all_pairs(monkeypatch, at_a_time):
     rng = np.random.default_rng(0)
     embedding = unit(rng, 12, 5).astype(np.float32)
     monkeypatch.setattr(appearance, "NUMBERS_AT_A_TIME", at_a_time)
-    ratios = PairRatios(embedding, LIKENESS, WEIGHT)
+    ratios = PairRatios(embeddings_of(embedding, np.arange(12)), LIKENESS, WEIGHT)
     one, two = np.divmod(np.arange(144), 12)
     expected = WEIGHT * LIKENESS(1 - embedding @ embedding.T)
     np.testing.assert_allclose(ratios(one, two).reshape(12, 12), expected, rtol=1e-4)
