@@ -145,35 +145,31 @@ def people_in_cameras(
 
 
 def pinholes_towards(
-    state: Float[np.ndarray, "person 3"], views: GroundViews
-) -> tuple[Float[np.ndarray, "person cam 3 4"], Float[np.ndarray, "person cam"]]:
-    """The pinhole in which each camera sees each person: its own, or one turned towards the person.
+    state: Float[np.ndarray, "person 3"], camera: int, views: GroundViews
+) -> tuple[Float[np.ndarray, "person 3 4"], Float[np.ndarray, " person"]]:
+    """The pinhole in which a camera sees each person: its own, or one turned towards the person.
 
     Args:
         state: (H, 3) positions and heights in H0.
+        camera: its number.
         views: the cameras.
 
     Returns:
-        matrix: (H, C, 3, 4) as in `GroundViews`.
-        focal: (H, C) in pixels.
+        matrix: (H, 3, 4) as in `GroundViews`.
+        focal: (H,) in pixels.
     """
-    people, count = len(state), len(views.registered)
-    matrix = np.tile(views.matrix[None, :count], (people, 1, 1, 1))
-    focal = np.tile(views.focal[None, :count], (people, 1))
-    rig = views.rig
-    for camera in (
-        [] if rig is None else np.flatnonzero(views.registered & (rig.lenses != Lens.PINHOLE))
-    ):
-        assert rig is not None
-        edges = edges_of(*people_in_rig(rig, camera, state)[:2])
-        middle = np.stack([edges[:, 0], edges[:, 1:].mean(-1)], -1)
-        inside = np.clip(middle, 0, rig.image_size[camera] - 1)
-        K, R, usable = local_pinholes(rig, np.full(people, camera), inside)
-        place = -R @ np.asarray(rig.centers, np.float64)[camera][:, None]
-        turned = K @ np.concatenate([R, place], -1)
-        matrix[:, camera] = np.where(usable[:, None, None], turned, np.eye(3, 4))
-        focal[:, camera] = np.sqrt(K[:, 0, 0] * K[:, 1, 1])
-    return matrix, focal
+    people, rig = len(state), views.rig
+    if rig is None or not views.registered[camera] or rig.lenses[camera] == Lens.PINHOLE:
+        own = views.matrix[camera], views.focal[camera]
+        return np.broadcast_to(own[0], (people, 3, 4)), np.broadcast_to(own[1], people)
+    edges = edges_of(*people_in_rig(rig, camera, state)[:2])
+    middle = np.stack([edges[:, 0], edges[:, 1:].mean(-1)], -1)
+    inside = np.clip(middle, 0, rig.image_size[camera] - 1)
+    K, R, usable = local_pinholes(rig, np.full(people, camera), inside)
+    place = -R @ np.asarray(rig.centers, np.float64)[camera][:, None]
+    turned = K @ np.concatenate([R, place], -1)
+    matrix = np.where(usable[:, None, None], turned, np.eye(3, 4))
+    return matrix, np.sqrt(K[:, 0, 0] * K[:, 1, 1])
 
 
 def _inverse(matrix: np.ndarray, registered: np.ndarray) -> np.ndarray:

@@ -28,12 +28,12 @@ def design_sigma(
     state: np.ndarray, visibility: Views, views: GroundViews, noise: Noise
 ) -> Float[np.ndarray, " person"]:
     """Ground uncertainty of a person without occlusion, in H0."""
-    matrix, focal = pinholes_towards(state, views)
     # Positions that no camera sees are vague, not undefined.
     info = np.tile(1e-6 * np.eye(3), (len(state), 1, 1))
     for camera, edge in enumerate(noise.edge):  # all slopes together would be large
-        _, slopes = predicted_edges(state, matrix[:, camera])
-        height, floor = visibility.height[:, camera, None], noise.angular * focal[:, camera, None]
+        matrix, focal = pinholes_towards(state, camera, views)
+        _, slopes = predicted_edges(state, matrix)
+        height, floor = visibility.height[:, camera, None], noise.angular * focal[:, None]
         weight = visibility.inside[:, camera, None] / edge_deviation(height, edge, floor) ** 2
         info += np.einsum("nki,nk,nkj->nij", slopes[..., :3], weight, slopes[..., :3])
     flat = Information(info, np.zeros(state.shape), np.zeros(len(state)))
