@@ -40,12 +40,13 @@ def folders(tmp_path_factory):
 
 
 def both_looks(videos, workers, cache=None):
-    """Detections of both passes, and the calls of progress."""
+    """Detections of both passes, and the calls of progress while fitting."""
     expected = ExpectedPeople(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)))
     calls = []
 
     def note(*call):
-        calls.append(call)
+        if call[0] == "fit":
+            calls.append(call)
 
     with CameraDetectors(videos, BackgroundDetector(), cache, note, workers=workers) as cameras:
         found = detect_with_cache(videos, cameras, ColorEmbedder(), None)
