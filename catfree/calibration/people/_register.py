@@ -13,7 +13,8 @@ from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, to_matri
 from catfree.calibration.people.cameras._rig_deviation import crowd_deviation, scale_variance
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._clock_offsets import find_offsets
-from catfree.calibration.people.search._register_cameras import RegisteredRig, register_cameras
+from catfree.calibration.people.search._growth import JudgedRig
+from catfree.calibration.people.search._register_cameras import register_cameras
 from catfree.errors import CalibrationError, InvalidInputError, shortened
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
@@ -136,7 +137,7 @@ def _register_bent(
     settings: CalibrationSettings,
     names: Sequence[str],
     report: Progress,
-) -> tuple[Workspace, RegisteredRig]:
+) -> tuple[Workspace, JudgedRig]:
     """Register cameras with ideal lenses, and if fewer than three are found, with bent ones.
 
     Three cameras share people to whom their lenses are adjusted, and then find the others. Bent
@@ -145,7 +146,7 @@ def _register_bent(
     Raises:
         CalibrationError: if no two cameras share people, whatever the lenses.
     """
-    best: tuple[Workspace, RegisteredRig] | None = None
+    best: tuple[Workspace, JudgedRig] | None = None
     refusal: CalibrationError | None = None
     for k1 in (0.0, *settings.bent_lenses):
         focal = np.median(settings.focal_shares) * size.max(1)
@@ -240,7 +241,7 @@ def camera_sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarr
 
 def describe_registration(
     work: Workspace,
-    registered: RegisteredRig,
+    registered: JudgedRig,
     names: Sequence[str],
     offset: Int[np.ndarray, " cam"],
 ) -> Calibration:
