@@ -47,7 +47,7 @@ class JudgedRig:
     @property
     def quality(self) -> tuple[int, float]:
         """Number of placed cameras, and the sum of their evidence above chance."""
-        margins = sum(verdict.margin for verdict in self.verdicts.values())
+        margins = sum((verdict.margin for verdict in self.verdicts.values()), 0.0)
         return int(self.rig.state.placed.sum()), margins
 
     @property
