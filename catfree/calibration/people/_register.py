@@ -15,12 +15,12 @@ from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._clock_offsets import find_offsets
 from catfree.calibration.people.search._growth import JudgedRig
 from catfree.calibration.people.search._register_cameras import register_cameras
-from catfree.errors import CalibrationError, InvalidInputError, shortened
+from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Plane, Rig, Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._validation import require_names
+from catfree.types._validation import require_names, shown_camera
 
 FEWEST_FOR_LENSES = 3  # cameras; two never share confident people
 
@@ -122,20 +122,19 @@ def register(
     settings = CalibrationSettings() if settings is None else settings
     size = camera_sizes(detections, image_size)
     require_names(camera_names, len(size))
-    names = [str(c) for c in range(len(size))] if camera_names is None else list(camera_names)
     report = progress or no_progress
     offset = np.zeros(len(size), np.int64)
-    work, registered = _register_bent(detections, size, settings, names, report)
+    work, registered = _register_bent(detections, size, settings, camera_names, report)
     if maximum_offset > 0:
         work, registered, offset = find_offsets(work, registered, maximum_offset, report)
-    return describe_registration(work, registered, names, offset)
+    return describe_registration(work, registered, camera_names, offset)
 
 
 def _register_bent(
     detections: Detections,
     size: Int[np.ndarray, "cam 2"],
     settings: CalibrationSettings,
-    names: Sequence[str],
+    camera_names: Sequence[str] | None,
     report: Progress,
 ) -> tuple[Workspace, JudgedRig]:
     """Register cameras with ideal lenses, and if fewer than three are found, with bent ones.
@@ -151,7 +150,7 @@ def _register_bent(
     for k1 in (0.0, *settings.bent_lenses):
         focal = np.median(settings.focal_shares) * size.max(1)
         lenses = RadialLenses(focal, np.full(len(size), k1))
-        work = prepare(detections, size, settings, names, lenses)
+        work = prepare(detections, size, settings, camera_names, lenses)
         try:
             registered = register_cameras(work, report)
         except CalibrationError as error:
@@ -173,7 +172,7 @@ def prepare(
     detections: Detections,
     size: Int[np.ndarray, "cam 2"],
     settings: CalibrationSettings,
-    names: Sequence[str],
+    camera_names: Sequence[str] | None,
     lenses: RadialLenses,
 ) -> Workspace:
     """Arrange the boxes on a grid and check that there are enough.
@@ -182,7 +181,7 @@ def prepare(
         detections: (N,) boxes of all cameras.
         size: (C, 2) image widths and heights in pixels.
         settings: constants.
-        names: camera names for error messages.
+        camera_names: for error messages.
         lenses: lenses whose distortion is removed from the boxes.
 
     Raises:
@@ -192,8 +191,8 @@ def prepare(
     work = Workspace(grid, settings, lenses)
     seeing = int(work.useful.sum())
     if seeing < 2:
-        boxes = grid.valid.sum((1, 2))
-        counts = ", ".join(f"{shortened(n)}: {b}" for n, b in zip(names, boxes, strict=True))
+        boxes = enumerate(grid.valid.sum((1, 2)).tolist())
+        counts = ", ".join(f"{shown_camera(c, camera_names)}: {count}" for c, count in boxes)
         raise CalibrationError(
             f"Calibration from people needs 2 cameras with more than {settings.minimum_matches} "
             f"boxes inside the image each, but has {seeing} ({counts or 'no cameras'})."
@@ -242,7 +241,7 @@ def camera_sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarr
 def describe_registration(
     work: Workspace,
     registered: JudgedRig,
-    names: Sequence[str],
+    camera_names: Sequence[str] | None,
     offset: Int[np.ndarray, " cam"],
 ) -> Calibration:
     """Describe a registered rig as a scene with its evidence.
@@ -250,7 +249,7 @@ def describe_registration(
     Args:
         work: the sequence.
         registered: its cameras.
-        names: camera names for error messages.
+        camera_names: for error messages.
         offset: (C,) frames by which each camera's frame numbers are too high.
 
     Raises:
@@ -266,7 +265,7 @@ def describe_registration(
             evidence[camera] = verdict.margin
     if trusted.sum() < 2:
         reasons = "; ".join(
-            f"{shortened(names[c])}: "
+            f"{shown_camera(c, camera_names)}: "
             f"{' and '.join(v.shortcomings) or 'enough, but no other trusted camera'}"
             for c, v in registered.verdicts.items()
         )
