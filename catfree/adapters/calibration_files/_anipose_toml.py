@@ -63,14 +63,14 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
     file_cameras = []
     for key, camera in cameras.items():
         where = f"camera [{shortened(key)}]"
-        fields = {name: entry(camera, name, source, where) for name in ("matrix", "size")}
-        fields |= {name: entry(camera, name, source, where) for name in ("rotation", "translation")}
+        shapes = {"matrix": (3, 3), "size": (2,), "rotation": (3,), "translation": (3,)}
+        fields = {name: entry(camera, name, source, where) for name in shapes}
         lens = Lens.FISHEYE if camera.get("fisheye", False) else Lens.PINHOLE
-        K = numbers(fields["matrix"], (3, 3), source, f"matrix of {where}")
-        size = numbers(fields["size"], (2,), source, f"size of {where}")
-        vector = numbers(fields["rotation"], (3,), source, f"rotation of {where}")
+        K, size, vector, t = (
+            numbers(fields[name], shape, source, f"{name} of {where}")
+            for name, shape in shapes.items()
+        )
         R = Rotation.from_rotvec(vector).as_matrix()
-        t = numbers(fields["translation"], (3,), source, f"translation of {where}")
         values = camera.get("distortions", [])
         coefficients = numbers(values, None, source, f"distortions of {where}")
         distortion = lens_coefficients(coefficients, source, where, lens)
