@@ -7,6 +7,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from benchmarks.reliability.dispatched import dispatching_readers
 from benchmarks.reliability.material import Material, Reader
@@ -43,7 +44,6 @@ from catfree.adapters import (
     write_tracks_csv,
     write_tracks_parquet,
 )
-from catfree.adapters.calibration_files._rotation_vectors import rotation_to_vector
 from catfree.adapters.calibration_files.colmap._colmap_models import MODELS, PARAMETERS
 from catfree.adapters.video._timestamps import read_timestamps
 from catfree.calibration import read_anchors
@@ -345,7 +345,7 @@ def _write_wildtrack(folder: Path) -> None:
         )
         _xml(
             folder / "calibrations" / "extrinsic" / f"extr_{label}.xml",
-            rvec=rotation_to_vector(R),
+            rvec=Rotation.from_matrix(R).as_rotvec(),
             tvec=100 * t,
         )
     for frame in (0, 5):
@@ -362,7 +362,7 @@ def _write_multiviewx(folder: Path) -> None:
         )
         _xml(
             folder / "calibrations" / "extrinsic" / f"extr_Camera{camera + 1}.xml",
-            rvec=rotation_to_vector(-R @ flip),
+            rvec=Rotation.from_matrix(-R @ flip).as_rotvec(),
             tvec=-(t + R @ np.array([0, 16.0, 0])),
         )
         pixels = [1, 0, *np.stack([np.arange(9) * 5, np.arange(9) * 7], -1).ravel()]

@@ -253,7 +253,7 @@ def run_stages(
     cache = None if cache_dir is None else StageCache(cache_dir)
 
     with CameraDetectors(videos, detector, cache, progress, workers=workers) as cameras:
-        detections = detect_with_cache(videos, cameras, embedder, cache, progress)
+        detections = detect_with_cache(videos, cameras, embedder, cache)
         so_far.detections = detections
         if videos.interruption is not None:
             so_far.warnings += (

@@ -178,7 +178,7 @@ def detect_again(
             return detections
         first = _localize(detections, scene, settings, videos.silent, progress)
         expected = expected_people(first, detections, scene)
-        return look_again(videos, cameras, embedder, expected, detections, progress)
+        return look_again(videos, cameras, embedder, expected, detections)
 
     keys = (content_hash(detections), content_hash(scene))
     if cache is not None:

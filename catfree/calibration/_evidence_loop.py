@@ -23,6 +23,7 @@ from catfree.errors import CalibrationError, InsufficientDataError
 from catfree.settings import Settings
 from catfree.types import Detections
 from catfree.types._annotations import Progress
+from catfree.types._validation import shown_camera
 
 FEWEST_TO_FLAG = 3  # with three cameras, two that agree expose the third
 RESTING = 0.2  # standard deviations; a smaller move adds two percent to a camera's error
@@ -36,13 +37,13 @@ class EvidenceLoop:
         detections: (N,) boxes of synchronized cameras.
         settings: of the evidence method and of the calibration.
         report: called as `report("refinement", done, rounds)`.
-        names: camera names for error messages.
+        camera_names: for error messages.
     """
 
     detections: Detections
     settings: Settings
     report: Progress
-    names: Sequence[str] | None = None
+    camera_names: Sequence[str] | None = None
 
     def settle(self, calibration: Calibration) -> Calibration:
         """Refine the rig, move every camera to where it fits best, and add missing cameras.
@@ -73,7 +74,7 @@ class EvidenceLoop:
             # Two cameras never share confident people; three or more that do not relied on `worst`.
             if calibration is others and others.scene.rig.registered.sum() >= FEWEST_TO_FLAG:
                 raise CalibrationError(
-                    f"Camera {self.names[worst] if self.names else worst} contradicts the others, "
+                    f"Camera {shown_camera(worst, self.camera_names)} contradicts the others, "
                     "which agree on too few people to tell which camera is wrong; record longer, "
                     "and check that the frames of all cameras show the same instants."
                 )

@@ -197,7 +197,7 @@ def _associated(
     if settings.rays.use_ankles:
         ratio = learn_pose_ratio(observations, rays, groups, settings)
     rays = weigh_rays(observations, rays, ratio, settings)
-    member = groups.member[(groups.member >= 0).sum(1) >= needed]
+    member = groups[(groups >= 0).sum(1) >= needed]
     points, residual = triangulate_groups(
         rays, member, settings.triangulation, sigma_theta=settings.rays.sigma_theta
     )

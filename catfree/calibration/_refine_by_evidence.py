@@ -173,7 +173,7 @@ def _people_of_paper(
     """
     rig, observations = _observed(detections, judged.scene)
     groups, _, _ = associate_in_two_passes(observations, cast_rays(observations, rig), settings)
-    member = np.where(groups.member >= 0, observations.row[groups.member], -1)
+    member = np.where(groups >= 0, observations.row[groups], -1)
     cameras = int((member >= 0).any(0).sum())
     fewest = max(fewest, -(-cameras // 2))
     rules = settings.calibration

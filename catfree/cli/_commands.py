@@ -451,7 +451,7 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
                 unfinished.videos, unfinished.warnings = source, footage_warnings(source)
                 workers = processor_count()
                 with CameraDetectors(source, finder, stages, progress, workers=workers) as cameras:
-                    boxes = detect_with_cache(source, cameras, None, stages, progress)
+                    boxes = detect_with_cache(source, cameras, None, stages)
                 unfinished.detections = boxes
             calibration = calibrate_cameras(
                 source,

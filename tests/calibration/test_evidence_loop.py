@@ -93,7 +93,7 @@ def test_cameras_that_agree_on_nobody_do_not_outvote_one(world, right):
     residual = right.camera_residual.copy()
     residual[WRONG] *= 2 * SETTINGS.calibration.strained_residual
     outlier = replace(right, camera_residual=residual)
-    with pytest.raises(CalibrationError, match="Camera gate 2 contradicts the others"):
+    with pytest.raises(CalibrationError, match="Camera 'gate 2' contradicts the others"):
         loop.without_outliers(outlier)
     for camera in (0, 1, MISSING):
         outlier = without_camera(outlier, camera, SETTINGS.calibration)

@@ -1,7 +1,7 @@
 """Detection in cached pieces, so that a killed run resumes where it stopped."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import groupby, islice
 from typing import Any
 
@@ -20,12 +20,16 @@ from catfree.adapters.protocols import (
     FrameDetections,
     Image,
 )
-from catfree.adapters.video._detect_videos import collect_detections, detect_instant
+from catfree.adapters.video._detect_videos import (
+    Seen,
+    collect_detections,
+    describe_instant,
+    detect_instant,
+)
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.adapters.video._validate_plugin_output import Describer, join_descriptions
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.types import Detections
-from catfree.types._annotations import Progress
 
 # Instants per piece. A network on a CPU needs about a minute for six cameras: the most that a kill
 # loses.
@@ -55,10 +59,6 @@ class _Piece:
         return self.boxes is not None and (self.look_key is None or self.looks is not None)
 
 
-# The people in a picture and, if there is an embedder, their embeddings.
-_Seen = tuple[FrameDetections, Float[np.ndarray, "n d"] | None]
-
-
 @dataclass
 class _Detection:
     """Boxes and appearance of the people in the pictures of an instant.
@@ -75,18 +75,13 @@ class _Detection:
 
     def __call__(
         self, detectors: Mapping[int, Detector], frame: int, pictures: Mapping[int, Image]
-    ) -> dict[int, _Seen]:
+    ) -> dict[int, Seen]:
         """Return the people of each camera and, if there is an embedder, their embeddings."""
         if frame in self.known:
-            detections = {camera: _stored(self.known[frame], frame, camera) for camera in pictures}
+            people = {camera: _stored(self.known[frame], frame, camera) for camera in pictures}
         else:
-            detections = detect_instant(pictures, detectors, self.shared, frame)
-        if self.describe is None:
-            return {camera: (people, None) for camera, people in detections.items()}
-        return {
-            camera: (people, self.describe(pictures[camera], people.box, camera, frame))
-            for camera, people in detections.items()
-        }
+            people = detect_instant(pictures, detectors, self.shared, frame)
+        return describe_instant(pictures, people, self.describe, frame)
 
 
 def _stored(boxes: Detections, frame: int, camera: int) -> FrameDetections:
@@ -100,7 +95,6 @@ def detect_with_cache(
     cameras: CameraDetectors,
     embedder: Embedder | None,
     cache: StageCache | None,
-    progress: Progress | None = None,
 ) -> Detections:
     """Detect as `detect_videos` does, in pieces of a few instants that later runs reuse.
 
@@ -111,7 +105,6 @@ def detect_with_cache(
         cameras: find people in one image.
         embedder: computes their embeddings, or None.
         cache: holds finished pieces, or None.
-        progress: called as progress(stage, done, total) after each instant.
 
     Returns:
         One row per box, sorted by frame and camera.
@@ -125,8 +118,8 @@ def detect_with_cache(
     pieces = _pieces(videos, cameras.detector, embedder, cache)
     shared = cameras.detector if isinstance(cameras.detector, BatchDetector) else None
     describe = None if embedder is None else Describer(embedder)
-    if all(piece.complete for piece in pieces) and progress is not None:
-        progress("detect", videos.frame_count, videos.frame_count)
+    if all(piece.complete for piece in pieces):
+        cameras.progress("detect", videos.frame_count, videos.frame_count)
     for is_complete, some in groupby(pieces, lambda piece: piece.complete):
         if is_complete:
             continue
@@ -139,10 +132,9 @@ def detect_with_cache(
         }
         work = _Detection(shared, describe, known)
         unknown = any(piece.boxes is None for piece in stretch)
-        instants = cameras.instants(videos, work, stretch[0].first, detect=unknown)
-        counted = _counted(instants, stretch[0].first, videos.frame_count, progress)
+        instants = cameras.instants(videos, work, "detect", stretch[0].first, detect=unknown)
         for piece in stretch:
-            _complete(piece, islice(counted, piece.count), cache)
+            _complete(piece, list(islice(instants, piece.count)), videos, cache)
         if videos.interruption is not None:
             break
     return _join([piece for piece in pieces if piece.complete], videos)
@@ -193,34 +185,23 @@ def _pieces(
     return pieces
 
 
-def _counted(
-    instants: Iterator[Instant[_Seen]], first: int, total: int, progress: Progress | None
-) -> Iterator[Instant[_Seen]]:
-    for done, instant in enumerate(instants, start=first + 1):
-        yield instant
-        if progress is not None:
-            progress("detect", done, total)
-
-
-def _complete(piece: _Piece, instants: Iterator[Instant[_Seen]], cache: StageCache | None) -> None:
+def _complete(
+    piece: _Piece,
+    instants: list[Instant[Seen]],
+    videos: SynchronizedVideos,
+    cache: StageCache | None,
+) -> None:
     """Add what the piece lacks; store it unless the videos ended inside the piece."""
-    detections, embedding = [], []
-    instant_count = 0
-    for frame, instant in instants:
-        instant_count += 1
-        for camera, (people, vectors) in instant.items():
-            detections.append((frame, camera, people))
-            if vectors is not None:
-                embedding.append(vectors)
-    if not detections:
+    if not instants:
         return
-    keep = cache if instant_count == piece.count else None
+    seen = collect_detections(instants, videos)
+    keep = cache if len(instants) == piece.count else None
     if piece.boxes is None:
-        piece.boxes = collect_detections(detections, None)
+        piece.boxes = replace(seen, embedding=None, clock=None)
         if keep is not None:
             keep.store("boxes", piece.box_key, piece.boxes)
-    if embedding:
-        piece.looks = PieceEmbeddings(join_descriptions(embedding))
+    if seen.embedding is not None:
+        piece.looks = PieceEmbeddings(seen.embedding)
         if keep is not None and piece.look_key is not None:
             keep.store("looks", piece.look_key, piece.looks)
 

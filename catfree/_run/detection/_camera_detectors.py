@@ -26,7 +26,7 @@ from catfree.adapters.protocols import Detector, FittedToCamera, Image
 from catfree.adapters.video._detect_videos import fit_to_camera, fit_to_cameras
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.errors import CatFreeError, FileFormatError
-from catfree.types._annotations import Progress
+from catfree.types._annotations import Progress, no_progress
 
 T = TypeVar("T")
 # A frame and one result per camera that has a picture.
@@ -62,14 +62,14 @@ class CameraDetectors:
             videos: the footage to which detectors are fitted.
             detector: finds people in one picture.
             cache: holds backgrounds that an earlier run learned.
-            progress: called as progress("fit", done, total).
+            progress: called as progress(stage, done, total), with "fit" or the stage of `instants`.
             workers: most processes, at most one per camera. Detectors that are not fitted to
                 cameras use this process only, because they are networks, which use all processors;
                 so do detectors and embedders that cannot be pickled, and processes that may not
                 start others.
         """
-        self.detector = detector
-        self._videos, self._cache, self._progress = videos, cache, progress
+        self.detector, self.progress = detector, progress or no_progress
+        self._videos, self._cache = videos, cache
         several = (
             workers > 1
             and isinstance(detector, FittedToCamera)
@@ -134,7 +134,7 @@ class CameraDetectors:
         self, known: Mapping[int, Detector], learned: Callable[[int, Detector], None]
     ) -> list[Detector]:
         """Fit the cameras that are not known yet."""
-        videos, detector, progress = self._videos, self.detector, self._progress
+        videos, detector, progress = self._videos, self.detector, self.progress
         if self._workers == 1 or not isinstance(detector, FittedToCamera):
             return fit_to_cameras(videos, detector, progress, known=known, learned=learned)
         total = sum(one.pictures for at, one in enumerate(videos.footage) if at not in known)
@@ -151,8 +151,7 @@ class CameraDetectors:
                 finished, pending = wait(pending, POLL, FIRST_COMPLETED)
                 while not self._reports.empty():
                     done += self._reports.get()
-                    if progress is not None:
-                        progress("fit", done, total)
+                    progress("fit", done, total)
                 for task in finished:
                     camera = tasks[task]
                     if camera not in known:
@@ -164,6 +163,7 @@ class CameraDetectors:
         self,
         videos: SynchronizedVideos,
         work: InstantWork[T],
+        stage: str,
         first: int = 0,
         *,
         detect: bool = True,
@@ -173,6 +173,7 @@ class CameraDetectors:
         Args:
             videos: the footage, on any clock.
             work: on one instant; with several workers, on the pictures of one worker's cameras.
+            stage: the name by which each finished instant is reported.
             first: position of the first instant, as `SynchronizedVideos.pictures_from`.
             detect: whether the work needs the detectors, which are fitted if need be.
 
@@ -184,11 +185,16 @@ class CameraDetectors:
             CatFreeError: if the processes cannot be started; and what the work raises.
         """
         if self._workers > 1 and detect and _can_be_sent(work):
-            yield from self._in_processes(videos, work, first)
-            return
-        detectors = dict(enumerate(self.fitted if detect else ()))
-        for frame, pictures in videos.pictures_from(first):
-            yield frame, work(detectors, frame, pictures)
+            instants = self._in_processes(videos, work, first)
+        else:
+            detectors = dict(enumerate(self.fitted if detect else ()))
+            instants = (
+                (frame, work(detectors, frame, pictures))
+                for frame, pictures in videos.pictures_from(first)
+            )
+        for done, instant in enumerate(instants, start=first + 1):
+            yield instant
+            self.progress(stage, done, videos.frame_count)
 
     def _in_processes(
         self, videos: SynchronizedVideos, work: InstantWork[T], first: int

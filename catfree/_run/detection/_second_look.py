@@ -14,18 +14,15 @@ from jaxtyping import Float, Int
 
 from catfree._run.detection._camera_detectors import CameraDetectors
 from catfree._run.detection._rows_of_picture import rows_of_picture
-from catfree.adapters.protocols import Embedder, FrameDetections, GuidedDetector, Image
-from catfree.adapters.video._detect_videos import collect_detections
+from catfree.adapters.protocols import Embedder, GuidedDetector, Image
+from catfree.adapters.video._detect_videos import Seen, collect_detections
 from catfree.adapters.video._synchronized_videos import SynchronizedVideos
 from catfree.adapters.video._validate_plugin_output import Describer, ask_for_people
-from catfree.errors import InsufficientDataError
 from catfree.geometry import CanonicalFrame
 from catfree.geometry._person import edges_of, heights_in_rig, people_in_rig
 from catfree.settings._calibration_settings import FOOT_AHEAD
 from catfree.types import Detections, Localization, Scene
-from catfree.types._annotations import Progress
 
-STAGE = "second look"
 FEWEST_HEIGHTS = 5  # boxes needed to estimate the height of a single person
 EDGE = 2.0  # pixels: a box closer to the image border is cut
 SAME = 0.01  # pixels: a box that moved less did not change
@@ -88,7 +85,6 @@ def look_again(
     embedder: Embedder | None,
     expected: ExpectedPeople,
     first: Detections,
-    progress: Progress | None = None,
 ) -> Detections:
     """Detect people again, given where they are expected.
 
@@ -98,7 +94,6 @@ def look_again(
         embedder: computes appearance embeddings, or None.
         expected: predicted places of people.
         first: detections of the first pass; unchanged boxes keep their embedding.
-        progress: called as `progress("second look", done, total)`.
 
     Returns:
         One row per box, sorted by frame and camera.
@@ -107,22 +102,12 @@ def look_again(
         FileFormatError: as `detect_videos`.
         InsufficientDataError: as `detect_videos`.
     """
-    detections, embedding = [], []
     describe = None
     if embedder is not None:
         looks = first.embedding
         describe = Describer(embedder, looks.shape[1] if looks is not None and len(looks) else None)
     look = _SecondLook(describe, expected, first[np.argsort(first.frame, kind="stable")])
-    for done, (frame, instant) in enumerate(cameras.instants(videos, look), start=1):
-        for camera, (people, vectors) in instant.items():
-            detections.append((frame, camera, people))
-            embedding.append(vectors)
-        if progress is not None:
-            progress(STAGE, done, videos.frame_count)
-    if not detections:
-        raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
-    vectors = embedding if embedder is not None else None
-    return collect_detections(detections, vectors, clock=videos.clock)
+    return collect_detections(cameras.instants(videos, look, "second look"), videos)
 
 
 @dataclass
@@ -141,21 +126,19 @@ class _SecondLook:
 
     def __call__(
         self, detectors: Mapping[int, Any], frame: int, pictures: Mapping[int, Image]
-    ) -> dict[int, tuple[FrameDetections, Float[np.ndarray, "n d"]]]:
+    ) -> dict[int, Seen]:
         return {
             camera: self._look(detectors[camera], frame, camera, picture)
             for camera, picture in pictures.items()
         }
 
-    def _look(
-        self, detector: GuidedDetector, frame: int, camera: int, image: Image
-    ) -> tuple[FrameDetections, Float[np.ndarray, "n d"]]:
+    def _look(self, detector: GuidedDetector, frame: int, camera: int, image: Image) -> Seen:
         expected, first = self.expected.in_picture(frame, camera), self.first
         people = ask_for_people(
             lambda: detector.look_again(image, expected), detector, camera, frame
         )
         if self.describe is None:
-            return people, np.zeros((len(people), 0))
+            return people, None
         first_rows = rows_of_picture(first.frame, first.camera, frame, camera)
         if first.embedding is None or not len(first_rows):
             return people, self.describe(image, people.box, camera, frame)

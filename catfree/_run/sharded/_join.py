@@ -16,13 +16,13 @@ from catfree._run.sharded._overlap import ShardPositions, match_tracks
 from catfree._run.sharded._receipt import (
     MANIFEST,
     MANIFEST_SCHEMA,
-    SCENE_FILE,
     WORK_FOLDER,
     Receipt,
     evidence_settings,
     files_of,
     read_receipt,
     require_intact,
+    require_scene_file,
 )
 from catfree._run.sharded._run_shard import PLACES, ShardSummary
 from catfree._run.sharded._shard import StrPath
@@ -79,11 +79,8 @@ def join_shards(out: StrPath) -> StoredTracks:
     """
     folder = require_folder(out, "results of shards")
     receipts = read_receipts(folder)
-    first, scene_file = receipts[0], folder / SCENE_FILE
-    if not scene_file.is_file() or hash_file(scene_file) != first.scene_file:
-        raise FileFormatError(
-            f"{scene_file} is not the scene that the shards were made with. Run them again."
-        )
+    first = receipts[0]
+    require_scene_file(folder, first.scene_file)
     (folder / MANIFEST).unlink(missing_ok=True)  # it says that the table is complete
     summaries = [_read_summary(folder, receipt) for receipt in receipts]
     matched = [_match(folder, one, two) for one, two in itertools.pairwise(receipts)]

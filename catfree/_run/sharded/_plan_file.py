@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from catfree._run.sharded._shard import Shard, StrPath
-from catfree.adapters.files._documents import read_json, write_text_atomically
+from catfree.adapters.files._documents import read_json, require_schema, write_text_atomically
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Clock
 from catfree.types._validation import as_path, require_declared_types
@@ -72,12 +72,7 @@ def read_plan(path: StrPath) -> PlanFile:
     """
     source = as_path(path, "path")
     document = read_json(source, "plan")
-    schema = document.get("schema") if isinstance(document, dict) else document
-    if schema != _SCHEMA:
-        raise FileFormatError(
-            f"{source} is a plan of another version: {quoted(schema)} instead of {_SCHEMA!r}. "
-            "Make it again with catfree plan."
-        )
+    require_schema(document, _SCHEMA, source, "plan", "Make it again with catfree plan.")
     try:
         document.setdefault("unit", PlanFile.unit)  # which earlier plans do not have
         values = {field.name: document[field.name] for field in dataclasses.fields(PlanFile)}

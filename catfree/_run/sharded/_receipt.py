@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from catfree._run.sharded._shard import Shard, StrPath
-from catfree.adapters.files._documents import read_json, write_text_atomically
+from catfree.adapters.files._documents import read_json, require_schema, write_text_atomically
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.settings import EvidenceSettings
@@ -141,6 +141,24 @@ def require_intact(files: ShardFiles, receipt: Receipt) -> None:
             raise FileFormatError(f"{path} {what}. Run shard {receipt.index} again.")
 
 
+def require_scene_file(folder: Path, sha256: Any) -> Path:
+    """Return the file of the scene that the shards of a recording were made with.
+
+    Args:
+        folder: of the recording.
+        sha256: of the file.
+
+    Raises:
+        FileFormatError: if it is missing, or is another file.
+    """
+    path = folder / SCENE_FILE
+    if not path.is_file() or hash_file(path) != sha256:
+        raise FileFormatError(
+            f"{path} is not the scene that the shards were made with. Run them again."
+        )
+    return path
+
+
 def evidence_settings(receipt: Receipt) -> EvidenceSettings:
     """The settings of the evidence method that a shard was made with.
 
@@ -173,12 +191,7 @@ def read_receipt(path: Path) -> Receipt:
     """
     document = read_json(path, "receipt of a shard")
     advice = "Run this shard again."
-    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        schema = document.get("schema") if isinstance(document, dict) else document
-        raise FileFormatError(
-            f"{path} is a receipt of another version: {quoted(schema)} instead of {SCHEMA!r}. "
-            f"{advice}"
-        )
+    require_schema(document, SCHEMA, path, "receipt", advice)
     names = [field.name for field in dataclasses.fields(Receipt)]
     missing = [name for name in names if name not in document]
     if missing:

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from catfree._run.sharded._receipt import MANIFEST, MANIFEST_SCHEMA, SCENE_FILE
+from catfree._run.sharded._receipt import MANIFEST, MANIFEST_SCHEMA, require_scene_file
 from catfree._run.sharded._shard import StrPath
 from catfree.adapters.calibration_files._rig_json import read_scene_json
-from catfree.adapters.files._documents import read_json, require_folder
+from catfree.adapters.files._documents import read_json, require_folder, require_schema
 from catfree.adapters.files._fingerprint import hash_file
 from catfree.adapters.tables._tracks_table import read_tracks_parquet
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
@@ -133,18 +133,8 @@ def open_tracks(out: StrPath) -> StoredTracks:
             f"{folder} has no {MANIFEST}: its shards have not been joined. Run cf.join first."
         )
     document = read_json(path, "manifest")
-    schema = document.get("schema") if isinstance(document, dict) else document
-    if schema != MANIFEST_SCHEMA:
-        raise FileFormatError(
-            f"{path} is a manifest of another version: {quoted(schema)} instead of "
-            f"{MANIFEST_SCHEMA!r}. Join the shards again."
-        )
-    scene_file = folder / SCENE_FILE
-    if not scene_file.is_file() or hash_file(scene_file) != document.get("scene_file"):
-        raise FileFormatError(
-            f"{scene_file} is not the scene that the shards were made with. Run them again."
-        )
-    scene, names = read_scene_json(scene_file)
+    require_schema(document, MANIFEST_SCHEMA, path, "manifest", "Join the shards again.")
+    scene, names = read_scene_json(require_scene_file(folder, document.get("scene_file")))
     try:
         clock = Clock(**{key: document["clock"][key] for key in ("frame_rate", "start", "utc")})
         parts = tuple(_part(folder, row) for row in document["parts"])

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from catfree.adapters.calibration_files._distortion import (
     coefficients_of,
@@ -16,10 +17,6 @@ from catfree.adapters.calibration_files._named_rig import (
     NamedRig,
     registered_cameras,
     rig_of,
-)
-from catfree.adapters.calibration_files._rotation_vectors import (
-    rotation_from_vector,
-    rotation_to_vector,
 )
 from catfree.adapters.files._documents import (
     StrPath,
@@ -66,14 +63,14 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
     file_cameras = []
     for key, camera in cameras.items():
         where = f"camera [{shortened(key)}]"
-        fields = {name: entry(camera, name, source, where) for name in ("matrix", "size")}
-        fields |= {name: entry(camera, name, source, where) for name in ("rotation", "translation")}
+        shapes = {"matrix": (3, 3), "size": (2,), "rotation": (3,), "translation": (3,)}
+        fields = {name: entry(camera, name, source, where) for name in shapes}
         lens = Lens.FISHEYE if camera.get("fisheye", False) else Lens.PINHOLE
-        K = numbers(fields["matrix"], (3, 3), source, f"matrix of {where}")
-        size = numbers(fields["size"], (2,), source, f"size of {where}")
-        vector = numbers(fields["rotation"], (3,), source, f"rotation of {where}")
-        R = rotation_from_vector(vector)
-        t = numbers(fields["translation"], (3,), source, f"translation of {where}")
+        K, size, vector, t = (
+            numbers(fields[name], shape, source, f"{name} of {where}")
+            for name, shape in shapes.items()
+        )
+        R = Rotation.from_rotvec(vector).as_matrix()
         values = camera.get("distortions", [])
         coefficients = numbers(values, None, source, f"distortions of {where}")
         distortion = lens_coefficients(coefficients, source, where, lens)
@@ -119,7 +116,7 @@ def write_anipose_toml(
             f"size = [{width}, {height}]",
             f"matrix = [{', '.join(_toml_row(row) for row in np.asarray(rig.K)[at])}]",
             f"distortions = {_toml_row(coefficients_of(rig, at))}",
-            f"rotation = {_toml_row(rotation_to_vector(np.asarray(rig.R)[at]))}",
+            f"rotation = {_toml_row(Rotation.from_matrix(np.asarray(rig.R)[at]).as_rotvec())}",
             f"translation = {_toml_row(np.asarray(rig.t)[at] / metres_per_unit)}",
             f"fisheye = {str(rig.lenses[at] == Lens.FISHEYE).lower()}",
             "",

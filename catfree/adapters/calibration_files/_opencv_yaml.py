@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from catfree.adapters.calibration_files._distortion import (
     coefficients_of,
@@ -18,7 +19,6 @@ from catfree.adapters.calibration_files._named_rig import (
     rig_of,
 )
 from catfree.adapters.calibration_files._opencv_storage import Storage, read_storage
-from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.files._camera_names import file_names, names_of_files
 from catfree.adapters.files._documents import (
     StrPath,
@@ -92,7 +92,7 @@ def read_opencv_yaml(
         rotation = _first(matrices, _ROTATION, source, "rotation")
         if rotation.size == 3:
             vector = numbers(rotation, (3,), source, "the rotation")
-            rotation = rotation_from_vector(vector)
+            rotation = Rotation.from_rotvec(vector).as_matrix()
         shift = _first(matrices, _TRANSLATION, source, "translation")
         coefficients = _first(matrices, _DISTORTION, source, None)
         lens = _lens(storage, coefficients, source)

@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,19 +26,20 @@ class Grid:
         rows: cells along y.
         cell: side of a cell in meters.
         origin: x, y in meters of cell 0.
+        mirrored: whether y counts from the other side, as cells of a left-handed world do.
     """
 
     columns: int
     rows: int
     cell: float
     origin: tuple[float, float]
+    mirrored: bool = False
 
     def position(self, cell: int) -> tuple[float, float]:
         """Return the x, y in meters of a cell."""
-        return (
-            self.origin[0] + self.cell * (cell % self.columns),
-            self.origin[1] + self.cell * (cell // self.columns),
-        )
+        x = self.origin[0] + self.cell * (cell % self.columns)
+        y = self.origin[1] + self.cell * (cell // self.columns)
+        return x, (self.area[2] + self.area[3] - y if self.mirrored else y)
 
     @property
     def area(self) -> tuple[float, float, float, float]:
@@ -94,8 +94,7 @@ def numbered_files(folder: Path, pattern: str) -> dict[int, Path]:
 def read_annotations(
     files: dict[int, Path],
     camera_names: tuple[str, ...],
-    locate: Callable[[int], tuple[float, float]],
-    cell_count: int,
+    grid: Grid,
     *,
     invalid_boxes: InvalidBoxes,
     drop_unseen: bool,
@@ -105,8 +104,7 @@ def read_annotations(
     Args:
         files: frame number to file.
         camera_names: names in the order of viewNum.
-        locate: maps positionID to x, y in meters.
-        cell_count: number of cells; every positionID must be below it.
+        grid: whose cells positionID numbers.
         invalid_boxes: whether a box without area is an error or left out.
         drop_unseen: leave out people that no camera sees.
 
@@ -126,9 +124,10 @@ def read_annotations(
             where = f"person {index} of frame {frame}"
             identity = _whole(entry(person, "personID", source, where), source, where)
             cell = _whole(entry(person, "positionID", source, where), source, where)
-            if not 0 <= cell < cell_count:
+            if not 0 <= cell < grid.columns * grid.rows:
                 raise InvalidInputError(
-                    f"{source}: {where} has positionID {cell}, outside 0..{cell_count - 1}."
+                    f"{source}: {where} has positionID {cell}, outside "
+                    f"0..{grid.columns * grid.rows - 1}."
                 )
             views = entry(person, "views", source, where)
             if not isinstance(views, list):
@@ -157,7 +156,7 @@ def read_annotations(
                 boxes.append((frame, camera, identity))
                 corners.append(box)
             if is_seen or not drop_unseen:
-                truth.append((frame, identity, *locate(cell)))
+                truth.append((frame, identity, *grid.position(cell)))
     index = np.array(boxes, np.int64).reshape(-1, 3)
     return Annotations(
         frames=np.array(sorted(files), np.int64),

@@ -11,8 +11,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.adapters.datasets._grid_annotations import (
-    Annotations,
-    Grid,
     image_numbers,
     numbered_files,
     read_annotations,
@@ -21,7 +19,6 @@ from catfree.adapters.datasets._multiviewx import (
     CAMERA_NAMES,
     GRID as MULTIVIEWX,
     first_annotation_number,
-    mirrored_position,
 )
 from catfree.adapters.datasets._uniform_json import read_uniform_json
 from catfree.adapters.datasets._wildtrack import CAMERAS, GRID as WILDTRACK
@@ -107,21 +104,19 @@ def _read_grid(source: Path, split: Split) -> GroundTruth:
             "(annotations_positions/NUMBER.json)."
         )
     cameras = _view_count(next(iter(files.values())))
-    grid: Grid
     if cameras == len(CAMERAS):
-        name, grid = "WildTrack", WILDTRACK
-        people = _annotations(files, tuple(CAMERAS), WILDTRACK)
+        name, grid, camera_names = "WildTrack", WILDTRACK, tuple(CAMERAS)
     elif cameras == len(CAMERA_NAMES):
-        name, grid = "MultiviewX", MULTIVIEWX
-        images = image_numbers(folder.parent / "Image_subsets", CAMERA_NAMES)
+        name, grid, camera_names = "MultiviewX", MULTIVIEWX, CAMERA_NAMES
+        images = image_numbers(folder.parent / "Image_subsets", camera_names)
         first = first_annotation_number(np.array(list(files)), images, None)
-        shifted = {number - first: file for number, file in files.items()}
-        people = _annotations(shifted, CAMERA_NAMES, MULTIVIEWX)
+        files = {number - first: file for number, file in files.items()}
     else:
         raise FileFormatError(
             f"{folder} has annotations of {cameras} cameras; WildTrack has {len(CAMERAS)} and "
             f"MultiviewX {len(CAMERA_NAMES)}."
         )
+    people = read_annotations(files, camera_names, grid, invalid_boxes="drop", drop_unseen=True)
     frames = people.frames
     is_test = frames >= _TEST_FROM[name]
     split_frames = frames[{"test": is_test, "train": ~is_test, "all": frames >= 0}[split]]
@@ -140,17 +135,6 @@ def _read_grid(source: Path, split: Split) -> GroundTruth:
         f"MODA within {_DETECTION_GATE:g} m, MOTA and IDF1 within {_TRACKING_GATE:g} m"
     )
     return GroundTruth(rows, split_frames, grid.area, protocol)
-
-
-def _annotations(files: dict[int, Path], names: tuple[str, ...], grid: Grid) -> Annotations:
-    return read_annotations(
-        files,
-        names,
-        grid.position if grid is WILDTRACK else mirrored_position,
-        grid.columns * grid.rows,
-        invalid_boxes="drop",
-        drop_unseen=True,
-    )
 
 
 def _view_count(file: Path) -> int:

@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from catfree.adapters.calibration_files._opencv_storage import read_matrices
-from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.datasets._grid_annotations import (
     Annotations,
     Grid,
@@ -23,7 +23,7 @@ from catfree.types import Detections, Rig
 
 CAMERA_NAMES = ("C1", "C2", "C3", "C4", "C5", "C6")
 IMAGE_SIZE = (1920, 1080)
-GRID = Grid(columns=1000, rows=640, cell=0.025, origin=(0.0, 0.0))
+GRID = Grid(columns=1000, rows=640, cell=0.025, origin=(0.0, 0.0), mirrored=True)
 FPS = 2.0
 _DEPTH = 16.0  # meters of the square along y: the mirror maps y to 16 - y
 _CORNER_POINTS = 9  # eight corners of a person's cuboid and the foot point
@@ -88,8 +88,7 @@ def read_multiviewx(
         people = read_annotations(
             {number - first: file for number, file in files.items()},
             CAMERA_NAMES,
-            mirrored_position,
-            GRID.columns * GRID.rows,
+            GRID,
             invalid_boxes=invalid_boxes,
             drop_unseen=drop_unseen,
         )
@@ -110,7 +109,7 @@ def _read_rig(folder: Path) -> Rig:
         )
         path = folder / "extrinsic" / f"extr_Camera{camera}.xml"
         outer = read_matrices(path, f"extrinsics of camera {name}", {"rvec": (3,), "tvec": (3,)})
-        published = rotation_from_vector(outer["rvec"])
+        published = Rotation.from_rotvec(outer["rvec"]).as_matrix()
         if (published @ center + outer["tvec"])[2] >= 0:
             raise InvalidInputError(
                 f"{path}: camera {name} has the square at positive depth, unlike the published "
@@ -121,12 +120,6 @@ def _read_rig(folder: Path) -> Rig:
         R.append(-published @ mirror)
         t.append(published @ mirror @ shift - outer["tvec"])
     return naming_file(folder, lambda: Rig(np.stack(K), np.stack(R), np.stack(t), IMAGE_SIZE))
-
-
-def mirrored_position(cell: int) -> tuple[float, float]:
-    """Return the x, y in meters of a cell, in the right-handed frame of `read_multiviewx`."""
-    x, y = GRID.position(cell)
-    return x, _DEPTH - y
 
 
 def first_annotation_number(annotated: np.ndarray, images: np.ndarray, first: int | None) -> int:

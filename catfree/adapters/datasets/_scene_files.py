@@ -78,11 +78,11 @@ def read_scene(
         complete = _complete(source)
         if complete is not None:
             return _with_ground(*complete, ground, unit, source)
-        rig, names, stated = _rig(source, image_size)
+        named, stated = _rig(source, image_size)
     else:
         source = "the calibration"
-        files = as_paths(path, "path")
-        rig, names, stated = (*_per_camera(files, image_size), None)
+        named, stated = _per_camera(as_paths(path, "path"), image_size), None
+    rig = named.rig
     if stated is not None:
         _require_no_unit(unit, source)
         unit = stated
@@ -98,7 +98,7 @@ def read_scene(
     plane = Plane(np.asarray(plane.normal), np.asarray(plane.offset) * scale)
     scaled = replace(rig, t=np.asarray(rig.t) * scale) if scale != 1 else rig
     scene = naming_file(source, lambda: Scene.from_rig(scaled, plane, metric=unit != "arbitrary"))
-    return scene, names
+    return scene, named.names
 
 
 def require_sight_of(rig: Rig, ground: Plane, source: Path | str) -> None:
@@ -203,50 +203,37 @@ def _require_no_unit(unit: str, source: Path | str) -> None:
         raise InvalidInputError(f"{source} states its unit of length; leave out the unit {unit!r}.")
 
 
-def _rig(
-    source: Path, image_size: tuple[int, int] | None
-) -> tuple[Rig, tuple[str, ...], Unit | None]:
-    """Read cameras without a ground, their names and the unit, if the source states it."""
+def _rig(source: Path, image_size: tuple[int, int] | None) -> tuple[NamedRig, Unit | None]:
+    """Read cameras without a ground, and the unit, if the source states it."""
     size = {} if image_size is None else {"image_size": image_size}
-    named: NamedRig
     if source.is_dir():
         if _is_model(source):
-            named = read_colmap(source)
-        else:
-            files = (p for p in source.iterdir() if p.suffix.lower() in PER_CAMERA)
-            visible = [p for p in files if not p.name.startswith(".")]
-            if not visible:
-                raise InvalidInputError(
-                    f"The folder {source} holds no calibration that is known: {FORMATS}."
-                )
-            ordered = sorted(visible, key=lambda p: natural_order(p.name))
-            return (*_per_camera(ordered, image_size), None)
-    elif source.suffix.lower() == ".toml":
-        named = read_anipose_toml(source)
-    elif source.suffix == ".json":
+            return read_colmap(source), None
+        files = (p for p in source.iterdir() if p.suffix.lower() in PER_CAMERA)
+        visible = [p for p in files if not p.name.startswith(".")]
+        if not visible:
+            raise InvalidInputError(
+                f"The folder {source} holds no calibration that is known: {FORMATS}."
+            )
+        return _per_camera(sorted(visible, key=lambda p: natural_order(p.name)), image_size), None
+    suffix = source.suffix.lower()
+    if suffix == ".toml":
+        return read_anipose_toml(source), None
+    if source.suffix == ".json":
         document: Any = read_json(source, "calibration")
         if "sensors" in document:
-            named = read_ai_city(source, **size)
-        elif "cameras" in document:
-            named = read_rig_json(source)
-            return named.rig, named.names, "m" if document["units"] == "m" else "arbitrary"
-        else:
-            return (*_per_camera([source], image_size), None)
-    elif source.suffix.lower() in PER_CAMERA:
-        return (*_per_camera([source], image_size), None)
-    else:
-        raise FileFormatError(f"{source} is not a calibration that is known: {FORMATS}.")
-    return named.rig, named.names, None
+            return read_ai_city(source, **size), None
+        if "cameras" in document:
+            return read_rig_json(source), "m" if document["units"] == "m" else "arbitrary"
+    if suffix in PER_CAMERA:
+        return _per_camera([source], image_size), None
+    raise FileFormatError(f"{source} is not a calibration that is known: {FORMATS}.")
 
 
-def _per_camera(
-    files: list[Path], image_size: tuple[int, int] | None
-) -> tuple[Rig, tuple[str, ...]]:
+def _per_camera(files: list[Path], image_size: tuple[int, int] | None) -> NamedRig:
     """Read one file per camera, of OpenCV or of MV3DT."""
     if not files:
         raise InvalidInputError("The list of calibration files is empty. Name one per camera.")
     if PROJECTION in read_text(files[0], "calibration"):
-        named = read_mv3dt(files) if image_size is None else read_mv3dt(files, image_size)
-    else:
-        named = read_opencv_yaml(files, image_size=image_size)
-    return named.rig, named.names
+        return read_mv3dt(files) if image_size is None else read_mv3dt(files, image_size)
+    return read_opencv_yaml(files, image_size=image_size)

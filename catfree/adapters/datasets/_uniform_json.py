@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from catfree.adapters.calibration_files._distortion import distortion_of, lens_coefficients
+from catfree.adapters.calibration_files._distortion import lens_coefficients
+from catfree.adapters.calibration_files._named_rig import FileCamera, rig_of
 from catfree.adapters.datasets._sequence import (
     MultiViewSequence,
     metric_scene,
@@ -25,7 +26,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.adapters.protocols import ankles_confirmed
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
-from catfree.types import Detections, Rig
+from catfree.types import Detections, Lens, Rig
 from catfree.types._validation import as_path
 
 
@@ -271,18 +272,19 @@ def _ground_truth(record: dict[str, Any], frame: int, source: Path) -> list[tupl
 def _read_rig(cameras: list[Any], source: Path) -> Rig | None:
     if not cameras or any("K" not in camera for camera in cameras):
         return None
-    columns: dict[str, list[np.ndarray]] = {"K": [], "R": [], "t": [], "size": [], "dist": []}
+    file_cameras = []
     for camera in cameras:
         where = f"camera {shortened(str(camera['name']))}"
-        for key, shape in (("K", (3, 3)), ("R", (3, 3)), ("t", (3,))):
-            columns[key].append(numbers(entry(camera, key, source, where), shape, source, where))
-        size = [entry(camera, key, source, where) for key in ("width", "height")]
-        columns["size"].append(numbers(size, (2,), source, where))
-        distortion = numbers(camera.get("dist") or [], None, source, f"dist of {where}")
-        columns["dist"].append(lens_coefficients(distortion, source, where))
-    K, R, t, size = (np.stack(columns[key]) for key in ("K", "R", "t", "size"))
-    distortion = distortion_of(columns["dist"])
-    return naming_file(source, lambda: Rig(K, R, t, size, distortion))
+        K, R, t = (
+            numbers(entry(camera, key, source, where), shape, source, where)
+            for key, shape in (("K", (3, 3)), ("R", (3, 3)), ("t", (3,)))
+        )
+        pair = [entry(camera, key, source, where) for key in ("width", "height")]
+        size = numbers(pair, (2,), source, where)
+        values = numbers(camera.get("dist") or [], None, source, f"dist of {where}")
+        distortion = lens_coefficients(values, source, where)
+        file_cameras.append(FileCamera(K, R, t, size, distortion, Lens.PINHOLE))
+    return rig_of(file_cameras, source)
 
 
 def _area(area: Any, source: Path) -> tuple[float, float, float, float] | None:

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from catfree.adapters.calibration_files._opencv_storage import read_matrices
-from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.datasets._grid_annotations import (
     Annotations,
     Grid,
@@ -79,12 +79,7 @@ def read_wildtrack(
     images = root / "Image_subsets"
     if files:
         people = read_annotations(
-            files,
-            names,
-            GRID.position,
-            GRID.columns * GRID.rows,
-            invalid_boxes=invalid_boxes,
-            drop_unseen=drop_unseen,
+            files, names, GRID, invalid_boxes=invalid_boxes, drop_unseen=drop_unseen
         )
     else:
         people = Annotations.empty(image_numbers(images, names))
@@ -107,7 +102,7 @@ def _read_rig(folder: Path, undistorted: bool) -> Rig:
         )
         K.append(inner["camera_matrix"])
         distortion.append(inner["distortion_coefficients"])
-        R.append(rotation_from_vector(outer["rvec"]))
+        R.append(Rotation.from_rotvec(outer["rvec"]).as_matrix())
         t.append(outer["tvec"] * _METERS_PER_UNIT)
     lens = np.stack(distortion) if np.any(distortion) else None
     return naming_file(

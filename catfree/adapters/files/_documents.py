@@ -143,6 +143,20 @@ def entry(mapping: Any, key: str, source: StrPath, where: str) -> Any:
     return mapping[key]
 
 
+def require_schema(document: Any, schema: str, source: StrPath, kind: str, advice: str) -> None:
+    """Raise unless a parsed document states the expected version of its format as its `schema`.
+
+    Raises:
+        FileFormatError: naming the file, what it states, and the advice.
+    """
+    stated = document.get("schema") if isinstance(document, dict) else document
+    if stated != schema:
+        raise FileFormatError(
+            f"{source} is a {kind} of another version: {quoted(stated)} instead of {schema!r}. "
+            f"{advice}"
+        )
+
+
 def text_of(value: Any, source: StrPath, where: str) -> str:
     """Return a name that a parsed document gives as a string or a number.
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from catfree.adapters.files._documents import (
     StrPath,
+    naming_file,
     parse_numbers,
     read_text,
     write_text_atomically,
@@ -54,15 +55,10 @@ class MotTable:
                 [0, 1].
         """
         scored = self.confidence is not None and bool((self.confidence != -1).any())
-        try:
-            return Detections(
-                self.frame,
-                np.full(len(self.frame), camera),
-                self.box,
-                score=self.confidence if scored else None,
-            )
-        except InvalidInputError as error:
-            raise InvalidInputError(f"{self.source}: {error}") from error
+        score, cameras = self.confidence if scored else None, np.full(len(self.frame), camera)
+        return naming_file(
+            self.source, lambda: Detections(self.frame, cameras, self.box, score=score)
+        )
 
     def to_rows(self) -> Float[np.ndarray, "n 4"]:
         """(N, 4) rows [frame, id, x, y] of world positions for `catfree.evaluation`.

@@ -1,6 +1,6 @@
 """Running a detector and an embedder on every picture of synchronized videos, streaming."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import count
@@ -26,9 +26,12 @@ from catfree.adapters.video._validate_plugin_output import (
     require_people,
 )
 from catfree.errors import InsufficientDataError, InvalidInputError, quoted
-from catfree.types import Clock, Detections
+from catfree.types import Detections
 from catfree.types._annotations import Progress
 from catfree.types._processes import processor_count
+
+# The people in a picture, and their embeddings if there is an embedder.
+Seen = tuple[FrameDetections, Float[np.ndarray, "_ _"] | None]
 
 
 def detect_videos(
@@ -69,19 +72,15 @@ def detect_videos(
     # One common detector may process all cameras at once.
     shared = detector if isinstance(detector, BatchDetector) else None
     describe = None if embedder is None else Describer(embedder)
-    detections, embedding = [], []
-    for done, (tick, pictures) in enumerate(videos.pictures_from(), start=1):
-        instant = detect_instant(pictures, detectors, shared, tick)
-        for index, people in instant.items():
-            detections.append((tick, index, people))
-            if describe is not None:
-                embedding.append(describe(pictures[index], people.box, index, tick))
-        if progress is not None:
-            progress("detect", done, videos.frame_count)
-    if not detections:
-        raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
-    vectors = embedding if embedder is not None else None
-    return collect_detections(detections, vectors, clock=videos.clock)
+
+    def instants() -> Iterator[tuple[int, dict[int, Seen]]]:
+        for done, (frame, pictures) in enumerate(videos.pictures_from(), start=1):
+            people = detect_instant(pictures, detectors, shared, frame)
+            yield frame, describe_instant(pictures, people, describe, frame)
+            if progress is not None:
+                progress("detect", done, videos.frame_count)
+
+    return collect_detections(instants(), videos)
 
 
 def fit_to_cameras(
@@ -224,32 +223,63 @@ def detect_instant(
     return people
 
 
-def collect_detections(
-    people_by_picture: Sequence[tuple[int, int, FrameDetections]],
-    embedding: list[np.ndarray] | None,
-    *,
-    clock: Clock | None = None,
-) -> Detections:
-    """Join the rows of all pictures; keypoints only if every picture has them.
+def describe_instant(
+    pictures: Mapping[int, Image],
+    people: Mapping[int, FrameDetections],
+    describe: Describer | None,
+    frame: int,
+) -> dict[int, Seen]:
+    """Add the embeddings of the people in each camera's picture of one instant.
 
     Args:
-        people_by_picture: for each picture, its frame, its camera and the people in it.
-        embedding: for each picture, (n, D) appearance vectors, or None.
-        clock: of the frames.
+        pictures: by camera.
+        people: in the picture of each camera.
+        describe: computes the embeddings, or None.
+        frame: the frame of the instant, for messages.
+
+    Raises:
+        InvalidInputError: as `Describer`.
     """
-    frame, camera, detected = zip(*people_by_picture, strict=True)
-    rows = [len(people) for people in detected]
-    optional_poses = [people.keypoints for people in detected]
-    poses = [pose for pose in optional_poses if pose is not None]
-    keypoints = np.concatenate(poses) if poses and len(poses) == len(detected) else None
+    if describe is None:
+        return {camera: (found, None) for camera, found in people.items()}
+    return {
+        camera: (found, describe(pictures[camera], found.box, camera, frame))
+        for camera, found in people.items()
+    }
+
+
+def collect_detections(
+    instants: Iterable[tuple[int, dict[int, Seen]]], videos: SynchronizedVideos
+) -> Detections:
+    """Join the people in all pictures; keypoints and embeddings only if every picture has them.
+
+    Args:
+        instants: frame, and what was seen in the picture of each camera that has one.
+        videos: of the pictures, which tell the clock.
+
+    Raises:
+        InsufficientDataError: if there are no instants, because none could be decoded.
+    """
+    rows = [
+        (frame, camera, *seen)
+        for frame, by_camera in instants
+        for camera, seen in by_camera.items()
+    ]
+    if not rows:
+        raise InsufficientDataError(f"No instant could be decoded: {videos.interruption}")
+    frame, camera, people, embedding = zip(*rows, strict=True)
+    count = [len(one) for one in people]
+    vectors = [one for one in embedding if one is not None]
+    poses = [one.keypoints for one in people if one.keypoints is not None]
+    keypoints = np.concatenate(poses) if len(poses) == len(people) else None
     return Detections(
-        np.repeat(frame, rows),
-        np.repeat(camera, rows),
+        np.repeat(frame, count),
+        np.repeat(camera, count),
         # Whatever width a detector's network has, people are localized in double precision.
-        np.concatenate([people.box for people in detected]).astype(np.float64),
-        score=np.concatenate([people.score for people in detected]),
+        np.concatenate([one.box for one in people]).astype(np.float64),
+        score=np.concatenate([one.score for one in people]),
         ankles_confirmed=None if keypoints is None else ankles_confirmed(keypoints),
-        embedding=None if embedding is None else join_descriptions(embedding),
+        embedding=join_descriptions(vectors) if len(vectors) == len(people) else None,
         keypoints=keypoints,
-        clock=clock,
+        clock=videos.clock,
     )

@@ -46,6 +46,7 @@ from catfree.calibration.people.cameras._rig_deviation import scale_variance, sh
 from catfree.errors import CalibrationError, InvalidInputError, shortened
 from catfree.settings import CalibrationSettings
 from catfree.types import GeoReference, Scene
+from catfree.types._validation import shown_camera
 
 ROUNDS = 20  # of linearization; a fit takes four
 CONVERGED = 1e-9  # meters, radians and relative
@@ -121,19 +122,18 @@ def anchored(
     index, earth = resolve_anchors(anchors, rig.camera_count, camera_names)
     if not anchors:
         return calibration
-    names = [str(c) for c in range(rig.camera_count)] if camera_names is None else camera_names
     registered = np.asarray(rig.registered)
     cameras = np.where(registered[:, None], of_rig(rig), 0.0)
     stated = measurements_of(anchors, index, rig, earth)
     usable = [m for m in stated if registered[m.camera]]
-    _require_ground(usable, cameras, names)
+    _require_ground(usable, cameras, camera_names)
     start = _start(usable, cameras)
     if len(start) < 4 and any(m.kind in ON_MAP for m in stated):
         unseen = sorted({c for c in index if not registered[c]})
+        listed = ", ".join(shown_camera(c, camera_names) for c in unseen)
         raise CalibrationError(
             "The anchors on the map are seen by cameras that are not registered "
-            f"({shortened(', '.join(str(names[c]) for c in unseen))}). Add points or positions of "
-            "others."
+            f"({shortened(listed)}). Add points or positions of others."
         )
     problem = _Problem(
         usable,
@@ -148,9 +148,9 @@ def anchored(
     for m in stated:
         if registered[m.camera]:
             innovation, is_used = next(results)
-            checks.append(_check(m, anchors[m.anchor], innovation, names, used=is_used))
+            checks.append(_check(m, anchors[m.anchor], innovation, camera_names, used=is_used))
         else:
-            reason = f"{_name(m, names)} was not used: the camera is not registered."
+            reason = f"{_name(m, camera_names)} was not used: the camera is not registered."
             nothing = (np.nan,) * len(m.value)
             kind = QUANTITIES[m.kind]
             checks.append(
@@ -292,7 +292,7 @@ def _prior(calibration: Calibration) -> Float[np.ndarray, "n n"]:
 def _require_ground(
     usable: Sequence[Measurement],
     cameras: Float[np.ndarray, "cam 7"],
-    names: Sequence[str],
+    camera_names: Sequence[str] | None,
 ) -> None:
     """Refuse pixels through which no ground is seen.
 
@@ -306,8 +306,8 @@ def _require_ground(
         ray = m.pixels / np.exp(cameras[m.camera, LOG_FOCAL]) @ R[:2] + R[2]
         if (ray[:, 2] > -FLATTEST * np.linalg.norm(ray, axis=1)).any():
             raise InvalidInputError(
-                f"{_name(m, names)} has a pixel at or above the horizon; an anchor needs points on "
-                "the ground."
+                f"{_name(m, camera_names)} has a pixel at or above the horizon; an anchor needs "
+                "points on the ground."
             )
 
 
@@ -425,14 +425,14 @@ def _check(
     measurement: Measurement,
     anchor: Anchor,
     innovation: _Innovation,
-    names: Sequence[str],
+    camera_names: Sequence[str] | None,
     *,
     used: bool,
 ) -> AnchorCheck:
     """Compare one stated quantity with what everything else says about it."""
     kind, value = measurement.kind, measurement.value
     sd = np.sqrt(np.diag(innovation.covariance))
-    about = _name(measurement, names)
+    about = _name(measurement, camera_names)
     if kind in LOGARITHMS:
         stated, other = np.exp(value), np.exp(value - innovation.off)
         difference, sd = stated - other, other * sd
@@ -482,7 +482,7 @@ def _check_of_crowd(
     return AnchorCheck(None, "people", (float(height - other),), (sd,), p_value, used, sentence)
 
 
-def _name(measurement: Measurement, names: Sequence[str]) -> str:
+def _name(measurement: Measurement, camera_names: Sequence[str] | None) -> str:
     """Name a stated quantity at the beginning of a sentence."""
     kind, value = measurement.kind, measurement.value
     stated = ""
@@ -491,7 +491,8 @@ def _name(measurement: Measurement, names: Sequence[str]) -> str:
     elif kind == POINT:
         stated = f" ({value[0]:.2f}, {value[1]:.2f})"
     where = "in" if kind in (DISTANCE, POINT) else "of"
-    return f"The {QUANTITIES[kind]}{stated} {where} camera {shortened(names[measurement.camera])}"
+    camera = shown_camera(measurement.camera, camera_names)
+    return f"The {QUANTITIES[kind]}{stated} {where} camera {camera}"
 
 
 def _amount(kind: int, value: float) -> str:

@@ -28,6 +28,7 @@ from catfree.errors import CalibrationError
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Scene
 from catfree.types._sampling import frame_step
+from catfree.types._validation import shown_camera
 
 
 def reconsider(
@@ -157,14 +158,16 @@ def confirm(
 
 
 def without_vague_cameras(
-    calibration: Calibration, settings: CalibrationSettings, names: Sequence[str] | None = None
+    calibration: Calibration,
+    settings: CalibrationSettings,
+    camera_names: Sequence[str] | None = None,
 ) -> Calibration:
     """Remove cameras whose focal length is poorly determined by their people.
 
     Args:
         calibration: the rig; a focal length of unknown deviation (NaN) is accepted.
         settings: constants.
-        names: camera names for error messages.
+        camera_names: for error messages.
 
     Returns:
         The rig; removed cameras are not registered and hold NaN.
@@ -177,7 +180,8 @@ def without_vague_cameras(
     vague = np.flatnonzero(rig.registered & (deviation > settings.largest_focal_sd))
     if rig.registered.sum() - len(vague) < 2:
         each = ", ".join(
-            f"camera {names[int(c)] if names else c} to {100 * deviation[c]:.0f} %" for c in vague
+            f"camera {shown_camera(c, camera_names)} to {100 * deviation[c]:.0f} %"
+            for c in vague.tolist()
         )
         raise CalibrationError(
             f"The focal lengths are too uncertain to trust the rig ({each}; "
@@ -194,9 +198,8 @@ def _resume(
 ) -> tuple[Workspace, RigState]:
     """Convert a finished rig to a rig under construction."""
     rig = calibration.scene.rig
-    names = [str(c) for c in range(rig.camera_count)]
     size, lenses = np.asarray(rig.image_size), RadialLenses.of(rig)
-    work = prepare(detections, size, settings, names, lenses)
+    work = prepare(detections, size, settings, None, lenses)
     return work, _state(calibration, settings)
 
 

@@ -13,13 +13,14 @@ from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, to_matri
 from catfree.calibration.people.cameras._rig_deviation import crowd_deviation, scale_variance
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._clock_offsets import find_offsets
-from catfree.calibration.people.search._register_cameras import RegisteredRig, register_cameras
-from catfree.errors import CalibrationError, InvalidInputError, shortened
+from catfree.calibration.people.search._growth import JudgedRig
+from catfree.calibration.people.search._register_cameras import register_cameras
+from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Plane, Rig, Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._validation import require_names
+from catfree.types._validation import require_names, shown_camera
 
 FEWEST_FOR_LENSES = 3  # cameras; two never share confident people
 
@@ -121,22 +122,21 @@ def register(
     settings = CalibrationSettings() if settings is None else settings
     size = camera_sizes(detections, image_size)
     require_names(camera_names, len(size))
-    names = [str(c) for c in range(len(size))] if camera_names is None else list(camera_names)
     report = progress or no_progress
     offset = np.zeros(len(size), np.int64)
-    work, registered = _register_bent(detections, size, settings, names, report)
+    work, registered = _register_bent(detections, size, settings, camera_names, report)
     if maximum_offset > 0:
         work, registered, offset = find_offsets(work, registered, maximum_offset, report)
-    return describe_registration(work, registered, names, offset)
+    return describe_registration(work, registered, camera_names, offset)
 
 
 def _register_bent(
     detections: Detections,
     size: Int[np.ndarray, "cam 2"],
     settings: CalibrationSettings,
-    names: Sequence[str],
+    camera_names: Sequence[str] | None,
     report: Progress,
-) -> tuple[Workspace, RegisteredRig]:
+) -> tuple[Workspace, JudgedRig]:
     """Register cameras with ideal lenses, and if fewer than three are found, with bent ones.
 
     Three cameras share people to whom their lenses are adjusted, and then find the others. Bent
@@ -145,12 +145,12 @@ def _register_bent(
     Raises:
         CalibrationError: if no two cameras share people, whatever the lenses.
     """
-    best: tuple[Workspace, RegisteredRig] | None = None
+    best: tuple[Workspace, JudgedRig] | None = None
     refusal: CalibrationError | None = None
     for k1 in (0.0, *settings.bent_lenses):
         focal = np.median(settings.focal_shares) * size.max(1)
         lenses = RadialLenses(focal, np.full(len(size), k1))
-        work = prepare(detections, size, settings, names, lenses)
+        work = prepare(detections, size, settings, camera_names, lenses)
         try:
             registered = register_cameras(work, report)
         except CalibrationError as error:
@@ -172,7 +172,7 @@ def prepare(
     detections: Detections,
     size: Int[np.ndarray, "cam 2"],
     settings: CalibrationSettings,
-    names: Sequence[str],
+    camera_names: Sequence[str] | None,
     lenses: RadialLenses,
 ) -> Workspace:
     """Arrange the boxes on a grid and check that there are enough.
@@ -181,7 +181,7 @@ def prepare(
         detections: (N,) boxes of all cameras.
         size: (C, 2) image widths and heights in pixels.
         settings: constants.
-        names: camera names for error messages.
+        camera_names: for error messages.
         lenses: lenses whose distortion is removed from the boxes.
 
     Raises:
@@ -191,8 +191,8 @@ def prepare(
     work = Workspace(grid, settings, lenses)
     seeing = int(work.useful.sum())
     if seeing < 2:
-        boxes = grid.valid.sum((1, 2))
-        counts = ", ".join(f"{shortened(n)}: {b}" for n, b in zip(names, boxes, strict=True))
+        boxes = enumerate(grid.valid.sum((1, 2)).tolist())
+        counts = ", ".join(f"{shown_camera(c, camera_names)}: {count}" for c, count in boxes)
         raise CalibrationError(
             f"Calibration from people needs 2 cameras with more than {settings.minimum_matches} "
             f"boxes inside the image each, but has {seeing} ({counts or 'no cameras'})."
@@ -240,8 +240,8 @@ def camera_sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarr
 
 def describe_registration(
     work: Workspace,
-    registered: RegisteredRig,
-    names: Sequence[str],
+    registered: JudgedRig,
+    camera_names: Sequence[str] | None,
     offset: Int[np.ndarray, " cam"],
 ) -> Calibration:
     """Describe a registered rig as a scene with its evidence.
@@ -249,7 +249,7 @@ def describe_registration(
     Args:
         work: the sequence.
         registered: its cameras.
-        names: camera names for error messages.
+        camera_names: for error messages.
         offset: (C,) frames by which each camera's frame numbers are too high.
 
     Raises:
@@ -265,7 +265,7 @@ def describe_registration(
             evidence[camera] = verdict.margin
     if trusted.sum() < 2:
         reasons = "; ".join(
-            f"{shortened(names[c])}: "
+            f"{shown_camera(c, camera_names)}: "
             f"{' and '.join(v.shortcomings) or 'enough, but no other trusted camera'}"
             for c, v in registered.verdicts.items()
         )

@@ -98,13 +98,14 @@ def solve_window(
             corrections[camera] = best(sights, camera, others, corrections[camera], tried)
     state = people.state[person].copy()
     begun = _parameters(corrections)
-    solved = _Solved.empty(count)
+    matrix, vector = np.zeros((0, len(begun), len(begun))), np.zeros((0, len(begun)))
     matches_by_camera: dict[int, BoxMatches] = {}
     for _ in range(ROUNDS):
         matches = match_boxes(sights, person, state, [(c, corrections[c]) for c in registered])
         matches_by_camera = dict(zip(registered, matches, strict=True))
-        solved = _solve(sights, person, state, matches_by_camera, corrections, begun, noise)
-        corrections, state = solved.corrections, solved.state
+        matrix, vector, corrections, state = _solve(
+            sights, person, state, matches_by_camera, corrections, begun, noise
+        )
     blank = np.zeros(count, np.int64)
     matched, expected, distinct = blank.copy(), blank.copy(), blank.copy()
     for camera, matches in matches_by_camera.items():
@@ -114,25 +115,13 @@ def solve_window(
         expected[camera] = others.sum()
         matched[camera] = np.isin(matches.person, matches.expected[others]).sum()
         distinct[camera] = len(np.unique(people.track[matches.expected[others]]))
-    window = Window(begin, stop, solved.matrix, solved.vector, matched, expected, distinct, boxes)
+    window = Window(begin, stop, matrix, vector, matched, expected, distinct, boxes)
     return window, corrections
 
 
 def _parameters(corrections: Sequence[Correction]) -> Float[np.ndarray, " p"]:
     """Errors of all cameras."""
     return np.concatenate([[*one.turn, one.lag, *one.center, one.zoom] for one in corrections])
-
-
-class _Solved(NamedTuple):
-    matrix: Float[np.ndarray, "group p p"]
-    vector: Float[np.ndarray, "group p"]
-    corrections: list[Correction]
-    state: Float[np.ndarray, "m 3"]
-
-    @classmethod
-    def empty(cls, cameras: int) -> "_Solved":
-        p = PARAMETERS * cameras
-        return cls(np.zeros((0, p, p)), np.zeros((0, p)), [], np.zeros((0, 3)))
 
 
 class _Equations(NamedTuple):
@@ -200,10 +189,18 @@ def _solve(
     present: list[Correction],
     begun: Float[np.ndarray, " p"],
     noise: Float[np.ndarray, "3"],
-) -> _Solved:
+) -> tuple[
+    Float[np.ndarray, "group p p"],
+    Float[np.ndarray, "group p"],
+    list[Correction],
+    Float[np.ndarray, "m 3"],
+]:
     """Linearize around the present errors and places, and solve with robust weights.
 
     Errors that no person constrains stay as they were when the window was `begun`.
+
+    Returns:
+        Matrix and vector of a `Window`, and the next errors and places.
     """
     people, boxes, count = sights.people, sights.boxes, len(sights.place)
     m, p = len(person), PARAMETERS * count
@@ -262,4 +259,4 @@ def _solve(
     for g, one in enumerate(tracks):
         of_group[g], to[g] = equations.sums(kept[track == one])
     to += of_group @ theta
-    return _Solved(of_group, to, corrections, state + np.clip(shift, -reach, reach))
+    return of_group, to, corrections, state + np.clip(shift, -reach, reach)

@@ -18,7 +18,13 @@ from catfree.methods.evidence.observe._visibility import (
     usual_heights,
 )
 from catfree.methods.evidence.track._existence import Existence
-from catfree.methods.evidence.track._tracking import Motion, Trails, unlinked, usual_motion
+from catfree.methods.evidence.track._tracking import (
+    Motion,
+    Population,
+    Trails,
+    unlinked,
+    usual_motion,
+)
 from catfree.settings import EvidenceSettings
 
 
@@ -71,6 +77,11 @@ class EvidenceState(eqx.Module):
     outside: Bool[np.ndarray, " node"]
     kept: Bool[np.ndarray, " node"]
     identity: Int[np.ndarray, " node"]
+
+    def population(self, settings: EvidenceSettings) -> Population:
+        """What the state knows of all people and frames together."""
+        density, spread = float(self.noise.density), float(self.noise.spread)
+        return Population(self.boxes.time, self.motion, density, spread, settings, self.looks)
 
     def is_tracked(self, settings: EvidenceSettings) -> bool:
         """Return whether people are followed over time; those of a single instant are not."""

@@ -16,7 +16,6 @@ from catfree.methods.evidence.report._working_area import UsualPlace
 from catfree.methods.evidence.track._identify import (
     HORIZON,
     AbsenceHabits,
-    Population,
     extend,
     futures_of,
     later,
@@ -25,7 +24,13 @@ from catfree.methods.evidence.track._identify import (
 )
 from catfree.methods.evidence.track._presence import later_frames
 from catfree.methods.evidence.track._suppress_overlapping import one_per_place
-from catfree.methods.evidence.track._tracking import Trails, smooth, sure_groups, transition
+from catfree.methods.evidence.track._tracking import (
+    Population,
+    Trails,
+    smooth,
+    sure_groups,
+    transition,
+)
 from catfree.methods.online._advance import motion_learned, usual_steps
 from catfree.methods.online._learn import learn_places, likeness_of
 from catfree.methods.online._tracker_state import Learned, PendingInstant, TrackerState

@@ -26,7 +26,6 @@ from catfree.types import (
 
 
 def assemble(
-    frame: CanonicalFrame,
     scene: Scene,
     observations: Observations,
     rays: Rays,
@@ -40,7 +39,7 @@ def assemble(
     detection_count: int,
 ) -> Localization:
     """The result of a run in scene units, with the caller's frames and detection indices."""
-    sigma_theta = settings.rays.sigma_theta
+    frame, sigma_theta = CanonicalFrame.of(scene), settings.rays.sigma_theta
     candidates = collect_candidates(frame, observations, located, selection)
     tracks = collect_tracks(frame, scene, observations, rays, positions, sigma_theta=sigma_theta)
     radius = settings.selection.suppression_radius * frame.extent

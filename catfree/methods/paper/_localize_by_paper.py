@@ -9,7 +9,6 @@ from catfree.geometry import CanonicalFrame
 from catfree.methods.paper._assemble import assemble
 from catfree.methods.paper._select import select_positions
 from catfree.methods.paper.association import (
-    Correspondences,
     Observations,
     associate_in_two_passes,
     cast_rays,
@@ -19,7 +18,7 @@ from catfree.methods.paper.association import (
 )
 from catfree.methods.paper.trajectories import build_trajectories
 from catfree.settings import Settings
-from catfree.types import Detections, Localization, Rays, Rig, Scene
+from catfree.types import Detections, Localization, Rays, Scene
 from catfree.types._annotations import Progress, no_progress
 
 
@@ -27,21 +26,17 @@ class Associated(NamedTuple):
     """Detections in groups of one person each, before any position is known.
 
     Attributes:
-        frame: the canonical frame.
-        rig: cameras in the canonical frame.
         observations: detections in canonical order.
         rays: their weighted rays in the canonical frame.
-        groups: the cross-view groups.
+        groups: (G, C) detection of each camera in each group, or -1.
         tracklet: (N,) tracklet of each detection, or -1.
         pose_ratio: weight of rays without confirmed ankles.
         detection_count: number of the caller's detections.
     """
 
-    frame: CanonicalFrame
-    rig: Rig
     observations: Observations
     rays: Rays
-    groups: Correspondences
+    groups: Int[np.ndarray, "g cam"]
     tracklet: Int[np.ndarray, " n"]
     pose_ratio: float
     detection_count: int
@@ -82,14 +77,13 @@ def associate_detections(
 ) -> Associated:
     """Group the detections of each frame by person; see `localize_by_paper`."""
     report = progress or no_progress
-    frame = CanonicalFrame.of(scene)
-    rig = frame.rig(scene.rig)
+    rig = CanonicalFrame.of(scene).rig(scene.rig)
     observations = observe(detections, rig, keep=keep)
     rays = cast_rays(observations, rig)
     report("tracklets", 0, 1)
     tracklet = link_tracklets(observations, settings.tracklets)
     groups, rays, ratio = associate_in_two_passes(observations, rays, settings, report)
-    return Associated(frame, rig, observations, rays, groups, tracklet, ratio, len(detections))
+    return Associated(observations, rays, groups, tracklet, ratio, len(detections))
 
 
 def locate_people(
@@ -97,7 +91,8 @@ def locate_people(
 ) -> Localization:
     """Locate the groups, select positions, and link them to tracks; see `localize_by_paper`."""
     report = progress or no_progress
-    frame, rig, observations, rays, groups, tracklet, pose_ratio, detection_count = associated
+    observations, rays, groups, tracklet, pose_ratio, detection_count = associated
+    rig = CanonicalFrame.of(scene).rig(scene.rig)
     report("positions", 0, 1)
     located = locate(observations, rays, rig, groups, tracklet, settings)
     report("selection", 0, 1)
@@ -110,7 +105,6 @@ def locate_people(
     )
     report("trajectories", 1, 1)
     return assemble(
-        frame,
         scene,
         observations,
         rays,

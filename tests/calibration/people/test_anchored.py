@@ -341,7 +341,7 @@ def test_cameras_may_be_named_and_unregistered_ones_are_told():
     lost = dataclasses.replace(rig, registered=np.array([True, True, False, True]))
     scene = dataclasses.replace(calibration.scene, rig=lost)
     found = anchored(dataclasses.replace(calibration, scene=scene), [known], camera_names=names)
-    assert "camera south was not used: the camera is not registered" in found.contradictions[0]
+    assert "camera 'south' was not used: the camera is not registered" in found.contradictions[0]
     points = [dataclasses.replace(point(0, rng), camera=c) for c in (2, 2)]
     with pytest.raises(CalibrationError, match="not registered"):
         anchored(dataclasses.replace(calibration, scene=scene), points)

@@ -128,5 +128,5 @@ def test_a_rig_whose_focal_lengths_nobody_knows_is_refused(calibration) -> None:
     focal = np.asarray(calibration.scene.rig.K)[:, 0, 0]
     vague = replace(calibration, focal_sd=focal * [0.01, 0.1, 0.2, 0.1, 0.3, 0.1])
     names = ["north", "east", "south", "west", "door", "roof"]
-    with pytest.raises(CalibrationError, match="camera south to 20 %"):
+    with pytest.raises(CalibrationError, match="camera 'south' to 20 %"):
         without_vague_cameras(vague, RULES, names)

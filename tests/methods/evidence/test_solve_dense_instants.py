@@ -15,7 +15,7 @@ from catfree.methods.evidence.group import _merge as association
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe import _hidden_shares as hiding
 from catfree.methods.evidence.track import _tracking as tracking
-from catfree.methods.evidence.track._tracking import Motion, follow
+from catfree.methods.evidence.track._tracking import Motion, Population, follow
 from catfree.settings import EvidenceSettings
 from catfree.synthetic import ring
 
@@ -173,10 +173,9 @@ def test_tracks_linked_a_few_at_a_time_are_the_same(monkeypatch):
     groups = Groups(frame, np.zeros((100, 1), int), info, np.zeros(100))
 
     def tracks():
-        return follow(
-            groups, np.full(100, 3.0), np.arange(5.0), Motion(0.2, 0.85, 0.03, 0.005), 0.1, 0.05,
-            EvidenceSettings(),
-        )  # fmt: skip
+        motion = Motion(0.2, 0.85, 0.03, 0.005)
+        people = Population(np.arange(5.0), motion, 0.1, 0.05, EvidenceSettings())
+        return follow(groups, np.full(100, 3.0), people)
 
     whole = tracks()
     assert len(np.unique(whole.track)) < 40

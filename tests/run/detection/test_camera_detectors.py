@@ -40,12 +40,13 @@ def folders(tmp_path_factory):
 
 
 def both_looks(videos, workers, cache=None):
-    """Detections of both passes, and the calls of progress."""
+    """Detections of both passes, and the calls of progress while fitting."""
     expected = ExpectedPeople(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)))
     calls = []
 
     def note(*call):
-        calls.append(call)
+        if call[0] == "fit":
+            calls.append(call)
 
     with CameraDetectors(videos, BackgroundDetector(), cache, note, workers=workers) as cameras:
         found = detect_with_cache(videos, cameras, ColorEmbedder(), None)
@@ -303,7 +304,8 @@ def test_looks_of_two_lengths_are_refused_across_processes(tmp_path, workers, sa
 def test_work_that_cannot_be_sent_is_done_here(folders):
     videos = SynchronizedVideos(folders[::2])
     with CameraDetectors(videos, Fits("local", FRAMES), workers=2) as cameras:
-        found = list(cameras.instants(videos, lambda detectors, frame, pictures: dict(pictures)))
+        work = lambda detectors, frame, pictures: dict(pictures)  # noqa: E731
+        found = list(cameras.instants(videos, work, "work"))
     assert [frame for frame, _ in found] == videos.frames.tolist()
     assert all(list(pictures) == [0, 1] for _, pictures in found)
 

@@ -14,8 +14,8 @@ from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
 from catfree.calibration.people.matching._group_people import RigState, group_people
 from catfree.calibration.people.matching._placement import vote
 from catfree.calibration.people.matching._workspace import Workspace
-from catfree.calibration.people.search._growth import judge_refined
-from catfree.calibration.people.search._register_cameras import RegisteredRig, register_cameras
+from catfree.calibration.people.search._growth import JudgedRig, judge_refined
+from catfree.calibration.people.search._register_cameras import register_cameras
 from catfree.errors import CalibrationError
 from catfree.geometry._arrays import ArrayInput
 from catfree.types import Detections
@@ -42,8 +42,8 @@ def remove_offsets(detections: Detections, frame_offset: ArrayInput) -> Detectio
 
 
 def find_offsets(
-    work: Workspace, registered: RegisteredRig, maximum: int, report: Progress
-) -> tuple[Workspace, RegisteredRig, Int[np.ndarray, " cam"]]:
+    work: Workspace, registered: JudgedRig, maximum: int, report: Progress
+) -> tuple[Workspace, JudgedRig, Int[np.ndarray, " cam"]]:
     """Estimate an integer offset of each camera, correct it, and register again.
 
     Args:
@@ -77,16 +77,11 @@ def find_offsets(
             proposed = register_cameras(corrected, report)
         except CalibrationError:
             break
-        if _quality(proposed) <= _quality(registered):
+        if proposed.quality <= registered.quality:
             break
         work, registered = corrected, proposed
         offset[camera] = shift
     return work, registered, offset * step
-
-
-def _quality(registered: RegisteredRig) -> tuple[int, float]:
-    """Number of placed cameras, and the sum of their evidence."""
-    return len(registered.verdicts), sum(v.margin for v in registered.verdicts.values())
 
 
 def _offset_of_placed(

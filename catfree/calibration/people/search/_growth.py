@@ -1,6 +1,7 @@
 """Grow a rig from a pair: place further cameras, accept them, and remove harmful ones."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -31,9 +32,36 @@ SUSPICIOUS_SHARE = 0.7  # of the median evidence per match; cameras below are ch
 HARMFUL_GAIN = 1.05  # a camera is removed if the others' evidence rises by this factor
 
 
-def grow_rig(
-    work: Workspace, seed: AdjustedRig, pairs: list[PairHypothesis]
-) -> tuple[AdjustedRig, dict[int, PlacementVerdict]]:
+@dataclass(frozen=True)
+class JudgedRig:
+    """An adjusted rig, and how well its cameras agree.
+
+    Attributes:
+        rig: the adjusted rig.
+        verdicts: of each placed camera; empty if none was judged yet.
+    """
+
+    rig: AdjustedRig
+    verdicts: dict[int, PlacementVerdict]
+
+    @property
+    def quality(self) -> tuple[int, float]:
+        """Number of placed cameras, and the sum of their evidence above chance."""
+        margins = sum((verdict.margin for verdict in self.verdicts.values()), 0.0)
+        return int(self.rig.state.placed.sum()), margins
+
+    @property
+    def accepted(self) -> int:
+        """Number of cameras that can be trusted."""
+        return sum(verdict.accepted for verdict in self.verdicts.values())
+
+    @property
+    def evidence(self) -> float:
+        """Sum of the evidence above chance of all cameras that can be trusted."""
+        return sum(v.margin for v in self.verdicts.values() if v.accepted)
+
+
+def grow_rig(work: Workspace, seed: AdjustedRig, pairs: list[PairHypothesis]) -> JudgedRig:
     """Add cameras to a seed as long as their evidence is sufficient.
 
     Args:
@@ -42,34 +70,33 @@ def grow_rig(
         pairs: all pair hypotheses, for candidates relative to placed cameras.
 
     Returns:
-        The rig and the last verdict of each placed camera.
+        The rig with the last verdicts.
     """
-    rig, verdicts = seed, {}
-    while not rig.state.placed.all():
-        candidates = {}
-        for camera in np.flatnonzero(~rig.state.placed):
-            best = best_candidate(work, rig.state, int(camera), pairs)
+    judged = JudgedRig(seed, {})
+    while not judged.rig.state.placed.all():
+        state, candidates = judged.rig.state, {}
+        for camera in np.flatnonzero(~state.placed):
+            best = best_candidate(work, state, int(camera), pairs)
             if best is not None:
                 candidates[int(camera)] = best
         if not candidates:
             break
-        state = rig.state
         leading = max(verdict.margin for _, verdict in candidates.values())
         for camera, (parameters, verdict) in candidates.items():
             if verdict.margin >= NEXT * leading:
                 state = state.with_camera(camera, parameters, RANGE_ERRORS[1])
-        grown, grown_verdicts = prune_rig(work, _refined(work, state))
-        if grown.state.placed.sum() <= rig.state.placed.sum():
+        grown = prune_rig(work, _refined(work, state))
+        if grown.quality[0] <= judged.quality[0]:
             break
-        rig, verdicts = grown, grown_verdicts
-    return rig, verdicts
+        judged = grown
+    return judged
 
 
 def _refined(work: Workspace, state: RigState) -> AdjustedRig:
     return alternate(work.grid, state, work.settings, tolerances=RANGE_ERRORS[1:3])
 
 
-def prune_rig(work: Workspace, rig: AdjustedRig) -> tuple[AdjustedRig, dict[int, PlacementVerdict]]:
+def prune_rig(work: Workspace, rig: AdjustedRig) -> JudgedRig:
     """Remove cameras that the others do not support, worst first.
 
     Args:
@@ -77,19 +104,17 @@ def prune_rig(work: Workspace, rig: AdjustedRig) -> tuple[AdjustedRig, dict[int,
         rig: the rig after adjustment.
 
     Returns:
-        The rig and the verdict of each remaining camera; at least two remain.
+        The rig of the remaining cameras; at least two remain.
     """
     while True:
         verdicts = judge_cameras(work, rig.state)
         worst = weakest(verdicts)
         if worst is None:
-            return rig, verdicts
+            return JudgedRig(rig, verdicts)
         rig = _refined(work, rig.state.without_camera(worst))
 
 
-def drop_harmful(
-    work: Workspace, rig: AdjustedRig, verdicts: dict[int, PlacementVerdict]
-) -> tuple[AdjustedRig, dict[int, PlacementVerdict]]:
+def drop_harmful(work: Workspace, judged: JudgedRig) -> JudgedRig:
     """Remove cameras without which the others agree better.
 
     A camera with a wrong clock can match recurring patterns of the crowd (a path, a queue) better
@@ -97,26 +122,26 @@ def drop_harmful(
 
     Args:
         work: the sequence.
-        rig: the rig after adjustment.
-        verdicts: of each placed camera.
+        judged: the rig after adjustment.
 
     Returns:
-        The rig and the verdict of each remaining camera.
+        The rig of the remaining cameras.
     """
-    while len(verdicts) > 2:
+    while len(judged.verdicts) > 2:
+        verdicts = judged.verdicts
         per_match = {c: v.margin / max(1, v.judgment.matches) for c, v in verdicts.items()}
         usual = float(np.median(list(per_match.values())))
         suspects = [c for c in verdicts if per_match[c] < SUSPICIOUS_SHARE * usual]
         for camera in sorted(suspects, key=lambda c: per_match[c]):
-            less = _refined(work, rig.state.without_camera(camera))
-            less_verdicts = judge_cameras(work, less.state)
-            total = sum(verdict.margin for verdict in less_verdicts.values())
-            if total > HARMFUL_GAIN * sum(v.margin for c, v in verdicts.items() if c != camera):
-                rig, verdicts = less, less_verdicts
+            rig = _refined(work, judged.rig.state.without_camera(camera))
+            less = JudgedRig(rig, judge_cameras(work, rig.state))
+            others = sum(v.margin for c, v in verdicts.items() if c != camera)
+            if less.quality[1] > HARMFUL_GAIN * others:
+                judged = less
                 break
         else:
             break
-    return rig, verdicts
+    return judged
 
 
 def best_candidate(

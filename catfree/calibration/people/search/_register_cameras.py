@@ -1,7 +1,7 @@
 """Register all cameras: pairs, seeds, growth, focal lengths, and removal of wrong cameras."""
 
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -11,7 +11,7 @@ from catfree.calibration.people.adjustment._people_bundle import saves
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL
 from catfree.calibration.people.matching._verdict import PlacementVerdict, judge_camera
 from catfree.calibration.people.matching._workspace import Workspace
-from catfree.calibration.people.search._growth import drop_harmful, grow_rig, prune_rig
+from catfree.calibration.people.search._growth import JudgedRig, drop_harmful, grow_rig, prune_rig
 from catfree.calibration.people.search._seed_pairs import PairHypothesis, search_pair, seed_rig
 from catfree.errors import CalibrationError
 from catfree.types._annotations import Progress
@@ -22,30 +22,7 @@ FINAL_ITERATIONS = 15
 GOOD_SEED = (0.6, 30)  # minimum association and matches to compare the focal lengths of a pair
 
 
-@dataclass(frozen=True)
-class RegisteredRig:
-    """All placed cameras.
-
-    Attributes:
-        rig: the adjusted rig.
-        verdicts: of each placed camera.
-    """
-
-    rig: AdjustedRig
-    verdicts: dict[int, PlacementVerdict]
-
-    @property
-    def accepted(self) -> int:
-        """Number of cameras that can be trusted."""
-        return sum(verdict.accepted for verdict in self.verdicts.values())
-
-    @property
-    def evidence(self) -> float:
-        """Sum of the evidence above chance of all cameras that can be trusted."""
-        return sum(v.margin for v in self.verdicts.values() if v.accepted)
-
-
-def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
+def register_cameras(work: Workspace, report: Progress) -> JudgedRig:
     """Place as many cameras as the boxes support.
 
     Args:
@@ -65,12 +42,11 @@ def register_cameras(work: Workspace, report: Progress) -> RegisteredRig:
             "has one box per camera (non-maximum suppression)."
         )
     grown = _grow_seeds(work, seeds, pairs, report)
-    rig, verdicts = prune_rig(work, _choose_focal(work, grown))
-    cameras = rig.state.placed.sum()
-    rig, verdicts = drop_harmful(work, rig, verdicts)
-    if rig.state.placed.sum() != cameras:
-        rig, verdicts = prune_rig(work, _choose_focal(work, rig))
-    return RegisteredRig(rig, verdicts)
+    pruned = prune_rig(work, _choose_focal(work, grown))
+    registered = drop_harmful(work, pruned)
+    if registered.quality[0] != pruned.quality[0]:
+        registered = prune_rig(work, _choose_focal(work, registered.rig))
+    return registered
 
 
 Seed = tuple[PlacementVerdict, AdjustedRig, tuple[int, int]]
@@ -140,17 +116,15 @@ def _grow_seeds(
 ) -> AdjustedRig:
     """Grow seeds until one places every camera; return the rig with most cameras and evidence."""
     useful, shared_focal = work.useful.sum(), _focal_seems_shared(work, seeds)
-    grown: list[tuple[tuple[int, float], AdjustedRig]] = []
+    grown: list[JudgedRig] = []
     for done, (_, seed, _) in enumerate(seeds):
         report("growth", done, len(seeds))
         state = replace(seed.state, shared_focal=shared_focal)
-        rig, verdicts = grow_rig(work, replace(seed, state=state), pairs)
-        quality = int(rig.state.placed.sum()), sum(v.margin for v in verdicts.values())
-        grown.append((quality, rig))
-        if quality[0] >= useful:
+        grown.append(grow_rig(work, replace(seed, state=state), pairs))
+        if grown[-1].quality[0] >= useful:
             break
     report("growth", len(seeds), len(seeds))
-    return max(grown, key=lambda item: item[0])[1]
+    return max(grown, key=lambda judged: judged.quality).rig
 
 
 def _choose_focal(work: Workspace, rig: AdjustedRig) -> AdjustedRig:

@@ -35,13 +35,10 @@ def follow_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceS
     looks = None
     if state.ratios is not None and settings.link_by_looks:
         looks = looks_of(state.ratios, groups.member)
-    noise = state.noise
-    trails = follow(
-        groups, log_odds, time, motion, float(noise.density), float(noise.spread), settings, looks
-    )
+    state = replace(state, motion=motion, looks=looks)
+    trails = follow(groups, log_odds, state.population(settings))
     evidence = evidence_of_rows(trails, state, settings)
     probability = presence(trails, evidence, settings.change_evidence)
-    state = replace(state, motion=motion, looks=looks)
     return with_tracks(state, trails, evidence, probability)
 
 

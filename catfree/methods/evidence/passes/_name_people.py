@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from catfree.methods.evidence._state import EvidenceState
-from catfree.methods.evidence.track._identify import Population, identify
+from catfree.methods.evidence.track._identify import identify
 from catfree.settings import EvidenceSettings
 
 
@@ -12,9 +12,6 @@ def name_people(state: EvidenceState, settings: EvidenceSettings) -> EvidenceSta
     if not state.is_tracked(settings):
         return state
     error = state.position_covariance - state.trails.covariance[:, :2, :2]
-    population = Population(
-        state.boxes.time, state.motion, float(state.noise.density), float(state.noise.spread),
-        settings, state.looks,
-    )  # fmt: skip
+    population = state.population(settings)
     identity = identify(state.trails, state.kept, error, state.groups, population)
     return replace(state, identity=identity)

@@ -23,6 +23,7 @@ from catfree.methods.evidence.group._appearance import Looks
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.track._tracking import (
     Motion,
+    Population,
     Trails,
     corrected_states,
     distances,
@@ -30,7 +31,6 @@ from catfree.methods.evidence.track._tracking import (
     transition,
     within_bounds,
 )
-from catfree.settings import EvidenceSettings
 
 SWEEPS = 4  # at most, which a recording of a few minutes takes
 HORIZON = 40  # frames between a past and a future that are compared
@@ -78,26 +78,6 @@ class Nodes(NamedTuple):
     def at(self, rows) -> "Nodes":
         """Some of the positions."""
         return Nodes(*(part[rows] for part in self))
-
-
-class Population(NamedTuple):
-    """What is the same for all chains.
-
-    Attributes:
-        time: (F,) of each frame in usual steps.
-        motion: how people walk.
-        density: people per H0².
-        spread: of heights in H0.
-        settings: constants.
-        looks: compares embeddings, or None.
-    """
-
-    time: Float[np.ndarray, " frame"]
-    motion: Motion
-    density: float
-    spread: float
-    settings: EvidenceSettings
-    looks: Looks | None = None
 
 
 def identify(

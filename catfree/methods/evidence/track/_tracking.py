@@ -230,31 +230,38 @@ def _link_gain(mean, covariance, info: Information, alone: Alone, gate):
     return gain
 
 
-def follow(
-    groups: Groups,
-    log_odds: np.ndarray,
-    time: np.ndarray,
-    motion: Motion,
-    density: float,
-    spread: float,
-    settings: EvidenceSettings,
-    looks: Looks | None = None,
-) -> Trails:
+class Population(NamedTuple):
+    """What is the same for all tracks of a sequence.
+
+    Attributes:
+        time: (F,) of each frame in usual steps.
+        motion: how people walk.
+        density: people per H0².
+        spread: of heights in H0.
+        settings: constants.
+        looks: appearance of the groups, which compares embeddings, or None.
+    """
+
+    time: Float[np.ndarray, " frame"]
+    motion: Motion
+    density: float
+    spread: float
+    settings: EvidenceSettings
+    looks: Looks | None = None
+
+
+def follow(groups: Groups, log_odds: np.ndarray, population: Population) -> Trails:
     """Link groups into tracks and smooth them.
 
     Args:
         groups: sorted by frame.
         log_odds: (H,) of existence.
-        time: (F,) time of each frame in usual steps.
-        motion: the motion model.
-        density: people per H0².
-        spread: of heights in H0.
-        settings: constants.
-        looks: appearance of the groups, if available.
+        population: the people and their frames.
 
     Returns:
         All tracks, including gaps but not beyond their first and last group.
     """
+    time, motion, density, spread, settings, looks = population
     likely = np.flatnonzero(log_odds > -settings.evidence_limit / 2)
     bounds = np.searchsorted(groups.frame[likely], np.arange(len(time) + 1))
     linker = Linker(motion, settings, looks)

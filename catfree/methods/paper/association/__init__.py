@@ -1,7 +1,6 @@
 """Association of detections with people: tracklets, ray reliability, groups, hypotheses."""
 
 from catfree.methods.paper.association._associate import (
-    Correspondences as Correspondences,
     associate as associate,
     associate_in_two_passes as associate_in_two_passes,
     learn_pose_ratio as learn_pose_ratio,

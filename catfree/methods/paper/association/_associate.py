@@ -1,7 +1,6 @@
 """Cross-view groups of a whole sequence, computed in chunks of frames."""
 
 import dataclasses
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int
@@ -19,24 +18,12 @@ from catfree.types._annotations import Progress, no_progress
 CHUNK = 8192  # detections associated together: bounds memory and avoids recompilation
 
 
-class Correspondences(NamedTuple):
-    """Detections that may be one person.
-
-    Attributes:
-        member: (G, C) observation of each camera, or -1; at least two per group.
-        frame_index: (G,) frame of each group.
-    """
-
-    member: Int[np.ndarray, "g cam"]
-    frame_index: Int[np.ndarray, " g"]
-
-
 def associate(
     observations: Observations,
     rays: Rays,
     settings: Settings,
     report: Progress = no_progress,
-) -> Correspondences:
+) -> Int[np.ndarray, "g cam"]:
     """Partition the detections of every frame into groups of one person each.
 
     Args:
@@ -46,7 +33,8 @@ def associate(
         report: called as `report("association", frames done, frames)`.
 
     Returns:
-        The groups of all frames, in order of frames.
+        (G, C) observation of each camera in each group, or -1, in order of frames; at least two
+        per group.
 
     Source:
         Sec. "Matching pedestrians across cameras".
@@ -84,8 +72,7 @@ def associate(
         members.append(np.where(groups >= 0, groups + begin, -1))
         first = last
     report("association", frames, frames)
-    member = np.concatenate(members)
-    return Correspondences(member, observations.frame_index[member.max(axis=1)])
+    return np.concatenate(members)
 
 
 def associate_in_two_passes(
@@ -93,7 +80,7 @@ def associate_in_two_passes(
     rays: Rays,
     settings: Settings,
     report: Progress = no_progress,
-) -> tuple[Correspondences, Rays, float]:
+) -> tuple[Int[np.ndarray, "g cam"], Rays, float]:
     """Group the detections twice: the first, unweighted pass provides the pose ratio of the second.
 
     Args:
@@ -125,7 +112,7 @@ def weigh_rays(observations: Observations, rays: Rays, ratio: float, settings: S
 
 
 def learn_pose_ratio(
-    observations: Observations, rays: Rays, groups: Correspondences, settings: Settings
+    observations: Observations, rays: Rays, groups: Int[np.ndarray, "g cam"], settings: Settings
 ) -> float:
     """Estimate the pose ratio from the residuals of an unweighted triangulation.
 
@@ -147,9 +134,9 @@ def learn_pose_ratio(
     # single ray has no residual.
     triangulation = dataclasses.replace(settings.triangulation, estimator="rays")
     _, residual = triangulate_groups(
-        rays, groups.member, triangulation, sigma_theta=settings.rays.sigma_theta
+        rays, groups, triangulation, sigma_theta=settings.rays.sigma_theta
     )
     of_observation = np.full(len(observations), np.nan)
-    present = groups.member >= 0
-    of_observation[groups.member[present]] = residual[present]
+    present = groups >= 0
+    of_observation[groups[present]] = residual[present]
     return measured_pose_ratio(of_observation, observations.ankles_confirmed)

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from catfree.methods.paper._select import Hypotheses
-from catfree.methods.paper.association._associate import Correspondences
 from catfree.methods.paper.association._hypotheses import (
     RayTable,
     Support,
@@ -42,7 +41,7 @@ def locate(
     observations: Observations,
     rays: Rays,
     rig: Rig,
-    groups: Correspondences,
+    groups: Int[np.ndarray, "g cam"],
     tracklet: Int[np.ndarray, " n"],
     settings: Settings,
 ) -> Located:
@@ -52,7 +51,7 @@ def locate(
         observations: detections in canonical order.
         rays: their weighted rays in the canonical frame.
         rig: cameras in the canonical frame.
-        groups: cross-view groups.
+        groups: (G, C) observation of each camera in each group, or -1.
         tracklet: (N,) tracklet of each observation.
         settings: estimator and radii.
 
@@ -63,30 +62,28 @@ def locate(
         Sec. "Robust 3D position estimation" and "Selecting pedestrian positions".
     """
     sigma_theta = settings.rays.sigma_theta
+    frame_index = observations.frame_index[groups.max(axis=1)]
     position, residual = triangulate_groups(
-        rays, groups.member, settings.triangulation, sigma_theta=sigma_theta
+        rays, groups, settings.triangulation, sigma_theta=sigma_theta
     )
     table = ray_table(observations, rays, np.asarray(rig.centers))
     radius = settings.selection.support_factor * sigma_theta
     if settings.triangulation.estimator == "best_pair":
         # This baseline uses two cameras: no other camera may support its position.
-        groups = groups._replace(member=np.where(np.isfinite(residual), groups.member, -1))
-        member = groups.member
+        member = groups = np.where(np.isfinite(residual), groups, -1)
     else:
-        member = find_support(table, groups.frame_index, position, radius=radius)
+        member = find_support(table, frame_index, position, radius=radius)
     support = measure_support(rays, member, position, sigma_theta=sigma_theta)
     if settings.selection.exclusive_support:
         member = exclusive_support(support)
         support = measure_support(rays, member, position, sigma_theta=sigma_theta)
-    group_tracklet = np.where(groups.member >= 0, tracklet[groups.member], -1)
+    group_tracklet = np.where(groups >= 0, tracklet[groups], -1)
     score = np.zeros(len(position), position.dtype)
     if settings.selection.use_score:
-        score = hypothesis_scores(
-            observations, rig, position, support, groups.frame_index, group_tracklet
-        )
+        score = hypothesis_scores(observations, rig, position, support, frame_index, group_tracklet)
     used = np.maximum(np.isfinite(residual).sum(axis=1), 1)
     hypotheses = Hypotheses(
-        frame_index=groups.frame_index,
+        frame_index=frame_index,
         ground_xy=position[:, :2],
         ground_distance=np.abs(position[:, 2]),
         rms_angle=np.sqrt(np.nansum(residual**2, axis=1) / used),

@@ -16,7 +16,7 @@ from catfree.methods.evidence.group._appearance import (
 )
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.observe._embeddings import embeddings_of
-from catfree.methods.evidence.track._tracking import Motion, follow
+from catfree.methods.evidence.track._tracking import Motion, Population, follow
 from catfree.settings import EvidenceSettings
 
 LIKENESS = Likeness((0.1, 0.05), (0.7, 0.15), 4.0)
@@ -77,10 +77,9 @@ def who(places, looks_of_group, deviation=0.1):
     info = Information(precision, state / deviation**2, (state**2).sum(1) / deviation**2)
     frame, member = np.repeat(np.arange(T), 2), np.arange(2 * T)[:, None]
     groups = Groups(frame, member, info, np.zeros(2 * T))
-    trails = follow(
-        groups, np.full(2 * T, 5.0), np.arange(T, dtype=float),
-        Motion(0.15, 0.85, 0.03, 0.005), 0.01, 0.06, EvidenceSettings(), looks_of_group,
-    )  # fmt: skip
+    time, motion = np.arange(T, dtype=float), Motion(0.15, 0.85, 0.03, 0.005)
+    people = Population(time, motion, 0.01, 0.06, EvidenceSettings(), looks_of_group)
+    trails = follow(groups, np.full(2 * T, 5.0), people)
     track = np.full(2 * T, -1)
     track[trails.group[trails.group >= 0]] = trails.track[trails.group >= 0]
     return track.reshape(T, 2)

@@ -16,13 +16,12 @@ from catfree.methods.evidence.track._identify import (
     SWEEPS,
     AbsenceHabits,
     Nodes,
-    Population,
     estimate_habits,
     estimate_walk,
     identify,
     sweep,
 )
-from catfree.methods.evidence.track._tracking import Motion, Trails, transition
+from catfree.methods.evidence.track._tracking import Motion, Population, Trails, transition
 from catfree.settings import EvidenceSettings
 
 MOTION = Motion(0.2, 0.85, 0.03, 0.005)

@@ -12,6 +12,7 @@ from catfree.methods.evidence._gaussian import Information, mean_and_covariance
 from catfree.methods.evidence.group._groups import Groups
 from catfree.methods.evidence.track._tracking import (
     Motion,
+    Population,
     corrected_states,
     estimate_motion,
     follow,
@@ -39,8 +40,8 @@ def groups_at(frame, state, deviation):
 
 
 def tracked(groups, time, log_odds=3.0, rules=RULES):
-    odds = np.full(len(groups), log_odds)
-    return follow(groups, odds, np.asarray(time, float), MOTION, DENSITY, SPREAD, rules)
+    people = Population(np.asarray(time, float), MOTION, DENSITY, SPREAD, rules)
+    return follow(groups, np.full(len(groups), log_odds), people)
 
 
 @pytest.mark.parametrize("dt", [0.5, 1.0, 3.0])
