@@ -32,7 +32,7 @@ from catfree.adapters.files._documents import (
 from catfree.adapters.files._toml import read_toml
 from catfree.errors import FileFormatError, shortened
 from catfree.types import Lens, Rig
-from catfree.types._validation import as_path
+from catfree.types._validation import as_path, as_positive
 
 _LARGEST_FILE = 2**17  # characters; a camera takes about 500
 _MOST_DOTS = 64  # a camera has nine decimal points per line
@@ -55,9 +55,11 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
         Rig in meters if `metres_per_unit` is right, and the names.
 
     Raises:
-        InvalidInputError: if there is no such file or a camera is invalid.
-        FileFormatError: if it is not TOML of this form, or two cameras have the same name.
+        InvalidInputError: if there is no such file, a camera is invalid, two have the same name, or
+            `metres_per_unit` is not a positive number.
+        FileFormatError: if it is not TOML of this form.
     """
+    scale = as_positive(metres_per_unit, "metres_per_unit")
     source = as_path(path, "path")
     document = read_toml(source, "calibration", largest=_LARGEST_FILE, dots=_MOST_DOTS)
     cameras = {key: value for key, value in document.items() if _is_camera(value)}
@@ -77,7 +79,7 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
         values = camera.get("distortions", [])
         coefficients = numbers(values, None, source, f"distortions of {where}")
         distortion = lens_coefficients(coefficients, source, where, lens)
-        file_cameras.append(FileCamera(K, R, t * metres_per_unit, size, distortion, lens))
+        file_cameras.append(FileCamera(K, R, t * scale, size, distortion, lens))
     names = tuple(
         text_of(camera.get("name", key), source, f"the name of camera [{shortened(key)}]")
         for key, camera in cameras.items()
@@ -106,8 +108,10 @@ def write_anipose_toml(
 
     Raises:
         InvalidInputError: if the folder does not exist, no camera is registered, a camera is a grid
-            of rays, or the names do not match the cameras.
+            of rays, the names do not match the cameras, or `metres_per_unit` is not a positive
+            number.
     """
+    scale = as_positive(metres_per_unit, "metres_per_unit")
     rig, labels = registered_cameras(rig, names, path)
     require_coefficients(rig, labels, path)
     lines = []
@@ -120,7 +124,7 @@ def write_anipose_toml(
             f"matrix = [{', '.join(_toml_row(row) for row in np.asarray(rig.K)[at])}]",
             f"distortions = {_toml_row(coefficients_of(rig, at))}",
             f"rotation = {_toml_row(rotation_to_vector(np.asarray(rig.R)[at]))}",
-            f"translation = {_toml_row(np.asarray(rig.t)[at] / metres_per_unit)}",
+            f"translation = {_toml_row(np.asarray(rig.t)[at] / scale)}",
             f"fisheye = {str(rig.lenses[at] == Lens.FISHEYE).lower()}",
             "",
         ]

@@ -27,7 +27,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Lens, Rig
-from catfree.types._validation import as_paths
+from catfree.types._validation import as_paths, as_positive
 
 # The names that OpenCV's own samples and common tools use for the same matrix.
 _INTRINSICS = ("K", "camera_matrix", "cameraMatrix", "Camera_Matrix", "intrinsic", "M")
@@ -78,10 +78,12 @@ def read_opencv_yaml(
         folders have the same name.
 
     Raises:
-        InvalidInputError: if a file is missing or given twice, or a camera is invalid.
+        InvalidInputError: if a file is missing or given twice, a camera is invalid, or
+            `metres_per_unit` is not a positive number.
         FileFormatError: if a file is malformed, or does not state the model of its four
             coefficients.
     """
+    scale = as_positive(metres_per_unit, "metres_per_unit")
     sources = as_paths(paths, "paths")
     if not sources:
         raise InvalidInputError("read_opencv_yaml needs at least one file.")
@@ -99,7 +101,7 @@ def read_opencv_yaml(
         camera = FileCamera(
             numbers(_first(matrices, _INTRINSICS, source, "intrinsics"), (3, 3), source, "K"),
             numbers(rotation, (3, 3), source, "the rotation"),
-            numbers(shift, (3,), source, "the translation") * metres_per_unit,
+            numbers(shift, (3,), source, "the translation") * scale,
             _image_size(matrices, source, image_size),
             lens_coefficients(coefficients, source, "the camera", lens),
             lens,
