@@ -1,15 +1,19 @@
 """Calibrations that could be read as something else than they are meant to be."""
 
+import json
+
 import numpy as np
 import pytest
 
 from catfree.adapters import (
+    read_ai_city,
     read_anipose_toml,
     read_opencv_yaml,
+    write_ai_city,
     write_anipose_toml,
     write_opencv_yaml,
 )
-from catfree.errors import InvalidInputError
+from catfree.errors import FileFormatError, InvalidInputError
 from catfree.synthetic import make_layout
 
 NAMES = ("a", "b", "c", "d")
@@ -33,3 +37,20 @@ def test_a_unit_is_a_positive_length(unit, rig, tmp_path):
         with pytest.raises(InvalidInputError, match=r"metres_per_unit is .* positive number"):
             use()
     assert toml.read_bytes() == before
+
+
+def test_a_transposed_matrix_is_of_no_camera(rig, tmp_path):
+    path = write_ai_city(tmp_path / "calibration.json", rig, NAMES)
+    document = json.loads(path.read_text())
+    for sensor in document["sensors"]:
+        del sensor["intrinsicMatrix"]
+    flat = [np.ravel(sensor["cameraMatrix"]).tolist() for sensor in document["sensors"]]
+    for sensor, matrix in zip(document["sensors"], flat, strict=True):
+        sensor["cameraMatrix"] = matrix
+    path.write_text(json.dumps(document))
+    np.testing.assert_allclose(read_ai_city(path).rig.centers, rig.centers, atol=1e-9)
+    for sensor, matrix in zip(document["sensors"], flat, strict=True):
+        sensor["cameraMatrix"] = np.reshape(matrix, (3, 4)).T.tolist()
+    path.write_text(json.dumps(document))
+    with pytest.raises(FileFormatError, match=r"sensor 0 must hold 3 x 4 numbers, .* \(4, 3\)"):
+        read_ai_city(path)
