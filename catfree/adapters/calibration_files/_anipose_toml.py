@@ -30,7 +30,7 @@ from catfree.adapters.files._documents import (
     write_text_atomically,
 )
 from catfree.adapters.files._toml import read_toml
-from catfree.errors import FileFormatError, shortened
+from catfree.errors import FileFormatError, quoted, shortened
 from catfree.types import Lens, Rig
 from catfree.types._validation import as_path, as_positive
 
@@ -70,7 +70,12 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
         where = f"camera [{shortened(key)}]"
         fields = {name: entry(camera, name, source, where) for name in ("matrix", "size")}
         fields |= {name: entry(camera, name, source, where) for name in ("rotation", "translation")}
-        lens = Lens.FISHEYE if camera.get("fisheye", False) else Lens.PINHOLE
+        fisheye = camera.get("fisheye", False)
+        if not isinstance(fisheye, bool):
+            raise FileFormatError(
+                f"{source}: fisheye of {where} is {quoted(fisheye)}; it must be true or false."
+            )
+        lens = Lens.FISHEYE if fisheye else Lens.PINHOLE
         K = numbers(fields["matrix"], (3, 3), source, f"matrix of {where}")
         size = numbers(fields["size"], (2,), source, f"size of {where}")
         vector = numbers(fields["rotation"], (3,), source, f"rotation of {where}")

@@ -20,6 +20,7 @@ _MATRIX = "opencv-matrix"
 _YAML_ENTRY = re.compile(r"([A-Za-z_][\w.-]*)\s*:\s*(.*)")
 _YAML_DATA = re.compile(r"\bdata:\s*\[")
 _YAML_SPECIAL = {".nan": "nan", ".inf": "inf", "+.inf": "inf", "-.inf": "-inf"}
+_YAML_SPECIAL |= {"true": "1", "false": "0"}  # as JSON's
 
 
 class Storage(NamedTuple):

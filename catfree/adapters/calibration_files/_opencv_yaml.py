@@ -46,8 +46,9 @@ _WIDTH = ("image_width", "image_Width", "width")
 _HEIGHT = ("image_height", "image_Height", "height")
 _SIZE = ("image_size", "imageSize", "size")
 
-# Words that files and tools use for the lens model of `cv2.fisheye`.
+# Words that files and tools use for the lens model of `cv2.fisheye`, and for that of a pinhole.
 _FISHEYE = re.compile("fish_?eye|equidistant|kannala", re.IGNORECASE)
+_PINHOLE = re.compile("pinhole|plumb|rational|rad(ial)?[-_ ]?tan|brown|opencv", re.IGNORECASE)
 
 
 def read_opencv_yaml(
@@ -66,7 +67,8 @@ def read_opencv_yaml(
     Four coefficients may be k1, k2, p1, p2 of an old pinhole calibration or k1 to k4 of
     `cv2.fisheye.calibrate`, and confusing them moves people by meters. Unless all are 0, the file
     must state the model, by `fisheye_model: 0` or `1`, by another entry whose name contains "model"
-    (`distortion_model: plumb_bob` or `equidistant`), or by a fifth coefficient.
+    and whose word is known (`distortion_model: plumb_bob` or `equidistant`), or by a fifth
+    coefficient.
 
     Args:
         paths: one file or several, in the order of the rig's cameras.
@@ -163,11 +165,12 @@ def _lens(storage: Storage, coefficients: np.ndarray, source: Path) -> Lens:
     Raises:
         FileFormatError: if the file has four coefficients and does not state their model.
     """
-    models = {key: text for key, text in storage.words.items() if "model" in key.lower()}
+    models = [text for key, text in storage.words.items() if "model" in key.lower()]
     flag = storage.numbers.get("fisheye_model", storage.numbers.get("fisheye", np.empty(0)))
-    if flag.any() or any(_FISHEYE.search(text) for text in models.values()):
+    if flag.any() or any(_FISHEYE.search(text) for text in models):
         return Lens.FISHEYE
-    if coefficients.size == 4 and coefficients.any() and not (models or flag.size):
+    is_pinhole = flag.size or any(_PINHOLE.search(text) for text in models)
+    if coefficients.size == 4 and coefficients.any() and not is_pinhole:
         raise FileFormatError(
             f"{source} has 4 distortion coefficients but does not state the lens model. For k1, "
             "k2, p1, p2 of a pinhole, add k3 = 0 as the fifth, or the line `fisheye_model: 0`; for "

@@ -15,6 +15,7 @@ from catfree.adapters import (
 )
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.synthetic import make_layout
+from catfree.types import Lens
 
 NAMES = ("a", "b", "c", "d")
 
@@ -54,3 +55,34 @@ def test_a_transposed_matrix_is_of_no_camera(rig, tmp_path):
     path.write_text(json.dumps(document))
     with pytest.raises(FileFormatError, match=r"sensor 0 must hold 3 x 4 numbers, .* \(4, 3\)"):
         read_ai_city(path)
+
+
+def test_a_word_that_is_no_truth_value_does_not_make_a_fisheye(rig, tmp_path):
+    path = write_anipose_toml(tmp_path / "calibration.toml", rig, NAMES)
+    path.write_text(path.read_text().replace("fisheye = false", 'fisheye = "false"'))
+    with pytest.raises(FileFormatError, match=r"fisheye of camera \[cam_0\] is 'false'"):
+        read_anipose_toml(path)
+
+
+@pytest.mark.parametrize(
+    ("line", "lens"),
+    [
+        ("fisheye_model: true", Lens.FISHEYE),
+        ("fisheye: True", Lens.FISHEYE),
+        ("fisheye: false", Lens.PINHOLE),
+        ("fisheye_model: 0", Lens.PINHOLE),
+        ("distortion_model: rational_polynomial", Lens.PINHOLE),
+        ("distortion_model: equidistant", Lens.FISHEYE),
+        ("model: HD-4000", None),
+        ("fisheye_model: maybe", None),
+    ],
+)
+def test_four_coefficients_are_of_the_stated_model(line, lens, rig, tmp_path):
+    (path, *_) = write_opencv_yaml(tmp_path, rig, NAMES)
+    four = path.read_text().replace("0.0, 0.0, 0.0, 0.0, 0.0 ]", "0.1, 0.0, 0.0, 0.0 ]")
+    path.write_text(f"{four}{line}\n")
+    if lens is None:
+        with pytest.raises(FileFormatError, match="does not state the lens model"):
+            read_opencv_yaml(path)
+    else:
+        assert read_opencv_yaml(path).rig.lenses.tolist() == [lens]
