@@ -8,9 +8,11 @@ import pytest
 from catfree.adapters import (
     read_ai_city,
     read_anipose_toml,
+    read_colmap,
     read_opencv_yaml,
     write_ai_city,
     write_anipose_toml,
+    write_colmap_text,
     write_opencv_yaml,
 )
 from catfree.errors import FileFormatError, InvalidInputError
@@ -86,3 +88,29 @@ def test_four_coefficients_are_of_the_stated_model(line, lens, rig, tmp_path):
             read_opencv_yaml(path)
     else:
         assert read_opencv_yaml(path).rig.lenses.tolist() == [lens]
+
+
+def test_every_image_of_colmap_has_two_lines(rig, tmp_path):
+    folder = write_colmap_text(tmp_path / "sparse", rig, NAMES)
+    images = folder / "images.txt"
+    written = images.read_text()
+    images.write_text(written.replace("\n\n", "\n1.5 2.5 -1 3.5 4.5 7\n"))
+    assert read_colmap(folder).names == NAMES
+    images.write_text(written.replace("\n\n", "\n"))
+    with pytest.raises(FileFormatError, match=r"images\.txt: the line after image a must hold"):
+        read_colmap(folder)
+
+
+def test_a_camera_of_colmap_is_described_once(rig, tmp_path):
+    folder = write_colmap_text(tmp_path / "sparse", rig, NAMES)
+    cameras = folder / "cameras.txt"
+    cameras.write_text(f"{cameras.read_text()}3 SIMPLE_PINHOLE 640 480 500 320 240\n")
+    with pytest.raises(FileFormatError, match=r"cameras\.txt describes camera 3 twice"):
+        read_colmap(folder)
+
+
+def test_colmap_is_given_points_that_it_can_read_again(rig, tmp_path):
+    for points in (np.full((2, 3), np.nan), np.ones((2, 2))):
+        with pytest.raises(InvalidInputError, match="points"):
+            write_colmap_text(tmp_path / "sparse", rig, NAMES, points)
+    assert not (tmp_path / "sparse").exists()
