@@ -95,8 +95,7 @@ def read_opencv_yaml(
         matrices = storage.numbers
         rotation = _first(matrices, _ROTATION, source, "rotation")
         if rotation.size == 3:
-            vector = numbers(rotation, (3,), source, "the rotation")
-            rotation = rotation_from_vector(vector)
+            rotation = rotation_from_vector(rotation, source, "the rotation")
         shift = _first(matrices, _TRANSLATION, source, "translation")
         coefficients = _first(matrices, _DISTORTION, source, None)
         lens = _lens(storage, coefficients, source)

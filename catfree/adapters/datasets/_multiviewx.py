@@ -110,7 +110,7 @@ def _read_rig(folder: Path) -> Rig:
         )
         path = folder / "extrinsic" / f"extr_Camera{camera}.xml"
         outer = read_matrices(path, f"extrinsics of camera {name}", {"rvec": (3,), "tvec": (3,)})
-        published = rotation_from_vector(outer["rvec"])
+        published = rotation_from_vector(outer["rvec"], path, "'rvec'")
         if (published @ center + outer["tvec"])[2] >= 0:
             raise InvalidInputError(
                 f"{path}: camera {name} has the square at positive depth, unlike the published "

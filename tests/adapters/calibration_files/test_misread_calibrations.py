@@ -1,6 +1,7 @@
 """Calibrations that could be read as something else than they are meant to be."""
 
 import json
+import tomllib
 
 import numpy as np
 import pytest
@@ -114,3 +115,15 @@ def test_colmap_is_given_points_that_it_can_read_again(rig, tmp_path):
         with pytest.raises(InvalidInputError, match="points"):
             write_colmap_text(tmp_path / "sparse", rig, NAMES, points)
     assert not (tmp_path / "sparse").exists()
+
+
+def test_rotations_in_degrees_are_noticed(rig, tmp_path):
+    path = write_anipose_toml(tmp_path / "calibration.toml", rig, NAMES)
+    document = tomllib.loads(path.read_text())
+    text = path.read_text()
+    for at in range(len(NAMES)):
+        radians = document[f"cam_{at}"]["rotation"]
+        text = text.replace(str(radians), str(np.degrees(radians).tolist()))
+    path.write_text(text)
+    with pytest.raises(InvalidInputError, match=r"rotation of camera \[cam_0\] is .* from degrees"):
+        read_anipose_toml(path)
