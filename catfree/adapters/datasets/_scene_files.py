@@ -26,7 +26,7 @@ from catfree.adapters.files._camera_names import natural_order
 from catfree.adapters.files._documents import StrPath, naming_file, read_json, read_text
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Plane, Rig, Scene
-from catfree.types._validation import as_path, as_paths
+from catfree.types._validation import as_path, as_paths, require_instance
 
 Unit = Literal["m", "cm", "mm", "ft", "arbitrary"]
 METERS: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "arbitrary": 1.0}
@@ -64,12 +64,14 @@ def read_scene(
         None if the file has none.
 
     Raises:
-        InvalidInputError: if there is no such file, a value is invalid, the file states another
-            unit, or no ground is stated and z = 0 cannot be it.
+        InvalidInputError: if there is no such file, a value or the ground is invalid, the file
+            states another unit, or no ground is stated and z = 0 cannot be it.
         FileFormatError: if the file holds something else.
     """
     if unit not in METERS:
         raise InvalidInputError(f"unit is {quoted(unit)}; it must be one of {', '.join(METERS)}.")
+    if ground is not None:
+        require_instance(ground, Plane, "ground")
     if isinstance(path, str | os.PathLike):
         source = as_path(path, "path")
         if not source.exists():

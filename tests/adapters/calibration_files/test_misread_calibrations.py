@@ -1,11 +1,13 @@
 """Calibrations that could be read as something else than they are meant to be."""
 
+import inspect
 import json
 import tomllib
 
 import numpy as np
 import pytest
 
+import catfree as cf
 from catfree.adapters import (
     read_ai_city,
     read_anipose_toml,
@@ -16,6 +18,7 @@ from catfree.adapters import (
     write_colmap_text,
     write_opencv_yaml,
 )
+from catfree.adapters.calibration_files._named_rig import default_names
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.synthetic import make_layout
 from catfree.types import Lens
@@ -127,3 +130,12 @@ def test_rotations_in_degrees_are_noticed(rig, tmp_path):
     path.write_text(text)
     with pytest.raises(InvalidInputError, match=r"rotation of camera \[cam_0\] is .* from degrees"):
         read_anipose_toml(path)
+
+
+def test_wrong_types_are_named(rig, tmp_path):
+    path = write_anipose_toml(tmp_path / "calibration.toml", rig, NAMES)
+    unchecked = inspect.unwrap(default_names)  # as where no types are checked
+    with pytest.raises(InvalidInputError, match="names must be a list, got int"):
+        unchecked(rig, 4)
+    with pytest.raises(InvalidInputError, match="ground must be a Plane, got list"):
+        inspect.unwrap(cf.read_scene)(path, ground=[0, 0, 1, 0])
