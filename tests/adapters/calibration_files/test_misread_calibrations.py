@@ -139,3 +139,21 @@ def test_wrong_types_are_named(rig, tmp_path):
         unchecked(rig, 4)
     with pytest.raises(InvalidInputError, match="ground must be a Plane, got list"):
         inspect.unwrap(cf.read_scene)(path, ground=[0, 0, 1, 0])
+
+
+def test_ai_city_states_both_sides_of_an_image_and_a_matrix_with_the_position_last(rig, tmp_path):
+    path = write_ai_city(tmp_path / "calibration.json", rig, NAMES)
+    document = json.loads(path.read_text())
+    first = document["sensors"][0]
+    square = np.vstack([first["extrinsicMatrix"], [0, 0, 0, 1]])
+    first["extrinsicMatrix"] = square.tolist()
+    path.write_text(json.dumps(document))
+    np.testing.assert_array_equal(read_ai_city(path).rig.t, rig.t)
+    first["extrinsicMatrix"] = square.T.tolist()
+    path.write_text(json.dumps(document))
+    with pytest.raises(FileFormatError, match="last row of extrinsicMatrix of sensor 0"):
+        read_ai_city(path)
+    del first["attributes"][1]
+    path.write_text(json.dumps(document))
+    with pytest.raises(FileFormatError, match="size of sensor 0 is '1920' x None"):
+        read_ai_city(path)
