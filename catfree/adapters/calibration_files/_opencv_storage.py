@@ -55,6 +55,8 @@ def read_storage(path: StrPath, meaning: str) -> Storage:
     storage = Storage({}, {})
     try:
         for name, entry in parse(text):
+            if name in storage.numbers or name in storage.words:
+                raise ValueError(f"{name} is stated twice")
             if (plain := _plain_numbers(entry)) is not None:
                 storage.numbers[name] = plain
             elif isinstance(entry, str):

@@ -157,3 +157,10 @@ def test_ai_city_states_both_sides_of_an_image_and_a_matrix_with_the_position_la
     path.write_text(json.dumps(document))
     with pytest.raises(FileFormatError, match="size of sensor 0 is '1920' x None"):
         read_ai_city(path)
+
+
+def test_opencv_entries_are_stated_once(rig, tmp_path):
+    (path, *_) = write_opencv_yaml(tmp_path, rig, NAMES)
+    path.write_text(f"{path.read_text()}t: [0, 0, 9]\n")
+    with pytest.raises(FileFormatError, match="t is stated twice"):
+        read_opencv_yaml(path)
