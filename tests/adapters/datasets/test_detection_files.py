@@ -352,6 +352,16 @@ def test_damaged_files_are_named(name, text, sentence, tmp_path):
         cf.read_detections(tmp_path / name)
 
 
+@pytest.mark.parametrize("header", ["frame,x1,x1,y1,x2,y2", "frame,x1,Frame,y1,x2,y2"])
+def test_a_column_that_occurs_twice_is_refused(header, tmp_path):
+    path = tmp_path / "boxes.csv"
+    path.write_text(f"{header},note,note\n1,2,2,3,4,5,a,b\n")
+    with pytest.raises(FileFormatError, match="has two columns"):
+        cf.read_detections(path)
+    path.write_text("frame,x1,y1,x2,y2,note,note\n1,2,3,4,5,a,b\n")
+    assert cf.read_detections(path)[0].box.tolist() == [[2, 3, 4, 5]]
+
+
 def test_missing_mixed_and_repeated_files_are_refused(boxes, tmp_path):
     folder = write_mot(tmp_path / "mot", boxes)
     table = write_csv(tmp_path / "boxes.csv", columns_of(boxes))
