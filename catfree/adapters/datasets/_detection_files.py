@@ -382,8 +382,15 @@ def _first(wanted: Sequence[str], known: dict[str, str]) -> str | None:
 
 
 def _numbers(values: Any, name: str, path: Path) -> np.ndarray:
+    array = np.asarray(values)
     try:
-        return np.asarray(values, np.float64)
+        if array.dtype.kind == "U":
+            return array.astype(np.int64)
+    except (ValueError, OverflowError):  # fractions, or no numbers at all
+        pass
+    try:
+        # Floats hold 53 bits of a whole number, such as a time in nanoseconds.
+        return array if array.dtype.kind in "iu" else np.asarray(values, np.float64)
     except (TypeError, ValueError) as error:
         raise FileFormatError(
             f"{path}: column {quoted(name)} holds a value that is not a number ({quoted(error)})."
