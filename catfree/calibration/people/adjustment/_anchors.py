@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -211,7 +211,11 @@ def read_anchors(path: str | os.PathLike[str]) -> tuple[Anchor, ...]:
                     f"{where} has {quoted(min(values.keys() - known))}; it may have "
                     f"{', '.join(sorted(known))}."
                 )
-            camera = values.get("camera", 0)
+            missing = [f.name for f in fields(kind) if f.default is MISSING]
+            missing = [name for name in missing if name not in values]
+            if missing:
+                raise FileFormatError(f"{where} has no {quoted(missing[0])}.")
+            camera = values["camera"]
             if type(camera) not in (int, str):
                 raise InvalidInputError(
                     f"{where}: camera is {quoted(camera)}; it must be the index or the name of one."

@@ -62,7 +62,8 @@ def test_a_file_holds_anchors_of_all_kinds(tmp_path):
         ({"cameras": {"camera": 0}}, FileFormatError, "cameras must be a list"),
         ({"cameras": [{"camera": 0, "size": 1}]}, FileFormatError, "'size'"),
         ({"cameras": [{"camera": 0, "height": "tall"}]}, InvalidInputError, "entry 0 of cameras"),
-        ({"distances": [{"camera": 0}]}, InvalidInputError, "entry 0 of distances"),
+        ({"distances": [{"camera": 0}]}, FileFormatError, "entry 0 of distances has no 'pixels'"),
+        ({"cameras": [{"height": 3}]}, FileFormatError, "entry 0 of cameras has no 'camera'"),
         (
             {"points": [{"camera": 0, "pixel": [5, 7], "longitude": 8.5, "latitude": "x"}]},
             InvalidInputError,
