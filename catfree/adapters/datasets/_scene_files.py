@@ -53,8 +53,8 @@ def read_scene(
 
     Args:
         path: a file or folder, or the cameras' files in their order.
-        ground: the plane that people stand on, in the file's frame and unit. None takes the one
-            that the file states, or else the plane z = 0.
+        ground: the plane that people stand on, in the file's frame and unit; a scene of another
+            ground has no place on Earth. None takes the one that the file states, or else z = 0.
         unit: length of one unit of a file that does not state it; "arbitrary" if unknown, as in a
             COLMAP model that was not scaled.
         image_size: width and height in pixels where the files do not state them.
@@ -197,7 +197,9 @@ def _with_ground(
     _require_no_unit(unit, source)
     if ground is None:
         return scene, names
-    return naming_file(source, lambda: Scene.from_rig(scene.rig, ground, scene.metric)), names
+    # Another ground does not make the cameras more certain.
+    other = naming_file(source, lambda: Scene.from_rig(scene.rig, ground, scene.metric))
+    return replace(other, rig_sd=scene.rig_sd), names
 
 
 def _require_no_unit(unit: str, source: Path | str) -> None:
