@@ -242,7 +242,7 @@ def run_stages(
     so_far = Unfinished() if unfinished is None else unfinished
     so_far.videos, so_far.warnings = videos, footage_warnings(videos)
     require_distinct_videos(videos)
-    resolve_anchors(anchors, videos.camera_count, videos.camera_names)  # told before the long work
+    resolve_anchors(anchors, videos.image_size, videos.camera_names)  # told before the long work
     if scene is not None:
         scene, order = order_like(scene, scene_names, videos.camera_names)
         so_far.warnings += order

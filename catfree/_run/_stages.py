@@ -85,7 +85,7 @@ def calibrate_cameras(
         )
     incomplete = np.unique(videos.silent[:, 0])
     detections = detections[~np.isin(detections.frame, incomplete)]
-    resolve_anchors(anchors, len(size), names)
+    resolve_anchors(anchors, size, names)
     options = {"camera_names": names, "progress": progress}
 
     def begin() -> Calibration:

@@ -76,13 +76,12 @@ def calibrate(
             cameras that are not registered see the map.
         InvalidInputError: if shapes do not match, two cameras have the same boxes, many boxes of a
             camera are outside its image, a picture has more than 1,000 boxes or an instant more
-            than 5,000, or an anchor refers to no camera or no ground.
+            than 5,000, or an anchor refers to no camera, to no ground or to no pixel of the image.
         ForkedProcessError: in a process forked after JAX was used.
     """
     detections, settings = _confident(detections, settings)
     if anchors:  # their mistakes are told before the long work
-        cameras = len(camera_sizes(detections, image_size))
-        resolve_anchors(anchors, cameras, camera_names)
+        resolve_anchors(anchors, camera_sizes(detections, image_size), camera_names)
     begun = begin_calibration(
         detections,
         image_size,

@@ -62,11 +62,19 @@ def check_command(tyro: Any) -> Callable[..., None]:
                 do, from 0 or from 1.
         """
         from catfree._run._run import run_boxes
+        from catfree.calibration.watching._check import require_since
+        from catfree.errors import InvalidInputError
 
         require_offset(max_offset)
+        if out is None and (videos or blur):
+            raise InvalidInputError(
+                "--videos and --blur are for the page, which is written only with --out. Give it, "
+                "or leave them out."
+            )
         camera_boxes = open_boxes(boxes, frame_rate, image_size)
+        require_since(since, camera_boxes.detections)  # told before the long work
         known_scene, names = open_scene(scene, unit, image_size)
-        footage = open_videos(videos) if videos and out is not None else None
+        footage = open_videos(videos) if videos else None
         folder = contextlib.nullcontext() if out is None else folder_of_results(out)
         with folder, progress_bars() as progress:
             outcome = run_boxes(

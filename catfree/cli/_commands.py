@@ -441,7 +441,8 @@ def _commands(tyro: Any) -> dict[str, Callable[..., None]]:
             finder = open_detector(detector) or BackgroundDetector()
             print_table(footage_table(source), aside=True)
             require_distinct_videos(source)
-            resolve_anchors(known_anchors, source.camera_count, source.camera_names)
+        if source.image_size is not None:  # before anything is written
+            resolve_anchors(known_anchors, source.image_size, source.camera_names)
         stages = StageCache(out / "cache" if cache is None else cache)
         on_failure = _report_of_failure(out, blur=blur, pictures=pictures)
         with on_failure as unfinished, progress_bars() as progress:

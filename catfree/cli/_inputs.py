@@ -57,12 +57,12 @@ def require_files(
             )
     if all(path.exists() for path in videos) and are_boxes(videos):
         raise InvalidInputError(f"{_like_boxes(videos[0])}, not like a video. {boxes_go}")
-    _require_two(videos)
     for camera, path in enumerate(videos):
         if not path.exists():
             raise InvalidInputError(
                 f"Camera {camera}: There is no video file or image folder {path}."
             )
+    _require_two(videos)
     for option, path in others.items():
         exists = path is None or (
             path.exists() if option == "scene" else network_file(path).is_file()

@@ -60,7 +60,7 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
             method: the localization method.
         """
         from catfree._run.sharded._plan_file import PlanFile, write_plan
-        from catfree._run.sharded._receipt import WORK_FOLDER
+        from catfree._run.sharded._receipt import PLAN
         from catfree._run.sharded._shard import shards
         from catfree.types._writing import make_folder
 
@@ -84,13 +84,14 @@ def shard_commands(tyro: Any) -> dict[str, Callable[..., int | None]]:
             camera_names=names,
         )
         # Beside the other working files, which readers of Parquet folders leave out.
-        folder = make_folder(out / WORK_FOLDER)
+        path = out / PLAN
+        make_folder(path.parent)
         files = {
             role: "" if path is None else _absolute(network_file(path))
             for role, path in networks.items()
         }
         document = PlanFile(parts, _absolute(scene), _absolute(out), method, unit=unit, **files)
-        path = write_plan(folder / "plan.json", document)
+        write_plan(path, document)
         print_text(
             f"{path} has {len(parts)} shards. Run each with `catfree shard --plan {path} --index "
             f"N` (N from 0 to {len(parts) - 1}), then `catfree join {out}`."

@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray, Real, UInt32
 
-from catfree.errors import InsufficientDataError
+from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry._arrays import Scalar, epsilon, float_arrays, require_vectors
 from catfree.types import Plane, Scene
 from catfree.types._annotations import HostOrDevice
+from catfree.types._validation import as_count, is_traced, require_shape
 
 # A ray whose slope to the plane is below this many epsilons is parallel to it.
 PARALLEL_EPSILONS = 8.0
@@ -95,10 +96,17 @@ def fit_plane(
         Plane. Points that leave it undetermined (fewer than three, collinear) give one of the
         planes through them, with finite derivatives.
 
+    Raises:
+        InvalidInputError: if an argument has another shape.
+
     Source: Pearson (1901), "On lines and planes of closest fit to systems of points in space".
     """
+    require_shape(points, (None, 3), "points")
     point_weights = np.ones(points.shape[0], np.float32) if weights is None else weights
+    require_shape(point_weights, points.shape[:1], "weights")
     points, point_weights, toward = float_arrays(points, point_weights, toward)
+    if toward is not None:
+        require_vectors(3, toward=toward)
     present = jnp.asarray(point_weights) > 0  # false for NaN too
     points = jnp.where(present[:, None], points, 0)
     total = jnp.sum(jnp.where(present, point_weights, 0))
@@ -155,9 +163,9 @@ def fit_plane_ransac(
     Args:
         points: (N, 3) in scene units.
         key: JAX random key.
-        threshold: () largest distance of an inlier in scene units; None for one hundredth of the
-            median distance between two random points.
-        iterations: number of random triples.
+        threshold: () largest distance of an inlier in scene units, 0 or more; None for one
+            hundredth of the median distance between two random points.
+        iterations: number of random triples, 1 or more.
         where: (N,) bool, the points to use; None for all. Points that are not finite are never
             used.
         toward: (3,) a point on what is to be the positive side, such as the mean camera center;
@@ -168,15 +176,23 @@ def fit_plane_ransac(
 
     Raises:
         InsufficientDataError: if the array of points is empty.
+        InvalidInputError: if an argument has another shape or value.
 
     Source: Fischler and Bolles (1981); Torr and Zisserman (2000) for the truncated score.
     """
+    require_shape(points, (None, 3), "points")
+    count = as_count(iterations, "iterations", least=1)
     points, threshold, toward = float_arrays(points, threshold, toward)
+    if toward is not None:
+        require_vectors(3, toward=toward)
+    if threshold is not None and not is_traced(threshold) and not threshold >= 0:
+        raise InvalidInputError(f"threshold is {threshold}; it must be a length, 0 or more.")
     if points.shape[0] == 0:
         raise InsufficientDataError("A plane needs 3 points, but there are none.")
     used = jnp.ones(points.shape[0], bool) if where is None else jnp.asarray(where, bool)
+    require_shape(used, points.shape[:1], "where")
     used = used & jnp.all(jnp.isfinite(points), axis=1)
-    return _fit_plane_ransac(points, key, threshold, iterations, used, toward)
+    return _fit_plane_ransac(points, key, threshold, count, used, toward)
 
 
 @functools.partial(jax.jit, static_argnames="iterations")

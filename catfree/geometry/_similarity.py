@@ -13,7 +13,8 @@ from catfree.errors import DegenerateGeometryError, InvalidInputError
 from catfree.geometry._arrays import epsilon, float_arrays, tiny
 from catfree.types import GeoReference, Plane, Rig, Scene
 from catfree.types._annotations import HostOrDevice
-from catfree.types._validation import is_traced
+from catfree.types._scene import require_scene
+from catfree.types._validation import is_traced, require_instance, require_shape
 
 # A singular value below this share of the largest one is zero (rounding of float64 inputs).
 RANK_TOLERANCE = 1e-9
@@ -210,7 +211,12 @@ def transform_rig(similarity: Similarity, rig: Rig) -> Rig:
 
     Returns:
         Rig of NumPy arrays if the given one is (and nothing is traced), else of JAX arrays.
+
+    Raises:
+        InvalidInputError: if the similarity is not one of three dimensions, or the rig is not a
+            `Rig`.
     """
+    require_instance(rig, Rig, "rig")
     scale, rotation, translation, xp = _parts(similarity, rig.R)
     turned = xp.einsum("cij,kj->cik", rig.R, rotation)
     shift = xp.einsum("cij,j->ci", turned, translation)
@@ -226,7 +232,12 @@ def transform_plane(similarity: Similarity, plane: Plane) -> Plane:
 
     Returns:
         Plane of NumPy or JAX arrays, as in `transform_rig`.
+
+    Raises:
+        InvalidInputError: if the similarity is not one of three dimensions, or the plane is not a
+            `Plane`.
     """
+    require_instance(plane, Plane, "plane")
     scale, rotation, translation, xp = _parts(similarity, plane.normal)
     normal = rotation @ plane.normal
     return Plane(normal, scale * plane.offset - xp.sum(normal * translation))
@@ -243,7 +254,12 @@ def transform_scene(similarity: Similarity, scene: Scene, *, metric: bool | None
     Returns:
         Scene of NumPy or JAX arrays, as in `transform_rig`, on the same place of the Earth; a
         traced transform takes it off the Earth.
+
+    Raises:
+        InvalidInputError: if the similarity is not one of three dimensions, or the scene is not a
+            `Scene`.
     """
+    require_scene(scene)
     scale, _, _, xp = _parts(similarity, scene.extent)
     ground = transform_plane(similarity, scene.ground)
     return Scene(
@@ -277,7 +293,13 @@ def _moved_georeference(similarity: Similarity, scene: Scene, ground: Plane) -> 
 
 
 def _parts(similarity: Similarity, like: Any) -> tuple[Any, Any, Any, Any]:
-    """Scale, rotation and translation as arrays of the kind and dtype of `like`, and its module."""
+    """Scale, rotation and translation as arrays of the kind and dtype of `like`, and its module.
+
+    Raises:
+        InvalidInputError: if it is not a similarity of three dimensions.
+    """
+    require_instance(similarity, Similarity, "similarity")
+    require_shape(similarity.translation, (3,), "The translation of the similarity")
     parts = (similarity.scale, similarity.rotation, similarity.translation)
     if isinstance(like, np.ndarray) and not is_traced(*parts):
         scale, rotation, translation = (np.asarray(part, like.dtype) for part in parts)

@@ -91,9 +91,18 @@ def as_instances(values: Any, kind: type[T], name: str) -> list[T]:
     return listed
 
 
+def require_list(value: Any, name: str) -> None:
+    """Raise unless this has a length and members, such as one name per camera."""
+    if not (hasattr(value, "__len__") and hasattr(value, "__getitem__")):
+        raise InvalidInputError(f"{name} must be a list, got {type(value).__name__}.")
+
+
 def require_names(names: Sequence[str] | None, cameras: int) -> None:
     """Raise unless there is one name per camera, or no names at all."""
-    if names is not None and len(names) != cameras:
+    if names is None:
+        return
+    require_list(names, "camera_names")
+    if len(names) != cameras:
         raise InvalidInputError(
             f"camera_names has {len(names)} names, but there are {cameras} cameras."
         )

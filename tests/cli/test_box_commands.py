@@ -107,6 +107,14 @@ def test_a_box_in_a_missing_picture_is_told_before_the_cameras_are_found(boxes, 
     assert not (tmp_path / "o").exists() or not list((tmp_path / "o").rglob("*.npz"))
 
 
+def test_an_anchor_of_no_camera_is_told_before_anything_is_written(boxes, tmp_path, capsys):
+    (tmp_path / "anchors.json").write_text('{"cameras": [{"camera": "nord", "height": 4}]}')
+    words = ["calibrate", str(boxes), "--image-size", *map(str, SIZE), "--out", str(tmp_path / "o")]
+    assert cli.main([*words, "--anchors", str(tmp_path / "anchors.json")]) == 1
+    assert "camera 'nord', but the cameras are" in sentence_after_table(capsys)
+    assert not (tmp_path / "o").exists()
+
+
 def test_cameras_from_boxes(world, boxes, tmp_path, capsys):
     out = tmp_path / "rig"
     words = ["calibrate", str(boxes), "--out", str(out)]

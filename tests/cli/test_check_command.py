@@ -118,6 +118,26 @@ def test_a_camera_that_fits_refers_to_the_warning_that_names_it(tmp_path, monkey
     assert lines[-3:] == ["C1: Nothing to do.", f"C10: {NAMED}", "C2: Calibrate again."]
 
 
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--since", "99"], "since is frame 99, but the last boxes are of frame 3"),
+        (["--videos", "a.mp4", "b.mp4"], "--videos and --blur are for the page"),
+        (["--blur"], "--videos and --blur are for the page"),
+    ],
+)
+def test_words_that_do_not_fit_are_told_before_the_long_work(
+    words, sentence, tmp_path, monkeypatch, capsys
+):
+    world = make_world("ring4", seed=2, frames=4, people=2)
+    world.detections.save(tmp_path / "boxes.npz")
+    write_scene_json(tmp_path / "scene.json", world.true_scene)
+    monkeypatch.setattr("catfree._run._run.run_boxes", None)
+    boxes, scene = (str(tmp_path / name) for name in ("boxes.npz", "scene.json"))
+    assert cli.main(["check", boxes, "--scene", scene, *words]) == 1
+    assert sentence in capsys.readouterr().err
+
+
 def test_a_missing_scene_is_one_sentence(tmp_path, capsys):
     world = make_world("ring4", seed=2, frames=4, people=2)
     world.detections.save(tmp_path / "boxes.npz")

@@ -502,7 +502,8 @@ def test_plot_draws_again(results, tmp_path, capsys):
     ("words", "sentence"),
     [
         (["run", "a.mp4", "b.mp4"], "Camera 0: There is no video file or image folder a.mp4."),
-        (["run", "a.mp4"], "needs at least 2 videos, got 1"),
+        (["run", "a.mp4"], "Camera 0: There is no video file or image folder a.mp4."),
+        (["run", "."], "needs at least 2 videos, got 1"),
         (["calibrate", "a.mp4", "b.mp4"], "no video file"),
         (["plot", "nowhere"], "There is no file nowhere/scene.json"),
         (["evaluate", "a.csv", "b.csv"], "There is no file b.csv"),

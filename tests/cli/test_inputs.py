@@ -66,6 +66,7 @@ def folders(tmp_path, monkeypatch):
         ("images/a", "at least 2 videos, got 1"),
         ("empty", "at least 2 videos, got 1"),
         ("none.mp4 videos/a.mp4", "Camera 0: There is no video file"),
+        ("none.mp4", "Camera 0: There is no video file"),
     ],
 )
 def test_what_is_no_video_is_said(folders, paths, sentence):

@@ -150,7 +150,8 @@ def test_a_plan_knows_which_pictures_are_missing(files, tmp_path, monkeypatch):
     ("words", "sentence"),
     [
         (["boxes.parquet", "--scene", "x.json"], "There is no file x.json"),
-        (["a.mp4", "--scene", "scene.json"], "at least 2 videos, got 1"),
+        (["a.mp4", "--scene", "scene.json"], "Camera 0: There is no video file"),
+        (["--scene", "scene.json"], "at least 2 videos, got 0"),
         (["a.mp4", "b.mp4", "--scene", "scene.json"], "Camera 0: There is no video file"),
         (["x.npz", "--scene", "scene.json"], "x.npz"),
         (["mot", "--scene", "scene.json"], "mot holds files that end like boxes, not like a"),

@@ -1,5 +1,7 @@
 """Planes: distances, intersections, least-squares fits and RANSAC."""
 
+import inspect
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
 
 from catfree import Plane, geometry
-from catfree.errors import InsufficientDataError
+from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry import Similarity
 
 points3 = hnp.arrays(np.float64, 3, elements=st.floats(-10, 10))
@@ -213,3 +215,19 @@ def test_ransac_leaves_out_points_that_are_not_finite():
 def test_ransac_without_points_is_one_error():
     with pytest.raises(InsufficientDataError, match="3 points"):
         geometry.fit_plane_ransac(np.zeros((0, 3)), jax.random.key(0))
+
+
+def test_arguments_of_a_fit_that_would_broadcast_or_fit_nothing_are_refused():
+    cloud, key = np.random.default_rng(0).normal(size=(9, 3)), jax.random.key(0)
+    fit, ransac = (inspect.unwrap(f) for f in (geometry.fit_plane, geometry.fit_plane_ransac))
+    for use, message in (
+        (lambda: fit(cloud[:, :2]), "points must have shape"),
+        (lambda: fit(cloud, np.ones(1)), "weights must have shape"),
+        (lambda: fit(cloud, toward=cloud), "toward must have shape"),
+        (lambda: ransac(cloud, key, where=np.ones(1, bool)), "where must have shape"),
+        (lambda: ransac(cloud, key, iterations=0), "iterations is 0; it must be 1 or more"),
+        (lambda: ransac(cloud, key, threshold=-1.0), "threshold is -1.0; it must be a length"),
+        (lambda: ransac(cloud, key, threshold=np.nan), "threshold is nan; it must be a length"),
+    ):
+        with pytest.raises(InvalidInputError, match=message):
+            use()

@@ -276,3 +276,21 @@ def test_the_fit_says_that_points_are_not_finite():
     points[2, 1] = np.nan
     with pytest.raises(DegenerateGeometryError, match="not finite"):
         geometry.fit_similarity(points, points)
+
+
+def test_what_cannot_be_moved_is_told_so():
+    rig = Rig(np.eye(3)[None], np.eye(3)[None], np.zeros((1, 3)), (9, 9))
+    ground = Plane([0.0, 0.0, 1.0], 1.0)
+    move_rig, move_plane, move_scene = (
+        inspect.unwrap(f)
+        for f in (geometry.transform_rig, geometry.transform_plane, geometry.transform_scene)
+    )
+    moves = Similarity.identity()
+    for use, message in (
+        (lambda: move_rig(moves, Scene(rig, ground, 1.0)), "rig must be a Rig, got Scene. Pass"),
+        (lambda: move_plane(moves, rig), "plane must be a Plane, got Rig"),
+        (lambda: move_scene(moves, rig), "scene must be a Scene, got Rig"),
+        (lambda: move_plane(Similarity.identity(2), ground), "of the similarity must have shape"),
+    ):
+        with pytest.raises(InvalidInputError, match=message):
+            use()

@@ -13,14 +13,17 @@ import catfree
 from catfree._run._cache import from_arrays
 from catfree._run.sharded._identities import Identities, Pairs, identify_recording
 from catfree._run.sharded._overlap import ShardPositions, match_tracks
+from catfree._run.sharded._plan_file import read_plan
 from catfree._run.sharded._receipt import (
     MANIFEST,
     MANIFEST_SCHEMA,
+    PLAN,
     WORK_FOLDER,
     Receipt,
     evidence_settings,
     files_of,
     read_receipt,
+    remove_beyond,
     require_intact,
     require_scene_file,
 )
@@ -78,6 +81,7 @@ def join_shards(out: StrPath) -> StoredTracks:
         CatFreeError: as `join`.
     """
     folder = require_folder(out, "results of shards")
+    _leave_earlier_plan(folder)
     receipts = read_receipts(folder)
     first = receipts[0]
     require_scene_file(folder, first.scene_file)
@@ -107,6 +111,20 @@ def join_shards(out: StrPath) -> StoredTracks:
     }
     write_text_atomically(folder / MANIFEST, json.dumps(document, indent=1) + "\n")
     return open_tracks(folder)
+
+
+def _leave_earlier_plan(folder: Path) -> None:
+    """Remove the shards of an earlier plan once all those of the plan in the folder are finished.
+
+    The plan of `run_shards` has no file; it removes them itself.
+    """
+    try:
+        plan = read_plan(folder / PLAN).shards
+        receipts = [read_receipt(files_of(folder, shard.index).receipt) for shard in plan]
+    except (InvalidInputError, FileFormatError):  # no plan, or not finished, which is said later
+        return
+    if all(one.shard == shard.fingerprint for one, shard in zip(receipts, plan, strict=True)):
+        remove_beyond(folder, len(plan))
 
 
 def read_receipts(folder: Path) -> list[Receipt]:

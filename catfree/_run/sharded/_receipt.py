@@ -19,6 +19,7 @@ SCHEMA = "catfree shards 3"  # of receipts and the tables beside them
 MANIFEST_SCHEMA = "catfree shards 1"  # of joined tables
 WORK_FOLDER = "_shards"  # readers of Parquet folders leave out names that begin with an underscore
 SCENE_FILE, MANIFEST = f"{WORK_FOLDER}/scene.json", f"{WORK_FOLDER}/manifest.json"
+PLAN = f"{WORK_FOLDER}/plan.json"  # of `catfree plan`
 
 
 @dataclass(frozen=True)

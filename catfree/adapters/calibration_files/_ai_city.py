@@ -63,6 +63,11 @@ def read_ai_city(path: StrPath, image_size: tuple[int, int] = (1920, 1080)) -> N
             K = numbers(sensor["intrinsicMatrix"], (3, 3), source, f"intrinsicMatrix of {where}")
             pose = numbers(sensor["extrinsicMatrix"], None, source, f"extrinsicMatrix of {where}")
             if pose.size == 16:
+                if (pose[12:] != [0, 0, 0, 1]).any():
+                    raise FileFormatError(
+                        f"{source}: the last row of extrinsicMatrix of {where} is "
+                        f"{pose[12:].tolist()}, not 0, 0, 0, 1. Transpose the matrix."
+                    )
                 pose = pose[:12]
             pose = numbers(pose, (3, 4), source, f"extrinsicMatrix of {where}")
             matrices.append((K, pose[:, :3], pose[:, 3]))
@@ -130,7 +135,7 @@ def _image_size(sensor: dict[str, Any], source: Path, where: str) -> tuple[int, 
     listed = attributes if isinstance(attributes, list) else []
     stated = {str(one.get("name")): one.get("value") for one in listed if isinstance(one, dict)}
     pair = [stated.get(_WIDTH), stated.get(_HEIGHT)]
-    if not all(pair):
+    if not any(pair):
         return None
     words = [str(value) for value in pair]
     if not all(word.isdecimal() and len(word) < 10 for word in words):

@@ -18,6 +18,7 @@ from catfree.adapters.calibration_files._named_rig import (
     registered_cameras,
     rig_of,
 )
+from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.files._documents import (
     StrPath,
     entry,
@@ -27,9 +28,9 @@ from catfree.adapters.files._documents import (
     write_text_atomically,
 )
 from catfree.adapters.files._toml import read_toml
-from catfree.errors import FileFormatError, shortened
+from catfree.errors import FileFormatError, quoted, shortened
 from catfree.types import Lens, Rig
-from catfree.types._validation import as_path
+from catfree.types._validation import as_path, as_positive
 
 _LARGEST_FILE = 2**17  # characters; a camera takes about 500
 _MOST_DOTS = 64  # a camera has nine decimal points per line
@@ -52,9 +53,11 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
         Rig in meters if `metres_per_unit` is right, and the names.
 
     Raises:
-        InvalidInputError: if there is no such file or a camera is invalid.
-        FileFormatError: if it is not TOML of this form, or two cameras have the same name.
+        InvalidInputError: if there is no such file, a camera is invalid, two have the same name, or
+            `metres_per_unit` is not a positive number.
+        FileFormatError: if it is not TOML of this form.
     """
+    scale = as_positive(metres_per_unit, "metres_per_unit")
     source = as_path(path, "path")
     document = read_toml(source, "calibration", largest=_LARGEST_FILE, dots=_MOST_DOTS)
     cameras = {key: value for key, value in document.items() if _is_camera(value)}
@@ -63,18 +66,22 @@ def read_anipose_toml(path: StrPath, *, metres_per_unit: float = 1.0) -> NamedRi
     file_cameras = []
     for key, camera in cameras.items():
         where = f"camera [{shortened(key)}]"
-        shapes = {"matrix": (3, 3), "size": (2,), "rotation": (3,), "translation": (3,)}
-        fields = {name: entry(camera, name, source, where) for name in shapes}
-        lens = Lens.FISHEYE if camera.get("fisheye", False) else Lens.PINHOLE
-        K, size, vector, t = (
-            numbers(fields[name], shape, source, f"{name} of {where}")
-            for name, shape in shapes.items()
-        )
-        R = Rotation.from_rotvec(vector).as_matrix()
+        fields = {name: entry(camera, name, source, where) for name in ("matrix", "size")}
+        fields |= {name: entry(camera, name, source, where) for name in ("rotation", "translation")}
+        fisheye = camera.get("fisheye", False)
+        if not isinstance(fisheye, bool):
+            raise FileFormatError(
+                f"{source}: fisheye of {where} is {quoted(fisheye)}; it must be true or false."
+            )
+        lens = Lens.FISHEYE if fisheye else Lens.PINHOLE
+        K = numbers(fields["matrix"], (3, 3), source, f"matrix of {where}")
+        size = numbers(fields["size"], (2,), source, f"size of {where}")
+        R = rotation_from_vector(fields["rotation"], source, f"rotation of {where}")
+        t = numbers(fields["translation"], (3,), source, f"translation of {where}")
         values = camera.get("distortions", [])
         coefficients = numbers(values, None, source, f"distortions of {where}")
         distortion = lens_coefficients(coefficients, source, where, lens)
-        file_cameras.append(FileCamera(K, R, t * metres_per_unit, size, distortion, lens))
+        file_cameras.append(FileCamera(K, R, t * scale, size, distortion, lens))
     names = tuple(
         text_of(camera.get("name", key), source, f"the name of camera [{shortened(key)}]")
         for key, camera in cameras.items()
@@ -103,8 +110,10 @@ def write_anipose_toml(
 
     Raises:
         InvalidInputError: if the folder does not exist, no camera is registered, a camera is a grid
-            of rays, or the names do not match the cameras.
+            of rays, the names do not match the cameras, or `metres_per_unit` is not a positive
+            number.
     """
+    scale = as_positive(metres_per_unit, "metres_per_unit")
     rig, labels = registered_cameras(rig, names, path)
     require_coefficients(rig, labels, path)
     lines = []
@@ -117,7 +126,7 @@ def write_anipose_toml(
             f"matrix = [{', '.join(_toml_row(row) for row in np.asarray(rig.K)[at])}]",
             f"distortions = {_toml_row(coefficients_of(rig, at))}",
             f"rotation = {_toml_row(Rotation.from_matrix(np.asarray(rig.R)[at]).as_rotvec())}",
-            f"translation = {_toml_row(np.asarray(rig.t)[at] / metres_per_unit)}",
+            f"translation = {_toml_row(np.asarray(rig.t)[at] / scale)}",
             f"fisheye = {str(rig.lenses[at] == Lens.FISHEYE).lower()}",
             "",
         ]

@@ -12,7 +12,7 @@ from catfree.adapters.files._camera_names import is_text
 from catfree.adapters.files._documents import StrPath, naming_file
 from catfree.errors import InvalidInputError, shortened
 from catfree.types import Lens, Rig
-from catfree.types._validation import require_instance
+from catfree.types._validation import require_instance, require_list
 
 
 class FileCamera(NamedTuple):
@@ -65,12 +65,13 @@ def default_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
     """Return the given names, or C1, C2, ... if None.
 
     Raises:
-        InvalidInputError: if there are not as many names as cameras, two are equal, or one is not
-            text.
+        InvalidInputError: if it is no list, there are not as many names as cameras, two are equal,
+            or one is not text.
     """
     require_instance(rig, Rig, "rig")
     if names is None:
         return tuple(f"C{camera + 1}" for camera in range(rig.camera_count))
+    require_list(names, "names")
     if len(names) != rig.camera_count:
         raise InvalidInputError(f"Got {len(names)} names for {rig.camera_count} cameras.")
     for camera, name in enumerate(names):

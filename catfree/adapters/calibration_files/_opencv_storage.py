@@ -20,6 +20,7 @@ _MATRIX = "opencv-matrix"
 _YAML_ENTRY = re.compile(r"([A-Za-z_][\w.-]*)\s*:\s*(.*)")
 _YAML_DATA = re.compile(r"\bdata:\s*\[")
 _YAML_SPECIAL = {".nan": "nan", ".inf": "inf", "+.inf": "inf", "-.inf": "-inf"}
+_YAML_SPECIAL |= {"true": "1", "false": "0"}  # as JSON's
 
 
 class Storage(NamedTuple):
@@ -54,6 +55,8 @@ def read_storage(path: StrPath, meaning: str) -> Storage:
     storage = Storage({}, {})
     try:
         for name, entry in parse(text):
+            if name in storage.numbers or name in storage.words:
+                raise ValueError(f"{name} is stated twice")
             if (plain := _plain_numbers(entry)) is not None:
                 storage.numbers[name] = plain
             elif isinstance(entry, str):

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from catfree.adapters.calibration_files._distortion import (
     coefficients_of,
@@ -19,6 +18,7 @@ from catfree.adapters.calibration_files._named_rig import (
     rig_of,
 )
 from catfree.adapters.calibration_files._opencv_storage import Storage, read_storage
+from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.files._camera_names import file_names, names_of_files
 from catfree.adapters.files._documents import (
     StrPath,
@@ -27,7 +27,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Lens, Rig
-from catfree.types._validation import as_paths
+from catfree.types._validation import as_paths, as_positive
 
 # The names that OpenCV's own samples and common tools use for the same matrix.
 _INTRINSICS = ("K", "camera_matrix", "cameraMatrix", "Camera_Matrix", "intrinsic", "M")
@@ -46,8 +46,9 @@ _WIDTH = ("image_width", "image_Width", "width")
 _HEIGHT = ("image_height", "image_Height", "height")
 _SIZE = ("image_size", "imageSize", "size")
 
-# Words that files and tools use for the lens model of `cv2.fisheye`.
+# Words that files and tools use for the lens model of `cv2.fisheye`, and for that of a pinhole.
 _FISHEYE = re.compile("fish_?eye|equidistant|kannala", re.IGNORECASE)
+_PINHOLE = re.compile("pinhole|plumb|rational|rad(ial)?[-_ ]?tan|brown|opencv", re.IGNORECASE)
 
 
 def read_opencv_yaml(
@@ -66,7 +67,8 @@ def read_opencv_yaml(
     Four coefficients may be k1, k2, p1, p2 of an old pinhole calibration or k1 to k4 of
     `cv2.fisheye.calibrate`, and confusing them moves people by meters. Unless all are 0, the file
     must state the model, by `fisheye_model: 0` or `1`, by another entry whose name contains "model"
-    (`distortion_model: plumb_bob` or `equidistant`), or by a fifth coefficient.
+    and whose word is known (`distortion_model: plumb_bob` or `equidistant`), or by a fifth
+    coefficient.
 
     Args:
         paths: one file or several, in the order of the rig's cameras.
@@ -78,10 +80,12 @@ def read_opencv_yaml(
         folders have the same name.
 
     Raises:
-        InvalidInputError: if a file is missing or given twice, or a camera is invalid.
+        InvalidInputError: if a file is missing or given twice, a camera is invalid, or
+            `metres_per_unit` is not a positive number.
         FileFormatError: if a file is malformed, or does not state the model of its four
             coefficients.
     """
+    scale = as_positive(metres_per_unit, "metres_per_unit")
     sources = as_paths(paths, "paths")
     if not sources:
         raise InvalidInputError("read_opencv_yaml needs at least one file.")
@@ -91,15 +95,14 @@ def read_opencv_yaml(
         matrices = storage.numbers
         rotation = _first(matrices, _ROTATION, source, "rotation")
         if rotation.size == 3:
-            vector = numbers(rotation, (3,), source, "the rotation")
-            rotation = Rotation.from_rotvec(vector).as_matrix()
+            rotation = rotation_from_vector(rotation, source, "the rotation")
         shift = _first(matrices, _TRANSLATION, source, "translation")
         coefficients = _first(matrices, _DISTORTION, source, None)
         lens = _lens(storage, coefficients, source)
         camera = FileCamera(
             numbers(_first(matrices, _INTRINSICS, source, "intrinsics"), (3, 3), source, "K"),
             numbers(rotation, (3, 3), source, "the rotation"),
-            numbers(shift, (3,), source, "the translation") * metres_per_unit,
+            numbers(shift, (3,), source, "the translation") * scale,
             _image_size(matrices, source, image_size),
             lens_coefficients(coefficients, source, "the camera", lens),
             lens,
@@ -161,11 +164,12 @@ def _lens(storage: Storage, coefficients: np.ndarray, source: Path) -> Lens:
     Raises:
         FileFormatError: if the file has four coefficients and does not state their model.
     """
-    models = {key: text for key, text in storage.words.items() if "model" in key.lower()}
+    models = [text for key, text in storage.words.items() if "model" in key.lower()]
     flag = storage.numbers.get("fisheye_model", storage.numbers.get("fisheye", np.empty(0)))
-    if flag.any() or any(_FISHEYE.search(text) for text in models.values()):
+    if flag.any() or any(_FISHEYE.search(text) for text in models):
         return Lens.FISHEYE
-    if coefficients.size == 4 and coefficients.any() and not (models or flag.size):
+    is_pinhole = flag.size or any(_PINHOLE.search(text) for text in models)
+    if coefficients.size == 4 and coefficients.any() and not is_pinhole:
         raise FileFormatError(
             f"{source} has 4 distortion coefficients but does not state the lens model. For k1, "
             "k2, p1, p2 of a pinhole, add k3 = 0 as the fifth, or the line `fisheye_model: 0`; for "

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -50,6 +51,7 @@ _BOXES = (
     ("xywh", ("bb_left", "bb_top", "bb_width", "bb_height")),
     ("xywh", ("x", "y", "w", "h")),
 )
+_KNOWN = {*_FRAME, *_CAMERA, *_SCORE, *(name for _, names in _BOXES for name in names)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +175,7 @@ def read_missing_pictures(path: StrPath, camera_names: Sequence[str]) -> Int[np.
         table: dict[str, Any] | None = values_of(columns, columns.column_names, source)
     else:
         table, first_row = _table_of(source), 2  # the header is row 1, as in its messages
-    plain = {} if table is None else {name.lower(): name for name in table}
+    plain = _plain_names([] if table is None else list(table), source)
     frame, camera = _first(_FRAME, plain), _first(_CAMERA, plain)
     if table is None or frame is None or camera is None:
         raise FileFormatError(
@@ -299,6 +301,7 @@ def _table_of(path: Path) -> dict[str, Any] | None:
     header = [word.strip() for word in rows[0]] if rows else []
     if all(_is_number(word) for word in header):
         return None
+    _plain_names(header, path)
     for line, row in enumerate(rows[1:], start=2):
         if len(row) != len(header):
             raise FileFormatError(
@@ -318,7 +321,7 @@ def _is_number(word: str) -> bool:
 
 def _part_of_table(table: dict[str, Any], path: Path) -> _Part:
     """Take detections from columns with usual names; numbers may be text."""
-    plain = {name.lower(): name for name in table}
+    plain = _plain_names(list(table), path)
     frame = _first(_FRAME, plain)
     shapes = [(form, names) for form, names in _BOXES if set(names) <= set(plain)]
     if frame is None or not shapes:
@@ -361,13 +364,33 @@ def _part_of_table(table: dict[str, Any], path: Path) -> _Part:
     return _Part(detections, names, one_camera=camera is None)
 
 
+def _plain_names(names: Sequence[str], path: Path) -> dict[str, str]:
+    """Find columns by their names in lower case.
+
+    Raises:
+        FileFormatError: if one that is read occurs twice.
+    """
+    plain = [name.lower() for name in names]
+    twice = [name for name, count in Counter(plain).items() if count > 1 and name in _KNOWN]
+    if twice:
+        raise FileFormatError(f"{path} has two columns {quoted(twice[0])}. Keep one of them.")
+    return dict(zip(plain, names, strict=True))
+
+
 def _first(wanted: Sequence[str], known: dict[str, str]) -> str | None:
     return next((name for name in wanted if name in known), None)
 
 
 def _numbers(values: Any, name: str, path: Path) -> np.ndarray:
+    array = np.asarray(values)
     try:
-        return np.asarray(values, np.float64)
+        if array.dtype.kind == "U":
+            return array.astype(np.int64)
+    except (ValueError, OverflowError):  # fractions, or no numbers at all
+        pass
+    try:
+        # Floats hold 53 bits of a whole number, such as a time in nanoseconds.
+        return array if array.dtype.kind in "iu" else np.asarray(values, np.float64)
     except (TypeError, ValueError) as error:
         raise FileFormatError(
             f"{path}: column {quoted(name)} holds a value that is not a number ({quoted(error)})."

@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from catfree.adapters.calibration_files._opencv_storage import read_matrices
+from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.datasets._grid_annotations import (
     Annotations,
     Grid,
@@ -109,7 +109,7 @@ def _read_rig(folder: Path) -> Rig:
         )
         path = folder / "extrinsic" / f"extr_Camera{camera}.xml"
         outer = read_matrices(path, f"extrinsics of camera {name}", {"rvec": (3,), "tvec": (3,)})
-        published = Rotation.from_rotvec(outer["rvec"]).as_matrix()
+        published = rotation_from_vector(outer["rvec"], path, "'rvec'")
         if (published @ center + outer["tvec"])[2] >= 0:
             raise InvalidInputError(
                 f"{path}: camera {name} has the square at positive depth, unlike the published "

@@ -16,7 +16,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.types import Detections, Plane, Rig, Scene
-from catfree.types._validation import as_float
+from catfree.types._validation import as_float, as_positive
 
 _TRUTH = {"frame": 1, "id": 1, "xy": 2}  # arrays of gt.npz and their columns
 _MOST_FRAMES = 10_000_000  # a larger count means a damaged file
@@ -97,6 +97,7 @@ def _read_scene(path: Path) -> tuple[Scene, float, int]:
     size = numbers(value["image_size"], None, path, "image_size")
     size = size if len(size) == 2 else numbers(size, (count, 2), path, "image_size")
     fps = float(numbers(value["fps"], (), path, "fps"))
+    naming_file(path, lambda: as_positive(fps, "fps"))
     frames = float(numbers(value["frames"], (), path, "frames"))
     if not (0 <= frames <= _MOST_FRAMES and frames == int(frames)):
         raise FileFormatError(f"{path}: frames is {frames}; it must be the number of frames.")

@@ -26,7 +26,7 @@ from catfree.adapters.files._camera_names import natural_order
 from catfree.adapters.files._documents import StrPath, naming_file, read_json, read_text
 from catfree.errors import FileFormatError, InvalidInputError, quoted
 from catfree.types import Plane, Rig, Scene
-from catfree.types._validation import as_path, as_paths
+from catfree.types._validation import as_path, as_paths, require_instance
 
 Unit = Literal["m", "cm", "mm", "ft", "arbitrary"]
 METERS: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "arbitrary": 1.0}
@@ -53,8 +53,8 @@ def read_scene(
 
     Args:
         path: a file or folder, or the cameras' files in their order.
-        ground: the plane that people stand on, in the file's frame and unit. None takes the one
-            that the file states, or else the plane z = 0.
+        ground: the plane that people stand on, in the file's frame and unit; a scene of another
+            ground has no place on Earth. None takes the one that the file states, or else z = 0.
         unit: length of one unit of a file that does not state it; "arbitrary" if unknown, as in a
             COLMAP model that was not scaled.
         image_size: width and height in pixels where the files do not state them.
@@ -64,12 +64,14 @@ def read_scene(
         None if the file has none.
 
     Raises:
-        InvalidInputError: if there is no such file, a value is invalid, the file states another
-            unit, or no ground is stated and z = 0 cannot be it.
+        InvalidInputError: if there is no such file, a value or the ground is invalid, the file
+            states another unit, or no ground is stated and z = 0 cannot be it.
         FileFormatError: if the file holds something else.
     """
     if unit not in METERS:
         raise InvalidInputError(f"unit is {quoted(unit)}; it must be one of {', '.join(METERS)}.")
+    if ground is not None:
+        require_instance(ground, Plane, "ground")
     if isinstance(path, str | os.PathLike):
         source = as_path(path, "path")
         if not source.exists():
@@ -195,7 +197,9 @@ def _with_ground(
     _require_no_unit(unit, source)
     if ground is None:
         return scene, names
-    return naming_file(source, lambda: Scene.from_rig(scene.rig, ground, scene.metric)), names
+    # Another ground does not make the cameras more certain.
+    other = naming_file(source, lambda: Scene.from_rig(scene.rig, ground, scene.metric))
+    return replace(other, rig_sd=scene.rig_sd), names
 
 
 def _require_no_unit(unit: str, source: Path | str) -> None:

@@ -206,12 +206,12 @@ class _BoxTable:
                 if vectors.ndim == 2
                 else f"{archive}: {quoted(name)} must be a matrix of embeddings, one per row."
             )
-        outside = (index < 0) | (index >= len(vectors))
+        outside = (index < 0) | (index >= len(vectors)) | (index != np.round(index))
         if outside.any():
             at = int(np.argmax(outside))
             raise InvalidInputError(
-                f"{self.source}: {self.place(at)} has emb_index {index[at]:.0f}, but {archive} "
-                f"has {len(vectors)} rows of {quoted(name)}."
+                f"{self.source}: {self.place(at)} has emb_index {index[at]:.10g}, but "
+                f"{archive} has {len(vectors)} rows of {quoted(name)}, counted from 0."
             )
         return vectors[index.astype(np.int64)].astype(np.float32)
 

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from catfree.adapters.calibration_files._opencv_storage import read_matrices
+from catfree.adapters.calibration_files._rotation_vectors import rotation_from_vector
 from catfree.adapters.datasets._grid_annotations import (
     Annotations,
     Grid,
@@ -95,14 +95,11 @@ def _read_rig(folder: Path, undistorted: bool) -> Rig:
             f"intrinsics of camera {name}",
             {"camera_matrix": (3, 3), "distortion_coefficients": (5,)},
         )
-        outer = read_matrices(
-            folder / "extrinsic" / f"extr_{label}.xml",
-            f"extrinsics of camera {name}",
-            {"rvec": (3,), "tvec": (3,)},
-        )
+        path = folder / "extrinsic" / f"extr_{label}.xml"
+        outer = read_matrices(path, f"extrinsics of camera {name}", {"rvec": (3,), "tvec": (3,)})
         K.append(inner["camera_matrix"])
         distortion.append(inner["distortion_coefficients"])
-        R.append(Rotation.from_rotvec(outer["rvec"]).as_matrix())
+        R.append(rotation_from_vector(outer["rvec"], path, "'rvec'"))
         t.append(outer["tvec"] * _METERS_PER_UNIT)
     lens = np.stack(distortion) if np.any(distortion) else None
     return naming_file(

@@ -184,6 +184,8 @@ def numbers(
 ) -> np.ndarray:
     """Convert to a float64 array of this shape; nested and flat lists are both accepted.
 
+    A nested list of another shape, such as a transposed matrix, is not.
+
     Args:
         value: what the file holds.
         shape: of the result; None stands for a list of any length.
@@ -205,7 +207,8 @@ def numbers(
         raise InvalidInputError(f"{source}: {where} is not finite. Correct or remove it.")
     if shape is None:
         return array.ravel()
-    if array.size != int(np.prod(shape)):
+    given, wanted = (tuple(n for n in sides if n != 1) for sides in (array.shape, shape))
+    if array.size != int(np.prod(shape)) or (len(given) == len(wanted) and given != wanted):
         raise FileFormatError(
             f"{source}: {where} must hold {' x '.join(map(str, shape))} numbers, "
             f"got shape {array.shape}."

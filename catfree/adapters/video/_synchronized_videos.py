@@ -575,6 +575,10 @@ class SynchronizedVideos:
     def _shared_ticks(self, start: int | None, end: int | None, stride: int) -> range:
         first, last = self._range_of_enough()
         begin = first if start is None else start
+        if end is not None and end <= begin:
+            raise InvalidInputError(
+                f"end is {end}, but the first instant to use is {begin}. Give a larger end."
+            )
         stop = last + 1 if end is None else min(end, last + 1)
         spans = [self._span(camera) for camera in range(self.camera_count)]
         if begin < first:

@@ -113,13 +113,13 @@ def anchored(
         it counts as unknown within `unusual_height_sd`.
 
     Raises:
-        InvalidInputError: if an anchor refers to no camera, shows no ground, or if positions on the
-            map are too few.
+        InvalidInputError: if an anchor refers to no camera, has a pixel outside its image, shows no
+            ground, or if positions on the map are too few.
         CalibrationError: if only cameras that are not registered see the map.
     """
     settings = CalibrationSettings() if settings is None else settings
     rig = calibration.scene.rig
-    index, earth = resolve_anchors(anchors, rig.camera_count, camera_names)
+    index, earth = resolve_anchors(anchors, rig.image_size, camera_names)
     if not anchors:
         return calibration
     registered = np.asarray(rig.registered)

@@ -20,7 +20,7 @@ from catfree.geometry._arrays import ArrayInput
 from catfree.settings import CalibrationSettings
 from catfree.types import Detections, Plane, Rig, Scene
 from catfree.types._annotations import Progress, no_progress
-from catfree.types._validation import require_names, shown_camera
+from catfree.types._validation import as_integer, require_names, shown_camera
 
 FEWEST_FOR_LENSES = 3  # cameras; two never share confident people
 
@@ -221,11 +221,11 @@ def rig_with_lenses(
 
 def camera_sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarray, "cam 2"]:
     """Expand image sizes to (C, 2), one per camera, and check them."""
-    size = np.asarray(image_size)
+    size = as_integer(image_size, "image_size")
     count = int(detections.camera.max(initial=-1)) + 1
     if size.shape == (2,):
         size = np.tile(size, (count, 1))
-    if size.ndim != 2 or size.shape[1:] != (2,) or not np.issubdtype(size.dtype, np.number):
+    if size.ndim != 2 or size.shape[1:] != (2,):
         raise InvalidInputError(
             f"image_size must be (width, height) or one row per camera, got shape {size.shape}."
         )
@@ -235,7 +235,7 @@ def camera_sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarr
         )
     if (size <= 0).any():
         raise InvalidInputError("image_size must be a positive number of pixels.")
-    return size.astype(np.int64)
+    return size
 
 
 def describe_registration(

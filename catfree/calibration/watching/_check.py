@@ -164,6 +164,23 @@ class Check:
         )
 
 
+def require_since(since: int | None, detections: Detections) -> int | None:
+    """Return the frame number before which the cameras fit, or None if none is given.
+
+    Raises:
+        InvalidInputError: if it is after the last boxes.
+    """
+    if since is None:
+        return None
+    frame, end = as_count(since, "since"), int(detections.frame.max(initial=-1))
+    if frame > end >= 0:
+        raise InvalidInputError(
+            f"since is frame {frame}, but the last boxes are of frame {end}: nothing is left to "
+            "check. Give a frame number of the recording."
+        )
+    return frame
+
+
 def check(
     scene: Scene,
     detections: Detections,
@@ -204,19 +221,13 @@ def check(
         InsufficientDataError: if there are no boxes of two registered cameras.
         ForkedProcessError: in a process forked after JAX was used.
     """
-    since = None if since is None else as_count(since, "since")
     require_scene(scene)
     require_instance(detections, Detections, "detections")
+    since = require_since(since, detections)
     require_different_cameras(detections.frame, detections.camera, detections.box)
     require_known_cameras(detections.camera, scene.rig.camera_count)
     require_names(camera_names, scene.rig.camera_count)
     require_boxes_in_images(detections.camera, detections.box, np.asarray(scene.rig.image_size))
-    end = int(detections.frame.max(initial=-1))
-    if since is not None and since > end >= 0:
-        raise InvalidInputError(
-            f"since is frame {since}, but the last boxes are of frame {end}: nothing is left to "
-            "check. Give a frame number of the recording."
-        )
     watched = watch_windows(
         scene,
         detections,

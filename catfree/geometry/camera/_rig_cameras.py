@@ -12,6 +12,7 @@ from catfree.geometry.camera._fisheye import fisheye_pixel, fisheye_ray
 from catfree.geometry.camera._pinhole import pinhole_pixel, pinhole_ray
 from catfree.geometry.camera._ray_grid import grid_pixel, grid_ray
 from catfree.types import Lens, Rig
+from catfree.types._validation import as_integer, require_known_cameras, require_shape
 
 BLOCK = 1024  # pixels or points computed together
 
@@ -29,8 +30,11 @@ def rays_of_pixels(
     Returns:
         (n, 3) unit vectors in the rig's world frame, float64; NaN if a camera's parameters are.
         Beyond the fold of a lens they are finite but arbitrary.
+
+    Raises:
+        InvalidInputError: if the rig has no such camera, or there is not one for each pixel.
     """
-    cameras = np.broadcast_to(camera, len(pixels))
+    cameras = _cameras(rig, camera, len(pixels))
     (ray,) = _by_lens(rig, cameras, np.asarray(pixels, np.float64), _RAYS, (np.zeros((0, 3)),))
     return np.einsum("nji,nj->ni", np.asarray(rig.R, np.float64)[cameras], ray)
 
@@ -49,13 +53,27 @@ def pixels_of_points(
         pixel: (n, 2) in original image pixels, possibly outside the image; float64.
         imaged: (n,) whether the pixel is the point's image: the point is in front of the camera and
             inside the fold of its lens. The caller compares the pixel with the border.
+
+    Raises:
+        InvalidInputError: if the rig has no such camera, or there is not one for each point.
     """
-    cameras = np.broadcast_to(camera, len(points))
+    cameras = _cameras(rig, camera, len(points))
     R, t = (np.asarray(part, np.float64)[cameras] for part in (rig.R, rig.t))
     local = np.einsum("nij,nj->ni", R, np.asarray(points, np.float64)) + t
     empty = (np.zeros((0, 2)), np.zeros(0, bool))
     pixel, imaged = _by_lens(rig, cameras, local, _PIXELS, empty)
     return pixel, imaged
+
+
+def _cameras(
+    rig: Rig, camera: int | np.integer | Int[np.ndarray, " n"], count: int
+) -> Int[np.ndarray, " n"]:
+    """The camera of each of so many rows."""
+    given = as_integer(camera, "camera")
+    if given.shape != ():
+        require_shape(given, (count,), "camera")
+    require_known_cameras(given.reshape(-1), rig.camera_count)
+    return np.broadcast_to(given, count)
 
 
 def _by_lens(

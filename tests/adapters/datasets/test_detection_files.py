@@ -352,6 +352,29 @@ def test_damaged_files_are_named(name, text, sentence, tmp_path):
         cf.read_detections(tmp_path / name)
 
 
+@pytest.mark.parametrize("header", ["frame,x1,x1,y1,x2,y2", "frame,x1,Frame,y1,x2,y2"])
+def test_a_column_that_occurs_twice_is_refused(header, tmp_path):
+    path = tmp_path / "boxes.csv"
+    path.write_text(f"{header},note,note\n1,2,2,3,4,5,a,b\n")
+    with pytest.raises(FileFormatError, match="has two columns"):
+        cf.read_detections(path)
+    path.write_text("frame,x1,y1,x2,y2,note,note\n1,2,3,4,5,a,b\n")
+    assert cf.read_detections(path)[0].box.tolist() == [[2, 3, 4, 5]]
+
+
+def test_long_numbers_of_frames_are_read_exactly(tmp_path):
+    frames = [1700000000000000001, 1700000000000000003]
+    rows = "".join(f"{frame},a,1,2,3,4\n" for frame in frames)
+    (tmp_path / "boxes.csv").write_text(f"frame,camera,x1,y1,x2,y2\n{rows}")
+    assert cf.read_detections(tmp_path / "boxes.csv")[0].frame.tolist() == frames
+    pandas = pytest.importorskip("pandas")
+    table = pandas.read_csv(tmp_path / "boxes.csv")
+    table.to_parquet(tmp_path / "boxes.parquet")
+    assert cf.read_detections(tmp_path / "boxes.parquet")[0].frame.tolist() == frames
+    missing = cf.adapters.datasets.read_missing_pictures(tmp_path / "boxes.csv", ["a"])
+    assert missing[:, 0].tolist() == frames
+
+
 def test_missing_mixed_and_repeated_files_are_refused(boxes, tmp_path):
     folder = write_mot(tmp_path / "mot", boxes)
     table = write_csv(tmp_path / "boxes.csv", columns_of(boxes))

@@ -89,6 +89,7 @@ def test_missing_folder(tmp_path):
         ({"ground_normal": [0.0, 0.0, -1.0]}, {}, r"rig\.json: The cameras are on the negative"),
         ({"extent": 0}, {}, r"rig\.json: extent is 0"),
         ({"frames": None}, {}, r"rig\.json: frames"),
+        ({"fps": 0}, {}, r"rig\.json: fps is 0.0; it must be a positive number"),
     ],
 )
 def test_invalid_content_is_named(rig, detections, message, tmp_path):

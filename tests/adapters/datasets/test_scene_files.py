@@ -97,6 +97,13 @@ def test_a_unit_that_nobody_knows(rig, tmp_path):
         cf.read_scene(path, unit="mm")
 
 
+def test_another_ground_keeps_how_uncertain_the_cameras_are(rig, tmp_path):
+    scene = replace(Scene.from_rig(rig, FLOOR, metric=True), rig_sd=0.2)
+    path = cf.adapters.write_scene_json(tmp_path / "scene.json", scene, NAMES)
+    raised, _ = cf.read_scene(path, cf.Plane(np.array([0.0, 0.0, 1.0]), -0.5))
+    assert (raised.ground.offset, raised.rig_sd) == (-0.5, 0.2)
+
+
 def test_a_board_on_the_floor_may_look_down(rig, tmp_path):
     # x_camera = R F (F x): the world turned by F, whose z points into the floor.
     flip = np.diag([1.0, -1.0, -1.0])

@@ -197,6 +197,11 @@ def test_embedding_files_are_checked(tmp_path):
     np.savez(tmp_path / "two.npz", osnet=np.eye(3)[:1])
     with pytest.raises(InvalidInputError, match="box 0 of camera west in frame 5 has emb_index 1"):
         read_uniform_json(path, embedding="osnet")
+    np.savez(tmp_path / "two.npz", osnet=np.eye(3))
+    between = document()
+    between["frames"][1]["views"]["west"][0]["emb_index"] = 0.5
+    with pytest.raises(InvalidInputError, match=r"emb_index 0\.5, but"):
+        read_uniform_json(write(tmp_path / "two.json", between), embedding="osnet")
     (tmp_path / "two.npz").write_bytes(b"PK\3\4 broken")
     with pytest.raises(FileFormatError, match=r"two\.npz .* not a readable"):
         read_uniform_json(path, embedding="osnet")

@@ -141,6 +141,9 @@ def test_stride_start_and_end(tmp_path):
     np.testing.assert_array_equal(videos.frames, [3, 7, 11, 15])
     assert videos.fps == 2.5
     assert len(SynchronizedVideos([path], end=1000)) == 20
+    for end in (3, -5):
+        with pytest.raises(InvalidInputError, match=f"end is {end}, but the first instant"):
+            SynchronizedVideos([path], start=3, end=end)
 
 
 @given(

@@ -349,9 +349,13 @@ def test_cameras_may_be_named_and_unregistered_ones_are_told():
 
 def test_anchors_that_cannot_be_are_refused():
     calibration, rng = drawn(5)
-    sky = cf.KnownDistance(0, ((600.0, -300.0), (700.0, -300.0)), 3.0)
+    rig = calibration.scene.rig
+    K = np.array(rig.K)
+    K[0, 1, 2] += 400.0  # which moves the horizon into the image
+    scene = dataclasses.replace(calibration.scene, rig=dataclasses.replace(rig, K=K))
+    sky = cf.KnownDistance(0, ((600.0, 2.0), (700.0, 2.0)), 3.0)
     with pytest.raises(InvalidInputError, match="horizon"):
-        anchored(calibration, [sky])
+        anchored(dataclasses.replace(calibration, scene=scene), [sky])
     with pytest.raises(InvalidInputError, match="camera 9"):
         anchored(calibration, [dataclasses.replace(sky, camera=9)])
     with pytest.raises(InvalidInputError, match="where it lies"):

@@ -259,6 +259,9 @@ def test_wrong_sizes_and_names_are_named(world):
         register(world.detections, np.tile(SIZE, (2, 1)))
     with pytest.raises(InvalidInputError, match="image_size must be"):
         register(world.detections, [1920])
+    for width in (1920.5, np.nan, 1e30):
+        with pytest.raises(InvalidInputError, match=r"image_size\[0\] is .* whole number"):
+            register(world.detections, [width, 1080])
     with pytest.raises(InvalidInputError, match="camera_names has 1"):
         register(world.detections, SIZE, camera_names=["left"])
 

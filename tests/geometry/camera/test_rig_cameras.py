@@ -1,11 +1,13 @@
 """Rays and pixels of a rig that mixes lenses: each camera's own model, and inverse."""
 
+import inspect
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+from catfree.errors import InvalidInputError
 from catfree.geometry import camera
 from catfree.types import Rig
 from tests.types.camera_parameters import parameters
@@ -64,3 +66,15 @@ def test_nothing_is_asked_of_no_camera():
     pixel, imaged = camera.pixels_of_points(RIG, 0, np.zeros((0, 3)))
     assert pixel.shape == (0, 2)
     assert imaged.shape == (0,)
+
+
+def test_a_camera_that_a_rig_does_not_have_is_named():
+    rig = Rig(np.eye(3)[None], np.eye(3)[None], np.zeros((1, 3)), (9, 9))
+    for ask, place in ((camera.rays_of_pixels, 2), (camera.pixels_of_points, 3)):
+        for number, message in (
+            (1, r"camera\[0\] is 1, but the rig has 1 cameras"),
+            (-1, r"camera\[0\] is -1"),
+            (np.zeros(2, np.int64), "camera must have shape"),
+        ):
+            with pytest.raises(InvalidInputError, match=message):
+                inspect.unwrap(ask)(rig, number, np.ones((3, place)))

@@ -12,7 +12,8 @@ from hypothesis import given, settings, strategies as st
 import catfree as cf
 from catfree._run.sharded import _join
 from catfree._run.sharded._join import join_shards
-from catfree._run.sharded._receipt import files_of
+from catfree._run.sharded._plan_file import PlanFile, write_plan
+from catfree._run.sharded._receipt import PLAN, files_of
 from catfree.errors import FileFormatError, InvalidInputError
 from catfree.methods.evidence.report._working_area import UsualPlace, in_working_area
 from tests.run.sharded.walks import HEIGHT, NOISE, plan_of, seen_by, tracks_of, walks, write
@@ -248,6 +249,21 @@ def test_damage_is_refused_by_name(copy, name):
     damage(files_of(copy, 2))
     with pytest.raises(FileFormatError, match=sentence):
         join_shards(copy)
+
+
+def test_a_plan_in_a_file_replaces_an_earlier_one_once_it_is_finished(tmp_path):
+    for shard in plan_of(100, 25, 10):
+        write(tmp_path, shard, tracks_of(np.zeros((0, 4))))
+    plan = plan_of(100, 50, 10)
+    write_plan(tmp_path / PLAN, PlanFile(tuple(plan), "scene.json", str(tmp_path)))
+    write(tmp_path, plan[0], tracks_of(np.zeros((0, 4))))
+    with pytest.raises(FileFormatError, match="shard 1 was made with another plan than shard 0"):
+        join_shards(tmp_path)
+    assert len(list((tmp_path / "_shards").glob("part-*.json"))) == 4
+    write(tmp_path, plan[1], tracks_of(np.zeros((0, 4))))
+    assert len(join_shards(tmp_path).parts) == 2
+    for folder in (tmp_path, tmp_path / "_shards"):
+        assert {path.stem for path in folder.glob("part-*")} == {"part-00000", "part-00001"}
 
 
 def test_a_scene_of_another_run_is_refused(copy):

@@ -1,5 +1,6 @@
 """COLMAP reconstructions: text and binary in, text out."""
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -39,6 +40,7 @@ from catfree.adapters.files._documents import (
 )
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
 from catfree.types import Lens, Rig
+from catfree.types._validation import as_float, require_finite, require_shape
 from catfree.types._writing import make_folder
 
 
@@ -59,18 +61,26 @@ def read_colmap(folder: StrPath) -> NamedRig:
 
     Raises:
         InvalidInputError: if a file is missing or a camera is invalid.
-        FileFormatError: if a file is truncated or malformed, or a camera model is not supported.
+        FileFormatError: if a file is truncated or malformed, describes a camera twice, or a camera
+            model is not supported.
     """
     root = require_folder(folder, "COLMAP model")
     binary = (root / "cameras.bin").is_file() or not (root / "cameras.txt").is_file()
     if binary:
-        cameras = binary_cameras(root / "cameras.bin")
+        numbered = binary_cameras(root / "cameras.bin")
         images = binary_images(root / "images.bin")
         points = binary_points(root / "points3D.bin")
     else:
-        cameras = _text_cameras(root / "cameras.txt")
+        numbered = _text_cameras(root / "cameras.txt")
         images = _text_images(root / "images.txt")
         points = _text_points(root / "points3D.txt")
+    cameras = dict(numbered)
+    if len(cameras) < len(numbered):
+        twice = Counter(camera_id for camera_id, _ in numbered).most_common(1)[0][0]
+        raise FileFormatError(
+            f"{root / ('cameras.bin' if binary else 'cameras.txt')} describes camera {twice} "
+            "twice. Remove one of the two."
+        )
     source = root / ("images.bin" if binary else "images.txt")
     if not images:
         raise FileFormatError(f"{source} holds no images.")
@@ -118,7 +128,8 @@ def write_colmap_text(
 
     Raises:
         InvalidInputError: if the parent folder does not exist, no camera is registered, a name has
-            a space, a K has skew, or a camera is a grid of rays, which COLMAP cannot hold.
+            a space, a K has skew, a camera is a grid of rays, which COLMAP cannot hold, or the
+            points are not finite or have another shape.
         WriteError: if the disk is full or not writable.
     """
     root = Path(folder)
@@ -154,7 +165,9 @@ def write_colmap_text(
         pose = _row(np.roll(quaternions[at], 1), t[at])
         images += [f"{at + 1} {pose} {at + 1} {name}", ""]
     cloud = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
-    scene = np.empty((0, 3)) if points is None else np.asarray(points, np.float64)
+    scene = np.empty((0, 3)) if points is None else as_float(points)
+    require_shape(scene, (None, 3), "points")
+    require_finite(scene, "points")
     cloud += [f"{at + 1} {_row(point)} 128 128 128 0" for at, point in enumerate(scene)]
     if not root.parent.is_dir():
         raise InvalidInputError(
@@ -186,8 +199,8 @@ def _integer(word: str, source: Path, where: str) -> int:
         ) from error
 
 
-def _text_cameras(path: Path) -> dict[int, ColmapCamera]:
-    cameras = {}
+def _text_cameras(path: Path) -> list[tuple[int, ColmapCamera]]:
+    cameras = []
     for line in filter(None, _lines(path, "COLMAP cameras")):
         words = line.split()
         camera_id = _integer(words[0], path, "a camera")
@@ -197,7 +210,7 @@ def _text_cameras(path: Path) -> dict[int, ColmapCamera]:
         model = supported_model(words[1], path, camera_id)
         width, height = (_integer(word, path, where) for word in words[2:4])
         parameters = numbers(words[4:], (len(PARAMETERS[model]),), path, f"{where} ({model})")
-        cameras[camera_id] = (model, width, height, parameters)
+        cameras.append((camera_id, (model, width, height, parameters)))
     return cameras
 
 
@@ -214,7 +227,12 @@ def _text_images(path: Path) -> list[ColmapImage]:
         pose = numbers(words[1:8], (7,), path, f"image {shortened(name)}")
         camera_id = _integer(words[8], path, f"image {shortened(name)}")
         images.append((name, camera_id, pose[:4], pose[4:]))
-        next(lines, None)  # its image points, possibly an empty line
+        points = next(lines, "").split()  # x, y and point of each, often none at all
+        if len(points) % 3:
+            raise FileFormatError(
+                f"{path}: the line after image {shortened(name)} must hold its image points, three "
+                "numbers each, or be empty. Every image has two lines."
+            )
     return images
 
 

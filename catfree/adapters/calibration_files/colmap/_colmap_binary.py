@@ -56,15 +56,15 @@ class _Bytes:
             raise FileFormatError(f"{self.path} continues after its last record.")
 
 
-def binary_cameras(path: Path) -> dict[int, ColmapCamera]:
-    """Read the cameras of `cameras.bin` by their number."""
+def binary_cameras(path: Path) -> list[tuple[int, ColmapCamera]]:
+    """Read numbers and cameras of `cameras.bin` in the order of the file."""
     stream = _Bytes(path, "COLMAP cameras")
-    cameras = {}
+    cameras = []
     for _ in stream.records():
         camera_id, model_id, width, height = stream.take("iiQQ")
         model = supported_model(MODELS.get(model_id, (f"number {model_id}",))[0], path, camera_id)
         parameters = np.array(stream.take(f"{len(PARAMETERS[model])}d"))
-        cameras[camera_id] = (model, width, height, parameters)
+        cameras.append((camera_id, (model, width, height, parameters)))
     return cameras
 
 

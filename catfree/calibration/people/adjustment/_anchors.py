@@ -2,11 +2,11 @@
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from catfree.adapters.files._documents import read_json
 from catfree.errors import FileFormatError, InvalidInputError, quoted, shortened
@@ -211,7 +211,11 @@ def read_anchors(path: str | os.PathLike[str]) -> tuple[Anchor, ...]:
                     f"{where} has {quoted(min(values.keys() - known))}; it may have "
                     f"{', '.join(sorted(known))}."
                 )
-            camera = values.get("camera", 0)
+            missing = [f.name for f in fields(kind) if f.default is MISSING]
+            missing = [name for name in missing if name not in values]
+            if missing:
+                raise FileFormatError(f"{where} has no {quoted(missing[0])}.")
+            camera = values["camera"]
             if type(camera) not in (int, str):
                 raise InvalidInputError(
                     f"{where}: camera is {quoted(camera)}; it must be the index or the name of one."
@@ -235,23 +239,26 @@ def _floats(value: Any) -> Any:
 
 
 def resolve_anchors(
-    anchors: Sequence[Anchor], cameras: int, names: Sequence[str] | None = None
+    anchors: Sequence[Anchor],
+    image_size: Int[np.ndarray, "cam 2"],
+    names: Sequence[str] | None = None,
 ) -> tuple[tuple[int, ...], GeoReference | None]:
     """Find the camera of each anchor, and check that a map frame is determined.
 
     Args:
         anchors: the anchors.
-        cameras: number of cameras.
-        names: (C,) their names.
+        image_size: (C, 2) width and height of the cameras' images in pixels.
+        names: (C,) names of the cameras.
 
     Returns:
         The camera index of each anchor; and, if anchors are on Earth, the reference of a frame
         whose x points east and y north, with its origin in their middle.
 
     Raises:
-        InvalidInputError: if a camera does not exist, or positions on the map are too few, mixed
-            with longitudes and latitudes, or too far away.
+        InvalidInputError: if a camera does not exist, a pixel is outside its image, or positions on
+            the map are too few, mixed with longitudes and latitudes, or too far away.
     """
+    cameras = len(image_size)
     if not isinstance(anchors, Iterable):
         raise InvalidInputError(
             f"anchors must be a list, got {type(anchors).__name__}. Put one anchor into brackets."
@@ -272,6 +279,15 @@ def resolve_anchors(
                 f"{shortened(', '.join(names)) if names else f'0 to {cameras - 1}'}."
             )
         index.append(int(camera))
+        size = image_size[index[-1]]
+        for pixel in _pixels(anchor):
+            # Some programs count from the corner of the image, not from the center of a pixel.
+            if not (-1 <= pixel[0] <= size[0] and -1 <= pixel[1] <= size[1]):
+                raise InvalidInputError(
+                    f"An anchor has the pixel {quoted(pixel)}, outside of the image of camera "
+                    f"{quoted(anchor.camera)}, which has {size[0]} x {size[1]} px. Give pixels of "
+                    "pictures of this size."
+                )
     placed = [anchor for anchor in anchors if not isinstance(anchor, KnownDistance)]
     degrees = np.array([(a.longitude, a.latitude) for a in placed if a.longitude is not None])
     places = np.array([a.position[:2] for a in placed if a.position is not None])
@@ -293,6 +309,13 @@ def resolve_anchors(
         )
     earth = GeoReference(*degrees.mean(0).tolist()) if len(degrees) else None
     return tuple(index), earth
+
+
+def _pixels(anchor: Anchor) -> tuple[Pixel, ...]:
+    """The points in a camera's image that an anchor states."""
+    if isinstance(anchor, KnownDistance):
+        return anchor.pixels
+    return (anchor.pixel,) if isinstance(anchor, SurveyedPoint) else ()
 
 
 def _require_place(anchor: KnownCamera | SurveyedPoint) -> None:

@@ -62,7 +62,8 @@ def test_a_file_holds_anchors_of_all_kinds(tmp_path):
         ({"cameras": {"camera": 0}}, FileFormatError, "cameras must be a list"),
         ({"cameras": [{"camera": 0, "size": 1}]}, FileFormatError, "'size'"),
         ({"cameras": [{"camera": 0, "height": "tall"}]}, InvalidInputError, "entry 0 of cameras"),
-        ({"distances": [{"camera": 0}]}, InvalidInputError, "entry 0 of distances"),
+        ({"distances": [{"camera": 0}]}, FileFormatError, "entry 0 of distances has no 'pixels'"),
+        ({"cameras": [{"height": 3}]}, FileFormatError, "entry 0 of cameras has no 'camera'"),
         (
             {"points": [{"camera": 0, "pixel": [5, 7], "longitude": 8.5, "latitude": "x"}]},
             InvalidInputError,
@@ -108,3 +109,16 @@ def test_one_image_size_serves_anchors_of_all_cameras():
         cf.calibrate(boxes, (640, 480), anchors=[height])
     with pytest.raises(InvalidInputError, match="camera 3, but the cameras are 0 to 2"):
         cf.calibrate(boxes, (640, 480), anchors=[cf.KnownCamera(camera=3, height=3.0)])
+
+
+@pytest.mark.parametrize(
+    "anchor",
+    [
+        cf.KnownDistance(1, ((10.0, 400.0), (700.0, 400.0)), 5.0),
+        cf.SurveyedPoint(1, (10.0, 480.5), position=(1.0, 2.0)),
+    ],
+)
+def test_pixels_of_anchors_are_in_the_image(anchor):
+    boxes = cf.Detections([0, 0, 0], [0, 1, 2], [[10, 10, 40, 90]] * 3)
+    with pytest.raises(InvalidInputError, match=r"outside of the image of camera 1, .* 640 x 480"):
+        cf.calibrate(boxes, (640, 480), anchors=[anchor])

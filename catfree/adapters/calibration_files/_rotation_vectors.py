@@ -1,0 +1,30 @@
+"""Conversion of the rotation vectors that calibration files hold."""
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from catfree.adapters.files._documents import StrPath, numbers
+from catfree.errors import InvalidInputError
+
+
+def rotation_from_vector(value: Any, source: StrPath, where: str) -> np.ndarray:
+    """Convert a rotation vector in radians (OpenCV's Rodrigues) to a (3, 3) rotation.
+
+    Args:
+        value: what the file holds, three numbers.
+        source: the file, for messages.
+        where: the place in it, for messages.
+
+    Raises:
+        FileFormatError: if it is not three numbers.
+        InvalidInputError: if it is longer than a full turn, as angles in degrees are.
+    """
+    vector = numbers(value, (3,), source, where)
+    if (np.abs(vector) > 2 * np.pi).any():
+        raise InvalidInputError(
+            f"{source}: {where} is {vector.tolist()}, more than a full turn. A rotation vector is "
+            "in radians; convert it from degrees."
+        )
+    return Rotation.from_rotvec(vector).as_matrix()
