@@ -73,8 +73,12 @@ def in_blocks(function: Callable[..., Any], rows: tuple[Any, ...], block: int) -
     n = len(jax.tree.leaves(rows)[0])
     if n == 0:
         rows = jax.tree.map(lambda a: np.zeros((1, *a.shape[1:]), a.dtype), rows)
-    parts = []
+    structure, whole = None, []
     for begin in range(0, max(n, 1), block):
         index = np.clip(np.arange(begin, begin + block), 0, max(n - 1, 0))
-        parts.append(function(*jax.tree.map(lambda a, index=index: a[index], rows)))
-    return jax.tree.map(lambda *pieces: np.concatenate([np.asarray(p) for p in pieces])[:n], *parts)
+        found = function(*jax.tree.map(lambda a, index=index: a[index], rows))
+        parts, structure = jax.tree.flatten(found)
+        whole = whole or [np.empty((n, *part.shape[1:]), part.dtype) for part in parts]
+        for values, part in zip(whole, parts, strict=True):
+            values[begin : begin + block] = np.asarray(part)[: n - begin]
+    return jax.tree.unflatten(structure, whole)
