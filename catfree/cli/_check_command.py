@@ -75,6 +75,8 @@ def check_command(tyro: Any) -> Callable[..., None]:
         require_since(since, camera_boxes.detections)  # told before the long work
         known_scene, names = open_scene(scene, unit, image_size)
         footage = open_videos(videos) if videos else None
+        if footage is not None:
+            footage.require_cameras(known_scene.rig.camera_count)
         folder = contextlib.nullcontext() if out is None else folder_of_results(out)
         with folder, progress_bars() as progress:
             outcome = run_boxes(
@@ -227,11 +229,6 @@ def _draw_grid(folder: Path, outcome: Any, footage: Any, blur: bool) -> Path:
 
     scene, boxes = outcome.scene, outcome.detections
     if footage is not None:
-        if footage.camera_count != scene.rig.camera_count:
-            raise InvalidInputError(
-                f"There are {footage.camera_count} videos for {scene.rig.camera_count} cameras. "
-                "Pass one per camera of the scene, in its order."
-            )
         last = footage.frame_count - 1
         if blur:
             with_boxes = np.flatnonzero(np.isin(footage.frames, boxes.frame))

@@ -2,6 +2,7 @@
 
 import math
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
@@ -72,8 +73,9 @@ def angular_residual(
     position, origin, direction = float_arrays(position, origin, direction)
     require_vectors(3, position=position, origin=origin, direction=direction)
     sight = position - origin
-    # Rescaled by its largest entry so that the squares of very small scenes do not vanish.
-    largest = jnp.max(jnp.abs(sight))
+    # Rescaled by its largest entry so that the squares of very small scenes do not vanish. The
+    # angle does not depend on the scale, so the scale may count as constant.
+    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(sight)))
     is_apart = largest > 0
     sight = jnp.where(is_apart, sight, direction) / jnp.where(is_apart, largest, 1)
     angle = jnp.arctan2(safe_norm(jnp.cross(direction, sight)), jnp.sum(direction * sight))

@@ -48,6 +48,17 @@ def test_projecting_a_point_of_the_ray_gives_the_pixel(x64, turn, t, pixel, lens
     np.testing.assert_allclose(np.linalg.norm(direction), 1, atol=1e-14)
 
 
+@given(hnp.arrays(np.float32, 3, elements=st.floats(-1, 1, width=32)), st.integers(-36, 36))
+def test_the_gradient_of_an_angle_is_right_at_any_scale(position, exponent):
+    assume(np.linalg.norm(position) > 0.1)
+    scale = np.float32(10.0**exponent)
+    center, direction = np.zeros(3, np.float32), np.array([0.6, 0.0, 0.8], np.float32)
+    angle, gradient = angular_residual_gradient(position, center, direction)
+    found, scaled = angular_residual_gradient(scale * position, center, direction)
+    np.testing.assert_allclose(found, angle, atol=1e-5)
+    np.testing.assert_allclose(scale * scaled, gradient, rtol=1e-3, atol=1e-3)
+
+
 @given(positions, hnp.arrays(np.float64, 3, elements=st.floats(-1, 1)), st.floats(0, math.pi))
 def test_angular_residual_is_the_angle_between_the_directions(x64, origin, direction, angle):
     assume(np.linalg.norm(direction) > 0.1)

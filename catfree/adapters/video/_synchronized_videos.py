@@ -180,6 +180,18 @@ class SynchronizedVideos:
         """Number of cameras."""
         return len(self._sources)
 
+    def require_cameras(self, count: int) -> None:
+        """Require one video per camera of a scene.
+
+        Raises:
+            InvalidInputError: if there are more or fewer videos.
+        """
+        if self.camera_count != count:
+            raise InvalidInputError(
+                f"There are {self.camera_count} videos for {count} cameras. Give one per camera, "
+                "in the order of the scene."
+            )
+
     @property
     def frame_count(self) -> int:
         """Number of instants that an iteration delivers if every frame can be decoded."""

@@ -149,11 +149,7 @@ def write_overlay_video(
             f"{target} must end in one of {', '.join(CODECS)}, which say the format of the video."
         )
     source = videos if isinstance(videos, SynchronizedVideos) else SynchronizedVideos(videos)
-    if source.camera_count != scene.rig.camera_count:
-        raise InvalidInputError(
-            f"There are {source.camera_count} videos for {scene.rig.camera_count} cameras. Give "
-            "one per camera, in the rig's order."
-        )
+    source.require_cameras(scene.rig.camera_count)
     if person_height is None:
         person_height = estimate_person_height(detections, localization, scene)
     board = _Board(scene, localization.tracks, names_of(scene.rig, camera_names), width)
