@@ -63,7 +63,7 @@ def expected_views(
     inside = np.clip((share - low) / (high - low), 0, 1)
     cover = np.zeros(imaged.shape)
     who, camera = np.nonzero(share)
-    region = np.stack([left, top, right, bottom], -1)[who, camera]
+    region = np.stack([side[who, camera] for side in (left, top, right, bottom)], -1)
     own_box = np.full(len(who), -1) if member is None else member[who, camera]
     cover[who, camera] = hidden_shares(region, own_box, frame[who], camera, boxes.box, boxes.table)
     return Views(inside, np.where(imaged, height, 1.0), cover, share)
