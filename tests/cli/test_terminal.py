@@ -27,12 +27,13 @@ def reported_stages() -> dict[str, set[str]]:
             if isinstance(target, ast.Name)
         }
         for node in ast.walk(tree):
-            if not isinstance(node, ast.Call) or not node.args:
+            if not isinstance(node, ast.Call):
                 continue
             name = getattr(node.func, "id", getattr(node.func, "attr", None))
-            if name not in CALLBACKS:
-                continue
-            stage = node.args[0]
+            given = [word.value for word in node.keywords if word.arg == "stage"]
+            stage = given[0] if given else node.args[0] if name in CALLBACKS and node.args else None
+            if stage is None or (isinstance(stage, ast.Name) and stage.id == "stage"):
+                continue  # the caller of such a function gives it, by `stage=`
             if isinstance(stage, ast.Name):
                 stage = constants.get(stage.id)
             where = str(path.relative_to(ROOT))

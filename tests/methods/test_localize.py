@@ -15,6 +15,7 @@ import catfree as cf
 from catfree import Detections, Fate, Rig, Scene, Settings
 from catfree.errors import InsufficientDataError, InvalidInputError
 from catfree.geometry._similarity import Similarity, transform_scene
+from catfree.methods.paper._select import suppress_by_frame
 from catfree.synthetic import make_world
 
 pytestmark = pytest.mark.slow
@@ -403,6 +404,10 @@ def test_progress_is_reported_to_the_end():
 
 def test_a_sequence_of_another_length_compiles_nothing():
     cf.localize(WORLD.detections, WORLD.scene, PAPER)
+    # A sequence in which nobody has a rival does not compile what compares rivals.
+    frame, place = np.array([0, 0, 1]), np.zeros((3, 2), np.float32)
+    for ranks in (1, 2):
+        suppress_by_frame(frame, place, np.ones((3, ranks), np.float32), np.ones(3, bool), 0.5)
     other = make_world(WORLD.layout, seed=8, frames=13, people=9)
     compiled: list[str] = []
 

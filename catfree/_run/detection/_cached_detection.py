@@ -132,7 +132,7 @@ def detect_with_cache(
         }
         work = _Detection(shared, describe, known)
         unknown = any(piece.boxes is None for piece in stretch)
-        instants = cameras.instants(videos, work, "detect", stretch[0].first, detect=unknown)
+        instants = cameras.instants(videos, work, stretch[0].first, stage="detect", detect=unknown)
         for piece in stretch:
             _complete(piece, list(islice(instants, piece.count)), videos, cache)
         if videos.interruption is not None:

@@ -163,9 +163,9 @@ class CameraDetectors:
         self,
         videos: SynchronizedVideos,
         work: InstantWork[T],
-        stage: str,
         first: int = 0,
         *,
+        stage: str,
         detect: bool = True,
     ) -> Iterator[Instant[T]]:
         """Work on the pictures of all instants, in order.
@@ -173,8 +173,8 @@ class CameraDetectors:
         Args:
             videos: the footage, on any clock.
             work: on one instant; with several workers, on the pictures of one worker's cameras.
-            stage: the name by which each finished instant is reported.
             first: position of the first instant, as `SynchronizedVideos.pictures_from`.
+            stage: the name by which each finished instant is reported.
             detect: whether the work needs the detectors, which are fitted if need be.
 
         Yields:

@@ -107,7 +107,7 @@ def look_again(
         looks = first.embedding
         describe = Describer(embedder, looks.shape[1] if looks is not None and len(looks) else None)
     look = _SecondLook(describe, expected, first[np.argsort(first.frame, kind="stable")])
-    return collect_detections(cameras.instants(videos, look, "second look"), videos)
+    return collect_detections(cameras.instants(videos, look, stage="second look"), videos)
 
 
 @dataclass

@@ -305,7 +305,7 @@ def test_work_that_cannot_be_sent_is_done_here(folders):
     videos = SynchronizedVideos(folders[::2])
     with CameraDetectors(videos, Fits("local", FRAMES), workers=2) as cameras:
         work = lambda detectors, frame, pictures: dict(pictures)  # noqa: E731
-        found = list(cameras.instants(videos, work, "work"))
+        found = list(cameras.instants(videos, work, stage="work"))
     assert [frame for frame, _ in found] == videos.frames.tolist()
     assert all(list(pictures) == [0, 1] for _, pictures in found)
 
