@@ -65,8 +65,8 @@ def default_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
     """Return the given names, or C1, C2, ... if None.
 
     Raises:
-        InvalidInputError: if it is no list, there are not as many names as cameras, two are equal,
-            or one is not text.
+        InvalidInputError: if they are not a list, there are not as many names as cameras, two are
+            equal, or one is not text.
     """
     require_instance(rig, Rig, "rig")
     if names is None:

@@ -19,7 +19,7 @@ def rotation_from_vector(value: Any, source: StrPath, where: str) -> np.ndarray:
 
     Raises:
         FileFormatError: if it is not three numbers.
-        InvalidInputError: if it is longer than a full turn, as angles in degrees are.
+        InvalidInputError: if one of them is above a full turn, as angles in degrees are.
     """
     vector = numbers(value, (3,), source, where)
     if (np.abs(vector) > 2 * np.pi).any():
