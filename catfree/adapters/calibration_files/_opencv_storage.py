@@ -19,8 +19,10 @@ from catfree.types._validation import as_path
 _MATRIX = "opencv-matrix"
 _YAML_ENTRY = re.compile(r"([A-Za-z_][\w.-]*)\s*:\s*(.*)")
 _YAML_DATA = re.compile(r"\bdata:\s*\[")
-_YAML_SPECIAL = {".nan": "nan", ".inf": "inf", "+.inf": "inf", "-.inf": "-inf"}
-_YAML_SPECIAL |= {"true": "1", "false": "0"}  # as JSON's
+# How numbers, and true and false, are written for `float`.
+_YAML_SPECIAL = {
+    ".nan": "nan", ".inf": "inf", "+.inf": "inf", "-.inf": "-inf", "true": "1", "false": "0",
+}  # fmt: skip
 
 
 class Storage(NamedTuple):
