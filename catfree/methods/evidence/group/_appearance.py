@@ -82,18 +82,18 @@ def learn_ratios(boxes: Boxes, groups: Groups, settings: EvidenceSettings) -> Pa
     if boxes.embedding is None:
         return None
     strong = np.flatnonzero((groups.member >= 0).sum(1) >= settings.witnesses)
-    g, camera = np.nonzero(groups.member[strong] >= 0)
-    label = strong[g]
-    looks = boxes.embedding[groups.member[strong][g, camera]]
-    _, begins = np.unique(groups.frame[label], return_index=True)
+    _, begins = np.unique(groups.frame[strong], return_index=True)
     within, between = [], []
-    for begin, end in pairwise([*begins, len(label)]):
-        rows = slice(begin, end)
-        once = camera[rows][:, None] < camera[rows]
-        distance = 1 - looks[rows] @ looks[rows].T
-        same = label[rows][:, None] == label[rows]
-        within.append(distance[once & same])
-        between.append(distance[once & ~same])
+    for begin, end in pairwise([*begins, len(strong)]):
+        member = groups.member[strong[begin:end]]
+        looks = boxes.embedding[member]
+        # Products of few rows: BLAS divides larger ones among threads, which wait for each other.
+        for one, two in combinations(range(member.shape[1]), 2):
+            left, right = (np.flatnonzero(member[:, camera] >= 0) for camera in (one, two))
+            distance = 1 - looks[left, one] @ looks[right, two].T
+            same = left[:, None] == right
+            within.append(distance[same])
+            between.append(distance[~same])
     samples = [np.concatenate(values or [np.zeros(0)]) for values in (within, between)]
     if min(map(len, samples)) < settings.fewest_pairs:
         return None
