@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import fdtrc
 
-from catfree.calibration.watching._agreement import PARAMETERS, Window, prior
+from catfree.calibration.watching._agreement import Window, prior
+from catfree.calibration.watching._matching import LAG, PARAMETERS, TURN
 
-TURN, LAG = slice(0, 3), slice(3, 4)
 KINDS = (TURN, LAG)
 REPEATS = (3, 1, PARAMETERS - 4)  # parameters of the turn, the lag and the rest
 POOLED = 8.0  # degrees of freedom of what is known before a camera's people tell its noise
