@@ -208,7 +208,6 @@ def _adjusted(
     result = adjust_groups(
         BoxMeasurements(person, camera, _ideal_boxes(detections[row], rig), people.box_sd[row]),
         start,
-        settings.foot_offset,
         KnownCameras(
             _parameters(frame, original.rig, unit_in_meters),
             np.broadcast_to(precision, start.shape),

@@ -209,7 +209,7 @@ def _state(calibration: Calibration, settings: CalibrationSettings) -> RigState:
     placed = np.asarray(rig.registered)
     parameters = np.where(placed[:, None], of_rig(rig), np.nan)
     tolerance = np.full(len(placed), settings.fine_range_tolerance)
-    return RigState(parameters, calibration.foot_offset, tolerance, calibration.shared_focal)
+    return RigState(parameters, tolerance, calibration.shared_focal)
 
 
 def _with_cameras(

@@ -107,7 +107,6 @@ def refine_with_correspondences(
         return adjust_groups(
             BoxMeasurements(person, camera, box, sd),
             start,
-            calibration.foot_offset,
             weak_prior(camera, start, middle, settings),
             settings,
             focal_spread=spread,
@@ -169,7 +168,6 @@ def refine_with_correspondences(
 def adjust_groups(
     measurements: BoxMeasurements,
     parameters: Float[np.ndarray, "cam 7"],
-    foot_offset: float,
     known: KnownCameras,
     settings: CalibrationSettings,
     *,
@@ -182,7 +180,6 @@ def adjust_groups(
     Args:
         measurements: the boxes of each group; an edge with deviation NaN or infinity is ignored.
         parameters: (C, 7) initial cameras, in meters over the ground z = 0.
-        foot_offset: initial foot offset in meters.
         known: prior on the cameras.
         settings: constants.
         focal_spread: see `adjust_people_bundle`.
@@ -194,12 +191,11 @@ def adjust_groups(
     straight = box
     if k1 is not None:
         straight = RadialLenses(np.exp(parameters[:, LOG_FOCAL]), k1).straightened(camera, box)
-    people = _start(parameters, straight, sd, person, camera, settings, foot_offset)
+    people = _start(parameters, straight, sd, person, camera, settings)
     return adjust_people_bundle(
         BoxMeasurements(person, camera, box, sd),
         parameters,
         people,
-        foot_offset,
         known,
         settings,
         focal_spread=focal_spread,
@@ -215,7 +211,6 @@ def _start(
     person: Int[np.ndarray, " n"],
     camera: Int[np.ndarray, " n"],
     settings: CalibrationSettings,
-    foot_offset: float,
 ) -> Float[np.ndarray, "person 3"]:
     """(P, 3) initial ground position, averaged over single views, and height of each person."""
     count = int(person.max()) + 1
@@ -229,7 +224,6 @@ def _start(
             np.minimum(sd[rows].mean(1), 0.2 * height)[None],
             np.ones((1, len(rows)), bool),
             settings,
-            foot_offset=foot_offset,
             range_tolerance=settings.fine_range_tolerance,
         )
         weight = ground_map.valid[0] / ground_map.covariance[0].trace(axis1=1, axis2=2)

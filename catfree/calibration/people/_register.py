@@ -299,7 +299,7 @@ def describe_registration(
         ).item(),
         crowd_height=work.settings.person_height,
         crowd_height_sd=crowd_sd,
-        foot_offset=state.foot_offset,
+        foot_offset=work.settings.foot_offset,
         residual=bundle.residual,
         camera_residual=np.where(trusted, bundle.camera_residual, np.nan),
         sightings=np.where(trusted, bundle.sightings, 0),

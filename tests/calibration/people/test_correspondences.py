@@ -36,7 +36,6 @@ def adjusted(measurements: BoxMeasurements, parameters: np.ndarray) -> np.ndarra
     found = adjust_groups(
         measurements,
         parameters,
-        SETTINGS.foot_offset,
         weak_prior(measurements.camera, parameters, parameters[:, 0], SETTINGS),
         SETTINGS,
         focal_spread=np.inf,

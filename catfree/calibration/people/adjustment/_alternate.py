@@ -99,7 +99,6 @@ def alternate(
             data,
             state.parameters,
             start,
-            state.foot_offset,
             weak_prior(data.camera, state.parameters, middle, settings),
             settings,
             focal_spread=settings.shared_focal_sd if state.shared_focal else np.inf,

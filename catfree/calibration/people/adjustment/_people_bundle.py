@@ -201,7 +201,6 @@ def adjust_people_bundle(
     measurements: BoxMeasurements,
     parameters: Float[np.ndarray, "cam 7"],
     people: Float[np.ndarray, "person 3"],
-    foot_offset: float,
     known: KnownCameras,
     settings: CalibrationSettings,
     *,
@@ -215,7 +214,6 @@ def adjust_people_bundle(
         measurements: the boxes.
         parameters: (C, 7) initial cameras.
         people: (P, 3) initial ground positions and heights in meters.
-        foot_offset: foot offset in meters.
         known: prior on the cameras, such as `weak_prior`.
         settings: constants.
         focal_spread: standard deviation of log focal lengths from their mean; infinity if they
@@ -237,7 +235,7 @@ def adjust_people_bundle(
             np.asarray,
             _solve(
                 Unknowns(padded(shown, C), padded(people, P)),
-                jnp.asarray(foot_offset),
+                jnp.asarray(settings.foot_offset),
                 jnp.asarray(settings.foot_offset_sd),
                 _Boxes(
                     box=padded(boxes, C, P),

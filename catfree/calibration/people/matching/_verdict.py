@@ -109,9 +109,9 @@ def judge_camera(
     if others is None:
         others = group_people(grid, rest, settings).ground
     camera_people = camera_map(grid, camera, state, settings)
-    others_expected = seen_by_any(grid, state, np.array([camera]), others, work.smallest)
+    others_expected = seen_by_any(grid, state, np.array([camera]), others, work.smallest, settings)
     own_expected = seen_by_any(
-        grid, rest, np.flatnonzero(rest.placed), camera_people, work.smallest
+        grid, rest, np.flatnonzero(rest.placed), camera_people, work.smallest, settings
     )
     judgment, margin = judge_with_chance(
         camera_people, others, others_expected, own_expected, settings, settings.chance_shifts

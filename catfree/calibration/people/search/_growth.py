@@ -222,7 +222,6 @@ def judge_refined(
         placements,
         people,
         work.settings,
-        foot_offset=state.foot_offset,
         log_focal=log_focal,
     )
     judged = []

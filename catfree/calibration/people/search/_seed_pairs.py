@@ -104,12 +104,12 @@ def _judge_pair(
     """Evidence above chance that two placed cameras see the same people."""
     settings = work.settings
     moved = work.local_map(grid, two, q)
-    size, smallest, offset = grid.size, work.smallest, settings.foot_offset
+    size, smallest = grid.size, work.smallest
     _, margin = judge_with_chance(
         moved,
         target,
-        visible(q, size[two], smallest[two], target.xy, target.height, offset),
-        visible(p, size[one], smallest[one], moved.xy, moved.height, offset),
+        visible(q, size[two], smallest[two], target.xy, target.height, settings),
+        visible(p, size[one], smallest[one], moved.xy, moved.height, settings),
         settings,
         shifts,
     )
@@ -122,5 +122,5 @@ def seed_rig(work: Workspace, pair: PairHypothesis) -> AdjustedRig:
     parameters = np.full((count, 7), np.nan)
     parameters[list(pair.cameras)] = pair.parameters
     tolerance = np.full(count, RANGE_ERRORS[0])
-    state = RigState(parameters, work.settings.foot_offset, tolerance, shared_focal=False)
+    state = RigState(parameters, tolerance, shared_focal=False)
     return alternate(work.grid, state, work.settings, tolerances=RANGE_ERRORS[:3])
