@@ -8,12 +8,12 @@ from jaxtyping import Bool, Float, Int
 
 from catfree.calibration.people._box_grid import grid_boxes
 from catfree.calibration.people._radial_lens import RadialLenses
+from catfree.calibration.people.adjustment._alternate import AdjustedRig
 from catfree.calibration.people.adjustment._anchors import AnchorCheck
 from catfree.calibration.people.cameras._camera_model import LOG_FOCAL, to_matrices
 from catfree.calibration.people.cameras._rig_deviation import crowd_deviation, scale_variance
 from catfree.calibration.people.matching._workspace import Workspace
 from catfree.calibration.people.search._clock_offsets import find_offsets
-from catfree.calibration.people.search._growth import JudgedRig
 from catfree.calibration.people.search._register_cameras import register_cameras
 from catfree.errors import CalibrationError, InvalidInputError
 from catfree.geometry._arrays import ArrayInput
@@ -136,7 +136,7 @@ def _register_bent(
     settings: CalibrationSettings,
     camera_names: Sequence[str] | None,
     report: Progress,
-) -> tuple[Workspace, JudgedRig]:
+) -> tuple[Workspace, AdjustedRig]:
     """Register cameras with ideal lenses, and if fewer than three are found, with bent ones.
 
     Three cameras share people to whom their lenses are adjusted, and then find the others. Bent
@@ -145,7 +145,7 @@ def _register_bent(
     Raises:
         CalibrationError: if no two cameras share people, whatever the lenses.
     """
-    best: tuple[Workspace, JudgedRig] | None = None
+    best: tuple[Workspace, AdjustedRig] | None = None
     refusal: CalibrationError | None = None
     for k1 in (0.0, *settings.bent_lenses):
         focal = np.median(settings.focal_shares) * size.max(1)
@@ -240,7 +240,7 @@ def camera_sizes(detections: Detections, image_size: ArrayInput) -> Int[np.ndarr
 
 def describe_registration(
     work: Workspace,
-    registered: JudgedRig,
+    registered: AdjustedRig,
     camera_names: Sequence[str] | None,
     offset: Int[np.ndarray, " cam"],
 ) -> Calibration:
@@ -255,7 +255,7 @@ def describe_registration(
     Raises:
         CalibrationError: if fewer than two cameras can be trusted.
     """
-    count, state, bundle = work.grid.camera_count, registered.rig.state, registered.rig.bundle
+    count, state, bundle = work.grid.camera_count, registered.state, registered.bundle
     trusted = np.zeros(count, bool)
     association, evidence = np.full(count, np.nan), np.full(count, np.nan)
     for camera, verdict in registered.verdicts.items():
